@@ -1,0 +1,163 @@
+"""Write files whole or not at all, and keep the output of two runs out of one folder."""
+
+import json
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+RUN_MARKER = "run.json"
+_LEFTOVER_MARK = ".unfinished"
+
+
+class NotEnoughSpaceError(OSError):
+    """The disk holds less free space than a write needs."""
+
+
+class OutputFolderError(ValueError):
+    """An output folder that belongs to another run, or holds files of no run."""
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a path beside `path` to write to; on success it is synced and renamed to `path`.
+
+    A reader, or a run after a crash, sees the old file or the new one, never a part. The yielded
+    path keeps the suffix of `path`, as savers choose a format by it. Folders that lack are made.
+    Raises IsADirectoryError where `path` is a folder and FileNotFoundError where the block wrote
+    nothing; on any exception the unfinished file is removed and `path` is left as it was.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise IsADirectoryError(f"cannot write {target}: it is a folder; give the name of a file")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = target.with_name(
+        f".{target.stem}.{secrets.token_hex(6)}{_LEFTOVER_MARK}{target.suffix}"
+    )
+    try:
+        yield unfinished
+        if not unfinished.is_file():
+            raise FileNotFoundError(
+                f"nothing was written for {target}: write to the path that atomic_path yields"
+            )
+        _sync_file(unfinished)
+        unfinished.replace(target)
+        _sync_folder(target.parent)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def write_atomically(path: str | os.PathLike[str], data: bytes | str) -> None:
+    """Write `data` (text as UTF-8, line ends as given) to `path`, whole or not at all."""
+    content = data.encode("utf-8") if isinstance(data, str) else data
+    with atomic_path(path) as unfinished:
+        unfinished.write_bytes(content)
+
+
+def require_free_space(path: str | os.PathLike[str], num_bytes: int) -> None:
+    """Raise NotEnoughSpaceError unless the disk that `path` lies on has `num_bytes` free.
+
+    `path` may be a file or folder that does not exist yet.
+    """
+    if num_bytes < 0:
+        raise ValueError(f"num_bytes is {num_bytes}, expected 0 or more")
+    place = Path(path).absolute()
+    while not place.exists():
+        place = place.parent
+    free = shutil.disk_usage(place).free
+    if free < num_bytes:
+        raise NotEnoughSpaceError(
+            f"{path} needs {_format_size(num_bytes)}, but its disk has {_format_size(free)} free: "
+            "free some space or choose a folder on another disk"
+        )
+
+
+def claim_output_folder(
+    folder: str | os.PathLike[str], kind: str, run_id: str, resume: bool = False
+) -> bool:
+    """Make `folder` the output folder of one run; return True where that run was here before.
+
+    kind: what runs ("training", "league", ...); run_id: what tells runs of a kind apart.
+    A marker file `run.json` records both, so that a later run with another id is refused. A folder
+    that is new, empty, or was left by a run that died before its marker was written, is claimed.
+    This is no lock: two processes that claim one folder in the same instant are not told apart.
+    Raises OutputFolderError for a folder of another run, for one that holds files but no marker,
+    and for the same run where `resume` is False.
+    """
+    place = Path(folder)
+    if place.exists() and not place.is_dir():
+        raise OutputFolderError(f"output folder {place} is a file: give another folder")
+    place.mkdir(parents=True, exist_ok=True)
+    marker = place / RUN_MARKER
+    if not marker.exists():
+        _refuse_foreign_files(place)
+        record = {"kind": kind, "run_id": run_id}
+        write_atomically(marker, json.dumps(record, indent=2) + "\n")
+        return False
+    held_kind, held_run_id = _read_run_marker(marker)
+    if (held_kind, held_run_id) != (kind, run_id):
+        raise OutputFolderError(
+            f"output folder {place} holds {held_kind} run {held_run_id!r}, not {kind} run "
+            f"{run_id!r}: give another folder, or delete this one"
+        )
+    if not resume:
+        raise OutputFolderError(
+            f"output folder {place} already holds {kind} run {run_id!r}: resume it, give another "
+            "folder, or delete this one"
+        )
+    return True
+
+
+def _refuse_foreign_files(place: Path) -> None:
+    names = sorted(entry.name for entry in place.iterdir() if not _is_leftover(entry.name))
+    if names:
+        shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+        raise OutputFolderError(
+            f"output folder {place} holds files of no run ({shown}) and no {RUN_MARKER}: give a "
+            "new or empty folder"
+        )
+
+
+def _read_run_marker(marker: Path) -> tuple[str, str]:
+    try:
+        record = json.loads(marker.read_text(encoding="utf-8"))
+        return str(record["kind"]), str(record["run_id"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise OutputFolderError(
+            f"{marker} is no run marker, an object with 'kind' and 'run_id' ({error!r}): give "
+            "another folder, or delete this one"
+        ) from error
+
+
+def _is_leftover(name: str) -> bool:
+    """Whether `name` is an unfinished file that a killed process left behind."""
+    return name.startswith(".") and _LEFTOVER_MARK in name
+
+
+def _sync_file(path: Path) -> None:
+    # Opened for writing: Windows syncs no file that is open for reading only.
+    with path.open("r+b") as file:
+        os.fsync(file.fileno())
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make a rename in `folder` outlast a power cut; Windows gives no way to ask for it."""
+    if os.name == "nt":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _format_size(num_bytes: int) -> str:
+    """Bytes as a person reads them: 1536 -> '1.5 KiB'."""
+    size = float(num_bytes)
+    for unit in ("B", "KiB", "MiB", "GiB"):
+        if size < 1024:
+            return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
+        size /= 1024
+    return f"{size:.1f} TiB"

@@ -1,0 +1,333 @@
+"""BatchedEngine: owns the arrays of B worlds and is the only place that mutates them."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.compiled import is_compiling
+from marl_cair.games.game import NO_WINNER, Game, GameSpec, Representation
+from marl_cair.lookup import find_by_name
+
+_ANNOUNCE_AFTER_SECONDS = 1.0
+
+
+class Outcome(NamedTuple):
+    """What `step` reports; the arrays are written in place."""
+
+    rewards: NDArray[np.float32]  # [B, P]
+    terminated: NDArray[np.bool_]  # [B]
+    truncated: NDArray[np.bool_]  # [B]
+    winner: NDArray[np.int8]  # [B] seat, or NO_WINNER
+
+
+class Snapshot(NamedTuple):
+    """An exact copy of N worlds: restore it into any slots of an engine of the same scenario."""
+
+    world: tuple[NDArray[Any], ...]  # the game's state arrays, each [N, ...]
+    outcome: Outcome  # arrays [N, ...]
+
+
+class BatchedEngine:
+    """B worlds of one scenario that advance together.
+
+    Args:
+        game: the rules.
+        scenario: a scenario of that game (`game.scenario(...)`).
+        num_worlds: B, at least 1.
+        num_threads: the batch is split into so many slices; the results do not depend on it.
+
+    Raises:
+        ValueError: num_worlds or num_threads below 1.
+    """
+
+    def __init__(
+        self, game: Game, scenario: Any, num_worlds: int = 1, num_threads: int = 1
+    ) -> None:
+        for name, value in (("num_worlds", num_worlds), ("num_threads", num_threads)):
+            if value < 1:
+                raise ValueError(f"{game.name}: {name} is {value}, it must be at least 1")
+        self.game, self.scenario = game, scenario
+        self.spec: GameSpec = game.make_spec(scenario)
+        self.num_worlds, self.num_players = num_worlds, game.num_players
+        self.num_actions = self.spec.num_actions
+        self.num_threads = min(num_threads, num_worlds)
+        self._rules = game.make_rules(scenario)
+        self._worlds = game.allocate(scenario, num_worlds)
+        self._outcome = Outcome(
+            rewards=np.zeros((num_worlds, self.num_players), np.float32),
+            terminated=np.zeros(num_worlds, np.bool_),
+            truncated=np.zeros(num_worlds, np.bool_),
+            winner=np.full(num_worlds, NO_WINNER, np.int8),
+        )
+        self._pool = ThreadPoolExecutor(self.num_threads) if self.num_threads > 1 else None
+        self._has_started = False
+
+    @property
+    def rewards(self) -> NDArray[np.float32]:
+        """View of the rewards of the last step, [B, P]; overwritten by the next."""
+        return self._outcome.rewards
+
+    @property
+    def terminated(self) -> NDArray[np.bool_]:
+        """View: worlds [B] whose game has been decided; overwritten by the next step."""
+        return self._outcome.terminated
+
+    @property
+    def truncated(self) -> NDArray[np.bool_]:
+        """View: worlds [B] that ran into the time limit; overwritten by the next step."""
+        return self._outcome.truncated
+
+    @property
+    def winner(self) -> NDArray[np.int8]:
+        """View: the winning seat of each world [B], NO_WINNER for none or a draw."""
+        return self._outcome.winner
+
+    @property
+    def illegal_actions(self) -> NDArray[np.int32]:
+        """View: illegal actions of each seat since its world's reset, [B, P]."""
+        counts: NDArray[np.int32] = self._worlds.illegal
+        return counts
+
+    def reset(
+        self, seeds: NDArray[np.uint64] | int, mask: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Restart the worlds of `mask` bool [B] (default all) from `seeds` uint64 [B].
+
+        An int seeds world 0 of a batch of one (0 is a seed like any other).
+
+        Raises:
+            ValueError: wrong shape or dtype.
+        """
+        seeds = self._check_seeds(seeds)
+        if mask is None:
+            mask = np.ones(self.num_worlds, np.bool_)
+        elif mask.shape != (self.num_worlds,) or mask.dtype != np.bool_:
+            raise ValueError(
+                f"{self.game.name}: the reset mask is {mask.dtype} {list(mask.shape)}, it must be "
+                f"bool [{self.num_worlds}] (worlds)"
+            )
+        self._run(self.game.reset, self._worlds, self._rules, seeds, mask)
+        self._outcome.rewards[mask] = 0.0
+        self._outcome.terminated[mask] = False
+        self._outcome.truncated[mask] = False
+        self._outcome.winner[mask] = NO_WINNER
+        self._has_started = True
+
+    def step(self, actions: NDArray[Any]) -> None:
+        """One decision of every seat: integer actions [B, P]. A finished world ignores it.
+
+        An illegal action within 0..A-1 is a no-op that is counted.
+
+        Raises:
+            ValueError: wrong shape, not integers, or an action outside 0..A-1 (names world and
+                player).
+            RuntimeError: before the first reset.
+        """
+        if not self._has_started:
+            raise RuntimeError(f"{self.game.name}: step before reset; call reset(seeds) first")
+        self._check_actions(actions)
+        actions = np.ascontiguousarray(actions, np.int32)
+        self._run(self.game.step, self._worlds, self._rules, actions, self._outcome)
+
+    def observe(self, representation: str, out: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Every seat's own view, [B, P, *shape] of the representation; written to `out` if given.
+
+        Raises:
+            UnknownNameError: no such representation.
+            ValueError: `out` has another shape or dtype.
+        """
+        chosen = self.representation(representation)
+        shape = (self.num_worlds, self.num_players, *chosen.shape)
+        if out is None:
+            out = np.empty(shape, chosen.dtype)
+        self._check_out("observe", out, shape, chosen.dtype)
+        self._run(chosen.observe, self._worlds, self._rules, out)
+        return out
+
+    def action_mask(self, out: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+        """Legal actions bool [B, P, A], written to `out` if given; the no-op is always legal."""
+        shape = (self.num_worlds, self.num_players, self.num_actions)
+        if out is None:
+            out = np.empty(shape, np.bool_)
+        self._check_out("action_mask", out, shape, np.bool_)
+        self._run(self.game.legal_actions, self._worlds, self._rules, out)
+        return out
+
+    def representation(self, name: str) -> Representation:
+        """The representation's description. Raises UnknownNameError with the nearest names."""
+        kind = f"{self.game.name} representation"
+        return find_by_name(kind, name, self.spec.representations)
+
+    def snapshot(self, worlds: NDArray[np.int64] | list[int] | None = None) -> Snapshot:
+        """An exact copy of the given worlds (default all): for search, branching, checkpoints."""
+        rows = self._check_worlds(worlds)
+        return Snapshot(
+            tuple(field[rows] for field in self._worlds),
+            Outcome(*(field[rows] for field in self._outcome)),
+        )
+
+    def restore(
+        self, snapshot: Snapshot, worlds: NDArray[np.int64] | list[int] | None = None
+    ) -> None:
+        """Put a snapshot's worlds into the given slots (default all).
+
+        Raises:
+            ValueError: the snapshot is of another scenario, or of another number of worlds.
+        """
+        rows = self._check_worlds(worlds)
+        for name, field, saved in zip(
+            self._worlds._fields, self._worlds, snapshot.world, strict=True
+        ):
+            if saved.shape != (len(rows), *field.shape[1:]) or saved.dtype != field.dtype:
+                raise ValueError(
+                    f"{self.game.name}: the snapshot's {name} is {saved.dtype} "
+                    f"{list(saved.shape)}, this engine needs {field.dtype} "
+                    f"{[len(rows), *field.shape[1:]]}; restore into the same scenario and as many "
+                    "worlds as were saved"
+                )
+        for field, saved in zip(self._worlds, snapshot.world, strict=True):
+            field[rows] = saved
+        for field, saved in zip(self._outcome, snapshot.outcome, strict=True):
+            field[rows] = saved
+        self._has_started = True
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """All worlds as plain arrays by name (copies)."""
+        state = {f"world.{name}": value.copy() for name, value in self._worlds._asdict().items()}
+        reported = self._outcome._asdict().items()
+        return state | {f"outcome.{name}": value.copy() for name, value in reported}
+
+    def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Continue from `state_dict` of an engine with the same scenario and number of worlds.
+
+        Raises:
+            ValueError: a field is missing, or of another shape.
+        """
+        names = [f"world.{name}" for name in self._worlds._fields]
+        names += [f"outcome.{name}" for name in Outcome._fields]
+        if missing := sorted(set(names) - set(state)):
+            raise ValueError(f"{self.game.name}: the engine state lacks {', '.join(missing)}")
+        arrays = [np.asarray(state[name]) for name in names]
+        count = len(self._worlds._fields)
+        self.restore(Snapshot(tuple(arrays[:count]), Outcome(*arrays[count:])))
+
+    def public_state(self, world: int) -> NDArray[np.float32]:
+        """The full state of one world as a flat float32 vector [S], the same for all seats."""
+        return self.game.public_state(self._worlds, world)
+
+    def render(self, world: int = 0, player: int | None = None) -> NDArray[np.uint8]:
+        """What a person sees of one world, uint8 [height, width, 3]; `player` gives a seat's view.
+
+        Raises:
+            ValueError: no such world or player.
+        """
+        for name, value, limit in (
+            ("world", world, self.num_worlds),
+            ("player", player or 0, self.num_players),
+        ):
+            if not 0 <= value < limit:
+                raise ValueError(
+                    f"{self.game.name}: {name} {value} does not exist, allowed are 0..{limit - 1}"
+                )
+        return self.game.draw(self._worlds, self._rules, world, player)
+
+    # --- inside ----------------------------------------------------------------------------
+
+    def _run(self, kernel: Callable[..., None], *arguments: Any) -> None:
+        """Run a kernel over all worlds, in slices on the threads when there are any."""
+        if kernel not in _kernels_in_use:
+            with _announced(self.game.name):
+                self._run_slices(kernel, *arguments)
+            _kernels_in_use.add(kernel)
+        else:
+            self._run_slices(kernel, *arguments)
+
+    def _run_slices(self, kernel: Callable[..., None], *arguments: Any) -> None:
+        if not is_compiling():
+            # Plain Python wraps counters as compiled code does, but warns about it.
+            with np.errstate(over="ignore"):
+                kernel(*arguments, 0, self.num_worlds)
+            return
+        if self._pool is None:
+            kernel(*arguments, 0, self.num_worlds)
+            return
+        edges = np.linspace(0, self.num_worlds, self.num_threads + 1).astype(int).tolist()
+        slices = zip(edges[:-1], edges[1:], strict=True)
+        tasks = [self._pool.submit(kernel, *arguments, low, high) for low, high in slices]
+        for task in tasks:
+            task.result()
+
+    def _check_seeds(self, seeds: NDArray[np.uint64] | int) -> NDArray[np.uint64]:
+        if isinstance(seeds, int | np.integer) and self.num_worlds == 1:
+            return np.array([int(seeds) % 2**64], np.uint64)
+        seeds = np.asarray(seeds)
+        if seeds.shape != (self.num_worlds,) or seeds.dtype != np.uint64:
+            raise ValueError(
+                f"{self.game.name}: seeds are {seeds.dtype} {list(seeds.shape)}, they must be "
+                f"uint64 [{self.num_worlds}] (worlds); randomness.episode_seeds makes them"
+            )
+        return seeds
+
+    def _check_actions(self, actions: NDArray[Any]) -> None:
+        expected = (self.num_worlds, self.num_players)
+        if actions.shape != expected or actions.dtype.kind not in "iu":
+            raise ValueError(
+                f"{self.game.name}: actions are {actions.dtype} {list(actions.shape)}, they must "
+                f"be integers {list(expected)} (worlds, players)"
+            )
+        if actions.min() >= 0 and actions.max() < self.num_actions:
+            return
+        world, player = np.argwhere((actions < 0) | (actions >= self.num_actions))[0].tolist()
+        raise ValueError(
+            f"{self.game.name}: action {actions[world, player]} of player {player} in world "
+            f"{world} is outside 0..{self.num_actions - 1}"
+        )
+
+    def _check_out(
+        self, method: str, out: NDArray[Any], shape: tuple[int, ...], dtype: Any
+    ) -> None:
+        if out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
+            raise ValueError(
+                f"{self.game.name}: {method} cannot write to {out.dtype} {list(out.shape)}, `out` "
+                f"must be contiguous {np.dtype(dtype).name} {list(shape)}"
+            )
+
+    def _check_worlds(self, worlds: NDArray[np.int64] | list[int] | None) -> NDArray[np.int64]:
+        rows = np.arange(self.num_worlds) if worlds is None else np.asarray(worlds, np.int64)
+        if rows.ndim != 1 or (rows.size and not 0 <= rows.min() <= rows.max() < self.num_worlds):
+            raise ValueError(
+                f"{self.game.name}: worlds {rows.tolist()} must be a list of indices in "
+                f"0..{self.num_worlds - 1}"
+            )
+        return rows
+
+
+_kernels_in_use: set[Callable[..., None]] = set()
+_announced_games: set[str] = set()
+
+
+def _announce(game: str) -> None:
+    if game not in _announced_games:
+        _announced_games.add(game)
+        message = f"marl_cair: compiling the rules of {game} (once for each version) ...\n"
+        sys.stderr.write(message)
+
+
+@contextmanager
+def _announced(game: str) -> Iterator[None]:
+    """Tell the user when the first call of a kernel keeps them waiting for the compiler."""
+    timer = threading.Timer(_ANNOUNCE_AFTER_SECONDS, _announce, (game,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

@@ -1,0 +1,144 @@
+"""The contract that every game folder fills: plain functions over arrays, no classes to inherit."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.lookup import find_by_name
+
+NO_WINNER = -1
+
+Shape = tuple[int, ...]
+
+
+class Agent(Protocol):
+    """Anything that plays seats: a scripted bot, a network, a pool of them."""
+
+    name: str
+    representation: str
+
+    def seed(self, seed: int) -> None:
+        """Restart the agent's random generator."""
+
+    def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """One action for each of N rows: observation [N, ...], action_mask bool [N, A] -> [N]."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """The random generator's state as plain data."""
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from a state that `state_dict` returned."""
+
+
+@dataclass(frozen=True)
+class Representation:
+    """One way to look at a game. Arrays are [*shape] per seat, channels first.
+
+    Attributes:
+        name: the same in every game (planes, classic, image, gray, vector, ...).
+        shape: [C, H, W], or [V] of a vector.
+        dtype: uint8 or float32.
+        high: the largest value; the smallest is 0.
+        plane_names: one per channel (or per entry of a vector).
+        num_uniform: the last `num_uniform` planes hold one value over the whole board each.
+        observe: kernel (worlds, rules, out [B, P, *shape], first, last) that writes `out`.
+    """
+
+    name: str
+    shape: Shape
+    dtype: type[np.uint8] | type[np.float32]
+    high: float
+    plane_names: tuple[str, ...]
+    observe: Callable[..., None]
+    num_uniform: int = 0
+
+
+@dataclass(frozen=True)
+class GameSpec:
+    """What a scenario of a game offers to agents; immutable.
+
+    Attributes:
+        action_names: A names.
+        action_groups: int16 [A], the kind of each action (all cells of one tower are one kind).
+        action_group_names: names of the kinds.
+        action_cells: int32 [A], the board cell (row * columns + column, own view) that an action
+            points at, or NO_CELL.
+        noop_action: index of the action that is always legal and does nothing.
+        representations: by name.
+        static_planes: planes of `planes` that never change within a game.
+        exclusive_planes: groups of planes of which at most one is nonzero in each cell.
+        resources: names of what players own.
+        ticks_per_step: ticks of the game that one decision lasts.
+        max_ticks: the time limit.
+        reward_bound: no reward is larger than this in absolute value.
+    """
+
+    action_names: tuple[str, ...]
+    action_groups: NDArray[np.int16]
+    action_group_names: tuple[str, ...]
+    action_cells: NDArray[np.int32]
+    noop_action: int
+    representations: Mapping[str, Representation]
+    static_planes: tuple[int, ...]
+    exclusive_planes: tuple[tuple[int, ...], ...]
+    resources: tuple[str, ...]
+    ticks_per_step: int
+    max_ticks: int
+    reward_bound: float
+
+    @property
+    def num_actions(self) -> int:
+        return len(self.action_names)
+
+
+@dataclass(frozen=True)
+class Game:
+    """One game: named functions over the arrays of B worlds. B worlds, P players, A actions.
+
+    Kernels work on the worlds first..last-1 and touch no others, so that a batch can be split.
+    """
+
+    name: str
+    title: str
+    version: str  # changes when the behaviour changes, not for speed; checkpoints carry it
+    summary: str
+    num_players: int
+    scenarios: Mapping[str, Any]  # name -> frozen dataclass of settings
+    default_scenario: str
+    make_rules: Callable[[Any], Any]  # scenario -> constants as a named tuple of arrays
+    make_spec: Callable[[Any], GameSpec]
+    allocate: Callable[[Any, int], Any]  # (scenario, B) -> World
+    reset: Callable[..., None]  # (worlds, rules, seeds, mask, first, last)
+    step: Callable[..., None]  # (worlds, rules, actions, outcome, first, last)
+    legal_actions: Callable[..., None]  # (worlds, rules, out [B, P, A], first, last)
+    draw: Callable[..., NDArray[np.uint8]]  # (worlds, rules, world, player or None) -> RGB
+    bots: Mapping[str, Callable[[Any, GameSpec], Agent]]
+    public_state: Callable[[Any, int], NDArray[np.float32]]  # (worlds, world) -> full state [S]
+    gymnasium_prefix: str  # "DeepLineWars" of "marl_cair/DeepLineWars-10x15-v0"
+
+    def scenario(self, name: str | None = None, **options: Any) -> Any:
+        """The named scenario, changed by `options` (fields of the scenario's dataclass).
+
+        Raises:
+            UnknownNameError: no such scenario or option; names the nearest.
+            ValueError: an option's value is not allowed.
+        """
+        chosen = find_by_name(f"{self.name} scenario", name or self.default_scenario, self.scenarios)
+        fields = {field.name: field for field in dataclasses.fields(chosen)}
+        for option in options:
+            find_by_name(f"{self.name} option", option, fields)
+        return dataclasses.replace(chosen, **options) if options else chosen
+
+    def bot(self, name: str, scenario: Any) -> Agent:
+        """A scripted opponent for `scenario`. Raises UnknownNameError with the nearest names."""
+        factory = find_by_name(f"{self.name} bot", name, self.bots)
+        return factory(scenario, self.make_spec(scenario))
+
+
+NO_CELL = -1

@@ -1,0 +1,225 @@
+"""Games for one learner, as Gymnasium environments: bots or other agents play the other seats."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from marl_cair.games import make_engine
+from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.game import Agent
+from marl_cair.games.parallel_env import RENDER_MODES, check_render_mode
+from marl_cair.games.randomness import EpisodeSeeds
+from marl_cair.games.seat_spaces import look, make_observation_space
+
+
+class _LearnerSeat:
+    """B worlds in which the caller plays one seat and `opponent` all the others."""
+
+    def __init__(
+        self,
+        game: str,
+        scenario: str | None,
+        num_worlds: int,
+        opponent: str | Agent,
+        seat: int,
+        options: dict[str, Any],
+    ) -> None:
+        self.engine: BatchedEngine = make_engine(game, scenario, num_worlds, **options)
+        if not 0 <= seat < self.engine.num_players:
+            raise ValueError(
+                f"{game}: seat is {seat}, allowed are 0..{self.engine.num_players - 1}"
+            )
+        self.seat = seat
+        chosen = self.engine.game
+        self.opponent = (
+            chosen.bot(opponent, self.engine.scenario) if isinstance(opponent, str) else opponent
+        )
+        self.seeds = EpisodeSeeds(num_worlds)
+        self.opponent.seed(self.seeds.seed)
+
+    def restart(self, seed: int) -> None:
+        self.seeds.restart(seed)
+        self.opponent.seed(seed)
+
+    def play(self, actions: NDArray[np.int64]) -> None:
+        """One decision: the learner's actions [B], the opponent's in the other seats."""
+        engine = self.engine
+        everyone = np.empty((engine.num_worlds, engine.num_players), np.int32)
+        everyone[:, self.seat] = actions
+        seen, masks = engine.observe(self.opponent.representation), engine.action_mask()
+        for seat in range(engine.num_players):
+            if seat != self.seat:
+                everyone[:, seat] = self.opponent.act(
+                    np.ascontiguousarray(seen[:, seat]), np.ascontiguousarray(masks[:, seat])
+                )
+        engine.step(everyone)
+
+
+class GameEnv(gymnasium.Env[Any, np.int64]):
+    """One world for one learner.
+
+    Args:
+        game, scenario, options: as `make_engine`.
+        opponent: a bot's name, or anything with the `Agent` protocol (a loaded checkpoint).
+        seat: the learner's.
+        representation, render_mode, mask_in_observation, vector: as `GameParallelEnv`; the mask
+            is always in `info["action_mask"]`, int8 [A].
+    """
+
+    def __init__(
+        self,
+        game: str,
+        scenario: str | None = None,
+        *,
+        opponent: str | Agent = "random",
+        seat: int = 0,
+        representation: str = "planes",
+        render_mode: str | None = None,
+        mask_in_observation: bool = False,
+        vector: bool = False,
+        **options: Any,
+    ) -> None:
+        check_render_mode(game, render_mode)
+        self._table = _LearnerSeat(game, scenario, 1, opponent, seat, options)
+        self.engine = self._table.engine
+        self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}
+        self.render_mode = render_mode
+        self._seen_as = (representation, mask_in_observation, vector)
+        self.observation_space = make_observation_space(self.engine, *self._seen_as)
+        self.action_space = spaces.Discrete(self.engine.num_actions)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start a game; the same seed gives the same game and the same opponent."""
+        super().reset(seed=seed)
+        if seed is not None:
+            self._table.restart(seed)
+        self.engine.reset(self._table.seeds.next())
+        return self._look()
+
+    def step(self, action: np.int64) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """One decision. Raises ValueError for an action outside the space; an illegal one (see
+        the mask) does nothing."""
+        self._table.play(np.array([action]))
+        observation, info = self._look()
+        reward = float(self.engine.rewards[0, self._table.seat])
+        ended = bool(self.engine.terminated[0]), bool(self.engine.truncated[0])
+        return observation, reward, *ended, info
+
+    def render(self) -> Any:
+        """The spectator's picture, uint8 [h, w, 3], in render mode "rgb_array"."""
+        return self.engine.render(0) if self.render_mode == "rgb_array" else None
+
+    def _look(self) -> tuple[Any, dict[str, Any]]:
+        seat = self._table.seat
+        seen = look(self.engine, *self._seen_as)
+        if isinstance(seen, dict):
+            observation: Any = {name: array[0, seat] for name, array in seen.items()}
+        else:
+            observation = seen[0, seat]
+        return observation, {"action_mask": self.engine.action_mask()[0, seat].view(np.int8)}
+
+
+class GameVectorEnv(VectorEnv[Any, Any, Any]):
+    """B worlds for one learner, stepped together by one engine.
+
+    Args:
+        num_envs: B.
+        autoreset_mode: NEXT_STEP (Gymnasium's default: the step after an end resets and ignores
+            the action), SAME_STEP (the ending step returns the new game's observation and
+            `infos["final_obs"]`), or DISABLED (`reset(options={"reset_mask": bool [B]})`).
+        others: as `GameEnv`. `infos["action_mask"]` is int8 [B, A].
+    """
+
+    def __init__(
+        self,
+        game: str,
+        scenario: str | None = None,
+        *,
+        num_envs: int = 1,
+        opponent: str | Agent = "random",
+        seat: int = 0,
+        representation: str = "planes",
+        mask_in_observation: bool = False,
+        vector: bool = False,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **options: Any,
+    ) -> None:
+        self._table = _LearnerSeat(game, scenario, num_envs, opponent, seat, options)
+        self.engine = self._table.engine
+        self.num_envs = num_envs
+        self._mode = AutoresetMode(autoreset_mode)
+        self.metadata = {"render_modes": list(RENDER_MODES), "autoreset_mode": self._mode}
+        self._seen_as = (representation, mask_in_observation, vector)
+        self.single_observation_space = make_observation_space(self.engine, *self._seen_as)
+        self.single_action_space = spaces.Discrete(self.engine.num_actions)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._ended = np.zeros(num_envs, np.bool_)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Restart all worlds, or those of `options["reset_mask"]`.
+
+        Raises:
+            ValueError: a list of seeds: one seed gives every world its own.
+        """
+        if isinstance(seed, list):
+            raise ValueError(
+                f"{self.engine.game.name}: seed is a list; pass one int, from which every world "
+                "gets its own seed"
+            )
+        if seed is not None:
+            self._table.restart(seed)
+        mask = (options or {}).get("reset_mask")
+        self._restart(np.ones(self.num_envs, np.bool_) if mask is None else np.asarray(mask))
+        return self._look()
+
+    def step(
+        self, actions: Any
+    ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """One decision in every world: integer actions [B]. Arrays in the result are fresh."""
+        starting = self._ended.copy()
+        self._table.play(np.asarray(actions))
+        if self._mode is AutoresetMode.NEXT_STEP and starting.any():
+            self._restart(starting)
+        rewards = self.engine.rewards[:, self._table.seat].astype(np.float64)
+        terminated, truncated = self.engine.terminated.copy(), self.engine.truncated.copy()
+        rewards[starting] = 0.0
+        self._ended = terminated | truncated
+        observations, infos = self._look()
+        if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
+            infos = {"final_obs": observations, "final_info": infos, "_final_obs": self._ended}
+            infos["_final_info"] = self._ended
+            self._restart(self._ended.copy())
+            observations, fresh = self._look()
+            infos |= fresh
+        return observations, rewards, terminated, truncated, infos
+
+    def render(self) -> Any:
+        """The spectator's pictures of all worlds."""
+        return tuple(self.engine.render(world) for world in range(self.num_envs))
+
+    def _restart(self, mask: NDArray[np.bool_]) -> None:
+        self.engine.reset(self._table.seeds.next(mask), mask)
+        self._ended = self._ended & ~mask
+
+    def _look(self) -> tuple[Any, dict[str, Any]]:
+        seat = self._table.seat
+        seen = look(self.engine, *self._seen_as)
+        if isinstance(seen, dict):
+            observations: Any = {name: array[:, seat] for name, array in seen.items()}
+        else:
+            observations = seen[:, seat]
+        masks = self.engine.action_mask()[:, seat].view(np.int8)
+        present = np.ones(self.num_envs, np.bool_)
+        return observations, {"action_mask": masks, "_action_mask": present}

@@ -1,0 +1,173 @@
+"""One world as a PettingZoo ParallelEnv: for PettingZoo users, evaluation by others, human play."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from pettingzoo import AECEnv, ParallelEnv
+from pettingzoo.utils.conversions import parallel_to_aec
+
+from marl_cair.games import make_engine
+from marl_cair.games.randomness import EpisodeSeeds
+from marl_cair.games.seat_spaces import look, make_observation_space
+
+RENDER_MODES = ("rgb_array",)
+
+
+class GameParallelEnv(ParallelEnv[str, Any, int]):
+    """One game in which all players act at once.
+
+    Args:
+        game: a name in GAMES.
+        scenario: a name in the game's scenarios.
+        representation: what agents observe; the default `planes` is uint8 [C, H, W].
+        render_mode: None or "rgb_array".
+        mask_in_observation: observations become {"observation", "action_mask"}. The mask is always
+            in `infos[agent]["action_mask"]` too, int8 [A] as `Discrete.sample(mask)` takes it.
+        vector: observations become a dict with the float32 economy vector under "vector".
+        max_cycles: time limit in decisions (default: the scenario's).
+        options: fields of the scenario to change, for example `preset="2017"`.
+
+    A legal action does what its name says, an illegal one nothing (it is counted in
+    `env.engine.illegal_actions`).
+
+    Raises:
+        UnknownNameError: an unknown name anywhere; names the nearest.
+        ValueError: a value that is not allowed.
+    """
+
+    def __init__(
+        self,
+        game: str,
+        scenario: str | None = None,
+        *,
+        representation: str = "planes",
+        render_mode: str | None = None,
+        mask_in_observation: bool = False,
+        vector: bool = False,
+        max_cycles: int | None = None,
+        **options: Any,
+    ) -> None:
+        check_render_mode(game, render_mode)
+        self.engine = make_engine(game, scenario, **options)
+        if max_cycles is not None:
+            options["max_ticks"] = max_cycles * self.engine.spec.ticks_per_step
+            self.engine = make_engine(game, scenario, **options)
+        self.metadata = {
+            "name": f"{game}_v{self.engine.game.version}",
+            "render_modes": list(RENDER_MODES),
+            "render_fps": 10,
+            "is_parallelizable": True,
+        }
+        self.render_mode = render_mode
+        self.representation = representation
+        self._with_mask, self._with_vector = mask_in_observation, vector
+        self.possible_agents = [f"player_{seat}" for seat in range(self.engine.num_players)]
+        self.agents: list[str] = []
+        seen = make_observation_space(self.engine, representation, mask_in_observation, vector)
+        self.observation_spaces = dict.fromkeys(self.possible_agents, seen)
+        actions = spaces.Discrete(self.engine.num_actions)
+        self.action_spaces = dict.fromkeys(self.possible_agents, actions)
+        self._seeds = EpisodeSeeds(1)
+        self.engine.reset(np.zeros(1, np.uint64))
+        size = self.engine.public_state(0).shape
+        self.state_space = spaces.Box(-np.inf, np.inf, size, np.float32)
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """The same object at every call."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Discrete:
+        """The same object at every call."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+        """Start a game; the same seed (0 included) gives the same game. Without a seed the next
+        game of the last seed begins."""
+        if seed is not None:
+            self._seeds.restart(seed)
+        self.engine.reset(self._seeds.next())
+        self.agents = list(self.possible_agents)
+        return self._look()
+
+    def step(
+        self, actions: dict[str, int]
+    ) -> tuple[
+        dict[str, Any],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """One decision of every live agent.
+
+        Raises:
+            ValueError: an agent's action is missing or outside its space.
+        """
+        if not self.agents:
+            return {}, {}, {}, {}, {}
+        if missing := [agent for agent in self.agents if agent not in actions]:
+            raise ValueError(
+                f"{self.engine.game.name}: step lacks the actions of {', '.join(missing)}; give "
+                "one for every agent in env.agents"
+            )
+        chosen = [[int(actions[agent]) for agent in self.possible_agents]]
+        self.engine.step(np.array(chosen, np.int32))
+        observations, infos = self._look()
+        rewards = dict(zip(self.agents, self.engine.rewards[0].tolist(), strict=True))
+        terminations = dict.fromkeys(self.agents, bool(self.engine.terminated[0]))
+        truncations = dict.fromkeys(self.agents, bool(self.engine.truncated[0]))
+        if self.engine.terminated[0] or self.engine.truncated[0]:
+            self.agents = []
+        return observations, rewards, terminations, truncations, infos
+
+    def state(self) -> NDArray[np.float32]:
+        """The full state, float32 [S]: for centralised critics, not for players."""
+        return self.engine.public_state(0)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The spectator's picture, uint8 [h, w, 3], in render mode "rgb_array"."""
+        return self.engine.render(0) if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+    def _look(self) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+        seen = look(self.engine, self.representation, self._with_mask, self._with_vector)
+        masks = self.engine.action_mask()[0].view(np.int8)
+        observations: dict[str, Any] = {}
+        infos: dict[str, dict[str, Any]] = {}
+        for seat, agent in enumerate(self.possible_agents):
+            if isinstance(seen, dict):
+                observations[agent] = {name: array[0, seat] for name, array in seen.items()}
+            else:
+                observations[agent] = seen[0, seat]
+            infos[agent] = {"action_mask": masks[seat]}
+        return observations, infos
+
+
+def check_render_mode(game: str, render_mode: str | None) -> None:
+    """Raise ValueError unless `render_mode` is None or one of RENDER_MODES."""
+    if render_mode is not None and render_mode not in RENDER_MODES:
+        raise ValueError(
+            f"{game}: render_mode is {render_mode!r}, allowed are None and {', '.join(RENDER_MODES)}"
+        )
+
+
+def make_parallel_env(
+    game: str, scenario: str | None = None, **options: Any
+) -> GameParallelEnv:
+    """What `marl_cair.games.<game>.parallel_env` calls."""
+    return GameParallelEnv(game, scenario, **options)
+
+
+def make_aec_env(
+    game: str, scenario: str | None = None, **options: Any
+) -> AECEnv[str, Any, Any]:
+    """The game turn by turn: the players' actions are gathered, then played at once."""
+    return parallel_to_aec(make_parallel_env(game, scenario, **options))

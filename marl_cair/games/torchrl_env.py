@@ -1,0 +1,155 @@
+"""B worlds as one TorchRL environment of batch size [B]; players in the group "player".
+
+Keys and numbers equal those of TorchRL's PettingZoo wrapper around our ParallelEnv, with the batch
+in front, so a policy moves between them unchanged.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDict, TensorDictBase
+from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from marl_cair.games import make_engine
+from marl_cair.games.randomness import EpisodeSeeds
+
+GROUP = "player"  # as TorchRL's wrapper groups agents named player_0, player_1, ...
+DONE_KEYS = ("done", "terminated", "truncated")
+
+
+class BatchedGameEnv(EnvBase):  # type: ignore[misc]  # torchrl ships no types
+    """B worlds that step together.
+
+    Args:
+        game, scenario, num_worlds, num_threads, options: as `make_engine`.
+        representation: what agents observe.
+        extra_representations: further ones, under their own names beside "observation" (bots
+            that play seats look at `planes` whatever the learner looks at).
+        seed: of the run; None draws one.
+
+    Keys: ("player", "observation") [B, P, *shape], ("player", "action_mask") bool [B, P, A],
+    ("player", "action") int64 [B, P], ("player", "reward") float32 [B, P, 1], and done, terminated,
+    truncated bool [B, 1] at the root and [B, P, 1] in the group. The engine writes straight into the
+    tensors that are returned: nothing is copied and nothing is shared between steps.
+    """
+
+    def __init__(
+        self,
+        game: str,
+        scenario: str | None = None,
+        num_worlds: int = 1,
+        *,
+        representation: str = "planes",
+        extra_representations: tuple[str, ...] = (),
+        num_threads: int = 1,
+        seed: int | None = None,
+        **options: Any,
+    ) -> None:
+        super().__init__(device=torch.device("cpu"), batch_size=torch.Size([num_worlds]))
+        self.engine = make_engine(game, scenario, num_worlds, num_threads, **options)
+        self._representations = {"observation": representation}
+        self._representations |= {name: name for name in extra_representations}
+        self.group_map = {
+            GROUP: [f"player_{seat}" for seat in range(self.engine.num_players)]
+        }
+        self.seeds = EpisodeSeeds(num_worlds, seed)
+        self._make_specs()
+
+    def _make_specs(self) -> None:
+        worlds, players = self.engine.num_worlds, self.engine.num_players
+        seats = (worlds, players)
+        seen: dict[str, Any] = {
+            key: self._make_observation_spec(name) for key, name in self._representations.items()
+        }
+        actions = self.engine.num_actions
+        seen["action_mask"] = Binary(actions, shape=(*seats, actions), dtype=torch.bool)
+        self.observation_spec = Composite(
+            {GROUP: Composite(seen, shape=seats)}, shape=(worlds,)
+        )
+        action = Categorical(actions, shape=seats, dtype=torch.int64)
+        self.action_spec = Composite(
+            {GROUP: Composite({"action": action}, shape=seats)}, shape=(worlds,)
+        )
+        reward = Unbounded((*seats, 1), dtype=torch.float32)
+        self.reward_spec = Composite(
+            {GROUP: Composite({"reward": reward}, shape=seats)}, shape=(worlds,)
+        )
+        self.done_spec = Composite(
+            {
+                GROUP: Composite(
+                    {key: Binary(1, shape=(*seats, 1), dtype=torch.bool) for key in DONE_KEYS},
+                    shape=seats,
+                ),
+                **{key: Binary(1, shape=(worlds, 1), dtype=torch.bool) for key in DONE_KEYS},
+            },
+            shape=(worlds,),
+        )
+
+    def _make_observation_spec(self, name: str) -> Any:
+        chosen = self.engine.representation(name)
+        shape = (self.engine.num_worlds, self.engine.num_players, *chosen.shape)
+        dtype = torch.uint8 if chosen.dtype is np.uint8 else torch.float32
+        return Bounded(0, chosen.high, shape=shape, dtype=dtype)
+
+    def _set_seed(self, seed: int | None) -> None:
+        self.seeds.restart(seed)
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
+        mask = self._read_reset_mask(tensordict)
+        self.engine.reset(self.seeds.next(mask), mask)
+        return self._look()
+
+    def _read_reset_mask(self, tensordict: TensorDictBase | None) -> NDArray[np.bool_] | None:
+        """The worlds to restart; a world restarts when any of its seats is asked to."""
+        if tensordict is None:
+            return None
+        for key in ("_reset", (GROUP, "_reset")):
+            asked = tensordict.get(key, None)
+            if asked is not None:
+                mask: NDArray[np.bool_] = asked.reshape(self.engine.num_worlds, -1).any(-1).numpy()
+                return mask
+        return None
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        self.engine.step(tensordict[GROUP, "action"].numpy())
+        seen = self._look()
+        seen[GROUP, "reward"] = torch.from_numpy(self.engine.rewards).unsqueeze(-1).clone()
+        return seen
+
+    def _look(self) -> TensorDictBase:
+        engine = self.engine
+        worlds, players = engine.num_worlds, engine.num_players
+        seats: dict[str, Any] = {
+            key: torch.from_numpy(engine.observe(name))
+            for key, name in self._representations.items()
+        }
+        seats["action_mask"] = torch.from_numpy(engine.action_mask())
+        terminated = torch.from_numpy(engine.terminated).clone().unsqueeze(-1)
+        truncated = torch.from_numpy(engine.truncated).clone().unsqueeze(-1)
+        ended = {
+            "done": terminated | truncated,
+            "terminated": terminated,
+            "truncated": truncated,
+        }
+        for key, value in ended.items():
+            seats[key] = value.unsqueeze(1).expand(worlds, players, 1).clone()
+        group = TensorDict._new_unsafe(seats, batch_size=torch.Size([worlds, players]))
+        return TensorDict._new_unsafe({GROUP: group, **ended}, batch_size=self.batch_size)
+
+    def game_state(self) -> dict[str, Any]:
+        """All worlds and the seeding as plain arrays (named so because TorchRL's collectors call
+        `state_dict` on environments for another purpose)."""
+        return {"engine": self.engine.state_dict(), "seeds": self.seeds.state_dict()}
+
+    def load_game_state(self, state: dict[str, Any]) -> None:
+        """Continue from `game_state` of an environment with the same settings."""
+        self.engine.load_state_dict(state["engine"])
+        self.seeds.load_state_dict(state["seeds"])
+
+    def close(self, **kwargs: Any) -> None:
+        super().close(**kwargs)

@@ -1,0 +1,52 @@
+"""Look a name up in a table, and name the nearest entries where it is missing."""
+
+import difflib
+from collections.abc import Iterable, Mapping
+from typing import TypeVar
+
+T = TypeVar("T")
+
+MAX_NEAREST = 3
+MIN_SIMILARITY = (
+    0.5  # difflib's ratio, 0..1: low enough that "linewars" still finds "deep_line_wars"
+)
+
+
+class UnknownNameError(ValueError):
+    """A name that its table does not hold; the message lists the nearest and all known names."""
+
+
+def find_by_name(kind: str, name: str, table: Mapping[str, T]) -> T:
+    """Return `table[name]`; `kind` ("game", "network", ...) says in the error what was looked for.
+
+    Raises UnknownNameError with the nearest names, if any are near, and all the known ones.
+    """
+    if isinstance(name, str) and name in table:
+        return table[name]
+    raise UnknownNameError(_describe_unknown(kind, name, table))
+
+
+def _describe_unknown(kind: str, name: object, known: Iterable[str]) -> str:
+    names = list(known)
+    nearest = _nearest_names(name, names) if isinstance(name, str) else []
+    hint = f"nearest are {_list_names(nearest)}; " if nearest else ""
+    return f"unknown {kind} {name!r}: {hint}known are {_list_names(names) or 'none'}"
+
+
+def _nearest_names(name: str, names: list[str]) -> list[str]:
+    """Up to MAX_NEAREST of `names`, best first; letter case and the kind of dash do not count."""
+    by_plain_spelling: dict[str, list[str]] = {}
+    for candidate in names:
+        by_plain_spelling.setdefault(_plain_spelling(candidate), []).append(candidate)
+    matches = difflib.get_close_matches(
+        _plain_spelling(name), by_plain_spelling, n=MAX_NEAREST, cutoff=MIN_SIMILARITY
+    )
+    return [original for match in matches for original in by_plain_spelling[match]][:MAX_NEAREST]
+
+
+def _plain_spelling(name: str) -> str:
+    return name.casefold().replace("-", "_").replace(" ", "_")
+
+
+def _list_names(names: Iterable[str]) -> str:
+    return ", ".join(repr(name) for name in names)

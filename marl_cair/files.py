@@ -161,3 +161,26 @@ def _format_size(num_bytes: int) -> str:
             return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
         size /= 1024
     return f"{size:.1f} TiB"
+
+
+@contextmanager
+def replaced_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a folder to fill beside `path`, which takes the place of `path` when the block is done.
+
+    On an exception the new folder is removed and `path` is left as it was. A crash between the two
+    renames leaves the old folder beside it under the name `<path>.old`.
+    """
+    target = Path(path).absolute()
+    fresh = target.with_name(target.name + ".unfinished")
+    old = target.with_name(target.name + ".old")
+    shutil.rmtree(fresh, ignore_errors=True)
+    fresh.mkdir(parents=True)
+    try:
+        yield fresh
+        if target.exists():
+            shutil.rmtree(old, ignore_errors=True)
+            target.rename(old)
+        fresh.rename(target)
+        shutil.rmtree(old, ignore_errors=True)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)

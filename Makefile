@@ -1,0 +1,63 @@
+# Every way to run and check marl_cair on Linux and macOS; on Windows see CONTRIBUTING.md.
+
+VENV := .venv
+STAMP := $(VENV)/.installed
+RUN := $(VENV)/bin/python
+TORCH := $(shell sed -n 's/^\(torch==[^ ;]*\).*/\1/p' constraints.txt)
+
+# What pytest runs: `make test PYTEST_ARGS=tests/test_lookup.py` runs that alone.
+PYTEST_ARGS ?=
+NUM_WORKERS ?= 2
+PYTEST := $(RUN) -m pytest -n $(NUM_WORKERS) --dist loadscope
+
+# One thread for each test worker: more would only wait for one another.
+export OMP_NUM_THREADS := 1
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.PHONY: help demo test test-all test-bounds test-plain lint benchmark clean
+
+help: ## show this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+demo: $(STAMP) ## train, play and rate small agents; ends with a report to open
+	unset OMP_NUM_THREADS; $(RUN) scripts/demo.py
+
+# The whole suite comes last, so that its closing line is the last line.
+test: lint $(if $(PYTEST_ARGS),,test-bounds test-plain) ## all checks but the slow tests
+	$(PYTEST) $(PYTEST_ARGS)
+
+test-all: lint $(if $(PYTEST_ARGS),,test-bounds test-plain) ## all checks and the slow tests
+	$(PYTEST) -m "slow or not slow" $(PYTEST_ARGS)
+
+test-bounds: $(STAMP) ## game tests in which an index out of range raises
+	NUMBA_BOUNDSCHECK=1 $(PYTEST) tests/games
+
+test-plain: $(STAMP) ## short game tests with the compiler off
+	NUMBA_DISABLE_JIT=1 $(PYTEST) -m "plain_python and not slow" tests/games
+
+lint: $(STAMP) ## style, format and types
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+	$(RUN) -m mypy
+
+benchmark: $(STAMP) ## measure the speed of every game and of training
+	unset OMP_NUM_THREADS; $(RUN) scripts/benchmark.py
+
+clean: ## remove the environment, caches and build outputs; runs/ stays
+	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find $(wildcard marl_cair tests scripts benchmarks) -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The stamp is removed first and made last: an install that was interrupted starts afresh.
+$(STAMP): pyproject.toml constraints.txt
+	@for python in "$(PYTHON)" python3.11 python3; do \
+	  test -n "$$python" && "$$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	    2>/dev/null || continue; \
+	  if test -e $@; then rm $@; else "$$python" -m venv --clear $(VENV); fi; exit; \
+	done; \
+	echo "marl_cair needs Python 3.11 or newer, and found neither python3.11 nor a python3 of" \
+	  "that age: install one, or name it: make PYTHON=/path/to/python3.12" >&2; exit 1
+	$(RUN) -m pip install -c constraints.txt $(TORCH)
+	$(RUN) -m pip install -c constraints.txt -e '.[dev,play]'
+	@touch $@

@@ -1,0 +1,210 @@
+"""Acting: legal argmax, epsilon-greedy over a batch, and a network as an agent."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from marl_cair.policies.q_network import QNetwork
+
+DRAWS_PER_ROW = 3  # explore or not, which group, which action of it
+
+
+@torch.no_grad()
+def masked_argmax(values: Tensor, action_mask: Tensor) -> Tensor:
+    """Return the legal action of the largest value, the lowest index among equals: int64 [N].
+
+    `values` float [N, A], `action_mask` bool [N, A]. NaN counts as the lowest value there is, and
+    an illegal action never wins, whatever the values. Raises ValueError where a row has no legal
+    action, or the shapes differ.
+    """
+    if values.shape != action_mask.shape or action_mask.dtype != torch.bool:
+        raise ValueError(
+            f"the mask has shape {tuple(action_mask.shape)} and dtype {action_mask.dtype}, but the "
+            f"values have shape {tuple(values.shape)}: pass a bool mask of the same shape"
+        )
+    finite = torch.nan_to_num(values, nan=torch.finfo(values.dtype).min)
+    # 1 - 1/mask is 0 or -inf; on a CPU adding it is 3 times as fast as masked_fill.
+    penalty = 1.0 - action_mask.to(values.dtype).reciprocal()
+    best, actions = (finite + penalty).max(-1)
+    _require_legal_actions(best)
+    return actions
+
+
+class MaskedEpsilonGreedy:
+    """Epsilon-greedy over the legal actions of a batch, from a generator of its own.
+
+    An exploring row draws a group of actions uniformly among those with a legal action, then a
+    legal action uniformly within it: else the 60 cells of one tower kind would outweigh the one
+    action that buys a unit. Without `action_groups` (int [A]) all legal actions are equally likely.
+    Each call draws 3 numbers for each row, whatever happens: the stream depends on the number of
+    rows alone. The generator lives on the CPU, so that every device draws the same actions.
+    """
+
+    def __init__(self, seed: int, action_groups: npt.ArrayLike | Tensor | None = None) -> None:
+        self.generator = torch.Generator()
+        self.generator.manual_seed(seed)
+        self._groups = None if action_groups is None else _number_groups(action_groups)
+
+    def seed(self, seed: int) -> None:
+        """Start the random stream anew."""
+        self.generator.manual_seed(seed)
+
+    @torch.no_grad()
+    def __call__(self, values: Tensor, action_mask: Tensor, epsilon: float | Tensor) -> Tensor:
+        """Values float [N, A], mask bool [N, A], epsilon a number or [N] -> actions int64 [N].
+
+        Raises ValueError where epsilon is outside 0..1 or a row has no legal action.
+        """
+        actions = masked_argmax(values, action_mask)
+        num_rows, num_actions = values.shape
+        threshold = _check_epsilon(epsilon, num_rows)
+        if self._groups is not None and len(self._groups) != num_actions:
+            raise ValueError(
+                f"action_groups has {len(self._groups)} entries, but there are {num_actions} "
+                "actions: pass one group for each action"
+            )
+        draws = torch.rand(num_rows, DRAWS_PER_ROW, generator=self.generator, dtype=torch.float64)
+        rows = (draws[:, 0] < threshold).nonzero().squeeze(1)
+        if len(rows) == 0:
+            return actions
+        draws, rows = draws[rows, 1:].to(values.device), rows.to(values.device)
+        actions[rows] = self._explore(action_mask[rows], draws)
+        return actions
+
+    def _explore(self, legal: Tensor, draws: Tensor) -> Tensor:
+        """Legal bool [M, A], draws float64 [M, 2] in [0, 1) -> actions int64 [M]."""
+        if self._groups is not None:
+            groups = self._groups.to(legal.device)
+            members = torch.nn.functional.one_hot(groups).to(torch.float32)
+            group_is_legal = legal.to(torch.float32) @ members > 0
+            group = _pick_uniformly(group_is_legal, draws[:, 0])
+            legal = legal & (groups == group.unsqueeze(1))
+        return _pick_uniformly(legal, draws[:, 1])
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Return the state of the generator: {"generator": uint8 [S]}."""
+        return {"generator": self.generator.get_state()}
+
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Continue the random stream where `state_dict` was taken."""
+        self.generator.set_state(state["generator"].cpu())
+
+
+class PolicyActor:
+    """A Q-network as an agent: observations and masks in, actions out, without gradients.
+
+    `act` is the agent contract (NumPy in and out), `select_actions` the same on tensors. Large
+    batches are cut into chunks, whose activations fit the cache of a CPU core.
+    """
+
+    def __init__(
+        self,
+        network: QNetwork,
+        name: str,
+        representation: str,
+        exploration: MaskedEpsilonGreedy | None = None,
+        epsilon: float = 0.0,
+        chunk_rows: int = 128,
+    ) -> None:
+        if chunk_rows < 1:
+            raise ValueError(f"chunk_rows is {chunk_rows}, but must be at least 1")
+        self.network = network
+        self.name = name
+        self.representation = representation
+        self.exploration = exploration or MaskedEpsilonGreedy(seed=0)
+        self.epsilon = epsilon
+        self.chunk_rows = chunk_rows
+
+    def seed(self, seed: int) -> None:
+        """Start the random stream of the exploration anew."""
+        self.exploration.seed(seed)
+
+    def compute_values(self, observation: Tensor) -> Tensor:
+        """Observation [N, *shape] on any device -> values float32 [N, A] beside the weights."""
+        device = next(self.network.parameters()).device
+        values = torch.empty(len(observation), self.network.num_actions, device=device)
+        with torch.inference_mode():
+            for start in range(0, len(observation), self.chunk_rows):
+                chunk = slice(start, start + self.chunk_rows)
+                values[chunk] = self.network(observation[chunk].to(device))
+        return values
+
+    def select_actions(
+        self, observation: Tensor, action_mask: Tensor, epsilon: float | Tensor | None = None
+    ) -> Tensor:
+        """Observation [N, *shape], mask bool [N, A] -> actions int64 [N] beside the weights.
+
+        `epsilon` (a number or [N]) overrides the agent's own for this call.
+        """
+        values = self.compute_values(observation)
+        chance = self.epsilon if epsilon is None else epsilon
+        return self.exploration(values, action_mask.to(values.device), chance)
+
+    def act(
+        self, observation: npt.NDArray[Any], action_mask: npt.NDArray[np.bool_]
+    ) -> npt.NDArray[np.int64]:
+        """Observation [N, *shape], mask bool [N, A] -> actions int64 [N]."""
+        actions = self.select_actions(_view_tensor(observation), _view_tensor(action_mask))
+        chosen: npt.NDArray[np.int64] = actions.cpu().numpy()
+        return chosen
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Return the state of the exploration's generator; the weights are the network's."""
+        return self.exploration.state_dict()
+
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Continue the exploration where `state_dict` was taken."""
+        self.exploration.load_state_dict(state)
+
+
+def _pick_uniformly(candidates: Tensor, draws: Tensor) -> Tensor:
+    """Candidates bool [M, L], draws float64 [M] in [0, 1) -> index of one of them: int64 [M].
+
+    Counts instead of summing probabilities: no rounding can reach an index that is no candidate.
+    """
+    counts = candidates.cumsum(1, dtype=torch.int32)
+    wanted = (draws * counts[:, -1]).to(torch.int32) + 1
+    return (counts >= wanted.unsqueeze(1)).to(torch.uint8).argmax(1)
+
+
+def _number_groups(action_groups: npt.ArrayLike | Tensor) -> Tensor:
+    """Return the groups int64 [A] numbered 0, 1, ... without gaps."""
+    groups = torch.as_tensor(np.asarray(action_groups))
+    if groups.ndim != 1 or groups.is_floating_point() or len(groups) == 0:
+        raise ValueError(
+            f"action_groups has shape {tuple(groups.shape)} and dtype {groups.dtype}, but must be "
+            "one integer for each action, [A]"
+        )
+    numbered: Tensor = torch.unique(groups, return_inverse=True)[1]
+    return numbered
+
+
+def _check_epsilon(epsilon: float | Tensor, num_rows: int) -> Tensor:
+    """Return epsilon as float64 on the CPU, [] or [N]."""
+    chance = torch.as_tensor(epsilon, dtype=torch.float64).cpu()
+    if chance.shape not in ((), (num_rows,)):
+        raise ValueError(
+            f"epsilon has shape {tuple(chance.shape)}, but must be a number or one for each of "
+            f"the {num_rows} rows"
+        )
+    if not bool(((chance >= 0.0) & (chance <= 1.0)).all()):
+        raise ValueError(f"epsilon is {epsilon}, but a probability must lie in 0..1")
+    return chance
+
+
+def _require_legal_actions(best: Tensor) -> None:
+    """Best value of each row [N]: -inf says that no action was legal, as values are finite."""
+    if bool((best == -torch.inf).any()):
+        row = int((best == -torch.inf).nonzero()[0, 0])
+        raise ValueError(
+            f"row {row} of the action mask allows no action: the no-op must always be legal"
+        )
+
+
+def _view_tensor(array: npt.NDArray[Any]) -> Tensor:
+    """Return a tensor over the array's memory; a read-only array is copied, which torch demands."""
+    return torch.from_numpy(array if array.flags.writeable else array.copy())

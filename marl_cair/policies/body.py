@@ -1,0 +1,55 @@
+"""What every network body has: planes or a vector in, features out, and honest refusals."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, ClassVar
+
+from torch import Tensor, nn
+
+if TYPE_CHECKING:
+    from marl_cair.policies.config import QNetworkConfig
+
+MIN_SIDE = 8
+
+
+class Body(nn.Module, ABC):
+    """Observations float32 [N, *observation_shape] -> features float32 [N, num_features].
+
+    Raises ValueError where the body cannot read that shape.
+    """
+
+    DEFAULT_HIDDEN_WIDTH: ClassVar[int]
+    DEFAULT_ACTION_EMBEDDING: ClassVar[int]
+
+    def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:
+        super().__init__()
+        self.observation_shape = tuple(observation_shape)
+        self.num_features = config.resolve_hidden_width()
+
+    @abstractmethod
+    def forward(self, observation: Tensor) -> Tensor: ...
+
+
+def require_planes(body: str, shape: Sequence[int]) -> tuple[int, int, int]:
+    """Return `shape` as (C, H, W); raise ValueError where it is no stack of planes large enough."""
+    if len(shape) == 1:
+        raise ValueError(
+            f"body {body!r} needs planes [C, H, W], but the observation is a vector of shape "
+            f"{tuple(shape)}: use body='mlp', or the representation 'planes'"
+        )
+    if len(shape) != 3 or shape[0] < 1 or min(shape[1:]) < MIN_SIDE:
+        raise ValueError(
+            f"body {body!r} needs planes [C, H, W] with C >= 1 and H, W >= {MIN_SIDE}, but the "
+            f"observation shape is {tuple(shape)}: put channels first, or use a larger board"
+        )
+    return shape[0], shape[1], shape[2]
+
+
+def require_vector(body: str, shape: Sequence[int]) -> int:
+    """Return V of the shape (V,); raise ValueError where the observation is no vector."""
+    if len(shape) != 1 or shape[0] < 1:
+        raise ValueError(
+            f"body {body!r} needs a vector [V] with V >= 1, but the observation shape is "
+            f"{tuple(shape)}: use body='conv' or body='capsule' for planes [C, H, W]"
+        )
+    return shape[0]

@@ -1,0 +1,89 @@
+"""The settings of a Q-network: plain data that a checkpoint carries, checked when made."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+
+from marl_cair import policies
+from marl_cair.lookup import find_by_name
+from marl_cair.policies.heads import HEADS
+
+
+@dataclass(frozen=True)
+class CapsuleSizes:
+    """Sizes of the `capsule` body: about 260 k weights, 33 more for each action."""
+
+    trunk_channels: int = 32  # planes after the strided convolutions
+    grid_side: int = 5  # cells along each side of the fixed pooling grid
+    num_part_types: int = 8  # kinds of part a cell can hold
+    part_pose_size: int = 8  # numbers that describe one part
+    num_entities: int = 8  # entity capsules; does not depend on the number of actions
+    entity_pose_size: int = 16  # numbers that describe one entity
+    num_routing_passes: int = 2  # 1: every part goes to every entity with weight 1
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            _require_at_least(1, f"capsule.{item.name}", getattr(self, item.name))
+
+
+@dataclass(frozen=True)
+class QNetworkConfig:
+    """Which body and head, and how wide. None means the body's own usual number."""
+
+    body: str = "conv"
+    head: str = "dueling"
+    hidden_width: int | None = None  # features between body and head: conv, mlp 256; capsule 128
+    action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
+    capsule: CapsuleSizes = field(default_factory=CapsuleSizes)
+
+    def __post_init__(self) -> None:
+        find_by_name("network", self.body, policies.NETWORKS)
+        find_by_name("head", self.head, HEADS)
+        if self.hidden_width is not None:
+            _require_at_least(1, "hidden_width", self.hidden_width)
+        if self.action_embedding is not None:
+            _require_at_least(0, "action_embedding", self.action_embedding)
+        if self.head != "dueling" and self.action_embedding:
+            raise ValueError(
+                f"action_embedding is {self.action_embedding}, but head {self.head!r} has none: "
+                "set it to 0 or None, or use head='dueling'"
+            )
+
+    def resolve_hidden_width(self) -> int:
+        """Return the number F of features between body and head."""
+        if self.hidden_width is not None:
+            return self.hidden_width
+        return policies.NETWORKS[self.body].DEFAULT_HIDDEN_WIDTH
+
+    def resolve_action_embedding(self) -> int:
+        """Return the rank r of the action embedding, 0 where the head has none."""
+        if self.head != "dueling":
+            return 0
+        if self.action_embedding is not None:
+            return self.action_embedding
+        return policies.NETWORKS[self.body].DEFAULT_ACTION_EMBEDDING
+
+    def to_dict(self) -> dict[str, object]:
+        """Return nested plain values; `from_dict` makes an equal configuration of them."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, object]) -> "QNetworkConfig":
+        """Read what `to_dict` wrote; raises ValueError for a key that is none of the settings."""
+        _refuse_unknown_keys("network setting", values, cls)
+        rest = {name: value for name, value in values.items() if name != "capsule"}
+        sizes = values.get("capsule", {})
+        if isinstance(sizes, Mapping):
+            _refuse_unknown_keys("capsule size", sizes, CapsuleSizes)
+            sizes = CapsuleSizes(**sizes)
+        return cls(**rest, capsule=sizes)  # type: ignore[arg-type]  # __post_init__ checks them
+
+
+def _refuse_unknown_keys(kind: str, values: Mapping[str, object], owner: type) -> None:
+    known = {item.name: item for item in fields(owner)}
+    for name in values:
+        find_by_name(kind, name, known)
+
+
+def _require_at_least(minimum: int, name: str, value: object) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or value < minimum:
+        raise ValueError(f"{name} is {value!r}, but must be an integer of at least {minimum}")

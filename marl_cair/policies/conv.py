@@ -1,0 +1,91 @@
+"""The `conv` body: three convolutions by board size, then one dense layer."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from marl_cair.policies.body import Body, require_planes
+
+if TYPE_CHECKING:
+    from marl_cair.policies.config import QNetworkConfig
+
+IMAGE_MIN_SIDE = 64  # pixels: from here the input is an image, and the layers those of Atari
+SMALL_BOARD_MAX_SIDE = 20  # tiles: up to here one stride is enough
+MAX_MAP_CELLS = 100  # cells before the dense layer: keeps it below about 1.6 M weights
+
+
+class ConvLayer(NamedTuple):
+    """One square convolution; sizes in cells."""
+
+    channels: int
+    kernel: int
+    stride: int
+    padding: int
+
+    def shrink(self, side: int) -> int:
+        """Return the side of the output map for an input of `side` cells."""
+        return (side + 2 * self.padding - self.kernel) // self.stride + 1
+
+
+SMALL_BOARD = (ConvLayer(32, 3, 1, 1), ConvLayer(64, 3, 2, 1), ConvLayer(64, 3, 1, 1))
+LARGE_BOARD = (ConvLayer(32, 3, 2, 1), ConvLayer(64, 3, 2, 1), ConvLayer(64, 3, 1, 1))
+IMAGE = (ConvLayer(32, 8, 4, 0), ConvLayer(64, 4, 2, 0), ConvLayer(64, 3, 1, 0))
+EXTRA = ConvLayer(64, 3, 2, 1)
+
+
+class ConvBody(Body):
+    """Planes float32 [N, C, H, W] -> features float32 [N, F].
+
+    Boards keep their resolution in the first layer, since one cell may decide a game; images get
+    the layers of Mnih et al. 2015 (Nature 518, Methods). Maps that are still large get further
+    layers of stride 2, so that the dense layer stays bounded up to any input size.
+    """
+
+    DEFAULT_HIDDEN_WIDTH: ClassVar[int] = 256
+    DEFAULT_ACTION_EMBEDDING: ClassVar[int] = 0
+
+    def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:
+        super().__init__(observation_shape, config)
+        num_planes, num_rows, num_columns = require_planes("conv", observation_shape)
+        layers, num_cells = choose_layers(num_rows, num_columns)
+        self.convolutions = stack_convolutions(num_planes, layers)
+        self.dense = nn.Sequential(
+            nn.Linear(layers[-1].channels * num_cells, self.num_features), nn.ReLU()
+        )
+
+    def forward(self, observation: Tensor) -> Tensor:
+        # Channels last is 10 to 25 % faster on CPU, and what tensor cores want.
+        planes = observation.contiguous(memory_format=torch.channels_last)
+        features: Tensor = self.dense(self.convolutions(planes).flatten(1))
+        return features
+
+
+def choose_layers(num_rows: int, num_columns: int) -> tuple[tuple[ConvLayer, ...], int]:
+    """Return the layers for a board of this size, and the number of cells of their last map."""
+    layers: tuple[ConvLayer, ...]
+    if min(num_rows, num_columns) >= IMAGE_MIN_SIDE:
+        layers = IMAGE
+    elif max(num_rows, num_columns) > SMALL_BOARD_MAX_SIDE:
+        layers = LARGE_BOARD
+    else:
+        layers = SMALL_BOARD
+    for layer in layers:
+        num_rows, num_columns = layer.shrink(num_rows), layer.shrink(num_columns)
+    while num_rows * num_columns > MAX_MAP_CELLS:
+        layers = (*layers, EXTRA)
+        num_rows, num_columns = EXTRA.shrink(num_rows), EXTRA.shrink(num_columns)
+    return layers, num_rows * num_columns
+
+
+def stack_convolutions(num_planes: int, layers: Sequence[ConvLayer]) -> nn.Sequential:
+    """Return the convolutions, each followed by a ReLU; the first reads `num_planes` planes."""
+    stack: list[nn.Module] = []
+    for layer in layers:
+        stack.append(
+            nn.Conv2d(num_planes, layer.channels, layer.kernel, layer.stride, layer.padding)
+        )
+        stack.append(nn.ReLU())
+        num_planes = layer.channels
+    return nn.Sequential(*stack)

@@ -1,0 +1,93 @@
+"""The Q-network: any body and any head, made from one configuration, a shape and a seed."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import torch
+from torch import Tensor, nn
+
+from marl_cair import policies
+from marl_cair.lookup import find_by_name
+from marl_cair.policies.config import CapsuleSizes, QNetworkConfig
+from marl_cair.policies.heads import HEADS
+
+__all__ = ["CapsuleSizes", "QNetwork", "QNetworkConfig", "make_q_network"]
+
+UINT8_SCALE = 1.0 / 255.0
+
+
+class QNetwork(nn.Module):
+    """Action values of observations; `make_q_network` makes one from a seed.
+
+    Raises ValueError where the body cannot read the shape, or `num_actions` is below 1.
+    """
+
+    def __init__(
+        self, config: QNetworkConfig, observation_shape: Sequence[int], num_actions: int
+    ) -> None:
+        super().__init__()
+        if num_actions < 1:
+            raise ValueError(f"num_actions is {num_actions}, but a network needs at least 1 action")
+        self.config = config
+        self.observation_shape = tuple(int(size) for size in observation_shape)
+        self.num_actions = num_actions
+        self.body = find_by_name("network", config.body, policies.NETWORKS)(
+            self.observation_shape, config
+        )
+        self.head = HEADS[config.head](
+            self.body.num_features, num_actions, config.resolve_action_embedding()
+        )
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Observation uint8 or float [..., *observation_shape] -> action values float32 [..., A].
+
+        uint8 is scaled to [0, 1] here, so that it can be stored and moved as bytes; floats are
+        taken as they are. Raises ValueError for another shape, TypeError for another dtype.
+        """
+        num_axes = len(self.observation_shape)
+        if tuple(observation.shape[-num_axes:]) != self.observation_shape:
+            raise ValueError(
+                f"the observation has shape {tuple(observation.shape)}, but this network reads "
+                f"[..., {', '.join(map(str, self.observation_shape))}]: make the network for this "
+                "representation, or pass the one that it was made for"
+            )
+        batch_shape = observation.shape[:-num_axes]
+        rows = observation.reshape(-1, *self.observation_shape)
+        values: Tensor = self.head(self.body(_to_float(rows)))
+        return values.float().reshape(*batch_shape, self.num_actions)
+
+
+def make_q_network(
+    config: QNetworkConfig, observation_shape: Sequence[int], num_actions: int, seed: int | None
+) -> QNetwork:
+    """Return a new network on the CPU; equal seeds give equal bits.
+
+    With a seed torch's global random state is left as it was; None draws the weights from it.
+    """
+    if seed is None:
+        return QNetwork(config, observation_shape, num_actions)
+    with _seeded_global_generator(seed):
+        return QNetwork(config, observation_shape, num_actions)
+
+
+def _to_float(observation: Tensor) -> Tensor:
+    if observation.dtype == torch.uint8:
+        return observation.float() * UINT8_SCALE
+    if observation.is_floating_point():
+        return observation.float()
+    raise TypeError(
+        f"the observation has dtype {observation.dtype}, but must be torch.uint8 (0..255, scaled "
+        "by the network) or floating point (taken as it is): convert it with .float()"
+    )
+
+
+@contextmanager
+def _seeded_global_generator(seed: int) -> Iterator[None]:
+    # Layers draw from the global CPU generator and take no other. torch.manual_seed would also
+    # reseed the GPUs, whose state belongs to the caller.
+    state = torch.default_generator.get_state()
+    torch.default_generator.manual_seed(seed)
+    try:
+        yield
+    finally:
+        torch.default_generator.set_state(state)

@@ -1,0 +1,83 @@
+"""`UniformSampler`: every step that starts a transition is drawn with the same probability."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torchrl.data.replay_buffers.samplers import Sampler
+
+from marl_cair.replay.array_folder import load_arrays, save_arrays
+from marl_cair.replay.storage import EpisodeStorage
+
+_LIST_BELOW = 0.5  # share of sampleable entries below which listing them beats rejecting
+
+
+class UniformSampler(Sampler):
+    """Draws slots of an EpisodeStorage with replacement, from its own seeded generator.
+
+    Entries that cannot be sampled are drawn anew, or never drawn where they are many. TorchRL's
+    RandomSampler cannot leave entries out, and does not save its generator.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._generator = torch.Generator().manual_seed(seed)
+
+    def sample(
+        self, storage: EpisodeStorage, batch_size: int
+    ) -> tuple[torch.Tensor, dict[str, Any]]:
+        """Return `batch_size` slots, int64, and no further information.
+
+        Raises RuntimeError while nothing can be sampled.
+        """
+        num_sampleable = storage.num_sampleable
+        if num_sampleable == 0:
+            raise RuntimeError(
+                f"no transition to sample yet: the replay holds {len(storage)} entries, none of "
+                "which has a next observation; append more steps first"
+            )
+        if num_sampleable < _LIST_BELOW * len(storage):
+            slots = storage.sampleable_slots()
+            return slots[draw_integers(num_sampleable, batch_size, self._generator)], {}
+        index = draw_integers(len(storage), batch_size, self._generator)
+        rejected = ~storage.is_sampleable(index)
+        while rejected.any():
+            again = draw_integers(len(storage), int(rejected.sum()), self._generator)
+            index[rejected] = again
+            rejected = ~storage.is_sampleable(index)
+        return index, {}
+
+    def _sampleable_count(self, storage: EpisodeStorage, batch_size: int) -> int:
+        return storage.num_sampleable
+
+    def _empty(self) -> None:
+        """Keep the generator as it is: it does not depend on what is stored."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state of the generator."""
+        return {"generator": self._generator.get_state()}
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Go on drawing where the saved sampler stood."""
+        self._generator.set_state(state_dict["generator"])
+
+    def dumps(self, path: str | os.PathLike[str]) -> None:
+        """Write the state to a new folder."""
+        save_arrays(Path(path), {"generator": self._generator.get_state().numpy()}, {})
+
+    def loads(self, path: str | os.PathLike[str]) -> None:
+        """Read what `dumps` wrote."""
+        arrays, _ = load_arrays(Path(path))
+        self._generator.set_state(torch.from_numpy(np.array(arrays["generator"])))
+
+
+def draw_integers(bound: int, num_draws: int, generator: torch.Generator) -> torch.Tensor:
+    """Draw int64 [num_draws] uniformly from 0..bound - 1.
+
+    From 63 random bits, so that the remainder favours no value by more than bound / 2^63, where
+    torch.randint takes 32 bits for small bounds.
+    """
+    draws = torch.empty(num_draws, dtype=torch.int64).random_(generator=generator)
+    return draws.remainder_(bound)

@@ -1,0 +1,243 @@
+"""Acting: masks, exploration as it is distributed, generators, and networks as agents."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor, masked_argmax
+from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+
+NAN, INF = float("nan"), float("inf")
+GROUPS = [7, 3, 3, 3, 9, 9]  # six actions in three groups, in no order and with gaps
+
+
+def all_legal(num_rows: int, num_actions: int) -> torch.Tensor:
+    return torch.ones(num_rows, num_actions, dtype=torch.bool)
+
+
+def make_actor(**settings_) -> PolicyActor:
+    network = make_q_network(QNetworkConfig(), (3, 10, 15), 6, seed=0)
+    return PolicyActor(network, "student", "planes", MaskedEpsilonGreedy(1, GROUPS), **settings_)
+
+
+def random_batch(num_rows: int) -> tuple[np.ndarray, np.ndarray]:
+    generator = np.random.default_rng(0)
+    observation = generator.integers(0, 256, (num_rows, 3, 10, 15), dtype=np.uint8)
+    mask = generator.random((num_rows, 6)) < 0.5
+    mask[:, 0] = True
+    return observation, mask
+
+
+value = st.one_of(st.floats(-3, 3, width=32), st.sampled_from([NAN, INF, -INF]))
+
+
+@given(
+    st.integers(1, 8).flatmap(
+        lambda n: st.tuples(
+            st.lists(value, min_size=n, max_size=n),
+            st.lists(st.booleans(), min_size=n, max_size=n).filter(any),
+        )
+    )
+)
+@settings(max_examples=200, deadline=None)
+def test_argmax_is_legal_and_largest_and_lowest_among_equals(row):
+    values, mask = row
+    chosen = masked_argmax(torch.tensor([values]), torch.tensor([mask])).item()
+    lowest = torch.finfo(torch.float32).min
+    ranks = [max(lowest, -INF if math.isnan(v) else v) for v in values]
+    legal = [index for index, allowed in enumerate(mask) if allowed]
+    assert chosen == max(legal, key=lambda index: (ranks[index], -index))
+
+
+def test_an_illegal_action_never_wins_even_against_nothing_but_nan():
+    values = torch.tensor([[INF, NAN, NAN], [9.0, -INF, -INF], [NAN, NAN, -5.0]])
+    mask = torch.tensor([[False, True, True], [False, False, True], [False, True, True]])
+    assert masked_argmax(values, mask).tolist() == [1, 2, 2]
+
+
+def test_argmax_gives_int64_for_every_row():
+    actions = masked_argmax(torch.zeros(5, 3), all_legal(5, 3))
+    assert actions.dtype == torch.int64
+    assert actions.tolist() == [0] * 5
+
+
+def test_a_row_without_legal_actions_is_named():
+    mask = torch.tensor([[True, False], [False, False]])
+    with pytest.raises(ValueError, match="row 1 of the action mask allows no action: the no-op"):
+        masked_argmax(torch.zeros(2, 2), mask)
+
+
+def test_a_mask_of_another_shape_or_dtype_is_refused():
+    with pytest.raises(ValueError, match=r"the mask has shape \(2, 3\).*pass a bool mask of the"):
+        masked_argmax(torch.zeros(2, 2), all_legal(2, 3))
+    with pytest.raises(ValueError, match=r"dtype torch.float32.*pass a bool mask"):
+        masked_argmax(torch.zeros(2, 2), torch.ones(2, 2))
+
+
+def test_epsilon_zero_is_the_argmax():
+    values = torch.randn(500, 6, generator=torch.Generator().manual_seed(0))
+    actions = MaskedEpsilonGreedy(0, GROUPS)(values, all_legal(500, 6), 0.0)
+    assert torch.equal(actions, values.argmax(-1))
+
+
+def frequencies(mask: list[bool], groups: list[int] | None, epsilon: float = 1.0) -> torch.Tensor:
+    num_rows = 60_000
+    values = torch.tensor([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).expand(num_rows, 6)
+    explore = MaskedEpsilonGreedy(3, groups)
+    actions = explore(values, torch.tensor(mask).expand(num_rows, 6), epsilon)
+    return torch.bincount(actions, minlength=6) / num_rows
+
+
+def assert_frequencies(found: torch.Tensor, expected: list[float]) -> None:
+    wanted = torch.tensor(expected)
+    assert torch.equal(found > 0, wanted > 0)
+    torch.testing.assert_close(found, wanted, rtol=0.0, atol=0.01)  # 5 standard deviations
+
+
+def test_exploration_draws_legal_groups_alike_then_their_legal_actions():
+    assert_frequencies(frequencies([True] * 6, GROUPS), [1 / 3, 1 / 9, 1 / 9, 1 / 9, 1 / 6, 1 / 6])
+    legal = [True, False, True, True, False, False]
+    assert_frequencies(frequencies(legal, GROUPS), [1 / 2, 0, 1 / 4, 1 / 4, 0, 0])
+
+
+def test_exploration_without_groups_draws_legal_actions_alike():
+    legal = [True, False, True, True, False, False]
+    assert_frequencies(frequencies(legal, None), [1 / 3, 0, 1 / 3, 1 / 3, 0, 0])
+
+
+def test_epsilon_is_the_share_of_exploring_rows():
+    found = frequencies([True] * 6, GROUPS, epsilon=0.3)
+    assert_frequencies(found, [0.1, 1 / 30, 1 / 30, 1 / 30, 0.05, 0.75])
+
+
+@given(seed=st.integers(0, 2**31), num_actions=st.integers(1, 40), grouped=st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_exploration_is_always_legal(seed, num_actions, grouped):
+    generator = torch.Generator().manual_seed(seed)
+    mask = torch.rand(64, num_actions, generator=generator) < 0.2
+    mask[torch.arange(64), torch.randint(num_actions, (64,), generator=generator)] = True
+    groups = torch.randint(5, (num_actions,), generator=generator) if grouped else None
+    actions = MaskedEpsilonGreedy(seed, groups)(torch.zeros(64, num_actions), mask, 1.0)
+    assert mask[torch.arange(64), actions].all()
+
+
+def test_each_row_has_an_epsilon_of_its_own():
+    num_rows = 400
+    values = torch.tensor([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]).expand(num_rows, 6)
+    epsilon = (torch.arange(num_rows) % 2).float()
+    mask = torch.tensor([True, False, True, True, True, True]).expand(num_rows, 6)
+    actions = MaskedEpsilonGreedy(0)(values, mask, epsilon)
+    assert (actions[0::2] == 0).all()
+    assert 120 < (actions[1::2] != 0).sum() < 190  # expected 160, standard deviation 5.7
+
+
+def test_the_stream_depends_on_the_rows_alone_and_continues_from_its_state():
+    values, mask = torch.zeros(50, 6), all_legal(50, 6)
+    first, second = MaskedEpsilonGreedy(5, GROUPS), MaskedEpsilonGreedy(5, GROUPS)
+    first(values, mask, 0.0)
+    second(values + 1.0, mask, 1.0)
+    state = first.state_dict()
+    actions = first(values, mask, 1.0)
+    assert torch.equal(actions, second(values, mask, 1.0))
+    restored = MaskedEpsilonGreedy(99, GROUPS)
+    restored.load_state_dict(state)
+    assert torch.equal(restored(values, mask, 1.0), actions)
+    restored.seed(5)
+    restored(values, mask, 0.0)
+    assert torch.equal(restored(values, mask, 1.0), actions)
+
+
+def test_exploration_leaves_the_global_generator_alone():
+    before = torch.get_rng_state()
+    MaskedEpsilonGreedy(0, GROUPS)(torch.zeros(5, 6), all_legal(5, 6), 1.0)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+@pytest.mark.parametrize("epsilon", [-0.1, 1.1, NAN, torch.tensor([0.5, 2.0])])
+def test_an_epsilon_that_is_no_probability_is_refused(epsilon):
+    with pytest.raises(ValueError, match=r"but a probability must lie in 0\.\.1"):
+        MaskedEpsilonGreedy(0)(torch.zeros(2, 6), all_legal(2, 6), epsilon)
+
+
+def test_an_epsilon_for_other_rows_is_refused():
+    with pytest.raises(ValueError, match=r"epsilon has shape \(3,\), but must be a number or one"):
+        MaskedEpsilonGreedy(0)(torch.zeros(2, 6), all_legal(2, 6), torch.zeros(3))
+
+
+def test_groups_for_other_actions_are_refused():
+    with pytest.raises(ValueError, match="action_groups has 6 entries, but there are 5 actions"):
+        MaskedEpsilonGreedy(0, GROUPS)(torch.zeros(2, 5), all_legal(2, 5), 0.0)
+
+
+@pytest.mark.parametrize("groups", [[0.5, 1.0], [[0, 1]], np.zeros(0, dtype=np.int16)])
+def test_groups_that_are_no_integers_per_action_are_refused(groups):
+    with pytest.raises(ValueError, match="must be one integer for each action"):
+        MaskedEpsilonGreedy(0, groups)
+
+
+def test_an_actor_plays_the_best_legal_action_of_its_network():
+    actor = make_actor()
+    observation, mask = random_batch(40)
+    actions = actor.act(observation, mask)
+    values = actor.network(torch.from_numpy(observation))
+    assert actions.dtype == np.int64
+    assert actions.tolist() == masked_argmax(values, torch.from_numpy(mask)).tolist()
+
+
+@pytest.mark.parametrize("num_rows", [0, 1, 7, 8, 9, 40])
+def test_chunks_do_not_change_the_values(num_rows):
+    observation = torch.from_numpy(random_batch(num_rows)[0])
+    whole = make_actor(chunk_rows=1000).compute_values(observation)
+    chunked = make_actor(chunk_rows=8).compute_values(observation)
+    assert whole.shape == (num_rows, 6)
+    torch.testing.assert_close(chunked, whole)
+
+
+def test_values_carry_no_gradient_but_can_be_used_in_training():
+    values = make_actor().compute_values(torch.from_numpy(random_batch(4)[0]))
+    assert not values.requires_grad
+    assert not values.is_inference()
+    values += 1.0
+
+
+def test_an_actor_takes_read_only_arrays_as_they_are():
+    observation, mask = random_batch(4)
+    expected = make_actor().act(observation, mask)
+    observation.flags.writeable = mask.flags.writeable = False
+    assert make_actor().act(observation, mask).tolist() == expected.tolist()
+
+
+def test_an_actor_reproduces_its_exploration_from_seed_and_state():
+    actor = make_actor(epsilon=1.0)
+    observation, mask = random_batch(60)
+    actor.seed(4)
+    first = actor.act(observation, mask).tolist()
+    state = actor.state_dict()
+    second = actor.act(observation, mask).tolist()
+    actor.seed(4)
+    assert actor.act(observation, mask).tolist() == first != second
+    actor.load_state_dict(state)
+    assert actor.act(observation, mask).tolist() == second
+
+
+def test_an_epsilon_for_one_call_overrides_the_actors_own():
+    observation, mask = (torch.from_numpy(array) for array in random_batch(60))
+    actor = make_actor(epsilon=1.0)
+    greedy = make_actor().select_actions(observation, mask)
+    assert torch.equal(actor.select_actions(observation, mask, epsilon=0.0), greedy)
+    assert not torch.equal(actor.select_actions(observation, mask), greedy)
+
+
+def test_an_actor_without_exploration_is_greedy():
+    observation, mask = random_batch(20)
+    actor = PolicyActor(make_actor().network, "student", "planes")
+    assert actor.act(observation, mask).tolist() == make_actor().act(observation, mask).tolist()
+
+
+def test_chunks_of_no_rows_are_refused():
+    with pytest.raises(ValueError, match="chunk_rows is 0, but must be at least 1"):
+        make_actor(chunk_rows=0)

@@ -1,0 +1,174 @@
+"""The capsule layers against plain formulas, and the counts of the body's weights."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from marl_cair.policies.capsule_layers import (
+    ROUTING_CHUNK_ROWS,
+    EntityRouting,
+    GridPooling,
+    PartCapsules,
+    measure_presence,
+    overlap_shares,
+    squash,
+)
+from marl_cair.policies.q_network import CapsuleSizes, QNetworkConfig, make_q_network
+
+
+@pytest.fixture(autouse=True)
+def _seeded():
+    with torch.random.fork_rng(devices=[]):
+        torch.default_generator.manual_seed(0)
+        yield
+
+
+def count_weights(shape: tuple[int, int, int], num_actions: int) -> int:
+    network = make_q_network(QNetworkConfig(body="capsule"), shape, num_actions, seed=0)
+    return sum(weight.numel() for weight in network.parameters())
+
+
+def test_weights_are_counted_as_in_the_table():
+    assert count_weights((5, 10, 15), 4) == 258_253
+    assert count_weights((3, 25, 25), 4) == 257_677
+    assert count_weights((1, 84, 84), 4) == 266_029
+    assert count_weights((3, 128, 128), 300) == 279_893
+
+
+def test_each_action_adds_33_weights_and_a_larger_board_none():
+    assert count_weights((5, 10, 15), 300) - count_weights((5, 10, 15), 100) == 33 * 200
+    assert count_weights((5, 10, 15), 4) == count_weights((5, 19, 61), 4)
+    assert count_weights((1, 64, 64), 4) == count_weights((1, 300, 400), 4)
+
+
+@given(positions=st.integers(1, 40), cells=st.integers(1, 9))
+@settings(max_examples=60, deadline=None)
+def test_shares_divide_each_cell_and_each_position_wholly(positions, cells):
+    shares = overlap_shares(positions, cells)
+    torch.testing.assert_close(shares.sum(1), torch.ones(cells))
+    torch.testing.assert_close(shares.sum(0), torch.full((positions,), cells / positions))
+
+
+def test_shares_of_three_positions_over_two_cells():
+    expected = torch.tensor([[2 / 3, 1 / 3, 0.0], [0.0, 1 / 3, 2 / 3]])
+    torch.testing.assert_close(overlap_shares(3, 2), expected)
+
+
+def test_pooling_is_the_mean_weighted_by_presence():
+    poses, presences = torch.randn(2, 3, 4, 6, 10), torch.rand(2, 4, 6, 10)
+    pooled, cell_presence = GridPooling(6, 10, 2)(poses, presences)
+    block, weight = poses[1, :, 2, 3:, :5], presences[1, 2, 3:, :5]  # lower left cell
+    presence = weight.square().sum() / weight.sum()
+    expected = presence * (block * weight).sum((1, 2)) / weight.sum()
+    torch.testing.assert_close(cell_presence[1, 2, 2], presence)
+    torch.testing.assert_close(pooled[1, :, 2, 2], expected)
+
+
+def test_one_present_part_in_a_large_cell_is_not_diluted():
+    poses, presences = torch.zeros(1, 2, 1, 40, 40), torch.full((1, 1, 40, 40), 1e-4)
+    poses[0, :, 0, 7, 9] = torch.tensor([3.0, -2.0])
+    presences[0, 0, 7, 9] = 1.0
+    pooled, presence = GridPooling(40, 40, 1)(poses, presences)
+    assert presence.item() > 0.8
+    assert pooled[0, 0, 0, 0] > 2.0
+
+
+@pytest.mark.parametrize("sides", [(1, 1), (2, 3), (5, 8), (37, 50)])
+def test_pooling_gives_the_same_grid_for_every_map_even_a_smaller_one(sides):
+    poses = torch.ones(1, 2, 3, *sides)
+    pooled, presence = GridPooling(*sides, 5)(poses, torch.full((1, 3, *sides), 0.5))
+    torch.testing.assert_close(presence, torch.full((1, 3, 25), 0.5))
+    torch.testing.assert_close(pooled, torch.full((1, 2, 3, 25), 0.5))
+
+
+def test_absent_parts_pool_to_zero_without_dividing_by_it():
+    pooled, presence = GridPooling(6, 6, 2)(torch.randn(1, 2, 1, 6, 6), torch.zeros(1, 1, 6, 6))
+    assert torch.equal(pooled, torch.zeros(1, 2, 1, 4))
+    assert torch.equal(presence, torch.zeros(1, 1, 4))
+
+
+def test_presence_and_pose_of_a_part_are_separate_outputs():
+    layer = PartCapsules(4, num_types=3, pose_size=2)
+    planes = torch.randn(2, 4, 9, 9)
+    poses, presences = layer(planes)
+    assert poses.shape == (2, 2, 3, 5, 5)
+    assert presences.shape == (2, 3, 5, 5)
+    with torch.no_grad():
+        layer.convolution.bias[:3] += 100.0  # the first T outputs are the presences
+    moved, ones = layer(planes)
+    assert torch.equal(moved, poses)
+    assert torch.equal(ones, torch.ones_like(ones))
+
+
+def route_with_votes(layer: EntityRouting, parts: torch.Tensor, num_passes: int) -> torch.Tensor:
+    """The textbook form: build every vote, weight by agreement, sum. Returns [N, K, O]."""
+    num_rows, part_size, num_parts = parts.shape
+    weight = layer.weight.view(layer.num_entities, part_size, num_parts, -1)
+    votes = torch.einsum("ndi,kdio->niko", parts, weight)
+    agreement = torch.zeros(num_rows, num_parts, layer.num_entities)
+    for _ in range(num_passes):
+        weights = layer.num_entities * agreement.softmax(-1)
+        entities = torch.einsum("nik,niko->nko", weights, votes)
+        agreement = agreement + torch.einsum("niko,nko->nik", votes, squash(entities)).detach()
+    return entities
+
+
+@pytest.mark.parametrize("num_passes", [1, 2, 3])
+@pytest.mark.parametrize("num_rows", [3, ROUTING_CHUNK_ROWS + 5])
+def test_routing_without_votes_equals_routing_with_votes(num_passes, num_rows):
+    layer = EntityRouting(12, 4, 5, 6)
+    parts = 4.0 * torch.randn(num_rows, 4, 12)  # large, so that the parts disagree
+    ours, textbook = parts.clone().requires_grad_(), parts.clone().requires_grad_()
+    entities, weights = layer(ours, num_passes)
+    expected = route_with_votes(layer, textbook, num_passes)
+    torch.testing.assert_close(entities, expected, rtol=1e-4, atol=1e-5)
+    direction = torch.randn_like(expected)
+    (entities * direction).sum().backward()
+    (expected * direction).sum().backward()
+    torch.testing.assert_close(ours.grad, textbook.grad, rtol=1e-4, atol=1e-4)
+    assert weights.shape == (5, num_rows, 12)
+    assert (weights.std() > 0.1) == (num_passes > 1)
+
+
+def test_weights_of_each_part_sum_to_the_number_of_entities():
+    layer = EntityRouting(12, 4, 5, 6)
+    weights = layer.find_weights(4.0 * torch.randn(7, 4, 12), num_passes=3)
+    assert (weights > 0).all()
+    torch.testing.assert_close(weights.sum(0), torch.full((7, 12), 5.0))
+
+
+def test_one_pass_weighs_every_part_by_one():
+    weights = EntityRouting(12, 4, 5, 6).find_weights(torch.randn(7, 4, 12), num_passes=1)
+    assert torch.equal(weights, torch.ones(5, 7, 12))
+
+
+@given(length=st.floats(0.0, 1e6))
+@settings(max_examples=50, deadline=None)
+def test_squash_and_presence_follow_their_formula(length):
+    vector = torch.tensor([[0.6, -0.8]]) * length
+    expected = length**2 / (1 + length**2)
+    assert math.isclose(measure_presence(vector).item(), expected, rel_tol=1e-5, abs_tol=1e-9)
+    assert math.isclose(squash(vector).norm().item(), expected, rel_tol=1e-4, abs_tol=1e-9)
+
+
+def test_presence_has_a_finite_gradient_where_an_entity_is_absent():
+    vectors = torch.zeros(2, 3, 4, requires_grad=True)
+    measure_presence(vectors).sum().backward()
+    assert torch.equal(vectors.grad, torch.zeros(2, 3, 4))
+
+
+def test_the_body_shows_its_entities():
+    sizes = CapsuleSizes(grid_side=3, num_part_types=4, num_entities=6, entity_pose_size=5)
+    config = QNetworkConfig(body="capsule", capsule=sizes)
+    network = make_q_network(config, (3, 10, 15), 4, seed=0)
+    entities = network.body.find_entities(torch.rand(2, 3, 10, 15))
+    assert entities.pose.shape == (2, 6, 5)
+    assert entities.presence.shape == (2, 6)
+    assert entities.part_presence.shape == (2, 4, 9)
+    assert entities.routing.shape == (6, 2, 36)
+    assert torch.equal(entities.presence, measure_presence(entities.pose))
+    assert (entities.presence >= 0).all()
+    assert (entities.presence < 1).all()

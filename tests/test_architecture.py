@@ -1,0 +1,314 @@
+"""The rules that keep the code readable: imports point one way, files are short, nothing is hidden.
+
+Every test reads the files that exist, so that a new module is held to the rules by being there.
+"""
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "marl_cair"
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+OTHER_SOURCES = sorted(
+    path for folder in ("tests", "scripts", "benchmarks") for path in (ROOT / folder).rglob("*.py")
+)
+
+MAX_FILE_LINES = 400
+MAX_SCRIPT_LINES = 40
+
+LEAVES = {"lookup", "files"}
+# What each part of the package may import of it, beside the leaves and itself.
+MAY_IMPORT: dict[str, set[str]] = {
+    "lookup": set(),
+    "files": set(),
+    "games": set(),
+    "policies": set(),
+    "replay": set(),
+    "generative": {"replay", "policies"},
+    "checkpoint": {"policies"},
+    "league": {"games", "policies", "checkpoint"},
+    "training": {"games", "policies", "replay", "generative", "checkpoint", "league"},
+    "cli": {"", "games", "league", "training"},  # "" is what `import marl_cair` gives every user
+}
+TORCH = {"torch", "torchrl", "tensordict"}
+# The only files of games/ that may import a library which the rules must not know.
+GAMES_DOORS: dict[str, set[str]] = {
+    **{library: {"torchrl_env.py"} for library in TORCH},
+    "pettingzoo": {"parallel_env.py"},
+    "gymnasium": {"gymnasium_env.py", "parallel_env.py"},
+}
+OPTIONAL = {"pygame"}
+# Imported when used: each alone takes longer than `import marl_cair` may (0.3 s).
+NOT_AT_IMPORT = [*sorted(TORCH), "numba", "matplotlib.pyplot", "scipy.stats", "pygame", "hydra"]
+
+
+def relative(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def read_tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def name_is_module(name: str) -> bool:
+    location = ROOT.joinpath(*name.split("."))
+    return location.is_dir() or location.with_suffix(".py").is_file()
+
+
+def imported_modules(path: Path, tree: ast.AST) -> Iterator[str]:
+    """Full names of all that `tree` imports: all three spellings, at any depth, and by string."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            source = absolute_source(path, node)
+            for alias in node.names:
+                full_name = f"{source}.{alias.name}"
+                yield full_name if name_is_module(full_name) else source
+        elif isinstance(node, ast.Call) and node.args:
+            called = ast.unparse(node.func).rpartition(".")[2]
+            first = node.args[0]
+            if called in {"import_module", "__import__"} and isinstance(first, ast.Constant):
+                yield str(first.value)
+
+
+def absolute_source(path: Path, node: ast.ImportFrom) -> str:
+    if node.level == 0:
+        return str(node.module)
+    package = path.relative_to(ROOT).parent.parts
+    kept = package[: len(package) - (node.level - 1)]
+    return ".".join([*kept, *([node.module] if node.module else [])])
+
+
+def part_of(module: str) -> str:
+    """The part of the package that `module` belongs to; "" is the package's own __init__."""
+    return module.removeprefix("marl_cair").removeprefix(".").partition(".")[0]
+
+
+def game_of(module: str) -> str | None:
+    """The folder under games/ that `module` belongs to, if it does."""
+    parts = module.split(".")
+    if parts[:2] != ["marl_cair", "games"] or len(parts) < 3:
+        return None
+    return parts[2] if (PACKAGE / "games" / parts[2]).is_dir() else None
+
+
+def forbidden_imports(path: Path, tree: ast.AST) -> list[str]:
+    """What `path` imports of the package although the table does not allow it."""
+    own = module_name(path)
+    if own == "marl_cair":
+        return [name for name in imported_modules(path, tree) if part_of(name) == "cli"]
+    allowed = LEAVES | MAY_IMPORT[part_of(own)] | {part_of(own)}
+    return [
+        name
+        for name in imported_modules(path, tree)
+        if name.split(".")[0] == "marl_cair" and part_of(name) not in allowed
+    ]
+
+
+class RuntimeOnly(ast.NodeTransformer):
+    """Drops what only a type checker reads: an annotation may name a class of any library."""
+
+    def visit_If(self, node: ast.If) -> ast.AST | list[ast.stmt]:
+        self.generic_visit(node)
+        return node.orelse if "TYPE_CHECKING" in ast.unparse(node.test) else node
+
+
+def top_level_imports(tree: ast.Module) -> Iterator[str]:
+    """Roots of what is imported with the module, not inside its functions."""
+    pending: list[ast.AST] = list(tree.body)
+    while pending:
+        node = pending.pop()
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            continue
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            yield str(node.module).split(".")[0]
+        else:
+            pending.extend(ast.iter_child_nodes(node))
+
+
+every_source = pytest.mark.parametrize("path", SOURCES, ids=relative)
+every_file = pytest.mark.parametrize("path", SOURCES + OTHER_SOURCES, ids=relative)
+every_games_source = pytest.mark.parametrize(
+    "path", [path for path in SOURCES if path.is_relative_to(PACKAGE / "games")], ids=relative
+)
+
+
+@every_source
+def test_imports_point_one_way(path):
+    part = part_of(module_name(path))
+    assert part == "" or part in MAY_IMPORT, f"give {part} a row in MAY_IMPORT"
+    assert forbidden_imports(path, read_tree(path)) == []
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import marl_cair.training.trainer",
+        "from marl_cair.training import trainer",
+        "from marl_cair import training",
+        "from ..training import trainer",
+        "from .. import training",
+        "def act():\n    from marl_cair.training import trainer",
+        "importlib.import_module('marl_cair.training')",
+        "from marl_cair import make_engine",
+    ],
+)
+def test_import_rule_sees_every_spelling(statement, monkeypatch):
+    monkeypatch.setattr(
+        sys.modules[__name__], "name_is_module", lambda name: not name.endswith("make_engine")
+    )
+    assert forbidden_imports(PACKAGE / "policies" / "conv.py", ast.parse(statement)) != []
+
+
+@every_games_source
+def test_game_never_imports_another_game(path):
+    own_game = game_of(module_name(path))
+    games = {game_of(name) for name in imported_modules(path, read_tree(path))} - {None}
+    if path != PACKAGE / "games" / "__init__.py":  # the list of all games
+        assert games <= {own_game}
+
+
+@every_games_source
+def test_libraries_enter_games_by_their_door_only(path):
+    tree = RuntimeOnly().visit(read_tree(path))
+    imported = {name.split(".")[0] for name in imported_modules(path, tree)}
+    at_the_door = path.parent == PACKAGE / "games"
+    wrong = {
+        library
+        for library in imported & set(GAMES_DOORS)
+        if not (at_the_door and path.name in GAMES_DOORS[library])
+    }
+    assert wrong == set()
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.glob("games/*/bots.py")), ids=relative)
+def test_bots_do_not_peek_at_the_state(path):
+    imported = set(imported_modules(path, read_tree(path)))
+    peeked = [name for name in imported if {"rules", "state"} & set(name.split(".")[3:])]
+    assert peeked == []
+
+
+@every_source
+def test_optional_libraries_are_imported_when_used(path):
+    assert OPTIONAL & set(top_level_imports(RuntimeOnly().visit(read_tree(path)))) == set()
+
+
+@every_source
+def test_every_imported_library_is_declared(path):
+    imported = {name.split(".")[0] for name in imported_modules(path, read_tree(path))}
+    third_party = imported - set(sys.stdlib_module_names) - {"marl_cair"}
+    assert third_party - declared_modules() == set()
+
+
+def declared_modules() -> set[str]:
+    """Import names of what pyproject.toml names as needed or as needed for playing."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    requirements = project["dependencies"] + project["optional-dependencies"]["play"]
+    names = {re.match(r"[\w.-]+", requirement).group() for requirement in requirements}
+    renamed = {"hydra-core": "hydra", "pillow": "PIL", "pygame-ce": "pygame"}
+    return {renamed.get(name, name) for name in names}
+
+
+@every_file
+def test_file_is_short(path):
+    limit = MAX_SCRIPT_LINES if path.is_relative_to(ROOT / "scripts") else MAX_FILE_LINES
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= limit
+
+
+@every_file
+def test_file_says_in_its_first_line_what_it_is_for(path):
+    text = path.read_text(encoding="utf-8")
+    assert ast.get_docstring(ast.parse(text)), "the file has no docstring"
+    first = next(line for line in text.splitlines() if not line.startswith("#!"))
+    assert re.match(r'r?"""\S', first)
+
+
+@every_file
+def test_nothing_is_left_for_later(path):
+    marks = "|".join(["TO" + "DO", "FIX" + "ME", "X" * 3, "HA" + "CK"])
+    text = path.read_text(encoding="utf-8")
+    assert re.findall(rf"\b(?:{marks})\b", text) == []
+
+
+@every_source
+def test_only_the_command_line_prints(path):
+    if part_of(module_name(path)) == "cli":
+        return
+    calls = [node for node in ast.walk(read_tree(path)) if isinstance(node, ast.Call)]
+    prints = [node.lineno for node in calls if ast.unparse(node.func) == "print"]
+    assert prints == []
+
+
+def run_in(folder: Path, script: str) -> str:
+    """Standard output of `script` in a fresh interpreter that stands in `folder`."""
+    code = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{script}"
+    command = [sys.executable, "-W", "ignore", "-c", code]
+    done = subprocess.run(
+        command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_importing_the_package_is_light_and_silent(tmp_path):
+    loaded = f"[name for name in {NOT_AT_IMPORT} if name in sys.modules]"
+    assert run_in(tmp_path, f"import marl_cair; print({loaded})") == "[]\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+IMPORT_EACH_ALONE = """
+import contextlib, importlib, os, random, threading, numpy
+
+def forget_package():
+    for name in [name for name in sys.modules if name.partition(".")[0] == "marl_cair"]:
+        del sys.modules[name]
+
+def outside_state():
+    return (random.getstate(), numpy.random.get_state()[1].tolist(), dict(os.environ),
+            threading.active_count(), os.getcwd(), sys.getrecursionlimit())
+
+for name in LIBRARIES:  # first: what a library does when imported is not judged here
+    with contextlib.suppress(ImportError):
+        importlib.import_module(name)
+changing = []
+for name in MODULES:
+    forget_package()
+    before = outside_state()
+    importlib.import_module(name)
+    if outside_state() != before:
+        changing.append(name)
+print(changing)
+"""
+
+
+def test_every_module_imports_alone_without_side_effects(tmp_path):
+    modules = [module_name(path) for path in SOURCES if path.name != "__main__.py"]
+    imported = {name for path in SOURCES for name in imported_modules(path, read_tree(path))}
+    libraries = sorted(name for name in imported if not name.startswith("marl_cair"))
+    names = f"MODULES = {modules}\nLIBRARIES = {libraries}\n"
+    output = run_in(tmp_path, names + IMPORT_EACH_ALONE)
+    assert output == "[]\n", "a module wrote to stdout, or changed what lies outside it"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_citation_names_the_version_of_the_package():
+    source = (PACKAGE / "__init__.py").read_text(encoding="utf-8")
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    version = re.findall(r'^__version__ = "(.+)"$', source, re.MULTILINE)
+    assert len(version) == 1, "pyproject.toml takes the version from __version__ in __init__.py"
+    assert re.findall(r"^version: (.+)$", citation, re.MULTILINE) == version

@@ -1,0 +1,208 @@
+"""Files are written whole or not at all; an output folder belongs to one run."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from marl_cair.files import (
+    NotEnoughSpaceError,
+    OutputFolderError,
+    atomic_path,
+    claim_output_folder,
+    require_free_space,
+    write_atomically,
+)
+
+
+def names_in(folder: Path) -> list[str]:
+    return sorted(entry.name for entry in folder.iterdir())
+
+
+def run_killed_script(script: str, *arguments: object) -> None:
+    """Run `script`, which must end by killing its own process without any cleaning up."""
+    command = [sys.executable, "-c", script, *map(str, arguments)]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, check=False)
+    assert done.returncode == -signal.SIGKILL
+
+
+def test_text_and_bytes_are_written_as_given(tmp_path):
+    write_atomically(tmp_path / "a.txt", "première\nligne\n")
+    write_atomically(tmp_path / "b.bin", b"\x00\r\n\xff")
+    assert (tmp_path / "a.txt").read_bytes() == "première\nligne\n".encode()
+    assert (tmp_path / "b.bin").read_bytes() == b"\x00\r\n\xff"
+    assert names_in(tmp_path) == ["a.txt", "b.bin"]
+
+
+def test_lacking_folders_are_made(tmp_path):
+    write_atomically(tmp_path / "x" / "y" / "a.txt", "1")
+    assert (tmp_path / "x" / "y" / "a.txt").read_text() == "1"
+
+
+def test_new_content_replaces_the_old_only_at_the_end(tmp_path):
+    target = tmp_path / "weights.npz"
+    target.write_text("old")
+    with atomic_path(target) as unfinished:
+        unfinished.write_text("new")
+        assert target.read_text() == "old"
+    assert target.read_text() == "new"
+    assert names_in(tmp_path) == ["weights.npz"]
+
+
+def test_unfinished_path_lies_beside_the_target_and_keeps_its_suffix(tmp_path):
+    with atomic_path(tmp_path / "curve.png") as unfinished:
+        assert unfinished.parent == tmp_path
+        assert unfinished.suffix == ".png"
+        assert unfinished.name.startswith(".")
+        unfinished.write_bytes(b"")
+
+
+def write_half_then_raise(path: Path, failure: type[BaseException]) -> None:
+    with atomic_path(path) as unfinished:
+        unfinished.write_text("half")
+        raise failure
+
+
+@pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt])
+def test_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, failure):
+    target = tmp_path / "a.txt"
+    target.write_text("old")
+    with pytest.raises(failure):
+        write_half_then_raise(target, failure)
+    assert target.read_text() == "old"
+    assert names_in(tmp_path) == ["a.txt"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
+def test_killed_write_leaves_the_old_file(tmp_path):
+    target = tmp_path / "a.txt"
+    target.write_text("old")
+    script = (
+        "import os, signal, sys; from marl_cair.files import atomic_path\n"
+        "with atomic_path(sys.argv[1]) as unfinished:\n"
+        "    unfinished.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    run_killed_script(script, target)
+    assert target.read_text() == "old"
+    assert len(names_in(tmp_path)) == 2  # the unfinished file stays: nobody was left to remove it
+    write_atomically(target, "new")
+    assert target.read_text() == "new"
+
+
+def test_two_writers_of_one_file_do_not_meet(tmp_path):
+    target = tmp_path / "a.txt"
+    with atomic_path(target) as first, atomic_path(target) as second:
+        assert first != second
+        first.write_text("first")
+        second.write_text("second")
+    assert target.read_text() == "first"  # the outer block ends last
+    assert names_in(tmp_path) == ["a.txt"]
+
+
+def test_block_that_writes_nothing_is_an_error(tmp_path):
+    with (
+        pytest.raises(
+            FileNotFoundError, match=r"nothing was written for .*a\.txt: write to the path"
+        ),
+        atomic_path(tmp_path / "a.txt"),
+    ):
+        pass
+
+
+def test_folder_as_target_is_an_error(tmp_path):
+    with pytest.raises(IsADirectoryError, match="it is a folder; give the name of a file"):
+        write_atomically(tmp_path, "1")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no umask")
+def test_written_file_has_the_rights_of_any_new_file(tmp_path):
+    (tmp_path / "plain").write_text("1")
+    write_atomically(tmp_path / "atomic", "1")
+    assert (tmp_path / "atomic").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_enough_space_passes_for_a_path_that_does_not_exist_yet(tmp_path):
+    require_free_space(tmp_path / "x" / "y" / "a.bin", 1)
+    assert names_in(tmp_path) == []
+
+
+def test_too_little_space_names_need_rest_and_mend(tmp_path):
+    message = r"runs needs 1024\.0 TiB, but its disk has .*B free: free some space or choose"
+    with pytest.raises(NotEnoughSpaceError, match=message):
+        require_free_space(tmp_path / "runs", 2**50)
+
+
+def test_negative_size_is_an_error(tmp_path):
+    with pytest.raises(ValueError, match="^num_bytes is -1, expected 0 or more$"):
+        require_free_space(tmp_path, -1)
+
+
+def test_new_folder_is_claimed_and_marked(tmp_path):
+    assert claim_output_folder(tmp_path / "runs" / "demo", "training", "conv-1") is False
+    record = json.loads((tmp_path / "runs" / "demo" / "run.json").read_text())
+    assert record == {"kind": "training", "run_id": "conv-1"}
+
+
+def test_same_run_resumes_only_when_asked(tmp_path):
+    claim_output_folder(tmp_path, "training", "conv-1")
+    assert claim_output_folder(tmp_path, "training", "conv-1", resume=True) is True
+    with pytest.raises(OutputFolderError, match="already holds training run 'conv-1': resume it"):
+        claim_output_folder(tmp_path, "training", "conv-1")
+
+
+@pytest.mark.parametrize("resume", [False, True])
+@pytest.mark.parametrize(("kind", "run_id"), [("training", "conv-2"), ("league", "conv-1")])
+def test_folder_of_another_run_is_refused(tmp_path, resume, kind, run_id):
+    claim_output_folder(tmp_path, "training", "conv-1")
+    before = (tmp_path / "run.json").read_bytes()
+    message = f"holds training run 'conv-1', not {kind} run '{run_id}': give another folder"
+    with pytest.raises(OutputFolderError, match=message):
+        claim_output_folder(tmp_path, kind, run_id, resume)
+    assert (tmp_path / "run.json").read_bytes() == before
+
+
+def test_resume_of_a_new_folder_starts_afresh(tmp_path):
+    assert claim_output_folder(tmp_path / "new", "training", "conv-1", resume=True) is False
+
+
+def test_folder_with_files_of_no_run_is_refused_and_left_alone(tmp_path):
+    for name in ("a.py", "b.py", "c.py", "d.py"):
+        (tmp_path / name).write_text("mine")
+    with pytest.raises(
+        OutputFolderError, match=r"of no run \(a\.py, b\.py, c\.py, \.\.\.\) and no"
+    ):
+        claim_output_folder(tmp_path, "training", "conv-1", resume=True)
+    assert names_in(tmp_path) == ["a.py", "b.py", "c.py", "d.py"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
+def test_folder_whose_claim_was_killed_half_way_is_claimed_again(tmp_path):
+    script = (
+        "import os, signal, sys; from marl_cair import files\n"
+        "files._sync_file = lambda path: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "files.claim_output_folder(sys.argv[1], 'training', 'conv-1')"
+    )
+    run_killed_script(script, tmp_path)
+    assert len(names_in(tmp_path)) == 1
+    assert "run.json" not in names_in(tmp_path)
+    assert claim_output_folder(tmp_path, "training", "conv-1", resume=True) is False
+    assert claim_output_folder(tmp_path, "training", "conv-1", resume=True) is True
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"kind": "training"}', "7"])
+def test_marker_that_is_none_is_refused(tmp_path, content):
+    (tmp_path / "run.json").write_text(content)
+    with pytest.raises(
+        OutputFolderError, match=r"run\.json is no run marker.*: give another folder"
+    ):
+        claim_output_folder(tmp_path, "training", "conv-1", resume=True)
+
+
+def test_file_as_output_folder_is_refused(tmp_path):
+    (tmp_path / "a").write_text("1")
+    with pytest.raises(OutputFolderError, match="a is a file: give another folder"):
+        claim_output_folder(tmp_path / "a", "training", "conv-1")

@@ -73,6 +73,7 @@ class GameSpec:
         representations: by name.
         static_planes: planes of `planes` that never change within a game.
         exclusive_planes: groups of planes of which at most one is nonzero in each cell.
+        event_planes: groups of planes in which one event (a unit and its progress) shows at a cell.
         resources: names of what players own.
         ticks_per_step: ticks of the game that one decision lasts.
         max_ticks: the time limit.
@@ -87,6 +88,7 @@ class GameSpec:
     representations: Mapping[str, Representation]
     static_planes: tuple[int, ...]
     exclusive_planes: tuple[tuple[int, ...], ...]
+    event_planes: tuple[tuple[int, ...], ...]
     resources: tuple[str, ...]
     ticks_per_step: int
     max_ticks: int

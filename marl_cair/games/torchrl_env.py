@@ -6,7 +6,7 @@ in front, so a policy moves between them unchanged.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -16,10 +16,19 @@ from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from marl_cair.games import make_engine
+from marl_cair.games.game import NO_WINNER
 from marl_cair.games.randomness import EpisodeSeeds
 
 GROUP = "player"  # as TorchRL's wrapper groups agents named player_0, player_1, ...
 DONE_KEYS = ("done", "terminated", "truncated")
+
+
+class LastStep(NamedTuple):
+    """What the last step brought, kept beyond the reset that follows an end."""
+
+    rewards: NDArray[np.float32]  # [B, P]
+    ended: NDArray[np.bool_]  # [B]
+    winner: NDArray[np.int8]  # [B] seat, or NO_WINNER
 
 
 class BatchedGameEnv(EnvBase):  # type: ignore[misc]  # torchrl ships no types
@@ -58,6 +67,11 @@ class BatchedGameEnv(EnvBase):  # type: ignore[misc]  # torchrl ships no types
             GROUP: [f"player_{seat}" for seat in range(self.engine.num_players)]
         }
         self.seeds = EpisodeSeeds(num_worlds, seed)
+        self.last = LastStep(
+            np.zeros((num_worlds, self.engine.num_players), np.float32),
+            np.zeros(num_worlds, np.bool_),
+            np.full(num_worlds, NO_WINNER, np.int8),
+        )
         self._make_specs()
 
     def _make_specs(self) -> None:
@@ -116,10 +130,31 @@ class BatchedGameEnv(EnvBase):  # type: ignore[misc]  # torchrl ships no types
         return None
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        self.engine.step(tensordict[GROUP, "action"].numpy())
+        engine = self.engine
+        engine.step(tensordict[GROUP, "action"].numpy())
+        ended = engine.terminated | engine.truncated
+        self.last = LastStep(engine.rewards.copy(), ended, engine.winner.copy())
         seen = self._look()
-        seen[GROUP, "reward"] = torch.from_numpy(self.engine.rewards).unsqueeze(-1).clone()
+        seen[GROUP, "reward"] = torch.from_numpy(self.last.rewards).unsqueeze(-1)
         return seen
+
+    def key_of(self, representation: str) -> str:
+        """The key in the group under which that representation is found.
+
+        Raises:
+            ValueError: the environment was not asked for it.
+        """
+        for key, name in self._representations.items():
+            if name == representation:
+                return key
+        raise ValueError(
+            f"{self.engine.game.name}: this environment does not give {representation!r}; name it "
+            "in `extra_representations`"
+        )
+
+    def current(self) -> TensorDictBase:
+        """What all seats see now, as `reset` returns it: to go on after `load_game_state`."""
+        return self._look()
 
     def _look(self) -> TensorDictBase:
         engine = self.engine
@@ -144,12 +179,14 @@ class BatchedGameEnv(EnvBase):  # type: ignore[misc]  # torchrl ships no types
     def game_state(self) -> dict[str, Any]:
         """All worlds and the seeding as plain arrays (named so because TorchRL's collectors call
         `state_dict` on environments for another purpose)."""
-        return {"engine": self.engine.state_dict(), "seeds": self.seeds.state_dict()}
+        return {
+            "engine": self.engine.state_dict(),
+            "seeds": self.seeds.state_dict(),
+            "last": {name: value.copy() for name, value in self.last._asdict().items()},
+        }
 
     def load_game_state(self, state: dict[str, Any]) -> None:
         """Continue from `game_state` of an environment with the same settings."""
         self.engine.load_state_dict(state["engine"])
         self.seeds.load_state_dict(state["seeds"])
-
-    def close(self, **kwargs: Any) -> None:
-        super().close(**kwargs)
+        self.last = LastStep(**{name: np.array(value) for name, value in state["last"].items()})

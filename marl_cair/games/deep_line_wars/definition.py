@@ -11,9 +11,13 @@ from numpy.typing import NDArray
 from marl_cair.games.deep_line_wars import bots, observation, orders, rendering, rules
 from marl_cair.games.deep_line_wars.observation import (
     CLASSIC_NAMES,
+    ENEMY_PROGRESS,
     ENEMY_TOWERS,
+    ENEMY_UNITS,
     HEATMAP_NAMES,
+    OWN_PROGRESS,
     OWN_TOWERS,
+    OWN_UNITS,
     PLANE_NAMES,
     TERRAIN,
     UNIFORM_NAMES,
@@ -48,6 +52,10 @@ def make_spec(scenario: Scenario) -> GameSpec:
         representations=MappingProxyType(_representations(scenario)),
         static_planes=(TERRAIN,),
         exclusive_planes=(tuple(range(OWN_TOWERS, ENEMY_TOWERS + NUM_TOWER_KINDS)),),
+        event_planes=(
+            (*range(OWN_UNITS, ENEMY_UNITS), OWN_PROGRESS),
+            (*range(ENEMY_UNITS, OWN_PROGRESS), ENEMY_PROGRESS),
+        ),
         resources=("health", "gold", "lumber", "income"),
         ticks_per_step=scenario.ticks_per_step,
         max_ticks=scenario.max_ticks,

@@ -1,0 +1,130 @@
+"""Agent checkpoints: a network's weights and what they were trained on, as data only.
+
+A checkpoint is a folder with `agent.json` (what it is) and `weights.pt` (tensors). Loading runs
+nothing that the files say.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from marl_cair.files import replaced_folder
+from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
+
+FORMAT = "marl_cair agent"
+FORMAT_VERSION = 1
+DESCRIPTION_FILE = "agent.json"
+WEIGHTS_FILE = "weights.pt"
+
+
+class CheckpointError(ValueError):
+    """A file or folder that is no checkpoint, a broken one, or one for something else."""
+
+
+@dataclass(frozen=True)
+class AgentDescription:
+    """What the weights belong to.
+
+    Attributes:
+        name: for tables.
+        game, game_version, scenario: where it was trained; `scenario_options` are all its fields.
+        representation, observation_shape, action_names: what it sees and can do.
+        network: `QNetworkConfig.to_dict()`.
+        frames, updates: how long it was trained.
+        seed: of the training run.
+    """
+
+    name: str
+    game: str
+    game_version: str
+    scenario: str
+    scenario_options: dict[str, Any]
+    representation: str
+    observation_shape: tuple[int, ...]
+    action_names: tuple[str, ...]
+    network: dict[str, Any]
+    frames: int
+    updates: int
+    seed: int
+
+
+def save_agent(folder: str | os.PathLike[str], network: QNetwork, about: AgentDescription) -> None:
+    """Write the checkpoint to `folder`, in place of one that is there, whole or not at all."""
+    record = {"format": FORMAT, "format_version": FORMAT_VERSION, **asdict(about)}
+    weights = {name: value.detach().cpu() for name, value in network.state_dict().items()}
+    with replaced_folder(folder) as fresh:
+        (fresh / DESCRIPTION_FILE).write_text(json.dumps(record, indent=2) + "\n", "utf-8")
+        torch.save(weights, fresh / WEIGHTS_FILE)
+
+
+def read_description(folder: str | os.PathLike[str]) -> AgentDescription:
+    """What the checkpoint in `folder` is.
+
+    Raises:
+        CheckpointError: no checkpoint, a broken one, or one of a newer format.
+    """
+    path = Path(folder) / DESCRIPTION_FILE
+    if not path.is_file():
+        raise CheckpointError(
+            f"{folder} is no agent checkpoint: it holds no {DESCRIPTION_FILE}; give the folder of "
+            "one, for example runs/demo/conv/latest"
+        )
+    try:
+        record = json.loads(path.read_text("utf-8"))
+        if record.pop("format") != FORMAT:
+            raise ValueError("it is of another program")
+        version = record.pop("format_version")
+        if version != FORMAT_VERSION:
+            raise ValueError(
+                f"its format version is {version}, this program reads {FORMAT_VERSION}"
+            )
+        for name in ("observation_shape", "action_names"):
+            record[name] = tuple(record[name])
+        return AgentDescription(**record)
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise CheckpointError(f"{path} cannot be read as an agent checkpoint: {error}") from error
+
+
+def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescription]:
+    """The network with its weights, ready to act, and what it is.
+
+    Raises:
+        CheckpointError: as `read_description`; or weights that are missing, cut short, hold
+            anything but tensors, or do not fit the network.
+    """
+    about = read_description(folder)
+    path = Path(folder) / WEIGHTS_FILE
+    try:
+        config = QNetworkConfig.from_dict(about.network)
+        network = make_q_network(config, about.observation_shape, len(about.action_names), seed=0)
+        network.load_state_dict(load_tensors(path))
+    except (ValueError, TypeError, RuntimeError) as error:
+        raise CheckpointError(f"{path} does not hold this agent's weights: {error}") from error
+    return network.eval(), about
+
+
+def load_tensors(path: str | os.PathLike[str]) -> Mapping[str, Any]:
+    """Read tensors and plain data that `torch.save` wrote, and nothing else.
+
+    Raises:
+        CheckpointError: the file is missing, cut short, or holds code.
+    """
+    try:
+        loaded: Mapping[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
+    except FileNotFoundError as error:
+        raise CheckpointError(f"{path} is missing: the checkpoint is incomplete") from error
+    except (RuntimeError, EOFError, pickle.UnpicklingError, ValueError, KeyError, OSError) as error:
+        raise CheckpointError(
+            f"{path} is cut short, or holds more than tensors and plain data: {error}"
+        ) from error
+    if not isinstance(loaded, Mapping):
+        raise CheckpointError(f"{path} holds a {type(loaded).__name__}, expected a dictionary")
+    return loaded

@@ -1,0 +1,1 @@
+"""Training: collect with opponents, replay with generated transitions, learn, snapshot, resume."""

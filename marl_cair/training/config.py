@@ -1,0 +1,230 @@
+"""Settings of a training run: frozen dataclasses grouped by noun; the defaults are the reported runs.
+
+Units stand in the names. A frame is one decision of one world.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from marl_cair.games import GAMES
+from marl_cair.generative import GENERATORS
+from marl_cair.generative.settings import GeneratorConfig
+from marl_cair.lookup import find_by_name
+from marl_cair.policies.q_network import QNetworkConfig
+from marl_cair.replay.mixed import MAX_FRACTION
+
+LATEST, POOL, SCRIPTED = "latest", "pool", "scripted"
+NO_GENERATOR = "none"
+TARGET_UPDATES = ("soft", "hard")
+LOSSES = ("smooth_l1", "l2")
+
+
+def require(holds: bool, name: str, value: object, allowed: str) -> None:
+    """Raise ValueError that names the setting, its value and what is allowed."""
+    if not holds:
+        raise ValueError(f"{name} is {value!r}, it must be {allowed}")
+
+
+@dataclass(frozen=True)
+class GameSettings:
+    """Which game is learned, on which scenario, seen how."""
+
+    name: str = "deep_line_wars"
+    scenario: str = "10x15"
+    representation: str = "planes"
+    reward: str = "shaped"  # training reward; evaluation is always sparse
+    options: dict[str, Any] = field(default_factory=dict)  # fields of the scenario to change
+
+    def __post_init__(self) -> None:
+        game = GAMES[self.name]
+        scenario = game.scenario(self.scenario, **self.options)
+        kind = f"{self.name} representation"
+        find_by_name(kind, self.representation, game.make_spec(scenario).representations)
+        game.scenario(self.scenario, reward=self.reward)
+
+
+@dataclass(frozen=True)
+class OpponentSettings:
+    """Who plays the other seats. Names in a mixture are bots, `latest` (the newest self; it learns
+    from all seats), `pool` (own snapshots) or `scripted` (all bots, evenly); values are weights.
+    """
+
+    mixture: dict[str, float] = field(default_factory=lambda: {"random": 1.0})
+    warmup_frames: int = 0  # until then `warmup_mixture` is met
+    warmup_mixture: dict[str, float] = field(default_factory=lambda: {"random": 1.0})
+    snapshot_every_frames: int = 100_000  # between two snapshots for the pool
+    pool_capacity: int = 32  # snapshots kept for play; the oldest ones are thinned out
+    pool_active: int = 4  # snapshots that play at one time
+    pool_recency: float = 0.0  # 0: every snapshot alike; else weight exp(-recency * age), age 0..1
+
+    def __post_init__(self) -> None:
+        for name, mixture in (("mixture", self.mixture), ("warmup_mixture", self.warmup_mixture)):
+            require(len(mixture) > 0, f"opponent.{name}", mixture, "one or more weights by name")
+            for opponent, weight in mixture.items():
+                require(weight >= 0, f"opponent.{name}.{opponent}", weight, "0 or more")
+            require(sum(mixture.values()) > 0, f"opponent.{name}", mixture, "above 0 in sum")
+        for name in ("snapshot_every_frames", "pool_capacity", "pool_active"):
+            require(getattr(self, name) >= 1, f"opponent.{name}", getattr(self, name), "1 or more")
+        require(self.pool_recency >= 0, "opponent.pool_recency", self.pool_recency, "0 or more")
+
+
+@dataclass(frozen=True)
+class CollectorSettings:
+    """How experience is gathered."""
+
+    num_worlds: int = 128
+    steps_per_batch: int = 16  # decisions of each world between two rounds of learning
+    num_threads: int = 1  # of the engine
+
+    def __post_init__(self) -> None:
+        for name in ("num_worlds", "steps_per_batch", "num_threads"):
+            require(getattr(self, name) >= 1, f"collector.{name}", getattr(self, name), "1 or more")
+
+
+@dataclass(frozen=True)
+class ExplorationSettings:
+    """Epsilon-greedy: uniform over the legal kinds of action, then over those of the kind."""
+
+    epsilon_start: float = 1.0
+    epsilon_end: float = 0.03
+    anneal_frames: int = 150_000
+
+    def __post_init__(self) -> None:
+        for name in ("epsilon_start", "epsilon_end"):
+            value = getattr(self, name)
+            require(0 <= value <= 1, f"exploration.{name}", value, "a probability in 0..1")
+        require(self.anneal_frames >= 1, "exploration.anneal_frames", self.anneal_frames, ">= 1")
+
+    def epsilon_at(self, frames: int) -> float:
+        """Linear from start to end over `anneal_frames`."""
+        done = min(1.0, frames / self.anneal_frames)
+        return self.epsilon_start + done * (self.epsilon_end - self.epsilon_start)
+
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    """Memory of real transitions."""
+
+    capacity_transitions: int = 200_000
+    generated_capacity_transitions: int = 20_000
+    min_transitions: int = 5_000  # learning starts with these
+    scratch_dir: str | None = None  # observations on disk in this folder; None: in memory
+
+    def __post_init__(self) -> None:
+        low = self.min_transitions
+        require(low >= 1, "replay.min_transitions", low, "1 or more")
+        capacity = self.capacity_transitions
+        require(capacity >= low, "replay.capacity_transitions", capacity, f"{low} or more")
+        generated = self.generated_capacity_transitions
+        require(generated >= 1, "replay.generated_capacity_transitions", generated, "1 or more")
+
+
+@dataclass(frozen=True)
+class LearnerSettings:
+    """The Q-learning update."""
+
+    batch_size: int = 256
+    frames_per_update: int = 64
+    learning_rate: float = 5e-4  # Adam
+    gamma: float = 0.99  # discount per decision
+    n_steps: int = 3
+    double: bool = True
+    loss: str = "smooth_l1"
+    target: str = "soft"
+    target_tau: float = 0.01  # share of the online weights taken over at each update (soft)
+    target_every_updates: int = 500  # between two copies (hard)
+    max_grad_norm: float = 10.0
+    reward_scale: float = 1.0  # rewards are multiplied by it before they are stored
+
+    def __post_init__(self) -> None:
+        for name in ("batch_size", "frames_per_update", "n_steps", "target_every_updates"):
+            require(getattr(self, name) >= 1, f"learner.{name}", getattr(self, name), "1 or more")
+        for name in ("learning_rate", "max_grad_norm", "reward_scale"):
+            require(getattr(self, name) > 0, f"learner.{name}", getattr(self, name), "above 0")
+        require(0 <= self.gamma <= 1, "learner.gamma", self.gamma, "in 0..1")
+        require(
+            0 < self.target_tau <= 1, "learner.target_tau", self.target_tau, "above 0, at most 1"
+        )
+        find_by_name("learner.target", self.target, dict.fromkeys(TARGET_UPDATES))
+        find_by_name("learner.loss", self.loss, dict.fromkeys(LOSSES))
+
+
+@dataclass(frozen=True)
+class GeneratorSettings:
+    """When the generator of artificial transitions learns, is measured and generates."""
+
+    name: str = "ccdn"  # or "none"
+    batch_size: int = 64
+    frames_per_update: int = 256
+    evaluate_every_frames: int = 20_000
+    rows_per_refill: int = 2_000  # generated after each passed evaluation
+    model: GeneratorConfig = field(default_factory=GeneratorConfig)
+
+    def __post_init__(self) -> None:
+        find_by_name("generator", self.name, {NO_GENERATOR: None, **GENERATORS})
+        for name in ("batch_size", "frames_per_update", "evaluate_every_frames", "rows_per_refill"):
+            require(getattr(self, name) >= 1, f"generator.{name}", getattr(self, name), "1 or more")
+
+
+@dataclass(frozen=True)
+class EvaluationSettings:
+    """Greedy games with sparse reward against bots, while training."""
+
+    every_frames: int = 100_000
+    games: int = 64  # against each bot, half in each seat
+    bots: tuple[str, ...] = ("random",)
+
+    def __post_init__(self) -> None:
+        require(self.every_frames >= 1, "evaluation.every_frames", self.every_frames, "1 or more")
+        even = self.games >= 2 and self.games % 2 == 0
+        require(even, "evaluation.games", self.games, "an even number, 2 or more")
+
+
+@dataclass(frozen=True)
+class CheckpointSettings:
+    """What is kept on disk. The newest agent is always in `<out>/latest`."""
+
+    every_frames: int = 200_000  # between two resumable states
+    include_replay: bool = True  # else a resumed run begins with an empty replay
+
+    def __post_init__(self) -> None:
+        require(self.every_frames >= 1, "checkpoint.every_frames", self.every_frames, "1 or more")
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """A whole run."""
+
+    out: str = "runs/train"  # output folder
+    seed: int = 0
+    total_frames: int = 500_000
+    max_minutes: float | None = None  # of training in this sitting; None: no limit
+    synthetic_fraction: float = 0.2  # generated share of each batch, 0..0.9
+    torch_threads: int | None = None  # None: as torch chooses; fixed numbers give equal bits
+    game: GameSettings = field(default_factory=GameSettings)
+    policy: QNetworkConfig = field(default_factory=QNetworkConfig)
+    opponent: OpponentSettings = field(default_factory=OpponentSettings)
+    collector: CollectorSettings = field(default_factory=CollectorSettings)
+    exploration: ExplorationSettings = field(default_factory=ExplorationSettings)
+    replay: ReplaySettings = field(default_factory=ReplaySettings)
+    learner: LearnerSettings = field(default_factory=LearnerSettings)
+    generator: GeneratorSettings = field(default_factory=GeneratorSettings)
+    evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
+    checkpoint: CheckpointSettings = field(default_factory=CheckpointSettings)
+
+    def __post_init__(self) -> None:
+        fraction = self.synthetic_fraction
+        require(0 <= fraction <= MAX_FRACTION, "synthetic_fraction", fraction, f"0..{MAX_FRACTION}")
+        require(self.total_frames >= 1, "total_frames", self.total_frames, "1 or more")
+        require(0 <= self.seed < 2**63, "seed", self.seed, "0 or more")
+        minutes = self.max_minutes
+        require(minutes is None or minutes > 0, "max_minutes", minutes, "above 0")
+        bots = GAMES[self.game.name].bots
+        known = {**bots, LATEST: None, POOL: None, SCRIPTED: None}
+        for mixture in (self.opponent.mixture, self.opponent.warmup_mixture):
+            for opponent in mixture:
+                find_by_name("opponent", opponent, known)
+        for bot in self.evaluation.bots:
+            find_by_name(f"{self.game.name} bot", bot, bots)

@@ -1,0 +1,98 @@
+"""The Q-learning update: TorchRL's DQNLoss on masked batches of real and generated transitions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+from torchrl.data import Categorical
+from torchrl.modules import QValueActor
+from torchrl.objectives import DQNLoss, HardUpdate, SoftUpdate
+
+from marl_cair.policies.q_network import QNetwork
+from marl_cair.training.config import LearnerSettings
+
+
+class Learner:
+    """Network, target network and optimiser.
+
+    Target of a row: R + gamma^k * (not terminated) * Q_target(s', argmax over legal a of Q(s', a)),
+    R the discounted sum of k rewards (double Q-learning, van Hasselt et al. 2016).
+    """
+
+    def __init__(self, network: QNetwork, settings: LearnerSettings) -> None:
+        self.network, self.settings = network, settings
+        actor = QValueActor(
+            network,
+            in_keys=["observation"],
+            spec=Categorical(network.num_actions, dtype=torch.int64),
+            action_mask_key="action_mask",
+        )
+        self._loss = DQNLoss(
+            actor,
+            loss_function=settings.loss,
+            delay_value=True,
+            double_dqn=settings.double,
+            action_space="categorical",
+            reduction="mean",
+        )
+        self._loss.make_value_estimator(gamma=settings.gamma)
+        if settings.target == "soft":
+            self._target = SoftUpdate(self._loss, tau=settings.target_tau)
+        else:
+            every = settings.target_every_updates
+            self._target = HardUpdate(self._loss, value_network_update_interval=every)
+        self._parameters = list(network.parameters())
+        self.optimizer = torch.optim.Adam(self._parameters, lr=settings.learning_rate)
+        self.updates = 0
+
+    def update(self, batch: TensorDict) -> dict[str, Tensor | float]:
+        """One gradient step on rows with the transition keys; returns scalars for the log."""
+        loss = self._loss(batch)["loss"]
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        norm = torch.nn.utils.clip_grad_norm_(self._parameters, self.settings.max_grad_norm)
+        self.optimizer.step()
+        self._target.step()
+        self.updates += 1
+        return {"loss/all": loss.detach(), "grad_norm": norm, **self._split(batch)}
+
+    def _split(self, batch: TensorDict) -> dict[str, Tensor | float]:
+        """Mean loss and TD error of real and of generated rows, apart."""
+        # TorchRL writes the square of the TD error.
+        error = batch["td_error"].detach().flatten().sqrt()
+        loss = error.clamp(max=1.0) * (error - 0.5 * error.clamp(max=1.0))
+        if self.settings.loss == "l2":
+            loss = error.square()
+        generated = batch["is_generated"].flatten()
+        values: dict[str, Tensor | float] = {}
+        num_generated = int(generated.sum())
+        for name, rows, count in (
+            ("real", ~generated, len(error) - num_generated),
+            ("generated", generated, num_generated),
+        ):
+            if count:
+                values[f"td_error/{name}"] = error[rows].mean()
+                values[f"loss/{name}"] = loss[rows].mean()
+        values["batch/generated_share"] = num_generated / len(error)
+        return values
+
+    def state_dict(self) -> dict[str, Any]:
+        """Network, target, optimiser and counts as tensors and plain data."""
+        return {
+            "loss": dict(self._loss.state_dict()),
+            "optimizer": self.optimizer.state_dict(),
+            "target_counter": getattr(self._target, "counter", 0),
+            "updates": self.updates,
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from `state_dict`."""
+        self._loss.load_state_dict(state["loss"])
+        self.optimizer.load_state_dict(dict(state["optimizer"]))
+        if hasattr(self._target, "counter"):
+            self._target.counter = state["target_counter"]
+        self.updates = state["updates"]

@@ -1,0 +1,237 @@
+"""What a run logs: episode statistics, timers, and one table written as CSV and TensorBoard."""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from marl_cair.files import write_atomically
+from marl_cair.games.game import NO_WINNER
+from marl_cair.games.torchrl_env import LastStep
+from marl_cair.training.config import POOL
+from marl_cair.training.opponents import FIRST_SNAPSHOT_ID
+
+
+class EpisodeStatistics:
+    """Outcomes of the learner's games since the last report, and its optimism.
+
+    The overestimation of a game is the learner's highest legal value at the first decision less the
+    discounted return that it then realised, exploration included.
+    """
+
+    def __init__(
+        self, num_worlds: int, num_players: int, gamma: float, groups: NDArray[Any]
+    ) -> None:
+        seats = (num_worlds, num_players)
+        self._gamma, self._groups = gamma, groups
+        self._first_value = np.zeros(seats)
+        self._return = np.zeros(seats)
+        self._discount = np.ones(seats)
+        self._decisions = np.zeros(num_worlds, np.int64)
+        self._clear()
+
+    def _clear(self) -> None:
+        self._results: dict[int, list[float]] = {}
+        self._excess: list[float] = []
+        self._lengths: list[int] = []
+        self._num_drawn = 0
+        self._actions = np.zeros(int(self._groups.max()) + 1, np.int64)
+
+    def note_first_values(
+        self, starting: NDArray[np.bool_], learned: NDArray[np.bool_], best: NDArray[np.float32]
+    ) -> None:
+        """Games [B] that begin: the best legal values of the learned seats, in order of `learned`."""
+        values = np.zeros(learned.shape)
+        values[learned] = best
+        self._first_value[starting] = values[starting]
+        self._return[starting] = 0.0
+        self._discount[starting] = 1.0
+        self._decisions[starting] = 0
+
+    def note_step(
+        self,
+        actions: NDArray[np.int64],
+        learned: NDArray[np.bool_],
+        last: LastStep,
+        opponent: NDArray[np.int16],
+    ) -> None:
+        """One decision of all worlds: actions and learned [B, P], opponent [B]."""
+        self._return += self._discount * last.rewards
+        self._discount *= self._gamma
+        self._decisions += 1
+        kinds = self._groups[actions[learned]]
+        self._actions += np.bincount(kinds, minlength=len(self._actions))
+        for world in np.flatnonzero(last.ended).tolist():
+            seats = np.flatnonzero(learned[world])
+            excess = self._first_value[world, seats] - self._return[world, seats]
+            self._excess += excess.tolist()
+            self._lengths.append(int(self._decisions[world]))
+            winner = int(last.winner[world])
+            self._num_drawn += int(winner == NO_WINNER)
+            if len(seats) == 1:
+                won = 0.5 if winner == NO_WINNER else float(winner == seats[0])
+                self._results.setdefault(int(opponent[world]), []).append(won)
+
+    def report(self, names: Mapping[int, str], group_names: tuple[str, ...]) -> dict[str, float]:
+        """Means since the last report, by log name; forgets them."""
+        row: dict[str, float] = {"episodes/finished": len(self._lengths)}
+        if self._lengths:
+            row["episodes/decisions"] = float(np.mean(self._lengths))
+            row["episodes/drawn"] = self._num_drawn / len(self._lengths)
+            row["q/overestimation"] = float(np.mean(self._excess))
+        by_name: dict[str, list[float]] = {}
+        for number, results in self._results.items():
+            name = names[number] if number < FIRST_SNAPSHOT_ID else POOL
+            by_name.setdefault(name, []).extend(results)
+        for name, results in by_name.items():
+            row[f"collect_win_rate/{name}"] = float(np.mean(results))
+        total = max(1, int(self._actions.sum()))
+        for name, count in zip(group_names, self._actions.tolist(), strict=True):
+            row[f"actions/{name}"] = count / total
+        self._clear()
+        return row
+
+    def export_state(self) -> dict[str, Any]:
+        """Running games and unreported ones as tensors and plain data."""
+        arrays = {
+            "first_value": self._first_value,
+            "return": self._return,
+            "discount": self._discount,
+            "decisions": self._decisions,
+            "actions": self._actions,
+        }
+        return {
+            "arrays": {name: torch.from_numpy(value.copy()) for name, value in arrays.items()},
+            "results": {number: list(values) for number, values in self._results.items()},
+            "excess": list(self._excess),
+            "lengths": list(self._lengths),
+            "num_drawn": self._num_drawn,
+        }
+
+    def import_state(self, state: Mapping[str, Any]) -> None:
+        """Continue from `export_state`."""
+        arrays = {name: value.numpy().copy() for name, value in state["arrays"].items()}
+        self._first_value, self._return = arrays["first_value"], arrays["return"]
+        self._discount, self._decisions = arrays["discount"], arrays["decisions"]
+        self._actions = arrays["actions"]
+        self._results = {number: list(values) for number, values in state["results"].items()}
+        self._excess, self._lengths = list(state["excess"]), list(state["lengths"])
+        self._num_drawn = state["num_drawn"]
+
+
+class RunningMeans:
+    """Means of scalars by name; tensors are read only when reported, which spares the loop."""
+
+    def __init__(self) -> None:
+        self._sums: dict[str, Tensor | float] = {}
+        self._counts: dict[str, int] = {}
+
+    def add(self, values: Mapping[str, Tensor | float]) -> None:
+        """Take one more value of each name."""
+        for name, value in values.items():
+            self._sums[name] = self._sums.get(name, 0.0) + value
+            self._counts[name] = self._counts.get(name, 0) + 1
+
+    def report(self) -> dict[str, float]:
+        """Means since the last report; forgets them."""
+        means = {name: float(total) / self._counts[name] for name, total in self._sums.items()}
+        self._sums, self._counts = {}, {}
+        return means
+
+    def export_state(self) -> dict[str, Any]:
+        """Sums and counts as plain data."""
+        return {"sums": dict(self._sums), "counts": dict(self._counts)}
+
+    def import_state(self, state: Mapping[str, Any]) -> None:
+        """Continue from `export_state`."""
+        self._sums, self._counts = dict(state["sums"]), dict(state["counts"])
+
+
+class Timers:
+    """Seconds spent in each part of the loop."""
+
+    def __init__(self) -> None:
+        self._seconds: dict[str, float] = {}
+
+    @contextmanager
+    def measure(self, part: str) -> Iterator[None]:
+        """Add the duration of the block to `part`."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            elapsed = time.perf_counter() - start
+            self._seconds[part] = self._seconds.get(part, 0.0) + elapsed
+
+    def report(self, frames: int) -> dict[str, float]:
+        """Seconds by part and frames per second of the whole since the last report."""
+        total = sum(self._seconds.values())
+        row = {f"seconds/{part}": seconds for part, seconds in self._seconds.items()}
+        row["frames_per_second"] = frames / total if total else 0.0
+        self._seconds = {}
+        return row
+
+
+class RunLog:
+    """Rows of scalars at frames: `log.csv` (one wide table) and TensorBoard files in `folder`.
+
+    Args:
+        folder: of the run.
+        frames: rows of an earlier sitting after this frame are dropped: it resumes from there.
+    """
+
+    FILE = "log.csv"
+
+    def __init__(self, folder: Path, frames: int = 0) -> None:
+        from torch.utils.tensorboard import SummaryWriter
+
+        self._path = folder / self.FILE
+        self.rows = [row for row in read_log(self._path) if row["frames"] <= frames]
+        self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=frames + 1)
+
+    def write(self, frames: int, values: Mapping[str, float]) -> None:
+        """Add a row; both files are complete when this returns."""
+        self.rows.append({"frames": float(frames), **values})
+        write_atomically(self._path, format_rows(self.rows))
+        for name, value in values.items():
+            self._writer.add_scalar(name, value, frames)
+        self._writer.flush()
+
+    def note(self, frames: int, tag: str, text: str) -> None:
+        """A line of text for TensorBoard."""
+        self._writer.add_text(tag, text, frames)
+
+    def close(self) -> None:
+        """Close the TensorBoard file."""
+        self._writer.close()
+
+
+def format_rows(rows: list[dict[str, float]]) -> str:
+    """Rows as CSV text: the union of their columns, empty where a row has no value."""
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def read_log(path: Path) -> list[dict[str, float]]:
+    """Rows of a `log.csv`; none where there is no file."""
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return [
+            {name: float(value) for name, value in row.items() if value}
+            for row in csv.DictReader(file)
+        ]

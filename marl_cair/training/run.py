@@ -1,0 +1,310 @@
+"""`TrainingRun`: the parts of a run, made from its configuration, and their saved state."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torchrl.collectors import Collector
+
+from marl_cair.checkpoint import AgentDescription, CheckpointError, load_tensors, save_agent
+from marl_cair.files import claim_output_folder, replaced_folder, require_free_space
+from marl_cair.games import GAMES
+from marl_cair.games.torchrl_env import BatchedGameEnv
+from marl_cair.generative import GENERATORS
+from marl_cair.generative.generator import Generator
+from marl_cair.generative.settings import GeneratorSpec
+from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
+from marl_cair.policies.q_network import make_q_network
+from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
+from marl_cair.replay.generated import GeneratedReplay
+from marl_cair.replay.mixed import MixedReplay
+from marl_cair.replay.transition import TransitionSpec
+from marl_cair.training.config import NO_GENERATOR, TrainConfig
+from marl_cair.training.learner import Learner
+from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
+from marl_cair.training.opponents import OpponentBook
+from marl_cair.training.seats import SeatRouter
+
+LATEST_FOLDER, RESUME_FOLDER, SNAPSHOT_FOLDER = "latest", "resume", "snapshots"
+STATE_FILE, REPLAY_FOLDER = "state.pt", "replay"
+RUN_KIND = "training"
+_NUM_SEEDS = 8
+_SPARE_BYTES = 64 << 20  # logs, agents, pictures
+
+
+class TrainingRun:
+    """Environment, collector, replay, generator, learner and log of one run.
+
+    Args:
+        config: all settings.
+        resume: go on from the state in `config.out`; without one there, begin.
+
+    Raises:
+        OutputFolderError: the folder holds another run, or this one without `resume`.
+        NotEnoughSpaceError: the disk cannot hold the run's state.
+        CheckpointError: the state to resume from cannot be read.
+        ValueError: the generator cannot work on the representation.
+    """
+
+    def __init__(self, config: TrainConfig, resume: bool = False) -> None:
+        self.config = config
+        self.folder = Path(config.out)
+        if config.torch_threads is not None:
+            torch.set_num_threads(config.torch_threads)
+        _keep_freed_memory()
+        self._seeds = [int(n) for n in np.random.SeedSequence(config.seed).generate_state(_NUM_SEEDS)]
+        self._make_game()
+        self._make_replay()
+        self._claim_folder(resume)
+        self._make_learner()
+        self._make_collector()
+        self.frames = 0
+        self.gate_is_open = False
+        if resume and (self.folder / RESUME_FOLDER).is_dir():
+            self.restore()
+        self.log = RunLog(self.folder, self.frames)
+
+    def _make_game(self) -> None:
+        game = self.config.game
+        self.game = GAMES[game.name]
+        self.scenario = self.game.scenario(game.scenario, **game.options)
+        bots_look_at = {bot(self.scenario, self.game.make_spec(self.scenario)).representation
+                        for bot in self.game.bots.values()}
+        options = dataclasses.asdict(self.scenario)
+        options["reward"] = game.reward
+        if game.reward == "shaped":
+            options["shaping_discount"] = self.config.learner.gamma
+        self.env = BatchedGameEnv(
+            game.name,
+            game.scenario,
+            self.config.collector.num_worlds,
+            representation=game.representation,
+            extra_representations=tuple(sorted(bots_look_at - {game.representation})),
+            num_threads=self.config.collector.num_threads,
+            seed=self._seeds[0],
+            **options,
+        )
+        self.spec = self.env.engine.spec
+        self.seen = self.env.engine.representation(game.representation)
+
+    def _make_replay(self) -> None:
+        config = self.config
+        dtype = torch.uint8 if self.seen.dtype is np.uint8 else torch.float32
+        self.transition_spec = TransitionSpec(
+            self.seen.shape, self.spec.num_actions, self.seen.num_uniform, dtype
+        )
+        settings = ReplayConfig(
+            capacity_transitions=config.replay.capacity_transitions,
+            batch_size=config.learner.batch_size,
+            n_steps=config.learner.n_steps,
+            gamma=config.learner.gamma,
+            scratch_dir=config.replay.scratch_dir,
+            seed=self._seeds[1],
+        )
+        real = make_replay_buffer(settings, self.transition_spec)
+        generated = GeneratedReplay(
+            self.transition_spec, config.replay.generated_capacity_transitions, self._seeds[2]
+        )
+        self.replay = MixedReplay(
+            real,
+            generated,
+            config.synthetic_fraction,
+            config.learner.batch_size,
+            generated_open=False,
+        )
+        self.generator = self._make_generator()
+
+    def _make_generator(self) -> Generator | None:
+        config, settings = self.config, self.config.generator
+        if settings.name == NO_GENERATOR or config.synthetic_fraction == 0:
+            return None
+        if self.seen.dtype is not np.uint8 or self.seen.num_uniform == 0:
+            raise ValueError(
+                f"the generator {settings.name!r} works on `planes`, not on "
+                f"{self.seen.name!r}: set generator.name={NO_GENERATOR} or synthetic_fraction=0"
+            )
+        bound = self.spec.reward_bound * config.learner.reward_scale
+        spec = GeneratorSpec(
+            observation_shape=(self.seen.shape[0], self.seen.shape[1], self.seen.shape[2]),
+            num_actions=self.spec.num_actions,
+            num_uniform=self.seen.num_uniform,
+            noop_action=self.spec.noop_action,
+            action_kinds=self.spec.action_groups.tolist(),
+            action_cells=self.spec.action_cells.tolist(),
+            reward_range=(-bound, bound),
+            static_planes=self.spec.static_planes,
+            exclusive_plane_groups=self.spec.exclusive_planes,
+            event_plane_groups=self.spec.event_planes,
+        )
+        model = dataclasses.replace(settings.model, seed=self._seeds[3])
+        generator: Generator = GENERATORS[settings.name](model, spec)
+        return generator
+
+    def _claim_folder(self, resume: bool) -> None:
+        real = self.replay.real
+        needed = _SPARE_BYTES
+        if self.config.checkpoint.include_replay:
+            # A new state is written beside the old one before it takes its place.
+            needed += 2 * real._storage.nbytes_per_step * self.config.replay.capacity_transitions
+        require_free_space(self.folder, needed)
+        run_id = describe_config(self.config)
+        claim_output_folder(self.folder, RUN_KIND, run_id, resume)
+
+    def _make_learner(self) -> None:
+        config = self.config
+        network = make_q_network(
+            config.policy, self.seen.shape, self.spec.num_actions, seed=self._seeds[4]
+        )
+        self.learner = Learner(network, config.learner)
+        exploration = MaskedEpsilonGreedy(self._seeds[5], self.spec.action_groups)
+        self.actor = PolicyActor(network, "learner", self.seen.name, exploration)
+        self.book = OpponentBook(
+            config.opponent, self.game, self.scenario, self.seen.name, self._seeds[6]
+        )
+        engine = self.env.engine
+        self.statistics = EpisodeStatistics(
+            engine.num_worlds, engine.num_players, config.learner.gamma, self.spec.action_groups
+        )
+        self.means = RunningMeans()
+
+    def _make_collector(self) -> None:
+        config = self.config
+        self.router = SeatRouter(
+            self.env, self.actor, self.book, config.exploration, self.statistics, self._seeds[7]
+        )
+        self.collector = Collector(
+            self.env,
+            self.router,
+            frames_per_batch=config.collector.num_worlds * config.collector.steps_per_batch,
+            total_frames=-1,
+            track_traj_ids=False,
+        )
+
+    # --- on disk -----------------------------------------------------------------------------
+
+    def describe_agent(self) -> AgentDescription:
+        """What the learner is now, for a checkpoint."""
+        game = self.config.game
+        return AgentDescription(
+            name=f"{self.folder.name}",
+            game=self.game.name,
+            game_version=self.game.version,
+            scenario=game.scenario,
+            scenario_options=dataclasses.asdict(self.scenario),
+            representation=self.seen.name,
+            observation_shape=self.seen.shape,
+            action_names=self.spec.action_names,
+            network=self.config.policy.to_dict(),
+            frames=self.frames,
+            updates=self.learner.updates,
+            seed=self.config.seed,
+        )
+
+    def save_agent(self) -> None:
+        """Write the newest agent to `<out>/latest`."""
+        save_agent(self.folder / LATEST_FOLDER, self.learner.network, self.describe_agent())
+
+    def add_snapshot(self) -> None:
+        """Freeze the learner for the pool, and keep it as an agent on disk."""
+        self.book.add_snapshot(self.learner.network, self.frames)
+        folder = self.folder / SNAPSHOT_FOLDER / f"frames_{self.frames:010d}"
+        about = dataclasses.replace(
+            self.describe_agent(), name=f"{self.folder.name}@{self.frames}"
+        )
+        save_agent(folder, self.learner.network, about)
+
+    def save_state(self) -> None:
+        """Write all that a resumed run needs to `<out>/resume`, whole or not at all."""
+        state = {
+            "frames": self.frames,
+            "gate_is_open": self.gate_is_open,
+            "learner": self.learner.state_dict(),
+            "book": self.book.state_dict(),
+            "router": self.router.export_state(),
+            "statistics": self.statistics.export_state(),
+            "means": self.means.export_state(),
+            "env": _to_tensors(self.env.game_state()),
+            "generator": self.generator.state_dict() if self.generator else None,
+            "torch_rng": torch.get_rng_state(),
+        }
+        with replaced_folder(self.folder / RESUME_FOLDER) as fresh:
+            torch.save(state, fresh / STATE_FILE)
+            if self.config.checkpoint.include_replay:
+                self.replay.save(fresh / REPLAY_FOLDER)
+
+    def restore(self) -> None:
+        """Continue from `save_state`.
+
+        Raises:
+            CheckpointError: the state cannot be read, or is of other settings.
+        """
+        folder = self.folder / RESUME_FOLDER
+        state = load_tensors(folder / STATE_FILE)
+        try:
+            self._import_state(state, folder)
+        except (KeyError, RuntimeError, TypeError, ValueError) as error:
+            raise CheckpointError(
+                f"{folder} does not fit this run's settings, or is damaged: {error!r}"
+            ) from error
+
+    def _import_state(self, state: Any, folder: Path) -> None:
+        self.frames, self.gate_is_open = state["frames"], state["gate_is_open"]
+        self.learner.load_state_dict(state["learner"])
+        self.book.load_state_dict(state["book"], self.learner.network)
+        self.router.import_state(state["router"])
+        self.statistics.import_state(state["statistics"])
+        self.means.import_state(state["means"])
+        self.env.load_game_state(_to_arrays(state["env"]))
+        if self.generator:
+            self.generator.load_state_dict(state["generator"])
+        if (folder / REPLAY_FOLDER).is_dir():
+            self.replay.load(folder / REPLAY_FOLDER)
+        self.replay.generated_open = self.gate_is_open
+        # TorchRL's collector does not save the running games: it would begin new ones.
+        self.collector._carrier.update(self.env.current())
+        torch.set_rng_state(state["torch_rng"])
+
+    def close(self) -> None:
+        """Shut the collector and the log."""
+        self.collector.shutdown()
+        self.log.close()
+
+
+def describe_config(config: TrainConfig) -> str:
+    """The settings that a resumed run must share, as text: all but how long and where."""
+    values = dataclasses.asdict(config)
+    for free in ("out", "total_frames", "max_minutes"):
+        del values[free]
+    return json.dumps(values, sort_keys=True)
+
+
+def _to_tensors(value: Any) -> Any:
+    """Arrays within nested dictionaries become tensors, which load as data only."""
+    if isinstance(value, dict):
+        return {name: _to_tensors(item) for name, item in value.items()}
+    return torch.from_numpy(value) if isinstance(value, np.ndarray) else value
+
+
+def _to_arrays(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _to_arrays(item) for name, item in value.items()}
+    return value.numpy() if isinstance(value, torch.Tensor) else value
+
+
+def _keep_freed_memory() -> None:
+    """Tell glibc to keep activations' memory between updates: giving pages back and taking them
+    again costs a fifth of an update."""
+    if sys.platform != "linux":
+        return
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, "mallopt"):
+        trim_threshold, mmap_threshold = -1, -3
+        libc.mallopt(mmap_threshold, 32 << 20)
+        libc.mallopt(trim_threshold, 1 << 30)

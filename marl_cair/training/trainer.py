@@ -1,0 +1,210 @@
+"""`train`: the loop. Collect, store, learn from 80 % real and 20 % generated rows, snapshot, rate."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from tensordict import TensorDictBase
+from tqdm import tqdm
+
+from marl_cair.training.config import TrainConfig
+from marl_cair.training.evaluation import evaluate_against_bots
+from marl_cair.training.metrics import Timers
+from marl_cair.training.rollout import make_rollout
+from marl_cair.training.run import TrainingRun
+
+LOG_EVERY_FRAMES = 10_000
+
+
+@dataclass(frozen=True)
+class TrainResult:
+    """Where a run stands."""
+
+    folder: Path
+    frames: int
+    updates: int
+    was_interrupted: bool
+    last_row: dict[str, float]
+
+
+def train(
+    config: TrainConfig,
+    resume: bool = False,
+    show_progress: bool = True,
+    listen: Callable[[dict[str, float]], None] | None = None,
+) -> TrainResult:
+    """Train until `config.total_frames` decisions, `config.max_minutes`, or an interrupt.
+
+    An interrupt (Ctrl-C, SIGTERM) ends the current iteration, saves everything and returns; a
+    second one stops at once. `listen` hears each logged row.
+
+    Raises: as `TrainingRun`.
+    """
+    run = TrainingRun(config, resume)
+    timers = Timers()
+    deadline = None if config.max_minutes is None else time.monotonic() + 60 * config.max_minutes
+    bar = tqdm(
+        total=config.total_frames, initial=run.frames, unit=" frames", disable=not show_progress,
+        unit_scale=True, smoothing=0.05,
+    )
+    last_row: dict[str, float] = {}
+    with _interrupts_noted() as interrupted:
+        batches = iter(run.collector)
+        while run.frames < config.total_frames and not interrupted.is_set():
+            if deadline is not None and time.monotonic() > deadline:
+                break
+            before = run.frames
+            with timers.measure("collect"):
+                data = next(batches)
+            _store(run, data, timers)
+            with timers.measure("learn"):
+                _learn(run, before)
+            with timers.measure("generate"):
+                _generate(run, before)
+            row = _report(run, before, timers)
+            if row:
+                last_row = row
+                bar.set_postfix_str(_summarise(row))
+                if listen is not None:
+                    listen(row)
+            bar.update(run.frames - before)
+            if _is_due(before, run.frames, config.checkpoint.every_frames):
+                with timers.measure("save"):
+                    run.save_state()
+        run.save_agent()
+        run.save_state()
+    bar.close()
+    run.close()
+    return TrainResult(
+        run.folder, run.frames, run.learner.updates, interrupted.is_set(), last_row
+    )
+
+
+def _is_due(before: int, after: int, every: int) -> bool:
+    """Whether a multiple of `every` lies in (before, after]."""
+    return after // every > before // every
+
+
+def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
+    """Put the learner's steps into replay; show the generator those whose next state is known."""
+    with timers.measure("store"):
+        slots = run.replay.real.extend_rollout(
+            make_rollout(data, run.config.learner.reward_scale)
+        )
+        run.frames += data.numel()
+    if run.generator:
+        with timers.measure("generate"):
+            run.generator.observe(run.replay.real.read_single_steps(slots))
+
+
+def _learn(run: TrainingRun, before: int) -> None:
+    settings = run.config.learner
+    if run.replay.real.num_sampleable < run.config.replay.min_transitions:
+        return
+    every = settings.frames_per_update
+    for _ in range(run.frames // every - before // every):
+        run.means.add(run.learner.update(run.replay.sample()))
+
+
+def _generate(run: TrainingRun, before: int) -> None:
+    """Train the generator; at intervals measure it on held-out rows, and refill while it passes."""
+    settings, generator = run.config.generator, run.generator
+    if generator is None or run.replay.real.num_sampleable < run.config.replay.min_transitions:
+        return
+    every = settings.frames_per_update
+    for _ in range(run.frames // every - before // every):
+        rows = run.replay.real.sample_single_steps(settings.batch_size)
+        losses = generator.update(rows)
+        run.means.add({f"generator/{name}": value for name, value in losses.items()})
+    if _is_due(before, run.frames, settings.evaluate_every_frames):
+        _measure_generator(run)
+
+
+def _measure_generator(run: TrainingRun) -> None:
+    generator = run.generator
+    assert generator is not None
+    report = generator.evaluate()
+    run.gate_is_open = report.passed
+    rows = run.config.generator.rows_per_refill
+    if report.passed:
+        made = generator.generate(run.replay.real.sample_single_steps(rows), rows)
+        if len(made):
+            run.replay.generated.extend(made)
+        run.means.add({"generator/generated_rows": float(len(made))})
+    run.replay.generated_open = report.passed
+    values = {f"gate/{name}": value for name, value in report.metrics.items()}
+    run.means.add({"gate/passed": float(report.passed), **values})
+    reasons = "; ".join(report.reasons)
+    text = "open" if report.passed else f"shut, batches are all real: {reasons}"
+    run.log.note(run.frames, "gate", text)
+    tqdm.write(f"frame {run.frames}: the generator's gate is {text}")
+
+
+def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
+    """Snapshot and evaluate when due, and write a row of the log; empty between rows."""
+    config = run.config
+    row: dict[str, float] = {}
+    if _is_due(before, run.frames, config.opponent.snapshot_every_frames):
+        run.add_snapshot()
+    if _is_due(before, run.frames, config.evaluation.every_frames):
+        with timers.measure("evaluate"):
+            row |= _evaluate(run)
+            run.save_agent()
+    if not row and not _is_due(before, run.frames, LOG_EVERY_FRAMES):
+        return {}
+    previous = int(run.log.rows[-1]["frames"]) if run.log.rows else 0
+    row |= run.statistics.report(run.book.names, run.spec.action_group_names)
+    row |= run.means.report() | timers.report(run.frames - previous)
+    row |= {"epsilon": run.router.epsilon, "updates": float(run.learner.updates)}
+    row["replay/transitions"] = float(len(run.replay.real))
+    row["replay/generated"] = float(len(run.replay.generated))
+    run.log.write(run.frames, row)
+    return row
+
+
+def _evaluate(run: TrainingRun) -> dict[str, float]:
+    settings = run.config.evaluation
+    return evaluate_against_bots(
+        run.actor, run.game, run.scenario, settings.bots, settings.games, run.config.seed
+    )
+
+
+def _summarise(row: dict[str, float]) -> str:
+    shown = [f"loss {row['loss/all']:.4f}"] if "loss/all" in row else []
+    shown += [
+        f"{name.partition('/')[2]} {value:.0%}"
+        for name, value in row.items()
+        if name.startswith(("win_rate/", "collect_win_rate/")) and name.count("/") == 1
+    ]
+    return ", ".join(shown)
+
+
+@contextmanager
+def _interrupts_noted() -> Iterator[threading.Event]:
+    """Yield an event that SIGINT or SIGTERM sets; the second signal acts as usual."""
+    noted = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield noted
+        return
+    usual: dict[int, Any] = {}
+
+    def note(number: int, frame: Any) -> None:
+        noted.set()
+        signal.signal(number, usual[number])
+        tqdm.write("interrupted: finishing this iteration and saving (once more stops at once)")
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        usual[number] = signal.signal(number, note)
+    try:
+        yield noted
+    finally:
+        for number, handler in usual.items():
+            signal.signal(number, handler)

@@ -16,6 +16,8 @@ import numba
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _GAMES = Path(__file__).parent
+_CONFIG: Any = numba.config  # fills in its settings when imported, unseen by type checkers
+_NJIT: Any = numba.njit  # takes target options, such as _nrt, that its types leave out
 
 
 def cache_root() -> Path:
@@ -28,7 +30,7 @@ def cache_root() -> Path:
 
 def source_digest(folder: Path = _GAMES) -> str:
     """Hex digest of all Python sources below `folder` and of what else changes machine code."""
-    setting = f"numba {numba.__version__} boundscheck {numba.config.BOUNDSCHECK}"
+    setting = f"numba {numba.__version__} boundscheck {_CONFIG.BOUNDSCHECK}"
     digest = hashlib.sha256(setting.encode())
     for path in sorted(folder.rglob("*.py")):
         digest.update(str(path.relative_to(folder)).encode())
@@ -45,15 +47,15 @@ def compiled(function: Function) -> Function:
     With NUMBA_DISABLE_JIT=1 the plain Python function is returned: the reference that the
     compiled one must equal bit for bit.
     """
-    users_folder = numba.config.CACHE_DIR
+    users_folder = _CONFIG.CACHE_DIR
     # Numba reads the folder when it decorates. The user's own setting is put back at once.
-    numba.config.CACHE_DIR = _CACHE_DIR
+    _CONFIG.CACHE_DIR = _CACHE_DIR
     try:
-        return cast(Function, numba.njit(cache=True, nogil=True, _nrt=False)(function))
+        return cast("Function", _NJIT(cache=True, nogil=True, _nrt=False)(function))
     finally:
-        numba.config.CACHE_DIR = users_folder
+        _CONFIG.CACHE_DIR = users_folder
 
 
 def is_compiling() -> bool:
     """False where NUMBA_DISABLE_JIT makes every rule plain Python."""
-    return not numba.config.DISABLE_JIT
+    return not _CONFIG.DISABLE_JIT

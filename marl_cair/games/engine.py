@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ class Outcome(NamedTuple):
 class Snapshot(NamedTuple):
     """An exact copy of N worlds: restore it into any slots of an engine of the same scenario."""
 
+    scenario: Any  # of the engine that it was taken from
     world: tuple[NDArray[Any], ...]  # the game's state arrays, each [N, ...]
     outcome: Outcome  # arrays [N, ...]
 
@@ -96,9 +98,7 @@ class BatchedEngine:
         counts: NDArray[np.int32] = self._worlds.illegal
         return counts
 
-    def reset(
-        self, seeds: NDArray[np.uint64] | int, mask: NDArray[np.bool_] | None = None
-    ) -> None:
+    def reset(self, seeds: NDArray[np.uint64] | int, mask: NDArray[np.bool_] | None = None) -> None:
         """Restart the worlds of `mask` bool [B] (default all) from `seeds` uint64 [B].
 
         An int seeds world 0 of a batch of one (0 is a seed like any other).
@@ -109,7 +109,8 @@ class BatchedEngine:
         seeds = self._check_seeds(seeds)
         if mask is None:
             mask = np.ones(self.num_worlds, np.bool_)
-        elif mask.shape != (self.num_worlds,) or mask.dtype != np.bool_:
+        mask = np.asarray(mask)
+        if mask.shape != (self.num_worlds,) or mask.dtype != np.bool_:
             raise ValueError(
                 f"{self.game.name}: the reset mask is {mask.dtype} {list(mask.shape)}, it must be "
                 f"bool [{self.num_worlds}] (worlds)"
@@ -133,6 +134,7 @@ class BatchedEngine:
         """
         if not self._has_started:
             raise RuntimeError(f"{self.game.name}: step before reset; call reset(seeds) first")
+        actions = np.asarray(actions)
         self._check_actions(actions)
         actions = np.ascontiguousarray(actions, np.int32)
         self._run(self.game.step, self._worlds, self._rules, actions, self._outcome)
@@ -170,8 +172,9 @@ class BatchedEngine:
         """An exact copy of the given worlds (default all): for search, branching, checkpoints."""
         rows = self._check_worlds(worlds)
         return Snapshot(
+            self.scenario,
             tuple(field[rows] for field in self._worlds),
-            Outcome(*(field[rows] for field in self._outcome)),
+            Outcome._make(field[rows] for field in self._outcome),
         )
 
     def restore(
@@ -183,19 +186,17 @@ class BatchedEngine:
             ValueError: the snapshot is of another scenario, or of another number of worlds.
         """
         rows = self._check_worlds(worlds)
-        for name, field, saved in zip(
-            self._worlds._fields, self._worlds, snapshot.world, strict=True
-        ):
-            if saved.shape != (len(rows), *field.shape[1:]) or saved.dtype != field.dtype:
-                raise ValueError(
-                    f"{self.game.name}: the snapshot's {name} is {saved.dtype} "
-                    f"{list(saved.shape)}, this engine needs {field.dtype} "
-                    f"{[len(rows), *field.shape[1:]]}; restore into the same scenario and as many "
-                    "worlds as were saved"
-                )
-        for field, saved in zip(self._worlds, snapshot.world, strict=True):
-            field[rows] = saved
-        for field, saved in zip(self._outcome, snapshot.outcome, strict=True):
+        if snapshot.scenario != self.scenario:
+            raise ValueError(
+                f"{self.game.name}: the snapshot is of {snapshot.scenario}, this engine plays "
+                f"{self.scenario}; restore into the same scenario"
+            )
+        names = (*self._worlds._fields, *self._outcome._fields)
+        fields = (*self._worlds, *self._outcome)
+        values = (*snapshot.world, *snapshot.outcome)
+        for name, field, saved in zip(names, fields, values, strict=True):
+            self._check_saved(name, field, saved, len(rows))
+        for field, saved in zip(fields, values, strict=True):
             field[rows] = saved
         self._has_started = True
 
@@ -217,7 +218,8 @@ class BatchedEngine:
             raise ValueError(f"{self.game.name}: the engine state lacks {', '.join(missing)}")
         arrays = [np.asarray(state[name]) for name in names]
         count = len(self._worlds._fields)
-        self.restore(Snapshot(tuple(arrays[:count]), Outcome(*arrays[count:])))
+        outcome = Outcome._make(arrays[count:])
+        self.restore(Snapshot(self.scenario, tuple(arrays[:count]), outcome))
 
     def public_state(self, world: int) -> NDArray[np.float32]:
         """The full state of one world as a flat float32 vector [S], the same for all seats."""
@@ -260,7 +262,7 @@ class BatchedEngine:
             kernel(*arguments, 0, self.num_worlds)
             return
         edges = np.linspace(0, self.num_worlds, self.num_threads + 1).astype(int).tolist()
-        slices = zip(edges[:-1], edges[1:], strict=True)
+        slices = pairwise(edges)
         tasks = [self._pool.submit(kernel, *arguments, low, high) for low, high in slices]
         for task in tasks:
             task.result()
@@ -300,14 +302,26 @@ class BatchedEngine:
                 f"must be contiguous {np.dtype(dtype).name} {list(shape)}"
             )
 
+    def _check_saved(
+        self, name: str, field: NDArray[Any], saved: NDArray[Any], num_rows: int
+    ) -> None:
+        expected = (num_rows, *field.shape[1:])
+        if saved.shape != expected or saved.dtype != field.dtype:
+            raise ValueError(
+                f"{self.game.name}: the saved {name} is {saved.dtype} {list(saved.shape)}, this "
+                f"engine needs {field.dtype} {list(expected)}; restore into the same scenario and "
+                "as many worlds as were saved"
+            )
+
     def _check_worlds(self, worlds: NDArray[np.int64] | list[int] | None) -> NDArray[np.int64]:
-        rows = np.arange(self.num_worlds) if worlds is None else np.asarray(worlds, np.int64)
-        if rows.ndim != 1 or (rows.size and not 0 <= rows.min() <= rows.max() < self.num_worlds):
+        rows = np.asarray(range(self.num_worlds) if worlds is None else worlds)
+        is_list = rows.ndim == 1 and (rows.dtype.kind in "iu" or not rows.size)
+        if not is_list or (rows.size and not 0 <= rows.min() <= rows.max() < self.num_worlds):
             raise ValueError(
                 f"{self.game.name}: worlds {rows.tolist()} must be a list of indices in "
                 f"0..{self.num_worlds - 1}"
             )
-        return rows
+        return rows.astype(np.int64)
 
 
 _kernels_in_use: set[Callable[..., None]] = set()

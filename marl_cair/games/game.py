@@ -52,7 +52,7 @@ class Representation:
 
     name: str
     shape: Shape
-    dtype: type[np.uint8] | type[np.float32]
+    dtype: type[np.uint8 | np.float32]
     high: float
     plane_names: tuple[str, ...]
     observe: Callable[..., None]
@@ -131,7 +131,9 @@ class Game:
             UnknownNameError: no such scenario or option; names the nearest.
             ValueError: an option's value is not allowed.
         """
-        chosen = find_by_name(f"{self.name} scenario", name or self.default_scenario, self.scenarios)
+        chosen = find_by_name(
+            f"{self.name} scenario", name or self.default_scenario, self.scenarios
+        )
         fields = {field.name: field for field in dataclasses.fields(chosen)}
         for option in options:
             find_by_name(f"{self.name} option", option, fields)

@@ -14,9 +14,13 @@ from numpy.typing import NDArray
 from marl_cair.games import make_engine
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Agent
-from marl_cair.games.parallel_env import RENDER_MODES, check_render_mode
+from marl_cair.games.parallel_env import (
+    RENDER_MODES,
+    check_render_mode,
+    look,
+    make_observation_space,
+)
 from marl_cair.games.randomness import EpisodeSeeds
-from marl_cair.games.seat_spaces import look, make_observation_space
 
 
 class _LearnerSeat:
@@ -49,9 +53,18 @@ class _LearnerSeat:
         self.opponent.seed(seed)
 
     def play(self, actions: NDArray[np.int64]) -> None:
-        """One decision: the learner's actions [B], the opponent's in the other seats."""
+        """One decision: the learner's actions [B], the opponent's in the other seats.
+
+        Raises:
+            ValueError: wrong shape, not integers, or an action outside the space.
+        """
         engine = self.engine
-        everyone = np.empty((engine.num_worlds, engine.num_players), np.int32)
+        if actions.shape != (engine.num_worlds,) or actions.dtype.kind not in "iu":
+            raise ValueError(
+                f"{engine.game.name}: the learner's actions are {actions.dtype} "
+                f"{list(actions.shape)}, they must be integers [{engine.num_worlds}] (worlds)"
+            )
+        everyone = np.empty((engine.num_worlds, engine.num_players), np.int64)
         everyone[:, self.seat] = actions
         seen, masks = engine.observe(self.opponent.representation), engine.action_mask()
         for seat in range(engine.num_players):
@@ -106,8 +119,11 @@ class GameEnv(gymnasium.Env[Any, np.int64]):
         return self._look()
 
     def step(self, action: np.int64) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """One decision. Raises ValueError for an action outside the space; an illegal one (see
-        the mask) does nothing."""
+        """One decision; an illegal action (see the mask) does nothing.
+
+        Raises:
+            ValueError: the action is outside the space.
+        """
         self._table.play(np.array([action]))
         observation, info = self._look()
         reward = float(self.engine.rewards[0, self._table.seat])
@@ -139,7 +155,7 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         others: as `GameEnv`. `infos["action_mask"]` is int8 [B, A].
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  # one more than GameEnv, by the names that Gymnasium passes
         self,
         game: str,
         scenario: str | None = None,
@@ -149,13 +165,15 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         seat: int = 0,
         representation: str = "planes",
         mask_in_observation: bool = False,
+        render_mode: str | None = None,
         vector: bool = False,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         **options: Any,
     ) -> None:
+        check_render_mode(game, render_mode)
         self._table = _LearnerSeat(game, scenario, num_envs, opponent, seat, options)
         self.engine = self._table.engine
-        self.num_envs = num_envs
+        self.num_envs, self.render_mode = num_envs, render_mode
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": list(RENDER_MODES), "autoreset_mode": self._mode}
         self._seen_as = (representation, mask_in_observation, vector)
@@ -171,17 +189,23 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         """Restart all worlds, or those of `options["reset_mask"]`.
 
         Raises:
-            ValueError: a list of seeds: one seed gives every world its own.
+            ValueError: a list of seeds (one seed gives every world its own), or a reset mask that
+                is not bool [B].
         """
         if isinstance(seed, list):
             raise ValueError(
                 f"{self.engine.game.name}: seed is a list; pass one int, from which every world "
                 "gets its own seed"
             )
+        mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_)))
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
+            raise ValueError(
+                f"{self.engine.game.name}: reset_mask is {mask.dtype} {list(mask.shape)}, it must "
+                f"be bool [{self.num_envs}] (worlds)"
+            )
         if seed is not None:
             self._table.restart(seed)
-        mask = (options or {}).get("reset_mask")
-        self._restart(np.ones(self.num_envs, np.bool_) if mask is None else np.asarray(mask))
+        self._restart(mask)
         return self._look()
 
     def step(
@@ -198,16 +222,37 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         self._ended = terminated | truncated
         observations, infos = self._look()
         if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
-            infos = {"final_obs": observations, "final_info": infos, "_final_obs": self._ended}
-            infos["_final_info"] = self._ended
+            final = self._pack_final(observations, infos)
             self._restart(self._ended.copy())
-            observations, fresh = self._look()
-            infos |= fresh
+            observations, infos = self._look()
+            infos |= final
         return observations, rewards, terminated, truncated, infos
 
     def render(self) -> Any:
-        """The spectator's pictures of all worlds."""
+        """The spectator's pictures of all worlds, in render mode "rgb_array"."""
+        if self.render_mode is None:
+            return None
         return tuple(self.engine.render(world) for world in range(self.num_envs))
+
+    def _pack_final(self, observations: Any, infos: dict[str, Any]) -> dict[str, Any]:
+        """What the ended worlds showed last, in the form of Gymnasium's own vector environments.
+
+        `final_obs` holds one object for each world, None where no game ended.
+        """
+        ended = self._ended
+        final = np.full(self.num_envs, None, object)
+        for world in np.flatnonzero(ended):
+            if isinstance(observations, dict):
+                final[world] = {name: array[world] for name, array in observations.items()}
+            else:
+                final[world] = observations[world]
+        masks = infos["action_mask"] * ended[:, None]
+        return {
+            "final_obs": final,
+            "_final_obs": ended.copy(),
+            "final_info": {"action_mask": masks, "_action_mask": ended.copy()},
+            "_final_info": ended.copy(),
+        }
 
     def _restart(self, mask: NDArray[np.bool_]) -> None:
         self.engine.reset(self._table.seeds.next(mask), mask)

@@ -11,13 +11,16 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec
 
 from marl_cair.games import make_engine
+from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.game import Representation
 from marl_cair.games.randomness import EpisodeSeeds
-from marl_cair.games.seat_spaces import look, make_observation_space
 
 RENDER_MODES = ("rgb_array",)
+VECTOR = "vector"
+STATE_BOUND = 2.0**31  # all numbers of a state are 32-bit integers, or fewer bits
 
 
-class GameParallelEnv(ParallelEnv[str, Any, int]):
+class GameParallelEnv(ParallelEnv[str, Any, int]):  # type: ignore[misc]  # no types shipped
     """One game in which all players act at once.
 
     Args:
@@ -74,7 +77,7 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
         self._seeds = EpisodeSeeds(1)
         self.engine.reset(np.zeros(1, np.uint64))
         size = self.engine.public_state(0).shape
-        self.state_space = spaces.Box(-np.inf, np.inf, size, np.float32)
+        self.state_space = spaces.Box(-STATE_BOUND, STATE_BOUND, size, np.float32)
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """The same object at every call."""
@@ -87,8 +90,10 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        """Start a game; the same seed (0 included) gives the same game. Without a seed the next
-        game of the last seed begins."""
+        """Start a game; the same seed (0 included) gives the same game.
+
+        Without a seed the next game of the last seed begins.
+        """
         if seed is not None:
             self._seeds.restart(seed)
         self.engine.reset(self._seeds.next())
@@ -108,7 +113,10 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
 
         Raises:
             ValueError: an agent's action is missing or outside its space.
+            RuntimeError: before the first reset.
         """
+        if not self._seeds.episodes[0]:
+            raise RuntimeError(f"{self.engine.game.name}: step before reset; call reset() first")
         if not self.agents:
             return {}, {}, {}, {}, {}
         if missing := [agent for agent in self.agents if agent not in actions]:
@@ -117,7 +125,7 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
                 "one for every agent in env.agents"
             )
         chosen = [[int(actions[agent]) for agent in self.possible_agents]]
-        self.engine.step(np.array(chosen, np.int32))
+        self.engine.step(np.array(chosen, np.int64))
         observations, infos = self._look()
         rewards = dict(zip(self.agents, self.engine.rewards[0].tolist(), strict=True))
         terminations = dict.fromkeys(self.agents, bool(self.engine.terminated[0]))
@@ -151,23 +159,52 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
         return observations, infos
 
 
+def make_observation_space(
+    engine: BatchedEngine, representation: str, with_mask: bool, with_vector: bool
+) -> spaces.Space[Any]:
+    """One seat's space: a Box, or a Dict where the mask or the vector is asked for."""
+    box = _make_box(engine.representation(representation))
+    if not with_mask and not with_vector:
+        return box
+    parts: dict[str, spaces.Space[Any]] = {"observation": box}
+    if with_mask:
+        parts["action_mask"] = spaces.Box(0, 1, (engine.num_actions,), np.int8)
+    if with_vector:
+        parts[VECTOR] = _make_box(engine.representation(VECTOR))
+    return spaces.Dict(parts)
+
+
+def look(
+    engine: BatchedEngine, representation: str, with_mask: bool, with_vector: bool
+) -> NDArray[Any] | dict[str, NDArray[Any]]:
+    """What all seats see, fresh arrays [B, P, ...] in the form of `make_observation_space`."""
+    seen = engine.observe(representation)
+    if not with_mask and not with_vector:
+        return seen
+    parts = {"observation": seen}
+    if with_mask:
+        parts["action_mask"] = engine.action_mask().view(np.int8)
+    if with_vector:
+        parts[VECTOR] = engine.observe(VECTOR)
+    return parts
+
+
+def _make_box(representation: Representation) -> spaces.Box:
+    return spaces.Box(0, representation.high, representation.shape, representation.dtype)
+
+
 def check_render_mode(game: str, render_mode: str | None) -> None:
     """Raise ValueError unless `render_mode` is None or one of RENDER_MODES."""
     if render_mode is not None and render_mode not in RENDER_MODES:
-        raise ValueError(
-            f"{game}: render_mode is {render_mode!r}, allowed are None and {', '.join(RENDER_MODES)}"
-        )
+        allowed = ", ".join(RENDER_MODES)
+        raise ValueError(f"{game}: render_mode is {render_mode!r}, allowed are None and {allowed}")
 
 
-def make_parallel_env(
-    game: str, scenario: str | None = None, **options: Any
-) -> GameParallelEnv:
+def make_parallel_env(game: str, scenario: str | None = None, **options: Any) -> GameParallelEnv:
     """What `marl_cair.games.<game>.parallel_env` calls."""
     return GameParallelEnv(game, scenario, **options)
 
 
-def make_aec_env(
-    game: str, scenario: str | None = None, **options: Any
-) -> AECEnv[str, Any, Any]:
+def make_aec_env(game: str, scenario: str | None = None, **options: Any) -> AECEnv[str, Any, Any]:
     """The game turn by turn: the players' actions are gathered, then played at once."""
     return parallel_to_aec(make_parallel_env(game, scenario, **options))

@@ -33,7 +33,7 @@ def draw_below(random: Any, index: int, limit: int) -> int:
     """
     random[index] += GOLDEN_STEP
     high = mix(random[index]) >> _SHIFT_32
-    return np.int64((high * np.uint64(limit)) >> _SHIFT_32)
+    return int(np.int64((high * np.uint64(limit)) >> _SHIFT_32))
 
 
 def episode_seeds(
@@ -45,7 +45,7 @@ def episode_seeds(
     """
     with np.errstate(over="ignore"):
         plain_mix = getattr(mix, "py_func", mix)
-        word = plain_mix(np.uint64(seed % 2**64) + GOLDEN_STEP)
+        word = plain_mix(np.uint64(int(seed) % 2**64) + GOLDEN_STEP)
         word = plain_mix(word ^ (worlds.astype(np.uint64) + np.uint64(1)) * GOLDEN_STEP)
         mixed: NDArray[np.uint64] = plain_mix(
             word ^ (episodes.astype(np.uint64) + np.uint64(1)) * _MIX_1

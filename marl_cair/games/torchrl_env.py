@@ -43,8 +43,8 @@ class BatchedGameEnv(EnvBase):  # type: ignore[misc]  # torchrl ships no types
 
     Keys: ("player", "observation") [B, P, *shape], ("player", "action_mask") bool [B, P, A],
     ("player", "action") int64 [B, P], ("player", "reward") float32 [B, P, 1], and done, terminated,
-    truncated bool [B, 1] at the root and [B, P, 1] in the group. The engine writes straight into the
-    tensors that are returned: nothing is copied and nothing is shared between steps.
+    truncated bool [B, 1] at the root and [B, P, 1] in the group. The engine writes straight into
+    the tensors that are returned: nothing is copied and nothing is shared between steps.
     """
 
     def __init__(
@@ -63,9 +63,7 @@ class BatchedGameEnv(EnvBase):  # type: ignore[misc]  # torchrl ships no types
         self.engine = make_engine(game, scenario, num_worlds, num_threads, **options)
         self._representations = {"observation": representation}
         self._representations |= {name: name for name in extra_representations}
-        self.group_map = {
-            GROUP: [f"player_{seat}" for seat in range(self.engine.num_players)]
-        }
+        self.group_map = {GROUP: [f"player_{seat}" for seat in range(self.engine.num_players)]}
         self.seeds = EpisodeSeeds(num_worlds, seed)
         self.last = LastStep(
             np.zeros((num_worlds, self.engine.num_players), np.float32),
@@ -82,9 +80,7 @@ class BatchedGameEnv(EnvBase):  # type: ignore[misc]  # torchrl ships no types
         }
         actions = self.engine.num_actions
         seen["action_mask"] = Binary(actions, shape=(*seats, actions), dtype=torch.bool)
-        self.observation_spec = Composite(
-            {GROUP: Composite(seen, shape=seats)}, shape=(worlds,)
-        )
+        self.observation_spec = Composite({GROUP: Composite(seen, shape=seats)}, shape=(worlds,))
         action = Categorical(actions, shape=seats, dtype=torch.int64)
         self.action_spec = Composite(
             {GROUP: Composite({"action": action}, shape=seats)}, shape=(worlds,)
@@ -177,8 +173,10 @@ class BatchedGameEnv(EnvBase):  # type: ignore[misc]  # torchrl ships no types
         return TensorDict._new_unsafe({GROUP: group, **ended}, batch_size=self.batch_size)
 
     def game_state(self) -> dict[str, Any]:
-        """All worlds and the seeding as plain arrays (named so because TorchRL's collectors call
-        `state_dict` on environments for another purpose)."""
+        """All worlds and the seeding as plain arrays.
+
+        Not named `state_dict`: TorchRL's collectors call that for another purpose.
+        """
         return {
             "engine": self.engine.state_dict(),
             "seeds": self.seeds.state_dict(),

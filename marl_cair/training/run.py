@@ -179,6 +179,7 @@ class TrainingRun:
         self.router = SeatRouter(
             self.env, self.actor, self.book, config.exploration, self.statistics, self._seeds[7]
         )
+        untouched = self.router.export_state(), self.book.state_dict()
         self.collector = Collector(
             self.env,
             self.router,
@@ -186,6 +187,9 @@ class TrainingRun:
             total_frames=-1,
             track_traj_ids=False,
         )
+        # The collector tries its policy once when it is made: no draw of that may count.
+        self.router.import_state(untouched[0])
+        self.book.load_state_dict(untouched[1], self.learner.network)
 
     # --- on disk -----------------------------------------------------------------------------
 

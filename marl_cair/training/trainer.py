@@ -57,18 +57,11 @@ def train(
     )
     last_row: dict[str, float] = {}
     with _interrupts_noted() as interrupted:
-        batches = iter(run.collector)
+        steps = iterate(run, timers)
         while run.frames < config.total_frames and not interrupted.is_set():
             if deadline is not None and time.monotonic() > deadline:
                 break
-            before = run.frames
-            with timers.measure("collect"):
-                data = next(batches)
-            _store(run, data, timers)
-            with timers.measure("learn"):
-                _learn(run, before)
-            with timers.measure("generate"):
-                _generate(run, before)
+            before = next(steps)
             row = _report(run, before, timers)
             if row:
                 last_row = row
@@ -86,6 +79,22 @@ def train(
     return TrainResult(
         run.folder, run.frames, run.learner.updates, interrupted.is_set(), last_row
     )
+
+
+def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
+    """One round of collecting, storing, learning and generating for each `next`; yields the number
+    of frames before the round."""
+    batches = iter(run.collector)
+    while True:
+        before = run.frames
+        with timers.measure("collect"):
+            data = next(batches)
+        _store(run, data, timers)
+        with timers.measure("learn"):
+            _learn(run, before)
+        with timers.measure("generate"):
+            _generate(run, before)
+        yield before
 
 
 def _is_due(before: int, after: int, every: int) -> bool:

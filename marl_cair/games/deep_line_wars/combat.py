@@ -98,16 +98,19 @@ def find_target(world: Any, rules: Any, player: int, tower: int) -> int:
         slot = (world.first_unit[enemy] + age) & mask
         across = int(world.unit_column[enemy, slot]) - tower_column
         along = int(world.unit_row[enemy, slot]) - tower_row
-        if across * across + along * along <= reach_squared:
-            if world.unit_health[enemy, slot] > 0:
-                return slot
+        is_near = across * across + along * along <= reach_squared
+        if is_near and world.unit_health[enemy, slot] > 0:
+            return int(slot)
     return NO_TARGET
 
 
 @compiled
 def reload(world: Any, rules: Any, player: int, tower: int) -> None:
-    """Set the tick of the next shot: the charge grows by the attack speed each tick and a shot
-    takes CHARGE_PER_SHOT of it, so that a speed of 3 gives exactly three shots in ten ticks."""
+    """Set the tick of the next shot.
+
+    The charge grows by the attack speed each tick and a shot takes CHARGE_PER_SHOT of it, so that a
+    speed of 3 gives exactly three shots in ten ticks.
+    """
     speed = rules.tower_speed[world.tower_kind[player, tower]]
     missing = CHARGE_PER_SHOT - world.tower_spare[player, tower]
     reload_ticks = (missing + speed - 1) // speed

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,9 +111,7 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
             "heatmap_gray", (1, *board), np.uint8, 255, ("luma",), observation.observe_heatmap_gray
         ),
         Representation("image", (3, height, width), np.uint8, 255, rgb, rendering.observe_image),
-        Representation(
-            "gray", (1, gray, gray), np.uint8, 255, ("luma",), rendering.observe_gray
-        ),
+        Representation("gray", (1, gray, gray), np.uint8, 255, ("luma",), rendering.observe_gray),
         Representation(
             "vector",
             (len(VECTOR_NAMES),),
@@ -129,11 +126,7 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
 
 def public_state(worlds: World, world: int) -> NDArray[np.float32]:
     """All state of one world but the random words, as one float32 vector [S]."""
-    fields: list[Any] = [
-        field[world].ravel()
-        for name, field in zip(World._fields, worlds, strict=True)
-        if name != "random"
-    ]
+    fields = [field[world].ravel() for name, field in worlds._asdict().items() if name != "random"]
     return np.concatenate(fields).astype(np.float32)
 
 

@@ -100,11 +100,13 @@ GRAY_TOWER, GRAY_UNIT, GRAY_CURSOR = 76, 150, 179
 
 @compiled
 def ticks_to_income(world: Any, rules: Any) -> int:
-    return rules.interval_ticks - world.tick[0] % rules.interval_ticks
+    """Ticks until both players are paid, 1..interval."""
+    return int(rules.interval_ticks - world.tick[0] % rules.interval_ticks)
 
 
 @compiled
 def terrain_level(rules: Any, column: int) -> int:
+    """The grey level of a column of the own view."""
     if column == 0:
         return OWN_SPAWN
     if column <= rules.build_columns:
@@ -118,6 +120,7 @@ def terrain_level(rules: Any, column: int) -> int:
 
 @compiled
 def see_towers(world: Any, rules: Any, player: int, out: Any) -> None:
+    """Mark the towers of both players in the planes of their kinds."""
     enemy = 1 - player
     for tower in range(world.num_towers[player]):
         plane = OWN_TOWERS + world.tower_kind[player, tower]
@@ -143,7 +146,7 @@ def see_units(world: Any, rules: Any, owner: int, mirrored: bool, first: int, ou
         if mirrored:
             column = rules.columns - 1 - column
         # At least 1, so that a unit near death is not mistaken for an empty cell.
-        level = max(1, UNIT_LEVEL * health // rules.unit_health[kind])
+        level = max(1, UNIT_LEVEL * health // int(rules.unit_health[kind]))
         out[first + kind, row, column] = min(FULL, int(out[first + kind, row, column]) + level)
         progress = FULL * int(world.unit_progress[owner, slot]) // PROGRESS_PER_TILE
         out[progress_plane, row, column] = max(int(out[progress_plane, row, column]), progress)
@@ -154,12 +157,12 @@ def uniform_levels(world: Any, rules: Any, player: int, plane: int) -> int:
     """The value 0..255 of a uniform plane."""
     enemy = 1 - player
     if plane == TIME_TO_INCOME:
-        return FULL * ticks_to_income(world, rules) // rules.interval_ticks
+        return int(FULL * ticks_to_income(world, rules) // rules.interval_ticks)
     if plane == TIME_LEFT:
-        return FULL * max(0, rules.max_ticks - world.tick[0]) // rules.max_ticks
+        return int(FULL * max(0, rules.max_ticks - world.tick[0]) // rules.max_ticks)
     owner = player if (plane - FIRST_UNIFORM) % 2 == 0 else enemy
     if plane <= ENEMY_HEALTH:
-        return FULL * max(0, int(world.health[owner])) // rules.start_health
+        return int(FULL * max(0, int(world.health[owner])) // rules.start_health)
     if plane <= ENEMY_GOLD:
         return min(FULL, int(world.gold[owner]))
     if plane <= ENEMY_LUMBER:
@@ -169,6 +172,7 @@ def uniform_levels(world: Any, rules: Any, player: int, plane: int) -> int:
 
 @compiled
 def see_planes(world: Any, rules: Any, player: int, out: Any) -> None:
+    """Write the planes of PLANE_NAMES."""
     cells = rules.rows * rules.columns
     flat = out.reshape(out.size)
     flat[: TERRAIN * cells] = 0
@@ -189,14 +193,16 @@ def see_planes(world: Any, rules: Any, player: int, out: Any) -> None:
 
 @compiled
 def see_classic(world: Any, rules: Any, player: int, out: Any) -> None:
-    """The original's five layers, in rows and columns: where several units share a cell, the
-    oldest enemy unit shows, else the oldest own."""
+    """Write the original's five layers, in rows and columns.
+
+    Where several units share a cell, the oldest enemy unit shows, else the oldest own.
+    """
     out[:] = 0
     for column in range(rules.columns):
         level = terrain_level(rules, column)
         if level == CENTRE:
             out[0, :, column] = CLASSIC_CENTRE
-        elif level == OWN_SPAWN or level == ENEMY_SPAWN:
+        elif level in (OWN_SPAWN, ENEMY_SPAWN):
             out[0, :, column] = CLASSIC_GOAL
     slots = world.unit_kind.shape[1] - 1
     for side in range(NUM_PLAYERS):
@@ -260,6 +266,7 @@ def see_vector(world: Any, rules: Any, player: int, out: Any) -> None:
 
 @compiled
 def observe_planes(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
+    """Write what every seat sees: out uint8 [B, P, C, H, W]."""
     for index in range(first, last):
         world = world_at(worlds, index)
         for player in range(NUM_PLAYERS):
@@ -268,6 +275,7 @@ def observe_planes(worlds: Any, rules: Any, out: Any, first: int, last: int) -> 
 
 @compiled
 def observe_classic(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
+    """Write the original's layers: out uint8 [B, P, 5, H, W]."""
     for index in range(first, last):
         world = world_at(worlds, index)
         for player in range(NUM_PLAYERS):
@@ -276,6 +284,7 @@ def observe_classic(worlds: Any, rules: Any, out: Any, first: int, last: int) ->
 
 @compiled
 def observe_heatmap(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
+    """Write the thesis's heat map in colour: out uint8 [B, P, 3, H, W]."""
     red, green, teal = (FULL, 0, 0), (0, FULL, 0), (0, FULL, FULL)
     for index in range(first, last):
         world = world_at(worlds, index)
@@ -285,6 +294,7 @@ def observe_heatmap(worlds: Any, rules: Any, out: Any, first: int, last: int) ->
 
 @compiled
 def observe_heatmap_gray(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
+    """Write the thesis's heat map in grey: out uint8 [B, P, 1, H, W]."""
     tower, unit, cursor = (GRAY_TOWER,), (GRAY_UNIT,), (GRAY_CURSOR,)
     for index in range(first, last):
         world = world_at(worlds, index)
@@ -294,6 +304,7 @@ def observe_heatmap_gray(worlds: Any, rules: Any, out: Any, first: int, last: in
 
 @compiled
 def observe_vector(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
+    """Write the economy of every seat: out float32 [B, P, V]."""
     for index in range(first, last):
         world = world_at(worlds, index)
         for player in range(NUM_PLAYERS):

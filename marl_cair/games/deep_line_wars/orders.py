@@ -25,14 +25,16 @@ ORDER_NONE, ORDER_ILLEGAL, ORDER_UNIT, ORDER_TOWER, ORDER_CURSOR = range(5)
 
 @compiled
 def can_buy_unit(world: Any, rules: Any, player: int, kind: int) -> bool:
+    """The gold suffices (the slots always do: see Scenario.unit_capacity)."""
     affordable = world.gold[player] >= rules.unit_cost[kind]
-    return affordable and world.num_units[player] < world.unit_kind.shape[1]
+    return bool(affordable and world.num_units[player] < world.unit_kind.shape[1])
 
 
 @compiled
 def can_afford_tower(world: Any, rules: Any, player: int, kind: int) -> bool:
+    """Gold and lumber suffice."""
     enough_gold = world.gold[player] >= rules.tower_gold[kind]
-    return enough_gold and world.lumber[player] >= rules.tower_lumber[kind]
+    return bool(enough_gold and world.lumber[player] >= rules.tower_lumber[kind])
 
 
 @compiled
@@ -40,7 +42,7 @@ def can_build_at(world: Any, rules: Any, player: int, row: int, column: int) -> 
     """The cell lies in the own half, off the spawn column, and is free."""
     if column < 1 or column > rules.build_columns:
         return False
-    return world.tower_at[player, row, column - 1] == NO_TOWER
+    return bool(world.tower_at[player, row, column - 1] == NO_TOWER)
 
 
 @compiled
@@ -48,12 +50,12 @@ def can_move_cursor(world: Any, rules: Any, player: int, action: int) -> bool:
     """The cursor stays on the board and off the two spawn columns."""
     row, column = world.cursor[player, 0], world.cursor[player, 1]
     if action == CURSOR_UP:
-        return row > 0
+        return bool(row > 0)
     if action == CURSOR_DOWN:
-        return row < rules.rows - 1
+        return bool(row < rules.rows - 1)
     if action == CURSOR_RIGHT:
-        return column < rules.columns - 2
-    return column > 1
+        return bool(column < rules.columns - 2)
+    return bool(column > 1)
 
 
 @compiled
@@ -133,6 +135,7 @@ def build_tower(world: Any, rules: Any, player: int, kind: int, row: int, column
 
 @compiled
 def move_cursor(world: Any, player: int, action: int) -> None:
+    """One cell up, down, right or left in the own view."""
     if action == CURSOR_UP:
         world.cursor[player, 0] -= 1
     elif action == CURSOR_DOWN:
@@ -145,8 +148,10 @@ def move_cursor(world: Any, player: int, action: int) -> None:
 
 @compiled
 def obey(world: Any, rules: Any, player: int, action: int) -> None:
-    """Carry out one player's action. Orders touch only the player's own things, so the order in
-    which the players are served does not matter."""
+    """Carry out one player's action, or count it as illegal.
+
+    Orders touch only the player's own things, so it does not matter who is served first.
+    """
     if not is_legal(world, rules, player, action):
         world.illegal[player] += 1
         return

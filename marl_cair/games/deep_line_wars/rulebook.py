@@ -63,9 +63,7 @@ def make_rules(scenario: Scenario) -> Rules:
         tower_range=np.array(preset.tower_range_tiles, np.int16),
         tower_gold=np.array(preset.tower_cost_gold, np.int32),
         tower_lumber=np.array(preset.tower_cost_lumber, np.int32),
-        flight_ticks=_flight_table(
-            max(preset.tower_range_tiles), preset.projectile_tiles_per_tick
-        ),
+        flight_ticks=_flight_table(max(preset.tower_range_tiles), preset.projectile_tiles_per_tick),
         start_health=preset.start_health,
         start_gold=preset.start_gold,
         start_lumber=preset.start_lumber,

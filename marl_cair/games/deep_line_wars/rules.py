@@ -78,7 +78,7 @@ def potential(world: Any, rules: Any, player: int) -> float:
     income_lead = (world.income[player] - world.income[enemy]) / (
         world.income[player] + world.income[enemy]
     )
-    return HEALTH_POTENTIAL * health_lead + INCOME_POTENTIAL * income_lead
+    return float(HEALTH_POTENTIAL * health_lead + INCOME_POTENTIAL * income_lead)
 
 
 @compiled
@@ -122,6 +122,26 @@ def step_world(world: Any, rules: Any, actions: Any, rewards: Any) -> None:
 
 
 @compiled
+def clear_slots(world: Any) -> None:
+    """Empty all slots, so that nothing of the last game stays in the state."""
+    world.unit_kind[:] = 0
+    world.unit_health[:] = 0
+    world.unit_row[:] = 0
+    world.unit_column[:] = 0
+    world.unit_progress[:] = 0
+    world.tower_kind[:] = 0
+    world.tower_row[:] = 0
+    world.tower_column[:] = 0
+    world.tower_ready[:] = 0
+    world.tower_spare[:] = 0
+    world.shot_target[:] = NO_TARGET
+    world.shot_ticks[:] = 0
+    world.shot_flight_ticks[:] = 0
+    world.shot_damage[:] = 0
+    world.tower_at[:] = NO_TOWER
+
+
+@compiled
 def reset_world(world: Any, rules: Any, seed: Any) -> None:
     """A new game. The players draw from two different words, so their luck is independent."""
     world.tick[0] = 0
@@ -141,10 +161,7 @@ def reset_world(world: Any, rules: Any, seed: Any) -> None:
         world.num_units[player] = 0
         world.num_towers[player] = 0
         world.num_shots[player] = 0
-    world.unit_health[:] = 0
-    world.unit_progress[:] = 0
-    world.shot_target[:] = NO_TARGET
-    world.tower_at[:] = NO_TOWER
+    clear_slots(world)
 
 
 # --- slices of worlds ------------------------------------------------------------------------
@@ -152,6 +169,7 @@ def reset_world(world: Any, rules: Any, seed: Any) -> None:
 
 @compiled
 def reset(worlds: Any, rules: Any, seeds: Any, mask: Any, first: int, last: int) -> None:
+    """New games in the worlds of `mask` bool [B] from `seeds` uint64 [B]."""
     for index in range(first, last):
         if mask[index]:
             reset_world(world_at(worlds, index), rules, seeds[index])
@@ -171,6 +189,7 @@ def step(worlds: Any, rules: Any, actions: Any, outcome: Any, first: int, last: 
 
 @compiled
 def legal_actions(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
+    """Write the legal actions of every seat: out bool [B, P, A]."""
     for index in range(first, last):
         world = world_at(worlds, index)
         for player in range(NUM_PLAYERS):

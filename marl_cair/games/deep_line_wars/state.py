@@ -21,8 +21,10 @@ RUNNING, TERMINATED, TRUNCATED = range(3)
 
 
 class World(NamedTuple):
-    """B worlds (arrays [B, ...]), or one world (the same fields without B). P = 2 players,
-    U unit slots, T tower slots, H rows, Q build columns."""
+    """B worlds (arrays [B, ...]), or one world (the same fields without B).
+
+    P = 2 players, U unit slots, T tower slots, H rows, Q build columns.
+    """
 
     tick: NDArray[np.int32]  # [B, 1] ticks played
     phase: NDArray[np.int8]  # [B, 1] RUNNING, TERMINATED or TRUNCATED

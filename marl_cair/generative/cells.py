@@ -1,0 +1,155 @@
+"""The distribution of one cell's next value: copies of values near it, or a discretised logistic.
+
+A cell of a plane keeps its value, takes that of a neighbour (things walk), empties, fills, or takes
+a new value (damage). So its next value is a mixture of point masses at the candidate values
+[own, neighbours..., 0, 255] and one logistic that is rounded to 0..255. Copying is thus exact and a
+moved thing keeps its exact value (the copy gate of CCDN v2, extended to neighbours).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+MAX_VALUE = 255.0
+FLOOR_SHARE = 1e-4  # of the mass is uniform over 0..255, so that no likelihood is 0
+MIN_LOG_SCALE, MAX_LOG_SCALE = -2.0, 5.0  # of the logistic, in units of plane values
+MEAN_UNIT = 16.0  # plane values per unit of the network's output
+
+
+class CellDistribution(NamedTuple):
+    """Distributions of M cells; K candidates each. Values are float32 whole numbers 0..255.
+
+    The cells run along the last axis: sums over a few components are then vectorised.
+    """
+
+    weights: Tensor  # [K, M], of the candidates
+    logistic_weight: Tensor  # [M]; with `weights` it sums to 1
+    candidates: Tensor  # [K, M], the first is the cell's own value
+    mean: Tensor  # [M]
+    scale: Tensor  # [M]
+
+    def select(self, chosen: Tensor) -> CellDistribution:
+        """The cells at `chosen` (int64)."""
+        return CellDistribution(*(part[..., chosen] for part in self))
+
+
+def count_outputs(num_shifts: int) -> int:
+    """How many network outputs one cell of one plane takes: weights, mean, log scale."""
+    return num_shifts + 3 + 1 + 2
+
+
+def build_distribution(outputs: Tensor, candidates: Tensor) -> CellDistribution:
+    """Turn outputs [K + 3, M] and candidates [K, M] into the mixture."""
+    num_candidates = candidates.shape[0]
+    logits, offset, log_scale = torch.split(outputs, [num_candidates + 1, 1, 1])
+    weights, logistic_weight = torch.split(functional.softmax(logits, 0), [num_candidates, 1])
+    # The logistic starts from the candidate that the mixture trusts: a unit that walked here and
+    # was hit lies a little below the neighbour's value.
+    anchor = (weights * candidates).sum(0) / weights.sum(0).clamp_min(1e-6)
+    mean = anchor + MEAN_UNIT * offset[0]
+    scale = log_scale[0].clamp(MIN_LOG_SCALE, MAX_LOG_SCALE).exp()
+    return CellDistribution(weights, logistic_weight[0], candidates, mean, scale)
+
+
+def gather_candidates(
+    planes: Tensor, shifts: tuple[tuple[int, int], ...], flat: Tensor | None = None
+) -> Tensor:
+    """Candidate values of cells: [own, one per shift, 0, 255], beyond the board 0.
+
+    planes: uint8 [N, P, H, W]; flat: int64 [M] into its N*P*H*W cells, None for all.
+    Returns float32 [K, M]. Shift (dr, dc) gives the value that stands at (row - dr, column - dc).
+    """
+    rows, columns = planes.shape[2:]
+    reach = max((max(abs(dr), abs(dc)) for dr, dc in shifts), default=0)
+    padded = functional.pad(planes, (reach, reach, reach, reach))
+    if flat is None:
+        near = [
+            padded[..., reach - dr : reach - dr + rows, reach - dc : reach - dc + columns].flatten()
+            for dr, dc in ((0, 0), *shifts)
+        ]
+    else:
+        wide = columns + 2 * reach
+        column, line = flat % columns, flat // columns
+        row, image = line % rows, line // rows
+        start = (image * (rows + 2 * reach) + row + reach) * wide + column + reach
+        values = padded.flatten()
+        near = [values[start - (dr * wide + dc)] for dr, dc in ((0, 0), *shifts)]
+    ends = [torch.full_like(near[0], 0), torch.full_like(near[0], 255)]
+    return torch.stack([*near, *ends]).float()
+
+
+def find_log_prob(cells: CellDistribution, values: Tensor) -> Tensor:
+    """Log probability [M] of whole values [M]."""
+    mass = find_mass(cells, values)
+    return (mass * (1.0 - FLOOR_SHARE) + FLOOR_SHARE / 256.0).log()
+
+
+def find_mass(cells: CellDistribution, values: Tensor) -> Tensor:
+    """Probability [M] of whole values [M], before the floor."""
+    points = (cells.weights * (cells.candidates == values)).sum(0)
+    return points + cells.logistic_weight * _find_logistic_mass(cells, values)
+
+
+def _find_logistic_mass(cells: CellDistribution, values: Tensor) -> Tensor:
+    """Mass of the rounded, clamped logistic at `values`; the end values take the tails."""
+    from_mean = values - cells.mean
+    upper = torch.sigmoid((from_mean + 0.5) / cells.scale)
+    lower = torch.sigmoid((from_mean - 0.5) / cells.scale)
+    return torch.where(values >= MAX_VALUE, 1.0, upper) - torch.where(values <= 0.0, 0.0, lower)
+
+
+def find_mode(cells: CellDistribution) -> tuple[Tensor, Tensor]:
+    """The likeliest value [M] of each cell and its probability [M]."""
+    values = cells.candidates[0].clone()
+    masses = find_mass(cells, values)
+    # Nearly all cells stay as they are; only the others are searched.
+    unsure = (masses <= 0.5).nonzero().squeeze(-1)
+    if unsure.numel():
+        part = cells.select(unsure)
+        best, best_mass = values[unsure], masses[unsure]
+        for option in [*part.candidates[1:], part.mean.round().clamp(0.0, MAX_VALUE)]:
+            mass = find_mass(part, option)
+            better = mass > best_mass
+            best = torch.where(better, option, best)
+            best_mass = torch.where(better, mass, best_mass)
+        values[unsure], masses[unsure] = best, best_mass
+    return values, masses
+
+
+def sample_others(cells: CellDistribution, modes: Tensor, generator: torch.Generator) -> Tensor:
+    """Draw values [M] from the distributions given that they are not `modes` [M]."""
+    mass = _find_logistic_mass(cells, modes).clamp(0.0, 1.0)
+    points = cells.weights.masked_fill(cells.candidates == modes, 0.0)
+    # A trace of the logistic is always left, so that there is something to draw.
+    smooth = (cells.logistic_weight * (1.0 - mass)).clamp_min(1e-9)
+    weights = torch.cat([points, smooth[None]]).T
+    component = torch.multinomial(weights, 1, generator=generator).squeeze(-1)
+    # The logistic without the mode: its quantile function with that mass cut out.
+    below = torch.sigmoid((modes - 0.5 - cells.mean) / cells.scale)
+    below = torch.where(modes <= 0.0, 0.0, below)
+    level = torch.rand(modes.shape, generator=generator) * (1.0 - mass)
+    level = torch.where(level >= below, level + mass, level).clamp(1e-6, 1.0 - 1e-6)
+    drawn = (cells.mean + cells.scale * torch.logit(level)).round().clamp(0.0, MAX_VALUE)
+    options = torch.cat([cells.candidates, drawn[None]])
+    return options.gather(0, component[None]).squeeze(0)
+
+
+def choose_surprises(odds: Tensor, appears: Tensor, offsets: Tensor) -> Tensor:
+    """Choose the cells that leave their likeliest value, by systematic sampling.
+
+    odds: [N, P, cells], probability of each to do so; appears: bool, cells with nothing in or near
+    them; offsets: [N, P] in 0..1. Each cell is chosen with exactly its own odds, but the number of
+    chosen cells of a plane is within one of its expectation: a thing that appears in one of ten
+    rows appears once, where independent draws would show none in 35 % of the rows. Cells where
+    something can appear come first, so that planes with equal offsets agree on the place.
+    """
+    empty_odds = torch.where(appears, odds, 0.0).double()
+    other_odds = torch.where(appears, 0.0, odds).double()
+    first = empty_odds.cumsum(-1)
+    later = other_odds.cumsum(-1) + first[..., -1:]
+    reached = torch.where(appears, first, later) + offsets[..., None].double()
+    return reached.floor() > (reached - odds.double()).floor()

@@ -1,0 +1,149 @@
+"""Independently seeded networks that learn from different batches, and what they think of a row."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor, nn
+
+from marl_cair.generative.ccdn import CCDN, Encoding, NextState
+from marl_cair.generative.cells import find_log_prob
+from marl_cair.generative.economy import find_changes
+from marl_cair.generative.loss import RareCorrection, find_losses
+from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
+
+SEED_STRIDE = 1_000_003  # members' seeds lie apart, also for neighbouring generator seeds
+CHUNK_ROWS = 16  # of boards at a time: what is computed for each cell then stays in the cache
+
+
+class Opinions(NamedTuple):
+    """What M members say of N transitions with given next states."""
+
+    log_prob: Tensor  # [M, N], of the next state: all scalars and all cells
+    worst_log_prob: Tensor  # [M, N], of the least likely scalar or cell
+    reward: Tensor  # [M, N], expected reward
+    reward_is_zero: Tensor  # [M, N], probability of the bin at 0
+    terminal: Tensor  # [M, N], probability of the end
+    mask: Tensor  # [M, N, A], logits of legal next actions
+
+
+class Ensemble:
+    """M networks with their optimisers; `train` improves one of them, in turn."""
+
+    def __init__(self, spec: GeneratorSpec, config: GeneratorConfig) -> None:
+        self.config = config
+        self.spec = spec
+        self.members: list[CCDN] = []
+        for member in range(config.num_members):
+            # torch's layers draw their start values from the global generator; leave it as it was.
+            with torch.random.fork_rng(devices=[]):
+                torch.manual_seed(config.seed + SEED_STRIDE * (member + 1))
+                self.members.append(CCDN(spec, config.size))
+        self.optimizers = [
+            torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
+            for network in self.members
+        ]
+        self.num_updates = 0
+
+    def train(
+        self, rows: TensorDict, correction: RareCorrection, generator: torch.Generator
+    ) -> dict[str, float]:
+        """One optimiser step of the next member in turn; returns its losses in nats per row."""
+        member = self.num_updates % len(self.members)
+        network, optimizer = self.members[member], self.optimizers[member]
+        stride = self.config.quiet_stride
+        offset = int(torch.randint(stride, (), generator=generator))
+        losses = find_losses(network, rows, correction, stride, offset)
+        total = torch.stack(list(losses.values())).sum()
+        optimizer.zero_grad(set_to_none=True)
+        torch.autograd.backward(total)
+        norm = nn.utils.clip_grad_norm_(network.parameters(), self.config.max_grad_norm)
+        # One bad batch must not turn every weight into NaN for the rest of the run.
+        if bool(torch.isfinite(norm)):
+            optimizer.step()
+        self.num_updates += 1
+        return {
+            **{name: float(loss.detach()) for name, loss in losses.items()},
+            "total": float(total.detach()),
+            "grad_norm": float(norm),
+        }
+
+    @torch.no_grad()
+    def propose(
+        self, observation: Tensor, action: Tensor, generator: torch.Generator | None
+    ) -> Tensor:
+        """Next observations uint8 [N, C, H, W]; row n is decoded by member n modulo M.
+
+        Sampled, or the likeliest where `generator` is None.
+        """
+        following = torch.empty_like(observation)
+        for member, network in enumerate(self.members):
+            places = torch.arange(observation.shape[0])[member :: len(self.members)]
+            for part in torch.split(places, CHUNK_ROWS):
+                if part.numel():
+                    following[part] = network.decode(observation[part], action[part], generator)
+        return following
+
+    @torch.no_grad()
+    def ask(self, rows: TensorDict) -> Opinions:
+        """Every member's opinion of every row, given its next observation."""
+        opinions = []
+        for network in self.members:
+            answers = [_ask_member(network, part) for part in _split(rows)]
+            opinions.append([torch.cat(part) for part in zip(*answers, strict=True)])
+        return Opinions(*(torch.stack(part) for part in zip(*opinions, strict=True)))
+
+    def state_dict(self) -> dict[str, Any]:
+        return {
+            "members": [network.state_dict() for network in self.members],
+            "optimizers": [optimizer.state_dict() for optimizer in self.optimizers],
+            "num_updates": self.num_updates,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Raises ValueError where the state has another number of members."""
+        if len(state["members"]) != len(self.members):
+            raise ValueError(
+                f"the saved generator has {len(state['members'])} members, this one "
+                f"{len(self.members)}: resume with num_members of the saved run"
+            )
+        for network, saved in zip(self.members, state["members"], strict=True):
+            network.load_state_dict(saved)
+        for optimizer, saved in zip(self.optimizers, state["optimizers"], strict=True):
+            optimizer.load_state_dict(saved)
+        self.num_updates = state["num_updates"]
+
+
+def _split(rows: TensorDict) -> list[TensorDict]:
+    """Chunks of rows; one empty chunk if there are none."""
+    return list(rows.split(CHUNK_ROWS)) if rows.shape[0] else [rows]
+
+
+def _ask_member(network: CCDN, rows: TensorDict) -> tuple[Tensor, ...]:
+    following = rows["next", "observation"]
+    encoding = network.encode(rows["observation"], rows["action"])
+    _, later = network.split(following)
+    changes = find_changes(encoding.scalars, later)
+    economy = network.economy.find_log_prob(encoding.context, encoding.scalars, changes)
+    board = network.reveal_economy(encoding, changes)
+    state = NextState(following, changes, board)
+    cells = _find_cell_log_probs(network, encoding, state)
+    outcome = network.judge(encoding, state, rows["action_mask"])
+    everything = torch.cat([economy, cells], -1)
+    zero_bin = network.bins.centres.abs().argmin()
+    return (
+        everything.sum(-1),
+        everything.amin(-1),
+        network.bins.read(outcome.reward),
+        outcome.reward.softmax(-1)[:, zero_bin],
+        outcome.terminal.sigmoid(),
+        outcome.mask,
+    )
+
+
+def _find_cell_log_probs(network: CCDN, encoding: Encoding, state: NextState) -> Tensor:
+    values = state.observation[:, network.moving].flatten().float()
+    cells = network.find_cells(encoding, state.changes, state.board)
+    return find_log_prob(cells, values).view(state.observation.shape[0], -1)

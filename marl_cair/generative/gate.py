@@ -1,0 +1,210 @@
+"""The quality gate: whether generated transitions may be used at all, and which of them.
+
+Nothing generated is used unless the generator is good on real transitions that it never saw. The
+whole is judged by `judge` (thresholds in GateConfig); a single row must also look to all members
+like a real one (`Acceptance`, tuned on held-out rows: a split conformal test).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from marl_cair.generative.ensemble import Opinions
+from marl_cair.generative.metrics import HeldOut
+from marl_cair.generative.settings import GateConfig, GeneratorSpec
+
+
+@dataclass(frozen=True)
+class Acceptance:
+    """Bounds that one generated row must keep; those of likelihood are quantiles of real rows."""
+
+    min_log_prob: float = math.inf  # of the whole next state, by the most doubtful member
+    min_worst_log_prob: float = math.inf  # of its least likely cell, mean over the members
+    max_reward_spread: float = 0.0  # between members, in reward units
+    certain_terminal: float = 1.0
+    may_end: bool = False  # whether rows that end the episode may be made
+    may_be_rare: bool = False  # whether rows with a rare reward may be made
+
+
+@dataclass(frozen=True)
+class GateReport:
+    """What the gate found. `reasons` says in plain words why it is shut; empty where it passed."""
+
+    passed: bool
+    reasons: tuple[str, ...]
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    acceptance: Acceptance = field(default_factory=Acceptance)
+
+
+def judge(metrics: Mapping[str, float], config: GateConfig) -> tuple[str, ...]:
+    """Reasons to keep the gate shut, in plain words; none where all conditions hold."""
+    broken = [name for name, value in metrics.items() if not math.isfinite(value)]
+    if broken:
+        return (f"{', '.join(broken)} not finite: the networks or the data hold NaN",)
+    reasons = [
+        *_judge_next_state(metrics, config),
+        *_judge_reward(metrics, config),
+        *_judge_terminal(metrics, config),
+    ]
+    if "mask/accuracy" in metrics:
+        reasons += _require_least(
+            "action mask accuracy", metrics["mask/accuracy"], config.min_mask_accuracy
+        )
+    return tuple(reasons)
+
+
+def _judge_next_state(metrics: Mapping[str, float], config: GateConfig) -> list[str]:
+    reasons = []
+    if "cells/changed_f1" in metrics:
+        reasons += _require_least(
+            "changed-cell F1", metrics["cells/changed_f1"], config.min_changed_f1
+        )
+        reasons += _require_ratio(
+            "cell error",
+            metrics["cells/error"],
+            metrics["cells/copy_error"],
+            config.max_cell_error_ratio,
+        )
+        reasons += _require_like(
+            "share of cells that change in samples",
+            metrics["cells/sampled_changed_share"],
+            metrics["cells/changed_share"],
+            config.max_change_ratio,
+        )
+    reasons += _require_ratio(
+        "next-state negative log likelihood",
+        metrics["likelihood/nll"],
+        metrics["likelihood/copy_nll"],
+        config.max_nll_ratio,
+    )
+    if "uniform/mae" in metrics:
+        reasons += _require_ratio(
+            "uniform-plane error",
+            metrics["uniform/mae"],
+            metrics["uniform/copy_mae"],
+            config.max_uniform_mae_ratio,
+        )
+    return reasons
+
+
+def _judge_reward(metrics: Mapping[str, float], config: GateConfig) -> list[str]:
+    if metrics["reward/std"] < config.max_reward_mae_if_constant:
+        return _require_most(
+            "reward error", metrics["reward/mae"], config.max_reward_mae_if_constant
+        )
+    reasons = _require_least(
+        "explained share of reward variance",
+        metrics["reward/explained"],
+        config.min_reward_explained,
+    )
+    if metrics["reward/num_rare"] >= config.min_rare_rows:
+        reasons += _require_least(
+            "rare-reward recall", metrics["reward/rare_recall"], config.min_rare_recall
+        )
+    return reasons
+
+
+def _judge_terminal(metrics: Mapping[str, float], config: GateConfig) -> list[str]:
+    reasons = _require_most(
+        "terminal calibration error", metrics["terminal/ece"], config.max_terminal_ece
+    )
+    if metrics["terminal/num"] < config.min_terminals:
+        return reasons  # ends are then not made, see tune_acceptance
+    if "terminal/auc" in metrics:
+        reasons += _require_least("terminal AUC", metrics["terminal/auc"], config.min_terminal_auc)
+    reasons += _require_least(
+        "terminal recall", metrics["terminal/recall"], config.min_terminal_recall
+    )
+    return reasons
+
+
+def _require_least(what: str, value: float, least: float) -> list[str]:
+    return [] if value >= least else [f"{what} {value:.3f} is below {least:.3f}"]
+
+
+def _require_most(what: str, value: float, most: float) -> list[str]:
+    return [] if value <= most else [f"{what} {value:.3f} is above {most:.3f}"]
+
+
+def _require_ratio(what: str, value: float, baseline: float, most: float) -> list[str]:
+    if value <= most * baseline:
+        return []
+    return [f"{what} {value:.3f} is above {most:.2f} of the copy baseline's {baseline:.3f}"]
+
+
+def _require_like(what: str, value: float, real: float, factor: float) -> list[str]:
+    if real / factor <= value <= real * factor:
+        return []
+    return [f"{what} {value:.4f} is not within a factor of {factor:.2f} of the real {real:.4f}"]
+
+
+def tune_acceptance(held: HeldOut, config: GateConfig) -> Acceptance:
+    """Bounds from held-out real rows: each likelihood test turns away a share `tail` of them.
+
+    With fewer than `min_terminals` real ends (`min_rare_rows` rare rewards) it cannot be told
+    whether the generator knows them; rows that have them are then not made.
+    """
+    opinions = held.opinions
+    spread = config.max_reward_spread * float(held.rows["next", "reward"].std(correction=0))
+    return Acceptance(
+        min_log_prob=_find_lower_quantile(opinions.log_prob.amin(0), config.tail),
+        min_worst_log_prob=_find_lower_quantile(opinions.worst_log_prob.mean(0), config.tail),
+        max_reward_spread=max(spread, config.max_reward_mae_if_constant),
+        certain_terminal=config.certain_terminal,
+        may_end=int(held.rare_rows["next", "terminated"].sum()) >= config.min_terminals,
+        may_be_rare=held.rare_rows.shape[0] >= config.min_rare_rows,
+    )
+
+
+def _find_lower_quantile(values: Tensor, share: float) -> float:
+    """The conformal bound: a new value of the same kind lies below it with odds <= share."""
+    rank = math.floor(share * (values.numel() + 1))
+    if rank < 1:
+        return -math.inf
+    return float(values.sort().values[rank - 1])
+
+
+def find_refusals(
+    opinions: Opinions, acceptance: Acceptance, is_rare: Callable[[Tensor], Tensor]
+) -> dict[str, Tensor]:
+    """For each test, bool [N]: which rows it turns away. `is_rare` tells rare rewards [N]."""
+    ends = opinions.terminal > 0.5
+    sure = torch.maximum(opinions.terminal, 1.0 - opinions.terminal).amin(0)
+    spread = opinions.reward.amax(0) - opinions.reward.amin(0)
+    reward = opinions.reward.mean(0)
+    rare = is_rare(reward) & ~torch.tensor(acceptance.may_be_rare)
+    return {
+        "unlikely_state": ~(opinions.log_prob.amin(0) >= acceptance.min_log_prob),
+        "unlikely_cell": ~(opinions.worst_log_prob.mean(0) >= acceptance.min_worst_log_prob),
+        "reward_disagreement": ~(spread <= acceptance.max_reward_spread),
+        "terminal_disagreement": (ends.any(0) & ~ends.all(0))
+        | ~(sure >= acceptance.certain_terminal),
+        "untested_end": ends.any(0) & ~torch.tensor(acceptance.may_end),
+        "untested_reward": rare,
+    }
+
+
+def find_broken_structure(rows: TensorDict, spec: GeneratorSpec) -> Tensor:
+    """Find the rows, bool [N], that no game of this spec can hold.
+
+    Static planes must be copied, uniform planes must be constant over the board, and of a group of
+    exclusive planes one at most is above 0 at a cell (where that already held before).
+    """
+    now, later = rows["observation"], rows["next", "observation"]
+    broken = torch.zeros(now.shape[0], dtype=torch.bool)
+    for plane in spec.static_planes:
+        broken |= (now[:, plane] != later[:, plane]).flatten(1).any(-1)
+    uniform = later[:, spec.num_spatial :].flatten(2)
+    if spec.num_uniform:
+        broken |= (uniform != uniform[..., :1]).flatten(1).any(-1)
+    for group in spec.exclusive_plane_groups:
+        crowded = (later[:, list(group)] > 0).sum(1) > 1
+        before = (now[:, list(group)] > 0).sum(1) > 1
+        broken |= (crowded & ~before).flatten(1).any(-1)
+    return broken

@@ -1,0 +1,285 @@
+"""`Generator`, what training asks of any generator of transitions, and the CCDN one."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any, Protocol, cast
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from marl_cair.generative.ensemble import Ensemble, Opinions
+from marl_cair.generative.gate import (
+    Acceptance,
+    GateReport,
+    find_broken_structure,
+    find_refusals,
+    judge,
+    tune_acceptance,
+)
+from marl_cair.generative.heldout import TransitionRing, is_heldout, make_empty_transitions
+from marl_cair.generative.metrics import decide_mask, examine, measure
+from marl_cair.generative.outcome import RewardBins
+from marl_cair.generative.rare import RareCounts
+from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
+from marl_cair.replay.transition import NO_INDEX, NO_OPPONENT, check_transitions
+
+_TRAINING, _GENERATING, _EVALUATING = range(3)
+
+
+class Generator(Protocol):
+    """Learns from real one-step transitions and makes artificial ones.
+
+    All TensorDicts have the keys of `marl_cair.replay.transition` and batch size [N].
+    `last_report` is the newest GateReport, None before the first `evaluate`; `last_generation`
+    holds numbers of the last `generate` for the log, "acceptance" among them.
+    """
+
+    last_report: GateReport | None
+    last_generation: dict[str, float]
+
+    def observe(self, batch: TensorDict) -> None:
+        """Take note of new real transitions: held-out rows for the gate, rare rows for training."""
+
+    def update(self, batch: TensorDict) -> dict[str, float]:
+        """Learn from real transitions drawn evenly from replay; returns losses for the log."""
+
+    def evaluate(self) -> GateReport:
+        """Measure on held-out real transitions, and open or shut the gate."""
+
+    def generate(self, starts: TensorDict, num_rows: int) -> TensorDict:
+        """Up to `num_rows` accepted transitions from the states of `starts`; none while shut."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that a resumed run needs to go on with the same bits."""
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state_dict`."""
+
+
+class CCDNGenerator:
+    """An ensemble of CCDN v2 networks behind a quality gate.
+
+    `last_generation` also holds, for each test of a row, the share of the proposed rows that it
+    turned away.
+    """
+
+    def __init__(self, config: GeneratorConfig, spec: GeneratorSpec) -> None:
+        self.config = config
+        self.spec = spec
+        self.ensemble = Ensemble(spec, config)
+        self.last_report: GateReport | None = None
+        self.last_generation: dict[str, float] = {}
+        bins = RewardBins(spec.reward_range, config.size.reward_bins)
+        self._counts = RareCounts(bins, config.rare_bin_share)
+        self._heldout = TransitionRing(spec, config.heldout_capacity)
+        self._rare_heldout = TransitionRing(spec, config.heldout_capacity // 4)
+        self._rare = TransitionRing(spec, config.rare_capacity)
+        self._generators = [
+            torch.Generator().manual_seed(config.seed * 7919 + use) for use in range(3)
+        ]
+        self._kinds = torch.tensor(spec.kinds)
+
+    def observe(self, batch: TensorDict) -> None:
+        """Take note of new real transitions; each should be shown once, when it enters replay.
+
+        Raises ValueError for generated rows, rows of more than one step, rows without a replay
+        index, and rewards outside the spec's range.
+        """
+        self._check_real(batch)
+        heldout = is_heldout(batch["index"], self.config.heldout_share, self.config.seed)
+        self._heldout.add(batch[heldout])
+        rare = self._counts.count(batch)
+        self._rare_heldout.add(batch[heldout & rare])
+        self._rare.add(batch[~heldout & rare])
+
+    def update(self, batch: TensorDict) -> dict[str, float]:
+        """One optimiser step of one member, in turn, on `batch` less its held-out rows.
+
+        A share `rare_share` of the rows is replaced by rare rows that `observe` set aside.
+        Returns mean losses in nats per row. Raises ValueError as `observe` does.
+        """
+        self._check_real(batch)
+        heldout = is_heldout(batch["index"], self.config.heldout_share, self.config.seed)
+        learnable = batch[~heldout]
+        generator = self._generators[_TRAINING]
+        wanted = min(round(self.config.rare_share * batch.shape[0]), self._rare.num_rows)
+        rare = self._rare.sample(wanted, generator)
+        common = learnable[: max(0, batch.shape[0] - rare.shape[0])]
+        if not common.shape[0] + rare.shape[0]:
+            return {}
+        rows: TensorDict = common
+        if rare.shape[0]:
+            rows = cast(TensorDict, torch.cat([common.select(*rare.keys()), rare]))
+        is_from_rare = torch.arange(rows.shape[0]) >= common.shape[0]
+        rewards, ends = rows["next", "reward"].squeeze(-1), rows["next", "terminated"].squeeze(-1)
+        is_rare = is_from_rare | ends | self._counts.is_rare_reward(rewards)
+        return self.ensemble.train(rows, self._counts.correct(is_from_rare, is_rare), generator)
+
+    def evaluate(self) -> GateReport:
+        """Measure on held-out real rows: one half tunes the acceptance, the other checks it."""
+        gate = self.config.gate
+        if self._heldout.num_rows < gate.min_heldout_rows:
+            reason = (
+                f"only {self._heldout.num_rows} held-out rows, {gate.min_heldout_rows} are needed"
+            )
+            self.last_report = GateReport(False, (reason,))
+            return self.last_report
+        generator = self._generators[_EVALUATING]
+        rows = self._heldout.sample(gate.evaluation_rows, generator)
+        rare = self._rare_heldout.select(torch.arange(self._rare_heldout.num_rows))
+        held = examine(self.ensemble, rows, rare, generator)
+        metrics = measure(held, self.spec)
+        half = rows.shape[0] // 2
+        acceptance = tune_acceptance(held.select(slice(None, half)), gate)
+        checked = held.select(slice(half, None))
+        refusals = self._find_refusals(checked.rows, checked.opinions, acceptance)
+        metrics["acceptance/real_rows"] = float((~_any(refusals)).float().mean())
+        reasons = judge(metrics, gate)
+        self.last_report = GateReport(not reasons, reasons, metrics, acceptance)
+        return self.last_report
+
+    def generate(self, starts: TensorDict, num_rows: int) -> TensorDict:
+        """Up to `num_rows` accepted transitions; fewer if `max_rounds` of proposals do not suffice.
+
+        Empty while the gate is shut. starts: real transitions, drawn from with replacement; of
+        them "observation", "action_mask" and "action" are read. Raises ValueError for no starts.
+        """
+        if starts.shape[0] == 0:
+            raise ValueError("starts is empty: give one or more real transitions to start from")
+        self.last_generation = {}
+        report = self.last_report
+        if report is None or not report.passed:
+            return make_empty_transitions(self.spec, 0)
+        made, num_made, num_proposed = [make_empty_transitions(self.spec, 0)], 0, 0
+        refused: dict[str, int] = {}
+        for _ in range(self.config.max_rounds):
+            missing = num_rows - num_made
+            if missing <= 0:
+                break
+            rows, opinions = self._propose(starts, missing)
+            refusals = self._find_refusals(rows, opinions, report.acceptance)
+            accepted = ~_any(refusals)
+            made.append(rows[accepted])
+            num_made += int(accepted.sum())
+            num_proposed += missing
+            for name, which in refusals.items():
+                refused[name] = refused.get(name, 0) + int(which.sum())
+        self._note_generation(num_made, num_proposed, refused)
+        return torch.cat(made)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Networks, optimisers, counts, rings, random generators, last report: data only."""
+        report = None if self.last_report is None else asdict(self.last_report)
+        return {
+            "ensemble": self.ensemble.state_dict(),
+            "counts": self._counts.state_dict(),
+            "heldout": self._heldout.state_dict(),
+            "rare_heldout": self._rare_heldout.state_dict(),
+            "rare": self._rare.state_dict(),
+            "generators": [generator.get_state() for generator in self._generators],
+            "report": report,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state_dict` with the same bits.
+
+        Raises ValueError where the state was saved with other members or smaller rings.
+        """
+        self.ensemble.load_state_dict(state["ensemble"])
+        self._counts.load_state_dict(state["counts"])
+        self._heldout.load_state_dict(state["heldout"])
+        self._rare_heldout.load_state_dict(state["rare_heldout"])
+        self._rare.load_state_dict(state["rare"])
+        for generator, saved in zip(self._generators, state["generators"], strict=True):
+            generator.set_state(saved)
+        saved_report = state["report"]
+        self.last_report = (
+            None
+            if saved_report is None
+            else GateReport(
+                bool(saved_report["passed"]),
+                tuple(saved_report["reasons"]),
+                dict(saved_report["metrics"]),
+                Acceptance(**saved_report["acceptance"]),
+            )
+        )
+
+    def _propose(self, starts: TensorDict, num_rows: int) -> tuple[TensorDict, Opinions]:
+        generator = self._generators[_GENERATING]
+        places = torch.randint(starts.shape[0], (num_rows,), generator=generator)
+        observation, mask = starts["observation"][places], starts["action_mask"][places]
+        action = self._choose_actions(starts["action"][places], mask, generator)
+        following = self.ensemble.propose(observation, action, generator)
+        rows = make_empty_transitions(self.spec, num_rows)
+        rows["observation"], rows["action_mask"], rows["action"] = observation, mask, action
+        rows["next", "observation"] = following
+        opinions = self.ensemble.ask(rows)
+        terminated = (opinions.terminal.mean(0) > 0.5)[:, None]
+        low, high = self.spec.reward_range
+        rows["next", "action_mask"] = decide_mask(opinions.mask, self.spec.noop_action)
+        rows["next", "reward"] = opinions.reward.mean(0).clamp(low, high)[:, None]
+        rows["next", "terminated"], rows["next", "done"] = terminated, terminated.clone()
+        rows["is_generated"].fill_(True)
+        rows["index"].fill_(NO_INDEX)
+        rows["opponent"].fill_(NO_OPPONENT)
+        return rows, opinions
+
+    def _choose_actions(
+        self, behaviour: Tensor, mask: Tensor, generator: torch.Generator
+    ) -> Tensor:
+        """The action that was taken, or for some rows any legal one.
+
+        Those are even over legal kinds first, so that the many cells of a tower do not crowd out
+        the few units.
+        """
+        sizes = torch.zeros(mask.shape[0], self.spec.num_kinds)
+        sizes.index_add_(1, self._kinds, mask.float())
+        weights = mask.float() / sizes[:, self._kinds].clamp_min(1.0)
+        weights[:, self.spec.noop_action] = weights[:, self.spec.noop_action].clamp_min(1e-6)
+        other = torch.multinomial(weights, 1, generator=generator).squeeze(-1)
+        chance = torch.rand(mask.shape[0], generator=generator)
+        counterfactual = chance < self.config.counterfactual_share
+        return torch.where(counterfactual, other, behaviour)
+
+    def _find_refusals(
+        self, rows: TensorDict, opinions: Opinions, acceptance: Acceptance
+    ) -> dict[str, Tensor]:
+        refusals = find_refusals(opinions, acceptance, self._counts.is_rare_reward)
+        refusals["broken_structure"] = find_broken_structure(rows, self.spec)
+        return refusals
+
+    def _note_generation(self, num_made: int, num_proposed: int, refused: dict[str, int]) -> None:
+        if num_proposed:
+            shares = {f"refused/{name}": num / num_proposed for name, num in refused.items()}
+            self.last_generation = {"acceptance": num_made / num_proposed, **shares}
+
+    def _check_real(self, batch: TensorDict) -> None:
+        check_transitions(batch, self.spec.transition)
+        if bool(batch["is_generated"].any()):
+            raise ValueError(
+                f"{int(batch['is_generated'].sum())} of the rows are generated: a generator learns "
+                "from real transitions only"
+            )
+        steps = batch["steps_to_next_obs"]
+        if bool((steps != 1).any()):
+            raise ValueError(
+                f"steps_to_next_obs reaches {int(steps.max())}, expected 1 everywhere: sample "
+                "one-step transitions for the generator"
+            )
+        if bool((batch["index"] < 0).any()):
+            raise ValueError(
+                f"index {int(batch['index'].min())} is no place in replay: it must be 0 or more, "
+                "as it decides which rows are held out"
+            )
+        rewards, (low, high) = batch["next", "reward"], self.spec.reward_range
+        if not bool(((rewards >= low) & (rewards <= high)).all()):
+            raise ValueError(
+                f"rewards reach from {float(rewards.min())} to {float(rewards.max())}, outside of "
+                f"reward_range {self.spec.reward_range}: widen it in the GeneratorSpec"
+            )
+
+
+def _any(refusals: dict[str, Tensor]) -> Tensor:
+    return torch.stack(list(refusals.values())).any(0)

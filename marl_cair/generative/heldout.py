@@ -1,0 +1,97 @@
+"""Rings of real transitions, and the split that keeps some of them out of training."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from marl_cair.generative.settings import GeneratorSpec
+
+_HASH_MODULUS = 2**31
+
+
+def is_heldout(index: Tensor, share: float, seed: int) -> Tensor:
+    """Whether real transitions of these replay indices stay out of training, bool [N].
+
+    Decided by a hash of the index alone: the same row always falls on the same side, in every
+    process and after a resume. int64 arithmetic wraps, as a multiplicative hash wants it; the
+    constant that the seed gives is brought into its range first.
+    """
+    mixed = index.long() * 0x9E3779B97F4A7C1 + (seed + 1) * 0x632BE59BD9B4E01 % 2**63
+    for _ in range(2):
+        mixed = mixed ^ ((mixed >> 29) & 0x7FFFFFFFF)
+        mixed = mixed * 0x3F58476D1CE4E5B9
+    mixed = mixed ^ ((mixed >> 32) & 0xFFFFFFFF)
+    return (mixed % _HASH_MODULUS).abs() < share * _HASH_MODULUS
+
+
+class TransitionRing:
+    """The latest `capacity` transitions that were added, each replay index at most once."""
+
+    def __init__(self, spec: GeneratorSpec, capacity: int) -> None:
+        self.capacity = capacity
+        self.num_rows = 0
+        self._cursor = 0
+        self._rows = make_empty_transitions(spec, capacity)
+        self._rows["index"].fill_(-1)
+
+    def add(self, rows: TensorDict) -> None:
+        """Store rows; a row whose index is held already replaces the older copy."""
+        latest = {int(index): place for place, index in enumerate(rows["index"].tolist())}
+        held = {int(index): slot for slot, index in enumerate(self._rows["index"].tolist())}
+        sources, slots = [], []
+        for index, place in latest.items():
+            slot = held.get(index)
+            if slot is None:
+                slot = self._cursor
+                self._cursor = (self._cursor + 1) % self.capacity
+                self.num_rows = min(self.num_rows + 1, self.capacity)
+            sources.append(place)
+            slots.append(slot)
+        for key in self._rows.keys(True, True):
+            self._rows[key][slots] = rows[key][sources]
+
+    def select(self, places: Tensor) -> TensorDict:
+        """Rows at `places` (int64, 0..num_rows-1), copied."""
+        return self._rows[places]
+
+    def sample(self, num: int, generator: torch.Generator) -> TensorDict:
+        """Up to `num` different rows, drawn evenly."""
+        places = torch.randperm(self.num_rows, generator=generator)[:num]
+        return self.select(places)
+
+    def state_dict(self) -> dict[str, Any]:
+        rows = self._rows[: self.num_rows]
+        return {
+            "num_rows": self.num_rows,
+            "cursor": self._cursor,
+            "rows": {_join(key): rows[key].clone() for key in rows.keys(True, True)},
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Raises ValueError where the state holds more rows than this ring has room for."""
+        if state["num_rows"] > self.capacity:
+            raise ValueError(
+                f"the saved ring holds {state['num_rows']} rows, this one has room for "
+                f"{self.capacity}: resume with the capacity of the saved run"
+            )
+        self.num_rows, self._cursor = state["num_rows"], state["cursor"]
+        self._rows["index"].fill_(-1)
+        for key in self._rows.keys(True, True):
+            self._rows[key][: self.num_rows] = state["rows"][_join(key)]
+
+
+def _join(key: str | tuple[str, ...]) -> str:
+    return key if isinstance(key, str) else ".".join(key)
+
+
+def make_empty_transitions(spec: GeneratorSpec, num: int) -> TensorDict:
+    """`num` one-step transitions of zeros, with the keys and dtypes of replay."""
+    rows = TensorDict({}, batch_size=[num])
+    for key, (dtype, shape) in spec.transition.fields().items():
+        rows[key] = torch.zeros(num, *shape, dtype=dtype)
+    rows["steps_to_next_obs"].fill_(1)
+    return rows

@@ -1,0 +1,230 @@
+"""How good the generator is on real transitions that it never trained on."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from marl_cair.generative.ensemble import Ensemble, Opinions
+from marl_cair.generative.settings import GeneratorSpec
+
+NUM_CALIBRATION_BINS = 10
+
+
+class HeldOut(NamedTuple):
+    """Held-out real rows and what the generator makes of them."""
+
+    rows: TensorDict
+    opinions: Opinions
+    likeliest: Tensor  # uint8 [N, C, H, W], decoded next states
+    sampled: Tensor  # uint8 [N, C, H, W]
+    rare_rows: TensorDict  # [R], held-out rows with a rare reward or an end: too few among `rows`
+    rare_opinions: Opinions
+
+    def select(self, which: slice) -> HeldOut:
+        """Some of the rows."""
+        opinions = Opinions(*(part[:, which] for part in self.opinions))
+        decoded = (self.likeliest[which], self.sampled[which])
+        return HeldOut(self.rows[which], opinions, *decoded, self.rare_rows, self.rare_opinions)
+
+
+def examine(
+    ensemble: Ensemble, rows: TensorDict, rare_rows: TensorDict, generator: torch.Generator
+) -> HeldOut:
+    """Ask the ensemble about real rows, and let it predict and sample their next states."""
+    observation, action = rows["observation"], rows["action"]
+    return HeldOut(
+        rows,
+        ensemble.ask(rows),
+        ensemble.propose(observation, action, None),
+        ensemble.propose(observation, action, generator),
+        rare_rows,
+        ensemble.ask(rare_rows),
+    )
+
+
+def measure(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
+    """All metrics by name. One that cannot be told from these rows is missing."""
+    return {
+        **_measure_cells(held, spec),
+        **_measure_uniform(held, spec),
+        **_measure_likelihood(held, spec),
+        **_measure_reward(held),
+        **_measure_terminal(held),
+        **_measure_mask(held, spec),
+    }
+
+
+def _measure_cells(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
+    """Cells of the moving planes: changed-cell F1, error in 0..255, accuracy of each plane."""
+    moving = list(spec.moving_planes)
+    now, real = held.rows["observation"][:, moving], held.rows["next", "observation"][:, moving]
+    guess, sample = held.likeliest[:, moving], held.sampled[:, moving]
+    changed, said = real != now, guess != now
+    hits = float((said & (guess == real)).sum())
+    flat = (held.likeliest == held.rows["next", "observation"]).flatten(1)
+    metrics = {
+        "cells/copy_error": _find_error(now, real),
+        "cells/error": _find_error(guess, real),
+        "cells/sampled_error": _find_error(sample, real),
+        "cells/exact_match": float(flat.all(-1).float().mean()),
+        "cells/changed_share": float(changed.float().mean()),
+        "cells/sampled_changed_share": float((sample != now).float().mean()),
+    }
+    if changed.any():
+        metrics["cells/changed_f1"] = 2.0 * hits / float(changed.sum() + said.sum())
+        metrics["cells/changed_recall"] = hits / float(changed.sum())
+    for place, plane in enumerate(moving):
+        metrics[f"plane_{plane}/accuracy"] = _share(guess[:, place] == real[:, place])
+        metrics[f"plane_{plane}/copy_accuracy"] = _share(now[:, place] == real[:, place])
+    return metrics
+
+
+def _measure_uniform(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
+    if not spec.num_uniform:
+        return {}
+    first = spec.num_spatial
+    now = held.rows["observation"][:, first:, 0, 0]
+    real = held.rows["next", "observation"][:, first:, 0, 0]
+    guess, sample = held.likeliest[:, first:, 0, 0], held.sampled[:, first:, 0, 0]
+    metrics = {
+        "uniform/copy_mae": _find_error(now, real),
+        "uniform/mae": _find_error(guess, real),
+        "uniform/sampled_mae": _find_error(sample, real),
+    }
+    for place in range(spec.num_uniform):
+        plane = first + place
+        metrics[f"plane_{plane}/accuracy"] = _share(guess[:, place] == real[:, place])
+        metrics[f"plane_{plane}/copy_accuracy"] = _share(now[:, place] == real[:, place])
+    return metrics
+
+
+def _measure_likelihood(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
+    """Negative log likelihood of real next states, beside that of copy + marginal change."""
+    now, real = held.rows["observation"], held.rows["next", "observation"]
+    moving = list(spec.moving_planes)
+    parts = [(now[:, plane].flatten(1), real[:, plane].flatten(1)) for plane in moving]
+    scalars = range(spec.num_spatial, spec.num_planes)
+    parts += [(now[:, plane, 0, :1], real[:, plane, 0, :1]) for plane in scalars]
+    baseline = sum(_find_marginal_nll(before, after) for before, after in parts)
+    nll = -(torch.logsumexp(held.opinions.log_prob, 0) - _log(held.opinions.log_prob.shape[0]))
+    return {"likelihood/nll": float(nll.mean()), "likelihood/copy_nll": float(baseline)}
+
+
+def _find_marginal_nll(now: Tensor, real: Tensor) -> float:
+    """Nats per row of: change with the plane's odds, then a value with the frequency of changes.
+
+    Fitted on the very rows that it is measured on, which favours the baseline.
+    """
+    changed = now != real
+    num_changed, num_cells = int(changed.sum()), changed.numel()
+    if num_changed == 0:
+        return 0.0
+    counts = torch.bincount(real[changed].long(), minlength=256).double()
+    odds = torch.tensor([num_changed, num_cells - num_changed], dtype=torch.float64)
+    total = -(torch.special.xlogy(odds, odds / num_cells)).sum()
+    total -= torch.special.xlogy(counts, counts / num_changed).sum()
+    return float(total) / now.shape[0]
+
+
+def _measure_reward(held: HeldOut) -> dict[str, float]:
+    real = held.rows["next", "reward"].squeeze(-1)
+    guess = held.opinions.reward.mean(0)
+    error = guess - real
+    metrics = {
+        "reward/mae": float(error.abs().mean()),
+        "reward/std": float(real.std(correction=0)),
+        "reward/constant_mae": float((real - real.median()).abs().mean()),
+        "reward/num_rare": float(held.rare_rows.shape[0]),
+    }
+    variance = float(real.var(correction=0))
+    if variance > 0.0:
+        metrics["reward/explained"] = 1.0 - float((error**2).mean()) / variance
+    auc = find_auc(1.0 - held.opinions.reward_is_zero.mean(0), real != 0.0)
+    if auc is not None:
+        metrics["reward/nonzero_auc"] = auc
+    if held.rare_rows.shape[0]:
+        # Found: nearer to the real reward than half of its distance from the usual one.
+        rare = held.rare_rows["next", "reward"].squeeze(-1)
+        allowed = 0.5 * (rare - real.median()).abs().clamp_min(1e-6)
+        rare_error = held.rare_opinions.reward.mean(0) - rare
+        metrics["reward/rare_recall"] = _share(rare_error.abs() <= allowed)
+    return metrics
+
+
+def _measure_terminal(held: HeldOut) -> dict[str, float]:
+    real = held.rows["next", "terminated"].squeeze(-1)
+    guess = held.opinions.terminal.mean(0)
+    found = held.rare_opinions.terminal.mean(0)[held.rare_rows["next", "terminated"].squeeze(-1)]
+    metrics = {
+        "terminal/num": float(found.numel()),
+        "terminal/share": _share(real),
+        "terminal/ece": find_calibration_error(guess, real),
+        "terminal/false_alarms": _share((guess > 0.5) & ~real),
+    }
+    if found.numel():
+        metrics["terminal/recall"] = _share(found > 0.5)
+    scores = torch.cat([guess[~real], found])
+    auc = find_auc(scores, torch.arange(scores.numel()) >= int((~real).sum()))
+    if auc is not None:
+        metrics["terminal/auc"] = auc
+    return metrics
+
+
+def _measure_mask(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
+    """Next action masks of rows that do not end the episode."""
+    goes_on = ~held.rows["next", "terminated"].squeeze(-1)
+    if not goes_on.any():
+        return {}
+    real = held.rows["next", "action_mask"][goes_on]
+    guess = decide_mask(held.opinions.mask, spec.noop_action)[goes_on]
+    return {
+        "mask/accuracy": _share(guess == real),
+        "mask/copy_accuracy": _share(held.rows["action_mask"][goes_on] == real),
+        "mask/exact": _share((guess == real).all(-1)),
+        "mask/false_legal": _share(guess & ~real),
+    }
+
+
+def decide_mask(logits: Tensor, noop_action: int) -> Tensor:
+    """Members' logits [M, N, A] -> bool [N, A]; the no-op is legal in every state."""
+    mask = logits.mean(0) > 0.0
+    mask[:, noop_action] = True
+    return mask
+
+
+def find_auc(scores: Tensor, labels: Tensor) -> float | None:
+    """Area under the ROC curve: how often a true row outscores a false one, ties half.
+
+    None where one of the two kinds is missing.
+    """
+    positive, negative = scores[labels], scores[~labels]
+    if not positive.numel() or not negative.numel():
+        return None
+    order = negative.sort().values
+    below = torch.searchsorted(order, positive.contiguous())
+    up_to = torch.searchsorted(order, positive.contiguous(), right=True)
+    return float((below + up_to).double().mean() / (2.0 * negative.numel()))
+
+
+def find_calibration_error(probabilities: Tensor, labels: Tensor) -> float:
+    """Expected calibration error: mean gap between probability and frequency over ten bins."""
+    bins = (probabilities * NUM_CALIBRATION_BINS).long().clamp_max(NUM_CALIBRATION_BINS - 1)
+    gap = (probabilities - labels.float()).double()
+    sums = torch.zeros(NUM_CALIBRATION_BINS, dtype=torch.float64).index_add_(0, bins, gap)
+    return float(sums.abs().sum() / max(1, labels.numel()))
+
+
+def _find_error(guess: Tensor, real: Tensor) -> float:
+    return float((guess.float() - real.float()).abs().mean())
+
+
+def _share(holds: Tensor) -> float:
+    return float(holds.float().mean())
+
+
+def _log(value: float) -> float:
+    return float(torch.tensor(float(value)).log())

@@ -1,0 +1,131 @@
+"""Learning curves of one or more runs as one picture, from their logs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from marl_cair.files import atomic_path
+from marl_cair.training.metrics import RunLog, read_log
+
+Rows = Sequence[Mapping[str, float]]
+
+# Okabe and Ito's palette, which colour-blind readers tell apart.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
+STYLES = ("-", "--", ":", "-.")
+PICTURE_INCHES = (13.0, 7.6)
+
+
+def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathLike[str]) -> None:
+    """Write a PNG of six panels: win rate against each bot with its 95 % interval, loss and TD error
+    of real and generated rows, Q overestimation, actions of the newest run, generator and speed.
+
+    runs: label -> run folder (with log.csv). Raises ValueError where no run has logged anything.
+    """
+    logs = {label: read_log(Path(folder) / RunLog.FILE) for label, folder in runs.items()}
+    logs = {label: rows for label, rows in logs.items() if rows}
+    if not logs:
+        raise ValueError(
+            f"no log.csv with rows in {', '.join(map(str, runs.values()))}: train first"
+        )
+    figure = Figure(figsize=PICTURE_INCHES, layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(2, 3)
+    _draw_win_rates(panels[0, 0], logs)
+    _draw_lines(panels[0, 1], logs, "td_error", "TD error (absolute)", log_scale=True)
+    _draw_overestimation(panels[0, 2], logs)
+    _draw_generator(panels[1, 0], logs)
+    _draw_speed(panels[1, 1], logs)
+    _draw_actions(panels[1, 2], logs)
+    for panel in panels.flat:
+        panel.spines[["top", "right"]].set_visible(False)
+        panel.grid(alpha=0.25)
+    for panel in panels.flat:
+        panel.set_xlabel("decisions (thousands)")
+    with atomic_path(path) as unfinished:
+        figure.savefig(unfinished, dpi=130)
+
+
+def _series(rows: Rows, name: str) -> tuple[Any, Any]:
+    points = [(row["frames"] / 1_000, row[name]) for row in rows if name in row]
+    return tuple(np.array(points).T) if points else (np.array([]), np.array([]))
+
+
+def _names(logs: Mapping[str, Rows], prefix: str, depth: int = 1) -> list[str]:
+    found = (name for rows in logs.values() for row in rows for name in row)
+    return [n for n in dict.fromkeys(found) if n.startswith(prefix) and n.count("/") == depth]
+
+
+def _draw_win_rates(panel: Any, logs: Mapping[str, Rows]) -> None:
+    bots = [name.partition("/")[2] for name in _names(logs, "win_rate/")]
+    for colour, (label, rows) in zip(COLOURS, logs.items(), strict=False):
+        for style, bot in zip(STYLES, bots, strict=False):
+            name = f"win_rate/{bot}"
+            frames, rates = _series(rows, name)
+            low, high = _series(rows, f"{name}/low")[1], _series(rows, f"{name}/high")[1]
+            panel.plot(frames, rates, style, color=colour, label=f"{label} v {bot}", marker=".")
+            if len(low) == len(rates):
+                panel.fill_between(frames, low, high, color=colour, alpha=0.12, linewidth=0)
+    panel.set(title="Greedy play, sparse reward", ylabel="score (win 1, draw ½)", ylim=(-0.03, 1.03))
+    _add_legend(panel)
+
+
+def _draw_lines(
+    panel: Any, logs: Mapping[str, Rows], prefix: str, title: str, log_scale: bool = False
+) -> None:
+    for colour, (label, rows) in zip(COLOURS, logs.items(), strict=False):
+        for style, kind in (("-", "real"), (":", "generated")):
+            frames, values = _series(rows, f"{prefix}/{kind}")
+            if len(frames):
+                panel.plot(frames, values, style, color=colour, label=f"{label}, {kind} rows")
+    panel.set(title=title)
+    if log_scale and panel.lines:
+        panel.set_yscale("log")
+    _add_legend(panel)
+
+
+def _draw_overestimation(panel: Any, logs: Mapping[str, Rows]) -> None:
+    for colour, (label, rows) in zip(COLOURS, logs.items(), strict=False):
+        panel.plot(*_series(rows, "q/overestimation"), color=colour, label=label)
+    panel.axhline(0.0, color="black", linewidth=0.8)
+    panel.set(title="Q overestimation", ylabel="first max Q − realised return")
+    _add_legend(panel)
+
+
+def _draw_generator(panel: Any, logs: Mapping[str, Rows]) -> None:
+    for colour, (label, rows) in zip(COLOURS, logs.items(), strict=False):
+        panel.plot(*_series(rows, "gate/changed_f1"), color=colour, label=f"{label}, changed-cell F1")
+        share = _series(rows, "batch/generated_share")
+        panel.plot(*share, ":", color=colour, label=f"{label}, generated share")
+    panel.set(title="Generator (CCDN)", ylim=(-0.03, 1.03))
+    _add_legend(panel)
+
+
+def _draw_speed(panel: Any, logs: Mapping[str, Rows]) -> None:
+    for colour, (label, rows) in zip(COLOURS, logs.items(), strict=False):
+        panel.plot(*_series(rows, "frames_per_second"), color=colour, label=label)
+    panel.set(title="Speed of the whole loop", ylabel="decisions / s")
+    panel.set_ylim(bottom=0)
+    _add_legend(panel)
+
+
+def _draw_actions(panel: Any, logs: Mapping[str, Rows]) -> None:
+    label, rows = list(logs.items())[-1]
+    names = _names(logs, "actions/")
+    frames = np.array([row["frames"] / 1_000 for row in rows])
+    shares = [[row.get(name, 0.0) for row in rows] for name in names]
+    kinds = [name.partition("/")[2].replace("_", " ") for name in names]
+    panel.stackplot(frames, shares, labels=kinds, colors=COLOURS, alpha=0.85, linewidth=0)
+    panel.set(title=f"Actions of {label}", ylabel="share of decisions", ylim=(0, 1))
+    panel.legend(fontsize=6.5, loc="upper left", ncols=2, framealpha=0.85)
+
+
+def _add_legend(panel: Any) -> None:
+    if panel.get_legend_handles_labels()[0]:
+        panel.legend(fontsize=7, framealpha=0.85)

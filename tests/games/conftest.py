@@ -1,0 +1,31 @@
+"""The option that rewrites the golden playthroughs, and engines that several tests share."""
+
+import pytest
+
+from marl_cair.games import GAMES
+from tests.games.cases import SCENARIOS, Case
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--update-playthroughs",
+        action="store_true",
+        help="rewrite tests/games/playthroughs instead of comparing (read the diff afterwards)",
+    )
+
+
+@pytest.fixture(scope="module", params=list(GAMES), ids=str)
+def game_name(request):
+    """Each game's name."""
+    return request.param
+
+
+@pytest.fixture(scope="module", params=SCENARIOS, ids=str)
+def case(request) -> Case:
+    """Each scenario of each game with each of its action spaces."""
+    return request.param
+
+
+@pytest.fixture
+def update_playthroughs(request) -> bool:
+    return request.config.getoption("--update-playthroughs", default=False)

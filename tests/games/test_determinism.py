@@ -1,0 +1,209 @@
+"""A world's game depends on its seed and its actions alone: not on its place, threads or history."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from marl_cair.games import GAMES
+from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.randomness import episode_seeds
+from tests.games.cases import DEFAULT_CASES, SCENARIOS, Case, Luck, play, replace_kernels
+
+NUM_WORLDS = 5
+NUM_DECISIONS = 60
+
+
+def seeds_of(num_worlds: int, seed: int = 0) -> np.ndarray:
+    return episode_seeds(seed, np.arange(num_worlds), np.zeros(num_worlds, np.int64))
+
+
+def luck_of(engine: BatchedEngine, num_decisions: int = NUM_DECISIONS) -> Luck:
+    return Luck.draw(num_decisions, engine.num_worlds, engine.num_players)
+
+
+def play_from_reset(engine: BatchedEngine, luck: Luck, seeds: np.ndarray) -> list[str]:
+    engine.reset(seeds)
+    return play(engine, luck)
+
+
+def assert_worlds_are_independent(engine: BatchedEngine) -> None:
+    """Each world plays the same game alone as in the batch."""
+    luck, seeds = luck_of(engine), seeds_of(engine.num_worlds)
+    together = play_from_reset(engine, luck, seeds)
+    assert len(set(together)) == engine.num_worlds
+    alone = BatchedEngine(engine.game, engine.scenario)
+    for world in range(engine.num_worlds):
+        digest = play_from_reset(alone, luck.of_worlds([world]), seeds[[world]])
+        assert digest == [together[world]], f"world {world}"
+
+
+def test_a_world_plays_the_same_alone_as_in_a_batch(case):
+    assert_worlds_are_independent(case.engine(NUM_WORLDS))
+
+
+@pytest.mark.parametrize("case", DEFAULT_CASES, ids=str)
+def test_an_engine_that_reads_world_0_for_all_fails_the_independence_test(case):
+    whole = case.engine(NUM_WORLDS)
+
+    def step_by_the_actions_of_world_0(worlds, rules, actions, outcome, first, last):
+        same = np.repeat(actions[:1], len(actions), axis=0)
+        whole.game.step(worlds, rules, same, outcome, first, last)
+
+    with pytest.raises(AssertionError, match="world 1"):
+        assert_worlds_are_independent(replace_kernels(whole, step=step_by_the_actions_of_world_0))
+
+
+def test_a_world_plays_the_same_at_any_place_of_a_batch(case):
+    engine = case.engine(NUM_WORLDS)
+    luck, seeds = luck_of(engine), seeds_of(NUM_WORLDS)
+    straight = play_from_reset(engine, luck, seeds)
+    order = [3, 0, 4, 1, 2]
+    shuffled = play_from_reset(engine, luck.of_worlds(order), seeds[order])
+    assert shuffled == [straight[world] for world in order]
+
+
+@pytest.mark.parametrize("num_threads", [2, 3, 4])
+def test_threads_do_not_change_the_game(case, num_threads):
+    single, several = case.engine(NUM_WORLDS), case.engine(NUM_WORLDS, num_threads)
+    luck, seeds = luck_of(single), seeds_of(NUM_WORLDS)
+    assert play_from_reset(several, luck, seeds) == play_from_reset(single, luck, seeds)
+
+
+@pytest.mark.parametrize("case", DEFAULT_CASES, ids=str)
+def test_more_threads_than_worlds_are_not_started(case):
+    assert case.engine(2, num_threads=8).num_threads == 2
+
+
+def test_a_restored_world_goes_on_the_same_in_another_slot(case):
+    engine, other = case.engine(NUM_WORLDS), case.engine(NUM_WORLDS)
+    luck, seeds = luck_of(engine), seeds_of(NUM_WORLDS)
+    engine.reset(seeds)
+    play(engine, luck)
+    saved = engine.snapshot([1, 3])
+    rest = Luck.draw(NUM_DECISIONS, NUM_WORLDS, engine.num_players, seed=1)
+    expected = play(engine, rest)
+
+    other.reset(seeds_of(NUM_WORLDS, seed=9))
+    other.restore(saved, [4, 0])
+    moved = play(other, rest.of_worlds([3, 0, 2, 4, 1]))
+    assert (moved[4], moved[0]) == (expected[1], expected[3])
+
+
+def test_a_snapshot_is_not_changed_by_further_play(case):
+    engine = case.engine(2)
+    engine.reset(seeds_of(2))
+    luck = luck_of(engine, 20)
+    saved = engine.snapshot()
+    first = play(engine, luck)
+    engine.restore(saved)
+    assert play(engine, luck) == first
+
+
+def test_a_state_dict_continues_in_a_fresh_engine(case):
+    engine, fresh = case.engine(3), case.engine(3)
+    luck = luck_of(engine)
+    engine.reset(seeds_of(3))
+    play(engine, luck)
+    fresh.load_state_dict(engine.state_dict())
+    assert play(fresh, luck) == play(engine, luck)
+
+
+def test_the_same_seed_gives_the_same_game_whatever_was_played_before(case):
+    engine, fresh = case.engine(2), case.engine(2)
+    luck = luck_of(engine)
+    play_from_reset(engine, luck, seeds_of(2, seed=5))
+    again = play_from_reset(engine, luck, seeds_of(2, seed=0))
+    assert again == play_from_reset(fresh, luck, seeds_of(2, seed=0))
+
+
+def test_different_seeds_give_different_games(case):
+    engine = case.engine(1)
+    luck = luck_of(engine)
+    games = {play_from_reset(engine, luck, seeds_of(1, seed))[0] for seed in range(4)}
+    assert len(games) == 4
+
+
+def test_reset_restarts_only_the_masked_worlds(case):
+    engine = case.engine(3)
+    luck = luck_of(engine, 10)
+    engine.reset(seeds_of(3))
+    play(engine, luck)
+    before = engine.state_dict()
+    engine.reset(seeds_of(3, seed=1), np.array([False, True, False]))
+    after = engine.state_dict()
+    for name, value in after.items():
+        np.testing.assert_array_equal(value[[0, 2]], before[name][[0, 2]])
+    fresh = case.engine(3)
+    fresh.reset(seeds_of(3, seed=1))
+    for name, value in fresh.state_dict().items():
+        np.testing.assert_array_equal(after[name][1], value[1])
+
+
+@pytest.mark.parametrize("case", DEFAULT_CASES, ids=str)
+def test_observing_and_masking_change_nothing(case):
+    engine = case.engine(2)
+    engine.reset(seeds_of(2))
+    play(engine, luck_of(engine, 10))
+    before = engine.state_dict()
+    engine.action_mask()
+    engine.public_state(0)
+    for name in engine.spec.representations:
+        first, second = engine.observe(name), engine.observe(name)
+        np.testing.assert_array_equal(first, second)
+        assert not np.shares_memory(first, second)
+    for name, value in engine.state_dict().items():
+        np.testing.assert_array_equal(value, before[name])
+
+
+@pytest.mark.plain_python
+@pytest.mark.parametrize("case", DEFAULT_CASES, ids=str)
+def test_a_whole_game_ends_and_then_stands_still(case):
+    engine = case.engine(2, max_ticks=15 * case.engine().spec.ticks_per_step)
+    engine.reset(seeds_of(2))
+    play(engine, luck_of(engine, 15))
+    assert (engine.terminated | engine.truncated).all()
+    before = engine.state_dict()
+    numbers = luck_of(engine, 3)
+    play(engine, numbers)
+    before["outcome.rewards"][:] = 0.0
+    for name, value in engine.state_dict().items():
+        np.testing.assert_array_equal(value, before[name], err_msg=name)
+
+
+PLAIN_CASES = [*DEFAULT_CASES, *(case for case in SCENARIOS[-2:] if case not in DEFAULT_CASES)]
+PLAIN_DECISIONS = 100
+PRINT_DIGESTS = """
+from tests.games.test_determinism import *
+for case in PLAIN_CASES:
+    engine = case.engine(2)
+    print(*play_from_reset(engine, luck_of(engine, PLAIN_DECISIONS), seeds_of(2)))
+"""
+
+
+def run_plain_python() -> list[str]:
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", PRINT_DIGESTS],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.splitlines()
+
+
+def test_plain_python_plays_the_same_bits_as_compiled_code():
+    expected = []
+    for case in PLAIN_CASES:
+        engine = case.engine(2)
+        luck = luck_of(engine, PLAIN_DECISIONS)
+        expected.append(" ".join(play_from_reset(engine, luck, seeds_of(2))))
+    assert run_plain_python() == expected
+
+
+def test_every_game_is_covered():
+    assert {case.game for case in SCENARIOS} == set(GAMES)
+    assert Case("deep_line_wars", "30x11", (("actions", "classic"),)) in SCENARIOS

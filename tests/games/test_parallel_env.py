@@ -1,0 +1,288 @@
+"""The PettingZoo door: its library's own checks on every game, and our promises beyond them."""
+
+import re
+import warnings
+from importlib import import_module
+
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+from marl_cair.games import GAMES
+from marl_cair.games.parallel_env import GameParallelEnv, make_aec_env
+from marl_cair.lookup import UnknownNameError
+from tests.games.cases import REPRESENTATIONS, Case, Luck, choose_actions
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # it imports games of its own the old way
+    from pettingzoo.test import (
+        api_test,
+        max_cycles_test,
+        parallel_api_test,
+        parallel_seed_test,
+        render_test,
+        seed_test,
+    )
+    from pettingzoo.test.state_test import state_test
+
+FORMS = {
+    "mask in infos": {},
+    "mask in observation": {"mask_in_observation": True},
+    "vector": {"vector": True},
+    "mask and vector": {"mask_in_observation": True, "vector": True},
+}
+SEED_CYCLES = 20
+
+
+@pytest.fixture(params=FORMS, ids=lambda form: form.replace(" ", "-"))
+def form(request) -> dict[str, bool]:
+    """How the mask and the economy are handed over."""
+    return FORMS[request.param]
+
+
+def make_env(case: Case, **options) -> GameParallelEnv:
+    return GameParallelEnv(case.game, case.scenario, **dict(case.options), **options)
+
+
+def luck_for(env: GameParallelEnv, num_decisions: int, seed: int = 0) -> np.ndarray:
+    return Luck.draw(num_decisions, 1, env.engine.num_players, seed).numbers
+
+
+def choose(env: GameParallelEnv, numbers: np.ndarray) -> dict[str, int]:
+    chosen = choose_actions(env.engine, numbers)[0].tolist()
+    return dict(zip(env.possible_agents, chosen, strict=True))
+
+
+# --- the library's checks --------------------------------------------------------------------
+
+
+def test_pettingzoo_accepts_the_parallel_api_of_every_scenario(case):
+    parallel_api_test(make_env(case, max_cycles=12), num_cycles=30)
+
+
+@pytest.mark.plain_python
+def test_pettingzoo_accepts_every_form_of_observation(game_name, form):
+    parallel_api_test(GameParallelEnv(game_name, max_cycles=12, **form), num_cycles=30)
+
+
+@pytest.mark.parametrize(("game", "representation"), REPRESENTATIONS)
+def test_pettingzoo_accepts_every_representation(game, representation):
+    env = GameParallelEnv(game, representation=representation, max_cycles=3)
+    parallel_api_test(env, num_cycles=5)
+
+
+def test_pettingzoo_finds_the_same_game_for_the_same_seed(case):
+    parallel_seed_test(lambda: make_env(case), num_cycles=SEED_CYCLES)
+
+
+def test_pettingzoo_accepts_the_turn_by_turn_game(game_name, form):
+    env = make_aec_env(game_name, max_cycles=12, **form)
+    api_test(env, num_cycles=30)
+    seed_test(lambda: make_aec_env(game_name, max_cycles=12, **form), num_cycles=SEED_CYCLES)
+
+
+def test_pettingzoo_accepts_the_state(case):
+    turn_by_turn = make_aec_env(case.game, case.scenario, **dict(case.options))
+    state_test(turn_by_turn, make_env(case))
+
+
+def test_pettingzoo_accepts_the_pictures(game_name):
+    def make(render_mode: str):
+        # The test first makes a window, which it does not use; we have none.
+        mode = None if render_mode == "human" else render_mode
+        return make_aec_env(game_name, render_mode=mode)
+
+    render_test(make)
+
+
+def test_pettingzoo_finds_max_cycles_kept(game_name):
+    max_cycles_test(import_module(f"marl_cair.games.{game_name}"))
+
+
+# --- our promises ----------------------------------------------------------------------------
+
+
+def test_the_game_equals_the_engines(case):
+    """The door adds nothing: same numbers as the engine behind it, step by step."""
+    env = make_env(case, max_cycles=40)
+    engine = case.engine(max_ticks=40 * env.engine.spec.ticks_per_step)
+    observations, infos = env.reset(seed=3)
+    engine.restore(env.engine.snapshot())
+    for numbers in luck_for(env, 40):
+        seen, masks = engine.observe("planes")[0], engine.action_mask()[0]
+        for seat, agent in enumerate(env.possible_agents):
+            np.testing.assert_array_equal(observations[agent], seen[seat])
+            np.testing.assert_array_equal(infos[agent]["action_mask"], masks[seat])
+        actions = choose(env, numbers)
+        observations, rewards, terminations, truncations, infos = env.step(actions)
+        engine.step(np.array([[actions[agent] for agent in env.possible_agents]]))
+        assert list(rewards.values()) == engine.rewards[0].tolist()
+        assert set(terminations.values()) == {bool(engine.terminated[0])}
+        assert set(truncations.values()) == {bool(engine.truncated[0])}
+    assert env.agents == []
+    assert set(infos) == set(observations) == set(env.possible_agents)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2**63 + 5, -1])
+def test_any_seed_gives_its_game_again(game_name, seed):
+    games = []
+    for env in (GameParallelEnv(game_name), GameParallelEnv(game_name)):
+        env.reset(seed=seed)
+        for numbers in luck_for(env, 30):
+            env.step(choose(env, numbers))
+        games.append(env.state())
+    np.testing.assert_array_equal(*games)
+
+
+def test_a_reset_without_seed_begins_the_next_game_of_the_seed(game_name):
+    def words(env: GameParallelEnv) -> bytes:
+        return b"".join(value.tobytes() for value in env.engine.state_dict().values())
+
+    env, other = GameParallelEnv(game_name), GameParallelEnv(game_name)
+    games = []
+    for seed in (7, None, None, 7, None):
+        env.reset(seed=seed)
+        games.append(words(env))
+    assert len(set(games[:3])) == 3
+    assert games[3:] == games[:2]
+    other.reset()
+    assert words(other) not in games
+
+
+def test_observations_are_fresh_arrays(game_name):
+    env = GameParallelEnv(game_name, mask_in_observation=True, vector=True)
+    first, _ = env.reset(seed=0)
+    kept = {name: value.copy() for name, value in first["player_0"].items()}
+    for numbers in luck_for(env, 30):
+        env.step(choose(env, numbers))
+    for name, value in first["player_0"].items():
+        np.testing.assert_array_equal(value, kept[name])
+
+
+def test_every_observation_lies_in_its_space(case, form):
+    env = make_env(case, max_cycles=25, **form)
+    observations, infos = env.reset(seed=1)
+    for numbers in luck_for(env, 25):
+        for agent in env.possible_agents:
+            assert env.observation_space(agent).contains(observations[agent])
+            assert infos[agent]["action_mask"].dtype == np.int8
+        assert env.state_space.contains(env.state())
+        observations, *_, infos = env.step(choose(env, numbers))
+
+
+def test_spaces_are_the_same_objects_at_every_call(game_name):
+    env = GameParallelEnv(game_name)
+    for agent in env.possible_agents:
+        assert env.observation_space(agent) is env.observation_space(agent)
+        assert env.action_space(agent) is env.action_space(agent)
+        assert env.observation_spaces[agent] is env.observation_space(agent)
+        assert env.action_spaces[agent] is env.action_space(agent)
+    assert isinstance(env.observation_space("player_0"), spaces.Box)
+
+
+def test_dict_forms_hold_what_was_asked_for(game_name):
+    env = GameParallelEnv(game_name, mask_in_observation=True, vector=True)
+    observations, infos = env.reset(seed=0)
+    seen = observations["player_1"]
+    assert set(seen) == {"observation", "action_mask", "vector"}
+    np.testing.assert_array_equal(seen["action_mask"], infos["player_1"]["action_mask"])
+    np.testing.assert_array_equal(seen["vector"], env.engine.observe("vector")[0, 1])
+
+
+def test_the_mask_samples_legal_actions(game_name):
+    env = GameParallelEnv(game_name)
+    _, infos = env.reset(seed=0)
+    env.action_space("player_0").seed(0)
+    for _ in range(20):
+        mask = infos["player_0"]["action_mask"]
+        assert mask[env.action_space("player_0").sample(mask)]
+
+
+def test_a_finished_game_returns_nothing_until_reset(game_name):
+    env = GameParallelEnv(game_name, max_cycles=1)
+    env.reset(seed=0)
+    noop = dict.fromkeys(env.agents, env.engine.spec.noop_action)
+    *_, truncations, _ = env.step(noop)
+    assert all(truncations.values())
+    assert env.step(noop) == ({}, {}, {}, {}, {})
+    env.reset()
+    assert env.agents == env.possible_agents
+
+
+def test_an_illegal_action_is_counted_and_harmless(game_name):
+    env, idle = GameParallelEnv(game_name), GameParallelEnv(game_name)
+    env.reset(seed=0)
+    idle.reset(seed=0)
+    spec = env.engine.spec
+    illegal = int(np.flatnonzero(~env.engine.action_mask()[0, 0])[0])
+    env.step({"player_0": illegal, "player_1": spec.noop_action})
+    idle.step(dict.fromkeys(idle.agents, spec.noop_action))
+    assert env.engine.illegal_actions.tolist() == [[1, 0]]
+    np.testing.assert_array_equal(env.engine.observe("planes"), idle.engine.observe("planes"))
+
+
+def test_pictures_come_only_in_the_mode_that_asks_for_them(game_name):
+    env = GameParallelEnv(game_name)
+    env.reset(seed=0)
+    assert env.render() is None
+    env.close()
+
+
+# --- bad input -------------------------------------------------------------------------------
+
+
+def test_unknown_names_are_answered_with_the_nearest(game_name):
+    for arguments, message in (
+        ({"scenario": "10x16"}, f"unknown {game_name} scenario '10x16': nearest are"),
+        ({"representation": "plane"}, f"unknown {game_name} representation 'plane': nearest are"),
+        ({"max_tick": 5}, f"unknown {game_name} option 'max_tick': nearest are 'max_ticks'"),
+    ):
+        with pytest.raises(UnknownNameError, match=re.escape(message)):
+            GameParallelEnv(game_name, **arguments)
+    with pytest.raises(UnknownNameError, match="unknown game 'deep_line_war': nearest are"):
+        GameParallelEnv("deep_line_war")
+
+
+def test_an_unknown_render_mode_is_refused(game_name):
+    message = f"{game_name}: render_mode is 'human', allowed are None and rgb_array"
+    with pytest.raises(ValueError, match=message):
+        GameParallelEnv(game_name, render_mode="human")
+
+
+def test_a_step_before_reset_is_refused(game_name):
+    env = GameParallelEnv(game_name)
+    message = f"{game_name}: step before reset; call reset\\(\\) first"
+    with pytest.raises(RuntimeError, match=message):
+        env.step(dict.fromkeys(env.possible_agents, env.engine.spec.noop_action))
+
+
+def test_a_missing_action_is_named(game_name):
+    env = GameParallelEnv(game_name)
+    env.reset(seed=0)
+    message = f"{game_name}: step lacks the actions of player_1; give one for every agent"
+    with pytest.raises(ValueError, match=message):
+        env.step({"player_0": 0})
+
+
+@pytest.mark.parametrize("action", [-1, 10_000, 2**32, 2**40])
+def test_an_action_outside_the_space_is_refused(game_name, action):
+    env = GameParallelEnv(game_name)
+    env.reset(seed=0)
+    noop, last = env.engine.spec.noop_action, env.engine.num_actions - 1
+    message = f"action {action} of player 1 in world 0 is outside 0..{last}"
+    with pytest.raises(ValueError, match=message):
+        env.step({"player_0": noop, "player_1": action})
+
+
+def test_a_time_limit_below_one_decision_is_refused(game_name):
+    with pytest.raises(ValueError, match=f"{game_name}: max_ticks is 0, it must be"):
+        GameParallelEnv(game_name, max_cycles=0)
+
+
+def test_every_game_opens_its_two_doors():
+    for name in GAMES:
+        module = import_module(f"marl_cair.games.{name}")
+        assert module.parallel_env().metadata["name"].startswith(name)
+        turn_by_turn = module.env(render_mode=None)
+        turn_by_turn.reset(seed=0)
+        assert turn_by_turn.agent_selection == "player_0"

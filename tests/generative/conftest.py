@@ -1,0 +1,55 @@
+"""Data and trained generators that the generator tests share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from marl_cair.generative import CCDNGenerator, GateConfig, GeneratorConfig, NetworkSize
+from tests.generative.plane_game import SPEC, play_randomly
+
+SMALL = GeneratorConfig(
+    num_members=2,
+    heldout_capacity=800,
+    quiet_stride=8,  # the board is small
+    size=NetworkSize(channels=12, hidden=48, economy_hidden=24),
+    gate=GateConfig(evaluation_rows=400),
+)
+NUM_UPDATES = 700
+
+
+@pytest.fixture(autouse=True, scope="session")
+def one_thread() -> Iterator[None]:
+    """Small tensors gain nothing from threads, and their sums must not depend on the machine."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def train(
+    rows: TensorDict, shown: TensorDict, num_updates: int, config: GeneratorConfig = SMALL
+) -> CCDNGenerator:
+    """A generator that observed `shown` and learned from `rows`."""
+    generator = CCDNGenerator(config, SPEC)
+    generator.observe(shown)
+    draws = torch.Generator().manual_seed(1)
+    for _ in range(num_updates):
+        generator.update(rows[torch.randint(rows.shape[0], (64,), generator=draws)])
+    return generator
+
+
+@pytest.fixture(scope="session")
+def real_rows() -> TensorDict:
+    return play_randomly(num_worlds=64, num_steps=120, seed=0)
+
+
+@pytest.fixture(scope="session")
+def trained(real_rows: TensorDict) -> CCDNGenerator:
+    """Trained and evaluated; tests must not train it on."""
+    generator = train(real_rows, real_rows, NUM_UPDATES)
+    generator.evaluate()
+    return generator

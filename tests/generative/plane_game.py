@@ -1,0 +1,191 @@
+"""A small game on planes, batched in NumPy, with the character of Deep Line Wars, for the tests.
+
+Enemy units appear on random rows of the right column and walk left, a cell a step; towers that the
+player builds wound those beside them; a unit that reaches the left column costs health. Own units
+walk right. Gold comes at intervals; towers and units cost gold.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDict
+
+from marl_cair.generative.settings import GeneratorSpec
+
+ROWS, COLUMNS, BUILD_COLUMNS = 5, 7, 3
+TOWER, OWN_UNITS, ENEMY_UNITS, TERRAIN = range(4)
+HEALTH, ENEMY_HEALTH, GOLD, TIME_TO_INCOME = range(4)
+NUM_SPATIAL, NUM_UNIFORM = 4, 4
+NOOP, BUY_UNIT, FIRST_TOWER = range(3)
+NUM_ACTIONS = FIRST_TOWER + ROWS * BUILD_COLUMNS
+START_HEALTH, START_GOLD, INTERVAL, INCOME = 5, 30, 6, 25
+UNIT_COST, TOWER_COST = 10, 20
+FULL_UNIT, DAMAGE = 64, 24
+SPAWN_ODDS = 0.6
+SHAPING = 0.05
+
+SPEC = GeneratorSpec(
+    observation_shape=(NUM_SPATIAL + NUM_UNIFORM, ROWS, COLUMNS),
+    num_actions=NUM_ACTIONS,
+    num_uniform=NUM_UNIFORM,
+    noop_action=NOOP,
+    action_kinds=(0, 1, *(2,) * (ROWS * BUILD_COLUMNS)),
+    action_cells=(
+        -1,
+        -1,
+        *(r * COLUMNS + 1 + c for r in range(ROWS) for c in range(BUILD_COLUMNS)),
+    ),
+    static_planes=(TERRAIN,),
+    exclusive_plane_groups=((TOWER, TERRAIN),),
+)
+
+
+class PlaneGame:
+    """`num_worlds` games; finished ones start anew at the next step."""
+
+    def __init__(self, num_worlds: int, seed: int) -> None:
+        self.random = np.random.default_rng(seed)
+        self.num_worlds = num_worlds
+        shape = (num_worlds, ROWS, COLUMNS)
+        self.tower = np.zeros(shape, bool)
+        self.units = np.zeros((num_worlds, 2, ROWS, COLUMNS), np.int64)
+        self.health = np.zeros((num_worlds, 2), np.int64)
+        self.gold = np.zeros(num_worlds, np.int64)
+        self.clock = np.zeros(num_worlds, np.int64)
+        self.terrain = np.zeros(shape, np.uint8)
+        self.reset(np.ones(num_worlds, bool))
+
+    def reset(self, mask: NDArray[np.bool_]) -> None:
+        self.tower[mask] = False
+        self.units[mask] = 0
+        self.health[mask] = START_HEALTH
+        self.gold[mask] = START_GOLD
+        self.clock[mask] = INTERVAL
+        rocks = self.random.integers(0, ROWS, int(mask.sum()))
+        self.terrain[mask] = 0
+        self.terrain[np.flatnonzero(mask), rocks, 0] = 200
+
+    def observe(self) -> NDArray[np.uint8]:
+        planes = np.zeros((self.num_worlds, *SPEC.observation_shape), np.uint8)
+        planes[:, TOWER] = self.tower * 255
+        planes[:, OWN_UNITS] = self.units[:, 0].clip(0, 255)
+        planes[:, ENEMY_UNITS] = self.units[:, 1].clip(0, 255)
+        planes[:, TERRAIN] = self.terrain
+        scalars = np.stack(
+            [
+                self.health[:, 0].clip(0) * 51,
+                self.health[:, 1].clip(0) * 51,
+                self.gold.clip(0, 255),
+                self.clock * 255 // INTERVAL,
+            ],
+            1,
+        )
+        planes[:, NUM_SPATIAL:] = scalars[:, :, None, None]
+        return planes
+
+    def action_mask(self) -> NDArray[np.bool_]:
+        mask = np.zeros((self.num_worlds, NUM_ACTIONS), bool)
+        mask[:, NOOP] = True
+        mask[:, BUY_UNIT] = self.gold >= UNIT_COST
+        free = ~self.tower[:, :, 1 : 1 + BUILD_COLUMNS].reshape(self.num_worlds, -1)
+        mask[:, FIRST_TOWER:] = free & (self.gold >= TOWER_COST)[:, None]
+        return mask
+
+    def step(self, actions: NDArray[np.int64]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Rewards float32 [B] and ends bool [B]."""
+        worlds = np.arange(self.num_worlds)
+        before = self.health[:, 0] - self.health[:, 1]
+        self.units[:, 0, :, 1:] = self.units[:, 0, :, :-1].copy()
+        self.units[:, 0, :, 0] = 0
+        self.units[:, 1, :, :-1] = self.units[:, 1, :, 1:].copy()
+        self.units[:, 1, :, -1] = 0
+        buys = worlds[actions == BUY_UNIT]
+        self.gold[buys] -= UNIT_COST
+        self.units[buys, 0, self.random.integers(0, ROWS, buys.size), 0] = FULL_UNIT
+        builds = worlds[actions >= FIRST_TOWER]
+        place = actions[builds] - FIRST_TOWER
+        self.gold[builds] -= TOWER_COST
+        self.tower[builds, place // BUILD_COLUMNS, 1 + place % BUILD_COLUMNS] = True
+        spawns = worlds[self.random.random(self.num_worlds) < SPAWN_ODDS]
+        self.units[spawns, 1, self.random.integers(0, ROWS, spawns.size), -1] = FULL_UNIT
+        self._shoot()
+        self.health[:, 0] -= (self.units[:, 1, :, 0] > 0).sum(-1)
+        self.units[:, 1, :, 0] = 0
+        self.health[:, 1] -= (self.units[:, 0, :, -1] > 0).sum(-1)
+        self.units[:, 0, :, -1] = 0
+        self.clock -= 1
+        paid = self.clock == 0
+        self.gold[paid] += INCOME
+        self.clock[paid] = INTERVAL
+        return self._judge(before)
+
+    def _shoot(self) -> None:
+        beside = np.zeros_like(self.units[:, 1])
+        beside[:, 1:] += self.tower[:, :-1]
+        beside[:, :-1] += self.tower[:, 1:]
+        beside[:, :, 1:] += self.tower[:, :, :-1]
+        beside[:, :, :-1] += self.tower[:, :, 1:]
+        self.units[:, 1] = (self.units[:, 1] - DAMAGE * beside).clip(0)
+
+    def _judge(self, before: NDArray[np.int64]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        lost, won = self.health[:, 0] <= 0, self.health[:, 1] <= 0
+        change = self.health[:, 0] - self.health[:, 1] - before
+        terminated = lost | won
+        rewards = np.where(terminated, won.astype(float) - lost, SHAPING * change)
+        return rewards.astype(np.float32), terminated
+
+
+def play_randomly(num_worlds: int, num_steps: int, seed: int) -> TensorDict:
+    """Transitions [num_worlds * num_steps] of random legal play; index counts them from 0."""
+    game = PlaneGame(num_worlds, seed)
+    steps = []
+    for _ in range(num_steps):
+        observation, mask = game.observe(), game.action_mask()
+        # No-op and unit as often as all the towers together: else gold is always spent at once.
+        odds = mask * np.r_[8.0, 8.0, np.ones(NUM_ACTIONS - 2)]
+        levels = game.random.random((num_worlds, 1)) * odds.sum(1, keepdims=True)
+        actions = (odds.cumsum(1) <= levels).sum(1)
+        rewards, terminated = game.step(actions)
+        steps.append(
+            _pack(
+                observation, mask, actions, game.observe(), game.action_mask(), rewards, terminated
+            )
+        )
+        game.reset(terminated)
+    rows = torch.cat(steps)
+    rows["index"] = torch.arange(rows.shape[0])
+    return rows
+
+
+def _pack(
+    observation: NDArray[np.uint8],
+    mask: NDArray[np.bool_],
+    actions: NDArray[np.int64],
+    following: NDArray[np.uint8],
+    next_mask: NDArray[np.bool_],
+    rewards: NDArray[np.float32],
+    terminated: NDArray[np.bool_],
+) -> TensorDict:
+    num = actions.shape[0]
+    ends = torch.from_numpy(terminated)[:, None]
+    return TensorDict(
+        {
+            "observation": torch.from_numpy(observation),
+            "action_mask": torch.from_numpy(mask),
+            "action": torch.from_numpy(actions),
+            "next": {
+                "observation": torch.from_numpy(following),
+                "action_mask": torch.from_numpy(next_mask),
+                "reward": torch.from_numpy(rewards)[:, None],
+                "terminated": ends,
+                "done": ends.clone(),
+            },
+            "steps_to_next_obs": torch.ones(num, 1, dtype=torch.int64),
+            "is_generated": torch.zeros(num, 1, dtype=torch.bool),
+            "opponent": torch.zeros(num, dtype=torch.int16),
+            "index": torch.zeros(num, dtype=torch.int64),
+        },
+        batch_size=[num],
+    )

@@ -1,0 +1,122 @@
+"""The distribution of one cell, against sums over all 256 values and against counts of samples."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from marl_cair.generative.cells import (
+    CellDistribution,
+    build_distribution,
+    choose_surprises,
+    count_outputs,
+    find_log_prob,
+    find_mass,
+    find_mode,
+    gather_candidates,
+    sample_others,
+)
+
+SHIFTS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+
+
+def make_cells(num: int, seed: int) -> CellDistribution:
+    generator = torch.Generator().manual_seed(seed)
+    planes = torch.randint(0, 3, (num, 1, 3, 3), generator=generator).to(torch.uint8) * 64
+    candidates = gather_candidates(planes, SHIFTS, torch.arange(num) * 9 + 4)
+    outputs = torch.randn(count_outputs(len(SHIFTS)), num, generator=generator)
+    return build_distribution(outputs, candidates)
+
+
+def find_all_masses(cells: CellDistribution) -> Tensor:
+    """Masses [256, M] of all values."""
+    num = cells.mean.shape[0]
+    return torch.stack([find_mass(cells, torch.full((num,), float(v))) for v in range(256)])
+
+
+def test_masses_of_all_values_sum_to_one() -> None:
+    masses = find_all_masses(make_cells(40, seed=0))
+    torch.testing.assert_close(masses.sum(0), torch.ones(40))
+    assert masses.min() >= 0.0
+
+
+def test_log_prob_of_an_impossible_value_is_finite() -> None:
+    cells = CellDistribution(
+        torch.tensor([[1.0]]), torch.zeros(1), torch.tensor([[64.0]]), torch.zeros(1), torch.ones(1)
+    )
+    log_prob = find_log_prob(cells, torch.tensor([200.0]))
+    torch.testing.assert_close(log_prob, torch.tensor([1e-4 / 256]).log())
+
+
+def test_mode_is_the_value_of_largest_mass_where_it_is_likely() -> None:
+    cells = make_cells(200, seed=1)
+    masses = find_all_masses(cells)
+    values, mass = find_mode(cells)
+    best = masses.max(0)
+    sure = best.values > 0.5
+    assert sure.sum() > 20
+    assert torch.equal(values[sure].long(), best.indices[sure])
+    torch.testing.assert_close(mass[sure], best.values[sure])
+
+
+def test_candidates_are_own_shifted_empty_and_full() -> None:
+    planes = torch.arange(1, 13, dtype=torch.uint8).view(1, 1, 3, 4)
+    # Row 1, column 2 holds 7: from the left 6, right 8, above 3, below 11.
+    candidates = gather_candidates(planes, SHIFTS, torch.tensor([6]))
+    assert candidates[:, 0].tolist() == [7, 6, 8, 3, 11, 0, 255]
+
+
+def test_candidates_beyond_the_board_are_empty() -> None:
+    planes = torch.full((1, 1, 2, 2), 9, dtype=torch.uint8)
+    assert gather_candidates(planes, SHIFTS, torch.tensor([0]))[:, 0].tolist() == [
+        9, 0, 9, 0, 9, 0, 255,
+    ]  # fmt: skip
+
+
+def test_candidates_of_all_cells_equal_those_of_chosen_cells() -> None:
+    planes = torch.randint(0, 256, (3, 2, 4, 5), dtype=torch.uint8)
+    everywhere = gather_candidates(planes, ((0, 2), (-1, 1)))
+    chosen = gather_candidates(planes, ((0, 2), (-1, 1)), torch.arange(planes.numel()))
+    assert torch.equal(everywhere, chosen)
+
+
+def test_samples_follow_the_masses_without_the_mode() -> None:
+    one = make_cells(1, seed=4)
+    num = 40_000
+    cells = one.select(torch.zeros(num, dtype=torch.int64))
+    mode = find_mode(one)[0]
+    drawn = sample_others(cells, mode.expand(num), torch.Generator().manual_seed(0))
+    counts = torch.bincount(drawn.long(), minlength=256) / num
+    masses = find_all_masses(one)[:, 0].clone()
+    masses[int(mode)] = 0.0
+    # Four standard errors of a share at most 1/2 of 40,000 draws are 0.01.
+    torch.testing.assert_close(counts, masses / masses.sum(), atol=0.01, rtol=0.0)
+    assert counts[int(mode)] == 0.0
+
+
+def test_one_appearance_in_ten_rows_is_one_in_every_sample() -> None:
+    odds = torch.full((1000, 1, 10), 0.1)
+    offsets = torch.rand(1000, 1, generator=torch.Generator().manual_seed(0)) * 0.98 + 0.01
+    chosen = choose_surprises(odds, torch.ones_like(odds, dtype=torch.bool), offsets)
+    assert chosen.sum(-1).unique().tolist() == [1]
+    # Each of the ten rows: 100 +- four standard errors.
+    assert ((chosen.sum((0, 1)) - 100).abs() < 38).all()
+
+
+def test_surprises_keep_each_cells_own_odds() -> None:
+    odds = torch.tensor([0.05, 0.5, 0.9, 0.0, 1.0]).expand(20_000, 1, 5)
+    appears = torch.tensor([True, False, True, False, False]).expand_as(odds)
+    offsets = torch.rand(20_000, 1, generator=torch.Generator().manual_seed(0))
+    frequency = choose_surprises(odds, appears, offsets).float().mean((0, 1))
+    torch.testing.assert_close(frequency, odds[0, 0], atol=0.015, rtol=0.0)
+
+
+def test_planes_of_one_event_agree_on_the_place() -> None:
+    odds = torch.zeros(500, 2, 12)
+    odds[:, :, :10] = 0.1
+    odds[:, 0, 11] = 0.7  # a wound elsewhere in one of the planes must not shift the place
+    appears = torch.ones_like(odds, dtype=torch.bool)
+    appears[:, :, 10:] = False
+    offsets = torch.rand(500, 1, generator=torch.Generator().manual_seed(0)).expand(500, 2)
+    chosen = choose_surprises(odds, appears, offsets)
+    assert torch.equal(chosen[:, 0, :10], chosen[:, 1, :10])

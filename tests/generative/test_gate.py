@@ -1,0 +1,158 @@
+"""The gate's thresholds one by one, and the tests of a single row."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+import torch
+
+from marl_cair.generative import GateConfig
+from marl_cair.generative.ensemble import Opinions
+from marl_cair.generative.gate import Acceptance, find_broken_structure, find_refusals, judge
+from marl_cair.generative.heldout import make_empty_transitions
+from marl_cair.generative.metrics import decide_mask, find_auc, find_calibration_error
+from tests.generative.plane_game import SPEC, TERRAIN, TOWER
+
+GOOD = {
+    "cells/changed_f1": 0.9, "cells/error": 0.1, "cells/copy_error": 1.0,
+    "cells/changed_share": 0.01, "cells/sampled_changed_share": 0.011,
+    "likelihood/nll": 5.0, "likelihood/copy_nll": 30.0,
+    "uniform/mae": 1.0, "uniform/copy_mae": 9.0,
+    "reward/std": 0.1, "reward/mae": 0.01, "reward/explained": 0.95,
+    "reward/num_rare": 40.0, "reward/rare_recall": 0.9,
+    "terminal/ece": 0.001, "terminal/num": 20.0, "terminal/auc": 0.99, "terminal/recall": 0.9,
+    "mask/accuracy": 0.999,
+}  # fmt: skip
+
+
+def test_good_metrics_give_no_reason() -> None:
+    assert judge(GOOD, GateConfig()) == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"cells/changed_f1": 0.41}, "changed-cell F1 0.410 is below 0.600"),
+        ({"cells/error": 0.8}, "cell error 0.800 is above 0.70 of the copy baseline's 1.000"),
+        (
+            {"cells/sampled_changed_share": 0.03},
+            (
+                "share of cells that change in samples 0.0300 is not within a factor of 1.50 of "
+                "the real 0.0100"
+            ),
+        ),
+        (
+            {"likelihood/nll": 25.0},
+            "next-state negative log likelihood 25.000 is above 0.80 of the copy baseline's 30.000",
+        ),
+        (
+            {"uniform/mae": 5.0},
+            "uniform-plane error 5.000 is above 0.50 of the copy baseline's 9.000",
+        ),
+        (
+            {"reward/explained": 0.3},
+            "explained share of reward variance 0.300 is below 0.700",
+        ),
+        ({"reward/rare_recall": 0.1}, "rare-reward recall 0.100 is below 0.600"),
+        ({"terminal/ece": 0.1}, "terminal calibration error 0.100 is above 0.020"),
+        ({"terminal/auc": 0.7}, "terminal AUC 0.700 is below 0.950"),
+        ({"terminal/recall": 0.2}, "terminal recall 0.200 is below 0.700"),
+        ({"mask/accuracy": 0.9}, "action mask accuracy 0.900 is below 0.980"),
+        ({"reward/std": 0.0, "reward/mae": 0.2}, "reward error 0.200 is above 0.001"),
+        (
+            {"likelihood/nll": math.nan},
+            "likelihood/nll not finite: the networks or the data hold NaN",
+        ),
+    ],
+)
+def test_each_condition_alone_shuts_the_gate(changes: dict[str, float], reason: str) -> None:
+    assert judge({**GOOD, **changes}, GateConfig()) == (reason,)
+
+
+def test_few_ends_and_rare_rewards_do_not_shut_the_gate() -> None:
+    few = {"terminal/num": 3.0, "terminal/recall": 0.0, "reward/num_rare": 3.0,
+           "reward/rare_recall": 0.0}  # fmt: skip
+    assert judge({**GOOD, **few}, GateConfig()) == ()
+
+
+def make_opinions(**changes: Any) -> Opinions:
+    """Two members that agree on one ordinary row."""
+    fields: dict[str, torch.Tensor] = {
+        "log_prob": torch.full((2, 1), -5.0),
+        "worst_log_prob": torch.full((2, 1), -2.0),
+        "reward": torch.zeros(2, 1),
+        "reward_is_zero": torch.ones(2, 1),
+        "terminal": torch.full((2, 1), 0.01),
+        "mask": torch.zeros(2, 1, 3),
+    }
+    return Opinions(**{**fields, **{name: torch.tensor(v) for name, v in changes.items()}})
+
+
+BOUNDS = Acceptance(-10.0, -4.0, 0.05, 0.8, may_end=True, may_be_rare=True)
+
+
+def refuse(opinions: Opinions, bounds: Acceptance = BOUNDS) -> set[str]:
+    refusals = find_refusals(opinions, bounds, lambda reward: reward.abs() > 0.5)
+    return {name for name, which in refusals.items() if bool(which[0])}
+
+
+def test_agreed_likely_row_is_accepted() -> None:
+    assert refuse(make_opinions()) == set()
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({"log_prob": [[-5.0], [-11.0]]}, "unlikely_state"),
+        ({"log_prob": [[-5.0], [math.nan]]}, "unlikely_state"),
+        ({"worst_log_prob": [[-2.0], [-6.5]]}, "unlikely_cell"),
+        ({"reward": [[0.0], [0.06]]}, "reward_disagreement"),
+        ({"terminal": [[0.1], [0.9]]}, "terminal_disagreement"),
+        ({"terminal": [[0.01], [0.3]]}, "terminal_disagreement"),
+    ],
+)
+def test_one_doubtful_member_turns_the_row_away(changes: dict[str, Any], name: str) -> None:
+    assert refuse(make_opinions(**changes)) == {name}
+
+
+def test_ends_and_rare_rewards_are_made_only_if_tested() -> None:
+    ends = make_opinions(terminal=[[0.99], [0.99]])
+    rare = make_opinions(reward=[[0.9], [0.9]])
+    untested = Acceptance(-10.0, -4.0, 0.05, 0.8, may_end=False, may_be_rare=False)
+    assert refuse(ends) == set()
+    assert refuse(rare) == set()
+    assert refuse(ends, untested) == {"untested_end"}
+    assert refuse(rare, untested) == {"untested_reward"}
+
+
+def test_broken_structure_is_found() -> None:
+    rows = make_empty_transitions(SPEC, 5)
+    later = rows["next", "observation"]
+    later[1, TERRAIN, 0, 0] = 200  # a static plane changed
+    later[2, SPEC.num_spatial, 1, 1] = 5  # a uniform plane is not uniform
+    rows["observation"][:, TERRAIN, 2, 2] = 200
+    later[:, TERRAIN, 2, 2] = 200
+    later[3, TOWER, 2, 2] = 255  # a tower on a rock: exclusive planes
+    rows["observation"][4, TOWER, 2, 2] = 255  # it was so before: not the generator's doing
+    later[4, TOWER, 2, 2] = 255
+    assert find_broken_structure(rows, SPEC).tolist() == [False, True, True, True, False]
+
+
+def test_auc_counts_ties_half() -> None:
+    scores = torch.tensor([0.1, 0.5, 0.5, 0.9])
+    assert find_auc(scores, torch.tensor([False, False, True, True])) == 0.875
+    assert find_auc(scores, torch.tensor([True, True, True, True])) is None
+
+
+def test_calibration_error_is_the_gap() -> None:
+    probabilities = torch.tensor([0.25] * 4 + [0.95] * 4)
+    labels = torch.tensor([True, False, False, False] + [True] * 2 + [False] * 2)
+    assert find_calibration_error(probabilities, labels) == pytest.approx(0.225)
+
+
+def test_no_op_is_always_legal() -> None:
+    assert decide_mask(torch.full((2, 1, 3), -9.0), noop_action=1).tolist() == [
+        [False, True, False]
+    ]

@@ -1,0 +1,351 @@
+"""The generator as training uses it: what it observes, learns, refuses and makes."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from marl_cair.generative import GENERATORS, CCDNGenerator, GateReport
+from marl_cair.generative.heldout import is_heldout
+from marl_cair.replay.transition import check_transitions
+from tests.generative.conftest import SMALL, train
+from tests.generative.plane_game import (
+    ENEMY_UNITS,
+    NOOP,
+    NUM_ACTIONS,
+    SPAWN_ODDS,
+    SPEC,
+    TERRAIN,
+    play_randomly,
+)
+
+
+def draw_batches(rows: TensorDict, num: int, seed: int = 5) -> list[TensorDict]:
+    draws = torch.Generator().manual_seed(seed)
+    return [rows[torch.randint(rows.shape[0], (64,), generator=draws)] for _ in range(num)]
+
+
+def flatten(state: Any) -> list[torch.Tensor]:
+    if isinstance(state, torch.Tensor):
+        return [state]
+    if isinstance(state, dict):
+        return [leaf for value in state.values() for leaf in flatten(value)]
+    if isinstance(state, (list, tuple)):
+        return [leaf for value in state for leaf in flatten(value)]
+    return []
+
+
+def same_bits(one: Any, other: Any) -> bool:
+    first, second = flatten(one), flatten(other)
+    return len(first) == len(second) and all(
+        torch.equal(a, b) for a, b in zip(first, second, strict=True)
+    )
+
+
+# --- learning and the gate --------------------------------------------------------------------
+
+
+def test_training_beats_the_copy_baseline_and_opens_the_gate(trained: CCDNGenerator) -> None:
+    report = trained.last_report
+    assert report is not None
+    assert report.reasons == ()
+    assert report.passed
+    metrics = report.metrics
+    assert metrics["cells/changed_f1"] > 0.8  # copying scores 0
+    assert metrics["cells/error"] < 0.4 * metrics["cells/copy_error"]
+    assert metrics["uniform/mae"] < 0.4 * metrics["uniform/copy_mae"]
+    assert metrics["likelihood/nll"] < 0.3 * metrics["likelihood/copy_nll"]
+    assert metrics["mask/accuracy"] > 0.99
+    assert metrics["acceptance/real_rows"] > 0.85  # two tests may turn away 3 % each, and noise
+    for plane in SPEC.moving_planes:
+        assert metrics[f"plane_{plane}/accuracy"] > metrics[f"plane_{plane}/copy_accuracy"]
+
+
+def test_loss_decreases(real_rows: TensorDict) -> None:
+    generator = train(real_rows, real_rows[:2000], 0)
+    losses = [generator.update(batch)["total"] for batch in draw_batches(real_rows, 80)]
+    assert sum(losses[-10:]) < 0.5 * sum(losses[:10])
+
+
+def test_gate_refuses_an_untrained_generator(real_rows: TensorDict) -> None:
+    report = train(real_rows, real_rows, 0).evaluate()
+    assert not report.passed
+    found = " / ".join(report.reasons)
+    assert "changed-cell F1 0.0" in found
+    assert "next-state negative log likelihood" in found
+    assert "explained share of reward variance" in found
+
+
+def test_gate_refuses_with_too_few_heldout_rows(real_rows: TensorDict) -> None:
+    report = train(real_rows, real_rows[:100], 0).evaluate()
+    assert not report.passed
+    assert len(report.reasons) == 1
+    assert "held-out rows, 200 are needed" in report.reasons[0]
+
+
+def test_gate_refuses_a_generator_fed_with_shuffled_next_states(real_rows: TensorDict) -> None:
+    shuffled = real_rows.clone()
+    order = torch.randperm(real_rows.shape[0], generator=torch.Generator().manual_seed(0))
+    shuffled["next", "observation"] = real_rows["next", "observation"][order]
+    report = train(shuffled, real_rows, 150).evaluate()
+    assert not report.passed
+    found = " / ".join(report.reasons)
+    assert "changed-cell F1 0.5" in found, found
+    assert "cell error" in found
+
+
+def test_gate_refuses_a_generator_with_wrong_rewards(real_rows: TensorDict) -> None:
+    wrong = real_rows.clone()
+    wrong["next", "reward"] = -real_rows["next", "reward"]
+    generator = CCDNGenerator(SMALL, SPEC)
+    generator.observe(wrong)
+    for batch in draw_batches(wrong, 250):
+        generator.update(batch)
+    right = CCDNGenerator(SMALL, SPEC)
+    right.observe(real_rows)
+    right.ensemble = generator.ensemble
+    report = right.evaluate()
+    assert not report.passed
+    assert any(
+        reason.startswith("explained share of reward variance -") for reason in report.reasons
+    )
+
+
+def test_gate_shuts_again_when_the_game_changes(
+    trained: CCDNGenerator, real_rows: TensorDict
+) -> None:
+    generator = copy.deepcopy(trained)
+    changed = real_rows.clone()
+    changed["next", "observation"] = real_rows["next", "observation"].flip(-1)
+    generator.observe(changed)
+    assert not generator.evaluate().passed
+    assert generator.generate(real_rows[:50], 20).shape[0] == 0
+
+
+# --- what it makes ----------------------------------------------------------------------------
+
+
+def test_shut_gate_makes_no_rows_but_all_keys(real_rows: TensorDict) -> None:
+    generator = train(real_rows, real_rows[:100], 0)
+    rows = generator.generate(real_rows[:10], 10)
+    assert rows.shape[0] == 0
+    assert set(rows.keys(True, True)) == set(real_rows.keys(True, True))
+
+
+def test_generated_rows_are_whole_labelled_transitions(
+    trained: CCDNGenerator, real_rows: TensorDict
+) -> None:
+    generator = copy.deepcopy(trained)
+    rows = generator.generate(real_rows[:500], 200)
+    assert 190 <= rows.shape[0] <= 200
+    check_transitions(rows, SPEC.transition)  # keys, dtypes, legal actions, non-empty masks
+    assert rows["is_generated"].all()
+    assert (rows["index"] == -1).all()
+    assert (rows["steps_to_next_obs"] == 1).all()
+    assert rows["next", "action_mask"][:, NOOP].all()
+    before, after = rows["observation"], rows["next", "observation"]
+    assert torch.equal(before[:, TERRAIN], after[:, TERRAIN])
+    uniform = after[:, SPEC.num_spatial :].flatten(2)
+    assert (uniform == uniform[..., :1]).all()
+    low, high = SPEC.reward_range
+    assert ((rows["next", "reward"] >= low) & (rows["next", "reward"] <= high)).all()
+    assert (before != after).flatten(1).any(-1).all()
+    assert 0.3 < generator.last_generation["acceptance"] <= 1.0
+
+
+def test_samples_spawn_as_often_as_the_game(trained: CCDNGenerator, real_rows: TensorDict) -> None:
+    rows = real_rows[:1000]
+    draws = torch.Generator().manual_seed(0)
+    sampled = trained.ensemble.propose(rows["observation"], rows["action"], draws)
+    spawned = (sampled[:, ENEMY_UNITS, :, -1] > 0).sum(-1)
+    # The game spawns on 0.6 of the steps, on one of five rows, never two at once; cells drawn
+    # independently would show two or more in 12 % of the samples.
+    assert float(spawned.float().mean()) == pytest.approx(SPAWN_ODDS, abs=0.12)
+    assert float((spawned > 1).float().mean()) < 0.04
+
+
+def test_generated_actions_are_partly_counterfactual(
+    trained: CCDNGenerator, real_rows: TensorDict
+) -> None:
+    generator = copy.deepcopy(trained)
+    waits = real_rows[(real_rows["action"] == NOOP) & real_rows["action_mask"].all(-1)]
+    rows = generator.generate(waits[:300], 300)
+    share = float((rows["action"] != NOOP).float().mean())
+    # Half keep the no-op; of the others a third, as it is one of three kinds: 1/2 * 2/3.
+    assert share == pytest.approx(1 / 3, abs=0.12)
+    kinds = torch.tensor(SPEC.kinds)[rows["action"]]
+    assert set(kinds.tolist()) == {0, 1, 2}
+
+
+def test_generate_refuses_no_starts(trained: CCDNGenerator, real_rows: TensorDict) -> None:
+    with pytest.raises(ValueError, match="starts is empty: give one or more real transitions"):
+        trained.generate(real_rows[:0], 5)
+
+
+# --- held-out rows ----------------------------------------------------------------------------
+
+
+def test_held_out_share_is_a_fixed_hash_of_the_index() -> None:
+    index = torch.arange(50_000)
+    held = is_heldout(index, 0.1, seed=3)
+    assert float(held.float().mean()) == pytest.approx(0.1, abs=0.006)
+    assert torch.equal(held[1000:2000], is_heldout(index[1000:2000], 0.1, seed=3))
+    assert not torch.equal(held, is_heldout(index, 0.1, seed=4))
+    # Neighbours are independent: a tenth of the held-out rows have a held-out successor.
+    assert float(held[1:][held[:-1]].float().mean()) == pytest.approx(0.1, abs=0.02)
+
+
+def test_held_out_rows_are_never_trained_on(real_rows: TensorDict) -> None:
+    batches = draw_batches(real_rows, 6)
+    clean = train(real_rows, real_rows[:3000], 0)
+    poisoned = copy.deepcopy(clean)
+    for batch in batches:
+        spoiled = batch.clone()
+        held = is_heldout(batch["index"], SMALL.heldout_share, SMALL.seed)
+        assert held.any()
+        spoiled["next", "observation"][held] = 77
+        spoiled["next", "reward"][held] = 0.5
+        clean.update(batch)
+        poisoned.update(spoiled)
+    assert same_bits(clean.ensemble.state_dict(), poisoned.ensemble.state_dict())
+
+
+def test_observed_held_out_rows_do_not_reach_the_rare_ring(real_rows: TensorDict) -> None:
+    generator = train(real_rows, real_rows, 0)
+    state = generator.state_dict()
+    for ring, expected in (("heldout", True), ("rare_heldout", True), ("rare", False)):
+        index = state[ring]["rows"]["index"]
+        assert index.numel() > 10
+        assert (is_heldout(index, SMALL.heldout_share, SMALL.seed) == expected).all()
+
+
+def test_rare_rows_fill_their_share_of_a_batch(real_rows: TensorDict) -> None:
+    generator = train(real_rows, real_rows, 0)
+    common = real_rows[real_rows["next", "reward"].squeeze(-1) == 0.0]
+    seen: list[TensorDict] = []
+    original = generator.ensemble.train
+
+    def spy(rows: TensorDict, *rest: Any) -> dict[str, float]:
+        seen.append(rows)
+        return original(rows, *rest)
+
+    generator.ensemble.train = spy  # type: ignore[method-assign]
+    generator.update(common[:64])
+    assert int((seen[0]["next", "reward"] != 0.0).sum()) == 16
+
+
+# --- errors -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["observe", "update"])
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("is_generated", True, "1 of the rows are generated: a generator learns from real"),
+        ("steps_to_next_obs", 3, "steps_to_next_obs reaches 3, expected 1 everywhere"),
+        ("index", -1, "index -1 is no place in replay: it must be 0 or more"),
+        (("next", "reward"), 7.0, r"to 7.0, outside of reward_range \(-1.0, 1.0\): widen it"),
+    ],
+)
+def test_wrong_rows_are_refused(
+    real_rows: TensorDict, method: str, key: str, value: float, message: str
+) -> None:
+    generator = CCDNGenerator(SMALL, SPEC)
+    batch = real_rows[:8].clone()
+    batch[key][2] = value
+    with pytest.raises(ValueError, match=message):
+        getattr(generator, method)(batch)
+
+
+def test_state_with_other_members_is_refused(trained: CCDNGenerator) -> None:
+    other = CCDNGenerator(replace(SMALL, num_members=3), SPEC)
+    with pytest.raises(ValueError, match="the saved generator has 2 members, this one 3: resume"):
+        other.load_state_dict(trained.state_dict())
+
+
+def test_state_with_a_larger_ring_is_refused(trained: CCDNGenerator) -> None:
+    other = CCDNGenerator(replace(SMALL, heldout_capacity=100), SPEC)
+    with pytest.raises(ValueError, match="saved ring holds 7.. rows, this one has room for 100"):
+        other.load_state_dict(trained.state_dict())
+
+
+# --- repeatability ----------------------------------------------------------------------------
+
+
+def live(generator: CCDNGenerator, rows: TensorDict) -> list[Any]:
+    """A stretch of a run: learn, evaluate, generate."""
+    losses = [generator.update(batch) for batch in draw_batches(rows, 5, seed=9)]
+    generator.observe(rows[:64])
+    report = generator.evaluate()
+    return [losses, report, generator.generate(rows[:100], 30).to_dict(), generator.state_dict()]
+
+
+def test_resumed_generator_goes_on_with_the_same_bits(
+    trained: CCDNGenerator, real_rows: TensorDict
+) -> None:
+    original = copy.deepcopy(trained)
+    original.update(real_rows[:64])  # an odd number of updates: not the first member's turn
+    resumed = CCDNGenerator(SMALL, SPEC)
+    resumed.load_state_dict(copy.deepcopy(original.state_dict()))
+    assert resumed.last_report == original.last_report
+    one, other = live(original, real_rows), live(resumed, real_rows)
+    assert one[0] == other[0]
+    assert one[1] == other[1]
+    assert isinstance(one[1], GateReport)
+    assert one[1].passed
+    assert same_bits(one[2:], other[2:])
+
+
+def test_state_survives_a_file_that_holds_data_only(
+    trained: CCDNGenerator, real_rows: TensorDict, tmp_path: Any
+) -> None:
+    torch.save(trained.state_dict(), tmp_path / "generator.pt")
+    resumed = CCDNGenerator(SMALL, SPEC)
+    resumed.load_state_dict(torch.load(tmp_path / "generator.pt", weights_only=True))
+    one, other = live(copy.deepcopy(trained), real_rows), live(resumed, real_rows)
+    assert same_bits(one[2:], other[2:])
+
+
+def test_same_seed_same_bits_and_another_seed_others(real_rows: TensorDict) -> None:
+    states = []
+    for seed in (0, 0, 1):
+        generator = CCDNGenerator(replace(SMALL, seed=seed), SPEC)
+        generator.observe(real_rows[:2000])
+        for batch in draw_batches(real_rows, 4):
+            generator.update(batch)
+        states.append(generator.ensemble.state_dict())
+    assert same_bits(states[0], states[1])
+    assert not same_bits(states[0], states[2])
+
+
+def test_making_a_generator_leaves_the_global_random_state() -> None:
+    before = torch.get_rng_state()
+    CCDNGenerator(SMALL, SPEC)
+    assert torch.equal(before, torch.get_rng_state())
+
+
+def test_members_learn_from_different_batches(real_rows: TensorDict) -> None:
+    generator = train(real_rows, real_rows[:500], 0)
+    before = copy.deepcopy(generator.ensemble.state_dict()["members"])
+    generator.update(real_rows[:64])
+    after = generator.ensemble.state_dict()["members"]
+    assert not same_bits(before[0], after[0])
+    assert same_bits(before[1], after[1])
+    generator.update(real_rows[64:128])
+    assert not same_bits(before[1], generator.ensemble.state_dict()["members"][1])
+
+
+def test_generators_are_found_by_name() -> None:
+    assert GENERATORS["ccdn"] is CCDNGenerator
+
+
+def test_plane_game_itself_is_sound() -> None:
+    rows = play_randomly(num_worlds=32, num_steps=40, seed=2)
+    check_transitions(rows, SPEC.transition)
+    assert 0.01 < float(rows["next", "terminated"].float().mean()) < 0.2
+    assert rows["action"].unique().numel() == NUM_ACTIONS

@@ -159,7 +159,7 @@ class GeneratorSettings:
     batch_size: int = 64
     frames_per_update: int = 256
     evaluate_every_frames: int = 20_000
-    rows_per_refill: int = 2_000  # generated after each passed evaluation
+    rows_per_refill: int = 1_000  # generated after each passed evaluation
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:

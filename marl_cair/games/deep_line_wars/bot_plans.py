@@ -31,7 +31,7 @@ from marl_cair.games.deep_line_wars.tables import NUM_TOWER_KINDS, NUM_UNIT_KIND
 from marl_cair.games.randomness import draw_below
 
 NO_KIND = -1
-RUSH_RESERVE = 4  # the rusher goes up a tier when it could pay so many of it at once
+RUSH_RESERVE = 1  # the rusher goes up a tier when it could pay so many of it at once
 ZIGZAG_BATCH = 5
 ZIGZAG_TOWERS_PER_TIER = 2
 ECONOMIST_LEAKS = 3.0
@@ -245,12 +245,12 @@ def stream_leak(known: Any, towers: Any, units: Any, extra: int, number: float) 
 
 
 @compiled
-def survival(known: Any, cover: Any, unit: int, row: int) -> float:
+def survival(known: Any, sight: Any, cover: Any, unit: int, row: int) -> float:
     """Health share with which one unit alone would pass the towers along a row."""
     damage = 0.0
     for tower in range(NUM_TOWER_KINDS):
         damage += cover[tower, row] * known.walk[unit] * known.blows[tower, unit]
-    return max(0.0, 1.0 - damage / known.rules.unit_health[unit])
+    return max(0.0, 1.0 - damage / (known.rules.unit_health[unit] * sight.growth[0]))
 
 
 @compiled
@@ -268,7 +268,7 @@ def expected_leaks(known: Any, sight: Any) -> float:
             here = sight.threats[unit, row]
             if here > 0.0:
                 count += here
-                if survival(known, sight.own_cover, unit, row) > 0.0:
+                if survival(known, sight, sight.own_cover, unit, row) > 0.0:
                     alone += here
         total += count
         needed += count * known.rules.unit_health[unit] / power
@@ -281,11 +281,12 @@ def arrival_share(planes: Any, known: Any, sight: Any, unit: int) -> float:
     """Chance that a unit bought now reaches the enemy's base, past its towers as they stand."""
     alone = 0.0
     for row in range(known.rules.rows):
-        if survival(known, sight.enemy_cover, unit, row) > 0.0:
+        if survival(known, sight, sight.enemy_cover, unit, row) > 0.0:
             alone += 1.0
     alone /= known.rules.rows
     batch = int(planes[OWN_GOLD, 0, 0]) / known.rules.unit_cost[unit]
-    together = stream_leak(known, sight.enemy_towers, sight.own_units, unit, min(10.0, batch))
+    number = min(10.0, batch) * sight.growth[0]
+    together = stream_leak(known, sight.enemy_towers, sight.own_units, unit, number)
     return max(alone, together)
 
 

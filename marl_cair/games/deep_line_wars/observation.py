@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled
+from marl_cair.games.deep_line_wars.orders import full_health
 from marl_cair.games.deep_line_wars.rulebook import CLASSIC
 from marl_cair.games.deep_line_wars.state import NUM_PLAYERS, world_at
 from marl_cair.games.deep_line_wars.tables import (
@@ -22,7 +23,7 @@ from marl_cair.games.deep_line_wars.tables import (
 )
 
 FULL = 255
-UNIT_LEVEL = 64  # one unit in full health; four or more in a cell saturate
+UNIT_LEVEL = 64  # one unit as healthy as one bought now; four or more in a cell saturate
 UNIFORM_NAMES = (
     "own health",
     "enemy health",
@@ -146,7 +147,7 @@ def see_units(world: Any, rules: Any, owner: int, mirrored: bool, first: int, ou
         if mirrored:
             column = rules.columns - 1 - column
         # At least 1, so that a unit near death is not mistaken for an empty cell.
-        level = max(1, UNIT_LEVEL * health // int(rules.unit_health[kind]))
+        level = max(1, UNIT_LEVEL * health // full_health(world, rules, kind))
         out[first + kind, row, column] = min(FULL, int(out[first + kind, row, column]) + level)
         progress = FULL * int(world.unit_progress[owner, slot]) // PROGRESS_PER_TILE
         out[progress_plane, row, column] = max(int(out[progress_plane, row, column]), progress)

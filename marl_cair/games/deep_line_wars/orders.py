@@ -101,6 +101,13 @@ def is_legal(world: Any, rules: Any, player: int, action: int) -> bool:
 
 
 @compiled
+def full_health(world: Any, rules: Any, kind: int) -> int:
+    """Health of a unit that is bought now: later units are tougher where the preset says so."""
+    intervals = int(world.tick[0]) // rules.interval_ticks
+    return int(rules.unit_health[kind]) * (100 + rules.unit_growth * intervals) // 100
+
+
+@compiled
 def buy_unit(world: Any, rules: Any, player: int, kind: int) -> None:
     """Pay, raise the income, and put the unit on a random cell of the own spawn column."""
     capacity = world.unit_kind.shape[1]
@@ -109,7 +116,7 @@ def buy_unit(world: Any, rules: Any, player: int, kind: int) -> None:
     world.gold[player] -= rules.unit_cost[kind]
     world.income[player] += rules.unit_income[kind]
     world.unit_kind[player, slot] = kind
-    world.unit_health[player, slot] = rules.unit_health[kind]
+    world.unit_health[player, slot] = full_health(world, rules, kind)
     world.unit_row[player, slot] = draw_below(world.random, player, rules.rows)
     world.unit_column[player, slot] = 0
     world.unit_progress[player, slot] = 0

@@ -30,6 +30,7 @@ class Rules(NamedTuple):
     tower_gold: NDArray[np.int32]
     tower_lumber: NDArray[np.int32]
     flight_ticks: NDArray[np.int8]  # [rows apart, columns apart]
+    unit_growth: int  # percent of the health per interval
     start_health: int
     start_gold: int
     start_lumber: int
@@ -64,6 +65,7 @@ def make_rules(scenario: Scenario) -> Rules:
         tower_gold=np.array(preset.tower_cost_gold, np.int32),
         tower_lumber=np.array(preset.tower_cost_lumber, np.int32),
         flight_ticks=_flight_table(max(preset.tower_range_tiles), preset.projectile_tiles_per_tick),
+        unit_growth=preset.unit_growth_percent,
         start_health=preset.start_health,
         start_gold=preset.start_gold,
         start_lumber=preset.start_lumber,

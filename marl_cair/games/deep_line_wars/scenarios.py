@@ -30,7 +30,7 @@ class Scenario:
     reward: str = "sparse"  # or "shaped"
     shaping_discount: float = 0.99  # gamma of the potential difference, per decision
     ticks_per_step: int = 10  # game ticks that one decision lasts
-    max_ticks: int = 2_000  # time limit
+    max_ticks: int = 2_500  # time limit
 
     def __post_init__(self) -> None:
         for field in ("rows", "columns"):
@@ -78,5 +78,5 @@ SCENARIOS = {
     "13x13": Scenario(rows=13, columns=13),
     "15x15": Scenario(rows=15, columns=15),
     "17x17": Scenario(rows=17, columns=17),
-    "30x11": Scenario(rows=11, columns=30, max_ticks=3_000),
+    "30x11": Scenario(rows=11, columns=30, max_ticks=4_000),
 }

@@ -47,6 +47,7 @@ class Preset:
     start_income_gold: int = 20  # per interval
     income_interval_ticks: int = 100
     lumber_per_interval: int = 0
+    unit_growth_percent: int = 0  # more health, of the table's, for each interval that has passed
     projectile_tiles_per_tick: int = 0  # 0: a shot hits in the tick it is fired
 
 
@@ -82,21 +83,22 @@ PRESETS = {
         tower_cost_lumber=(0, 0, 0),
     ),
     "balanced": Preset(
-        unit_health=(40, 80, 140, 190),
+        unit_health=(40, 80, 110, 190),
         unit_armour=(0, 2, 3, 5),
         unit_speed=(10, 10, 10, 12),
         unit_cost_gold=(10, 20, 40, 100),
-        unit_income_gold=(2, 4, 8, 20),
+        unit_income_gold=(2, 5, 10, 28),
         unit_bounty_gold=(1, 2, 4, 10),
-        tower_damage_min=(4, 2, 7),
-        tower_damage_max=(6, 4, 9),
+        tower_damage_min=(5, 2, 9),
+        tower_damage_max=(7, 4, 11),
         tower_penetration=(1, 0, 4),
         tower_attack_speed=(2, 5, 2),
         tower_range_tiles=(3, 2, 3),
         tower_cost_gold=(10, 20, 30),
-        tower_cost_lumber=(1, 1, 2),
-        start_lumber=6,
+        tower_cost_lumber=(1, 1, 1),
+        start_lumber=4,
         lumber_per_interval=1,
+        unit_growth_percent=8,
         projectile_tiles_per_tick=2,
     ),
 }

@@ -1,0 +1,155 @@
+"""The compiler's cache: made anew when it must be, and the user's own settings left alone."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+
+from marl_cair.games import compiled as compiled_module
+from marl_cair.games.compiled import cache_root, compiled, is_compiling, source_digest
+
+
+@pytest.fixture
+def sources(tmp_path) -> Path:
+    (tmp_path / "game").mkdir()
+    (tmp_path / "engine.py").write_text("a = 1\n")
+    (tmp_path / "game" / "rules.py").write_text("b = 2\n")
+    return tmp_path
+
+
+def test_the_digest_is_the_same_for_the_same_sources(sources):
+    assert source_digest(sources) == source_digest(sources)
+
+
+def test_the_digest_changes_with_any_source_and_with_its_name(sources):
+    digests = {source_digest(sources)}
+    (sources / "game" / "rules.py").write_text("b = 3\n")
+    digests.add(source_digest(sources))
+    (sources / "game" / "rules.py").rename(sources / "game" / "combat.py")
+    digests.add(source_digest(sources))
+    (sources / "game" / "more.py").write_text("")
+    digests.add(source_digest(sources))
+    assert len(digests) == 4
+
+
+def test_the_digest_ignores_files_that_are_not_python(sources):
+    before = source_digest(sources)
+    (sources / "README.md").write_text("words")
+    assert source_digest(sources) == before
+
+
+def test_the_digest_changes_with_the_bounds_check_and_the_version(sources, monkeypatch):
+    monkeypatch.setattr(numba.config, "BOUNDSCHECK", None)
+    digests = {source_digest(sources)}
+    monkeypatch.setattr(numba.config, "BOUNDSCHECK", 1)
+    digests.add(source_digest(sources))
+    monkeypatch.setattr(numba, "__version__", "0.0.0")
+    digests.add(source_digest(sources))
+    assert len(digests) == 3
+
+
+def test_the_digest_covers_the_games_by_default():
+    assert source_digest() == source_digest(Path(compiled_module.__file__).parent)
+
+
+def test_the_cache_lies_where_the_user_says(monkeypatch):
+    monkeypatch.setenv("MARL_CAIR_CACHE", "/somewhere")
+    assert cache_root() == Path("/somewhere")
+    monkeypatch.delenv("MARL_CAIR_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", "/cache")
+    assert cache_root() == Path("/cache/marl_cair")
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert cache_root() == Path.home() / ".cache" / "marl_cair"
+
+
+def test_the_users_own_cache_folder_is_left_alone(monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "/users/choice")
+
+    def double(number):
+        return 2 * number
+
+    assert compiled(double)(4) == 8
+    assert numba.config.CACHE_DIR == "/users/choice"
+
+
+def test_the_users_cache_folder_is_restored_after_a_failure(monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "/users/choice")
+    monkeypatch.setattr(compiled_module, "_NJIT", None)
+    with pytest.raises(TypeError):
+        compiled(len)
+    assert numba.config.CACHE_DIR == "/users/choice"
+
+
+RUN_ENGINE = """
+import numba, numpy, marl_cair
+numba.config.CACHE_DIR = "{users}"
+engine = marl_cair.make_engine("deep_line_wars")
+engine.reset(0)
+from marl_cair.games.compiled import is_compiling
+print(is_compiling(), numba.config.CACHE_DIR)
+"""
+
+
+def run_python(code: str, tmp_path: Path, **setting: str) -> list[str]:
+    """What a fresh process prints, with a compiler cache of its own."""
+    environment = {
+        **os.environ,
+        "MARL_CAIR_CACHE": str(tmp_path / "ours"),
+        "PYTHONPATH": os.pathsep.join(sys.path),
+        **setting,
+    }
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return done.stdout.split()
+
+
+def run_engine(tmp_path: Path, **setting: str) -> list[str]:
+    return run_python(RUN_ENGINE.format(users=tmp_path / "users"), tmp_path, **setting)
+
+
+def test_compiled_code_is_kept_in_our_folder_and_not_in_the_users(tmp_path):
+    printed = run_engine(tmp_path, NUMBA_DISABLE_JIT="0")
+    assert printed == ["True", str(tmp_path / "users")]
+    assert not (tmp_path / "users").exists()
+    folders = list((tmp_path / "ours").iterdir())
+    assert len(folders) == 1
+    assert any("reset" in path.name for path in folders[0].rglob("*.nbi"))
+
+
+def test_without_the_compiler_rules_are_plain_functions(tmp_path):
+    assert run_engine(tmp_path, NUMBA_DISABLE_JIT="1")[0] == "False"
+    assert not (tmp_path / "ours").exists()
+
+
+@pytest.mark.plain_python
+def test_the_process_knows_whether_it_compiles():
+    assert is_compiling() != bool(numba.config.DISABLE_JIT)
+
+
+def read_entry(numbers, index):
+    return numbers[index]
+
+
+READ_BEYOND = """
+import numpy
+from marl_cair.games.compiled import compiled
+from tests.games.test_compiled import read_entry
+read = compiled(read_entry)
+try:
+    read(numpy.zeros(4), 10)
+    print("unnoticed")
+except IndexError:
+    print("raised")
+"""
+
+
+def test_bounds_are_checked_when_asked_for_whatever_was_cached_before(tmp_path):
+    """Numba itself would load the unchecked code that the first run left behind."""
+    printed = [
+        run_python(READ_BEYOND, tmp_path, NUMBA_DISABLE_JIT="0", NUMBA_BOUNDSCHECK=setting)
+        for setting in ("0", "1", "0")
+    ]
+    assert printed == [["unnoticed"], ["raised"], ["unnoticed"]]

@@ -1,0 +1,327 @@
+"""The engine's contract: what it offers, and what it answers to wrong input."""
+
+import dataclasses
+import re
+import sys
+
+import numpy as np
+import pytest
+
+import marl_cair
+from marl_cair.games import GAMES, make_engine
+from marl_cair.games import engine as engine_module
+from marl_cair.games.engine import BatchedEngine, Snapshot
+from marl_cair.games.game import NO_CELL, NO_WINNER
+from marl_cair.lookup import UnknownNameError
+from tests.games.cases import Luck, choose_actions, play
+
+
+@pytest.fixture
+def engine(game_name) -> BatchedEngine:
+    """Three worlds that have been reset."""
+    made = make_engine(game_name, num_worlds=3)
+    made.reset(np.arange(3, dtype=np.uint64))
+    return made
+
+
+def noops(engine: BatchedEngine) -> np.ndarray:
+    shape = (engine.num_worlds, engine.num_players)
+    return np.full(shape, engine.spec.noop_action, np.int32)
+
+
+# --- what the specification promises ---------------------------------------------------------
+
+
+def test_every_action_has_its_own_name_and_a_group(case):
+    spec = case.engine().spec
+    assert len(set(spec.action_names)) == spec.num_actions == len(spec.action_groups)
+    assert spec.action_groups.dtype == np.int16
+    assert set(spec.action_groups.tolist()) == set(range(len(spec.action_group_names)))
+    assert len(spec.action_cells) == spec.num_actions
+    assert spec.action_cells.min() >= NO_CELL
+    assert spec.action_names[spec.noop_action] == "noop"
+
+
+def test_representations_have_the_shape_and_type_that_they_promise(game_name):
+    engine = make_engine(game_name, num_worlds=1)
+    engine.reset(0)
+    for name, representation in engine.spec.representations.items():
+        seen = engine.observe(name)
+        assert representation.name == name
+        assert seen.shape == (1, engine.num_players, *representation.shape)
+        assert seen.dtype == representation.dtype
+        assert len(representation.plane_names) == representation.shape[0]
+
+
+def test_uniform_planes_hold_one_value_and_static_ones_do_not_change(case):
+    engine = case.engine(2)
+    engine.reset(np.arange(2, dtype=np.uint64))
+    num_uniform = engine.representation("planes").num_uniform
+    static = list(engine.spec.static_planes)
+    first = engine.observe("planes")
+    for numbers in Luck.draw(40, 2, engine.num_players).numbers:
+        engine.step(choose_actions(engine, numbers))
+        seen = engine.observe("planes")
+        uniform = seen[:, :, -num_uniform:]
+        assert (uniform == uniform[..., :1, :1]).all()
+        np.testing.assert_array_equal(seen[:, :, static], first[:, :, static])
+        for group in engine.spec.exclusive_planes:
+            assert ((seen[:, :, list(group)] > 0).sum(axis=2) <= 1).all()
+
+
+def test_rewards_stay_within_their_bound_and_the_noop_is_always_legal(case):
+    engine = case.engine(2)
+    engine.reset(np.arange(2, dtype=np.uint64))
+    for numbers in Luck.draw(40, 2, engine.num_players, seed=2).numbers:
+        engine.step(choose_actions(engine, numbers))
+        assert np.abs(engine.rewards).max() <= engine.spec.reward_bound
+        assert engine.action_mask()[:, :, engine.spec.noop_action].all()
+
+
+def test_observe_and_mask_write_into_the_given_array(engine):
+    seen, masks = engine.observe("planes"), engine.action_mask()
+    other_seen, other_masks = np.empty_like(seen), np.empty_like(masks)
+    assert engine.observe("planes", out=other_seen) is other_seen
+    assert engine.action_mask(out=other_masks) is other_masks
+    np.testing.assert_array_equal(other_seen, seen)
+    np.testing.assert_array_equal(other_masks, masks)
+
+
+def test_outcomes_begin_empty_and_are_written_in_place(engine):
+    rewards, winner = engine.rewards, engine.winner
+    assert not engine.terminated.any()
+    assert not engine.truncated.any()
+    assert (winner == NO_WINNER).all()
+    engine.step(noops(engine))
+    assert engine.rewards is rewards
+    assert engine.winner is winner
+
+
+def test_reset_clears_the_outcome_of_its_worlds(game_name):
+    engine = make_engine(game_name, num_worlds=2, max_ticks=100)
+    engine.reset(np.zeros(2, np.uint64))
+    while not engine.truncated.all():
+        engine.step(noops(engine))
+    engine.reset(np.zeros(2, np.uint64), np.array([False, True]))
+    assert engine.truncated.tolist() == [True, False]
+
+
+def test_an_integer_seeds_a_single_world(game_name):
+    by_integer, by_array = make_engine(game_name), make_engine(game_name)
+    by_integer.reset(5)
+    by_array.reset(np.array([5], np.uint64))
+    luck = Luck.draw(5, 1, by_array.num_players)
+    assert play(by_integer, luck) == play(by_array, luck)
+
+
+def test_games_can_be_listed_and_have_titles():
+    assert list(GAMES)
+    assert len(GAMES) == len(list(GAMES))
+    for name, game in GAMES.items():
+        assert game.name == name
+        assert game.title
+        assert game.summary
+        assert game.default_scenario in game.scenarios
+
+
+def test_a_long_first_call_says_that_it_compiles(engine, capsys, monkeypatch):
+    """The kernel is declared unknown and made slow, as the compiler would make it."""
+    monkeypatch.setattr(engine_module, "_ANNOUNCE_AFTER_SECONDS", 0.0)
+    monkeypatch.setattr(engine_module, "_announced_games", set())
+
+    def slow(*arguments) -> None:
+        while not capsys_text():
+            pass
+
+    def capsys_text() -> str:
+        read.append(capsys.readouterr().err)
+        return "".join(read)
+
+    read: list[str] = []
+    game = dataclasses.replace(engine.game, legal_actions=slow)
+    BatchedEngine(game, engine.scenario).action_mask()
+    assert "".join(read) == (
+        f"marl_cair: compiling the rules of {game.name} (once for each version) ...\n"
+    )
+
+
+# --- bad input -------------------------------------------------------------------------------
+
+
+def refuses(error: type[Exception], text: str):
+    return pytest.raises(error, match=re.escape(text))
+
+
+def test_an_unknown_game_is_answered_with_the_nearest():
+    with refuses(UnknownNameError, "unknown game 'deep_line_war': nearest are 'deep_line_wars'"):
+        make_engine("deep_line_war")
+
+
+def test_unknown_scenarios_options_bots_and_representations_are_named(engine):
+    game = engine.game
+    with refuses(UnknownNameError, f"unknown {game.name} scenario 'nowhere'"):
+        make_engine(game.name, "nowhere")
+    with refuses(UnknownNameError, f"unknown {game.name} option 'max_tick': nearest are"):
+        make_engine(game.name, max_tick=5)
+    with refuses(UnknownNameError, f"unknown {game.name} bot 'nobody'"):
+        game.bot("nobody", engine.scenario)
+    with refuses(UnknownNameError, f"unknown {game.name} representation 'plane': nearest are"):
+        engine.observe("plane")
+
+
+def test_a_name_that_is_not_text_is_unknown(game_name):
+    with refuses(UnknownNameError, f"unknown {game_name} scenario 7: known are"):
+        make_engine(game_name, 7)
+
+
+@pytest.mark.parametrize("name", ["num_worlds", "num_threads"])
+@pytest.mark.parametrize("value", [0, -3])
+def test_counts_below_one_are_refused(game_name, name, value):
+    with refuses(ValueError, f"{game_name}: {name} is {value}, it must be at least 1"):
+        make_engine(game_name, **{name: value})
+
+
+def test_a_step_before_reset_is_refused(game_name):
+    engine = make_engine(game_name)
+    with refuses(RuntimeError, f"{game_name}: step before reset; call reset(seeds) first"):
+        engine.step(noops(engine))
+
+
+@pytest.mark.parametrize(
+    ("seeds", "described"),
+    [
+        (np.zeros(2, np.uint64), "uint64 [2]"),
+        (np.zeros(3, np.int64), "int64 [3]"),
+        (np.zeros((3, 1), np.uint64), "uint64 [3, 1]"),
+        (5, "int64 []"),
+    ],
+)
+def test_wrong_seeds_are_described(engine, seeds, described):
+    message = f"seeds are {described}, they must be uint64 [3] (worlds); randomness.episode_seeds"
+    with refuses(ValueError, message):
+        engine.reset(seeds)
+
+
+@pytest.mark.parametrize(
+    ("mask", "described"),
+    [
+        (np.ones(2, np.bool_), "bool [2]"),
+        (np.ones(3, np.int8), "int8 [3]"),
+        ([1, 0, 1], "int64 [3]"),
+    ],
+)
+def test_a_wrong_reset_mask_is_described(engine, mask, described):
+    message = f"the reset mask is {described}, it must be bool [3] (worlds)"
+    with refuses(ValueError, message):
+        engine.reset(np.zeros(3, np.uint64), mask)
+
+
+@pytest.mark.parametrize(
+    ("actions", "described"),
+    [
+        (np.zeros((2, 2), np.int32), "int32 [2, 2]"),
+        (np.zeros(3, np.int32), "int32 [3]"),
+        (np.zeros((3, 2)), "float64 [3, 2]"),
+        (np.zeros((3, 2), np.bool_), "bool [3, 2]"),
+    ],
+)
+def test_actions_of_a_wrong_shape_or_type_are_described(engine, actions, described):
+    message = f"actions are {described}, they must be integers [3, 2] (worlds, players)"
+    with refuses(ValueError, message):
+        engine.step(actions)
+
+
+@pytest.mark.parametrize("action", [-1, 1_000_000, 2**32])
+def test_an_action_outside_the_space_names_world_and_player(engine, action):
+    actions = noops(engine).astype(np.int64)
+    actions[2, 1] = action
+    before = engine.state_dict()
+    message = f"action {action} of player 1 in world 2 is outside 0..{engine.num_actions - 1}"
+    with refuses(ValueError, message):
+        engine.step(actions)
+    for name, value in engine.state_dict().items():
+        np.testing.assert_array_equal(value, before[name])
+
+
+def test_an_output_array_that_does_not_fit_is_described(engine):
+    shape = list(engine.observe("planes").shape)
+    with refuses(ValueError, f"observe cannot write to float32 {shape}, `out` must be contiguous"):
+        engine.observe("planes", out=np.empty(shape, np.float32))
+    with refuses(
+        ValueError, f"observe cannot write to uint8 [3, 2], `out` must be contiguous uint8"
+    ):
+        engine.observe("planes", out=np.empty((3, 2), np.uint8))
+    masks = np.empty((engine.num_actions, 2, 3), np.bool_).T
+    described = [3, 2, engine.num_actions]
+    message = f"action_mask cannot write to bool {described}, `out` must be contiguous bool"
+    with refuses(ValueError, message):
+        engine.action_mask(out=masks)
+
+
+@pytest.mark.parametrize(
+    "worlds", [[3], [-1], np.array([True, False, True]), [[0]], [0.0]], ids=str
+)
+def test_worlds_that_do_not_exist_are_refused(engine, worlds):
+    listed = np.asarray(worlds).tolist()
+    with refuses(ValueError, f"worlds {listed} must be a list of indices in 0..2"):
+        engine.snapshot(worlds)
+
+
+def test_no_worlds_are_an_empty_snapshot(engine):
+    engine.restore(engine.snapshot([]), [])
+
+
+def test_a_snapshot_of_another_scenario_is_refused(engine):
+    other = make_engine(engine.game.name, num_worlds=3, max_ticks=500)
+    other.reset(np.zeros(3, np.uint64))
+    with refuses(ValueError, f"{engine.game.name}: the snapshot is of {other.scenario}, this"):
+        engine.restore(other.snapshot())
+
+
+def test_a_snapshot_of_another_number_of_worlds_is_refused(engine):
+    with refuses(ValueError, "restore into the same scenario and as many worlds as were saved"):
+        engine.restore(engine.snapshot([0, 1]))
+    state, outcome = engine.snapshot().world, engine.snapshot([0]).outcome
+    with refuses(ValueError, "the saved rewards is float32 [1, 2], this engine needs float32"):
+        engine.restore(Snapshot(engine.scenario, state, outcome))
+
+
+def test_a_refused_restore_changes_nothing(engine):
+    before = engine.state_dict()
+    broken = {**before, "outcome.winner": np.zeros(3, np.int64)}
+    broken["world." + engine._worlds._fields[0]] = before["world." + engine._worlds._fields[0]] + 1
+    with refuses(ValueError, "the saved winner is int64 [3], this engine needs int8 [3]"):
+        engine.load_state_dict(broken)
+    for name, value in engine.state_dict().items():
+        np.testing.assert_array_equal(value, before[name])
+
+
+def test_a_state_dict_that_lacks_fields_is_refused(engine):
+    state = engine.state_dict()
+    del state["outcome.rewards"], state["outcome.winner"]
+    message = f"{engine.game.name}: the engine state lacks outcome.rewards, outcome.winner"
+    with refuses(ValueError, message):
+        engine.load_state_dict(state)
+
+
+def test_pictures_of_no_world_or_player_are_refused(engine):
+    with refuses(ValueError, "world 3 does not exist, allowed are 0..2"):
+        engine.render(3)
+    with refuses(ValueError, "player 2 does not exist, allowed are 0..1"):
+        engine.render(0, 2)
+
+
+def test_a_picture_is_an_rgb_array_of_one_world(engine):
+    for player in (None, 0, 1):
+        picture = engine.render(1, player)
+        assert picture.dtype == np.uint8
+        assert picture.ndim == 3
+        assert picture.shape[2] == 3
+
+
+def test_importing_the_package_loads_no_rules_and_unknown_attributes_are_named():
+    assert "marl_cair" in sys.modules
+    with refuses(AttributeError, "has no attribute 'nothing'"):
+        marl_cair.nothing  # noqa: B018
+    with refuses(AttributeError, "has no attribute 'nothing'"):
+        marl_cair.games.deep_line_wars.nothing  # noqa: B018

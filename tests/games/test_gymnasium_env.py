@@ -1,0 +1,358 @@
+"""The Gymnasium door: its library's own checks, and the vector form equal to single games."""
+
+import re
+import warnings
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+import marl_cair
+from marl_cair.games import GAMES
+from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
+from marl_cair.lookup import UnknownNameError
+from tests.games.cases import REPRESENTATIONS, FirstLegalAgent, choose_action
+
+IDS = sorted(name for name in gymnasium.registry if name.startswith("marl_cair/"))
+MAX_TICKS = 80  # a game lasts so long, of which each decision takes ten
+NUM_WORLDS = 3
+FORMS = [{}, {"mask_in_observation": True}, {"vector": True}]
+
+
+def make_single(game: str, **options: Any) -> GameEnv:
+    return GameEnv(game, opponent=FirstLegalAgent(), max_ticks=MAX_TICKS, **options)
+
+
+def make_vector(game: str, mode: AutoresetMode, **options: Any) -> GameVectorEnv:
+    return GameVectorEnv(
+        game,
+        num_envs=NUM_WORLDS,
+        opponent=FirstLegalAgent(),
+        autoreset_mode=mode,
+        max_ticks=MAX_TICKS,
+        **options,
+    )
+
+
+class Singles:
+    """The worlds of a vector environment, each played by an environment of its own."""
+
+    def __init__(self, game: str, seed: int, **options: Any) -> None:
+        self.envs = [make_single(game, **options) for _ in range(NUM_WORLDS)]
+        self.seed = seed
+
+    def reset(self) -> list[Any]:
+        seen = []
+        for world, env in enumerate(self.envs):
+            env._table.seeds._worlds = np.array([world])  # the world that it is in the vector
+            seen.append(env.reset(seed=self.seed))
+        return seen
+
+
+def choose(env: GameVectorEnv, infos: dict[str, Any], numbers: np.ndarray) -> np.ndarray:
+    masks = infos["action_mask"].astype(np.bool_)
+    chosen = [
+        choose_action(env.engine.spec, mask, *pair)
+        for mask, pair in zip(masks, numbers, strict=True)
+    ]
+    return np.array(chosen)
+
+
+def assert_same(vector_part: Any, single: Any, world: int) -> None:
+    """One world's row of a vector observation equals the single observation."""
+    if isinstance(single, dict):
+        assert set(vector_part) == set(single)
+        for name, value in single.items():
+            np.testing.assert_array_equal(vector_part[name][world], value)
+    else:
+        np.testing.assert_array_equal(vector_part[world], single)
+
+
+# --- the library's checks --------------------------------------------------------------------
+
+
+def test_every_scenario_has_its_id():
+    expected = [
+        f"marl_cair/{game.gymnasium_prefix}-{scenario}-v0"
+        for game in GAMES.values()
+        for scenario in game.scenarios
+    ]
+    assert sorted(expected) == IDS
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_gymnasium_accepts_every_registered_environment(env_id):
+    env = gymnasium.make(env_id)
+    with warnings.catch_warnings():
+        # It would try every render mode on an environment made without one.
+        check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_gymnasium_accepts_the_pictures(game_name):
+    env_id = next(name for name in IDS if GAMES[game_name].gymnasium_prefix in name)
+    check_env(gymnasium.make(env_id, render_mode="rgb_array").unwrapped)
+
+
+@pytest.mark.parametrize(("game", "representation"), REPRESENTATIONS)
+@pytest.mark.parametrize("form", FORMS, ids=str)
+def test_gymnasium_accepts_every_representation_and_form(game, representation, form):
+    env = make_single(game, representation=representation, **form)
+    check_env(env, skip_render_check=True)
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_gymnasium_makes_vectors_of_every_registered_environment(env_id):
+    env = gymnasium.make_vec(env_id, num_envs=2, render_mode=None)
+    assert isinstance(env.unwrapped, GameVectorEnv)
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    observations, rewards, *_ = env.step(env.action_space.sample())
+    assert env.observation_space.contains(observations)
+    assert rewards.shape == (2,)
+
+
+# --- our promises ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", FORMS, ids=str)
+@pytest.mark.parametrize("seat", [0, 1])
+def test_vector_with_next_step_reset_equals_single_games(game_name, form, seat):
+    env = make_vector(game_name, AutoresetMode.NEXT_STEP, seat=seat, **form)
+    singles = Singles(game_name, seed=3, seat=seat, **form)
+    observations, infos = env.reset(seed=3)
+    for world, (seen, info) in enumerate(singles.reset()):
+        assert_same(observations, seen, world)
+        np.testing.assert_array_equal(infos["action_mask"][world], info["action_mask"])
+    ended = np.zeros(NUM_WORLDS, np.bool_)
+    for numbers in np.random.default_rng(0).random((30, NUM_WORLDS, 2)):
+        actions = choose(env, infos, numbers)
+        observations, rewards, terminated, truncated, infos = env.step(actions)
+        for world, single in enumerate(singles.envs):
+            if ended[world]:
+                seen, info = single.reset()
+                outcome = 0.0, False, False
+            else:
+                seen, *outcome, info = single.step(actions[world])
+            assert (rewards[world], terminated[world], truncated[world]) == tuple(outcome)
+            assert_same(observations, seen, world)
+            np.testing.assert_array_equal(infos["action_mask"][world], info["action_mask"])
+        ended = terminated | truncated
+
+
+@pytest.mark.parametrize("form", FORMS, ids=str)
+def test_vector_with_same_step_reset_equals_single_games(game_name, form):
+    env = make_vector(game_name, AutoresetMode.SAME_STEP, **form)
+    singles = Singles(game_name, seed=4, **form)
+    singles.reset()
+    _, infos = env.reset(seed=4)
+    num_ended = 0
+    for numbers in np.random.default_rng(1).random((30, NUM_WORLDS, 2)):
+        actions = choose(env, infos, numbers)
+        observations, rewards, terminated, truncated, infos = env.step(actions)
+        for world, single in enumerate(singles.envs):
+            seen, *outcome, info = single.step(actions[world])
+            assert (rewards[world], terminated[world], truncated[world]) == tuple(outcome)
+            if terminated[world] or truncated[world]:
+                num_ended += 1
+                assert infos["_final_obs"][world]
+                assert infos["_final_info"][world]
+
+                final = infos["final_obs"][world]
+                assert gymnasium.utils.env_checker.data_equivalence(final, seen)
+                final_mask = infos["final_info"]["action_mask"][world]
+                np.testing.assert_array_equal(final_mask, info["action_mask"])
+                seen, info = single.reset()
+            assert_same(observations, seen, world)
+            np.testing.assert_array_equal(infos["action_mask"][world], info["action_mask"])
+    assert num_ended == 3 * NUM_WORLDS
+
+
+@pytest.mark.parametrize("form", FORMS, ids=str)
+def test_vector_without_reset_equals_single_games(game_name, form):
+    env = make_vector(game_name, AutoresetMode.DISABLED, **form)
+    singles = Singles(game_name, seed=5, **form)
+    singles.reset()
+    _, infos = env.reset(seed=5)
+    for step, numbers in enumerate(np.random.default_rng(2).random((30, NUM_WORLDS, 2))):
+        if step == 5:  # so that the worlds do not all end together
+            mask = np.array([False, True, False])
+            _, infos = env.reset(options={"reset_mask": mask})
+            singles.envs[1].reset()
+        actions = choose(env, infos, numbers)
+        observations, rewards, terminated, truncated, infos = env.step(actions)
+        for world, single in enumerate(singles.envs):
+            seen, *outcome, _ = single.step(actions[world])
+            assert (rewards[world], terminated[world], truncated[world]) == tuple(outcome)
+            assert_same(observations, seen, world)
+        if (ended := terminated | truncated).any():
+            observations, infos = env.reset(options={"reset_mask": ended})
+            for world in np.flatnonzero(ended):
+                assert_same(observations, singles.envs[world].reset()[0], world)
+
+
+def test_same_step_ends_look_as_gymnasiums_own_vector_shows_them(game_name):
+    ours = make_vector(game_name, AutoresetMode.SAME_STEP)
+    theirs = gymnasium.vector.SyncVectorEnv(
+        [lambda: make_single(game_name)] * NUM_WORLDS, autoreset_mode=AutoresetMode.SAME_STEP
+    )
+    shown = []
+    for env in (ours, theirs):
+        env.reset(seed=0)
+        truncated = np.zeros(NUM_WORLDS, np.bool_)
+        while not truncated.any():
+            *_, truncated, infos = env.step(np.zeros(NUM_WORLDS, np.int64))
+        shown.append(infos)
+    own, reference = shown
+    assert set(own) == set(reference)
+    assert own["final_obs"].dtype == reference["final_obs"].dtype
+    assert set(own["final_info"]) == set(reference["final_info"])
+    for name in ("_final_obs", "_final_info", "_action_mask"):
+        np.testing.assert_array_equal(own[name], reference[name])
+
+
+def test_worlds_that_play_on_have_no_last_observation(game_name):
+    env = make_vector(game_name, AutoresetMode.SAME_STEP)
+    env.reset(seed=0)
+    env.step(np.zeros(NUM_WORLDS, np.int64))
+    env.reset(options={"reset_mask": np.array([True, False, True])})
+    truncated = np.zeros(NUM_WORLDS, np.bool_)
+    while not truncated.any():
+        *_, truncated, infos = env.step(np.zeros(NUM_WORLDS, np.int64))
+    assert truncated.tolist() == [False, True, False]
+    assert [seen is None for seen in infos["final_obs"]] == [True, False, True]
+    assert not infos["final_info"]["action_mask"][0].any()
+    assert infos["_final_obs"].tolist() == [False, True, False]
+
+
+def test_results_of_a_step_are_fresh_arrays(game_name):
+    env = make_vector(game_name, AutoresetMode.NEXT_STEP)
+    env.reset(seed=0)
+    actions = np.full(NUM_WORLDS, env.engine.spec.noop_action)
+    first = env.step(actions)[:4]
+    kept = [value.copy() for value in first]
+    for _ in range(10):
+        env.step(actions)
+    for value, copy in zip(first, kept, strict=True):
+        np.testing.assert_array_equal(value, copy)
+
+
+@pytest.mark.parametrize("seat", [0, 1])
+def test_the_learner_plays_its_seat_and_is_rewarded_for_it(game_name, seat):
+    env = make_single(game_name, seat=seat)
+    seen, info = env.reset(seed=0)
+    np.testing.assert_array_equal(seen, env.engine.observe("planes")[0, seat])
+    np.testing.assert_array_equal(info["action_mask"], env.engine.action_mask()[0, seat])
+    _, reward, *_ = env.step(env.engine.spec.noop_action)
+    assert reward == env.engine.rewards[0, seat]
+
+
+@pytest.mark.parametrize("name", [(game, bot) for game in GAMES for bot in GAMES[game].bots])
+def test_the_same_seed_gives_the_same_game_against_every_bot(name):
+    game, bot = name
+    ways = []
+    for seed in (0, 0, 1):
+        env = GameEnv(game, opponent=bot, max_ticks=200)
+        env.reset(seed=seed)
+        noop = env.engine.spec.noop_action
+        ways.append(b"".join(env.step(noop)[0].tobytes() for _ in range(20)))
+    assert ways[0] == ways[1]
+
+
+def test_pictures_come_only_in_the_mode_that_asks_for_them(game_name):
+    env, vector = make_single(game_name), make_vector(game_name, AutoresetMode.DISABLED)
+    env.reset(seed=0)
+    vector.reset(seed=0)
+    assert env.render() is None
+    assert vector.render() is None
+    shown = make_vector(game_name, AutoresetMode.DISABLED, render_mode="rgb_array")
+    shown.reset(seed=0)
+    pictures = shown.render()
+    assert len(pictures) == NUM_WORLDS
+    assert pictures[0].dtype == np.uint8
+    assert pictures[0].shape[2] == 3
+
+
+def test_the_package_registers_ids_when_it_is_imported():
+    assert marl_cair.__name__ == "marl_cair"
+    assert IDS
+
+
+# --- bad input -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seat", [-1, 2])
+def test_a_seat_that_does_not_exist_is_refused(game_name, seat):
+    message = re.escape(f"{game_name}: seat is {seat}, allowed are 0..1")
+    with pytest.raises(ValueError, match=message):
+        make_single(game_name, seat=seat)
+
+
+@pytest.mark.parametrize("make", [GameEnv, GameVectorEnv])
+def test_unknown_names_are_answered(game_name, make):
+    agent = FirstLegalAgent()
+    with pytest.raises(UnknownNameError, match=f"unknown {game_name} bot 'nobody'"):
+        make(game_name, opponent="nobody")
+    with pytest.raises(UnknownNameError, match=f"unknown {game_name} representation 'plane'"):
+        make(game_name, opponent=agent, representation="plane")
+    with pytest.raises(UnknownNameError, match=f"unknown {game_name} option 'max_tick'"):
+        make(game_name, opponent=agent, max_tick=3)
+    with pytest.raises(ValueError, match="render_mode is 'human', allowed are None and rgb_array"):
+        make(game_name, opponent=agent, render_mode="human")
+
+
+@pytest.mark.parametrize("action", [-1, 100_000, 2**32])
+def test_an_action_outside_the_space_is_refused(game_name, action):
+    env = make_single(game_name)
+    env.reset(seed=0)
+    message = f"action {action} of player 0 in world 0 is outside 0..{env.engine.num_actions - 1}"
+    with pytest.raises(ValueError, match=message):
+        env.step(action)
+
+
+@pytest.mark.parametrize(
+    ("actions", "described"),
+    [
+        (np.zeros(1, np.int64), "int64 [1]"),
+        (np.int64(0), "int64 []"),
+        (np.zeros(NUM_WORLDS), "float64 [3]"),
+        (np.zeros((NUM_WORLDS, 2), np.int64), "int64 [3, 2]"),
+    ],
+)
+def test_actions_of_a_wrong_shape_or_type_are_described(game_name, actions, described):
+    env = make_vector(game_name, AutoresetMode.NEXT_STEP)
+    env.reset(seed=0)
+    message = f"the learner's actions are {described}, they must be integers [3] (worlds)"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        env.step(actions)
+
+
+def test_a_step_before_reset_is_refused(game_name):
+    with pytest.raises(RuntimeError, match="step before reset"):
+        make_single(game_name).step(0)
+
+
+def test_a_list_of_seeds_is_refused(game_name):
+    message = f"{game_name}: seed is a list; pass one int, from which every world gets its own"
+    with pytest.raises(ValueError, match=message):
+        make_vector(game_name, AutoresetMode.NEXT_STEP).reset(seed=[1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    ("mask", "described"), [(np.ones(2, np.bool_), "bool [2]"), (np.ones(3), "float64 [3]")]
+)
+def test_a_wrong_reset_mask_is_described(game_name, mask, described):
+    env = make_vector(game_name, AutoresetMode.DISABLED)
+    env.reset(seed=0)
+    before = env._table.seeds.episodes.copy()
+    message = f"{game_name}: reset_mask is {described}, it must be bool [3] (worlds)"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        env.reset(options={"reset_mask": mask})
+    np.testing.assert_array_equal(env._table.seeds.episodes, before)
+
+
+def test_an_unknown_autoreset_mode_is_refused(game_name):
+    with pytest.raises(ValueError, match="'sometimes' is not a valid AutoresetMode"):
+        make_vector(game_name, "sometimes")

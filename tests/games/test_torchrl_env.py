@@ -1,0 +1,262 @@
+"""The TorchRL door: its library's own checks, and equality with TorchRL's PettingZoo wrapper."""
+
+import re
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.envs import ActionMask, PettingZooWrapper, StepCounter, TransformedEnv
+from torchrl.envs.utils import check_env_specs
+
+import marl_cair
+from marl_cair.games.parallel_env import GameParallelEnv
+from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
+from marl_cair.lookup import UnknownNameError
+from tests.games.cases import REPRESENTATIONS, Case, Luck, choose_actions
+
+MAX_TICKS = 300
+
+
+def make_env(case: Case, num_worlds: int = 1, **options) -> BatchedGameEnv:
+    arguments = dict(case.options) | {"max_ticks": MAX_TICKS, "seed": 0} | options
+    return BatchedGameEnv(case.game, case.scenario, num_worlds, **arguments)
+
+
+def with_actions(seen: TensorDict, env: BatchedGameEnv, numbers: np.ndarray) -> TensorDict:
+    """What `step` takes: a container of its own, because `step` writes into it."""
+    actions = torch.from_numpy(choose_actions(env.engine, numbers)).long()
+    return seen.copy().set((GROUP, "action"), actions)
+
+
+def luck_for(env: BatchedGameEnv, num_decisions: int) -> np.ndarray:
+    return Luck.draw(num_decisions, env.engine.num_worlds, env.engine.num_players).numbers
+
+
+# --- the library's checks --------------------------------------------------------------------
+
+
+def test_torchrl_accepts_every_scenario(case):
+    check_env_specs(make_env(case, 3), seed=0)
+
+
+@pytest.mark.parametrize(("game", "representation"), REPRESENTATIONS)
+def test_torchrl_accepts_every_representation(game, representation):
+    extra = ("vector",) if representation != "vector" else ("planes",)
+    env = BatchedGameEnv(
+        game, num_worlds=2, representation=representation, extra_representations=extra, seed=0
+    )
+    check_env_specs(env, seed=0)
+
+
+@pytest.mark.parametrize("num_worlds", [1, 3])
+def test_torchrl_accepts_its_transforms_around_it(game_name, num_worlds):
+    env = marl_cair.make_torchrl_env(game_name, num_worlds=num_worlds, max_ticks=MAX_TICKS)
+    check_env_specs(TransformedEnv(env, StepCounter()), seed=0)
+
+
+# --- equality with the wrapped PettingZoo environment ----------------------------------------
+
+
+def wrapped(case: Case) -> PettingZooWrapper:
+    env = GameParallelEnv(case.game, case.scenario, max_ticks=MAX_TICKS, **dict(case.options))
+    return PettingZooWrapper(env)
+
+
+def leaves(seen: TensorDict) -> dict[tuple[str, ...], torch.Tensor]:
+    found = seen.items(include_nested=True, leaves_only=True)
+    return {key if isinstance(key, tuple) else (key,): value for key, value in found}
+
+
+def assert_equal(native: TensorDict, wrapper: TensorDict, *, except_for: set = frozenset()) -> None:
+    """Equal keys, types and numbers; the native one has the batch of one world in front."""
+    own, reference = leaves(native), leaves(wrapper)
+    assert set(own) == set(reference)
+    for key, value in reference.items():
+        assert own[key].shape == (1, *value.shape), key
+        assert own[key].dtype == value.dtype, key
+        if key not in except_for:
+            assert torch.equal(own[key][0], value), key
+
+
+def test_the_native_environment_equals_the_wrapped_one_for_a_whole_game(case):
+    """The wrapper leaves the mask of an ended game all True, because PettingZoo has no agents
+    then; ours tells the legal actions, on which a truncated game bootstraps. That entry alone
+    differs."""
+    native, wrapper = make_env(case), wrapped(case)
+    native.set_seed(6)
+    # Its `set_seed` resets as well, so that its `reset` would begin the seed's second game.
+    own, reference = native.reset(), wrapper.reset(seed=6)
+    assert native.group_map == wrapper.group_map
+    assert_equal(own, reference)
+    for numbers in luck_for(native, 100):
+        own = with_actions(own, native, numbers)
+        acted = reference.copy().set((GROUP, "action"), own[GROUP, "action"][0])
+        own, reference = native.step(own), wrapper.step(acted)
+        if own["next", "done"].any():
+            break
+        assert_equal(own, reference)
+        own, reference = own["next"], reference["next"]
+    mask = ("next", GROUP, "action_mask")
+    assert_equal(own, reference, except_for={mask})
+    assert reference[mask].all()
+    np.testing.assert_array_equal(own[mask].numpy(), native.engine.action_mask())
+    assert not own[mask].all()
+
+
+def test_the_specs_equal_the_wrapped_ones(case):
+    native, wrapper = make_env(case), wrapped(case)
+    for own, reference in (
+        (native.observation_spec, wrapper.observation_spec),
+        (native.reward_spec, wrapper.reward_spec),
+        (native.done_spec, wrapper.done_spec),
+    ):
+        assert set(own.keys(True, True)) == set(reference.keys(True, True))
+        for key in reference.keys(True, True):
+            assert own[key].shape == (1, *reference[key].shape), key
+            assert own[key].dtype == reference[key].dtype, key
+    assert native.full_action_spec[GROUP, "action"].shape == (1, native.engine.num_players)
+
+
+# --- our promises ----------------------------------------------------------------------------
+
+
+def test_a_batch_equals_its_worlds_played_alone(game_name):
+    case = Case(game_name, marl_cair.GAMES[game_name].default_scenario)
+    batch = make_env(case, 3)
+    luck = luck_for(batch, 20)
+    seen, stored = batch.reset(), []
+    for numbers in luck:
+        stored.append(batch.step(with_actions(seen, batch, numbers)))
+        seen = stored[-1]["next"]
+    for world in range(3):
+        alone = make_env(case)
+        alone.seeds._worlds = np.array([world])  # the world that it is in the batch
+        seen = alone.reset()
+        for step, numbers in enumerate(luck[:, [world]]):
+            result = alone.step(with_actions(seen, alone, numbers))
+            assert_equal(result, stored[step][world])
+            seen = result["next"]
+
+
+def test_rollouts_share_no_memory_with_the_engine(game_name):
+    case = Case(game_name, marl_cair.GAMES[game_name].default_scenario)
+    env = make_env(case, 2)
+    seen = env.reset()
+    first = env.step(with_actions(seen, env, luck_for(env, 1)[0]))
+    kept = first.clone()
+    seen = first["next"]
+    for numbers in luck_for(env, 10):
+        seen = env.step(with_actions(seen, env, numbers))["next"]
+    for key, value in leaves(kept).items():
+        assert torch.equal(leaves(first)[key], value), key
+
+
+@pytest.mark.parametrize("key", ["_reset", (GROUP, "_reset")])
+def test_a_partial_reset_restarts_its_worlds_only(game_name, key):
+    case = Case(game_name, marl_cair.GAMES[game_name].default_scenario)
+    env = make_env(case, 3)
+    seen = env.reset()
+    for numbers in luck_for(env, 5):
+        seen = env.step(with_actions(seen, env, numbers))["next"]
+    before = env.engine.state_dict()
+    shape = (3, 1) if key == "_reset" else (3, env.engine.num_players, 1)
+    asked = torch.zeros(shape, dtype=torch.bool)
+    asked[1, ..., -1:] = True
+    env._reset(TensorDict({}, batch_size=[3]).set(key, asked))
+    for name, value in env.engine.state_dict().items():
+        np.testing.assert_array_equal(value[[0, 2]], before[name][[0, 2]])
+    assert env.seeds.episodes.tolist() == [1, 2, 1]
+
+
+def test_rollouts_go_on_through_ended_games(game_name):
+    env = marl_cair.make_torchrl_env(game_name, num_worlds=2, seed=0, max_ticks=100)
+    torch.manual_seed(0)
+    stored = env.rollout(25, break_when_any_done=False)
+    assert stored["next", "truncated"].sum() == 2 * 2
+    assert env.seeds.episodes.tolist() == [3, 3]
+
+
+def test_random_actions_are_legal_through_torchrls_action_mask(game_name):
+    plain = marl_cair.make_torchrl_env(game_name, num_worlds=2, seed=0, max_ticks=MAX_TICKS)
+    keys = {"action_key": (GROUP, "action"), "mask_key": (GROUP, "action_mask")}
+    env = TransformedEnv(plain, ActionMask(**keys))
+    torch.manual_seed(0)
+    stored = env.rollout(30, break_when_any_done=False)
+    masks = stored[GROUP, "action_mask"]
+    chosen = masks.gather(-1, stored[GROUP, "action"].unsqueeze(-1))
+    assert chosen.all()
+    assert not plain.engine.illegal_actions.any()
+
+
+def test_the_same_seed_gives_the_same_games(case):
+    def play(seed: int) -> TensorDict:
+        env = make_env(case, 2, seed=None)
+        env.set_seed(seed)
+        seen, steps = env.reset(), []
+        for numbers in luck_for(env, 35):
+            _, seen = env.step_and_maybe_reset(with_actions(seen, env, numbers))
+            steps.append(seen)
+        return torch.stack(steps)
+
+    first, again, other = play(0), play(0), play(1)
+    assert (first == again).all()
+    assert not (first == other).all()
+
+
+def test_the_game_state_continues_in_another_environment(case):
+    env, other = make_env(case, 2), make_env(case, 2, seed=99)
+    seen = env.reset()
+    for numbers in luck_for(env, 10):
+        seen = env.step(with_actions(seen, env, numbers))["next"]
+    other.load_game_state(env.game_state())
+    there = other.current()
+    for numbers in luck_for(env, 35):
+        _, seen = env.step_and_maybe_reset(with_actions(seen, env, numbers))
+        _, there = other.step_and_maybe_reset(with_actions(there, other, numbers))
+        assert (seen.select(GROUP) == there.select(GROUP)).all()
+    for own, copied in zip(env.last, other.last, strict=True):
+        np.testing.assert_array_equal(own, copied)
+
+
+def test_the_last_step_is_kept_beyond_a_reset(game_name):
+    env = marl_cair.make_torchrl_env(game_name, num_worlds=2, seed=0, max_ticks=100)
+    seen = env.reset()
+    for numbers in luck_for(env, 10):
+        assert not env.last.ended.any()
+        _, seen = env.step_and_maybe_reset(with_actions(seen, env, numbers))
+    assert env.last.ended.all()
+    assert not env.engine.truncated.any()
+
+
+def test_extra_representations_have_their_own_keys(game_name):
+    env = BatchedGameEnv(game_name, representation="vector", extra_representations=("planes",))
+    seen = env.reset()
+    assert env.key_of("vector") == "observation"
+    assert env.key_of("planes") == "planes"
+    np.testing.assert_array_equal(seen[GROUP, "planes"].numpy(), env.engine.observe("planes"))
+    np.testing.assert_array_equal(seen[GROUP, "observation"].numpy(), env.engine.observe("vector"))
+
+
+# --- bad input -------------------------------------------------------------------------------
+
+
+def test_a_representation_that_was_not_asked_for_is_refused(game_name):
+    message = f"{game_name}: this environment does not give 'vector'; name it in `extra_rep"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        BatchedGameEnv(game_name).key_of("vector")
+
+
+def test_unknown_names_are_answered(game_name):
+    with pytest.raises(UnknownNameError, match=f"unknown {game_name} representation 'plane'"):
+        BatchedGameEnv(game_name, representation="plane")
+    with pytest.raises(UnknownNameError, match="unknown game 'chess'"):
+        marl_cair.make_torchrl_env("chess")
+
+
+def test_an_action_outside_the_space_is_refused(game_name):
+    env = marl_cair.make_torchrl_env(game_name, num_worlds=2)
+    seen = env.reset()
+    seen[GROUP, "action"] = torch.tensor([[0, 0], [0, 100_000]])
+    with pytest.raises(ValueError, match="action 100000 of player 1 in world 1 is outside"):
+        env._step(seen)

@@ -86,6 +86,9 @@ class GameEnv(gymnasium.Env[Any, np.int64]):
             is always in `info["action_mask"]`, int8 [A].
     """
 
+    # On the class: `gymnasium.make` reads it before there is an instance.
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
+
     def __init__(
         self,
         game: str,
@@ -102,7 +105,6 @@ class GameEnv(gymnasium.Env[Any, np.int64]):
         check_render_mode(game, render_mode)
         self._table = _LearnerSeat(game, scenario, 1, opponent, seat, options)
         self.engine = self._table.engine
-        self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}
         self.render_mode = render_mode
         self._seen_as = (representation, mask_in_observation, vector)
         self.observation_space = make_observation_space(self.engine, *self._seen_as)
@@ -155,6 +157,8 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         others: as `GameEnv`. `infos["action_mask"]` is int8 [B, A].
     """
 
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
+
     def __init__(  # noqa: PLR0913  # one more than GameEnv, by the names that Gymnasium passes
         self,
         game: str,
@@ -175,7 +179,7 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         self.engine = self._table.engine
         self.num_envs, self.render_mode = num_envs, render_mode
         self._mode = AutoresetMode(autoreset_mode)
-        self.metadata = {"render_modes": list(RENDER_MODES), "autoreset_mode": self._mode}
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         self._seen_as = (representation, mask_in_observation, vector)
         self.single_observation_space = make_observation_space(self.engine, *self._seen_as)
         self.single_action_space = spaces.Discrete(self.engine.num_actions)

@@ -157,14 +157,21 @@ class GeneratorSettings:
 
     name: str = "ccdn"  # or "none"
     batch_size: int = 64
-    frames_per_update: int = 256
+    frames_per_update_shut: int = 64  # until the gate has opened for the first time
+    frames_per_update: int = 256  # from then on
     evaluate_every_frames: int = 20_000
     rows_per_refill: int = 1_000  # generated after each passed evaluation
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:
         find_by_name("generator", self.name, {NO_GENERATOR: None, **GENERATORS})
-        for name in ("batch_size", "frames_per_update", "evaluate_every_frames", "rows_per_refill"):
+        for name in (
+            "batch_size",
+            "frames_per_update_shut",
+            "frames_per_update",
+            "evaluate_every_frames",
+            "rows_per_refill",
+        ):
             require(getattr(self, name) >= 1, f"generator.{name}", getattr(self, name), "1 or more")
 
 

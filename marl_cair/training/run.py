@@ -66,7 +66,7 @@ class TrainingRun:
         self._make_learner()
         self._make_collector()
         self.frames = 0
-        self.gate_is_open = False
+        self.gate_is_open = self.gate_has_opened = False
         if resume and (self.folder / RESUME_FOLDER).is_dir():
             self.restore()
         self.log = RunLog(self.folder, self.frames)
@@ -229,6 +229,7 @@ class TrainingRun:
         state = {
             "frames": self.frames,
             "gate_is_open": self.gate_is_open,
+            "gate_has_opened": self.gate_has_opened,
             "learner": self.learner.state_dict(),
             "book": self.book.state_dict(),
             "router": self.router.export_state(),
@@ -259,7 +260,8 @@ class TrainingRun:
             ) from error
 
     def _import_state(self, state: Any, folder: Path) -> None:
-        self.frames, self.gate_is_open = state["frames"], state["gate_is_open"]
+        self.frames = state["frames"]
+        self.gate_is_open, self.gate_has_opened = state["gate_is_open"], state["gate_has_opened"]
         self.learner.load_state_dict(state["learner"])
         self.book.load_state_dict(state["book"], self.learner.network)
         self.router.import_state(state["router"])

@@ -1,4 +1,4 @@
-"""A world's game depends on its seed and its actions alone: not on its place, threads or history."""
+"""A world's game depends on its seed and actions alone: not on place, threads or history."""
 
 import os
 import subprocess

@@ -248,7 +248,7 @@ def test_an_output_array_that_does_not_fit_is_described(engine):
     with refuses(ValueError, f"observe cannot write to float32 {shape}, `out` must be contiguous"):
         engine.observe("planes", out=np.empty(shape, np.float32))
     with refuses(
-        ValueError, f"observe cannot write to uint8 [3, 2], `out` must be contiguous uint8"
+        ValueError, "observe cannot write to uint8 [3, 2], `out` must be contiguous uint8"
     ):
         engine.observe("planes", out=np.empty((3, 2), np.uint8))
     masks = np.empty((engine.num_actions, 2, 3), np.bool_).T

@@ -80,9 +80,11 @@ def assert_equal(native: TensorDict, wrapper: TensorDict, *, except_for: set = f
 
 
 def test_the_native_environment_equals_the_wrapped_one_for_a_whole_game(case):
-    """The wrapper leaves the mask of an ended game all True, because PettingZoo has no agents
-    then; ours tells the legal actions, on which a truncated game bootstraps. That entry alone
-    differs."""
+    """One entry differs, at the end: the wrapper leaves the mask of an ended game all True.
+
+    PettingZoo has no agents then. Ours tells the legal actions, on which a truncated game
+    bootstraps.
+    """
     native, wrapper = make_env(case), wrapped(case)
     native.set_seed(6)
     # Its `set_seed` resets as well, so that its `reset` would begin the seed's second game.

@@ -22,6 +22,8 @@ CLASSIC_NOOP = FIRST_CLASSIC_TOWER + NUM_CLASSIC_TOWERS
 
 ORDER_NONE, ORDER_ILLEGAL, ORDER_UNIT, ORDER_TOWER, ORDER_CURSOR = range(5)
 
+MAX_UNIT_HEALTH = 2**15 - 1  # of the state's int16, reached only beyond some 200,000 ticks
+
 
 @compiled
 def can_buy_unit(world: Any, rules: Any, player: int, kind: int) -> bool:
@@ -104,7 +106,8 @@ def is_legal(world: Any, rules: Any, player: int, action: int) -> bool:
 def full_health(world: Any, rules: Any, kind: int) -> int:
     """Health of a unit that is bought now: later units are tougher where the preset says so."""
     intervals = int(world.tick[0]) // rules.interval_ticks
-    return int(rules.unit_health[kind]) * (100 + rules.unit_growth * intervals) // 100
+    grown = int(rules.unit_health[kind]) * (100 + rules.unit_growth * intervals) // 100
+    return min(MAX_UNIT_HEALTH, int(grown))
 
 
 @compiled

@@ -168,7 +168,7 @@ def test_a_tick_walks_then_lands_then_fires_then_earns_then_judges(monkeypatch):
     monkeypatch.setitem(PRESETS, "flying", preset)
     board = Board(preset="flying", max_ticks=100)
     board.wait(98)
-    board.put_tower(0, FASTER, row=4, column=1)
+    board.put_tower(0, FASTER, row=6, column=1)
     board.put_unit(1, MILITIA, row=4, column=13, progress=0, health=1)  # will be shot
     board.put_unit(1, MILITIA, row=4, column=13, progress=80)  # will arrive in tick 100
     board.put_unit(1, MILITIA, row=5, column=13, progress=0)  # next target

@@ -1,0 +1,105 @@
+"""The demonstration: train a conv and a capsule network, rate them with the bots, show a game."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from tqdm import tqdm
+
+from marl_cair.games import GAMES
+from marl_cair.league.agents import load_agent
+from marl_cair.league.film import save_film
+from marl_cair.league.league import LeagueConfig, run_league
+from marl_cair.policies.q_network import QNetworkConfig
+from marl_cair.training.config import (
+    CheckpointSettings,
+    CollectorSettings,
+    EvaluationSettings,
+    ExplorationSettings,
+    LearnerSettings,
+    OpponentSettings,
+    ReplaySettings,
+    TrainConfig,
+)
+from marl_cair.training.curves import draw_curves
+from marl_cair.training.run import RESUME_FOLDER
+from marl_cair.training.trainer import train
+
+GAME, SCENARIO = "deep_line_wars", "10x15"
+NETWORKS = ("conv", "capsule")
+
+
+@dataclass(frozen=True)
+class DemoSettings:
+    """How long the demonstration is. The defaults end within 10 minutes on 2 cores."""
+
+    out: str = "runs/demo"
+    frames: int = 260_000  # decisions of each network
+    max_minutes: float = 3.4  # of training of each network
+    league_games: int = 40  # for each pair
+    num_worlds: int = 128
+    seed: int = 0
+
+
+def make_config(settings: DemoSettings, network: str) -> TrainConfig:
+    """The default recipe, shortened: random opponents first, then self-play; 20 % generated rows."""
+    warmup = settings.frames // 2
+    mixture = {"latest": 0.4, "pool": 0.2, "random": 0.2, "scripted": 0.2}
+    every = max(1, settings.frames // 8)
+    return TrainConfig(
+        out=f"{settings.out}/{network}",
+        seed=settings.seed,
+        total_frames=settings.frames,
+        max_minutes=settings.max_minutes,
+        policy=QNetworkConfig(body=network),
+        opponent=OpponentSettings(mixture, warmup_frames=warmup, snapshot_every_frames=every),
+        collector=CollectorSettings(num_worlds=settings.num_worlds),
+        exploration=ExplorationSettings(anneal_frames=max(1, settings.frames // 3)),
+        replay=ReplaySettings(
+            capacity_transitions=100_000, min_transitions=min(5_000, settings.frames // 4)
+        ),
+        learner=LearnerSettings(),
+        evaluation=EvaluationSettings(every_frames=every, games=32, bots=("random", "counter")),
+        checkpoint=CheckpointSettings(every_frames=settings.frames),
+    )
+
+
+def run_demo(settings: DemoSettings) -> Path:
+    """Train, rate, draw and film; returns the output folder.
+
+    A stage that an earlier, interrupted call has finished is not repeated; a training run that was
+    interrupted goes on. Raises OutputFolderError for a folder that holds other runs.
+    """
+    folder = Path(settings.out)
+    for number, network in enumerate(NETWORKS, start=1):
+        config = make_config(settings, network)
+        tqdm.write(f"[{number}/4] training the {network} network in {config.out}")
+        resume = (Path(config.out) / RESUME_FOLDER).is_dir()
+        curves = folder / "curves.png"
+        done = {name: f"{settings.out}/{name}" for name in NETWORKS[:number]}
+        redraw = partial(draw_curves, done, curves)
+        result = train(config, resume=resume, listen=lambda row, redraw=redraw: redraw())
+        if result.was_interrupted:
+            raise KeyboardInterrupt
+    tqdm.write("[3/4] league of the networks and the scripted bots")
+    agents = [f"{settings.out}/{network}/latest" for network in NETWORKS]
+    league = run_league(
+        LeagueConfig(
+            agents=(*agents, *GAMES[GAME].bots),
+            game=GAME,
+            scenario=SCENARIO,
+            games_per_pair=settings.league_games,
+            seed=settings.seed,
+            out=f"{settings.out}/league",
+        ),
+        partial(load_agent, game=GAME),
+    )
+    tqdm.write(league.text)
+    tqdm.write("[4/4] filming a game")
+    scenario = dataclasses.replace(GAMES[GAME].scenario(SCENARIO), reward="sparse")
+    best, rival = load_agent(agents[0], GAME, scenario), load_agent("counter", GAME, scenario)
+    save_film(best, rival, GAMES[GAME], scenario, settings.seed, folder / "game.gif")
+    return folder

@@ -1,0 +1,36 @@
+"""The demonstration behind `make demo`: python scripts/demo.py [--out runs/demo] [--frames N] ..."""
+
+import argparse
+import sys
+from dataclasses import fields
+
+from marl_cair.training.demo import DemoSettings, run_demo
+
+NEXT = """
+Look at   {out}/league/league.png   the ladder with 95 % intervals, and who beats whom
+          {out}/curves.png          learning curves, generator, actions
+          {out}/game.gif            a game of the conv network against the bot `counter`
+Try next  .venv/bin/marl-cair train policy=capsule opponent=self_play total_frames=1000000
+          .venv/bin/marl-cair league {out}/conv/latest {out}/capsule/latest counter economist
+          .venv/bin/marl-cair games
+          .venv/bin/tensorboard --logdir {out}
+"""
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    for field in fields(DemoSettings):
+        name, kind = field.name.replace("_", "-"), type(field.default)
+        parser.add_argument(f"--{name}", type=kind, default=field.default, help=f"{field.default}")
+    settings = DemoSettings(**vars(parser.parse_args()))
+    try:
+        run_demo(settings)
+    except KeyboardInterrupt:
+        print(f"interrupted: run the same command again to go on in {settings.out}")
+        return 130
+    print(NEXT.format(out=settings.out))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

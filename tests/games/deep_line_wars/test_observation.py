@@ -1,0 +1,284 @@
+"""What players see: every plane at its place, from the own side, and nothing that is hidden."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from marl_cair.games.deep_line_wars.observation import (
+    LOG_LEVELS,
+    PLANE_NAMES,
+    UNIFORM_NAMES,
+    VECTOR_NAMES,
+)
+from marl_cair.games.deep_line_wars.tables import (
+    ARMOURED_GRUNT,
+    BASIC,
+    FAST,
+    FASTER,
+    FOOTMAN,
+    GRUNT,
+    MILITIA,
+    TOWER_NAMES,
+    UNIT_NAMES,
+)
+from tests.games.cases import Luck, choose_actions
+from tests.games.deep_line_wars.board import Board
+
+
+def see(board: Board, player: int = 0) -> dict[str, np.ndarray]:
+    """The planes [H, W] by name."""
+    planes = board.engine.observe("planes")[0, player]
+    return dict(zip(PLANE_NAMES, planes, strict=True))
+
+
+def level(board: Board, plane: str, player: int = 0) -> int:
+    """The value of a uniform plane."""
+    values = np.unique(see(board, player)[plane])
+    assert len(values) == 1
+    return int(values[0])
+
+
+def places(plane: np.ndarray) -> list[tuple[int, int]]:
+    return list(zip(*(axis.tolist() for axis in np.nonzero(plane)), strict=True))
+
+
+def test_there_are_28_planes_of_which_the_last_ten_are_uniform():
+    board = Board()
+    planes = board.engine.representation("planes")
+    assert planes.shape == (28, 10, 15)
+    assert planes.num_uniform == len(UNIFORM_NAMES) == 10
+    assert planes.plane_names[16] == "terrain"
+    assert planes.plane_names[17] == "own cursor"
+
+
+@pytest.mark.plain_python
+@pytest.mark.parametrize("kind", [BASIC, FAST, FASTER])
+def test_towers_stand_in_the_plane_of_their_kind_mirrored_for_the_enemy(kind):
+    board = Board()
+    board.put_tower(0, kind, row=3, column=5)
+    name = TOWER_NAMES[kind]
+    own, enemy = see(board, 0), see(board, 1)
+    assert places(own[f"own {name} towers"]) == [(3, 5)]
+    assert places(enemy[f"enemy {name} towers"]) == [(3, 9)]
+    assert own[f"own {name} towers"][3, 5] == 255
+    for seen in (own, enemy):
+        shown = [plane for plane in seen if "towers" in plane and seen[plane].any()]
+        assert len(shown) == 1
+
+
+@pytest.mark.plain_python
+@pytest.mark.parametrize("kind", [MILITIA, FOOTMAN, GRUNT, ARMOURED_GRUNT])
+def test_units_stand_in_the_plane_of_their_kind_mirrored_for_the_enemy(kind):
+    board = Board()
+    board.put_unit(1, kind, row=7, column=2, progress=50)
+    name = UNIT_NAMES[kind]
+    own, enemy = see(board, 1), see(board, 0)
+    assert places(own[f"own {name} units"]) == [(7, 2)]
+    assert places(enemy[f"enemy {name} units"]) == [(7, 12)]
+    assert own[f"own {name} units"][7, 2] == 64
+    assert own["own unit progress"][7, 2] == enemy["enemy unit progress"][7, 12] == 127
+    assert not own["enemy unit progress"].any()
+
+
+@pytest.mark.parametrize(("health", "shown"), [(40, 64), (39, 62), (20, 32), (1, 1), (0, 0)])
+def test_a_unit_shows_its_share_of_health_and_at_least_1(health, shown):
+    board = Board()
+    slot = board.put_unit(0, MILITIA, row=0, column=4)
+    board.world.unit_health[0, slot] = health
+    assert see(board)["own militia units"][0, 4] == shown
+
+
+def test_units_of_one_kind_in_a_cell_add_up_and_saturate():
+    board = Board()
+    expected = [64, 128, 192, 255, 255]
+    for count in range(5):
+        board.put_unit(0, GRUNT, row=1, column=1, progress=count)
+        assert see(board)["own grunt units"][1, 1] == expected[count]
+    assert see(board)["own unit progress"][1, 1] == 255 * 4 // 100
+
+
+def test_terrain_tells_the_halves_the_centre_and_the_spawn_columns():
+    for player in range(2):
+        terrain = see(Board(), player)["terrain"]
+        assert (terrain == terrain[0]).all()
+        assert terrain[0].tolist() == [50] + [100] * 6 + [150] + [200] * 6 + [250]
+    even = see(Board("30x11"))["terrain"][0].tolist()
+    assert even == [50] + [100] * 13 + [150] * 2 + [200] * 13 + [250]
+
+
+def test_the_own_cursor_shows_with_the_classic_actions_only():
+    assert not see(Board())["own cursor"].any()
+    board = Board(actions="classic")
+    board.world.cursor[:] = [(2, 3), (4, 5)]
+    assert places(see(board, 0)["own cursor"]) == [(2, 3)]
+    assert places(see(board, 1)["own cursor"]) == [(4, 5)]
+
+
+@pytest.mark.plain_python
+def test_uniform_planes_show_each_player_its_own_and_the_enemys_economy():
+    board = Board()
+    board.world.health[:] = (25, -3)
+    board.world.gold[:] = (7, 1_000)
+    board.world.lumber[:] = (3, 300)
+    board.world.income[:] = (20, 22)
+    shown = {name: level(board, name) for name in UNIFORM_NAMES}
+    mirrored = {name: level(board, name, player=1) for name in UNIFORM_NAMES}
+    assert shown["own health"] == 127
+    assert shown["enemy health"] == 0
+    assert shown["own gold"] == 7
+    assert shown["enemy gold"] == 255
+    assert shown["own lumber"] == 3
+    assert shown["enemy lumber"] == 255
+    assert shown["own income"] < shown["enemy income"]
+    for name in ("health", "gold", "lumber", "income"):
+        assert shown[f"own {name}"] == mirrored[f"enemy {name}"]
+        assert shown[f"enemy {name}"] == mirrored[f"own {name}"]
+
+
+def test_clocks_run_down_by_the_tick():
+    board = Board(max_ticks=200)
+    assert level(board, "time to next income") == level(board, "time left") == 255
+    board.wait(99)
+    assert level(board, "time to next income") == 255 // 100
+    assert level(board, "time left") == 255 * 101 // 200
+    board.wait(1)
+    assert level(board, "time to next income") == 255
+    board.wait(100)
+    assert level(board, "time left") == 0
+
+
+def test_every_purchase_of_a_game_shows_in_the_income_plane():
+    """Each step of 2 tells apart at first; later incomes differ by steps that still show."""
+    assert len(np.unique(LOG_LEVELS[20:62:2])) == len(LOG_LEVELS[20:62:2])
+    assert (np.diff(LOG_LEVELS.astype(int)) >= 0).all()
+    assert LOG_LEVELS[1_500] > LOG_LEVELS[1_400]
+
+
+def test_an_income_beyond_the_scale_shows_as_the_end_of_the_scale():
+    board = Board()
+    board.world.income[0] = 1_000_000
+    assert level(board, "own income") == LOG_LEVELS[-1]
+
+
+def test_the_vector_gives_the_economy_in_its_own_units():
+    board = Board(max_ticks=500)
+    board.wait(30)
+    board.world.health[:] = (25, -3)
+    board.world.gold[:] = (7, 1_000)
+    board.world.income[:] = (20, 22)
+    own, enemy = board.engine.observe("vector")[0]
+    assert dict(zip(VECTOR_NAMES, own.tolist(), strict=True)) == {
+        "own health": 25,
+        "own gold": 7,
+        "own lumber": 0,
+        "own income": 20,
+        "enemy health": 0,
+        "enemy gold": 1_000,
+        "enemy lumber": 0,
+        "enemy income": 22,
+        "ticks to next income": 70,
+        "ticks left": 470,
+    }
+    assert enemy[:4].tolist() == own[4:8].tolist()
+    assert enemy[4:8].tolist() == own[:4].tolist()
+
+
+@pytest.mark.plain_python
+def test_the_classic_layers_hold_terrain_units_and_towers():
+    board = Board()
+    board.put_unit(0, GRUNT, row=2, column=3)
+    board.put_unit(1, FOOTMAN, row=2, column=3)
+    board.put_tower(0, FASTER, row=5, column=6)
+    board.put_tower(1, BASIC, row=5, column=6)
+    terrain, kind, owner, tower_owner, tower_kind = board.engine.observe("classic")[0, 0]
+    assert terrain[0].tolist() == [1] + [0] * 6 + [2] + [0] * 6 + [1]
+    assert (kind[2, 3], owner[2, 3]) == (3, 1)
+    assert (kind[2, 11], owner[2, 11]) == (2, 2)
+    assert (tower_kind[5, 6], tower_owner[5, 6]) == (3, 1)
+    assert (tower_kind[5, 8], tower_owner[5, 8]) == (1, 2)
+    for plane in (kind, owner, tower_kind, tower_owner):
+        assert np.count_nonzero(plane) == 2
+
+
+def test_the_classic_layers_show_the_oldest_enemy_unit_of_a_cell():
+    board = Board()
+    board.put_unit(0, MILITIA, row=2, column=7)
+    board.put_unit(1, GRUNT, row=2, column=7)
+    board.put_unit(1, FOOTMAN, row=2, column=7)
+    _, kind, owner, *_ = board.engine.observe("classic")[0, 0]
+    assert (kind[2, 7], owner[2, 7]) == (3, 2)
+    board.world.unit_health[1, 0] = 0
+    assert board.engine.observe("classic")[0, 0, 1, 2, 7] == 2
+    board.world.unit_health[1, 1] = 0
+    assert board.engine.observe("classic")[0, 0, 1:3, 2, 7].tolist() == [1, 1]
+
+
+@pytest.mark.plain_python
+def test_the_heat_map_paints_own_towers_enemy_units_and_the_own_cursor():
+    board = Board(actions="classic")
+    board.world.cursor[0] = (9, 1)
+    board.put_tower(0, BASIC, row=1, column=2)
+    board.put_tower(0, BASIC, row=3, column=4)
+    board.put_unit(1, MILITIA, row=3, column=board.mirrored(4))
+    board.put_unit(0, MILITIA, row=0, column=0)
+    board.put_tower(1, BASIC, row=0, column=1)
+    colour = board.engine.observe("heatmap")[0, 0]
+    gray = board.engine.observe("heatmap_gray")[0, 0, 0]
+    assert colour[:, 1, 2].tolist() == [255, 0, 0]
+    assert colour[:, 3, 4].tolist() == [0, 255, 0]
+    assert colour[:, 9, 1].tolist() == [0, 255, 255]
+    assert np.count_nonzero(colour.any(axis=0)) == 3
+    for row, column in ((1, 2), (3, 4), (9, 1)):
+        luma = np.array([0.299, 0.587, 0.114]) @ colour[:, row, column]
+        assert gray[row, column] == round(luma)
+    assert np.count_nonzero(gray) == 3
+
+
+def test_there_is_no_cursor_on_the_heat_map_of_spatial_actions():
+    assert not Board().engine.observe("heatmap").any()
+
+
+@settings(max_examples=6)
+@given(
+    actions=st.sampled_from(["spatial", "classic"]),
+    player=st.integers(0, 1),
+    seed=st.integers(0, 2**32 - 1),
+    cursor=st.tuples(st.integers(0, 9), st.integers(1, 13)),
+    word=st.integers(1, 2**64 - 1),
+)
+def test_no_representation_shows_the_enemys_cursor_or_the_random_words(
+    actions, player, seed, cursor, word
+):
+    """The same bytes whatever is hidden; the own cursor, which is not, shows."""
+    board = Board(seed=seed, actions=actions, ticks_per_step=10)
+    engine = board.engine
+    for numbers in Luck.draw(40, 1, 2, seed).numbers:
+        engine.step(choose_actions(engine, numbers))
+    names = list(engine.spec.representations)
+    before = {name: engine.observe(name)[0, player].copy() for name in names}
+    mask = engine.action_mask()[0, player].copy()
+
+    board.world.cursor[1 - player] = cursor
+    board.world.random[:] ^= np.uint64(word)
+    board.world.illegal[:] += 1
+    for name in names:
+        seen = engine.observe(name)[0, player]
+        np.testing.assert_array_equal(seen, before[name], err_msg=name)
+    np.testing.assert_array_equal(engine.action_mask()[0, player], mask)
+
+    board.world.cursor[player, 0] = (board.world.cursor[player, 0] + 1) % 10
+    changed = not np.array_equal(engine.observe("planes")[0, player], before["planes"])
+    assert changed == (actions == "classic")
+
+
+def test_the_public_state_holds_all_but_the_random_words():
+    board = Board()
+    before = board.engine.public_state(0)
+    board.world.random[:] += np.uint64(1)
+    np.testing.assert_array_equal(board.engine.public_state(0), before)
+    for name, field in board.world._asdict().items():
+        if name != "random":
+            field.flat[-1] += 1
+            assert (board.engine.public_state(0) != before).sum() == 1, name
+            field.flat[-1] -= 1

@@ -1,24 +1,36 @@
 """Tournament of single-minded players: is any unit or tower of Deep Line Wars too strong?
 
-python benchmarks/balance.py [--games 1000] [--seed 0] [--preset balanced] [--csv FOLDER]
+python benchmarks/balance.py [--games 1000] [--seed 0] [--preset balanced] [--csv payoffs.csv]
+
+Prints four tables: each item alone against each other item and against a player that mixes all
+the others; pairs of one unit and one tower, with the best answer to each; what players lose without
+one item; the bots. Of n games the first player has seat 0 in one half and seat 1 in the other.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import itertools
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 import marl_cair
-from marl_cair.games.deep_line_wars.bot_sight import chord_table, placement_order
+from marl_cair.games.deep_line_wars.bot_sight import (
+    chord_table,
+    make_knowledge,
+    placement_order,
+)
+from marl_cair.games.deep_line_wars.bots import ScriptedPlayer
 from marl_cair.games.deep_line_wars.observation import OWN_LUMBER
+from marl_cair.games.deep_line_wars.orders import FIRST_SPATIAL_TOWER, FIRST_SPATIAL_UNIT
 from marl_cair.games.deep_line_wars.tables import (
-    NUM_TOWER_KINDS,
     NUM_UNIT_KINDS,
     PRESETS,
     TOWER_NAMES,
@@ -30,48 +42,53 @@ from marl_cair.games.randomness import episode_seeds
 
 ITEMS = UNIT_NAMES + TOWER_NAMES
 NO_ITEM = -1
+MAX_REDRAWS = 20
+BEYOND_MEANS = 10**6  # gold
 
 
 class ItemPlayer:
     """Draws an item, saves until it is legal, buys it, draws anew.
 
     Towers go to the cells that cover the rows best. A drawn tower for which lumber is missing is
-    drawn again (lumber comes with time only), unless the player wants nothing else.
+    drawn again (lumber comes with time only), unless the player buys nothing but towers. Rows of a
+    batch must be the same games at each call: it remembers what each saves for.
+
+    Args:
+        name: for tables.
+        engine: with the spatial actions.
+        weights: of the items in the draw, [items].
     """
 
     representation = "planes"
 
-    def __init__(self, name: str, engine: BatchedEngine, weights: NDArray[np.float64]) -> None:
+    def __init__(self, name: str, engine: BatchedEngine, weights: Sequence[float]) -> None:
         scenario = engine.scenario
         preset = PRESETS[scenario.preset]
         self.name = name
-        self.weights = weights / weights.sum()
+        self.weights = np.array(weights) / np.sum(weights)
         self.lumber = np.array([0] * NUM_UNIT_KINDS + list(preset.tower_cost_lumber))
         cells = scenario.rows * scenario.build_columns
-        first = 1 + NUM_UNIT_KINDS
         board = (scenario.rows, scenario.build_columns, scenario.columns)
-        self.actions = [np.array([1 + kind]) for kind in range(NUM_UNIT_KINDS)] + [
-            first + kind * cells + placement_order(chord_table(*board, preset.tower_range_tiles[kind]))
-            for kind in range(NUM_TOWER_KINDS)
-        ]
+        self.actions = [np.array([FIRST_SPATIAL_UNIT + kind]) for kind in range(NUM_UNIT_KINDS)]
+        for kind, reach in enumerate(preset.tower_range_tiles):
+            order = placement_order(chord_table(*board, reach))
+            self.actions.append(FIRST_SPATIAL_TOWER + kind * cells + order)
         self.seed(0)
 
     def seed(self, seed: int) -> None:
+        """Restart the generator and forget what was saved for."""
         self.generator = np.random.default_rng(seed)
         self.wanted = np.zeros(0, np.int64)
 
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """One action for each row; rows must be the same games in the same order at each call."""
+        """One action for each of N rows: planes [N, C, H, W], mask [N, A] -> [N]."""
         num_rows = len(observation)
         if len(self.wanted) != num_rows:
             self.wanted = np.full(num_rows, NO_ITEM)
-        self.wanted[self.wanted == NO_ITEM] = self.draw(int((self.wanted == NO_ITEM).sum()))
-        lumber = observation[:, OWN_LUMBER, 0, 0]
-        for _ in range(20):
-            lacking = self.lumber[self.wanted] > lumber
-            if not lacking.any() or self.weights[:NUM_UNIT_KINDS].sum() == 0:
-                break
-            self.wanted[lacking] = self.draw(int(lacking.sum()))
+        self._draw_where(self.wanted == NO_ITEM)
+        if self.weights[:NUM_UNIT_KINDS].any():
+            for _ in range(MAX_REDRAWS):
+                self._draw_where(self.lumber[self.wanted] > observation[:, OWN_LUMBER, 0, 0])
         actions = np.zeros(num_rows, np.int64)
         for item, candidates in enumerate(self.actions):
             rows = np.flatnonzero(self.wanted == item)
@@ -79,25 +96,28 @@ class ItemPlayer:
                 continue
             legal = action_mask[rows[:, None], candidates]
             choice = legal.argmax(1)
-            bought = legal[np.arange(len(rows)), choice]
-            actions[rows[bought]] = candidates[choice[bought]]
-            self.wanted[rows[bought]] = NO_ITEM
+            is_bought = legal[np.arange(len(rows)), choice]
+            actions[rows[is_bought]] = candidates[choice[is_bought]]
+            self.wanted[rows[is_bought]] = NO_ITEM
         return actions
 
-    def draw(self, count: int) -> NDArray[np.int64]:
-        return self.generator.choice(len(ITEMS), count, p=self.weights)
+    def _draw_where(self, needed: NDArray[np.bool_]) -> None:
+        if count := int(needed.sum()):
+            self.wanted[needed] = self.generator.choice(len(ITEMS), count, p=self.weights)
 
     def state_dict(self) -> dict[str, Any]:
+        """The generator and what each row saves for."""
         return {"generator": self.generator.bit_generator.state, "wanted": self.wanted.copy()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from `state_dict`."""
         self.generator.bit_generator.state = state["generator"]
         self.wanted = state["wanted"].copy()
 
 
 @dataclass(frozen=True)
 class MatchResult:
-    """Outcomes of games from the first agent's side, and how long they took."""
+    """Outcomes of games from the first player's side, and how long they took."""
 
     wins: int
     losses: int
@@ -107,26 +127,33 @@ class MatchResult:
 
     @property
     def games(self) -> int:
+        """How many were played."""
         return self.wins + self.losses + self.draws + self.truncations
+
+
+def make_item_player(engine: BatchedEngine, *items: int) -> ItemPlayer:
+    """Buy only the given items, drawn with equal chances."""
+    weights = [float(item in items) for item in range(len(ITEMS))]
+    return ItemPlayer(" + ".join(ITEMS[item] for item in items), engine, weights)
+
+
+def make_mix(engine: BatchedEngine, without: int = NO_ITEM) -> ItemPlayer:
+    """Buy all items, drawn with equal chances, but one."""
+    return make_item_player(engine, *(item for item in range(len(ITEMS)) if item != without))
 
 
 def play_match(engine: BatchedEngine, first: Agent, second: Agent, seed: int) -> MatchResult:
     """One game in each world of `engine`; `first` has seat 0 in one half of them."""
     num_worlds = engine.num_worlds
-    half = num_worlds // 2
     worlds = np.arange(num_worlds)
-    seats = (worlds >= half).astype(np.int64)  # of `first`
+    seats = (worlds >= num_worlds // 2).astype(np.int64)  # of `first`
     engine.reset(episode_seeds(seed, worlds, np.zeros(num_worlds, np.int64)))
-    first.seed(seed)
-    second.seed(seed + 1)
-    observation = engine.observe("planes")
-    mask = engine.action_mask()
+    first.seed(2 * seed)
+    second.seed(2 * seed + 1)
+    observation, mask = engine.observe("planes"), engine.action_mask()
     actions = np.zeros((num_worlds, 2), np.int64)
     steps = np.zeros(num_worlds)
-    while True:
-        running = ~(engine.terminated | engine.truncated)
-        if not running.any():
-            break
+    while (running := ~(engine.terminated | engine.truncated)).any():
         engine.observe("planes", observation)
         engine.action_mask(mask)
         for agent, seat in ((first, seats), (second, 1 - seats)):
@@ -137,20 +164,209 @@ def play_match(engine: BatchedEngine, first: Agent, second: Agent, seed: int) ->
     losses = int((engine.winner == 1 - seats).sum())
     truncations = int(engine.truncated.sum())
     return MatchResult(
-        wins,
-        losses,
-        num_worlds - wins - losses - truncations,
-        truncations,
-        float(steps.mean()) * engine.spec.ticks_per_step,
+        wins=wins,
+        losses=losses,
+        draws=num_worlds - wins - losses - truncations,
+        truncations=truncations,
+        mean_ticks=float(steps.mean()) * engine.spec.ticks_per_step,
     )
 
 
-def pure(engine, item):
-    return ItemPlayer(ITEMS[item], engine, np.eye(len(ITEMS))[item])
+def win_interval(wins: int, games: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a win probability."""
+    z = 1.96
+    share = wins / games
+    centre = share + z * z / (2 * games)
+    spread = z * np.sqrt(share * (1 - share) / games + z * z / (4 * games * games))
+    scale = 1 + z * z / games
+    return float(max(0.0, (centre - spread) / scale)), float(min(1.0, (centre + spread) / scale))
 
 
-def mix(engine, without=None):
-    weights = np.ones(len(ITEMS))
-    if without is not None:
-        weights[without] = 0
-    return ItemPlayer("mix" if without is None else f"mix without {ITEMS[without]}", engine, weights)
+def play_round_robin(
+    engine: BatchedEngine, players: Sequence[Agent], seed: int
+) -> dict[tuple[int, int], MatchResult]:
+    """Every player against every other; results by (first, second) in both orders."""
+    results = {}
+    for i, j in itertools.combinations(range(len(players)), 2):
+        result = play_match(engine, players[i], players[j], seed + i * len(players) + j)
+        results[i, j] = result
+        results[j, i] = MatchResult(
+            result.losses, result.wins, result.draws, result.truncations, result.mean_ticks
+        )
+    return results
+
+
+def play_against_mix(engine: BatchedEngine, seed: int) -> list[MatchResult]:
+    """Each item alone against a player that mixes all the other items."""
+    return [
+        play_match(engine, make_item_player(engine, item), make_mix(engine, item), seed + item)
+        for item in range(len(ITEMS))
+    ]
+
+
+def wins_against_drawn(
+    results: Mapping[tuple[int, int], MatchResult], player: int, num_players: int
+) -> tuple[int, int]:
+    """(wins, games) against an opponent drawn uniformly from the others for each game."""
+    rows = [results[player, other] for other in range(num_players) if other != player]
+    return sum(row.wins for row in rows), sum(row.games for row in rows)
+
+
+def describe(wins: int, games: int) -> str:
+    """Share of wins in percent with its interval."""
+    low, high = win_interval(wins, games)
+    return f"{100 * wins / games:5.1f} [{100 * low:4.1f}, {100 * high:4.1f}]"
+
+
+def print_payoffs(names: Sequence[str], results: Mapping[tuple[int, int], MatchResult]) -> None:
+    """Percent of games that the row's player wins against the column's."""
+    width = max(len(name) for name in names) + 2
+    print(" " * width + "".join(f"{name[:12]:>14}" for name in names))
+    for i, name in enumerate(names):
+        cells = [
+            "-" if i == j else f"{100 * results[i, j].wins / results[i, j].games:.0f}"
+            for j in range(len(names))
+        ]
+        print(f"{name:<{width}}" + "".join(f"{cell:>14}" for cell in cells))
+
+
+def write_results(
+    file: TextIO,
+    table: str,
+    names: Sequence[str],
+    results: Mapping[tuple[int, int], MatchResult],
+) -> None:
+    """Append one table as CSV rows."""
+    writer = csv.writer(file)
+    for (i, j), result in results.items():
+        if i < j:
+            outcome = (result.wins, result.losses, result.draws, result.truncations)
+            writer.writerow([table, names[i], names[j], *outcome, f"{result.mean_ticks:.1f}"])
+
+
+def report_items(engine: BatchedEngine, seed: int, file: TextIO | None) -> None:
+    """Each item alone: against each other, against one drawn per game, against their mix."""
+    players = [make_item_player(engine, item) for item in range(len(ITEMS))]
+    results = play_round_robin(engine, players, seed)
+    against_mix = play_against_mix(engine, seed + 100)
+    print("\nOne item alone: % of games won by the row against the column")
+    print_payoffs(ITEMS, results)
+    print("\nagainst the others: (a) one drawn per game, (b) a player that mixes them")
+    for item, name in enumerate(ITEMS):
+        drawn = describe(*wins_against_drawn(results, item, len(ITEMS)))
+        mixed = against_mix[item]
+        print(
+            f"{name:<16} (a) {drawn}   (b) {describe(mixed.wins, mixed.games)}, "
+            f"loses {100 * mixed.losses / mixed.games:.0f}, {mixed.mean_ticks:.0f} ticks"
+        )
+    if file:
+        write_results(file, "item", ITEMS, results)
+        names = [*ITEMS, "mix of the others"]
+        mixes = {(item, len(ITEMS)): result for item, result in enumerate(against_mix)}
+        write_results(file, "mix", names, mixes)
+
+
+def report_pairs(engine: BatchedEngine, seed: int, file: TextIO | None) -> None:
+    """One unit with one tower, in equal parts: the best answer to each pair."""
+    towers = range(NUM_UNIT_KINDS, len(ITEMS))
+    pairs = list(itertools.product(range(NUM_UNIT_KINDS), towers))
+    players = [make_item_player(engine, *pair) for pair in pairs]
+    results = play_round_robin(engine, players, seed + 200)
+    names = [player.name for player in players]
+    print("\nOne unit and one tower in equal parts: wins against all other pairs, best answer")
+    answers: dict[str, int] = dict.fromkeys(ITEMS, 0)
+    for j, name in enumerate(names):
+        others = [i for i in range(len(pairs)) if i != j]
+        best = max(others, key=lambda i, j=j: results[i, j].wins)  # type: ignore[misc]
+        for item in pairs[best]:
+            answers[ITEMS[item]] += 1
+        total = describe(*wins_against_drawn(results, j, len(pairs)))
+        wins = describe(results[best, j].wins, results[best, j].games)
+        print(f"{name:<26} {total}   answered by {names[best]:<26} {wins}")
+    print("times in a best answer: " + ", ".join(f"{k} {v}" for k, v in answers.items()))
+    if file:
+        write_results(file, "pair", names, results)
+
+
+def make_counter(engine: BatchedEngine, without: int) -> ScriptedPlayer:
+    """The bot `counter`, who believes that one item cannot be paid."""
+    known = make_knowledge(engine.scenario, engine.spec)
+    prices = known.rules.unit_cost.copy(), known.rules.tower_gold.copy()
+    if without < NUM_UNIT_KINDS:
+        prices[0][without] = BEYOND_MEANS
+    else:
+        prices[1][without - NUM_UNIT_KINDS] = BEYOND_MEANS
+    rules = known.rules._replace(unit_cost=prices[0], tower_gold=prices[1])
+    return ScriptedPlayer("counter", engine.scenario, engine.spec, known._replace(rules=rules))
+
+
+def report_left_out(engine: BatchedEngine, seed: int, file: TextIO | None) -> None:
+    """What `counter` and the mix of all items lose without one item."""
+    others = [engine.game.bot(name, engine.scenario) for name in ("turtle", "economist", "zigzag")]
+    full = engine.game.bot("counter", engine.scenario)
+    matches = [(full, other) for other in others]
+    whole = [play_match(engine, *match, seed + 400) for match in matches]
+    names = ["all", *ITEMS, *(other.name for other in others), "counter", "mix"]
+    table = {(0, len(ITEMS) + 1 + k): result for k, result in enumerate(whole)}
+    print(
+        "\nLeave one out: % of games won by `counter` without the item, and by the mix without it"
+    )
+    print(f"{'without':<16}" + "".join(f"{name:>12}" for name in names[len(ITEMS) + 1 :]))
+    for item in range(len(ITEMS)):
+        player = make_counter(engine, item)
+        row = [play_match(engine, player, other, seed + 400) for other in (*others, full)]
+        row.append(play_match(engine, make_mix(engine, item), make_mix(engine), seed + 400))
+        table |= {(item + 1, len(ITEMS) + 1 + k): result for k, result in enumerate(row)}
+        shares = [100 * result.wins / result.games for result in row]
+        print(f"{ITEMS[item]:<16}" + "".join(f"{share:12.0f}" for share in shares))
+    print(f"{'(nothing)':<16}" + "".join(f"{100 * r.wins / r.games:12.0f}" for r in whole))
+    if file:
+        write_results(file, "left out", names, table)
+
+
+def report_bots(engine: BatchedEngine, seed: int, file: TextIO | None) -> None:
+    """The game's scripted bots against each other."""
+    names = list(engine.game.bots)
+    players = [engine.game.bot(name, engine.scenario) for name in names]
+    results = play_round_robin(engine, players, seed + 300)
+    print("\nBots: % of games won by the row against the column")
+    print_payoffs(names, results)
+    for i, name in enumerate(names):
+        rows = [results[i, j] for j in range(len(names)) if i != j]
+        games = sum(row.games for row in rows)
+        draws, late = sum(row.draws for row in rows), sum(row.truncations for row in rows)
+        ticks = sum(row.mean_ticks for row in rows) / len(rows)
+        print(
+            f"{name:<12} {ticks:6.0f} ticks, draws {100 * draws / games:.1f} %, "
+            f"time limit {100 * late / games:.1f} %"
+        )
+    if file:
+        write_results(file, "bot", names, results)
+
+
+def main() -> None:
+    """Print the tables; write every match to the CSV file if one is named."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--games", type=int, default=1_000, help="games of each match, even")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--preset", default="balanced", choices=sorted(PRESETS))
+    parser.add_argument("--scenario", default="10x15")
+    parser.add_argument("--csv", type=Path)
+    arguments = parser.parse_args()
+    start = time.perf_counter()
+    engine = marl_cair.make_engine(
+        "deep_line_wars", arguments.scenario, arguments.games, preset=arguments.preset
+    )
+    file = arguments.csv.open("w", newline="") if arguments.csv else None
+    if file:
+        header = "table first second wins losses draws truncations mean_ticks"
+        csv.writer(file).writerow(header.split())
+    for report in (report_items, report_pairs, report_left_out, report_bots):
+        report(engine, arguments.seed, file)
+    if file:
+        file.close()
+    print(f"\n{time.perf_counter() - start:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -26,6 +26,9 @@ class _Games(Mapping[str, "Game"]):
         game: Game = module.GAME
         return game
 
+    def __contains__(self, name: object) -> bool:
+        return name in _MODULES
+
     def __iter__(self) -> Iterator[str]:
         return iter(_MODULES)
 

@@ -40,15 +40,19 @@ def train(
     resume: bool = False,
     show_progress: bool = True,
     listen: Callable[[dict[str, float]], None] | None = None,
+    prepare: Callable[[TrainConfig], None] | None = None,
 ) -> TrainResult:
     """Train until `config.total_frames` decisions, `config.max_minutes`, or an interrupt.
 
     An interrupt (Ctrl-C, SIGTERM) ends the current iteration, saves everything and returns; a
-    second one stops at once. `listen` hears each logged row.
+    second one stops at once. `listen` hears each logged row; `prepare` is called once the output
+    folder is this run's, before any work.
 
     Raises: as `TrainingRun`.
     """
     run = TrainingRun(config, resume)
+    if prepare is not None:
+        prepare(config)
     timers = Timers()
     deadline = None if config.max_minutes is None else time.monotonic() + 60 * config.max_minutes
     bar = tqdm(

@@ -11,6 +11,7 @@ from marl_cair.games.deep_line_wars.bot_sight import (
     can_pay_unit,
     first_free,
     is_free,
+    level,
     look,
     look_at_units,
     order_tower,
@@ -22,7 +23,6 @@ from marl_cair.games.deep_line_wars.observation import (
     FULL,
     OWN_GOLD,
     OWN_HEALTH,
-    OWN_INCOME,
     OWN_LUMBER,
     TIME_LEFT,
     TIME_TO_INCOME,
@@ -31,19 +31,12 @@ from marl_cair.games.deep_line_wars.tables import NUM_TOWER_KINDS, NUM_UNIT_KIND
 from marl_cair.games.randomness import draw_below
 
 NO_KIND = -1
-RUSH_RESERVE = 1  # the rusher goes up a tier when it could pay so many of it at once
 ZIGZAG_BATCH = 5
 ZIGZAG_TOWERS_PER_TIER = 2
 ECONOMIST_LEAKS = 3.0
 
-# The weights of `counter`, found by tournament (benchmarks/balance.py --bots).
-LEAKS_ALLOWED = 0.06  # of the own health, among the enemy units now on the board
 BUSY = 0.6  # share of the time in which a tower has a target while a stream passes
 STREAM_TICKS = 100.0
-LUMBER_PRICE = 4.0  # gold
-SLOT_PRICE = 0.5  # share of the gold per decision that an order costs beside its price
-HORIZON = 7.0  # intervals over which income counts
-HEALTH_PRICE = 12.0  # gold per health of the enemy
 
 
 @compiled
@@ -82,24 +75,11 @@ def plan_random(mask: Any, known: Any, random: Any) -> int:
 
 
 @compiled
-def plan_rusher(planes: Any, known: Any) -> int:
-    """Units only, the cheapest; a dearer kind once the gold pays several of it."""
-    gold = int(planes[OWN_GOLD, 0, 0])
-    chosen = NO_KIND
-    for kind in range(NUM_UNIT_KINDS):
-        cost = known.rules.unit_cost[kind]
-        if gold >= cost and (kind == 0 or gold >= min(FULL, RUSH_RESERVE * cost)):
-            chosen = kind
-    return pass_turn(known) if chosen == NO_KIND else order_unit(known, chosen)
-
-
-@compiled
 def plan_turtle(planes: Any, known: Any, sight: Any) -> int:
-    """Towers first, of the kind that fits the enemy's units; the rest is saved for the dearest
-    unit."""
+    """Towers first, of the kind that fits the enemy's units; then the dearest unit."""
     look_at_units(planes, known, sight)
     tower = best_tower(known, sight)
-    if int(planes[OWN_LUMBER, 0, 0]) >= known.rules.tower_lumber[tower]:
+    if level(planes, OWN_LUMBER) >= known.rules.tower_lumber[tower]:
         if not can_pay_tower(planes, known, tower):
             return pass_turn(known)
         cell = first_free(planes, known, known.order[tower])
@@ -130,12 +110,14 @@ def plan_economist(planes: Any, known: Any, sight: Any) -> int:
 
 @compiled
 def plan_zigzag(planes: Any, known: Any, sight: Any) -> int:
-    """The original's HardCode1 without its memory: a tower along a zig-zag after each five units,
-    a dearer unit after each ten."""
+    """The original's HardCode1 without its memory.
+
+    A tower along a zig-zag where five units are on their way, a dearer unit after two towers.
+    """
     look(planes, known, sight)
     towers = int(sight.own_towers.sum())
     if sight.own_units.sum() >= ZIGZAG_BATCH - 0.5:
-        for kind in range(NUM_TOWER_KINDS - 1, -1, -1):
+        for kind in range(NUM_TOWER_KINDS):
             if can_pay_tower(planes, known, kind):
                 return order_tower(planes, known, kind, zigzag_cell(planes, known))
     tier = min(NUM_UNIT_KINDS - 1, towers // ZIGZAG_TOWERS_PER_TIER)
@@ -156,25 +138,22 @@ def zigzag_cell(planes: Any, known: Any) -> int:
             row = rules.rows - 1 - row
         cell = row * rules.build_columns + 2 * lane + row % 2
         if is_free(planes, known, cell):
-            return cell
+            return int(cell)
     return first_free(planes, known, known.order[0])
 
 
 @compiled
-def plan_counter(planes: Any, known: Any, sight: Any) -> int:
-    """Defend where more would arrive than the health allows, else buy the unit of most worth."""
+def plan_by_worth(planes: Any, known: Any, sight: Any) -> int:
+    """Of all units and towers that can be paid, the one worth most for its price.
+
+    `counter` and `rusher` do so and differ in their weights.
+    """
     look(planes, known, sight)
-    health = planes[OWN_HEALTH, 0, 0] * known.rules.start_health / FULL
-    if expected_leaks(known, sight) > LEAKS_ALLOWED * health:
-        tower = best_tower(known, sight)
-        if int(planes[OWN_LUMBER, 0, 0]) >= known.rules.tower_lumber[tower]:
-            if not can_pay_tower(planes, known, tower):
-                return pass_turn(known)
-            return order_tower(planes, known, tower, best_cell(planes, known, sight, tower))
-    kind = best_unit(planes, known, sight)
-    if kind == NO_KIND or not can_pay_unit(planes, known, kind):
-        return pass_turn(known)
-    return order_unit(known, kind)
+    unit, worth_of_unit = best_unit(planes, known, sight)
+    tower, worth_of_tower = best_defence(planes, known, sight)
+    if tower != NO_KIND and worth_of_tower > worth_of_unit:
+        return order_tower(planes, known, tower, best_cell(planes, known, sight, tower))
+    return pass_turn(known) if unit == NO_KIND else order_unit(known, unit)
 
 
 # --- what the plans reckon with ----------------------------------------------------------------
@@ -183,9 +162,9 @@ def plan_counter(planes: Any, known: Any, sight: Any) -> int:
 @compiled
 def gold_per_decision(planes: Any, known: Any) -> float:
     """The gold in hand spread over the decisions until the next income."""
-    ticks = planes[TIME_TO_INCOME, 0, 0] * known.rules.interval_ticks / FULL
+    ticks = level(planes, TIME_TO_INCOME) * known.rules.interval_ticks / FULL
     decisions = max(1.0, ticks / known.rules.ticks_per_step)
-    return int(planes[OWN_GOLD, 0, 0]) / decisions
+    return float(level(planes, OWN_GOLD) / decisions)
 
 
 @compiled
@@ -200,7 +179,10 @@ def best_tower(known: Any, sight: Any) -> int:
             worth += health * known.blows[tower, unit]
         # The widest row a tower of this kind covers stands for the time that units are in range.
         worth *= 1 + 2 * known.rules.tower_range[tower]
-        price = known.rules.tower_gold[tower] + LUMBER_PRICE * known.rules.tower_lumber[tower]
+        price = (
+            known.rules.tower_gold[tower]
+            + known.weights.lumber_price * known.rules.tower_lumber[tower]
+        )
         if worth / price > best:
             chosen, best = tower, worth / price
     return chosen
@@ -231,8 +213,10 @@ def best_cell(planes: Any, known: Any, sight: Any, tower: int) -> int:
 
 @compiled
 def stream_leak(known: Any, towers: Any, units: Any, extra: int, number: float) -> float:
-    """Share of a stream that towers are too slow to stop: `units` [unit kinds] of full health and
-    `number` more of kind `extra`, against `towers` [tower kinds]."""
+    """Share of a stream that towers [tower kinds] are too slow to stop.
+
+    The stream is `units` [unit kinds] and `number` more of kind `extra`, by health.
+    """
     needed = 0.0
     for unit in range(NUM_UNIT_KINDS):
         power = 1e-9
@@ -250,7 +234,7 @@ def survival(known: Any, sight: Any, cover: Any, unit: int, row: int) -> float:
     damage = 0.0
     for tower in range(NUM_TOWER_KINDS):
         damage += cover[tower, row] * known.walk[unit] * known.blows[tower, unit]
-    return max(0.0, 1.0 - damage / (known.rules.unit_health[unit] * sight.growth[0]))
+    return float(max(0.0, 1.0 - damage / (known.rules.unit_health[unit] * sight.growth[0])))
 
 
 @compiled
@@ -284,21 +268,38 @@ def arrival_share(planes: Any, known: Any, sight: Any, unit: int) -> float:
         if survival(known, sight, sight.enemy_cover, unit, row) > 0.0:
             alone += 1.0
     alone /= known.rules.rows
-    batch = int(planes[OWN_GOLD, 0, 0]) / known.rules.unit_cost[unit]
+    batch = level(planes, OWN_GOLD) / known.rules.unit_cost[unit]
     number = min(10.0, batch) * sight.growth[0]
     together = stream_leak(known, sight.enemy_towers, sight.own_units, unit, number)
-    return max(alone, together)
+    return float(max(alone, together))
 
 
 @compiled
-def best_unit(planes: Any, known: Any, sight: Any) -> int:
-    """The kind worth most for its price: income for the rest of the game, and health taken."""
-    rules = known.rules
-    ticks_left = planes[TIME_LEFT, 0, 0] * rules.max_ticks / FULL
-    intervals = min(HORIZON, max(0.0, ticks_left / rules.interval_ticks - 1.5))
-    enemy_health = max(1.0, planes[ENEMY_HEALTH, 0, 0] * rules.start_health / FULL)
-    health_price = HEALTH_PRICE * (1.0 + 10.0 / enemy_health)
-    slot = SLOT_PRICE * gold_per_decision(planes, known)
+def health_points(planes: Any, known: Any, plane: int) -> float:
+    """Health of the player that `plane` tells of, at least 1."""
+    return float(max(1.0, level(planes, plane) * known.rules.start_health / FULL))
+
+
+@compiled
+def intervals_to_come(planes: Any, known: Any) -> float:
+    """For how many more incomes the game will last, as far as it pays to plan."""
+    rules, weights = known.rules, known.weights
+    ticks_left = level(planes, TIME_LEFT) * rules.max_ticks / FULL
+    health = min(
+        health_points(planes, known, OWN_HEALTH), health_points(planes, known, ENEMY_HEALTH)
+    )
+    intervals = max(0.0, ticks_left / rules.interval_ticks - 1.5)
+    return float(min(intervals, weights.horizon, weights.pace * health / 10.0))
+
+
+@compiled
+def best_unit(planes: Any, known: Any, sight: Any) -> tuple[int, float]:
+    """The kind worth most for its price, and that worth: income to come, and health taken."""
+    rules, weights = known.rules, known.weights
+    intervals = intervals_to_come(planes, known)
+    enemy_health = health_points(planes, known, ENEMY_HEALTH)
+    health_price = weights.health_price * (1.0 + weights.finish_health / enemy_health)
+    slot = weights.slot_price * gold_per_decision(planes, known)
     chosen = NO_KIND
     best = 0.0
     for unit in range(NUM_UNIT_KINDS):
@@ -307,4 +308,39 @@ def best_unit(planes: Any, known: Any, sight: Any) -> int:
         worth /= rules.unit_cost[unit] + slot
         if worth > best and can_pay_unit(planes, known, unit):
             chosen, best = unit, worth
-    return chosen
+    return chosen, best
+
+
+@compiled
+def kills_per_interval(known: Any, sight: Any, tower: int) -> float:
+    """Units like those now coming that one more tower would kill in an interval."""
+    rules = known.rules
+    width = 1.0 + 2.0 * rules.tower_range[tower]
+    busy = 0.0  # ticks in which a target is in range
+    kills = 0.0
+    for unit in range(NUM_UNIT_KINDS):
+        count = sight.threats[unit].sum()
+        ticks = count * known.walk[unit] * width * min(1.0, width / rules.rows)
+        busy += ticks
+        kills += ticks * known.blows[tower, unit] / rules.unit_health[unit]
+    return kills * min(1.0, STREAM_TICKS / max(busy, 1.0))
+
+
+@compiled
+def best_defence(planes: Any, known: Any, sight: Any) -> tuple[int, float]:
+    """The tower worth most for its price, and that worth: the arrivals it spares, in health."""
+    rules, weights = known.rules, known.weights
+    leaks = expected_leaks(known, sight)
+    own_health = health_points(planes, known, OWN_HEALTH)
+    price_of_health = weights.defence_price * (1.0 + weights.finish_health / own_health)
+    price_of_health *= intervals_to_come(planes, known)
+    slot = weights.slot_price * gold_per_decision(planes, known)
+    chosen = NO_KIND
+    best = 0.0
+    for tower in range(NUM_TOWER_KINDS):
+        worth = price_of_health * min(leaks, kills_per_interval(known, sight, tower))
+        lumber = weights.lumber_price * rules.tower_lumber[tower]
+        worth /= rules.tower_gold[tower] + lumber + slot
+        if worth > best and can_pay_tower(planes, known, tower):
+            chosen, best = tower, worth
+    return chosen, best

@@ -47,9 +47,31 @@ NO_CELL = -1
 PASSED_COLUMN = 2  # an enemy unit this near to the own base is beyond help
 
 
+class Weights(NamedTuple):
+    """What a player holds dear. The defaults are those of `counter`.
+
+    Found by tournaments against the other players, in which each candidate was also tried with
+    small changes, so that it is no lucky point.
+    """
+
+    defence_price: float = 22.0  # gold per own health and interval
+    lumber_price: float = 8.0  # gold
+    slot_price: float = 0.7  # share of the gold per decision that an order costs beside its price
+    horizon: float = 4.5  # intervals over which income and towers count
+    pace: float = 5.0  # intervals that a game is expected to last on for each 10 health
+    health_price: float = 12.0  # gold per health of the enemy
+    finish_health: float = 7.0  # health of either side at which it is worth twice as much
+
+
+COUNTER_WEIGHTS = Weights()
+RUSHER_WEIGHTS = Weights(defence_price=40.0, horizon=2.0, health_price=30.0)
+
+
 class Knowledge(NamedTuple):
-    """The public numbers of a scenario in the form that players reckon with. Cells run row by row
-    over rows x build columns, as the tower actions do."""
+    """The public numbers of a scenario in the form that players reckon with.
+
+    Cells run row by row over rows x build columns, as the tower actions do.
+    """
 
     rules: Rules
     chords: NDArray[np.float64]  # [tower kinds, cells, rows] columns of a row in a tower's range
@@ -57,6 +79,7 @@ class Knowledge(NamedTuple):
     blows: NDArray[np.float64]  # [tower kinds, unit kinds] hit points per tick
     walk: NDArray[np.float64]  # [unit kinds] ticks per column
     groups: NDArray[np.int16]  # [actions] kind of each action
+    weights: Weights
 
 
 class Sight(NamedTuple):
@@ -66,7 +89,7 @@ class Sight(NamedTuple):
     enemy_cover: NDArray[np.float64]  # [tower kinds, rows]
     own_towers: NDArray[np.float64]  # [tower kinds]
     enemy_towers: NDArray[np.float64]  # [tower kinds]
-    own_units: NDArray[np.float64]  # [unit kinds] in units of full health
+    own_units: NDArray[np.float64]  # [unit kinds] by health, in units of the table's
     threats: NDArray[np.float64]  # [unit kinds, rows] enemy units still to be stopped, likewise
     growth: NDArray[np.float64]  # [1] health of a unit bought now, times the table's
     worth: NDArray[np.float64]  # [rows] scratch
@@ -96,8 +119,10 @@ def placement_order(chords: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def blow_table(rules: Rules) -> NDArray[np.float64]:
-    """Hit points per tick that each tower takes off each unit, the waste of the last shot included;
-    [tower kinds, unit kinds]."""
+    """Hit points per tick that a tower takes off a unit, [tower kinds, unit kinds].
+
+    What the last shot wastes is counted.
+    """
     blows = np.zeros((NUM_TOWER_KINDS, NUM_UNIT_KINDS))
     for tower in range(NUM_TOWER_KINDS):
         rolls = np.arange(rules.tower_damage_min[tower], rules.tower_damage_max[tower] + 1)
@@ -110,7 +135,9 @@ def blow_table(rules: Rules) -> NDArray[np.float64]:
     return blows
 
 
-def make_knowledge(scenario: Scenario, spec: GameSpec) -> Knowledge:
+def make_knowledge(
+    scenario: Scenario, spec: GameSpec, weights: Weights = COUNTER_WEIGHTS
+) -> Knowledge:
     """The tables of a scenario."""
     rules = make_rules(scenario)
     board = (scenario.rows, scenario.build_columns, scenario.columns)
@@ -122,6 +149,7 @@ def make_knowledge(scenario: Scenario, spec: GameSpec) -> Knowledge:
         blows=blow_table(rules),
         walk=PROGRESS_PER_TILE / rules.unit_speed.astype(np.float64),
         groups=spec.action_groups,
+        weights=weights,
     )
 
 
@@ -168,7 +196,7 @@ def unit_growth(planes: Any, known: Any) -> float:
     """Health of a unit bought now, as a multiple of the table's."""
     rules = known.rules
     ticks = (FULL - int(planes[TIME_LEFT, 0, 0])) * rules.max_ticks // FULL
-    return 1.0 + rules.unit_growth * (ticks // rules.interval_ticks) / 100.0
+    return float(1.0 + rules.unit_growth * (ticks // rules.interval_ticks) / 100.0)
 
 
 @compiled
@@ -182,9 +210,9 @@ def look_at_units(planes: Any, known: Any, sight: Any) -> None:
         for row in range(rules.rows):
             coming = 0
             for column in range(rules.columns):
-                own += planes[OWN_UNITS + kind, row, column]
+                own += int(planes[OWN_UNITS + kind, row, column])
                 if column > PASSED_COLUMN:
-                    coming += planes[ENEMY_UNITS + kind, row, column]
+                    coming += int(planes[ENEMY_UNITS + kind, row, column])
             sight.threats[kind, row] = coming / UNIT_LEVEL * growth
         sight.own_units[kind] = own / UNIT_LEVEL * growth
 
@@ -197,24 +225,33 @@ def look(planes: Any, known: Any, sight: Any) -> None:
 
 
 @compiled
+def level(planes: Any, plane: int) -> int:
+    """The value of a uniform plane."""
+    return int(planes[plane, 0, 0])
+
+
+@compiled
 def can_pay_unit(planes: Any, known: Any, kind: int) -> bool:
-    return int(planes[OWN_GOLD, 0, 0]) >= known.rules.unit_cost[kind]
+    """Whether the gold suffices."""
+    return bool(level(planes, OWN_GOLD) >= known.rules.unit_cost[kind])
 
 
 @compiled
 def can_pay_tower(planes: Any, known: Any, kind: int) -> bool:
-    has_gold = int(planes[OWN_GOLD, 0, 0]) >= known.rules.tower_gold[kind]
-    return has_gold and int(planes[OWN_LUMBER, 0, 0]) >= known.rules.tower_lumber[kind]
+    """Whether gold and lumber suffice."""
+    has_gold = level(planes, OWN_GOLD) >= known.rules.tower_gold[kind]
+    return bool(has_gold and level(planes, OWN_LUMBER) >= known.rules.tower_lumber[kind])
 
 
 @compiled
 def is_free(planes: Any, known: Any, cell: int) -> bool:
+    """Whether no own tower stands in the cell."""
     row = cell // known.rules.build_columns
     column = 1 + cell - row * known.rules.build_columns
+    taken = 0
     for kind in range(NUM_TOWER_KINDS):
-        if planes[OWN_TOWERS + kind, row, column] != 0:
-            return False
-    return True
+        taken += int(planes[OWN_TOWERS + kind, row, column])
+    return taken == 0
 
 
 @compiled
@@ -228,11 +265,13 @@ def first_free(planes: Any, known: Any, order: Any) -> int:
 
 @compiled
 def pass_turn(known: Any) -> int:
+    """The no-op."""
     return CLASSIC_NOOP if known.rules.action_space == CLASSIC else SPATIAL_NOOP
 
 
 @compiled
 def order_unit(known: Any, kind: int) -> int:
+    """Buy a unit."""
     first = FIRST_CLASSIC_UNIT if known.rules.action_space == CLASSIC else FIRST_SPATIAL_UNIT
     return first + kind
 
@@ -244,7 +283,7 @@ def order_tower(planes: Any, known: Any, kind: int, cell: int) -> int:
     if cell == NO_CELL:
         return pass_turn(known)
     if rules.action_space != CLASSIC:
-        return FIRST_SPATIAL_TOWER + kind * rules.rows * rules.build_columns + cell
+        return int(FIRST_SPATIAL_TOWER + kind * rules.rows * rules.build_columns + cell)
     row = cell // rules.build_columns
     column = 1 + cell - row * rules.build_columns
     for cursor_row in range(rules.rows):

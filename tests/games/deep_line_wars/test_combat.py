@@ -311,6 +311,24 @@ def test_a_tower_fires_again_in_the_tick_in_which_its_projectile_lands(flying):
     assert hits == 20
 
 
+def test_a_tower_waits_for_its_projectile_to_land(monkeypatch):
+    """Three ticks of flight slow a tower that would reload in two."""
+    preset = dataclasses.replace(PRESETS["2018"], projectile_tiles_per_tick=1)
+    monkeypatch.setitem(PRESETS, "slow", preset)
+    board = Board(preset="slow")
+    board.put_tower(0, FASTER, row=4, column=4)
+    unit = put_target(board, 7, 4)
+    hits, before = [], LASTING
+    for tick in range(1, 32):
+        board.wait(1)
+        hold_still(board)
+        assert board.world.num_shots[0] <= 1
+        if board.world.unit_health[1, unit] < before:
+            hits.append(tick)
+        before = int(board.world.unit_health[1, unit])
+    assert hits == list(range(4, 32, 3))
+
+
 def test_a_shot_at_a_unit_that_died_is_lost(flying):
     board = Board(preset=flying)
     board.put_tower(0, BASIC, row=4, column=4)

@@ -89,6 +89,13 @@ def test_a_unit_shows_its_share_of_health_and_at_least_1(health, shown):
     assert see(board)["own militia units"][0, 4] == shown
 
 
+def test_a_tough_unit_near_death_still_shows():
+    board = Board()
+    board.put_unit(0, GRUNT, row=0, column=4, health=1)
+    assert 64 * 1 // 140 == 0
+    assert see(board)["own grunt units"][0, 4] == 1
+
+
 def test_units_of_one_kind_in_a_cell_add_up_and_saturate():
     board = Board()
     expected = [64, 128, 192, 255, 255]

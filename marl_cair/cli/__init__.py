@@ -1,0 +1,50 @@
+"""The console command `marl-cair`: train, evaluate, league, games, benchmark."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from importlib import import_module
+
+from marl_cair import __version__
+from marl_cair.lookup import find_by_name
+
+# name -> (module of this package with `run(arguments) -> exit code`, what it does)
+COMMANDS: dict[str, tuple[str, str]] = {
+    "train": ("train", "train an agent against bots, itself and its past selves"),
+    "evaluate": ("evaluate", "win rates of one agent against others, with 95 % intervals"),
+    "league": ("league", "rate any set of agents by a round-robin, with 95 % intervals"),
+    "games": ("games", "list games, scenarios, representations, actions and bots"),
+    "benchmark": ("benchmark", "run the speed measurements of a source checkout"),
+}
+EXIT_DONE, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 2, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a sub-command; returns the exit code: 0 done, 2 refused (nothing was changed), 130
+    interrupted (what was done is saved)."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    if not arguments or arguments[0] in ("-h", "--help"):
+        sys.stdout.write(describe_commands())
+        return EXIT_DONE
+    if arguments[0] == "--version":
+        sys.stdout.write(f"marl_cair {__version__}\n")
+        return EXIT_DONE
+    try:
+        module, _ = find_by_name("command", arguments[0], COMMANDS)
+        run: Callable[[list[str]], int] = import_module(f"marl_cair.cli.{module}").run
+        return run(arguments[1:])
+    except KeyboardInterrupt:
+        sys.stderr.write("marl-cair: interrupted\n")
+        return EXIT_INTERRUPTED
+    except (ValueError, OSError) as error:
+        sys.stderr.write(f"marl-cair: {error}\n")
+        return EXIT_REFUSED
+
+
+def describe_commands() -> str:
+    """The text of `marl-cair --help`."""
+    lines = ["usage: marl-cair COMMAND [options]", ""]
+    lines += [f"  {name:10} {text}" for name, (_, text) in COMMANDS.items()]
+    lines += ["", "marl-cair COMMAND --help tells all options; marl-cair --version the version."]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,39 @@
+"""`marl-cair benchmark`: run the measurements in benchmarks/ of the source checkout."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import marl_cair
+from marl_cair.lookup import find_by_name
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one benchmark, or all; further words go to it. Returns the exit code.
+
+    Raises:
+        ValueError: no such benchmark, or no source checkout.
+    """
+    parser = argparse.ArgumentParser("marl-cair benchmark", description=__doc__)
+    parser.add_argument("name", nargs="?", help="default: all")
+    options, rest = parser.parse_known_args(arguments)
+    root = Path(marl_cair.__file__).parents[1]
+    scripts = {path.stem: path for path in sorted((root / "benchmarks").glob("[!_]*.py"))}
+    if not scripts:
+        raise ValueError(
+            f"there is no folder benchmarks/ in {root}: benchmarks run from a source checkout "
+            "(git clone, then pip install -e .)"
+        )
+    chosen = [find_by_name("benchmark", options.name, scripts)] if options.name else scripts.values()
+    for script in chosen:
+        sys.stdout.write(f"== {script.stem}\n")
+        sys.stdout.flush()
+        module = f"benchmarks.{script.stem}"
+        done = subprocess.run([sys.executable, "-m", module, *rest], cwd=root, check=False)
+        if done.returncode:
+            return done.returncode
+    return 0

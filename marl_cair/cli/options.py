@@ -1,0 +1,83 @@
+"""Every option of a training run, read off the configuration dataclasses: name, default, meaning."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import io
+import tokenize
+import typing
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from marl_cair.games import GAMES
+from marl_cair.generative import GENERATORS
+from marl_cair.policies import NETWORKS
+from marl_cair.policies.heads import HEADS
+from marl_cair.training.config import LOSSES, NO_GENERATOR, TARGET_UPDATES, TrainConfig
+
+
+@dataclass(frozen=True)
+class Option:
+    """One setting: its dotted path, its default, and the comment that stands beside the field."""
+
+    path: str
+    default: Any
+    comment: str
+    kind: Any
+
+
+def list_options(owner: type = TrainConfig, prefix: str = "") -> Iterator[Option]:
+    """All settings below a configuration dataclass, groups unfolded, in the order of the source."""
+    comments = read_comments(owner)
+    kinds = typing.get_type_hints(owner)
+    for field in dataclasses.fields(owner):
+        path = f"{prefix}{field.name}"
+        kind = kinds[field.name]
+        if dataclasses.is_dataclass(kind) and isinstance(kind, type):
+            yield from list_options(kind, f"{path}.")
+            continue
+        if field.default is not dataclasses.MISSING:
+            default: Any = field.default
+        elif field.default_factory is not dataclasses.MISSING:
+            default = field.default_factory()
+        else:
+            default = dataclasses.MISSING
+        yield Option(path, default, comments.get(field.name, ""), kind)
+
+
+def read_comments(owner: type) -> dict[str, str]:
+    """The trailing comment of each field's first line; comment lines right below continue it."""
+    comments: dict[str, str] = {}
+    field = ""
+    source = inspect.getsource(owner)
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.NAME and token.line[:5].strip() == token.string[:1]:
+            if token.line.startswith(f"    {token.string}:"):
+                field = token.string
+        elif token.type == tokenize.COMMENT and field and token.line.strip() != token.string:
+            comments.setdefault(field, token.string.lstrip("# "))
+    return comments
+
+
+def find_choices() -> dict[str, list[str]]:
+    """Allowed names of the options that take one."""
+    games = list(GAMES)
+    scenarios = [name for game in games for name in GAMES[game].scenarios]
+    shown = {
+        name: None
+        for game in games
+        for name in GAMES[game].make_spec(GAMES[game].scenario()).representations
+    }
+    return {
+        "game.name": games,
+        "game.scenario": scenarios,
+        "game.representation": list(shown),
+        "game.reward": ["sparse", "shaped"],
+        "policy.body": list(NETWORKS),
+        "policy.head": list(HEADS),
+        "learner.target": list(TARGET_UPDATES),
+        "learner.loss": list(LOSSES),
+        "generator.name": [*GENERATORS, NO_GENERATOR],
+    }

@@ -1,0 +1,81 @@
+"""`marl-cair train`: words of the command line -> a training run."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Sequence
+
+from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED
+from marl_cair.cli.compose import (
+    CONFIG_FILE,
+    SHORTHANDS,
+    compose_config,
+    list_groups,
+    load_config,
+    save_config,
+)
+from marl_cair.cli.options import find_choices, list_options
+from marl_cair.lookup import find_by_name
+from marl_cair.training.config import TrainConfig
+from marl_cair.training.trainer import train
+
+FREE_ON_RESUME = {"total_frames": int, "max_minutes": float}
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Train as `arguments` say; returns the exit code."""
+    if any(word in ("-h", "--help") for word in arguments):
+        sys.stdout.write(describe_options())
+        return EXIT_DONE
+    config, resume = read_arguments(arguments)
+    result = train(config, resume=resume, prepare=None if resume else save_config)
+    told = f"{result.frames:,} frames, {result.updates:,} updates; agent in {result.folder}/latest\n"
+    sys.stdout.write(told)
+    if result.was_interrupted:
+        sys.stderr.write(f"interrupted and saved: go on with marl-cair train resume={config.out}\n")
+        return EXIT_INTERRUPTED
+    return EXIT_DONE
+
+
+def read_arguments(arguments: Sequence[str]) -> tuple[TrainConfig, bool]:
+    """The configuration, and whether a run is to be resumed.
+
+    Raises:
+        ValueError: as `compose_config`; or a setting that a resumed run cannot change.
+    """
+    words = dict(word.partition("=")[::2] for word in arguments)
+    if "resume" not in words:
+        return compose_config(arguments), False
+    config = load_config(words.pop("resume"))
+    changes = {}
+    for name, value in words.items():
+        kind = find_by_name("option of a resumed run", name, FREE_ON_RESUME)
+        try:
+            changes[name] = kind(value)
+        except ValueError as error:
+            raise ValueError(f"{name} is {value!r}, it must be a number") from error
+    return dataclasses.replace(config, **changes), True
+
+
+def describe_options() -> str:
+    """The text of `marl-cair train --help`: every option with default, unit and choices."""
+    choices = find_choices()
+    lines = [
+        "usage: marl-cair train [group=choice ...] [option=value ...]",
+        "       marl-cair train resume=FOLDER [total_frames=N] [max_minutes=M]",
+        "",
+        "example: marl-cair train game=deep_line_wars policy=capsule opponent=self_play seed=3",
+        "",
+        "groups (each sets several options at once):",
+    ]
+    lines += [f"  {group:10} {', '.join(names)}" for group, names in list_groups().items()]
+    lines += ["", "shorthands: " + ", ".join(f"{a} = {b}" for a, b in SHORTHANDS.items())]
+    lines += ["", f"options (a run's own are in <out>/{CONFIG_FILE}):"]
+    for option in list_options():
+        told = [option.comment] if option.comment else []
+        if option.path in choices:
+            told.append(f"one of {', '.join(choices[option.path])}")
+        lines.append(f"  {option.path} = {option.default}")
+        lines += [f"      {text}" for text in told]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,116 @@
+"""Pixels on an image [3, h, w]: boxes, sprites, discs, bars and digits. Compiled, without a display."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.compiled import compiled
+
+TRANSPARENT = 0
+GLYPH_ROWS, GLYPH_COLUMNS = 5, 3
+_GLYPHS = (
+    ("###", "#.#", "#.#", "#.#", "###"),
+    (".#.", "##.", ".#.", ".#.", "###"),
+    ("###", "..#", "###", "#..", "###"),
+    ("###", "..#", ".##", "..#", "###"),
+    ("#.#", "#.#", "###", "..#", "..#"),
+    ("###", "#..", "###", "..#", "###"),
+    ("###", "#..", "###", "#.#", "###"),
+    ("###", "..#", ".#.", ".#.", ".#."),
+    ("###", "#.#", "###", "#.#", "###"),
+    ("###", "#.#", "###", "..#", "###"),
+    ("...", ".#.", "###", ".#.", "..."),
+)
+PLUS = 10
+GLYPHS: NDArray[np.bool_] = np.array([[[c == "#" for c in row] for row in g] for g in _GLYPHS])
+
+
+def read_sprites(pictures: tuple[tuple[str, ...], ...], letters: str) -> NDArray[np.uint8]:
+    """Sprites [n, side, side] of palette indices from rows of text; `letters[i]` is index i."""
+    return np.array(
+        [[[letters.index(c) for c in row] for row in picture] for picture in pictures], np.uint8
+    )
+
+
+@compiled
+def fill_box(image: Any, top: int, left: int, height: int, width: int, colour: Any) -> None:
+    """Fill a box, cut at the edges of the image; colour uint8 [3]."""
+    bottom, right = min(top + height, image.shape[1]), min(left + width, image.shape[2])
+    for channel in range(3):
+        for y in range(max(0, top), bottom):
+            for x in range(max(0, left), right):
+                image[channel, y, x] = colour[channel]
+
+
+@compiled
+def fill_disc(image: Any, y_centre: int, x_centre: int, radius: int, colour: Any) -> None:
+    """Fill a disc, cut at the edges of the image."""
+    for y in range(max(0, y_centre - radius), min(image.shape[1], y_centre + radius + 1)):
+        for x in range(max(0, x_centre - radius), min(image.shape[2], x_centre + radius + 1)):
+            if (y - y_centre) ** 2 + (x - x_centre) ** 2 <= radius * radius:
+                for channel in range(3):
+                    image[channel, y, x] = colour[channel]
+
+
+@compiled
+def draw_sprite(
+    image: Any, sprite: Any, palette: Any, top: int, left: int, size: int, flip: bool
+) -> None:
+    """Draw a square sprite [side, side] of palette [n, 3] indices at `size` pixels; `flip` mirrors
+    it left to right."""
+    side = sprite.shape[0]
+    for y in range(size):
+        row = top + y
+        if row < 0 or row >= image.shape[1]:
+            continue
+        for x in range(size):
+            column = left + x
+            if column < 0 or column >= image.shape[2]:
+                continue
+            across = x * side // size
+            if flip:
+                across = side - 1 - across
+            index = sprite[y * side // size, across]
+            if index != TRANSPARENT:
+                for channel in range(3):
+                    image[channel, row, column] = palette[index, channel]
+
+
+@compiled
+def draw_bar(
+    image: Any, top: int, left: int, height: int, width: int, share: float, full: Any, empty: Any
+) -> None:
+    """A bar that is filled from the left by `share` 0..1."""
+    fill_box(image, top, left, height, width, empty)
+    fill_box(image, top, left, height, int(width * min(1.0, max(0.0, share)) + 0.5), full)
+
+
+@compiled
+def draw_glyph(image: Any, glyph: int, top: int, left: int, scale: int, colour: Any) -> None:
+    for row in range(GLYPH_ROWS):
+        for column in range(GLYPH_COLUMNS):
+            if GLYPHS[glyph, row, column]:
+                fill_box(
+                    image, top + row * scale, left + column * scale, scale, scale, colour
+                )
+
+
+@compiled
+def draw_number(
+    image: Any, number: int, top: int, left: int, scale: int, colour: Any, plus: bool
+) -> None:
+    """A whole number of 0 or more, left-aligned, with a plus sign before it if asked for."""
+    step = (GLYPH_COLUMNS + 1) * scale
+    if plus:
+        draw_glyph(image, PLUS, top, left, scale, colour)
+        left += step
+    divisor = 1
+    while number // divisor >= 10:
+        divisor *= 10
+    while divisor > 0:
+        draw_glyph(image, number // divisor % 10, top, left, scale, colour)
+        left += step
+        divisor //= 10

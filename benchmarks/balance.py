@@ -277,13 +277,17 @@ def report_pairs(engine: BatchedEngine, seed: int, file: TextIO | None) -> None:
     answers: dict[str, int] = dict.fromkeys(ITEMS, 0)
     for j, name in enumerate(names):
         others = [i for i in range(len(pairs)) if i != j]
-        best = max(others, key=lambda i, j=j: results[i, j].wins)  # type: ignore[misc]
-        for item in pairs[best]:
+        most = max(results[i, j].wins for i in others)
+        best = [i for i in others if results[i, j].wins == most]
+        for item in {item for i in best for item in pairs[i]}:
             answers[ITEMS[item]] += 1
         total = describe(*wins_against_drawn(results, j, len(pairs)))
-        wins = describe(results[best, j].wins, results[best, j].games)
-        print(f"{name:<26} {total}   answered by {names[best]:<26} {wins}")
-    print("times in a best answer: " + ", ".join(f"{k} {v}" for k, v in answers.items()))
+        wins = describe(most, results[best[0], j].games)
+        more = f" and {len(best) - 1} more" if len(best) > 1 else ""
+        print(f"{name:<26} {total}   {wins} for {names[best[0]]}{more}")
+    print(
+        "pairs to which a best answer has it: " + ", ".join(f"{k} {v}" for k, v in answers.items())
+    )
     if file:
         write_results(file, "pair", names, results)
 

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+import torch
 
 import marl_cair
 from marl_cair.games.parallel_env import make_parallel_env
@@ -75,8 +76,6 @@ def measure_engine(game: str, scenario: str, worlds: int, seconds: float, by_kin
 
 def measure_torchrl(game: str, scenario: str, worlds: int, seconds: float) -> float:
     """Agent-steps per second of `step_and_maybe_reset` with planes and mask of every seat."""
-    import torch
-
     torch.set_num_threads(1)
     env = marl_cair.make_torchrl_env(game, scenario, num_worlds=worlds, seed=0)
     sets = torch.from_numpy(draw_actions(env.engine, ACTION_SETS, False).astype(np.int64))
@@ -123,6 +122,7 @@ def measure_plain_python(game: str, scenario: str) -> float:
 
 
 def main() -> None:
+    """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--game", default="deep_line_wars")
     parser.add_argument("--scenario", default="10x15")
@@ -133,14 +133,26 @@ def main() -> None:
     ticks = marl_cair.make_engine(game, scenario).spec.ticks_per_step
     rows = [
         ("plain Python rules, 1 world", plain, "ticks/s"),
-        ("engine, 1,024 worlds, uniform actions",
-         measure_engine(game, scenario, 1024, seconds, False), "ticks/s"),
-        ("engine, 1,024 worlds, actions by kind",
-         measure_engine(game, scenario, 1024, seconds, True), "ticks/s"),
-        ("TorchRL environment, 1,024 worlds, planes + mask",
-         measure_torchrl(game, scenario, 1024, seconds), "agent-steps/s"),
-        ("PettingZoo environment, planes + mask",
-         measure_pettingzoo(game, scenario, seconds), "steps/s"),
+        (
+            "engine, 1,024 worlds, uniform actions",
+            measure_engine(game, scenario, 1024, seconds, False),
+            "ticks/s",
+        ),
+        (
+            "engine, 1,024 worlds, actions by kind",
+            measure_engine(game, scenario, 1024, seconds, True),
+            "ticks/s",
+        ),
+        (
+            "TorchRL environment, 1,024 worlds, planes + mask",
+            measure_torchrl(game, scenario, 1024, seconds),
+            "agent-steps/s",
+        ),
+        (
+            "PettingZoo environment, planes + mask",
+            measure_pettingzoo(game, scenario, seconds),
+            "steps/s",
+        ),
     ]
     print(f"{game} {scenario}, {ticks} ticks a step, one thread, best of {REPEATS}")
     for name, rate, unit in rows:

@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from copy import deepcopy
+from typing import Any
 
 import numpy as np
 import torch
@@ -72,7 +73,7 @@ class BareLoop:
         self.mask = torch.from_numpy(self.engine.action_mask()).flatten(0, 1)
 
     def play(self, num_frames: int) -> None:
-        """Collect STEPS decisions of all worlds and learn from them, until `num_frames` are done."""
+        """Collect STEPS decisions of all worlds and learn, until `num_frames` are done."""
         for _ in range(num_frames // (WORLDS * STEPS)):
             for _ in range(STEPS):
                 self._collect()
@@ -159,12 +160,14 @@ class FullLoop:
 
 
 def measure(loop: BareLoop | FullLoop, num_frames: int) -> float:
+    """Frames per second of one window."""
     start = time.perf_counter()
     loop.play(num_frames)
     return num_frames / (time.perf_counter() - start)
 
 
 def main() -> None:
+    """Measure and print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--policy", default="conv")
     parser.add_argument("--frames", type=int, default=20_480, help="of each window")
@@ -186,13 +189,20 @@ def main() -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def report(loops: dict, rates: dict[str, list[float]], options: argparse.Namespace) -> None:
-    print(f"{options.policy}, batch 256, 1 update per 64 frames, {options.threads} threads, "
-          f"best of {WINDOWS} windows of {options.frames} frames")
+def report(
+    loops: dict[str, Any], rates: dict[str, list[float]], options: argparse.Namespace
+) -> None:
+    """Print rates, ratios and where the time goes."""
+    print(
+        f"{options.policy}, batch 256, 1 update per 64 frames, {options.threads} threads, "
+        f"best of {WINDOWS} windows of {options.frames} frames"
+    )
     reference = max(rates["bare PyTorch"])
     for name, values in rates.items():
         spread = f"{np.min(values):,.0f} .. {np.max(values):,.0f}"
-        print(f"{name:22s} {max(values):8,.0f} frames/s  {max(values) / reference:6.1%}  ({spread})")
+        print(
+            f"{name:22s} {max(values):8,.0f} frames/s  {max(values) / reference:6.1%}  ({spread})"
+        )
     full = loops["marl_cair (TorchRL)"]
     seconds = full.timers.report(1)
     parts = {name: value for name, value in seconds.items() if name.startswith("seconds/")}

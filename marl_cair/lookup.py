@@ -7,6 +7,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 MAX_NEAREST = 3
+MAX_LISTED = 24  # of more names than these only the nearest are told
 MIN_SIMILARITY = (
     0.5  # difflib's ratio, 0..1: low enough that "linewars" still finds "deep_line_wars"
 )
@@ -30,6 +31,8 @@ def _describe_unknown(kind: str, name: object, known: Iterable[str]) -> str:
     names = list(known)
     nearest = _nearest_names(name, names) if isinstance(name, str) else []
     hint = f"nearest are {_list_names(nearest)}; " if nearest else ""
+    if nearest and len(names) > MAX_LISTED:
+        return f"unknown {kind} {name!r}: {hint.rstrip('; ')}"
     return f"unknown {kind} {name!r}: {hint}known are {_list_names(names) or 'none'}"
 
 

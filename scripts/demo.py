@@ -1,4 +1,4 @@
-"""The demonstration behind `make demo`: python scripts/demo.py [--out runs/demo] [--frames N] ..."""
+"""The demonstration behind `make demo`: python scripts/demo.py [--out runs/demo] ..."""
 
 import argparse
 import sys
@@ -18,6 +18,7 @@ Try next  .venv/bin/marl-cair train policy=capsule opponent=self_play total_fram
 
 
 def main() -> int:
+    """Run it as the command line says; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     for field in fields(DemoSettings):
         name, kind = field.name.replace("_", "-"), type(field.default)

@@ -35,7 +35,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "checkpoint": {"policies"},
     "league": {"games", "policies", "checkpoint"},
     "training": {"games", "policies", "replay", "generative", "checkpoint", "league"},
-    "cli": {"", "games", "league", "training"},  # "" is what `import marl_cair` gives every user
+    # "" is what `import marl_cair` gives every user; the registries tell --help the choices.
+    "cli": {"", "games", "policies", "generative", "checkpoint", "league", "training"},
 }
 TORCH = {"torch", "torchrl", "tensordict"}
 # The only files of games/ that may import a library which the rules must not know.

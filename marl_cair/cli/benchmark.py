@@ -28,7 +28,9 @@ def run(arguments: Sequence[str]) -> int:
             f"there is no folder benchmarks/ in {root}: benchmarks run from a source checkout "
             "(git clone, then pip install -e .)"
         )
-    chosen = [find_by_name("benchmark", options.name, scripts)] if options.name else scripts.values()
+    chosen = (
+        [find_by_name("benchmark", options.name, scripts)] if options.name else scripts.values()
+    )
     for script in chosen:
         sys.stdout.write(f"== {script.stem}\n")
         sys.stdout.flush()

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
 from hydra import compose, initialize
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
@@ -47,9 +46,7 @@ def list_groups() -> dict[str, dict[str, dict[str, Any]]]:
     opponents["pool"] = {"mixture": {"pool": 1.0}, "warmup_frames": SELF_PLAY_WARMUP_FRAMES}
     opponents["scripted"] = {"mixture": {"scripted": 1.0}}
     return {
-        "game": {
-            name: {"name": name, "scenario": GAMES[name].default_scenario} for name in GAMES
-        },
+        "game": {name: {"name": name, "scenario": GAMES[name].default_scenario} for name in GAMES},
         "policy": {name: {"body": name} for name in NETWORKS},
         "opponent": opponents,
         "generator": {name: {"name": name} for name in (*GENERATORS, NO_GENERATOR)},
@@ -69,10 +66,11 @@ def compose_config(words: Sequence[str]) -> TrainConfig:
         GlobalHydra.instance().clear()
         with initialize(version_base="1.3", config_path=None):
             composed = compose(_ROOT, overrides=overrides)
-        values = OmegaConf.to_container(composed, resolve=True)
+        values = typing.cast(dict[str, Any], OmegaConf.to_container(composed, resolve=True))
+        _replace_mixtures(values, words)
     except (HydraException, OmegaConfBaseException) as error:
         raise ValueError(f"{' '.join(words)}: {str(error).strip().splitlines()[0]}") from error
-    return build_config(typing.cast(Mapping[str, Any], values))
+    return build_config(values)
 
 
 def _read_word(word: str) -> str:
@@ -86,9 +84,8 @@ def _read_word(word: str) -> str:
         find_by_name(f"{name} (marl-cair train {name}=...)", value, groups[name])
         return f"{name}={value}"
     for mapping in ("game.options", "opponent.mixture", "opponent.warmup_mixture"):
-        if name == mapping or name.startswith(f"{mapping}."):
-            # A whole new mixture takes the place of the preset's.
-            return f"{name}={value}" if name != mapping else f"++{name}={value}"
+        if name.startswith(f"{mapping}."):
+            return f"++{name}={value}"
     known = {option.path: None for option in list_options()} | dict.fromkeys(SHORTHANDS)
     find_by_name("option", name, known | dict.fromkeys(groups))
     return f"{name}={value}"
@@ -107,6 +104,16 @@ def _register() -> None:
             store.store(name=choice, node={**base, **changes}, group=group)
     order: list[Any] = [{group: next(iter(choices))} for group, choices in groups.items()]
     store.store(name=_ROOT, node={"defaults": [*order, "_self_"], **defaults})
+
+
+def _replace_mixtures(values: dict[str, Any], words: Sequence[str]) -> None:
+    """A mixture that is given whole takes the place of the preset's, which Hydra would merge."""
+    for word in words:
+        name, _, text = word.partition("=")
+        if name in ("opponent.mixture", "opponent.warmup_mixture"):
+            values["opponent"][name.partition(".")[2]] = OmegaConf.to_container(
+                OmegaConf.create(text)
+            )
 
 
 def build_config(values: Mapping[str, Any]) -> TrainConfig:
@@ -162,7 +169,7 @@ def _read_scenario_options(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def save_config(config: TrainConfig) -> None:
     """Write the configuration to `<out>/config.yaml`, from which `resume` takes it."""
-    text = yaml.safe_dump(_plain(dataclasses.asdict(config)), sort_keys=False)
+    text = OmegaConf.to_yaml(OmegaConf.create(_plain(dataclasses.asdict(config))))
     write_atomically(Path(config.out) / CONFIG_FILE, text)
 
 
@@ -176,9 +183,10 @@ def load_config(folder: str) -> TrainConfig:
     if not path.is_file():
         raise ValueError(f"{folder} holds no run to resume: it has no {CONFIG_FILE}")
     try:
-        return build_config(yaml.safe_load(path.read_text("utf-8")))
-    except (yaml.YAMLError, TypeError, AttributeError) as error:
+        values = typing.cast(dict[str, Any], OmegaConf.to_container(OmegaConf.load(path)))
+    except Exception as error:  # whatever a damaged file makes the YAML reader raise
         raise ValueError(f"{path} cannot be read: {error}") from error
+    return build_config(values)
 
 
 def _plain(value: Any) -> Any:

@@ -7,11 +7,14 @@ import csv
 import io
 import sys
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 from marl_cair.checkpoint import read_description
 from marl_cair.cli import EXIT_DONE
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
+from marl_cair.games.game import Game
 from marl_cair.league.agents import load_agent
 from marl_cair.league.match import play_match
 from marl_cair.league.ratings import win_rate_interval
@@ -40,17 +43,17 @@ def run(arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
-def find_scenario(agent: str, game_name: str, scenario: str | None) -> tuple:  # type: ignore[type-arg]
+def find_scenario(agent: str, game_name: str, scenario: str | None) -> tuple[Game, Any]:
     """The game, and the scenario: the given one, else the one a checkpoint was trained on."""
     game = GAMES[game_name]
-    if scenario is None and "/" in agent and agent.partition("/")[0] not in GAMES:
+    if scenario is None and Path(agent).is_dir():
         about = read_description(agent)
         game = GAMES[about.game]
         return game, game.scenario(about.scenario, **{**about.scenario_options, "reward": "sparse"})
     return game, game.scenario(scenario, reward="sparse")
 
 
-def format_table(agent: str, rows: Sequence[tuple]) -> str:  # type: ignore[type-arg]
+def format_table(agent: str, rows: Sequence[tuple[Any, ...]]) -> str:
     """Wins, draws and losses against each opponent with Wilson's interval of the win rate."""
     width = max(len("against"), *(len(str(row[0])) for row in rows))
     lines = [f"{agent}: share of games won, draws are not wins"]

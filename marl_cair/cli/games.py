@@ -68,7 +68,9 @@ def _format(name: str, told: dict[str, Any]) -> str:
     ]
     for scenario, spec in told["scenarios"].items():
         default = " (default)" if scenario == told["default_scenario"] else ""
-        lines.append(f"  {scenario}{default}: {spec['gymnasium_id']}, {spec['num_actions']} actions")
+        lines.append(
+            f"  {scenario}{default}: {spec['gymnasium_id']}, {spec['num_actions']} actions"
+        )
         shown = (
             f"{seen} {part['dtype']} {part['shape']}"
             for seen, part in spec["representations"].items()

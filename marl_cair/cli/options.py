@@ -1,4 +1,4 @@
-"""Every option of a training run, read off the configuration dataclasses: name, default, meaning."""
+"""Every option of a training run, read off the configuration dataclasses."""
 
 from __future__ import annotations
 

@@ -30,7 +30,9 @@ def run(arguments: Sequence[str]) -> int:
         return EXIT_DONE
     config, resume = read_arguments(arguments)
     result = train(config, resume=resume, prepare=None if resume else save_config)
-    told = f"{result.frames:,} frames, {result.updates:,} updates; agent in {result.folder}/latest\n"
+    told = (
+        f"{result.frames:,} frames, {result.updates:,} updates; agent in {result.folder}/latest\n"
+    )
     sys.stdout.write(told)
     if result.was_interrupted:
         sys.stderr.write(f"interrupted and saved: go on with marl-cair train resume={config.out}\n")

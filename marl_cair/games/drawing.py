@@ -1,4 +1,4 @@
-"""Pixels on an image [3, h, w]: boxes, sprites, discs, bars and digits. Compiled, without a display."""
+"""Pixels on an image [3, h, w]: boxes, sprites, discs, bars and digits, without a display."""
 
 from __future__ import annotations
 
@@ -60,7 +60,8 @@ def draw_sprite(
     image: Any, sprite: Any, palette: Any, top: int, left: int, size: int, flip: bool
 ) -> None:
     """Draw a square sprite [side, side] of palette [n, 3] indices at `size` pixels; `flip` mirrors
-    it left to right."""
+    it left to right.
+    """
     side = sprite.shape[0]
     for y in range(size):
         row = top + y
@@ -90,12 +91,11 @@ def draw_bar(
 
 @compiled
 def draw_glyph(image: Any, glyph: int, top: int, left: int, scale: int, colour: Any) -> None:
+    """A digit (or PLUS) of `scale` pixels a dot."""
     for row in range(GLYPH_ROWS):
         for column in range(GLYPH_COLUMNS):
             if GLYPHS[glyph, row, column]:
-                fill_box(
-                    image, top + row * scale, left + column * scale, scale, scale, colour
-                )
+                fill_box(image, top + row * scale, left + column * scale, scale, scale, colour)
 
 
 @compiled

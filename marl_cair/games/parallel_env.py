@@ -20,7 +20,7 @@ VECTOR = "vector"
 STATE_BOUND = 2.0**31  # all numbers of a state are 32-bit integers, or fewer bits
 
 
-class GameParallelEnv(ParallelEnv[str, Any, int]):  # type: ignore[misc]  # no types shipped
+class GameParallelEnv(ParallelEnv[str, Any, int]):
     """One game in which all players act at once.
 
     Args:

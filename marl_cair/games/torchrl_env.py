@@ -31,7 +31,7 @@ class LastStep(NamedTuple):
     winner: NDArray[np.int8]  # [B] seat, or NO_WINNER
 
 
-class BatchedGameEnv(EnvBase):  # type: ignore[misc]  # torchrl ships no types
+class BatchedGameEnv(EnvBase):
     """B worlds that step together.
 
     Args:

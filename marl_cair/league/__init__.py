@@ -1,1 +1,1 @@
-"""The league: agents play seat-balanced matches with common seeds, and are rated with error bars."""
+"""The league: agents play seat-balanced matches with common seeds and are rated."""

@@ -41,7 +41,7 @@ def load_agent(
         return _load_checkpoint(path, game, scenario, epsilon)
     named_game, _, bot = str(source).rpartition("/")
     owner = named_game or game
-    if owner in GAMES:
+    if owner is not None and owner in GAMES:
         if game is not None and owner != game:
             raise CheckpointError(f"{source} is a bot of {owner}, it cannot play {game}")
         kind = f"{owner} bot or checkpoint folder"
@@ -62,7 +62,7 @@ def _load_checkpoint(path: Path, game: str | None, scenario: Any, epsilon: float
     network, about = load_network(path)
     if game is not None and about.game != game:
         raise CheckpointError(
-            f"{path} was trained on {about.game}, it cannot play {game}; give a checkpoint of {game}"
+            f"{path} was trained on {about.game}, it cannot play {game}: give one of {game}"
         )
     chosen = find_by_name("game", about.game, GAMES)
     _check_version(path, about, chosen)
@@ -80,7 +80,7 @@ def _check_version(path: Path, about: AgentDescription, game: Game) -> None:
     if about.game_version != game.version:
         raise CheckpointError(
             f"{path} was trained on version {about.game_version} of {about.game}'s rules, this is "
-            f"version {game.version}: train it again, or install the marl_cair that it was made with"
+            f"version {game.version}: train it again, or install the marl_cair of that version"
         )
 
 

@@ -57,8 +57,13 @@ def save_film(
     durations = [FRAME_MILLISECONDS] * (len(frames) - 1) + [LAST_FRAME_MILLISECONDS]
     with atomic_path(path) as unfinished:
         frames[0].save(
-            unfinished, format="GIF", save_all=True, append_images=frames[1:], duration=durations,
-            loop=0, optimize=False,
+            unfinished,
+            format="GIF",
+            save_all=True,
+            append_images=frames[1:],
+            duration=durations,
+            loop=0,
+            optimize=False,
         )
     return len(frames)
 

@@ -1,4 +1,4 @@
-"""`run_league`: a seat-balanced round-robin of any agents, rated with intervals, written to a folder."""
+"""`run_league`: a seat-balanced round-robin of any agents, rated with intervals."""
 
 from __future__ import annotations
 
@@ -117,9 +117,7 @@ def _load_entrants(
     """All agents by short, unique names, in the order of those names."""
     sources = dict(zip(_short_names(config.agents), config.agents, strict=True))
     return [
-        Entrant(
-            name, _fingerprint(source, game), load(source, game=game.name, scenario=scenario)
-        )
+        Entrant(name, _fingerprint(source, game), load(source, game=game.name, scenario=scenario))
         for name, source in sorted(sources.items())
     ]
 
@@ -179,4 +177,3 @@ def _play_all(
         distinct[entrants[first].name, entrants[second].name] = match.distinct_games
     bar.close()
     return np.array(rows, np.float64), distinct
-

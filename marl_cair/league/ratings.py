@@ -26,7 +26,8 @@ Games = NDArray[np.float64]
 @dataclass(frozen=True)
 class Rating:
     """One agent's place. `elo` with its interval; `is_bound`: it lost no game (or won none), so the
-    number shows only that it is at least (at most) so strong."""
+    number shows only that it is at least (at most) so strong.
+    """
 
     name: str
     elo: float
@@ -107,9 +108,7 @@ def _bootstrap(num_agents: int, games: Games, seed: int) -> NDArray[np.float64]:
     rng = np.random.default_rng(seed)
     order = np.lexsort((games[:, 2], games[:, 1], games[:, 0]))
     games = games[order]
-    _, starts, sizes = np.unique(
-        games[:, :3], axis=0, return_index=True, return_counts=True
-    )
+    _, starts, sizes = np.unique(games[:, :3], axis=0, return_index=True, return_counts=True)
     pairs = games[starts, :2]
     _, pair_of_block = np.unique(pairs, axis=0, return_inverse=True)
     pair_of_block = pair_of_block.ravel()

@@ -30,14 +30,18 @@ def describe_league(
     distinct: Mapping[tuple[str, str], int],
 ) -> str:
     """Ladder, matrix and a sentence for each neighbouring pair, as plain text."""
-    parts = [_ladder_text(ratings), _matrix_text(names, games, ratings), _sentences(names, games, ratings)]
+    parts = [
+        _ladder_text(ratings),
+        _matrix_text(names, games, ratings),
+        _sentences(names, games, ratings),
+    ]
     counts = score_matrix(len(names), games)[1]
     for (first, second), number in distinct.items():
         played = counts[names.index(first), names.index(second)]
         if number < played:
             parts.append(
-                f"Only {number} of the {played} games of {first} v {second} differ: their intervals "
-                "are too narrow."
+                f"Only {number} of the {played} games of {first} v {second} differ: their "
+                "intervals are too narrow."
             )
     return "\n\n".join([*parts, CAVEAT]) + "\n"
 
@@ -55,7 +59,9 @@ def write_report(
 def _ladder_text(ratings: Sequence[Rating]) -> str:
     zero = f"{ANCHOR} = 0" if any(r.name == ANCHOR for r in ratings) else "mean = 0"
     width = max(len("agent"), *(len(rating.name) for rating in ratings))
-    lines = [f"{'':>3} {'agent':{width}} {'Elo':>7} {'95 % interval':>18} {'score':>7} {'games':>6}"]
+    lines = [
+        f"{'':>3} {'agent':{width}} {'Elo':>7} {'95 % interval':>18} {'score':>7} {'games':>6}"
+    ]
     for place, rating in enumerate(ratings, start=1):
         bound = " " if not rating.is_bound else (">" if rating.score == 1.0 else "<")
         interval = f"[{rating.low:+.0f}, {rating.high:+.0f}]"
@@ -63,7 +69,9 @@ def _ladder_text(ratings: Sequence[Rating]) -> str:
             f"{place:>3} {rating.name:{width}} {bound}{rating.elo:+6.0f} {interval:>18} "
             f"{rating.score:7.1%} {rating.games:>6}"
         )
-    return f"Ladder (Elo, {zero}; > and < mark agents that won or lost every game)\n" + "\n".join(lines)
+    return f"Ladder (Elo, {zero}; > and < mark agents that won or lost every game)\n" + "\n".join(
+        lines
+    )
 
 
 def _ordered(
@@ -83,7 +91,9 @@ def _matrix_text(names: Sequence[str], games: Games, ratings: Sequence[Rating]) 
     lines = [f"Score of the row's agent in %, draws count half\n{head}"]
     for row, name in enumerate(ordered):
         cells = [
-            f"{100 * points[row, column] / counts[row, column]:6.1f}" if counts[row, column] else "     -"
+            f"{100 * points[row, column] / counts[row, column]:6.1f}"
+            if counts[row, column]
+            else "     -"
             for column in range(len(ordered))
         ]
         lines.append(f"{row + 1:>2}  {name:{width}}{''.join(cells)}")
@@ -115,8 +125,15 @@ def _ladder_csv(ratings: Sequence[Rating]) -> str:
     return _as_csv(
         ("agent", "elo", "low", "high", "score", "games", "is_bound"),
         [
-            (r.name, f"{r.elo:.2f}", f"{r.low:.2f}", f"{r.high:.2f}", f"{r.score:.4f}", r.games,
-             int(r.is_bound))
+            (
+                r.name,
+                f"{r.elo:.2f}",
+                f"{r.low:.2f}",
+                f"{r.high:.2f}",
+                f"{r.score:.4f}",
+                r.games,
+                int(r.is_bound),
+            )
             for r in ratings
         ],
     )
@@ -143,9 +160,7 @@ def _as_csv(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     return text.getvalue()
 
 
-def draw_league(
-    path: Path, names: Sequence[str], games: Games, ratings: Sequence[Rating]
-) -> None:
+def draw_league(path: Path, names: Sequence[str], games: Games, ratings: Sequence[Rating]) -> None:
     """Write the ladder with intervals beside the score matrix, both best first, as PNG."""
     ordered, points, counts = _ordered(names, games, ratings)
     size = len(ordered)
@@ -173,8 +188,12 @@ def _draw_ladder(panel: Any, ratings: Sequence[Rating]) -> None:
     panel.tick_params(axis="y", length=0)
     if any(rating.is_bound for rating in ratings):
         panel.annotate(
-            "orange: won or lost every game,\nthe number is a bound", (0.98, 0.03),
-            xycoords="axes fraction", ha="right", fontsize=7.5, color=BOUND_COLOUR,
+            "orange: won or lost every game,\nthe number is a bound",
+            (0.98, 0.03),
+            xycoords="axes fraction",
+            ha="right",
+            fontsize=7.5,
+            color=BOUND_COLOUR,
         )
 
 

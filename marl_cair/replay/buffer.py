@@ -111,7 +111,7 @@ class EpisodeReplayBuffer(TensorDictReplayBuffer):
             return self.read_single_steps(index)
 
     def read_single_steps(self, index: torch.Tensor) -> TensorDict:
-        """The one-step transitions at slots `index` int64 [N], less those that cannot be sampled."""
+        """The one-step transitions at slots `index` int64 [N], where they can be sampled."""
         index = index[self._storage.is_sampleable(index)]
         data: TensorDict = self._storage.get_single_steps(index)
         data["index"] = index.clone()

@@ -1,4 +1,4 @@
-"""Settings of a training run: frozen dataclasses grouped by noun; the defaults are the reported runs.
+"""Settings of a training run: frozen dataclasses grouped by noun.
 
 Units stand in the names. A frame is one decision of one world.
 """

@@ -23,8 +23,7 @@ PICTURE_INCHES = (13.0, 7.6)
 
 
 def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathLike[str]) -> None:
-    """Write a PNG of six panels: win rate against each bot with its 95 % interval, loss and TD error
-    of real and generated rows, Q overestimation, actions of the newest run, generator and speed.
+    """Write a PNG of six panels: win rates, TD errors, overestimation, generator, speed, actions.
 
     runs: label -> run folder (with log.csv). Raises ValueError where no run has logged anything.
     """
@@ -72,7 +71,9 @@ def _draw_win_rates(panel: Any, logs: Mapping[str, Rows]) -> None:
             panel.plot(frames, rates, style, color=colour, label=f"{label} v {bot}", marker=".")
             if len(low) == len(rates):
                 panel.fill_between(frames, low, high, color=colour, alpha=0.12, linewidth=0)
-    panel.set(title="Greedy play, sparse reward", ylabel="score (win 1, draw ½)", ylim=(-0.03, 1.03))
+    panel.set(
+        title="Greedy play, sparse reward", ylabel="score (win 1, draw ½)", ylim=(-0.03, 1.03)
+    )
     _add_legend(panel)
 
 
@@ -94,13 +95,15 @@ def _draw_overestimation(panel: Any, logs: Mapping[str, Rows]) -> None:
     for colour, (label, rows) in zip(COLOURS, logs.items(), strict=False):
         panel.plot(*_series(rows, "q/overestimation"), color=colour, label=label)
     panel.axhline(0.0, color="black", linewidth=0.8)
-    panel.set(title="Q overestimation", ylabel="first max Q − realised return")
+    panel.set(title="Q overestimation", ylabel="first max Q less realised return")
     _add_legend(panel)
 
 
 def _draw_generator(panel: Any, logs: Mapping[str, Rows]) -> None:
     for colour, (label, rows) in zip(COLOURS, logs.items(), strict=False):
-        panel.plot(*_series(rows, "gate/changed_f1"), color=colour, label=f"{label}, changed-cell F1")
+        panel.plot(
+            *_series(rows, "gate/changed_f1"), color=colour, label=f"{label}, changed-cell F1"
+        )
         share = _series(rows, "batch/generated_share")
         panel.plot(*share, ":", color=colour, label=f"{label}, generated share")
     panel.set(title="Generator (CCDN)", ylim=(-0.03, 1.03))

@@ -44,8 +44,19 @@ class DemoSettings:
     seed: int = 0
 
 
+@dataclass(frozen=True)
+class _Redraw:
+    """Draws the curves anew at each logged row."""
+
+    runs: dict[str, str]
+    path: Path
+
+    def __call__(self, row: dict[str, float]) -> None:
+        draw_curves(self.runs, self.path)
+
+
 def make_config(settings: DemoSettings, network: str) -> TrainConfig:
-    """The default recipe, shortened: random opponents first, then self-play; 20 % generated rows."""
+    """The default recipe, shortened: random first, then self-play; 20 % generated rows."""
     warmup = settings.frames // 2
     mixture = {"latest": 0.4, "pool": 0.2, "random": 0.2, "scripted": 0.2}
     every = max(1, settings.frames // 8)
@@ -78,10 +89,8 @@ def run_demo(settings: DemoSettings) -> Path:
         config = make_config(settings, network)
         tqdm.write(f"[{number}/4] training the {network} network in {config.out}")
         resume = (Path(config.out) / RESUME_FOLDER).is_dir()
-        curves = folder / "curves.png"
         done = {name: f"{settings.out}/{name}" for name in NETWORKS[:number]}
-        redraw = partial(draw_curves, done, curves)
-        result = train(config, resume=resume, listen=lambda row, redraw=redraw: redraw())
+        result = train(config, resume=resume, listen=_Redraw(done, folder / "curves.png"))
         if result.was_interrupted:
             raise KeyboardInterrupt
     tqdm.write("[3/4] league of the networks and the scripted bots")

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.utils.tensorboard import SummaryWriter
 
 from marl_cair.files import write_atomically
 from marl_cair.games.game import NO_WINNER
@@ -50,7 +51,7 @@ class EpisodeStatistics:
     def note_first_values(
         self, starting: NDArray[np.bool_], learned: NDArray[np.bool_], best: NDArray[np.float32]
     ) -> None:
-        """Games [B] that begin: the best legal values of the learned seats, in order of `learned`."""
+        """Games [B] that begin: best legal values of the learned seats, in `learned` order."""
         values = np.zeros(learned.shape)
         values[learned] = best
         self._first_value[starting] = values[starting]
@@ -193,8 +194,6 @@ class RunLog:
     FILE = "log.csv"
 
     def __init__(self, folder: Path, frames: int = 0) -> None:
-        from torch.utils.tensorboard import SummaryWriter
-
         self._path = folder / self.FILE
         self.rows = [row for row in read_log(self._path) if row["frames"] <= frames]
         self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=frames + 1)

@@ -59,7 +59,9 @@ class TrainingRun:
         if config.torch_threads is not None:
             torch.set_num_threads(config.torch_threads)
         _keep_freed_memory()
-        self._seeds = [int(n) for n in np.random.SeedSequence(config.seed).generate_state(_NUM_SEEDS)]
+        self._seeds = [
+            int(n) for n in np.random.SeedSequence(config.seed).generate_state(_NUM_SEEDS)
+        ]
         self._make_game()
         self._make_replay()
         self._claim_folder(resume)
@@ -75,8 +77,10 @@ class TrainingRun:
         game = self.config.game
         self.game = GAMES[game.name]
         self.scenario = self.game.scenario(game.scenario, **game.options)
-        bots_look_at = {bot(self.scenario, self.game.make_spec(self.scenario)).representation
-                        for bot in self.game.bots.values()}
+        bots_look_at = {
+            bot(self.scenario, self.game.make_spec(self.scenario)).representation
+            for bot in self.game.bots.values()
+        }
         options = dataclasses.asdict(self.scenario)
         options["reward"] = game.reward
         if game.reward == "shaped":
@@ -219,9 +223,7 @@ class TrainingRun:
         """Freeze the learner for the pool, and keep it as an agent on disk."""
         self.book.add_snapshot(self.learner.network, self.frames)
         folder = self.folder / SNAPSHOT_FOLDER / f"frames_{self.frames:010d}"
-        about = dataclasses.replace(
-            self.describe_agent(), name=f"{self.folder.name}@{self.frames}"
-        )
+        about = dataclasses.replace(self.describe_agent(), name=f"{self.folder.name}@{self.frames}")
         save_agent(folder, self.learner.network, about)
 
     def save_state(self) -> None:
@@ -306,7 +308,8 @@ def _to_arrays(value: Any) -> Any:
 
 def _keep_freed_memory() -> None:
     """Tell glibc to keep activations' memory between updates: giving pages back and taking them
-    again costs a fifth of an update."""
+    again costs a fifth of an update.
+    """
     if sys.platform != "linux":
         return
     libc = ctypes.CDLL(None)

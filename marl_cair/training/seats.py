@@ -19,7 +19,7 @@ from marl_cair.training.metrics import EpisodeStatistics
 from marl_cair.training.opponents import LATEST_ID, OpponentBook, export_rng, import_rng
 
 
-class SeatRouter(TensorDictModuleBase):  # type: ignore[misc]  # tensordict ships no types
+class SeatRouter(TensorDictModuleBase):
     """Chooses the actions of all seats [B, P].
 
     When a game begins its opponent is drawn from the book and the learner's seat evenly; both hold
@@ -68,9 +68,7 @@ class SeatRouter(TensorDictModuleBase):  # type: ignore[misc]  # tensordict ship
         """Write ("player", "action") int64, "learned" bool and "opponent" int16, each [B, P]."""
         group = tensordict.get(GROUP)
         if self.frames:
-            self._statistics.note_step(
-                self._actions, self._learned, self._env.last, self.opponent
-            )
+            self._statistics.note_step(self._actions, self._learned, self._env.last, self.opponent)
         starting = self._seat_new_games()
         learned = self._find_learned()
         actions = torch.zeros(learned.shape, dtype=torch.int64)
@@ -93,7 +91,7 @@ class SeatRouter(TensorDictModuleBase):  # type: ignore[misc]  # tensordict ship
 
     def _seat_new_games(self) -> NDArray[np.bool_]:
         """Draw opponent and seat of the worlds [B] whose game has just begun; returns which."""
-        starting = self._env.seeds.episodes != self._episode
+        starting: NDArray[np.bool_] = self._env.seeds.episodes != self._episode
         count = int(starting.sum())
         if count:
             self.opponent[starting] = self._book.draw(count, self.frames)
@@ -105,7 +103,8 @@ class SeatRouter(TensorDictModuleBase):  # type: ignore[misc]  # tensordict ship
     def _find_learned(self) -> NDArray[np.bool_]:
         seats = np.arange(self._players)
         learned: NDArray[np.bool_] = self._seat[:, None] == seats
-        return learned | (self.opponent[:, None] == LATEST_ID)
+        learned |= self.opponent[:, None] == LATEST_ID
+        return learned
 
     def _play_opponents(
         self, group: TensorDictBase, mask: Tensor, learned: NDArray[np.bool_], actions: Tensor

@@ -1,4 +1,4 @@
-"""`train`: the loop. Collect, store, learn from 80 % real and 20 % generated rows, snapshot, rate."""
+"""`train`: collect, store, learn from 80 % real and 20 % generated rows, snapshot, evaluate."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
 from tensordict import TensorDictBase
 from tqdm import tqdm
 
+from marl_cair.generative.generator import Generator
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.evaluation import evaluate_against_bots
 from marl_cair.training.metrics import Timers
@@ -56,8 +56,12 @@ def train(
     timers = Timers()
     deadline = None if config.max_minutes is None else time.monotonic() + 60 * config.max_minutes
     bar = tqdm(
-        total=config.total_frames, initial=run.frames, unit=" frames", disable=not show_progress,
-        unit_scale=True, smoothing=0.05,
+        total=config.total_frames,
+        initial=run.frames,
+        unit=" frames",
+        disable=not show_progress,
+        unit_scale=True,
+        smoothing=0.05,
     )
     last_row: dict[str, float] = {}
     with _interrupts_noted() as interrupted:
@@ -80,14 +84,13 @@ def train(
         run.save_state()
     bar.close()
     run.close()
-    return TrainResult(
-        run.folder, run.frames, run.learner.updates, interrupted.is_set(), last_row
-    )
+    return TrainResult(run.folder, run.frames, run.learner.updates, interrupted.is_set(), last_row)
 
 
 def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
     """One round of collecting, storing, learning and generating for each `next`; yields the number
-    of frames before the round."""
+    of frames before the round.
+    """
     batches = iter(run.collector)
     while True:
         before = run.frames
@@ -109,9 +112,7 @@ def _is_due(before: int, after: int, every: int) -> bool:
 def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
     """Put the learner's steps into replay; show the generator those whose next state is known."""
     with timers.measure("store"):
-        slots = run.replay.real.extend_rollout(
-            make_rollout(data, run.config.learner.reward_scale)
-        )
+        slots = run.replay.real.extend_rollout(make_rollout(data, run.config.learner.reward_scale))
         run.frames += data.numel()
     if run.generator:
         with timers.measure("generate"):
@@ -138,12 +139,10 @@ def _generate(run: TrainingRun, before: int) -> None:
         losses = generator.update(rows)
         run.means.add({f"generator/{name}": value for name, value in losses.items()})
     if _is_due(before, run.frames, settings.evaluate_every_frames):
-        _measure_generator(run)
+        _measure_generator(run, generator)
 
 
-def _measure_generator(run: TrainingRun) -> None:
-    generator = run.generator
-    assert generator is not None
+def _measure_generator(run: TrainingRun, generator: Generator) -> None:
     report = generator.evaluate()
     run.gate_is_open = report.passed
     run.gate_has_opened |= report.passed
@@ -215,8 +214,8 @@ def _interrupts_noted() -> Iterator[threading.Event]:
         signal.signal(number, usual[number])
         tqdm.write("interrupted: finishing this iteration and saving (once more stops at once)")
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        usual[number] = signal.signal(number, note)
+    for caught in (signal.SIGINT, signal.SIGTERM):
+        usual[caught] = signal.signal(caught, note)
     try:
         yield noted
     finally:

@@ -46,7 +46,12 @@ BACKGROUND, PANEL, INK, DIM = (
 HEALTHY, HURT, GOLD, LUMBER, SHOT, CURSOR_COLOUR = (
     np.array(colour, np.uint8)
     for colour in (
-        (92, 208, 96), (222, 68, 56), (250, 204, 72), (170, 116, 66), (255, 240, 160), (94, 252, 242),
+        (92, 208, 96),
+        (222, 68, 56),
+        (250, 204, 72),
+        (170, 116, 66),
+        (255, 240, 160),
+        (94, 252, 242),
     )
 )
 # Terrain by kind, two shades each for the chequered ground.
@@ -68,6 +73,7 @@ GRAY_CURSOR = 215
 
 @compiled
 def ground_kind(rules: Any, column: int) -> int:
+    """Row of GROUND for a column of the picture."""
     level = terrain_level(rules, column)
     if level == OWN_SPAWN:
         return 0
@@ -83,22 +89,25 @@ def tile_size(rules: Any) -> float:
     """Pixels along a cell such that the board fits below the bars."""
     across = (IMAGE_WIDTH - 2 * MARGIN) / rules.columns
     down = (IMAGE_HEIGHT - HUD_HEIGHT - 2 * MARGIN) / rules.rows
-    return min(across, down)
+    return float(min(across, down))
 
 
 @compiled
 def board_left(rules: Any) -> float:
-    return (IMAGE_WIDTH - tile_size(rules) * rules.columns) / 2.0
+    """Pixels left of the board."""
+    return float((IMAGE_WIDTH - tile_size(rules) * rules.columns) / 2.0)
 
 
 @compiled
 def board_top(rules: Any) -> float:
+    """Pixels above the board."""
     room = IMAGE_HEIGHT - HUD_HEIGHT
-    return HUD_HEIGHT + (room - tile_size(rules) * rules.rows) / 2.0
+    return float(HUD_HEIGHT + (room - tile_size(rules) * rules.rows) / 2.0)
 
 
 @compiled
 def paint_ground(rules: Any, image: Any) -> None:
+    """Background and chequered board."""
     fill_box(image, 0, 0, IMAGE_HEIGHT, IMAGE_WIDTH, BACKGROUND)
     tile, top, left = tile_size(rules), board_top(rules), board_left(rules)
     for row in range(rules.rows):
@@ -132,12 +141,13 @@ def unit_x(world: Any, rules: Any, owner: int, side: int, slot: int) -> float:
     along += world.unit_progress[owner, slot] / PROGRESS_PER_TILE
     if side == 1:
         along = rules.columns - along
-    return board_left(rules) + along * tile
+    return float(board_left(rules) + along * tile)
 
 
 @compiled
 def unit_y(world: Any, rules: Any, owner: int, slot: int) -> float:
-    return board_top(rules) + (world.unit_row[owner, slot] + 0.5) * tile_size(rules)
+    """Centre of a unit in pixels from the top."""
+    return float(board_top(rules) + (world.unit_row[owner, slot] + 0.5) * tile_size(rules))
 
 
 @compiled
@@ -215,6 +225,7 @@ def paint_clock(world: Any, rules: Any, image: Any) -> None:
 
 @compiled
 def paint_cursor(world: Any, rules: Any, owner: int, side: int, image: Any) -> None:
+    """A frame around the cell of a player's cursor."""
     tile = tile_size(rules)
     column = int(world.cursor[owner, 1])
     if side == 1:
@@ -248,8 +259,10 @@ def paint(world: Any, rules: Any, left_player: int, image: Any, all_cursors: boo
 
 @compiled
 def paint_gray(world: Any, rules: Any, player: int, image: Any) -> None:
-    """The small picture, uint8 [GRAY_SIDE, GRAY_SIDE]: four bars (own and enemy health, own gold and
-    income, on a log scale) over the board."""
+    """The small picture, uint8 [GRAY_SIDE, GRAY_SIDE]: four bars over the board.
+
+    The bars are own and enemy health, own gold and own income (log scale).
+    """
     enemy = 1 - player
     image[:] = 0
     shares = (
@@ -304,6 +317,7 @@ def gray_cell(image: Any, rules: Any, row: int, column: int, level: int) -> None
 
 @compiled
 def observe_image(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
+    """Write every seat's picture to out [B, P, 3, IMAGE_HEIGHT, IMAGE_WIDTH]."""
     for index in range(first, last):
         for player in range(NUM_PLAYERS):
             paint(world_at(worlds, index), rules, player, out[index, player], False)
@@ -311,6 +325,7 @@ def observe_image(worlds: Any, rules: Any, out: Any, first: int, last: int) -> N
 
 @compiled
 def observe_gray(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
+    """Write every seat's small picture to out [B, P, 1, GRAY_SIDE, GRAY_SIDE]."""
     for index in range(first, last):
         for player in range(NUM_PLAYERS):
             paint_gray(world_at(worlds, index), rules, player, out[index, player, 0])
@@ -320,12 +335,14 @@ def observe_gray(worlds: Any, rules: Any, out: Any, first: int, last: int) -> No
 def paint_world(
     worlds: Any, rules: Any, index: int, left_player: int, image: Any, all_cursors: bool
 ) -> None:
+    """`paint` of one world among many."""
     paint(world_at(worlds, index), rules, left_player, image, all_cursors)
 
 
 def draw(worlds: World, rules: Any, world: int, player: int | None) -> NDArray[np.uint8]:
     """The picture of one world, uint8 [IMAGE_HEIGHT, IMAGE_WIDTH, 3]: of a seat's own view, or the
-    spectator's (None)."""
+    spectator's (None).
+    """
     image = np.zeros((3, IMAGE_HEIGHT, IMAGE_WIDTH), np.uint8)
     paint_world(worlds, rules, world, player or 0, image, player is None)
     return np.ascontiguousarray(image.transpose(1, 2, 0))

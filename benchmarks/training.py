@@ -2,10 +2,10 @@
 
     python benchmarks/training.py [--policy conv] [--frames 40960] [--threads 2]
 
-Both loops play the same engine with the newest self in every seat, store every transition, and make
-one update of 256 rows per 64 frames with the same network, double Q-learning, Adam and soft target
-updates; only the plumbing differs. A frame is one decision of one world. Best of 5 windows, taken in
-turn; the first window warms up. Generated transitions are off in both.
+Both loops play the same engine with the newest self in every seat, store every transition, and
+make one update of 256 rows per 64 frames with the same network, double Q-learning, Adam and soft
+target updates; only the plumbing differs. A frame is one decision of one world. Best of 5 windows,
+taken in turn; the first window warms up. Generated transitions are off in both.
 """
 
 from __future__ import annotations

@@ -1,0 +1,156 @@
+"""The console command: what it refuses, what it composes, and one small run from end to end."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from marl_cair.cli import main
+from marl_cair.cli.compose import compose_config, list_groups, load_config, save_config
+from marl_cair.cli.options import list_options
+from marl_cair.cli.train import describe_options
+from marl_cair.games import GAMES
+
+SMALL = (
+    "scenario=11x11",
+    "max_ticks=300",
+    "torch_threads=1",
+    "collector.num_worlds=16",
+    "collector.steps_per_batch=8",
+    "replay.min_transitions=200",
+    "replay.capacity_transitions=3000",
+    "learner.batch_size=32",
+    "policy.hidden_width=16",
+    "evaluation.every_frames=1024",
+    "evaluation.games=2",
+)
+
+
+def test_the_issues_example_composes():
+    words = "game=deep_line_wars policy=capsule opponent=self_play synthetic_fraction=0.2 seed=3"
+    config = compose_config(words.split())
+    assert (config.policy.body, config.synthetic_fraction, config.seed) == ("capsule", 0.2, 3)
+    assert config.opponent.warmup_frames > 0
+    assert set(config.opponent.mixture) == {"latest", "pool", "scripted", "random"}
+
+
+def test_no_words_give_the_defaults():
+    from marl_cair.training.config import TrainConfig
+
+    assert compose_config([]) == TrainConfig()
+
+
+@pytest.mark.parametrize("group", ["game", "policy", "opponent", "generator"])
+def test_every_choice_of_a_group_composes(group):
+    for choice in list_groups()[group]:
+        compose_config([f"{group}={choice}"])
+
+
+def test_shorthands_and_numbers_that_are_names():
+    config = compose_config(
+        ["scenario=30x11", "preset=2017", "actions=classic", "total_frames=1e6"]
+    )
+    assert config.game.scenario == "30x11"
+    assert config.game.options == {"preset": "2017", "actions": "classic"}
+    assert config.total_frames == 1_000_000
+
+
+def test_a_mixture_takes_the_place_of_the_presets():
+    config = compose_config(["opponent=self_play", "opponent.mixture={latest: 0.5, counter: 0.5}"])
+    assert config.opponent.mixture == {"latest": 0.5, "counter": 0.5}
+
+
+def test_configuration_survives_its_file(tmp_path):
+    config = compose_config(["policy=capsule", f"out={tmp_path}", "preset=2018", "max_minutes=2"])
+    save_config(config)
+    assert load_config(str(tmp_path)) == config
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["learing_rate=1"], "nearest are 'learner.learning_rate'"),
+        (["policy=capsul"], "nearest are 'capsule'"),
+        (["opponent=countr"], "nearest are 'counter'"),
+        (["scenario=10x51"], "nearest are '10x15'"),
+        (["preset=2016"], "nearest are '2017', '2018'"),
+        (["synthetic_fraction=1.5"], "synthetic_fraction is 1.5"),
+        (["seed=many"], "a value is 'many', it must be a whole number"),
+        (["capsule"], "'capsule' is no option: write name=value"),
+        (["resume=/nowhere"], "holds no run to resume"),
+    ],
+)
+def test_train_refuses_with_one_line(words, message, capsys):
+    assert main(["train", *words]) == 2
+    told = capsys.readouterr().err
+    assert message in told
+    assert told.count("\n") == 1
+
+
+def test_help_tells_every_option_and_all_have_a_meaning_or_a_plain_name():
+    text = describe_options()
+    for option in list_options():
+        assert f"  {option.path} = " in text
+    assert "one of conv, capsule, mlp" in text
+    assert "generated share of each batch" in text
+
+
+@pytest.mark.parametrize("command", ["evaluate", "league", "games", "benchmark"])
+def test_every_command_has_help(command, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main([command, "--help"])
+    assert stopped.value.code == 0
+    assert "usage: marl-cair" in capsys.readouterr().out
+
+
+def test_unknown_commands_name_the_nearest(capsys):
+    assert main(["leage"]) == 2
+    assert "nearest are 'league'" in capsys.readouterr().err
+    assert main([]) == 0
+    assert main(["--version"]) == 0
+
+
+def test_games_as_json_lists_ids_shapes_and_actions(capsys):
+    assert main(["games", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["deep_line_wars"]
+    assert told["bots"] == list(GAMES["deep_line_wars"].bots)
+    scenario = told["scenarios"]["10x15"]
+    assert scenario["gymnasium_id"] == "marl_cair/DeepLineWars-10x15-v0"
+    assert scenario["representations"]["planes"] == {"shape": [28, 10, 15], "dtype": "uint8"}
+    assert len(scenario["action_names"]) == scenario["num_actions"] == 185
+
+
+def test_train_resume_evaluate_and_league_from_end_to_end(tmp_path, capsys):
+    out = str(tmp_path / "run")
+    assert main(["train", *SMALL, f"out={out}", "total_frames=1024"]) == 0
+    assert main(["train", *SMALL, f"out={out}", "total_frames=1024"]) == 2
+    assert "already holds training run" in capsys.readouterr().err
+    assert main(["train", f"resume={out}", "total_frames=1280"]) == 0
+    assert main(["train", f"resume={out}", "seed=2"]) == 2
+    assert "unknown option of a resumed run 'seed'" in capsys.readouterr().err
+    table = tmp_path / "table.csv"
+    words = ["evaluate", f"{out}/latest", "--games", "2", "--out", str(table)]
+    assert main(words) == 0
+    assert table.read_text("utf-8").startswith("opponent,games,wins")
+    league = ["league", f"{out}/latest", "random", "--games", "2", "--scenario", "11x11"]
+    assert main([*league, "--out", str(tmp_path / "league")]) == 0
+    assert "Ladder" in capsys.readouterr().out
+
+
+def test_an_interrupt_saves_and_exits_with_130(tmp_path):
+    words = [*SMALL, f"out={tmp_path / 'run'}", "total_frames=100000000"]
+    code = f"import sys; from marl_cair.cli import main; sys.exit(main(['train', *{words!r}]))"
+    process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while not (tmp_path / "run" / "snapshots").exists() and time.monotonic() < deadline:
+        time.sleep(0.2)
+        if (tmp_path / "run" / "latest").exists():
+            break
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "go on with marl-cair train resume=" in told
+    assert (tmp_path / "run" / "resume" / "state.pt").is_file()

@@ -1,0 +1,319 @@
+"""Training runs: they resume bit for bit, keep to the share of generated rows, and learn."""
+
+import dataclasses
+import hashlib
+import shutil
+
+import numpy as np
+import pytest
+import torch
+
+from marl_cair.checkpoint import CheckpointError, load_network
+from marl_cair.files import OutputFolderError
+from marl_cair.games import GAMES
+from marl_cair.league.agents import load_agent
+from marl_cair.league.match import play_match
+from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+from marl_cair.training.config import (
+    CheckpointSettings,
+    CollectorSettings,
+    EvaluationSettings,
+    ExplorationSettings,
+    GameSettings,
+    GeneratorSettings,
+    LearnerSettings,
+    OpponentSettings,
+    ReplaySettings,
+    TrainConfig,
+)
+from marl_cair.training.learner import Learner
+from marl_cair.training.metrics import read_log
+from marl_cair.training.opponents import FIRST_SNAPSHOT_ID, LATEST_ID, OpponentBook
+from marl_cair.training.run import TrainingRun
+from marl_cair.training.trainer import train
+
+GAME = GAMES["deep_line_wars"]
+NEVER = 10**9
+
+
+def tiny(folder, frames=2_560, **changes):
+    config = TrainConfig(
+        out=str(folder),
+        total_frames=frames,
+        torch_threads=1,
+        policy=QNetworkConfig(hidden_width=32),
+        game=GameSettings(scenario="11x11", options={"max_ticks": 300}),
+        opponent=OpponentSettings(
+            {"latest": 0.3, "pool": 0.4, "counter": 0.3},
+            warmup_frames=256,
+            snapshot_every_frames=512,
+            pool_capacity=2,
+        ),
+        collector=CollectorSettings(num_worlds=16, steps_per_batch=8),
+        replay=ReplaySettings(3_000, 300, min_transitions=300),
+        learner=LearnerSettings(batch_size=20, frames_per_update=64),
+        generator=GeneratorSettings(
+            batch_size=16, frames_per_update_shut=128, evaluate_every_frames=1_024
+        ),
+        evaluation=EvaluationSettings(every_frames=NEVER, bots=()),
+        checkpoint=CheckpointSettings(every_frames=NEVER),
+    )
+    return dataclasses.replace(config, **changes)
+
+
+def digest(folder):
+    """Of all weights, target weights, optimiser moments and the replay's files."""
+    state = torch.load(folder / "resume" / "state.pt", weights_only=True)
+    found = hashlib.sha256()
+    for _, value in sorted(state["learner"]["loss"].items()):
+        found.update(value.numpy().tobytes())
+    for moments in state["learner"]["optimizer"]["state"].values():
+        found.update(moments["exp_avg"].numpy().tobytes())
+    for path in sorted((folder / "resume" / "replay").rglob("*.npy")):
+        found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+@pytest.mark.parametrize("body", ["conv", "capsule"])
+def test_a_resumed_run_equals_one_that_was_never_stopped(tmp_path, body):
+    policy = QNetworkConfig(body=body, hidden_width=32)
+    train(tiny(tmp_path / "whole", policy=policy), show_progress=False)
+    train(tiny(tmp_path / "parts", 1_280, policy=policy), show_progress=False)
+    train(tiny(tmp_path / "parts", policy=policy), resume=True, show_progress=False)
+    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
+
+
+def test_the_same_seed_gives_the_same_run_and_another_does_not(tmp_path):
+    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
+        train(tiny(tmp_path / name, 768, seed=seed), show_progress=False)
+    assert digest(tmp_path / "a") == digest(tmp_path / "b") != digest(tmp_path / "c")
+
+
+def test_a_folder_of_another_run_is_refused_and_left_alone(tmp_path):
+    train(tiny(tmp_path / "a", 256), show_progress=False)
+    before = digest(tmp_path / "a")
+    with pytest.raises(OutputFolderError, match="already holds training run"):
+        train(tiny(tmp_path / "a", 256), show_progress=False)
+    with pytest.raises(OutputFolderError, match="holds training run"):
+        train(tiny(tmp_path / "a", 256, seed=4), resume=True, show_progress=False)
+    assert digest(tmp_path / "a") == before
+
+
+def test_a_cut_state_is_refused(tmp_path):
+    train(tiny(tmp_path / "a", 256), show_progress=False)
+    state = tmp_path / "a" / "resume" / "state.pt"
+    state.write_bytes(state.read_bytes()[: state.stat().st_size // 2])
+    with pytest.raises(CheckpointError, match="is cut short"):
+        train(tiny(tmp_path / "a", 512), resume=True, show_progress=False)
+
+
+def test_generated_rows_are_a_fifth_of_each_batch_only_while_the_gate_is_open(tmp_path):
+    run = TrainingRun(tiny(tmp_path / "a"))
+    from marl_cair.training.metrics import Timers
+    from marl_cair.training.trainer import iterate
+
+    steps = iterate(run, Timers())
+    while run.replay.real.num_sampleable < 300:
+        next(steps)
+    made = run.replay.real.sample_single_steps(100)
+    made["is_generated"][:] = True
+    made["index"][:] = -1
+    run.replay.generated.extend(made)
+    assert not run.replay.sample()["is_generated"].any()
+    run.replay.generated_open = True
+    for _ in range(5):
+        batch = run.replay.sample()
+        assert batch.shape[0] == 20
+        assert int(batch["is_generated"].sum()) == 4
+        assert torch.isfinite(torch.as_tensor(run.learner.update(batch)["loss/all"]))
+    run.close()
+
+
+def test_only_the_learners_seats_are_stored_and_both_against_itself(tmp_path):
+    for mixture, expected in (({"latest": 1.0}, 2), ({"counter": 1.0}, 1)):
+        opponent = OpponentSettings(mixture, snapshot_every_frames=NEVER)
+        folder = tmp_path / next(iter(mixture))
+        run = TrainingRun(tiny(folder, opponent=opponent, synthetic_fraction=0.0))
+        data = next(iter(run.collector))
+        learned = data["player", "learned"]
+        assert learned.sum(-1).eq(expected).all()
+        run.close()
+
+
+def test_an_opponent_stays_for_the_whole_game(tmp_path):
+    opponent = OpponentSettings({"random": 0.5, "counter": 0.5})
+    run = TrainingRun(tiny(tmp_path / "a", opponent=opponent, synthetic_fraction=0.0))
+    batches = iter(run.collector)
+    data = torch.cat([next(batches) for _ in range(10)], 1)
+    met, seat = data["player", "opponent"][..., 0], data["player", "learned"].int().argmax(-1)
+    going_on = ~data["next", "done"].squeeze(-1)[:, :-1]
+    assert (met[:, 1:] == met[:, :-1])[going_on].all()
+    assert (seat[:, 1:] == seat[:, :-1])[going_on].all()
+    assert (~going_on).any()
+    assert len(met.unique()) == 2
+    assert len(seat.unique()) == 2
+    run.close()
+
+
+def test_the_pool_is_thinned_and_keeps_those_still_in_play():
+    scenario = GAME.scenario("11x11")
+    shape = GAME.make_spec(scenario).representations["planes"].shape
+    actions = GAME.make_spec(scenario).num_actions
+    network = make_q_network(QNetworkConfig(hidden_width=8), shape, actions, seed=0)
+    settings = OpponentSettings({"pool": 1.0}, pool_capacity=3, pool_active=2)
+    book = OpponentBook(settings, GAME, scenario, "planes", seed=0)
+    assert book.draw(4, 0).tolist() == [LATEST_ID] * 4
+    for frames in (10, 20, 30, 40):
+        book.add_snapshot(network, frames)
+    assert [kept.frames for kept in book.snapshots] == [20, 30, 40]
+    assert book.agent(FIRST_SNAPSHOT_ID).name == "snapshot-10"
+    book.forget_unused(np.array([FIRST_SNAPSHOT_ID + 1], np.int16))
+    assert book.retired == []
+    assert set(book.draw(50, 0).tolist()) == set(book.active)
+    assert len(book.active) == 2
+
+
+def test_gradients_reach_every_parameter_of_both_networks(tmp_path):
+    for body in ("conv", "capsule"):
+        run = TrainingRun(tiny(tmp_path / body, policy=QNetworkConfig(body=body)))
+        batches = iter(run.collector)
+        from marl_cair.training.rollout import make_rollout
+
+        for _ in range(3):
+            run.replay.real.extend_rollout(make_rollout(next(batches), 1.0))
+        learner = Learner(run.learner.network, LearnerSettings())
+        learner.update(run.replay.sample(64))
+        for name, parameter in run.learner.network.named_parameters():
+            assert parameter.grad is not None, name
+            assert parameter.grad.abs().sum() > 0, name
+        run.close()
+
+
+def test_the_learner_beats_random_on_a_small_board(tmp_path):
+    config = TrainConfig(
+        out=str(tmp_path / "a"),
+        total_frames=24_576,
+        torch_threads=1,
+        synthetic_fraction=0.0,
+        policy=QNetworkConfig(hidden_width=64),
+        game=GameSettings(options={"rows": 6, "columns": 7, "max_ticks": 1_500}),
+        collector=CollectorSettings(num_worlds=32, steps_per_batch=16),
+        exploration=ExplorationSettings(anneal_frames=12_000),
+        learner=LearnerSettings(batch_size=64, frames_per_update=16, learning_rate=1e-3),
+        evaluation=EvaluationSettings(every_frames=NEVER, bots=()),
+        checkpoint=CheckpointSettings(every_frames=NEVER, include_replay=False),
+    )
+    train(config, show_progress=False)
+    agent = load_agent(tmp_path / "a" / "latest")
+    scenario = GAME.scenario("10x15", **config.game.options)
+    match = play_match(agent, GAME.bot("random", scenario), GAME, scenario, 60, 0)
+    assert match.score >= 0.8
+
+
+def test_the_log_holds_both_kinds_of_loss_and_the_action_shares(tmp_path):
+    train(tiny(tmp_path / "a", 10_240), show_progress=False)
+    row = read_log(tmp_path / "a" / "log.csv")[-1]
+    assert row["frames"] == 10_240
+    assert {"td_error/real", "loss/all", "frames_per_second", "gate/passed"} <= set(row)
+    shares = [value for name, value in row.items() if name.startswith("actions/")]
+    assert sum(shares) == pytest.approx(1.0)
+    assert (tmp_path / "a" / "snapshots" / "frames_0000000512" / "agent.json").is_file()
+
+
+class TestCheckpoints:
+    """What does not fit is named."""
+
+    @pytest.fixture(scope="class")
+    def trained(self, tmp_path_factory):
+        folder = tmp_path_factory.mktemp("trained")
+        train(tiny(folder / "a", 256), show_progress=False)
+        return folder / "a" / "latest"
+
+    @pytest.fixture
+    def agent(self, trained, tmp_path):
+        shutil.copytree(trained, tmp_path / "agent")
+        return tmp_path / "agent"
+
+    def test_an_agent_plays_what_it_was_trained_on(self, agent):
+        network, about = load_network(agent)
+        assert about.scenario == "11x11"
+        assert network.num_actions == len(about.action_names)
+        assert load_agent(agent).representation == "planes"
+
+    def test_other_action_space(self, agent):
+        classic = GAME.scenario("11x11", actions="classic")
+        with pytest.raises(CheckpointError, match="has another action space"):
+            load_agent(agent, "deep_line_wars", classic)
+
+    def test_other_board(self, agent):
+        with pytest.raises(CheckpointError, match="action space|of the size it was trained on"):
+            load_agent(agent, "deep_line_wars", "10x15")
+
+    @pytest.mark.parametrize(
+        ("old", "new", "message"),
+        [
+            ('"game_version": "1"', '"game_version": "0"', "was trained on version 0"),
+            ('"game": "deep_line_wars"', '"game": "chess"', "was trained on chess|unknown game"),
+            ('"format_version": 1', '"format_version": 9', "its format version is 9"),
+            ('"format": "marl_cair agent"', '"format": "other"', "of another program"),
+            ('"body": "conv"', '"body": "cnv"', "unknown network 'cnv': nearest are 'conv'"),
+        ],
+    )
+    def test_description_of_something_else(self, agent, old, new, message):
+        path = agent / "agent.json"
+        text = path.read_text("utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new), "utf-8")
+        with pytest.raises(ValueError, match=message):
+            load_agent(agent)
+
+    def test_truncated_weights(self, agent):
+        path = agent / "weights.pt"
+        path.write_bytes(path.read_bytes()[:1_000])
+        with pytest.raises(CheckpointError, match="is cut short, or holds more than tensors"):
+            load_agent(agent)
+
+    def test_code_in_the_weights_is_not_run(self, agent, tmp_path):
+        class Payload:
+            def __reduce__(self):
+                return (open, (str(tmp_path / "ran"), "w"))
+
+        torch.save({"weights": Payload()}, agent / "weights.pt")
+        with pytest.raises(CheckpointError, match="holds more than tensors"):
+            load_agent(agent)
+        assert not (tmp_path / "ran").exists()
+
+    def test_missing_weights(self, agent):
+        (agent / "weights.pt").unlink()
+        with pytest.raises(CheckpointError, match="is missing: the checkpoint is incomplete"):
+            load_agent(agent)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: TrainConfig(synthetic_fraction=0.95), "synthetic_fraction is 0.95"),
+        (lambda: GameSettings(name="chess"), "unknown game 'chess'"),
+        (lambda: GameSettings(scenario="10x16"), "nearest are '10x15'"),
+        (lambda: GameSettings(representation="plane"), "nearest are 'planes'"),
+        (lambda: GameSettings(reward="dense"), "unknown deep_line_wars reward"),
+        (lambda: OpponentSettings({}), "one or more weights"),
+        (lambda: OpponentSettings({"random": -1.0}), "it must be 0 or more"),
+        (lambda: TrainConfig(opponent=OpponentSettings({"conter": 1.0})), "nearest are 'counter'"),
+        (lambda: LearnerSettings(gamma=1.5), "learner.gamma is 1.5"),
+        (lambda: LearnerSettings(target="sof"), "nearest are 'soft'"),
+        (lambda: ReplaySettings(10, min_transitions=20), "it must be 20 or more"),
+        (lambda: GeneratorSettings(name="gan"), "unknown generator 'gan'"),
+        (lambda: EvaluationSettings(games=3), "an even number"),
+    ],
+)
+def test_bad_settings_are_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_the_generator_needs_planes(tmp_path):
+    settings = GameSettings(scenario="11x11", representation="vector")
+    policy = QNetworkConfig(body="mlp")
+    with pytest.raises(ValueError, match="works on `planes`, not on 'vector'"):
+        TrainingRun(tiny(tmp_path / "a", game=settings, policy=policy))

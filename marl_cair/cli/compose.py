@@ -84,7 +84,7 @@ def _read_word(word: str) -> str:
         find_by_name(f"{name} (marl-cair train {name}=...)", value, groups[name])
         return f"{name}={value}"
     for mapping in ("game.options", "opponent.mixture", "opponent.warmup_mixture"):
-        if name.startswith(f"{mapping}."):
+        if name == mapping or name.startswith(f"{mapping}."):
             return f"++{name}={value}"
     known = {option.path: None for option in list_options()} | dict.fromkeys(SHORTHANDS)
     find_by_name("option", name, known | dict.fromkeys(groups))

@@ -190,6 +190,7 @@ class TrainingRun:
             frames_per_batch=config.collector.num_worlds * config.collector.steps_per_batch,
             total_frames=-1,
             track_traj_ids=False,
+            auto_register_policy_transforms=False,  # SeatRouter finds new games by itself
         )
         # The collector tries its policy once when it is made: no draw of that may count.
         self.router.import_state(untouched[0])

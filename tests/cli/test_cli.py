@@ -76,7 +76,7 @@ def test_configuration_survives_its_file(tmp_path):
         (["policy=capsul"], "nearest are 'capsule'"),
         (["opponent=countr"], "nearest are 'counter'"),
         (["scenario=10x51"], "nearest are '10x15'"),
-        (["preset=2016"], "nearest are '2017', '2018'"),
+        (["preset=2016"], "nearest are '2018', '2017'"),
         (["synthetic_fraction=1.5"], "synthetic_fraction is 1.5"),
         (["seed=many"], "a value is 'many', it must be a whole number"),
         (["capsule"], "'capsule' is no option: write name=value"),

@@ -85,7 +85,8 @@ def test_a_league_writes_tables_and_a_picture(tmp_path):
         cells = list(csv.DictReader(file))
     assert len(cells) == 6
     assert all(int(cell["games"]) == 4 for cell in cells)
-    width, height = Image.open(tmp_path / "league" / "league.png").size
+    with Image.open(tmp_path / "league" / "league.png") as picture:
+        width, height = picture.size
     assert width > 800
     assert height > 300
     assert "Ladder" in result.text

@@ -196,7 +196,7 @@ def test_the_learner_beats_random_on_a_small_board(tmp_path):
         torch_threads=1,
         synthetic_fraction=0.0,
         policy=QNetworkConfig(hidden_width=64),
-        game=GameSettings(options={"rows": 6, "columns": 7, "max_ticks": 1_500}),
+        game=GameSettings(options={"rows": 8, "columns": 9}),
         collector=CollectorSettings(num_worlds=32, steps_per_batch=16),
         exploration=ExplorationSettings(anneal_frames=12_000),
         learner=LearnerSettings(batch_size=64, frames_per_update=16, learning_rate=1e-3),
@@ -213,26 +213,28 @@ def test_the_learner_beats_random_on_a_small_board(tmp_path):
 def test_the_log_holds_both_kinds_of_loss_and_the_action_shares(tmp_path):
     train(tiny(tmp_path / "a", 10_240), show_progress=False)
     row = read_log(tmp_path / "a" / "log.csv")[-1]
-    assert row["frames"] == 10_240
+    assert row["frames"] == 10_112
     assert {"td_error/real", "loss/all", "frames_per_second", "gate/passed"} <= set(row)
     shares = [value for name, value in row.items() if name.startswith("actions/")]
     assert sum(shares) == pytest.approx(1.0)
     assert (tmp_path / "a" / "snapshots" / "frames_0000000512" / "agent.json").is_file()
 
 
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("trained")
+    train(tiny(folder / "a", 256), show_progress=False)
+    return folder / "a" / "latest"
+
+
+@pytest.fixture
+def agent(trained, tmp_path):
+    shutil.copytree(trained, tmp_path / "agent")
+    return tmp_path / "agent"
+
+
 class TestCheckpoints:
     """What does not fit is named."""
-
-    @pytest.fixture(scope="class")
-    def trained(self, tmp_path_factory):
-        folder = tmp_path_factory.mktemp("trained")
-        train(tiny(folder / "a", 256), show_progress=False)
-        return folder / "a" / "latest"
-
-    @pytest.fixture
-    def agent(self, trained, tmp_path):
-        shutil.copytree(trained, tmp_path / "agent")
-        return tmp_path / "agent"
 
     def test_an_agent_plays_what_it_was_trained_on(self, agent):
         network, about = load_network(agent)

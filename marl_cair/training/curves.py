@@ -102,7 +102,7 @@ def _draw_overestimation(panel: Any, logs: Mapping[str, Rows]) -> None:
 def _draw_generator(panel: Any, logs: Mapping[str, Rows]) -> None:
     for colour, (label, rows) in zip(COLOURS, logs.items(), strict=False):
         panel.plot(
-            *_series(rows, "gate/changed_f1"), color=colour, label=f"{label}, changed-cell F1"
+            *_series(rows, "gate/cells/changed_f1"), color=colour, label=f"{label}, changed-cell F1"
         )
         share = _series(rows, "batch/generated_share")
         panel.plot(*share, ":", color=colour, label=f"{label}, generated share")
@@ -126,7 +126,7 @@ def _draw_actions(panel: Any, logs: Mapping[str, Rows]) -> None:
     kinds = [name.partition("/")[2].replace("_", " ") for name in names]
     panel.stackplot(frames, shares, labels=kinds, colors=COLOURS, alpha=0.85, linewidth=0)
     panel.set(title=f"Actions of {label}", ylabel="share of decisions", ylim=(0, 1))
-    panel.legend(fontsize=6.5, loc="upper left", ncols=2, framealpha=0.85)
+    panel.legend(fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=4)
 
 
 def _add_legend(panel: Any) -> None:

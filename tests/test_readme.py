@@ -1,0 +1,54 @@
+"""The README's programs run as they stand, only with fewer steps and a network trained here."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from marl_cair.training.demo import DemoSettings, run_demo
+
+ROOT = Path(__file__).parents[1]
+PROGRAMS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """A demonstration cut short by its own options."""
+    folder = tmp_path_factory.mktemp("readme") / "runs" / "demo"
+    settings = DemoSettings(str(folder), frames=1_024, league_games=2, num_worlds=16)
+    run_demo(settings)
+    return folder
+
+
+def test_the_demo_writes_what_it_promises(demo):
+    for name in ("curves.png", "game.gif", "league/league.png", "league/ladder.csv"):
+        assert (demo / name).stat().st_size > 0, name
+    ladder = (demo / "league" / "ladder.txt").read_text("utf-8")
+    assert "conv" in ladder
+    assert "capsule" in ladder
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=range(len(PROGRAMS)))
+def test_the_programs_of_the_readme_run(program, demo):
+    shorter = program.replace("range(100)", "range(2)").replace("256", "4")
+    folder = demo.parents[1]
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", shorter],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_pictures_that_the_readmes_show_are_there():
+    for readme in ROOT.glob("marl_cair/games/*/README.md"):
+        for link in re.findall(r"!\[.*?\]\((.*?)\)", readme.read_text("utf-8")):
+            assert (readme.parent / link).resolve().is_file(), link
+    for link in re.findall(r"!\[.*?\]\((.*?)\)", (ROOT / "README.md").read_text("utf-8")):
+        assert (ROOT / link).is_file(), link

@@ -7,7 +7,7 @@ November 2017 and June 2018; both apply armour here as its name says, which that
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 UNIT_NAMES = ("militia", "footman", "grunt", "armoured_grunt")
 TOWER_NAMES = ("basic", "fast", "faster")
@@ -51,37 +51,25 @@ class Preset:
     projectile_tiles_per_tick: int = 0  # 0: a shot hits in the tick it is fired
 
 
+_THESIS = Preset(
+    unit_health=(40, 80, 140, 190),
+    unit_armour=(2, 4, 4, 6),
+    unit_speed=(10, 10, 10, 12),
+    unit_cost_gold=(10, 20, 40, 100),
+    unit_income_gold=(2, 4, 8, 20),
+    unit_bounty_gold=(1, 2, 4, 10),
+    tower_damage_min=(2, 2, 4),
+    tower_damage_max=(4, 4, 6),
+    tower_penetration=(2, 2, 3),
+    tower_attack_speed=(3, 4, 5),
+    tower_range_tiles=(3, 3, 3),
+    tower_cost_gold=(10, 20, 30),
+    tower_cost_lumber=(0, 0, 0),
+)
+
 PRESETS = {
-    "2017": Preset(
-        unit_health=(20, 40, 60, 100),
-        unit_armour=(2, 4, 4, 6),
-        unit_speed=(10, 10, 10, 12),
-        unit_cost_gold=(10, 20, 40, 100),
-        unit_income_gold=(2, 4, 8, 20),
-        unit_bounty_gold=(1, 2, 4, 10),
-        tower_damage_min=(2, 2, 4),
-        tower_damage_max=(4, 4, 6),
-        tower_penetration=(2, 2, 3),
-        tower_attack_speed=(3, 4, 5),
-        tower_range_tiles=(3, 3, 3),
-        tower_cost_gold=(10, 20, 30),
-        tower_cost_lumber=(0, 0, 0),
-    ),
-    "2018": Preset(
-        unit_health=(40, 80, 140, 190),
-        unit_armour=(2, 4, 4, 6),
-        unit_speed=(10, 10, 10, 12),
-        unit_cost_gold=(10, 20, 40, 100),
-        unit_income_gold=(2, 4, 8, 20),
-        unit_bounty_gold=(1, 2, 4, 10),
-        tower_damage_min=(2, 2, 4),
-        tower_damage_max=(4, 4, 6),
-        tower_penetration=(2, 2, 3),
-        tower_attack_speed=(3, 4, 5),
-        tower_range_tiles=(3, 3, 3),
-        tower_cost_gold=(10, 20, 30),
-        tower_cost_lumber=(0, 0, 0),
-    ),
+    "2017": replace(_THESIS, unit_health=(20, 40, 60, 100)),
+    "2018": _THESIS,
     "balanced": Preset(
         unit_health=(40, 70, 110, 220),
         unit_armour=(0, 2, 4, 6),

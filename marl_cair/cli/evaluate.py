@@ -8,76 +8,99 @@ import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from marl_cair.checkpoint import read_description
 from marl_cair.cli import EXIT_DONE
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
-from marl_cair.games.game import Game
-from marl_cair.league.agents import load_agent
-from marl_cair.league.match import play_match
+from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
+from marl_cair.league.match import MatchResult, play_match
 from marl_cair.league.ratings import win_rate_interval
 
 COLUMNS = ("opponent", "games", "wins", "draws", "losses", "win_rate", "low", "high")
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Play and print a table; returns the exit code."""
+    """Play and print a table, each row as soon as it is played; returns the exit code."""
     options = make_parser().parse_args(arguments)
-    game, scenario = find_scenario(options.agent, options.game, options.scenario)
+    if options.out and Path(options.out).is_dir():
+        raise IsADirectoryError(f"--out {options.out} is a folder: give the name of a CSV file")
+    twice = {name for name in options.against if options.against.count(name) > 1}
+    if twice:
+        raise ValueError(f"{', '.join(sorted(twice))} is given twice: name each opponent once")
+    game, name, scenario_options = find_scenario([options.agent], options.game, options.scenario)
+    scenario = game.scenario(name, **{**scenario_options, "reward": "sparse"})
     agent = load_agent(options.agent, game.name, scenario)
-    opponents = [load_agent(name, game.name, scenario) for name in options.against]
+    opponents = [load_agent(opponent, game.name, scenario) for opponent in options.against]
+    width = max(len("against"), *map(len, options.against))
+    sys.stdout.write(
+        f"{options.agent} on {game.name} {name}: share of games won, draws are not wins\n"
+        f"{'against':{width}} {'games':>6} {'won':>6} {'drawn':>6} {'lost':>6}  win rate\n"
+    )
     rows = []
-    for name, opponent in zip(options.against, opponents, strict=True):
-        match = play_match(agent, opponent, game, scenario, options.games, options.seed)
-        low, high = win_rate_interval(match.wins, 0, match.games)
-        share = match.wins / match.games
-        rows.append((name, match.games, match.wins, match.draws, match.losses, share, low, high))
-    sys.stdout.write(format_table(options.agent, rows))
+    for source, opponent in zip(options.against, opponents, strict=True):
+        identities = find_fingerprint(agent, game), find_fingerprint(opponent, game)
+        match = play_match(agent, opponent, game, scenario, options.games, options.seed, identities)
+        sys.stdout.write(format_row(source, match, width))
+        sys.stdout.flush()
+        rows.append((source, match.games, match.wins, match.draws, match.losses, *_shares(match)))
     if options.out:
         text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerows([COLUMNS, *rows])
+        csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
         write_atomically(options.out, text.getvalue())
     return EXIT_DONE
 
 
-def find_scenario(agent: str, game_name: str, scenario: str | None) -> tuple[Game, Any]:
-    """The game, and the scenario: the given one, else the one a checkpoint was trained on."""
-    game = GAMES[game_name]
-    if scenario is None and Path(agent).is_dir():
-        about = read_description(agent)
-        game = GAMES[about.game]
-        return game, game.scenario(about.scenario, **{**about.scenario_options, "reward": "sparse"})
-    return game, game.scenario(scenario, reward="sparse")
+def format_row(source: str, match: MatchResult, width: int) -> str:
+    """Wins, draws and losses against one opponent with Wilson's 95 % interval of the win rate."""
+    share, low, high = (f"{100.0 * float(value):.1f}%" for value in _shares(match))
+    repeats = ""
+    if match.distinct_games < match.games:
+        repeats = f"  (only {match.distinct_games} games differ: the interval is too narrow)"
+    return (
+        f"{source:{width}} {match.games:>6} {match.wins:>6} {match.draws:>6} {match.losses:>6}  "
+        f"{share} [{low}, {high}]{repeats}\n"
+    )
 
 
-def format_table(agent: str, rows: Sequence[tuple[Any, ...]]) -> str:
-    """Wins, draws and losses against each opponent with Wilson's interval of the win rate."""
-    width = max(len("against"), *(len(str(row[0])) for row in rows))
-    lines = [f"{agent}: share of games won, draws are not wins"]
-    lines.append(f"{'against':{width}} {'games':>6} {'won':>6} {'drawn':>6} {'lost':>6}  win rate")
-    for name, games, wins, draws, losses, share, low, high in rows:
-        lines.append(
-            f"{name:{width}} {games:>6} {wins:>6} {draws:>6} {losses:>6}  "
-            f"{share:.1%} [{low:.1%}, {high:.1%}]"
-        )
-    return "\n".join(lines) + "\n"
+def _shares(match: MatchResult) -> tuple[str, str, str]:
+    """Win rate and the ends of its interval, with four digits."""
+    low, high = win_rate_interval(match.wins, 0, match.games)
+    return f"{match.wins / match.games:.4f}", f"{low:.4f}", f"{high:.4f}"
 
 
 def make_parser() -> argparse.ArgumentParser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
-        "marl-cair evaluate",
-        description=__doc__,
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    parser = argparse.ArgumentParser("marl-cair evaluate", description=__doc__)
+    parser.add_argument(
+        "agent", help="folder of a checkpoint (runs/a/latest), or a bot (`marl-cair games`)"
     )
-    parser.add_argument("agent", help="a checkpoint's folder, or a bot as deep_line_wars/counter")
-    parser.add_argument("--against", nargs="+", default=["random"], help="bots or checkpoints")
-    parser.add_argument("--games", type=int, default=500, help="against each, an even number")
-    parser.add_argument("--seed", type=int, default=0, help="the same seed plays the same games")
-    parser.add_argument("--game", default=next(iter(GAMES)), choices=list(GAMES), help="of a bot")
-    parser.add_argument("--scenario", help="default: the one that the agent was trained on")
-    parser.add_argument("--out", help="CSV file to write the table to")
+    parser.add_argument(
+        "--against",
+        nargs="+",
+        default=["random"],
+        help="one or more bots or folders of checkpoints (default: random)",
+    )
+    parser.add_argument(
+        "--games",
+        type=int,
+        default=500,
+        help="games against each, an even number: half in each seat (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        help="whole number; the same seed plays the same games (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--game",
+        choices=list(GAMES),
+        help="default: the one that the agent was trained on, or the first choice",
+    )
+    parser.add_argument(
+        "--scenario",
+        help="a scenario of the game, as `marl-cair games` lists them (default: the one that the "
+        "agent was trained on; for a bot the game's default)",
+    )
+    parser.add_argument("--out", help="CSV file to write the table to (default: none is written)")
     return parser

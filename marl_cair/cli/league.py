@@ -8,23 +8,29 @@ from collections.abc import Sequence
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.games import GAMES
+from marl_cair.league.agents import find_scenario
 from marl_cair.league.league import LeagueConfig, run_league
 
 
 def run(arguments: Sequence[str]) -> int:
     """Play and print ladder and matrix; returns the exit code."""
     options = make_parser().parse_args(arguments)
+    game, scenario, scenario_options = find_scenario(options.agents, options.game, options.scenario)
     result = run_league(
         LeagueConfig(
             agents=tuple(options.agents),
-            game=options.game,
-            scenario=options.scenario or GAMES[options.game].default_scenario,
+            game=game.name,
+            scenario=scenario,
+            scenario_options=scenario_options,
             games_per_pair=options.games,
             seed=options.seed,
             out=options.out,
         )
     )
-    sys.stdout.write(f"{result.text}\nladder.csv, winrates.csv, league.png in {result.folder}\n")
+    sys.stdout.write(
+        f"{result.text}\nladder.txt, ladder.csv, winrates.csv, league.png and league.pdf are in "
+        f"{result.folder}\n"
+    )
     return EXIT_DONE
 
 
@@ -32,13 +38,41 @@ def make_parser() -> argparse.ArgumentParser:
     """The options of the command."""
     parser = argparse.ArgumentParser(
         "marl-cair league",
-        description=f"{__doc__} Calling it again goes on where it stopped.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        description=f"{__doc__} The same command again goes on where it stopped, and with more "
+        "games or agents plays only what is new.",
     )
-    parser.add_argument("agents", nargs="+", help="checkpoint folders and bot names")
-    parser.add_argument("--games", type=int, default=40, help="for each pair, an even number")
-    parser.add_argument("--seed", type=int, default=0, help="the same seed plays the same games")
-    parser.add_argument("--game", default=next(iter(GAMES)), choices=list(GAMES))
-    parser.add_argument("--scenario", help="default: the game's")
-    parser.add_argument("--out", default="runs/league", help="folder of results and report")
+    parser.add_argument(
+        "agents",
+        nargs="+",
+        help="two or more: folders of checkpoints (runs/a/latest) and bots (`marl-cair games` "
+        "lists them); `random` is rated 0 where it takes part",
+    )
+    parser.add_argument(
+        "--games",
+        type=int,
+        default=40,
+        help="games of each pair, an even number: half in each seat (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        help="whole number; the same seed plays the same games (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--game",
+        choices=list(GAMES),
+        help="default: the one that the first checkpoint was trained on, or the first choice",
+    )
+    parser.add_argument(
+        "--scenario",
+        help="a scenario of the game, as `marl-cair games` lists them (default: the one that the "
+        "checkpoints were trained on; for bots alone the game's default)",
+    )
+    parser.add_argument(
+        "--out",
+        default="runs/league",
+        help="folder of results and report; one of another seed, game or scenario is refused "
+        "(default: %(default)s)",
+    )
     return parser

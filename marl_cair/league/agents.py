@@ -1,19 +1,20 @@
-"""`load_agent`: a checkpoint or a scripted bot as an agent that acts."""
+"""`load_agent`: a checkpoint or a scripted bot as an agent that acts, and who it is."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from marl_cair.checkpoint import AgentDescription, CheckpointError, load_network
+from marl_cair.checkpoint import AgentDescription, CheckpointError, load_network, read_description
+from marl_cair.files import find_folder
 from marl_cair.games import GAMES
-from marl_cair.games.game import Agent
+from marl_cair.games.game import Agent, Game
 from marl_cair.lookup import find_by_name
 from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
-
-if TYPE_CHECKING:
-    from marl_cair.games.game import Game
 
 
 def load_agent(
@@ -37,7 +38,7 @@ def load_agent(
         UnknownNameError: no such bot or game; names the nearest.
     """
     path = Path(source)
-    if path.is_dir():
+    if is_checkpoint(source):
         return _load_checkpoint(path, game, scenario, epsilon)
     named_game, _, bot = str(source).rpartition("/")
     owner = named_game or game
@@ -46,10 +47,73 @@ def load_agent(
             raise CheckpointError(f"{source} is a bot of {owner}, it cannot play {game}")
         kind = f"{owner} bot or checkpoint folder"
         return _make_bot(find_by_name(kind, bot, GAMES[owner].bots), GAMES[owner], scenario)
+    if path.is_file():
+        raise CheckpointError(f"{source} is a file: give the folder of the checkpoint")
     raise CheckpointError(
         f"{source} is neither a folder with a checkpoint nor a bot; bots are named "
         "<game>/<bot>, for example deep_line_wars/rusher"
     )
+
+
+def is_checkpoint(source: str | os.PathLike[str]) -> bool:
+    """Whether `source` is a folder, and so no bot."""
+    return find_folder(source).is_dir()
+
+
+def find_fingerprint(agent: Agent, game: Game) -> str:
+    """What tells an agent apart, under whatever name or path: its rules, or its network's weights.
+
+    Of a network all that its actions depend on is hashed, as it was loaded.
+    """
+    if not isinstance(agent, PolicyActor):
+        return f"{game.name} {game.version} {agent.name}"
+    network = agent.network
+    digest = hashlib.blake2b(digest_size=16)
+    about = (network.config.to_dict(), network.num_actions, agent.representation, agent.epsilon)
+    digest.update(json.dumps(about, sort_keys=True).encode())
+    for name, tensor in sorted(network.state_dict().items()):
+        value = tensor.cpu().numpy()
+        digest.update(f"{name} {value.dtype} {value.shape}".encode())
+        digest.update(value.tobytes())
+    return digest.hexdigest()
+
+
+def find_scenario(
+    agents: Sequence[str], game_name: str | None = None, scenario: str | None = None
+) -> tuple[Game, str, dict[str, Any]]:
+    """What agents are to play if nobody says: the game, the scenario's name, and its fields.
+
+    The named game, else the one that a checkpoint was trained on, else a bot's ("game/bot"), else
+    the first. The named scenario; else the one that the game's checkpoints were trained on, with
+    all its fields and the sparse reward; else the game's default.
+
+    Raises:
+        CheckpointError: a broken checkpoint; or no scenario is named and two checkpoints differ.
+        UnknownNameError: no such game.
+    """
+    trained = [(name, read_description(name)) for name in agents if is_checkpoint(name)]
+    prefixes = [name.rpartition("/")[0] for name in agents]
+    named = [about.game for _, about in trained] + [name for name in prefixes if name in GAMES]
+    game = find_by_name("game", game_name or next(iter([*named, *GAMES])), GAMES)
+    seen = {
+        name: {"scenario": about.scenario, **about.scenario_options, "reward": "sparse"}
+        for name, about in trained
+        if about.game == game.name
+    }
+    if scenario is not None or not seen:
+        return game, scenario or game.default_scenario, {}
+    (first, chosen), *others = seen.items()
+    for name, other in others:
+        if other != chosen:
+            raise CheckpointError(
+                f"{first} was trained on {_tell_difference(chosen, other)}, {name} on "
+                f"{_tell_difference(other, chosen)}: say by --scenario what all are to play"
+            )
+    return game, chosen.pop("scenario"), chosen
+
+
+def _tell_difference(own: dict[str, Any], other: dict[str, Any]) -> str:
+    return ", ".join(f"{name} = {v}" for name, v in own.items() if other.get(name) != v)
 
 
 def _make_bot(factory: Any, game: Game, scenario: Any) -> Agent:
@@ -89,7 +153,8 @@ def _check_fit(path: Path, about: AgentDescription, spec: Any) -> None:
         raise CheckpointError(
             f"{path} has another action space ({len(about.action_names)} actions: "
             f"{', '.join(about.action_names[:4])}, ...) than this scenario ({spec.num_actions}: "
-            f"{', '.join(spec.action_names[:4])}, ...): play it on the scenario it was trained on"
+            f"{', '.join(spec.action_names[:4])}, ...): play it on the scenario it was trained on, "
+            f"{about.scenario}"
         )
     known = find_by_name("representation", about.representation, spec.representations)
     if tuple(about.observation_shape) != known.shape:

@@ -13,7 +13,7 @@ from PIL import Image
 from marl_cair.files import atomic_path
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Agent, Game
-from marl_cair.league.match import record_game
+from marl_cair.league.match import map_seeds, record_game
 
 FRAME_MILLISECONDS = 80
 LAST_FRAME_MILLISECONDS = 2_500
@@ -25,9 +25,9 @@ NUM_COLOURS = 160
 def replay_frames(
     game: Game, scenario: Any, seed: int, actions: NDArray[np.int32]
 ) -> Iterator[NDArray[np.uint8]]:
-    """Pictures uint8 [h, w, 3] of the start and of each decision of a recorded game [T, P]."""
+    """Pictures uint8 [h, w, 3] of the start and of each decision of a `record_game` [T, P]."""
     engine = BatchedEngine(game, scenario)
-    engine.reset(seed)
+    engine.reset(map_seeds(seed, np.zeros(1, np.int64)))
     yield engine.render(0)
     for chosen in actions:
         engine.step(chosen[None])
@@ -42,7 +42,10 @@ def save_film(
     seed: int,
     path: str | os.PathLike[str],
 ) -> int:
-    """Play one game, `first` in seat 0, and write it as a GIF; returns the number of frames."""
+    """Play the first game of `play_match`, `first` in seat 0, and write it as a GIF.
+
+    Returns the number of frames; of a long game only every second, third, ... is kept.
+    """
     actions = record_game(first, second, game, scenario, seed)
     every = -(-(len(actions) + 1) // MAX_FRAMES)
     kept = [

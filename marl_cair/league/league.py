@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import itertools
-import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from marl_cair.files import claim_output_folder
 from marl_cair.games import GAMES
 from marl_cair.games.game import Agent, Game
-from marl_cair.league.agents import load_agent
-from marl_cair.league.match import MatchResult, play_match
+from marl_cair.league.agents import find_fingerprint, is_checkpoint, load_agent
+from marl_cair.league.match import (
+    BLOCKS_PER_CHUNK,
+    CHUNKS_AT_ONCE,
+    GAMES_PER_BLOCK,
+    GAMES_PER_CHUNK,
+    MatchResult,
+    play_chunks,
+)
 from marl_cair.league.ratings import Games, Rating, rate
-from marl_cair.league.report import describe_league, write_report
+from marl_cair.league.report import describe_league, make_table, write_report
 from marl_cair.league.store import LeagueStore
+from marl_cair.lookup import find_by_name
 
 STORE_FILE = "league.sqlite"
 
@@ -37,10 +44,10 @@ class LeagueConfig:
     agents: tuple[str, ...]  # checkpoint folders and bot names
     game: str = "deep_line_wars"
     scenario: str = "10x15"
-    games_per_pair: int = 40  # even: each seed is played in both seats
+    scenario_options: Mapping[str, Any] = field(default_factory=dict)  # fields of it to change
+    games_per_pair: int = 40  # even: each map seed is played in both seats
     seed: int = 0
     out: str = "runs/league"
-    games_per_match: int = 100  # played at once on one engine and stored together
 
     def __post_init__(self) -> None:
         if len(self.agents) < 2:
@@ -48,10 +55,11 @@ class LeagueConfig:
         twice = sorted({name for name in self.agents if self.agents.count(name) > 1})
         if twice:
             raise ValueError(f"{', '.join(twice)} is given twice: name each agent once")
-        for name in ("games_per_pair", "games_per_match"):
-            value = getattr(self, name)
-            if value < 2 or value % 2:
-                raise ValueError(f"{name} is {value}, it must be even and 2 or more")
+        if self.games_per_pair < GAMES_PER_BLOCK or self.games_per_pair % GAMES_PER_BLOCK:
+            raise ValueError(
+                f"games_per_pair (--games) is {self.games_per_pair}, it must be even and 2 or "
+                "more: every map seed is played once in each seat"
+            )
 
 
 @dataclass(frozen=True)
@@ -80,15 +88,18 @@ def run_league(
     """Play what is not yet stored in `<out>/league.sqlite`, rate all agents, write the report.
 
     The same agents, seed and number of games give the same tables, in whatever order the agents are
-    given and however often the league was interrupted.
+    given, however often the league was interrupted, and whether it had fewer games or other agents
+    before.
 
     Raises:
         CheckpointError, UnknownNameError: an agent cannot be loaded; before any game.
+        ValueError: two of the agents are one and the same.
         OutputFolderError, LeagueStoreError: the folder holds something else, or a league of other
-            settings.
+            settings; or its file cannot be written.
     """
-    game = GAMES[config.game]
-    scenario = game.scenario(config.scenario, reward="sparse")
+    game = find_by_name("game", config.game, GAMES)
+    options = {**config.scenario_options, "reward": "sparse"}
+    scenario = game.scenario(config.scenario, **options)
     entrants = _load_entrants(config, game, scenario, load)
     folder = Path(config.out)
     settings = {
@@ -96,18 +107,19 @@ def run_league(
         "game_version": game.version,
         "scenario": dataclasses.asdict(scenario),
         "seed": config.seed,
-        "games_per_match": config.games_per_match,
     }
-    claim_output_folder(folder, "league", json.dumps(settings, sort_keys=True), resume=True)
+    claim_output_folder(folder, "league", settings, resume=True)
     store = LeagueStore(folder / STORE_FILE, settings)
     try:
-        games, distinct = _play_all(config, game, scenario, entrants, store, show_progress)
+        matches = _play_all(config, game, scenario, entrants, store, show_progress)
     finally:
         store.close()
     names = [entrant.name for entrant in entrants]
+    games, distinct = _collect(matches, len(entrants))
     ratings = rate(names, games, config.seed)
-    text = describe_league(names, games, ratings, distinct)
-    write_report(folder, names, games, ratings, text)
+    table = make_table(names, games, ratings, distinct)
+    text = describe_league(table)
+    write_report(folder, table, text)
     return LeagueResult(tuple(ratings), text, folder)
 
 
@@ -115,28 +127,36 @@ def _load_entrants(
     config: LeagueConfig, game: Game, scenario: Any, load: Callable[..., Agent]
 ) -> list[Entrant]:
     """All agents by short, unique names, in the order of those names."""
-    sources = dict(zip(_short_names(config.agents), config.agents, strict=True))
-    return [
-        Entrant(name, _fingerprint(source, game), load(source, game=game.name, scenario=scenario))
-        for name, source in sorted(sources.items())
-    ]
+    sources: dict[str, str] = {}
+    entrants = []
+    for source, name in zip(config.agents, _short_names(config.agents, game), strict=True):
+        agent = load(source, game=game.name, scenario=scenario)
+        fingerprint = find_fingerprint(agent, game)
+        if fingerprint in sources:
+            raise ValueError(
+                f"{sources[fingerprint]} and {source} are the same agent: name it once"
+            )
+        sources[fingerprint] = source
+        entrants.append(Entrant(name, fingerprint, agent))
+    return sorted(entrants, key=lambda entrant: entrant.name)
 
 
-def _short_names(sources: tuple[str, ...]) -> list[str]:
-    """The fewest last parts of the paths that tell them apart; `latest` alone says nothing."""
-    parts = [[p for p in Path(source).parts if p not in ("/", "latest")] for source in sources]
-    for depth in range(1, max(map(len, parts)) + 1):
-        names = ["/".join(path[-depth:]) for path in parts]
-        if len(set(names)) == len(names):
-            return names
-    return list(sources)
+def _short_names(sources: Sequence[str], game: Game) -> list[str]:
+    """Bots by their names, folders by the fewest last parts of their paths that tell them apart.
 
-
-def _fingerprint(source: str, game: Game) -> str:
-    weights = Path(source) / "weights.pt"
-    if weights.is_file():
-        return hashlib.blake2b(weights.read_bytes(), digest_size=16).hexdigest()
-    return f"{game.name} {game.version} {source.rpartition('/')[2]}"
+    A folder's `latest` is left out, as it says nothing, and no folder takes the name of a bot.
+    """
+    bots = {source: source.rpartition("/")[2] for source in sources if not is_checkpoint(source)}
+    parts = {
+        source: [part for part in Path(source).absolute().parts if part not in ("/", "latest")]
+        for source in sources
+        if source not in bots
+    }
+    for depth in range(1, max(map(len, parts.values()), default=0) + 1):
+        short = {source: "/".join(path[-depth:]) for source, path in parts.items()}
+        if len({*short.values(), *game.bots}) == len(short) + len(game.bots):
+            return [{**bots, **short}[source] for source in sources]
+    return [bots.get(source, source) for source in sources]
 
 
 def _play_all(
@@ -146,34 +166,48 @@ def _play_all(
     entrants: list[Entrant],
     store: LeagueStore,
     show_progress: bool,
-) -> tuple[Games, dict[tuple[str, str], int]]:
-    """Games [N, 4] of `rate`, and the number of distinct games of each pair."""
+) -> dict[tuple[int, int], MatchResult]:
+    """The games of each pair of entrants (indices), the pair in the order of fingerprints."""
     numbers = [store.add_agent(entrant.name, entrant.fingerprint) for entrant in entrants]
-    pairs = list(itertools.combinations(range(len(entrants)), 2))
-    rows: list[tuple[int, int, int, float]] = []
-    distinct = {}
-    bar = tqdm(total=len(pairs) * config.games_per_pair, unit=" games", disable=not show_progress)
-    for first, second in pairs:
-        bar.set_postfix_str(f"{entrants[first].name} v {entrants[second].name}")
-        chunks = range(0, config.games_per_pair, config.games_per_match)
-        for start in chunks:
-            held = store.read_match(numbers[first], numbers[second])
-            count = min(config.games_per_match, config.games_per_pair - start)
-            if held.games < start + count:
-                match = play_match(
-                    entrants[first].agent,
-                    entrants[second].agent,
+    # A pair is stored one way round, whatever the agents are called today.
+    places = sorted(range(len(entrants)), key=lambda place: entrants[place].fingerprint)
+    pairs = list(itertools.combinations(places, 2))
+    chunks = range(-(-config.games_per_pair // GAMES_PER_CHUNK))
+    matches = {}
+    with tqdm(
+        total=len(pairs) * config.games_per_pair, unit=" games", disable=not show_progress
+    ) as bar:
+        for pair in pairs:
+            one, two = (entrants[place] for place in pair)
+            bar.set_postfix_str(f"{one.name} v {two.name}")
+            first, second = (numbers[place] for place in pair)
+            stored = store.read_match(first, second).results
+            held = {result.block // BLOCKS_PER_CHUNK for result in stored}
+            missing = [chunk for chunk in chunks if chunk not in held]
+            for start in range(0, len(missing), CHUNKS_AT_ONCE):
+                match = play_chunks(
+                    one.agent,
+                    two.agent,
                     game,
                     scenario,
-                    count,
-                    config.seed,  # the same games for all pairs
-                    first_block=start // 2,
+                    config.seed,
+                    missing[start : start + CHUNKS_AT_ONCE],
+                    (one.fingerprint, two.fingerprint),
                 )
-                store.add_match(numbers[first], numbers[second], match)
-            bar.update(count)
-        held = store.read_match(numbers[first], numbers[second])
-        match = MatchResult(held.results[: config.games_per_pair])
-        rows += [(first, second, game_.block, game_.score) for game_ in match.results]
-        distinct[entrants[first].name, entrants[second].name] = match.distinct_games
-    bar.close()
+                store.add_match(first, second, match)
+            results = store.read_match(first, second).results[: config.games_per_pair]
+            matches[pair] = MatchResult(results)
+            bar.update(config.games_per_pair)
+    return matches
+
+
+def _collect(
+    matches: Mapping[tuple[int, int], MatchResult], num_agents: int
+) -> tuple[Games, NDArray[np.int64]]:
+    """Games [N, 4] of `rate`, and the number of distinct games of each pair, [n, n]."""
+    rows: list[tuple[int, int, int, float]] = []
+    distinct = np.zeros((num_agents, num_agents), np.int64)
+    for (first, second), match in matches.items():
+        rows += [(first, second, result.block, result.score) for result in match.results]
+        distinct[first, second] = distinct[second, first] = match.distinct_games
     return np.array(rows, np.float64), distinct

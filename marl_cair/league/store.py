@@ -1,20 +1,22 @@
-"""All games of a league in one SQLite file: each match is kept at once, a killed league goes on."""
+"""All games of a league in one SQLite file: chunks are kept at once, a killed league goes on."""
 
 from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from marl_cair.league.match import GameResult, MatchResult
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+BUSY_SECONDS = 60.0  # to wait for another program that holds the file
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS agent (
-    id INTEGER PRIMARY KEY, name TEXT UNIQUE NOT NULL, fingerprint TEXT NOT NULL
+    id INTEGER PRIMARY KEY, fingerprint TEXT UNIQUE NOT NULL, name TEXT NOT NULL
 );
 CREATE TABLE IF NOT EXISTS game (
     first INTEGER NOT NULL REFERENCES agent, second INTEGER NOT NULL REFERENCES agent,
@@ -24,33 +26,45 @@ CREATE TABLE IF NOT EXISTS game (
     PRIMARY KEY (first, second, block, first_seat)
 ) WITHOUT ROWID;
 """
+_COLUMNS = "block, first_seat, winner, is_truncated, decisions, fingerprint"
 
 
 class LeagueStoreError(ValueError):
-    """A league file that is broken, or of other settings or agents."""
+    """A league file that is broken, cannot be written, or is of other settings."""
 
 
 class LeagueStore:
     """The league file at `path`, made if it is not there.
 
-    settings: what results depend on (game, rules version, scenario, seed); a file of other settings
-    is refused.
+    settings: what results depend on beside the agents (game, rules version, scenario, seed) as
+    plain data; a file of other settings is refused.
 
     Raises:
-        LeagueStoreError: no league file, or one of other settings; says which.
+        LeagueStoreError: no league file, or one of other settings; says which. Each method raises
+            it where the file cannot be read or written.
     """
 
     def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._path = path
-        try:
-            self._database = sqlite3.connect(path)
+        with self._named_errors():
+            self._database = sqlite3.connect(path, timeout=BUSY_SECONDS)
             self._database.execute("PRAGMA journal_mode = WAL")
             self._database.executescript(_SCHEMA)
             self._check_settings({"schema_version": SCHEMA_VERSION, **settings})
+
+    @contextmanager
+    def _named_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            raise LeagueStoreError(
+                f"{self._path} cannot be read or written ({error}): see whether the disk is full "
+                "or another program holds the file; the same command then goes on"
+            ) from error
         except sqlite3.DatabaseError as error:
             raise LeagueStoreError(
-                f"{path} is no league file, or is damaged ({error}): give another folder"
+                f"{self._path} is no league file, or is damaged ({error}): give another folder"
             ) from error
 
     def _check_settings(self, settings: Mapping[str, Any]) -> None:
@@ -60,30 +74,27 @@ class LeagueStore:
             with self._database:
                 self._database.executemany("INSERT INTO meta VALUES (?, ?)", wanted.items())
             return
-        for key, value in wanted.items():
-            if held.get(key) != value:
+        for key in sorted(wanted.keys() | held.keys()):
+            if held.get(key) != wanted.get(key):
                 raise LeagueStoreError(
                     f"{self._path} holds a league with {key} = {held.get(key)}, this one has "
-                    f"{value}: their results cannot be mixed; give another folder"
+                    f"{wanted.get(key)}: their results cannot be mixed; give another folder"
                 )
 
     def add_agent(self, name: str, fingerprint: str) -> int:
-        """The agent's number. Raises LeagueStoreError where the name belongs to other weights."""
-        with self._database:
+        """The number of the agent with this fingerprint; `name` is only what it is called now."""
+        with self._named_errors(), self._database:
             self._database.execute(
-                "INSERT OR IGNORE INTO agent (name, fingerprint) VALUES (?, ?)",
-                (name, fingerprint),
+                "INSERT INTO agent (fingerprint, name) VALUES (?, ?) "
+                "ON CONFLICT (fingerprint) DO UPDATE SET name = excluded.name",
+                (fingerprint, name),
             )
-        query = "SELECT id, fingerprint FROM agent WHERE name = ?"
-        number, held = self._database.execute(query, (name,)).fetchone()
-        if held != fingerprint:
-            raise LeagueStoreError(
-                f"{self._path} knows another agent by the name {name!r}: give another folder"
-            )
+            query = "SELECT id FROM agent WHERE fingerprint = ?"
+            (number,) = self._database.execute(query, (fingerprint,)).fetchone()
         return int(number)
 
     def add_match(self, first: int, second: int, match: MatchResult) -> None:
-        """Keep all games of a match, in one transaction."""
+        """Keep all games of a match in one transaction; games that are there already stay."""
         rows = [
             (
                 first,
@@ -97,23 +108,25 @@ class LeagueStore:
             )
             for result in match.results
         ]
-        with self._database:
+        with self._named_errors(), self._database:
             self._database.executemany(
-                "INSERT OR IGNORE INTO game VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows
+                f"INSERT OR IGNORE INTO game (first, second, {_COLUMNS}) "  # noqa: S608  # constant
+                "VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+                rows,
             )
 
     def read_match(self, first: int, second: int) -> MatchResult:
         """The stored games of a pair in this order, by block and seat."""
         query = (
-            "SELECT block, first_seat, winner, is_truncated, decisions, fingerprint FROM game "
+            f"SELECT {_COLUMNS} FROM game "  # noqa: S608  # a constant of this file
             "WHERE first = ? AND second = ? ORDER BY block, first_seat"
         )
+        with self._named_errors():
+            rows = self._database.execute(query, (first, second)).fetchall()
         return MatchResult(
             tuple(
                 GameResult(block, seat, winner, bool(truncated), decisions, fingerprint)
-                for block, seat, winner, truncated, decisions, fingerprint in (
-                    self._database.execute(query, (first, second))
-                )
+                for block, seat, winner, truncated, decisions, fingerprint in rows
             )
         )
 

@@ -1,69 +1,28 @@
-"""Matches and leagues: balanced, repeatable, and none the worse for an interruption."""
+"""Leagues: repeatable, extensible, and none the worse for an interruption."""
 
 import csv
 import dataclasses
+import itertools
+import os
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
 
-import numpy as np
 import pytest
 from PIL import Image
 
 from marl_cair.checkpoint import CheckpointError
-from marl_cair.games import GAMES
-from marl_cair.league.agents import load_agent
-from marl_cair.league.film import save_film
+from marl_cair.files import OutputFolderError
+from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
 from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.match import play_match, record_game
 from marl_cair.league.store import LeagueStoreError
 from marl_cair.lookup import UnknownNameError
+from tests.league.players import GAME, FailingAgent, InterruptedLeagueError, save_network
 
-GAME = GAMES["deep_line_wars"]
-SHORT = {"max_ticks": 1_500}
-
-
-@pytest.fixture(scope="module")
-def scenario():
-    return GAME.scenario("11x11", **SHORT)
-
-
-def bot(name, scenario):
-    return GAME.bot(name, scenario)
-
-
-def test_the_same_seed_gives_the_same_match(scenario):
-    matches = [
-        play_match(bot("random", scenario), bot("rusher", scenario), GAME, scenario, 8, 3)
-        for _ in range(2)
-    ]
-    assert matches[0] == matches[1]
-    assert matches[0].distinct_games == 8
-
-
-def test_another_seed_gives_another_match(scenario):
-    matches = [
-        play_match(bot("random", scenario), bot("rusher", scenario), GAME, scenario, 8, seed)
-        for seed in (3, 4)
-    ]
-    assert matches[0] != matches[1]
-
-
-def test_each_seed_is_played_once_in_each_seat(scenario):
-    match = play_match(bot("random", scenario), bot("turtle", scenario), GAME, scenario, 6, 0)
-    assert [(r.block, r.first_seat) for r in match.results] == [
-        (0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1),
-    ]  # fmt: skip
-    assert match.wins + match.draws + match.losses == match.games == 6
-
-
-def test_an_odd_number_of_games_is_refused(scenario):
-    with pytest.raises(ValueError, match="num_games is 5, it must be even"):
-        play_match(bot("random", scenario), bot("turtle", scenario), GAME, scenario, 5, 0)
-
-
-def test_a_recorded_game_replays_to_the_same_end(scenario):
-    actions = record_game(bot("economist", scenario), bot("random", scenario), GAME, scenario, 7)
-    again = record_game(bot("economist", scenario), bot("random", scenario), GAME, scenario, 7)
-    assert np.array_equal(actions, again)
-    assert actions.shape[1] == 2
+ROOT = Path(__file__).parents[2]
+TABLES = ("ladder.csv", "winrates.csv", "ladder.txt")
 
 
 def make_config(folder, **changes):
@@ -73,12 +32,30 @@ def make_config(folder, **changes):
     return dataclasses.replace(config, **changes)
 
 
-def read(folder, name):
-    return (folder / name).read_text("utf-8")
+def play(folder, **changes):
+    return run_league(make_config(folder, **changes), show_progress=False)
+
+
+def read(folder):
+    return [(folder / name).read_text("utf-8") for name in TABLES]
+
+
+def read_games(folder):
+    """All stored games by the agents' fingerprints."""
+    query = (
+        "SELECT a.fingerprint, b.fingerprint, block, first_seat, winner, g.fingerprint FROM game g "
+        "JOIN agent a ON a.id = first JOIN agent b ON b.id = second ORDER BY 1, 2, 3, 4"
+    )
+    # Read-only: opening it otherwise would make the file before the league does.
+    database = sqlite3.connect(f"file:{folder / 'league.sqlite'}?mode=ro", uri=True)
+    try:
+        return database.execute(query).fetchall()
+    finally:
+        database.close()
 
 
 def test_a_league_writes_tables_and_a_picture(tmp_path):
-    result = run_league(make_config(tmp_path / "league"), show_progress=False)
+    result = play(tmp_path / "league")
     assert {rating.name for rating in result.ratings} == {"random", "economist", "turtle"}
     assert result.ratings[0].name == "economist"
     with (tmp_path / "league" / "winrates.csv").open() as file:
@@ -93,65 +70,124 @@ def test_a_league_writes_tables_and_a_picture(tmp_path):
 
 
 def test_the_order_of_the_agents_changes_nothing(tmp_path):
-    run_league(make_config(tmp_path / "a"), show_progress=False)
-    turned = ("turtle", "random", "economist")
-    run_league(make_config(tmp_path / "b", agents=turned), show_progress=False)
-    for name in ("ladder.csv", "winrates.csv", "ladder.txt"):
-        assert read(tmp_path / "a", name) == read(tmp_path / "b", name)
+    tables, games = set(), set()
+    for number, agents in enumerate(itertools.permutations(("random", "rusher", "turtle"))):
+        play(tmp_path / str(number), agents=agents)
+        tables.add(tuple(read(tmp_path / str(number))))
+        games.add(tuple(read_games(tmp_path / str(number))))
+    assert len(tables) == len(games) == 1
 
 
-class InterruptedLeagueError(Exception):
-    """Stands for a kill between two matches."""
+@pytest.mark.parametrize("steps", [(4, 8), (2, 10, 20), (8, 18)])
+def test_an_extended_league_is_a_fresh_one_of_its_size(tmp_path, steps):
+    for games in steps:
+        play(tmp_path / "extended", games_per_pair=games)
+    play(tmp_path / "fresh", games_per_pair=steps[-1])
+    assert read(tmp_path / "extended") == read(tmp_path / "fresh")
+    assert read_games(tmp_path / "extended") == read_games(tmp_path / "fresh")
 
 
-class FailingAgent:
-    """Plays as the agent it wraps until it has been seeded `matches` times."""
-
-    def __init__(self, agent, matches):
-        self.agent, self.left = agent, matches
-        self.name, self.representation = agent.name, agent.representation
-
-    def seed(self, seed):
-        self.left -= 1
-        if self.left < 0:
-            raise InterruptedLeagueError
-        self.agent.seed(seed)
-
-    def act(self, observation, action_mask):
-        return self.agent.act(observation, action_mask)
+def test_a_league_cut_short_shows_the_games_of_a_short_one(tmp_path):
+    play(tmp_path / "a", games_per_pair=20)
+    play(tmp_path / "a", games_per_pair=4)
+    play(tmp_path / "b", games_per_pair=4)
+    assert read(tmp_path / "a") == read(tmp_path / "b")
 
 
-def test_an_interrupted_league_goes_on_to_the_same_tables(tmp_path):
+def test_an_agent_that_joins_later_changes_no_game_of_the_others(tmp_path):
+    play(tmp_path / "a", agents=("random", "turtle"))
+    before = read_games(tmp_path / "a")
+    play(tmp_path / "a")
+    play(tmp_path / "b")
+    assert set(before) < set(read_games(tmp_path / "a"))
+    assert read(tmp_path / "a") == read(tmp_path / "b")
+
+
+@pytest.mark.parametrize("calls", [0, 40, 200])
+def test_an_interrupted_league_goes_on_to_the_same_tables(tmp_path, calls):
     def load_failing(source, **options):
         agent = load_agent(source, **options)
-        return FailingAgent(agent, 1) if source == "turtle" else agent
+        return FailingAgent(agent, calls) if source == "turtle" else agent
 
     with pytest.raises(InterruptedLeagueError):
         run_league(make_config(tmp_path / "a"), load_failing, show_progress=False)
     assert not (tmp_path / "a" / "ladder.csv").exists()
-    run_league(make_config(tmp_path / "a"), show_progress=False)
-    run_league(make_config(tmp_path / "b"), show_progress=False)
-    assert read(tmp_path / "a", "ladder.csv") == read(tmp_path / "b", "ladder.csv")
+    play(tmp_path / "a")
+    play(tmp_path / "b")
+    assert read(tmp_path / "a") == read(tmp_path / "b")
+
+
+def test_a_killed_league_goes_on_to_the_same_tables(tmp_path):
+    words = ["league", "random", "economist", "turtle", "--scenario", "11x11", "--games", "400"]
+    words += ["--out", str(tmp_path / "a")]
+    code = f"import sys; from marl_cair.cli import main; sys.exit(main({words!r}))"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+
+    def start():
+        return subprocess.Popen(
+            [sys.executable, "-c", code], env=environment, stderr=subprocess.PIPE, text=True
+        )
+
+    process = start()
+    while not _has_games(tmp_path / "a"):
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.005)
+    process.kill()
+    process.communicate()
+    assert not (tmp_path / "a" / "ladder.txt").exists()
+    again = start()
+    _, told = again.communicate()
+    assert again.returncode == 0, told
+    play(tmp_path / "b", games_per_pair=400)
+    assert read(tmp_path / "a") == read(tmp_path / "b")
+
+
+def _has_games(folder):
+    try:
+        return bool(read_games(folder))
+    except sqlite3.OperationalError:  # not there yet, or without tables
+        return False
 
 
 def test_a_league_of_other_settings_is_not_mixed_in(tmp_path):
-    run_league(make_config(tmp_path / "a"), show_progress=False)
-    with pytest.raises(ValueError, match="holds league run"):
-        run_league(make_config(tmp_path / "a", seed=1), show_progress=False)
+    play(tmp_path / "a")
+    with pytest.raises(OutputFolderError, match="a league run with other settings .seed is 0"):
+        play(tmp_path / "a", seed=1)
+    with pytest.raises(OutputFolderError, match="scenario.max_ticks is 2500 there, 500 here"):
+        play(tmp_path / "a", scenario_options={"max_ticks": 500})
+    play(tmp_path / "b", seed=1)
+    (tmp_path / "a" / "league.sqlite").replace(tmp_path / "b" / "league.sqlite")
+    with pytest.raises(LeagueStoreError, match="a league with seed = 0, this one has 1: their"):
+        play(tmp_path / "b", seed=1)
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine", "utf-8")
+    with pytest.raises(OutputFolderError, match="holds files of no run"):
+        play(tmp_path)
 
 
 def test_a_damaged_league_file_is_named(tmp_path):
-    run_league(make_config(tmp_path / "a"), show_progress=False)
+    play(tmp_path / "a")
     (tmp_path / "a" / "league.sqlite").write_bytes(b"no database" * 1_000)
     for leftover in (tmp_path / "a").glob("league.sqlite-*"):
         leftover.unlink()
     with pytest.raises(LeagueStoreError, match="is no league file, or is damaged"):
-        run_league(make_config(tmp_path / "a"), show_progress=False)
+        play(tmp_path / "a")
+
+
+def test_a_league_file_that_cannot_be_written_is_named(tmp_path):
+    play(tmp_path / "a")
+    for file in (tmp_path / "a").glob("league.sqlite*"):
+        file.unlink()
+    (tmp_path / "a" / "league.sqlite").mkdir()
+    with pytest.raises(LeagueStoreError, match="league.sqlite cannot be read or written"):
+        play(tmp_path / "a")
 
 
 def test_an_unknown_agent_stops_the_league_before_any_game(tmp_path):
     with pytest.raises(UnknownNameError, match="'rushr': nearest are 'rusher'"):
-        run_league(make_config(tmp_path / "a", agents=("random", "rushr")), show_progress=False)
+        play(tmp_path / "a", agents=("random", "rushr"))
     assert not (tmp_path / "a").exists()
 
 
@@ -160,7 +196,8 @@ def test_an_unknown_agent_stops_the_league_before_any_game(tmp_path):
     [
         ({"agents": ("random",)}, "a league needs two or more"),
         ({"agents": ("random", "random")}, "random is given twice"),
-        ({"games_per_pair": 3}, "games_per_pair is 3, it must be even"),
+        ({"games_per_pair": 3}, r"games_per_pair \(--games\) is 3, it must be even"),
+        ({"games_per_pair": 0}, r"games_per_pair \(--games\) is 0, it must be even and 2 or more"),
     ],
 )
 def test_bad_settings_are_refused(tmp_path, changes, message):
@@ -168,17 +205,75 @@ def test_bad_settings_are_refused(tmp_path, changes, message):
         make_config(tmp_path, **changes)
 
 
+class TestCheckpoints:
+    def test_one_agent_under_two_names_is_refused(self, tmp_path):
+        message = "random and deep_line_wars/random are the same agent: name it once"
+        with pytest.raises(ValueError, match=message):
+            play(tmp_path / "league", agents=("random", "deep_line_wars/random"))
+        one = save_network(tmp_path / "a" / "latest", seed=1)
+        two = save_network(tmp_path / "b" / "latest", name="copy", seed=1)
+        with pytest.raises(ValueError, match="are the same agent"):
+            play(tmp_path / "league", agents=(one, two))
+
+    def test_a_moved_checkpoint_keeps_its_games(self, tmp_path):
+        one = save_network(tmp_path / "a" / "latest", seed=1)
+        play(tmp_path / "league", agents=("random", one))
+        before = read_games(tmp_path / "league")
+        (tmp_path / "a").rename(tmp_path / "zz")
+        moved = str(tmp_path / "zz" / "latest")
+        assert {r.name for r in play(tmp_path / "league", agents=("random", moved)).ratings} == {
+            "random",
+            "zz",
+        }
+        assert read_games(tmp_path / "league") == before
+
+    def test_other_weights_play_their_own_games(self, tmp_path):
+        one = save_network(tmp_path / "a" / "latest", seed=1)
+        play(tmp_path / "league", agents=("random", one))
+        before = read_games(tmp_path / "league")
+        save_network(tmp_path / "a" / "latest", seed=2)
+        play(tmp_path / "league", agents=("random", one))
+        assert len(read_games(tmp_path / "league")) == 2 * len(before)
+
+    def test_no_folder_takes_the_name_of_the_zero_of_the_scale(self, tmp_path):
+        one = save_network(tmp_path / "runs" / "random" / "latest")
+        names = {r.name for r in play(tmp_path / "league", agents=(one, "turtle")).ratings}
+        assert names == {"runs/random", "turtle"}
+
+    def test_a_checkpoint_of_another_game_is_refused(self, tmp_path):
+        one = save_network(tmp_path / "a", game="chess")
+        with pytest.raises(CheckpointError, match="was trained on chess, it cannot play deep_line"):
+            play(tmp_path / "league", agents=("random", one))
+
+    def test_the_scenario_is_the_one_that_the_checkpoints_were_trained_on(self, tmp_path):
+        one = save_network(tmp_path / "a", max_ticks=900, reward="shaped")
+        two = save_network(tmp_path / "b", max_ticks=900)
+        game, name, options = find_scenario(["random", one, two])
+        assert (game.name, name) == ("deep_line_wars", "11x11")
+        assert (options["max_ticks"], options["reward"]) == (900, "sparse")
+        assert find_scenario([one], scenario="10x15")[1:] == ("10x15", {})
+
+    def test_checkpoints_of_two_scenarios_need_a_word(self, tmp_path):
+        one = save_network(tmp_path / "a", max_ticks=900)
+        two = save_network(tmp_path / "b")
+        message = "max_ticks = 900, .* on max_ticks = 2500: say by --scenario what all are to play"
+        with pytest.raises(CheckpointError, match=message):
+            find_scenario([one, two])
+
+    def test_a_fingerprint_is_of_weights_not_of_files(self, tmp_path):
+        agents = [
+            load_agent(save_network(tmp_path / name, seed=seed))
+            for name, seed in (("a", 1), ("b", 1), ("c", 2))
+        ]
+        same, again, other = (find_fingerprint(agent, GAME) for agent in agents)
+        assert same == again != other
+
+
 def test_a_path_without_a_checkpoint_is_refused(tmp_path):
     with pytest.raises(CheckpointError, match="neither a folder with a checkpoint nor a bot"):
         load_agent(tmp_path / "missing" / "latest")
     with pytest.raises(CheckpointError, match=r"it holds no agent.json"):
         load_agent(tmp_path)
-
-
-def test_a_game_is_filmed(tmp_path):
-    scenario = GAME.scenario("11x11", max_ticks=300)
-    first, second = bot("economist", scenario), bot("turtle", scenario)
-    frames = save_film(first, second, GAME, scenario, 0, tmp_path / "game.gif")
-    with Image.open(tmp_path / "game.gif") as film:
-        assert film.format == "GIF"
-        assert 2 <= film.n_frames <= frames == 31
+    (tmp_path / "weights.pt").touch()
+    with pytest.raises(CheckpointError, match=r"weights.pt is a file: give the folder"):
+        load_agent(tmp_path / "weights.pt")

@@ -1,0 +1,84 @@
+"""Groups of agents that results can put on one scale, and how far apart two groups are at least.
+
+Maximum-likelihood Bradley-Terry ratings exist only within a set of agents whose graph "has taken
+points off" is strongly connected (Ford 1957, "Solution of a ranking problem from binary
+comparisons"). Between two such sets all points went one way: no result limits their distance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.sparse.csgraph import connected_components, shortest_path
+from scipy.special import log_expit
+
+ELO_PER_LOGIT = 400.0 / math.log(10.0)
+# At a smaller distance than the bound, winning every game would be rarer than this.
+SWEEP_PROBABILITY = 0.025
+_MAX_GAP_ELO = 20_000.0  # between two agents; beyond what any number of games shows
+
+
+def find_groups(points: NDArray[np.float64]) -> list[list[int]]:
+    """Strongly connected sets of agents, weakest first; points [n, n] of the row off the column."""
+    reach = _find_reach(points)
+    members: dict[bytes, list[int]] = {}
+    for agent, both_ways in enumerate(reach & reach.T):
+        members.setdefault(both_ways.tobytes(), []).append(agent)
+    # Who has taken points off a group reaches all that the group reaches, and itself.
+    return sorted(members.values(), key=lambda group: (int(reach[group[0]].sum()), group))
+
+
+def split_core(points: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """The largest strongly connected set, and who has taken points off it, bool [n] both."""
+    num_groups, labels = connected_components(points > 0.0, directed=True, connection="strong")
+    if num_groups == 1:
+        everyone = np.ones(len(points), np.bool_)
+        return everyone, everyone
+    core: NDArray[np.bool_] = labels == labels[np.bincount(labels)[labels].argmax()]
+    return core, _find_reach(points)[:, core.argmax()]
+
+
+def require_comparison(names: Sequence[str], points: NDArray[np.float64], reference: int) -> None:
+    """Check that a chain of points leads from each agent to the reference, or back.
+
+    Raises:
+        ValueError: agents that no such chain compares with the reference; names them.
+    """
+    reach = _find_reach(points)
+    compared = reach[reference] | reach[:, reference]
+    if not compared.all():
+        apart = [name for name, is_near in zip(names, compared, strict=True) if not is_near]
+        raise ValueError(
+            f"no games compare {', '.join(apart)} with {names[reference]}: let them play each "
+            "other first"
+        )
+
+
+def find_gap(
+    upper: NDArray[np.float64], lower: NDArray[np.float64], counts: NDArray[np.int64]
+) -> float:
+    """Elo to add to `upper` [n] to be as far above `lower` [m] as a clean sweep shows at least.
+
+    counts int [n, m]: games of each upper agent against each lower one, all won by the upper. With
+    that distance such a sweep of independent games has the probability SWEEP_PROBABILITY. After
+    few games it is negative: one lost game shows little.
+    """
+    distances = upper[:, None] - lower
+
+    def surplus(gap: float) -> float:
+        logits = (distances + gap) / ELO_PER_LOGIT
+        return float((counts * log_expit(logits)).sum()) - math.log(SWEEP_PROBABILITY)
+
+    widest = _MAX_GAP_ELO + float(np.abs(distances).max())
+    return float(brentq(surplus, -widest, widest, xtol=1e-6))
+
+
+def _find_reach(points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether a chain of points leads from the row's agent to the column's, bool [n, n]."""
+    steps = shortest_path((points > 0.0).astype(np.float64), unweighted=True)
+    reach: NDArray[np.bool_] = np.isfinite(steps)
+    return reach

@@ -1,0 +1,68 @@
+"""Intervals of a share of points: Wilson's, with the variance that draws and seat pairs leave."""
+
+from __future__ import annotations
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+CONFIDENCE = 0.95
+_Z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2.0)
+
+
+def win_rate_interval(wins: int, draws: int, games: int) -> tuple[float, float]:
+    """95 % interval of the share of points (a draw is half a point) of independent games.
+
+    Wilson's score interval with the trinomial variance; without draws it is plain Wilson.
+
+    Raises:
+        ValueError: no games, or more wins and draws than games.
+    """
+    if games < 1 or wins < 0 or draws < 0 or wins + draws > games:
+        raise ValueError(f"{wins} wins and {draws} draws of {games} games cannot be")
+    mean = (wins + draws / 2.0) / games
+    spread = wins + draws / 4.0 - games * mean**2
+    return _wilson(mean, games, spread, certain_share=1.0)
+
+
+def block_interval(scores: NDArray[np.float64]) -> tuple[float, float]:
+    """95 % interval of the mean of block scores [K], each the mean of the two games of a map seed.
+
+    The variance is that between blocks: draws and opposite results within a block narrow the
+    interval, equal results widen it. Where all points went to one side it is Wilson's of 2 K
+    independent games.
+
+    Raises:
+        ValueError: no blocks, or a score outside 0..1.
+    """
+    if not len(scores) or scores.min() < 0.0 or scores.max() > 1.0:
+        raise ValueError(f"block scores {scores.tolist()} must be one or more numbers in 0..1")
+    mean = float(scores.mean())
+    spread = float(np.square(scores - mean).sum())
+    return _wilson(mean, len(scores), spread, certain_share=0.5)
+
+
+def _wilson(mean: float, num: int, spread: float, certain_share: float) -> tuple[float, float]:
+    """Wilson's interval (1927) of `num` values in 0..1 at their effective number.
+
+    The effective number is that of coin tosses whose mean varies as much (Dean and Pagano 2015,
+    "Evaluating confidence interval methods for binomial proportions in clustered surveys").
+
+    Args:
+        mean: of the values.
+        num: of values.
+        spread: sum of their squared deviations.
+        certain_share: what that variance is of a coin toss's, where all values are 0 or all are 1.
+    """
+    largest = mean * (1.0 - mean)  # variance of coin tosses: no values in 0..1 have a larger one
+    share = certain_share
+    if largest > 0.0:
+        # One coin toss more than was seen: draws throughout do not show that nothing else occurs.
+        share = (spread / largest + 1.0) / (num + 1.0)
+    z_squared = _Z**2 * share / num
+    centre = (mean + z_squared / 2.0) / (1.0 + z_squared)
+    half = math.sqrt(z_squared * (largest + z_squared / 4.0)) / (1.0 + z_squared)
+    # The mean lies inside but for rounding.
+    return min(max(0.0, centre - half), mean), max(min(1.0, centre + half), mean)

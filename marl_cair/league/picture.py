@@ -1,0 +1,111 @@
+"""The picture of a league: ladder and matrix of scores side by side, for a page of a paper."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from marl_cair.files import atomic_path
+from marl_cair.league.report import LeagueTable
+
+DOT_COLOUR, BOUND_COLOUR = "#0072B2", "#D55E00"  # Okabe and Ito: told apart by the colour-blind
+STYLE: dict[Any, Any] = {  # matplotlib spells out all its keys as a type
+    "font.size": 8.0,
+    "axes.linewidth": 0.6,
+    "pdf.fonttype": 42,  # text stays text
+}
+WIDTH_INCHES = 7.2  # two columns of a paper
+DOTS_PER_INCH = 300
+ARROW_SHARE = 0.08  # of the ladder's width
+
+
+def draw_league(path: Path, table: LeagueTable) -> None:
+    """Write ladder and matrix, both best first, as PNG, PDF or SVG, by the ending of `path`."""
+    size = len(table.ratings)
+    with rc_context(STYLE):
+        height = 1.25 + 0.27 * size
+        width = WIDTH_INCHES * max(1.0, size / 14.0)
+        figure = Figure(figsize=(width, height), layout="constrained")
+        FigureCanvasAgg(figure)
+        ladder, matrix = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 1.2))
+        _draw_matrix(matrix, table)
+        _draw_ladder(ladder, table)
+        figure.supxlabel(_caption(table), fontsize=6.5, color="0.35", x=0.01, ha="left")
+        dates = {"CreationDate": None} if path.suffix == ".pdf" else {}
+        with atomic_path(path) as unfinished:
+            figure.savefig(unfinished, dpi=DOTS_PER_INCH, metadata=dates)
+
+
+def _caption(table: LeagueTable) -> str:
+    lines = ["Bars: 95 % intervals against the mean of all agents. Bold scores: clear of 50 %."]
+    ratings = table.ratings
+    if any(rating.is_bound for rating in ratings):
+        lines.append(
+            "Dashed line: nobody below it took a point off anybody above it; bars are against the "
+            "mean between the lines.\nOrange: a bound, the whole group may lie further along the "
+            "arrow."
+        )
+    if any(math.isinf(rating.low) or math.isinf(rating.high) for rating in ratings):
+        lines.append("Bars that reach the edge: too few points to limit the rating on that side.")
+    return "\n".join(lines)
+
+
+def _draw_ladder(panel: Any, table: LeagueTable) -> None:
+    ratings = table.ratings
+    ends = [x for r in ratings for x in (r.low, r.elo, r.high) if math.isfinite(x)]
+    span = max(ends) - min(ends) or 1.0
+    left, right = min(ends) - 0.1 * span, max(ends) + 0.1 * span
+    for place, rating in enumerate(ratings):
+        colour = BOUND_COLOUR if rating.is_bound else DOT_COLOUR
+        low, high = np.clip((rating.low, rating.high), left, right)
+        panel.plot((low, high), (place, place), color=colour, linewidth=1.6, solid_capstyle="butt")
+        panel.plot(rating.elo, place, "o", color=colour, markersize=4)
+        if rating.is_bound:
+            start, way = (high, 1.0) if rating.bound == "lower" else (low, -1.0)
+            arrow = {"arrowstyle": "->", "color": colour, "linewidth": 0.9, "shrinkA": 4.0}
+            end = start + way * ARROW_SHARE * span
+            panel.annotate("", (end, place), (start, place), arrowprops=arrow)
+        if place and rating.group != ratings[place - 1].group:
+            panel.axhline(place - 0.5, color="0.4", linewidth=0.7, linestyle=(0, (4, 3)))
+    panel.set_yticks(range(len(ratings)), table.names)
+    panel.set(xlim=(left, right), xlabel=f"Elo ({table.zero})")
+    panel.set_ylim(len(ratings) - 0.5, -0.5)
+    panel.axvline(0.0, color="black", linewidth=0.6, alpha=0.5)
+    panel.grid(axis="x", alpha=0.25, linewidth=0.5)
+    panel.spines[["top", "right", "left"]].set_visible(False)
+    panel.tick_params(axis="y", which="both", length=0)
+
+
+def _draw_matrix(panel: Any, table: LeagueTable) -> None:
+    played = table.counts > 0
+    shares = np.where(played, table.points / np.maximum(table.counts, 1), np.nan)
+    panel.imshow(shares, cmap="PuOr", vmin=-0.15, vmax=1.15, aspect="auto")
+    is_clear = (table.low > 0.5) | (table.high < 0.5)
+    for row, column in np.argwhere(played):
+        share = shares[row, column]
+        panel.text(
+            column,
+            row,
+            f"{100.0 * share:.0f}",
+            ha="center",
+            va="center",
+            color="white" if abs(share - 0.5) > 0.36 else "black",
+            fontsize=7.0,
+            fontweight="bold" if is_clear[row, column] else "normal",
+        )
+    panel.set_xticks(
+        range(len(table.names)), table.names, rotation=38, ha="right", rotation_mode="anchor"
+    )
+    panel.set_xticks(np.arange(len(table.names) + 1) - 0.5, minor=True)
+    panel.set_yticks(np.arange(len(table.names) + 1) - 0.5, minor=True)
+    panel.grid(which="minor", color="white", linewidth=0.8)
+    number = int(table.counts.max())
+    panel.set_title(f"Score of row against column, % ({number} games a pair)", fontsize=8.0)
+    panel.spines[:].set_visible(False)
+    panel.tick_params(which="both", length=0)

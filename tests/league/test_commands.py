@@ -1,0 +1,68 @@
+"""`marl-cair league` and `marl-cair evaluate`: what they tell, and what they refuse in one line."""
+
+import csv
+
+import pytest
+
+from marl_cair.cli import evaluate, league, main
+from tests.league.players import save_network
+
+BOTS = ["random", "turtle", "--scenario", "11x11", "--games", "2"]
+
+
+@pytest.mark.parametrize("command", [league, evaluate])
+def test_help_tells_each_option_with_its_default(command):
+    parser = command.make_parser()
+    text = " ".join(parser.format_help().split())
+    assert "None" not in text
+    for action in parser._actions:
+        assert action.help, action.dest
+        if action.option_strings and action.dest != "help":
+            assert "default: " in action.help, action.dest
+    assert "games" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["league", "random", "rushr"], "nearest are 'rusher'"),
+        (["league", "random"], "a league needs two or more"),
+        (["league", "random", "random"], "random is given twice"),
+        (["league", "random", "turtle", "--games", "5"], "games_per_pair (--games) is 5"),
+        (["league", "random", "turtle", "--scenario", "9x9"], "unknown deep_line_wars scenario"),
+        (["league", "random", "{net}"], "unknown game 'chess'"),
+        (["league", "random", "{net}", "--game", "deep_line_wars"], "was trained on chess, it"),
+        (["evaluate", "rushr"], "nearest are 'rusher'"),
+        (["evaluate", "turtle", "--games", "5"], "num_games is 5, it must be even"),
+        (["evaluate", "turtle", "--against", "random", "random"], "random is given twice"),
+        (["evaluate", "turtle", "--out", "{folder}"], "is a folder: give the name of a CSV file"),
+        (["evaluate", "{net}", "--game", "deep_line_wars"], "was trained on chess"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(tmp_path, capsys, words, message):
+    net = save_network(tmp_path / "net", game="chess")
+    words = [word.format(net=net, folder=tmp_path) for word in words]
+    out = ["--out", str(tmp_path / "league")] if words[0] == "league" else []
+    assert main([*words, *out]) == 2
+    captured = capsys.readouterr()
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+    assert not (tmp_path / "league").exists()
+
+
+def test_a_folder_of_another_league_is_refused(tmp_path, capsys):
+    out = ["--out", str(tmp_path / "league")]
+    assert main(["league", *BOTS, *out]) == 0
+    capsys.readouterr()
+    assert main(["league", *BOTS, *out, "--seed", "1"]) == 2
+    assert "seed is 0 there, 1 here" in capsys.readouterr().err
+
+
+def test_evaluate_plays_on_the_scenario_of_the_checkpoint(tmp_path, capsys):
+    net = save_network(tmp_path / "net", max_ticks=300)
+    table = tmp_path / "table.csv"
+    assert main(["evaluate", net, "--games", "2", "--out", str(table)]) == 0
+    assert "on deep_line_wars 11x11" in capsys.readouterr().out
+    (row,) = csv.DictReader(table.read_text("utf-8").splitlines())
+    assert (row["opponent"], row["games"]) == ("random", "2")
+    assert float(row["low"]) <= float(row["win_rate"]) <= float(row["high"])

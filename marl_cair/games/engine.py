@@ -139,29 +139,52 @@ class BatchedEngine:
         actions = np.ascontiguousarray(actions, np.int32)
         self._run(self.game.step, self._worlds, self._rules, actions, self._outcome)
 
-    def observe(self, representation: str, out: NDArray[Any] | None = None) -> NDArray[Any]:
+    def observe(
+        self,
+        representation: str,
+        out: NDArray[Any] | None = None,
+        worlds: NDArray[np.int64] | list[int] | None = None,
+    ) -> NDArray[Any]:
         """Every seat's own view, [B, P, *shape] of the representation; written to `out` if given.
+
+        `worlds` [N] asks for those worlds alone, [N, P, *shape].
 
         Raises:
             UnknownNameError: no such representation.
-            ValueError: `out` has another shape or dtype.
+            ValueError: `out` has another shape or dtype, or a world does not exist.
         """
         chosen = self.representation(representation)
-        shape = (self.num_worlds, self.num_players, *chosen.shape)
+        seen = self._select(worlds)
+        shape = (len(seen[0]), self.num_players, *chosen.shape)
         if out is None:
             out = np.empty(shape, chosen.dtype)
         self._check_out("observe", out, shape, chosen.dtype)
-        self._run(chosen.observe, self._worlds, self._rules, out)
+        self._run(chosen.observe, seen, self._rules, out)
         return out
 
-    def action_mask(self, out: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
-        """Legal actions bool [B, P, A], written to `out` if given; the no-op is always legal."""
-        shape = (self.num_worlds, self.num_players, self.num_actions)
+    def action_mask(
+        self,
+        out: NDArray[np.bool_] | None = None,
+        worlds: NDArray[np.int64] | list[int] | None = None,
+    ) -> NDArray[np.bool_]:
+        """Legal actions bool [B, P, A], written to `out` if given; the no-op is always legal.
+
+        `worlds` and errors as in `observe`.
+        """
+        seen = self._select(worlds)
+        shape = (len(seen[0]), self.num_players, self.num_actions)
         if out is None:
             out = np.empty(shape, np.bool_)
         self._check_out("action_mask", out, shape, np.bool_)
-        self._run(self.game.legal_actions, self._worlds, self._rules, out)
+        self._run(self.game.legal_actions, seen, self._rules, out)
         return out
+
+    def _select(self, worlds: NDArray[np.int64] | list[int] | None) -> Any:
+        """The state arrays, of all worlds or copies of the given ones."""
+        if worlds is None:
+            return self._worlds
+        rows = self._check_worlds(worlds)
+        return type(self._worlds)._make(field[rows] for field in self._worlds)
 
     def representation(self, name: str) -> Representation:
         """The representation's description. Raises UnknownNameError with the nearest names."""
@@ -243,8 +266,9 @@ class BatchedEngine:
 
     # --- inside ----------------------------------------------------------------------------
 
-    def _run(self, kernel: Callable[..., None], *arguments: Any) -> None:
-        """Run a kernel over all worlds, in slices on the threads when there are any."""
+    def _run(self, kernel: Callable[..., None], worlds: Any, *arguments: Any) -> None:
+        """Run a kernel over `worlds`, in slices on the threads when there are any."""
+        arguments = (worlds, *arguments)
         if kernel not in _kernels_in_use:
             with _announced(self.game.name):
                 self._run_slices(kernel, *arguments)
@@ -253,15 +277,16 @@ class BatchedEngine:
             self._run_slices(kernel, *arguments)
 
     def _run_slices(self, kernel: Callable[..., None], *arguments: Any) -> None:
+        count = len(arguments[0][0])
         if not is_compiling():
             # Plain Python wraps counters as compiled code does, but warns about it.
             with np.errstate(over="ignore"):
-                kernel(*arguments, 0, self.num_worlds)
+                kernel(*arguments, 0, count)
             return
         if self._pool is None:
-            kernel(*arguments, 0, self.num_worlds)
+            kernel(*arguments, 0, count)
             return
-        edges = np.linspace(0, self.num_worlds, self.num_threads + 1).astype(int).tolist()
+        edges = np.linspace(0, count, self.num_threads + 1).astype(int).tolist()
         slices = pairwise(edges)
         tasks = [self._pool.submit(kernel, *arguments, low, high) for low, high in slices]
         for task in tasks:

@@ -6,16 +6,20 @@ in front, so a policy moves between them unchanged.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from marl_cair.games import make_engine
+from marl_cair.games.array_pool import ArrayPool
 from marl_cair.games.game import NO_WINNER
 from marl_cair.games.randomness import EpisodeSeeds
 
@@ -65,6 +69,7 @@ class BatchedGameEnv(EnvBase):
         self._representations |= {name: name for name in extra_representations}
         self.group_map = {GROUP: [f"player_{seat}" for seat in range(self.engine.num_players)]}
         self.seeds = EpisodeSeeds(num_worlds, seed)
+        self._pool = ArrayPool()
         self.last = LastStep(
             np.zeros((num_worlds, self.engine.num_players), np.float32),
             np.zeros(num_worlds, np.bool_),
@@ -112,7 +117,8 @@ class BatchedGameEnv(EnvBase):
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
         mask = self._read_reset_mask(tensordict)
         self.engine.reset(self.seeds.next(mask), mask)
-        return self._look()
+        # Of a partial reset TorchRL takes the worlds that were reset, and no others.
+        return self._look(None if mask is None or mask.all() else np.flatnonzero(mask))
 
     def _read_reset_mask(self, tensordict: TensorDictBase | None) -> NDArray[np.bool_] | None:
         """The worlds to restart; a world restarts when any of its seats is asked to."""
@@ -152,14 +158,17 @@ class BatchedGameEnv(EnvBase):
         """What all seats see now, as `reset` returns it: to go on after `load_game_state`."""
         return self._look()
 
-    def _look(self) -> TensorDictBase:
+    def _look(self, only: NDArray[np.int64] | None = None) -> TensorDictBase:
+        """What all seats see; with `only`, those worlds, and zeros for the others."""
         engine = self.engine
         worlds, players = engine.num_worlds, engine.num_players
-        seats: dict[str, Any] = {
-            key: torch.from_numpy(engine.observe(name))
-            for key, name in self._representations.items()
-        }
-        seats["action_mask"] = torch.from_numpy(engine.action_mask())
+        seats: dict[str, Any] = {}
+        for key, name in self._representations.items():
+            chosen = engine.representation(name)
+            seen = self._pool.take((worlds, players, *chosen.shape), chosen.dtype)
+            seats[key] = _fill(seen, partial(engine.observe, name), only)
+        legal = self._pool.take((worlds, players, engine.num_actions), np.bool_)
+        seats["action_mask"] = _fill(legal, engine.action_mask, only)
         terminated = torch.from_numpy(engine.terminated).clone().unsqueeze(-1)
         truncated = torch.from_numpy(engine.truncated).clone().unsqueeze(-1)
         ended = {
@@ -188,3 +197,15 @@ class BatchedGameEnv(EnvBase):
         self.engine.load_state_dict(state["engine"])
         self.seeds.load_state_dict(state["seeds"])
         self.last = LastStep(**{name: np.array(value) for name, value in state["last"].items()})
+
+
+def _fill(
+    out: NDArray[Any], look: Callable[..., NDArray[Any]], only: NDArray[np.int64] | None
+) -> Tensor:
+    """Write what `look` sees of all worlds, or of some and zeros for the others."""
+    if only is None:
+        return torch.from_numpy(look(out))
+    out.fill(0)
+    if len(only):
+        out[only] = look(worlds=only)
+    return torch.from_numpy(out)

@@ -87,6 +87,18 @@ def test_observe_and_mask_write_into_the_given_array(engine):
     np.testing.assert_array_equal(other_masks, masks)
 
 
+def test_some_worlds_are_seen_as_among_all(engine):
+    seen, legal = engine.observe("planes"), engine.action_mask()
+    for rows in ([1, 0], [1], []):
+        assert np.array_equal(engine.observe("planes", worlds=rows), seen[rows])
+        assert np.array_equal(engine.action_mask(worlds=rows), legal[rows])
+    out = np.empty_like(seen[:1])
+    assert engine.observe("planes", out, [1]) is out
+    assert np.array_equal(out[0], seen[1])
+    with pytest.raises(ValueError, match=r"worlds \[9\] must be a list of indices"):
+        engine.observe("planes", worlds=[9])
+
+
 def test_outcomes_begin_empty_and_are_written_in_place(engine):
     rewards, winner = engine.rewards, engine.winner
     assert not engine.terminated.any()

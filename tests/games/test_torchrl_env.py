@@ -171,6 +171,35 @@ def test_a_partial_reset_restarts_its_worlds_only(game_name, key):
     assert env.seeds.episodes.tolist() == [1, 2, 1]
 
 
+def test_a_partial_reset_shows_all_worlds_as_they_are(game_name):
+    env = marl_cair.make_torchrl_env(game_name, num_worlds=4, seed=0)
+    seen = env.reset()
+    for numbers in luck_for(env, 30):
+        seen = env.step(with_actions(seen, env, numbers))["next"]
+    final = seen.clone()
+    asked = seen.copy().set("_reset", torch.tensor([[False], [False], [True], [False]]))
+    shown = env.reset(asked)[GROUP]
+    assert np.array_equal(shown["observation"].numpy(), env.engine.observe("planes"))
+    assert np.array_equal(shown["action_mask"].numpy(), env.engine.action_mask())
+    assert not torch.equal(shown["observation"][2], final[GROUP, "observation"][2])
+
+
+def test_the_last_observation_of_a_game_outlasts_the_reset(game_name):
+    """`next` of the last step keeps what was seen then, whatever the new game shows."""
+    env = marl_cair.make_torchrl_env(game_name, num_worlds=3, seed=0, max_ticks=50)
+    state = env.reset()
+    for numbers in luck_for(env, 12):
+        before = env.engine.snapshot()
+        stepped, state = env.step_and_maybe_reset(with_actions(state, env, numbers))
+        replayed = marl_cair.make_engine(game_name, num_worlds=3, max_ticks=50)
+        replayed.restore(before)
+        replayed.step(stepped[GROUP, "action"].numpy())
+        shown = stepped["next", GROUP, "observation"].numpy()
+        assert np.array_equal(shown, replayed.observe("planes"))
+        assert np.array_equal(state[GROUP, "observation"].numpy(), env.engine.observe("planes"))
+    assert env.seeds.episodes.min() >= 2
+
+
 def test_rollouts_go_on_through_ended_games(game_name):
     env = marl_cair.make_torchrl_env(game_name, num_worlds=2, seed=0, max_ticks=100)
     torch.manual_seed(0)

@@ -234,7 +234,7 @@ def survival(known: Any, sight: Any, cover: Any, unit: int, row: int) -> float:
     damage = 0.0
     for tower in range(NUM_TOWER_KINDS):
         damage += cover[tower, row] * known.walk[unit] * known.blows[tower, unit]
-    return float(max(0.0, 1.0 - damage / (known.rules.unit_health[unit] * sight.growth[0])))
+    return float(max(0.0, 1.0 - damage / known.rules.unit_health[unit]))
 
 
 @compiled
@@ -269,7 +269,7 @@ def arrival_share(planes: Any, known: Any, sight: Any, unit: int) -> float:
             alone += 1.0
     alone /= known.rules.rows
     batch = level(planes, OWN_GOLD) / known.rules.unit_cost[unit]
-    number = min(10.0, batch) * sight.growth[0]
+    number = min(10.0, batch)
     together = stream_leak(known, sight.enemy_towers, sight.own_units, unit, number)
     return float(max(alone, together))
 

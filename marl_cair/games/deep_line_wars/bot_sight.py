@@ -13,12 +13,10 @@ from marl_cair.games.deep_line_wars.observation import (
     CURSOR,
     ENEMY_TOWERS,
     ENEMY_UNITS,
-    FULL,
     OWN_GOLD,
     OWN_LUMBER,
     OWN_TOWERS,
     OWN_UNITS,
-    TIME_LEFT,
     UNIT_LEVEL,
 )
 from marl_cair.games.deep_line_wars.orders import (
@@ -91,7 +89,6 @@ class Sight(NamedTuple):
     enemy_towers: NDArray[np.float64]  # [tower kinds]
     own_units: NDArray[np.float64]  # [unit kinds] by health, in units of the table's
     threats: NDArray[np.float64]  # [unit kinds, rows] enemy units still to be stopped, likewise
-    growth: NDArray[np.float64]  # [1] health of a unit bought now, times the table's
     worth: NDArray[np.float64]  # [rows] scratch
 
 
@@ -163,7 +160,6 @@ def make_sight(scenario: Scenario) -> Sight:
         enemy_towers=np.zeros(NUM_TOWER_KINDS),
         own_units=np.zeros(NUM_UNIT_KINDS),
         threats=np.zeros((NUM_UNIT_KINDS, rows)),
-        growth=np.ones(1),
         worth=np.zeros(rows),
     )
 
@@ -192,19 +188,9 @@ def look_at_towers(planes: Any, known: Any, sight: Any) -> None:
 
 
 @compiled
-def unit_growth(planes: Any, known: Any) -> float:
-    """Health of a unit bought now, as a multiple of the table's."""
-    rules = known.rules
-    ticks = (FULL - int(planes[TIME_LEFT, 0, 0])) * rules.max_ticks // FULL
-    return float(1.0 + rules.unit_growth * (ticks // rules.interval_ticks) / 100.0)
-
-
-@compiled
 def look_at_units(planes: Any, known: Any, sight: Any) -> None:
     """Add up the health of own units, and of enemy units that towers may still stop."""
     rules = known.rules
-    growth = unit_growth(planes, known)
-    sight.growth[0] = growth
     for kind in range(NUM_UNIT_KINDS):
         own = 0
         for row in range(rules.rows):
@@ -213,8 +199,8 @@ def look_at_units(planes: Any, known: Any, sight: Any) -> None:
                 own += int(planes[OWN_UNITS + kind, row, column])
                 if column > PASSED_COLUMN:
                     coming += int(planes[ENEMY_UNITS + kind, row, column])
-            sight.threats[kind, row] = coming / UNIT_LEVEL * growth
-        sight.own_units[kind] = own / UNIT_LEVEL * growth
+            sight.threats[kind, row] = coming / UNIT_LEVEL
+        sight.own_units[kind] = own / UNIT_LEVEL
 
 
 @compiled

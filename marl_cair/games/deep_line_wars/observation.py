@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_line_wars.orders import full_health
-from marl_cair.games.deep_line_wars.rulebook import CLASSIC
+from marl_cair.games.deep_line_wars.rulebook import CENTRE, CLASSIC, ENEMY_SPAWN, OWN_SPAWN
 from marl_cair.games.deep_line_wars.state import NUM_PLAYERS, world_at
 from marl_cair.games.deep_line_wars.tables import (
     NUM_TOWER_KINDS,
@@ -69,9 +68,6 @@ FIRST_UNIFORM = CURSOR + 1
     TIME_LEFT,
 ) = range(FIRST_UNIFORM, FIRST_UNIFORM + len(UNIFORM_NAMES))
 
-# Terrain levels from the own spawn column to the enemy's.
-OWN_SPAWN, OWN_HALF, CENTRE, ENEMY_HALF, ENEMY_SPAWN = 50, 100, 150, 200, 250
-
 # Income from 0 to 1,500 gold on a scale that tells 20 from 22 as well as 1,000 from 1,100.
 LOG_LEVELS: NDArray[np.uint8] = np.minimum(
     FULL, np.floor(24.0 * np.log2(1.0 + np.arange(1_501)) + 0.5)
@@ -106,20 +102,6 @@ def ticks_to_income(world: Any, rules: Any) -> int:
 
 
 @compiled
-def terrain_level(rules: Any, column: int) -> int:
-    """The grey level of a column of the own view."""
-    if column == 0:
-        return OWN_SPAWN
-    if column <= rules.build_columns:
-        return OWN_HALF
-    if column == rules.columns - 1:
-        return ENEMY_SPAWN
-    if column >= rules.columns - 1 - rules.build_columns:
-        return ENEMY_HALF
-    return CENTRE
-
-
-@compiled
 def see_towers(world: Any, rules: Any, player: int, out: Any) -> None:
     """Mark the towers of both players in the planes of their kinds."""
     enemy = 1 - player
@@ -147,28 +129,27 @@ def see_units(world: Any, rules: Any, owner: int, mirrored: bool, first: int, ou
         if mirrored:
             column = rules.columns - 1 - column
         # At least 1, so that a unit near death is not mistaken for an empty cell.
-        level = max(1, UNIT_LEVEL * health // full_health(world, rules, kind))
+        level = max(1, UNIT_LEVEL * health // rules.unit_health[kind])
         out[first + kind, row, column] = min(FULL, int(out[first + kind, row, column]) + level)
         progress = FULL * int(world.unit_progress[owner, slot]) // PROGRESS_PER_TILE
         out[progress_plane, row, column] = max(int(out[progress_plane, row, column]), progress)
 
 
 @compiled
-def uniform_levels(world: Any, rules: Any, player: int, plane: int) -> int:
-    """The value 0..255 of a uniform plane."""
-    enemy = 1 - player
-    if plane == TIME_TO_INCOME:
-        return int(FULL * ticks_to_income(world, rules) // rules.interval_ticks)
-    if plane == TIME_LEFT:
-        return int(FULL * max(0, rules.max_ticks - world.tick[0]) // rules.max_ticks)
-    owner = player if (plane - FIRST_UNIFORM) % 2 == 0 else enemy
-    if plane <= ENEMY_HEALTH:
-        return int(FULL * max(0, int(world.health[owner])) // rules.start_health)
-    if plane <= ENEMY_GOLD:
-        return min(FULL, int(world.gold[owner]))
-    if plane <= ENEMY_LUMBER:
-        return min(FULL, int(world.lumber[owner]))
-    return int(LOG_LEVELS[min(len(LOG_LEVELS) - 1, int(world.income[owner]))])
+def fill_plane(flat: Any, cells: int, plane: int, level: int) -> None:
+    """Write one value 0..255 into every cell of a plane."""
+    flat[plane * cells : (plane + 1) * cells] = level
+
+
+@compiled
+def see_economy(world: Any, rules: Any, owner: int, first: int, flat: Any, cells: int) -> None:
+    """Fill the uniform planes of one player: every second one from `first` on."""
+    health = max(0, int(world.health[owner]))
+    fill_plane(flat, cells, first, FULL * health // rules.start_health)
+    fill_plane(flat, cells, first + 2, min(FULL, int(world.gold[owner])))
+    fill_plane(flat, cells, first + 4, min(FULL, int(world.lumber[owner])))
+    income = min(len(LOG_LEVELS) - 1, int(world.income[owner]))
+    fill_plane(flat, cells, first + 6, LOG_LEVELS[income])
 
 
 @compiled
@@ -177,19 +158,20 @@ def see_planes(world: Any, rules: Any, player: int, out: Any) -> None:
     cells = rules.rows * rules.columns
     flat = out.reshape(out.size)
     flat[: TERRAIN * cells] = 0
-    for column in range(rules.columns):
-        level = terrain_level(rules, column)
-        for row in range(rules.rows):
-            out[TERRAIN, row, column] = level
+    for cell in range(cells):
+        flat[TERRAIN * cells + cell] = rules.terrain[cell]
     flat[CURSOR * cells : FIRST_UNIFORM * cells] = 0
     if rules.action_space == CLASSIC:
         out[CURSOR, world.cursor[player, 0], world.cursor[player, 1]] = FULL
     see_towers(world, rules, player, out)
     see_units(world, rules, player, False, OWN_UNITS, out)
     see_units(world, rules, 1 - player, True, ENEMY_UNITS, out)
-    for plane in range(FIRST_UNIFORM, FIRST_UNIFORM + len(UNIFORM_NAMES)):
-        level = uniform_levels(world, rules, player, plane)
-        flat[plane * cells : (plane + 1) * cells] = level
+    see_economy(world, rules, player, OWN_HEALTH, flat, cells)
+    see_economy(world, rules, 1 - player, ENEMY_HEALTH, flat, cells)
+    next_income = FULL * ticks_to_income(world, rules) // rules.interval_ticks
+    fill_plane(flat, cells, TIME_TO_INCOME, next_income)
+    time_left = FULL * max(0, rules.max_ticks - world.tick[0]) // rules.max_ticks
+    fill_plane(flat, cells, TIME_LEFT, time_left)
 
 
 @compiled
@@ -200,7 +182,7 @@ def see_classic(world: Any, rules: Any, player: int, out: Any) -> None:
     """
     out[:] = 0
     for column in range(rules.columns):
-        level = terrain_level(rules, column)
+        level = rules.terrain[column]
         if level == CENTRE:
             out[0, :, column] = CLASSIC_CENTRE
         elif level in (OWN_SPAWN, ENEMY_SPAWN):

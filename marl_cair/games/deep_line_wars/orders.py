@@ -22,8 +22,6 @@ CLASSIC_NOOP = FIRST_CLASSIC_TOWER + NUM_CLASSIC_TOWERS
 
 ORDER_NONE, ORDER_ILLEGAL, ORDER_UNIT, ORDER_TOWER, ORDER_CURSOR = range(5)
 
-MAX_UNIT_HEALTH = 2**15 - 1  # of the state's int16, reached only beyond some 200,000 ticks
-
 
 @compiled
 def can_buy_unit(world: Any, rules: Any, player: int, kind: int) -> bool:
@@ -103,14 +101,6 @@ def is_legal(world: Any, rules: Any, player: int, action: int) -> bool:
 
 
 @compiled
-def full_health(world: Any, rules: Any, kind: int) -> int:
-    """Health of a unit that is bought now: later units are tougher where the preset says so."""
-    intervals = int(world.tick[0]) // rules.interval_ticks
-    grown = int(rules.unit_health[kind]) * (100 + rules.unit_growth * intervals) // 100
-    return min(MAX_UNIT_HEALTH, int(grown))
-
-
-@compiled
 def buy_unit(world: Any, rules: Any, player: int, kind: int) -> None:
     """Pay, raise the income, and put the unit on a random cell of the own spawn column."""
     capacity = world.unit_kind.shape[1]
@@ -119,7 +109,7 @@ def buy_unit(world: Any, rules: Any, player: int, kind: int) -> None:
     world.gold[player] -= rules.unit_cost[kind]
     world.income[player] += rules.unit_income[kind]
     world.unit_kind[player, slot] = kind
-    world.unit_health[player, slot] = full_health(world, rules, kind)
+    world.unit_health[player, slot] = rules.unit_health[kind]
     world.unit_row[player, slot] = draw_below(world.random, player, rules.rows)
     world.unit_column[player, slot] = 0
     world.unit_progress[player, slot] = 0
@@ -187,7 +177,9 @@ def list_legal_actions(world: Any, rules: Any, player: int, legal: Any) -> None:
     cells = rules.rows * rules.build_columns
     tower_at = world.tower_at[player].reshape(cells)
     for kind in range(NUM_TOWER_KINDS):
-        affordable = can_afford_tower(world, rules, player, kind)
         first = FIRST_SPATIAL_TOWER + kind * cells
-        for cell in range(cells):
-            legal[first + cell] = affordable & (tower_at[cell] == NO_TOWER)
+        if can_afford_tower(world, rules, player, kind):
+            for cell in range(cells):
+                legal[first + cell] = tower_at[cell] == NO_TOWER
+        else:
+            legal[first : first + cells] = False

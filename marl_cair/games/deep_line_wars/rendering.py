@@ -13,16 +13,10 @@ from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_line_wars.observation import (
-    CENTRE,
-    ENEMY_HALF,
     LOG_LEVELS,
-    OWN_HALF,
-    OWN_SPAWN,
-    terrain_level,
     ticks_to_income,
 )
-from marl_cair.games.deep_line_wars.orders import full_health
-from marl_cair.games.deep_line_wars.rulebook import CLASSIC
+from marl_cair.games.deep_line_wars.rulebook import CENTRE, CLASSIC, ENEMY_HALF, OWN_HALF, OWN_SPAWN
 from marl_cair.games.deep_line_wars.sprites import (
     PALETTES,
     SIDE_COLOURS,
@@ -74,7 +68,7 @@ GRAY_CURSOR = 215
 @compiled
 def ground_kind(rules: Any, column: int) -> int:
     """Row of GROUND for a column of the picture."""
-    level = terrain_level(rules, column)
+    level = rules.terrain[column]
     if level == OWN_SPAWN:
         return 0
     if level == OWN_HALF:
@@ -166,7 +160,7 @@ def paint_units(world: Any, rules: Any, owner: int, side: int, image: Any) -> No
         left = int(unit_x(world, rules, owner, side, slot) - size / 2.0)
         top = int(unit_y(world, rules, owner, slot) - size / 2.0)
         draw_sprite(image, UNIT_SPRITES[kind], PALETTES[side], top, left, size, side == 1)
-        share = health / full_health(world, rules, kind)
+        share = health / rules.unit_health[kind]
         draw_bar(image, top - bar, left, bar, size, share, HEALTHY, HURT)
 
 

@@ -12,6 +12,9 @@ from marl_cair.games.deep_line_wars.tables import PRESETS
 
 SPATIAL, CLASSIC = range(2)
 
+# Terrain levels from the own spawn column to the enemy's.
+OWN_SPAWN, OWN_HALF, CENTRE, ENEMY_HALF, ENEMY_SPAWN = 50, 100, 150, 200, 250
+
 
 class Rules(NamedTuple):
     """The constants of a scenario, handed to the kernels so that none is compiled in."""
@@ -30,7 +33,7 @@ class Rules(NamedTuple):
     tower_gold: NDArray[np.int32]
     tower_lumber: NDArray[np.int32]
     flight_ticks: NDArray[np.int8]  # [rows apart, columns apart]
-    unit_growth: int  # percent of the health per interval
+    terrain: NDArray[np.uint8]  # [rows * columns] levels of the own view, row by row
     start_health: int
     start_gold: int
     start_lumber: int
@@ -65,7 +68,7 @@ def make_rules(scenario: Scenario) -> Rules:
         tower_gold=np.array(preset.tower_cost_gold, np.int32),
         tower_lumber=np.array(preset.tower_cost_lumber, np.int32),
         flight_ticks=_flight_table(max(preset.tower_range_tiles), preset.projectile_tiles_per_tick),
-        unit_growth=preset.unit_growth_percent,
+        terrain=_terrain_levels(scenario),
         start_health=preset.start_health,
         start_gold=preset.start_gold,
         start_lumber=preset.start_lumber,
@@ -90,3 +93,12 @@ def _flight_table(max_range: int, tiles_per_tick: int) -> NDArray[np.int8]:
     if tiles_per_tick == 0:
         return np.zeros(distance.shape, np.int8)
     return np.ceil(distance / tiles_per_tick).astype(np.int8)
+
+
+def _terrain_levels(scenario: Scenario) -> NDArray[np.uint8]:
+    """The level of every cell, the same along a column."""
+    half = scenario.build_columns
+    centre = scenario.columns - 2 * half - 2
+    levels = [OWN_SPAWN, *[OWN_HALF] * half, *[CENTRE] * centre]
+    levels += [*[ENEMY_HALF] * half, ENEMY_SPAWN]
+    return np.tile(np.array(levels, np.uint8), scenario.rows)

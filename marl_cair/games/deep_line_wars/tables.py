@@ -47,7 +47,6 @@ class Preset:
     start_income_gold: int = 20  # per interval
     income_interval_ticks: int = 100
     lumber_per_interval: int = 0
-    unit_growth_percent: int = 0  # more health, of the table's, for each interval that has passed
     projectile_tiles_per_tick: int = 0  # 0: a shot hits in the tick it is fired
 
 

@@ -38,28 +38,6 @@ def test_a_unit_costs_its_price_and_raises_the_income_by_a_fifth_of_it(name, cos
     assert board.world.unit_health[0, slot] == board.rules.unit_health[UNIT_NAMES.index(name)]
 
 
-@pytest.mark.parametrize(
-    ("tick", "health"), [(0, 40), (99, 40), (100, 43), (250, 46), (1_000, 72), (900_000, 32_767)]
-)
-def test_units_bought_later_are_tougher_where_the_preset_says_so(monkeypatch, tick, health):
-    """By that share of the table's health for each interval passed, up to the field's limit."""
-    preset = dataclasses.replace(PRESETS["2018"], unit_growth_percent=8)
-    preset = dataclasses.replace(preset, unit_health=(40, 80, 140, 1_000))
-    monkeypatch.setitem(PRESETS, "growing", preset)
-    board = Board(preset="growing", max_ticks=1_000_000)
-    board.world.tick[0] = tick
-    board.play("buy_armoured_grunt" if tick == 900_000 else "buy_militia")
-    assert board.world.unit_health[0, 0] == health
-
-
-def test_units_of_the_published_numbers_do_not_grow():
-    for preset in ("2017", "2018"):
-        board = Board(preset=preset)
-        board.world.tick[0] = 1_500
-        board.play("buy_militia")
-        assert board.world.unit_health[0, 0] == board.rules.unit_health[0]
-
-
 @pytest.mark.parametrize(("name", "cost"), [("basic", 10), ("fast", 20), ("faster", 30)])
 def test_a_tower_costs_its_price_and_stands_in_its_cell(name, cost):
     board = Board()

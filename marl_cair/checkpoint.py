@@ -11,12 +11,11 @@ import os
 import pickle
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import torch
 
-from marl_cair.files import replaced_folder
+from marl_cair.files import find_folder, replaced_folder
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
 
 FORMAT = "marl_cair agent"
@@ -71,7 +70,7 @@ def read_description(folder: str | os.PathLike[str]) -> AgentDescription:
     Raises:
         CheckpointError: no checkpoint, a broken one, or one of a newer format.
     """
-    path = Path(folder) / DESCRIPTION_FILE
+    path = find_folder(folder) / DESCRIPTION_FILE
     if not path.is_file():
         raise CheckpointError(
             f"{folder} is no agent checkpoint: it holds no {DESCRIPTION_FILE}; give the folder of "
@@ -101,7 +100,7 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
             anything but tensors, or do not fit the network.
     """
     about = read_description(folder)
-    path = Path(folder) / WEIGHTS_FILE
+    path = find_folder(folder) / WEIGHTS_FILE
     try:
         config = QNetworkConfig.from_dict(about.network)
         network = make_q_network(config, about.observation_shape, len(about.action_names), seed=0)

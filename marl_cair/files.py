@@ -4,12 +4,14 @@ import json
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 RUN_MARKER = "run.json"
 _LEFTOVER_MARK = ".unfinished"
+_FRESH_SUFFIX, _OLD_SUFFIX = _LEFTOVER_MARK, ".old"
 
 
 class NotEnoughSpaceError(OSError):
@@ -75,13 +77,18 @@ def require_free_space(path: str | os.PathLike[str], num_bytes: int) -> None:
 
 
 def claim_output_folder(
-    folder: str | os.PathLike[str], kind: str, run_id: str, resume: bool = False
+    folder: str | os.PathLike[str],
+    kind: str,
+    settings: Mapping[str, Any],
+    resume: bool = False,
+    how_to_resume: str = "resume it",
 ) -> bool:
     """Make `folder` the output folder of one run; return True where that run was here before.
 
-    kind: what runs ("training", "league", ...); run_id: what tells runs of a kind apart.
-    A marker file `run.json` records both, so that a later run with another id is refused. A folder
-    that is new, empty, or was left by a run that died before its marker was written, is claimed.
+    kind: what runs ("training", "league", ...); settings: what tells runs of a kind apart, as plain
+    values by name, nested or not.
+    A marker file `run.json` records both, so that a run of other settings is refused. A folder that
+    is new, empty, or was left by a run that died before its marker was written, is claimed.
     This is no lock: two processes that claim one folder in the same instant are not told apart.
     Raises OutputFolderError for a folder of another run, for one that holds files but no marker,
     and for the same run where `resume` is False.
@@ -91,23 +98,44 @@ def claim_output_folder(
         raise OutputFolderError(f"output folder {place} is a file: give another folder")
     place.mkdir(parents=True, exist_ok=True)
     marker = place / RUN_MARKER
+    text = json.dumps({"kind": kind, "settings": settings}, indent=2) + "\n"
     if not marker.exists():
         _refuse_foreign_files(place)
-        record = {"kind": kind, "run_id": run_id}
-        write_atomically(marker, json.dumps(record, indent=2) + "\n")
+        write_atomically(marker, text)
         return False
-    held_kind, held_run_id = _read_run_marker(marker)
-    if (held_kind, held_run_id) != (kind, run_id):
+    held_kind, held = _read_run_marker(marker)
+    if held_kind != kind:
         raise OutputFolderError(
-            f"output folder {place} holds {held_kind} run {held_run_id!r}, not {kind} run "
-            f"{run_id!r}: give another folder, or delete this one"
+            f"output folder {place} holds a {held_kind} run, this is a {kind} run: give another "
+            "folder, or delete this one"
+        )
+    # As JSON gives them back: tuples as lists.
+    if differences := _list_differences(held, json.loads(text)["settings"]):
+        more = f" and {len(differences) - 3} more" if len(differences) > 3 else ""
+        raise OutputFolderError(
+            f"output folder {place} holds a {kind} run with other settings "
+            f"({'; '.join(differences[:3])}{more}): give another folder, or delete this one"
         )
     if not resume:
         raise OutputFolderError(
-            f"output folder {place} already holds {kind} run {run_id!r}: resume it, give another "
-            "folder, or delete this one"
+            f"output folder {place} already holds this {kind} run: {how_to_resume}, give "
+            "another folder, or delete this one"
         )
     return True
+
+
+def _list_differences(held: Any, wanted: Any, name: str = "") -> list[str]:
+    """What differs between two nested settings, in words."""
+    if isinstance(held, dict) and isinstance(wanted, dict):
+        names = [*held, *(key for key in wanted if key not in held)]
+        return [
+            difference
+            for key in names
+            for difference in _list_differences(
+                held.get(key), wanted.get(key), f"{name}.{key}" if name else key
+            )
+        ]
+    return [] if held == wanted else [f"{name} is {held!r} there, {wanted!r} here"]
 
 
 def _refuse_foreign_files(place: Path) -> None:
@@ -120,13 +148,13 @@ def _refuse_foreign_files(place: Path) -> None:
         )
 
 
-def _read_run_marker(marker: Path) -> tuple[str, str]:
+def _read_run_marker(marker: Path) -> tuple[str, dict[str, Any]]:
     try:
         record = json.loads(marker.read_text(encoding="utf-8"))
-        return str(record["kind"]), str(record["run_id"])
+        return str(record["kind"]), dict(record["settings"])
     except (ValueError, KeyError, TypeError) as error:
         raise OutputFolderError(
-            f"{marker} is no run marker, an object with 'kind' and 'run_id' ({error!r}): give "
+            f"{marker} is no run marker, an object with 'kind' and 'settings' ({error!r}): give "
             "another folder, or delete this one"
         ) from error
 
@@ -167,20 +195,44 @@ def _format_size(num_bytes: int) -> str:
 def replaced_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a folder to fill beside `path`, which takes the place of `path` when the block is done.
 
-    On an exception the new folder is removed and `path` is left as it was. A crash between the two
-    renames leaves the old folder beside it under the name `<path>.old`.
+    On an exception the new folder is removed and `path` is left as it was. A process that is killed
+    between the two renames leaves the old folder under another name; `recover_folder` brings it
+    back.
     """
     target = Path(path).absolute()
-    fresh = target.with_name(target.name + ".unfinished")
-    old = target.with_name(target.name + ".old")
+    fresh = target.with_name(target.name + _FRESH_SUFFIX)
+    old = target.with_name(target.name + _OLD_SUFFIX)
+    recover_folder(target)
     shutil.rmtree(fresh, ignore_errors=True)
     fresh.mkdir(parents=True)
     try:
         yield fresh
+        for file in fresh.rglob("*"):
+            if file.is_file():
+                _sync_file(file)
         if target.exists():
-            shutil.rmtree(old, ignore_errors=True)
             target.rename(old)
         fresh.rename(target)
+        _sync_folder(target.parent)
         shutil.rmtree(old, ignore_errors=True)
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
+
+
+def find_folder(path: str | os.PathLike[str]) -> Path:
+    """Where the content of `path` lies: beside it, if a `replaced_folder` was killed half way."""
+    target = Path(path)
+    old = target.with_name(target.name + _OLD_SUFFIX)
+    return old if old.is_dir() and not target.exists() else target
+
+
+def recover_folder(path: str | os.PathLike[str]) -> None:
+    """Clear up after a `replaced_folder` that was killed: the old folder returns if none is there.
+
+    For the folder's writer; a reader beside a living writer asks `find_folder`.
+    """
+    target = Path(path).absolute()
+    old = target.with_name(target.name + _OLD_SUFFIX)
+    if old.is_dir() and not target.exists():
+        old.rename(target)
+    shutil.rmtree(old, ignore_errors=True)

@@ -14,9 +14,14 @@ from marl_cair.files import (
     OutputFolderError,
     atomic_path,
     claim_output_folder,
+    find_folder,
+    recover_folder,
+    replaced_folder,
     require_free_space,
     write_atomically,
 )
+
+CONV = {"net": "conv", "n": {"lr": 1.0}}
 
 
 def names_in(folder: Path) -> list[str]:
@@ -142,31 +147,46 @@ def test_negative_size_is_an_error(tmp_path):
 
 
 def test_new_folder_is_claimed_and_marked(tmp_path):
-    assert claim_output_folder(tmp_path / "runs" / "demo", "training", "conv-1") is False
+    assert claim_output_folder(tmp_path / "runs" / "demo", "training", CONV) is False
     record = json.loads((tmp_path / "runs" / "demo" / "run.json").read_text())
-    assert record == {"kind": "training", "run_id": "conv-1"}
+    assert record == {"kind": "training", "settings": CONV}
 
 
 def test_same_run_resumes_only_when_asked(tmp_path):
-    claim_output_folder(tmp_path, "training", "conv-1")
-    assert claim_output_folder(tmp_path, "training", "conv-1", resume=True) is True
-    with pytest.raises(OutputFolderError, match="already holds training run 'conv-1': resume it"):
-        claim_output_folder(tmp_path, "training", "conv-1")
+    claim_output_folder(tmp_path, "training", CONV)
+    assert claim_output_folder(tmp_path, "training", CONV, resume=True) is True
+    with pytest.raises(OutputFolderError, match="already holds this training run: resume it"):
+        claim_output_folder(tmp_path, "training", CONV)
 
 
 @pytest.mark.parametrize("resume", [False, True])
-@pytest.mark.parametrize(("kind", "run_id"), [("training", "conv-2"), ("league", "conv-1")])
-def test_folder_of_another_run_is_refused(tmp_path, resume, kind, run_id):
-    claim_output_folder(tmp_path, "training", "conv-1")
+@pytest.mark.parametrize(
+    ("kind", "settings", "message"),
+    [
+        ("league", CONV, "holds a training run, this is a league run: give another folder"),
+        (
+            "training",
+            {"net": "capsule", "n": {"lr": 0.5}},
+            r"other settings \(net is 'conv' there, 'capsule' here; n.lr is 1.0 there, 0.5 here\)",
+        ),
+        ("training", {"net": "conv"}, r"\(n is {'lr': 1.0} there, None here\): give another"),
+        (
+            "training",
+            {**CONV, "a": 1, "b": 2, "c": 3, "d": 4},
+            r"\(a is None there, 1 here; .*; c is None there, 3 here and 1 more\)",
+        ),
+    ],
+)
+def test_folder_of_another_run_is_refused(tmp_path, resume, kind, settings, message):
+    claim_output_folder(tmp_path, "training", CONV)
     before = (tmp_path / "run.json").read_bytes()
-    message = f"holds training run 'conv-1', not {kind} run '{run_id}': give another folder"
     with pytest.raises(OutputFolderError, match=message):
-        claim_output_folder(tmp_path, kind, run_id, resume)
+        claim_output_folder(tmp_path, kind, settings, resume)
     assert (tmp_path / "run.json").read_bytes() == before
 
 
 def test_resume_of_a_new_folder_starts_afresh(tmp_path):
-    assert claim_output_folder(tmp_path / "new", "training", "conv-1", resume=True) is False
+    assert claim_output_folder(tmp_path / "new", "training", CONV, resume=True) is False
 
 
 def test_folder_with_files_of_no_run_is_refused_and_left_alone(tmp_path):
@@ -175,7 +195,7 @@ def test_folder_with_files_of_no_run_is_refused_and_left_alone(tmp_path):
     with pytest.raises(
         OutputFolderError, match=r"of no run \(a\.py, b\.py, c\.py, \.\.\.\) and no"
     ):
-        claim_output_folder(tmp_path, "training", "conv-1", resume=True)
+        claim_output_folder(tmp_path, "training", CONV, resume=True)
     assert names_in(tmp_path) == ["a.py", "b.py", "c.py", "d.py"]
 
 
@@ -184,13 +204,13 @@ def test_folder_whose_claim_was_killed_half_way_is_claimed_again(tmp_path):
     script = (
         "import os, signal, sys; from marl_cair import files\n"
         "files._sync_file = lambda path: os.kill(os.getpid(), signal.SIGKILL)\n"
-        "files.claim_output_folder(sys.argv[1], 'training', 'conv-1')"
+        "files.claim_output_folder(sys.argv[1], 'training', {'net': 'conv', 'n': {'lr': 1.0}})"
     )
     run_killed_script(script, tmp_path)
     assert len(names_in(tmp_path)) == 1
     assert "run.json" not in names_in(tmp_path)
-    assert claim_output_folder(tmp_path, "training", "conv-1", resume=True) is False
-    assert claim_output_folder(tmp_path, "training", "conv-1", resume=True) is True
+    assert claim_output_folder(tmp_path, "training", CONV, resume=True) is False
+    assert claim_output_folder(tmp_path, "training", CONV, resume=True) is True
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"kind": "training"}', "7"])
@@ -199,10 +219,37 @@ def test_marker_that_is_none_is_refused(tmp_path, content):
     with pytest.raises(
         OutputFolderError, match=r"run\.json is no run marker.*: give another folder"
     ):
-        claim_output_folder(tmp_path, "training", "conv-1", resume=True)
+        claim_output_folder(tmp_path, "training", CONV, resume=True)
 
 
 def test_file_as_output_folder_is_refused(tmp_path):
     (tmp_path / "a").write_text("1")
     with pytest.raises(OutputFolderError, match="a is a file: give another folder"):
-        claim_output_folder(tmp_path / "a", "training", "conv-1")
+        claim_output_folder(tmp_path / "a", "training", CONV)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
+def test_folder_whose_replacement_was_killed_between_the_renames_comes_back(tmp_path):
+    """By `recover_folder`, or by the next replacement."""
+    script = (
+        "import os, signal, sys, pathlib; from marl_cair import files\n"
+        "target = pathlib.Path(sys.argv[1]) / 'kept'\n"
+        "rename = pathlib.Path.rename\n"
+        "def die(path, to):\n"
+        "    rename(path, to)\n"
+        "    if path.name == 'kept': os.kill(os.getpid(), signal.SIGKILL)\n"
+        "for text in ('old', 'new'):\n"
+        "    with files.replaced_folder(target) as fresh: (fresh / 'a').write_text(text)\n"
+        "    pathlib.Path.rename = die\n"
+    )
+    run_killed_script(script, tmp_path)
+    assert "kept" not in names_in(tmp_path)
+    assert (find_folder(tmp_path / "kept") / "a").read_text() == "old"
+    recover_folder(tmp_path / "kept")
+    assert (tmp_path / "kept" / "a").read_text() == "old"
+    run_killed_script(script.replace("for text", "pathlib.Path.rename = die\nfor text"), tmp_path)
+    with pytest.raises(RuntimeError), replaced_folder(tmp_path / "kept"):
+        raise RuntimeError
+    assert find_folder(tmp_path / "kept") == tmp_path / "kept"
+    assert (tmp_path / "kept" / "a").read_text() == "old"
+    assert names_in(tmp_path) == ["kept"]

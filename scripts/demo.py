@@ -4,6 +4,8 @@ import argparse
 import sys
 from dataclasses import fields
 
+from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED, EXIT_REFUSED
+from marl_cair.cli.options import read_comments
 from marl_cair.training.demo import DemoSettings, run_demo
 
 NEXT = """
@@ -11,7 +13,7 @@ Look at   {out}/league/league.png   the ladder with 95 % intervals, and who beat
           {out}/curves.png          learning curves, generator, actions
           {out}/game.gif            a game of the conv network against the bot `counter`
 Try next  .venv/bin/marl-cair train policy=capsule opponent=self_play total_frames=1000000
-          .venv/bin/marl-cair league {out}/conv/latest {out}/capsule/latest counter economist
+          .venv/bin/marl-cair league {out}/conv/best {out}/capsule/best counter economist
           .venv/bin/marl-cair games
           .venv/bin/tensorboard --logdir {out}
 """
@@ -20,17 +22,22 @@ Try next  .venv/bin/marl-cair train policy=capsule opponent=self_play total_fram
 def main() -> int:
     """Run it as the command line says; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
+    comments = read_comments(DemoSettings)
     for field in fields(DemoSettings):
         name, kind = field.name.replace("_", "-"), type(field.default)
-        parser.add_argument(f"--{name}", type=kind, default=field.default, help=f"{field.default}")
+        told = f"{comments[field.name]} (default: {field.default})"
+        parser.add_argument(f"--{name}", type=kind, default=field.default, help=told)
     settings = DemoSettings(**vars(parser.parse_args()))
     try:
         run_demo(settings)
     except KeyboardInterrupt:
         print(f"interrupted: run the same command again to go on in {settings.out}")
-        return 130
+        return EXIT_INTERRUPTED
+    except (ValueError, OSError) as error:
+        print(f"demo: {error}", file=sys.stderr)
+        return EXIT_REFUSED
     print(NEXT.format(out=settings.out))
-    return 0
+    return EXIT_DONE
 
 
 if __name__ == "__main__":

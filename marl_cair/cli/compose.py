@@ -12,6 +12,7 @@ from typing import Any
 from hydra import compose, initialize
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -22,7 +23,7 @@ from marl_cair.games import GAMES
 from marl_cair.generative import GENERATORS
 from marl_cair.lookup import find_by_name
 from marl_cair.policies import NETWORKS
-from marl_cair.training.config import NO_GENERATOR, TrainConfig
+from marl_cair.training.config import NO_GENERATOR, SELF_PLAY, TrainConfig
 
 CONFIG_FILE = "config.yaml"
 SHORTHANDS = {
@@ -32,8 +33,6 @@ SHORTHANDS = {
     "actions": "game.options.actions",
     "max_ticks": "game.options.max_ticks",
 }
-SELF_PLAY = {"latest": 0.4, "pool": 0.2, "scripted": 0.3, "random": 0.1}
-SELF_PLAY_WARMUP_FRAMES = 60_000
 _ROOT = "marl_cair_train"
 
 
@@ -41,9 +40,9 @@ def list_groups() -> dict[str, dict[str, dict[str, Any]]]:
     """Group -> choice -> the settings that the choice changes: `policy=capsule` and the like."""
     bots = {name: None for game in GAMES for name in GAMES[game].bots}
     opponents: dict[str, dict[str, Any]] = {name: {"mixture": {name: 1.0}} for name in bots}
-    opponents["self_play"] = {"mixture": SELF_PLAY, "warmup_frames": SELF_PLAY_WARMUP_FRAMES}
+    opponents["self_play"] = {"mixture": SELF_PLAY}
     opponents["latest"] = {"mixture": {"latest": 1.0}}
-    opponents["pool"] = {"mixture": {"pool": 1.0}, "warmup_frames": SELF_PLAY_WARMUP_FRAMES}
+    opponents["pool"] = {"mixture": {"pool": 1.0}}
     opponents["scripted"] = {"mixture": {"scripted": 1.0}}
     return {
         "game": {name: {"name": name, "scenario": GAMES[name].default_scenario} for name in GAMES},
@@ -111,9 +110,10 @@ def _replace_mixtures(values: dict[str, Any], words: Sequence[str]) -> None:
     for word in words:
         name, _, text = word.partition("=")
         if name in ("opponent.mixture", "opponent.warmup_mixture"):
-            values["opponent"][name.partition(".")[2]] = OmegaConf.to_container(
-                OmegaConf.create(text)
-            )
+            given = OverridesParser.create().parse_override(f"{name}={text}").value()
+            if not isinstance(given, dict):
+                raise ValueError(f"{word}: write weights by name, for example {name}={{random:1}}")
+            values["opponent"][name.partition(".")[2]] = {str(key): given[key] for key in given}
 
 
 def build_config(values: Mapping[str, Any]) -> TrainConfig:
@@ -122,28 +122,35 @@ def build_config(values: Mapping[str, Any]) -> TrainConfig:
     return config
 
 
-def _build(kind: Any, value: Any) -> Any:
-    """`value` as `kind`: dataclasses, tuples, optional values and plain numbers and text."""
+def _build(kind: Any, value: Any, path: str = "") -> Any:
+    """`value` as `kind`: dataclasses, tuples, optional values and plain numbers and text; `path`
+    names it in errors.
+    """
     if dataclasses.is_dataclass(kind) and isinstance(kind, type):
         hints = typing.get_type_hints(kind)
         for name in value:
             find_by_name("option", name, hints)
-        built = {name: _build(hints[name], item) for name, item in value.items()}
+        inside = f"{path}." if path else ""
+        built = {name: _build(hints[name], value[name], inside + name) for name in value}
         if kind.__name__ == "GameSettings":
             built["options"] = _read_scenario_options(built)
         return kind(**built)
     origin, parts = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
         inner = next(part for part in parts if part is not type(None))
-        return None if value is None else _build(inner, value)
-    if origin is tuple and isinstance(value, list | tuple):
-        return tuple(_build(parts[0], item) for item in value)
+        return None if value is None else _build(inner, value, path)
+    if origin is tuple:
+        if not isinstance(value, list | tuple):
+            raise ValueError(f"{path} is {value!r}, it must be a list, for example {path}=[a,b]")
+        return tuple(_build(parts[0], item, path) for item in value)
+    if origin is dict:
+        return {name: _build(parts[1], value[name], f"{path}.{name}") for name in value}
     if kind is str and value is not None:
         return str(value)
-    return _read_number(kind, value)
+    return _read_number(kind, value, path)
 
 
-def _read_number(kind: Any, value: Any) -> Any:
+def _read_number(kind: Any, value: Any, path: str) -> Any:
     """Numbers of the right kind; 1e6 is a whole number, 1.5 is none."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if kind is float and is_number:
@@ -152,7 +159,7 @@ def _read_number(kind: Any, value: Any) -> Any:
         return int(value)
     if kind in (int, float, bool) and not (kind is bool and isinstance(value, bool)):
         names = {int: "a whole number", float: "a number", bool: "true or false"}
-        raise ValueError(f"a value is {value!r}, it must be {names[kind]}")
+        raise ValueError(f"{path} is {value!r}, it must be {names[kind]}")
     return value
 
 
@@ -163,7 +170,7 @@ def _read_scenario_options(settings: Mapping[str, Any]) -> dict[str, Any]:
     hints = typing.get_type_hints(type(scenario))
     for name, value in options.items():
         find_by_name(f"{settings['name']} option", name, hints)
-        options[name] = _build(hints[name], value)
+        options[name] = _build(hints[name], value, f"game.options.{name}")
     return options
 
 

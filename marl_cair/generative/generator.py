@@ -136,7 +136,8 @@ class CCDNGenerator:
         checked = held.select(slice(half, None))
         refusals = self._find_refusals(checked.rows, checked.opinions, acceptance)
         metrics["acceptance/real_rows"] = float((~_any(refusals)).float().mean())
-        reasons = judge(metrics, gate)
+        is_open = self.last_report is not None and self.last_report.passed
+        reasons = judge(metrics, gate.loosen() if is_open else gate)
         self.last_report = GateReport(not reasons, reasons, metrics, acceptance)
         return self.last_report
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from marl_cair.replay.transition import TransitionSpec
 
@@ -145,10 +145,14 @@ class NetworkSize:
     hidden: int = 64  # of the context and the outcome heads
     economy_hidden: int = 32  # for each uniform plane
     table_width: int = 8  # learned numbers for each value of each uniform plane
-    action_embedding: int = 16
+    action_embedding: int = 16  # learned numbers for each action
     reward_bins: int = 63  # odd, so that one bin is exactly 0
-    # Cells (row, column offset) whose value may move here within a step.
-    shifts: tuple[tuple[int, int], ...] = ((0, 1), (0, -1), (1, 0), (-1, 0))
+    shifts: tuple[tuple[int, int], ...] = (  # (row, column) offsets a value may come from
+        (0, 1),
+        (0, -1),
+        (1, 0),
+        (-1, 0),
+    )
 
 
 @dataclass(frozen=True)
@@ -170,6 +174,7 @@ class GateConfig:
     min_rare_rows: int = 10  # rare rewards: the same rule as for ends
     min_rare_recall: float = 0.6  # members agree on missing rewards, so agreement cannot show it
     min_mask_accuracy: float = 0.98  # of entries: a wrong entry shifts a max over many actions
+    slack_when_open: float = 0.7  # of the two recalls and the explained share, which scatter by 0.1
     evaluation_rows: int = 512  # held-out rows measured at a time; half tune the acceptance
     tail: float = 0.03  # share of real rows that each likelihood test may turn away
     max_reward_spread: float = 1.0  # of members, in standard deviations of real rewards
@@ -178,10 +183,23 @@ class GateConfig:
     def __post_init__(self) -> None:
         if not 0.0 < self.tail < 0.5:
             raise ValueError(f"tail is {self.tail}, expected a share above 0 and below 0.5")
+        if not 0.0 < self.slack_when_open <= 1.0:
+            raise ValueError(
+                f"slack_when_open is {self.slack_when_open}, expected a share above 0, at most 1"
+            )
         if not 0.5 <= self.certain_terminal < 1.0:
             raise ValueError(
                 f"certain_terminal is {self.certain_terminal}, expected 0.5 up to below 1"
             )
+
+    def loosen(self) -> GateConfig:
+        """What an open gate must keep to: without slack, scatter would open and shut it in turn."""
+        return replace(
+            self,
+            min_reward_explained=self.slack_when_open * self.min_reward_explained,
+            min_terminal_recall=self.slack_when_open * self.min_terminal_recall,
+            min_rare_recall=self.slack_when_open * self.min_rare_recall,
+        )
 
 
 @dataclass(frozen=True)
@@ -189,7 +207,7 @@ class GeneratorConfig:
     """How the generator learns and generates."""
 
     num_members: int = 3  # independently seeded networks; 1 leaves nothing to disagree
-    learning_rate: float = 2e-3  # Adam
+    learning_rate: float = 2e-3  # of Adam
     max_grad_norm: float = 100.0  # far above the usual: clipping every step would bias odds
     rare_share: float = 0.25  # of each training batch: rows with a rare reward or an end
     rare_bin_share: float = 0.02  # a reward is rare if its bin holds less than this of all rows
@@ -199,7 +217,7 @@ class GeneratorConfig:
     counterfactual_share: float = 0.5  # of generated rows take another legal action
     max_rounds: int = 4  # of proposals in one call, if many are turned away
     quiet_stride: int = 16  # one in so many quiet cells is trained on (weight 16)
-    seed: int = 0
+    seed: int = 0  # of weights and draws; a training run gives its own
     size: NetworkSize = field(default_factory=NetworkSize)
     gate: GateConfig = field(default_factory=GateConfig)
 

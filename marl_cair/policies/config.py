@@ -29,8 +29,8 @@ class CapsuleSizes:
 class QNetworkConfig:
     """Which body and head, and how wide. None means the body's own usual number."""
 
-    body: str = "conv"
-    head: str = "dueling"
+    body: str = "conv"  # from the observation to features
+    head: str = "dueling"  # from features to action values
     hidden_width: int | None = None  # features between body and head: conv, mlp 256; capsule 128
     action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
     capsule: CapsuleSizes = field(default_factory=CapsuleSizes)

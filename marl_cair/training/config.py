@@ -16,6 +16,8 @@ from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.replay.mixed import MAX_FRACTION
 
 LATEST, POOL, SCRIPTED = "latest", "pool", "scripted"
+# Bots stay in self-play: who meets only itself forgets how simpler play is beaten.
+SELF_PLAY = {LATEST: 0.3, POOL: 0.1, SCRIPTED: 0.5, "random": 0.1}
 NO_GENERATOR = "none"
 TARGET_UPDATES = ("soft", "hard")
 LOSSES = ("smooth_l1", "l2")
@@ -31,9 +33,9 @@ def require(holds: bool, name: str, value: object, allowed: str) -> None:
 class GameSettings:
     """Which game is learned, on which scenario, seen how."""
 
-    name: str = "deep_line_wars"
-    scenario: str = "10x15"
-    representation: str = "planes"
+    name: str = "deep_line_wars"  # which game is learned
+    scenario: str = "10x15"  # board and rules
+    representation: str = "planes"  # what the learner looks at
     reward: str = "shaped"  # training reward; evaluation is always sparse
     options: dict[str, Any] = field(default_factory=dict)  # fields of the scenario to change
 
@@ -51,10 +53,14 @@ class OpponentSettings:
     from all seats), `pool` (own snapshots) or `scripted` (all bots, evenly); values are weights.
     """
 
-    mixture: dict[str, float] = field(default_factory=lambda: {"random": 1.0})
-    warmup_frames: int = 0  # until then `warmup_mixture` is met
-    warmup_mixture: dict[str, float] = field(default_factory=lambda: {"random": 1.0})
-    snapshot_every_frames: int = 100_000  # between two snapshots for the pool
+    mixture: dict[str, float] = field(  # weights by name of who is met
+        default_factory=lambda: {"random": 1.0}
+    )
+    warmup_frames: int = 0  # frames until `mixture` takes the place of `warmup_mixture`
+    warmup_mixture: dict[str, float] = field(  # weights by name of who is met first
+        default_factory=lambda: {"random": 1.0}
+    )
+    snapshot_every_frames: int = 100_000  # frames between two snapshots for the pool
     pool_capacity: int = 32  # snapshots kept for play; the oldest ones are thinned out
     pool_active: int = 4  # snapshots that play at one time
     pool_recency: float = 0.0  # 0: every snapshot alike; else weight exp(-recency * age), age 0..1
@@ -74,9 +80,9 @@ class OpponentSettings:
 class CollectorSettings:
     """How experience is gathered."""
 
-    num_worlds: int = 128
+    num_worlds: int = 128  # games at one time
     steps_per_batch: int = 16  # decisions of each world between two rounds of learning
-    num_threads: int = 1  # of the engine
+    num_threads: int = 1  # CPU threads of the engine
 
     def __post_init__(self) -> None:
         for name in ("num_worlds", "steps_per_batch", "num_threads"):
@@ -87,9 +93,9 @@ class CollectorSettings:
 class ExplorationSettings:
     """Epsilon-greedy: uniform over the legal kinds of action, then over those of the kind."""
 
-    epsilon_start: float = 1.0
-    epsilon_end: float = 0.03
-    anneal_frames: int = 150_000
+    epsilon_start: float = 1.0  # chance of exploring at frame 0
+    epsilon_end: float = 0.02  # chance of exploring from `anneal_frames` on
+    anneal_frames: int = 60_000  # frames from start to end, in a straight line
 
     def __post_init__(self) -> None:
         for name in ("epsilon_start", "epsilon_end"):
@@ -107,9 +113,9 @@ class ExplorationSettings:
 class ReplaySettings:
     """Memory of real transitions."""
 
-    capacity_transitions: int = 200_000
-    generated_capacity_transitions: int = 20_000
-    min_transitions: int = 5_000  # learning starts with these
+    capacity_transitions: int = 200_000  # the newest real transitions are kept
+    generated_capacity_transitions: int = 20_000  # the newest generated ones
+    min_transitions: int = 5_000  # transitions; learning starts with these
     scratch_dir: str | None = None  # observations on disk in this folder; None: in memory
 
     def __post_init__(self) -> None:
@@ -125,17 +131,18 @@ class ReplaySettings:
 class LearnerSettings:
     """The Q-learning update."""
 
-    batch_size: int = 256
-    frames_per_update: int = 64
-    learning_rate: float = 5e-4  # Adam
+    batch_size: int = 128  # transitions, generated ones included
+    frames_per_update: int = 64  # frames collected for each update
+    learning_rate: float = 5e-4  # of Adam
     gamma: float = 0.99  # discount per decision
-    n_steps: int = 3
-    double: bool = True
-    loss: str = "smooth_l1"
-    target: str = "soft"
+    n_steps: int = 8  # decisions whose rewards are summed before the target network is asked
+    double: bool = True  # the online network chooses the action that the target network values
+    loss: str = "smooth_l1"  # of the TD error
+    target: str = "soft"  # how the target network follows: a little always, or by copies
     target_tau: float = 0.01  # share of the online weights taken over at each update (soft)
-    target_every_updates: int = 500  # between two copies (hard)
-    max_grad_norm: float = 10.0
+    target_every_updates: int = 500  # updates between two copies (hard)
+    average_decay: float = 0.995  # of the averaged weights at each update; 0: the newest weights
+    max_grad_norm: float = 10.0  # longer gradients are shortened to it
     reward_scale: float = 1.0  # rewards are multiplied by it before they are stored
 
     def __post_init__(self) -> None:
@@ -147,6 +154,8 @@ class LearnerSettings:
         require(
             0 < self.target_tau <= 1, "learner.target_tau", self.target_tau, "above 0, at most 1"
         )
+        decay = self.average_decay
+        require(0 <= decay < 1, "learner.average_decay", decay, "0 or more, below 1")
         find_by_name("learner.target", self.target, dict.fromkeys(TARGET_UPDATES))
         find_by_name("learner.loss", self.loss, dict.fromkeys(LOSSES))
 
@@ -155,12 +164,12 @@ class LearnerSettings:
 class GeneratorSettings:
     """When the generator of artificial transitions learns, is measured and generates."""
 
-    name: str = "ccdn"  # or "none"
-    batch_size: int = 64
-    frames_per_update_shut: int = 64  # until the gate has opened for the first time
-    frames_per_update: int = 256  # from then on
-    evaluate_every_frames: int = 20_000
-    rows_per_refill: int = 1_000  # generated after each passed evaluation
+    name: str = "ccdn"  # "none": all transitions are real
+    batch_size: int = 64  # real transitions of its own update
+    frames_per_update_shut: int = 64  # frames for each update until the gate first opens
+    frames_per_update: int = 128  # frames for each from then on
+    evaluate_every_frames: int = 25_000  # frames between two looks at the gate
+    rows_per_refill: int = 1_000  # transitions generated after each passed evaluation
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:
@@ -179,9 +188,9 @@ class GeneratorSettings:
 class EvaluationSettings:
     """Greedy games with sparse reward against bots, while training."""
 
-    every_frames: int = 100_000
-    games: int = 64  # against each bot, half in each seat
-    bots: tuple[str, ...] = ("random",)
+    every_frames: int = 100_000  # frames between two evaluations
+    games: int = 64  # games against each bot, half in each seat
+    bots: tuple[str, ...] = ("random",)  # opponents
 
     def __post_init__(self) -> None:
         require(self.every_frames >= 1, "evaluation.every_frames", self.every_frames, "1 or more")
@@ -193,7 +202,7 @@ class EvaluationSettings:
 class CheckpointSettings:
     """What is kept on disk. The newest agent is always in `<out>/latest`."""
 
-    every_frames: int = 200_000  # between two resumable states
+    every_frames: int = 200_000  # frames between two resumable states
     include_replay: bool = True  # else a resumed run begins with an empty replay
 
     def __post_init__(self) -> None:
@@ -205,9 +214,9 @@ class TrainConfig:
     """A whole run."""
 
     out: str = "runs/train"  # output folder
-    seed: int = 0
-    total_frames: int = 500_000
-    max_minutes: float | None = None  # of training in this sitting; None: no limit
+    seed: int = 0  # of everything random in the run
+    total_frames: int = 500_000  # decisions of one world; the run ends there
+    max_minutes: float | None = None  # of this sitting; None: no limit
     synthetic_fraction: float = 0.2  # generated share of each batch, 0..0.9
     torch_threads: int | None = None  # None: as torch chooses; fixed numbers give equal bits
     game: GameSettings = field(default_factory=GameSettings)

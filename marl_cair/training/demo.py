@@ -9,12 +9,14 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
 from marl_cair.league.agents import load_agent
 from marl_cair.league.film import save_film
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.training.config import (
+    SELF_PLAY,
     CheckpointSettings,
     CollectorSettings,
     EvaluationSettings,
@@ -25,9 +27,10 @@ from marl_cair.training.config import (
     TrainConfig,
 )
 from marl_cair.training.curves import draw_curves
-from marl_cair.training.run import RESUME_FOLDER
+from marl_cair.training.run import BEST_FOLDER, LATEST_FOLDER
 from marl_cair.training.trainer import train
 
+FINISHED_FILE = "finished.txt"  # in the folder of a run that a later call need not go on with
 GAME, SCENARIO = "deep_line_wars", "10x15"
 NETWORKS = ("conv", "capsule")
 
@@ -36,12 +39,12 @@ NETWORKS = ("conv", "capsule")
 class DemoSettings:
     """How long the demonstration is. The defaults end within 10 minutes on 2 cores."""
 
-    out: str = "runs/demo"
-    frames: int = 260_000  # decisions of each network
-    max_minutes: float = 3.4  # of training of each network
-    league_games: int = 40  # for each pair
-    num_worlds: int = 128
-    seed: int = 0
+    out: str = "runs/demo"  # output folder
+    frames: int = 200_000  # decisions of each network
+    max_minutes: float = 3.4  # minutes of training of each network
+    league_games: int = 40  # games of each pair
+    num_worlds: int = 128  # games at one time in training
+    seed: int = 0  # of everything random
 
 
 @dataclass(frozen=True)
@@ -57,8 +60,7 @@ class _Redraw:
 
 def make_config(settings: DemoSettings, network: str) -> TrainConfig:
     """The default recipe, shortened: random first, then self-play; 20 % generated rows."""
-    warmup = settings.frames // 2
-    mixture = {"latest": 0.4, "pool": 0.2, "random": 0.2, "scripted": 0.2}
+    warmup = settings.frames // 20
     every = max(1, settings.frames // 8)
     return TrainConfig(
         out=f"{settings.out}/{network}",
@@ -66,9 +68,9 @@ def make_config(settings: DemoSettings, network: str) -> TrainConfig:
         total_frames=settings.frames,
         max_minutes=settings.max_minutes,
         policy=QNetworkConfig(body=network),
-        opponent=OpponentSettings(mixture, warmup_frames=warmup, snapshot_every_frames=every),
+        opponent=OpponentSettings(SELF_PLAY, warmup_frames=warmup, snapshot_every_frames=every),
         collector=CollectorSettings(num_worlds=settings.num_worlds),
-        exploration=ExplorationSettings(anneal_frames=max(1, settings.frames // 3)),
+        exploration=ExplorationSettings(anneal_frames=max(1, settings.frames * 3 // 10)),
         replay=ReplaySettings(
             capacity_transitions=100_000, min_transitions=min(5_000, settings.frames // 4)
         ),
@@ -76,6 +78,12 @@ def make_config(settings: DemoSettings, network: str) -> TrainConfig:
         evaluation=EvaluationSettings(every_frames=every, games=32, bots=("random", "counter")),
         checkpoint=CheckpointSettings(every_frames=settings.frames),
     )
+
+
+def _find_agent(run: str) -> str:
+    """The best of its evaluations; a machine too slow for one in time gives its newest."""
+    best = f"{run}/{BEST_FOLDER}"
+    return best if Path(best).is_dir() else f"{run}/{LATEST_FOLDER}"
 
 
 def run_demo(settings: DemoSettings) -> Path:
@@ -88,13 +96,16 @@ def run_demo(settings: DemoSettings) -> Path:
     for number, network in enumerate(NETWORKS, start=1):
         config = make_config(settings, network)
         tqdm.write(f"[{number}/4] training the {network} network in {config.out}")
-        resume = (Path(config.out) / RESUME_FOLDER).is_dir()
+        finished = Path(config.out) / FINISHED_FILE
+        if finished.exists():
+            continue
         done = {name: f"{settings.out}/{name}" for name in NETWORKS[:number]}
-        result = train(config, resume=resume, listen=_Redraw(done, folder / "curves.png"))
+        result = train(config, resume=True, listen=_Redraw(done, folder / "curves.png"))
         if result.was_interrupted:
             raise KeyboardInterrupt
+        write_atomically(finished, f"{result.frames} decisions\n")
     tqdm.write("[3/4] league of the networks and the scripted bots")
-    agents = [f"{settings.out}/{network}/latest" for network in NETWORKS]
+    agents = [_find_agent(f"{settings.out}/{network}") for network in NETWORKS]
     league = run_league(
         LeagueConfig(
             agents=(*agents, *GAMES[GAME].bots),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import deepcopy
 from typing import Any
 
 import torch
@@ -15,12 +16,19 @@ from torchrl.objectives import DQNLoss, HardUpdate, SoftUpdate
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.training.config import LearnerSettings
 
+# Of the averaged weights' warm-up: after n updates they average over no more than about n / 10.
+_AVERAGE_WARMUP = 10
+
 
 class Learner:
-    """Network, target network and optimiser.
+    """Network, target network, optimiser, and the averaged weights that are rated and kept.
 
     Target of a row: R + gamma^k * (not terminated) * Q_target(s', argmax over legal a of Q(s', a)),
     R the discounted sum of k rewards (double Q-learning, van Hasselt et al. 2016).
+
+    Neighbouring actions differ little in value, so that a few updates turn the greedy policy round;
+    `average` is the exponential moving average of the weights (Polyak and Juditsky 1992), whose
+    policy is steady. Collecting goes on with the newest weights.
     """
 
     def __init__(self, network: QNetwork, settings: LearnerSettings) -> None:
@@ -45,7 +53,9 @@ class Learner:
         else:
             every = settings.target_every_updates
             self._target = HardUpdate(self._loss, value_network_update_interval=every)
-        self._parameters = list(network.parameters())
+        self._parameters: list[Tensor] = list(network.parameters())
+        self.average = deepcopy(network).eval().requires_grad_(False)
+        self._averaged: list[Tensor] = list(self.average.parameters())
         self.optimizer = torch.optim.Adam(self._parameters, lr=settings.learning_rate)
         self.updates = 0
 
@@ -58,7 +68,14 @@ class Learner:
         self.optimizer.step()
         self._target.step()
         self.updates += 1
+        self._take_into_average()
         return {"loss/all": loss.detach(), "grad_norm": norm, **self._split(batch)}
+
+    @torch.no_grad()
+    def _take_into_average(self) -> None:
+        warm = (1 + self.updates) / (_AVERAGE_WARMUP + self.updates)
+        share = 1.0 - min(self.settings.average_decay, warm)
+        torch._foreach_lerp_(self._averaged, self._parameters, share)
 
     def _split(self, batch: TensorDict) -> dict[str, Tensor | float]:
         """Mean loss and TD error of real and of generated rows, apart."""
@@ -84,6 +101,7 @@ class Learner:
         """Network, target, optimiser and counts as tensors and plain data."""
         return {
             "loss": dict(self._loss.state_dict()),
+            "average": dict(self.average.state_dict()),
             "optimizer": self.optimizer.state_dict(),
             "target_counter": getattr(self._target, "counter", 0),
             "updates": self.updates,
@@ -92,6 +110,7 @@ class Learner:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from `state_dict`."""
         self._loss.load_state_dict(state["loss"])
+        self.average.load_state_dict(state["average"])
         self.optimizer.load_state_dict(dict(state["optimizer"]))
         if hasattr(self._target, "counter"):
             self._target.counter = state["target_counter"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,12 @@ import torch
 from torchrl.collectors import Collector
 
 from marl_cair.checkpoint import AgentDescription, CheckpointError, load_tensors, save_agent
-from marl_cair.files import claim_output_folder, replaced_folder, require_free_space
+from marl_cair.files import (
+    claim_output_folder,
+    recover_folder,
+    replaced_folder,
+    require_free_space,
+)
 from marl_cair.games import GAMES
 from marl_cair.games.torchrl_env import BatchedGameEnv
 from marl_cair.generative import GENERATORS
@@ -32,7 +36,8 @@ from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
 from marl_cair.training.opponents import OpponentBook
 from marl_cair.training.seats import SeatRouter
 
-LATEST_FOLDER, RESUME_FOLDER, SNAPSHOT_FOLDER = "latest", "resume", "snapshots"
+LATEST_FOLDER, BEST_FOLDER, SNAPSHOT_FOLDER = "latest", "best", "snapshots"
+RESUME_FOLDER = "resume"
 STATE_FILE, REPLAY_FOLDER = "state.pt", "replay"
 RUN_KIND = "training"
 _NUM_SEEDS = 8
@@ -68,7 +73,9 @@ class TrainingRun:
         self._make_learner()
         self._make_collector()
         self.frames = 0
+        self.best_score = -1.0  # of all evaluations, below any score
         self.gate_is_open = self.gate_has_opened = False
+        recover_folder(self.folder / RESUME_FOLDER)
         if resume and (self.folder / RESUME_FOLDER).is_dir():
             self.restore()
         self.log = RunLog(self.folder, self.frames)
@@ -158,8 +165,8 @@ class TrainingRun:
             # A new state is written beside the old one before it takes its place.
             needed += 2 * real._storage.nbytes_per_step * self.config.replay.capacity_transitions
         require_free_space(self.folder, needed)
-        run_id = describe_config(self.config)
-        claim_output_folder(self.folder, RUN_KIND, run_id, resume)
+        advice = f"go on with `marl-cair train resume={self.folder}`"
+        claim_output_folder(self.folder, RUN_KIND, fixed_settings(self.config), resume, advice)
 
     def _make_learner(self) -> None:
         config = self.config
@@ -169,6 +176,7 @@ class TrainingRun:
         self.learner = Learner(network, config.learner)
         exploration = MaskedEpsilonGreedy(self._seeds[5], self.spec.action_groups)
         self.actor = PolicyActor(network, "learner", self.seen.name, exploration)
+        self.rated = PolicyActor(self.learner.average, "learner", self.seen.name)
         self.book = OpponentBook(
             config.opponent, self.game, self.scenario, self.seen.name, self._seeds[6]
         )
@@ -216,21 +224,28 @@ class TrainingRun:
             seed=self.config.seed,
         )
 
-    def save_agent(self) -> None:
-        """Write the newest agent to `<out>/latest`."""
-        save_agent(self.folder / LATEST_FOLDER, self.learner.network, self.describe_agent())
+    def save_agent(self, folder: str = LATEST_FOLDER) -> None:
+        """Write the agent as it is now, its averaged weights, to `<out>/<folder>`."""
+        save_agent(self.folder / folder, self.learner.average, self.describe_agent())
+
+    def note_score(self, score: float) -> None:
+        """Keep the agent in `<out>/best` where its evaluation is none below the best before."""
+        if score >= self.best_score:
+            self.best_score = score
+            self.save_agent(BEST_FOLDER)
 
     def add_snapshot(self) -> None:
         """Freeze the learner for the pool, and keep it as an agent on disk."""
-        self.book.add_snapshot(self.learner.network, self.frames)
+        self.book.add_snapshot(self.learner.average, self.frames)
         folder = self.folder / SNAPSHOT_FOLDER / f"frames_{self.frames:010d}"
         about = dataclasses.replace(self.describe_agent(), name=f"{self.folder.name}@{self.frames}")
-        save_agent(folder, self.learner.network, about)
+        save_agent(folder, self.learner.average, about)
 
     def save_state(self) -> None:
         """Write all that a resumed run needs to `<out>/resume`, whole or not at all."""
         state = {
             "frames": self.frames,
+            "best_score": self.best_score,
             "gate_is_open": self.gate_is_open,
             "gate_has_opened": self.gate_has_opened,
             "learner": self.learner.state_dict(),
@@ -263,7 +278,7 @@ class TrainingRun:
             ) from error
 
     def _import_state(self, state: Any, folder: Path) -> None:
-        self.frames = state["frames"]
+        self.frames, self.best_score = state["frames"], state["best_score"]
         self.gate_is_open, self.gate_has_opened = state["gate_is_open"], state["gate_has_opened"]
         self.learner.load_state_dict(state["learner"])
         self.book.load_state_dict(state["book"], self.learner.network)
@@ -286,12 +301,12 @@ class TrainingRun:
         self.log.close()
 
 
-def describe_config(config: TrainConfig) -> str:
-    """The settings that a resumed run must share, as text: all but how long and where."""
+def fixed_settings(config: TrainConfig) -> dict[str, Any]:
+    """The settings that a resumed run must share: all but how long and where."""
     values = dataclasses.asdict(config)
     for free in ("out", "total_frames", "max_minutes"):
         del values[free]
-    return json.dumps(values, sort_keys=True)
+    return values
 
 
 def _to_tensors(value: Any) -> Any:

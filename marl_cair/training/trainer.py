@@ -170,7 +170,6 @@ def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
     if _is_due(before, run.frames, config.evaluation.every_frames):
         with timers.measure("evaluate"):
             row |= _evaluate(run)
-            run.save_agent()
     if not row and not _is_due(before, run.frames, LOG_EVERY_FRAMES):
         return {}
     previous = int(run.log.rows[-1]["frames"]) if run.log.rows else 0
@@ -185,9 +184,13 @@ def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
 
 def _evaluate(run: TrainingRun) -> dict[str, float]:
     settings = run.config.evaluation
-    return evaluate_against_bots(
-        run.actor, run.game, run.scenario, settings.bots, settings.games, run.config.seed
+    scores, row = evaluate_against_bots(
+        run.rated, run.game, run.scenario, settings.bots, settings.games, run.config.seed
     )
+    run.save_agent()
+    if scores:
+        run.note_score(sum(scores) / len(scores))
+    return row
 
 
 def _summarise(row: dict[str, float]) -> str:

@@ -78,7 +78,7 @@ def test_configuration_survives_its_file(tmp_path):
         (["scenario=10x51"], "nearest are '10x15'"),
         (["preset=2016"], "nearest are '2018', '2017'"),
         (["synthetic_fraction=1.5"], "synthetic_fraction is 1.5"),
-        (["seed=many"], "a value is 'many', it must be a whole number"),
+        (["seed=many"], "seed is 'many', it must be a whole number"),
         (["capsule"], "'capsule' is no option: write name=value"),
         (["resume=/nowhere"], "holds no run to resume"),
     ],
@@ -90,10 +90,12 @@ def test_train_refuses_with_one_line(words, message, capsys):
     assert told.count("\n") == 1
 
 
-def test_help_tells_every_option_and_all_have_a_meaning_or_a_plain_name():
+def test_help_tells_every_option_with_default_and_meaning():
     text = describe_options()
     for option in list_options():
-        assert f"  {option.path} = " in text
+        assert len(option.comment) > 3, option.path
+        line, meaning = f"  {option.path} = {option.default}\n", f"      {option.comment}\n"
+        assert line + meaning in text
     assert "one of conv, capsule, mlp" in text
     assert "generated share of each batch" in text
 
@@ -127,7 +129,7 @@ def test_train_resume_evaluate_and_league_from_end_to_end(tmp_path, capsys):
     out = str(tmp_path / "run")
     assert main(["train", *SMALL, f"out={out}", "total_frames=1024"]) == 0
     assert main(["train", *SMALL, f"out={out}", "total_frames=1024"]) == 2
-    assert "already holds training run" in capsys.readouterr().err
+    assert f"go on with `marl-cair train resume={out}`" in capsys.readouterr().err
     assert main(["train", f"resume={out}", "total_frames=1280"]) == 0
     assert main(["train", f"resume={out}", "seed=2"]) == 2
     assert "unknown option of a resumed run 'seed'" in capsys.readouterr().err

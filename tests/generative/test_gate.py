@@ -71,6 +71,22 @@ def test_each_condition_alone_shuts_the_gate(changes: dict[str, float], reason: 
     assert judge({**GOOD, **changes}, GateConfig()) == (reason,)
 
 
+@pytest.mark.parametrize("name", ["reward/explained", "reward/rare_recall", "terminal/recall"])
+def test_an_open_gate_stays_open_through_scatter_but_not_beyond_its_slack(name: str) -> None:
+    config = GateConfig(slack_when_open=0.5)
+    between, below = {**GOOD, name: 0.4}, {**GOOD, name: 0.2}
+    assert judge(between, config) != ()
+    assert judge(between, config.loosen()) == ()
+    assert len(judge(below, config.loosen())) == 1
+    assert judge({**between, "terminal/auc": 0.9}, config.loosen()) != ()
+
+
+@pytest.mark.parametrize("slack", [0.0, 1.1])
+def test_slack_is_a_share(slack: float) -> None:
+    with pytest.raises(ValueError, match=f"slack_when_open is {slack}, expected a share above 0"):
+        GateConfig(slack_when_open=slack)
+
+
 def test_few_ends_and_rare_rewards_do_not_shut_the_gate() -> None:
     few = {"terminal/num": 3.0, "terminal/recall": 0.0, "reward/num_rare": 3.0,
            "reward/rare_recall": 0.0}  # fmt: skip

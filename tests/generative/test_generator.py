@@ -116,6 +116,18 @@ def test_gate_refuses_a_generator_with_wrong_rewards(real_rows: TensorDict) -> N
     )
 
 
+def test_an_open_gate_is_judged_with_slack(trained: CCDNGenerator) -> None:
+    """The same metrics keep it open that would not have opened it."""
+    config = replace(trained.config, gate=replace(trained.config.gate, min_rare_recall=1.3))
+    config = replace(config, gate=replace(config.gate, slack_when_open=0.5))
+    judged = CCDNGenerator(config, trained.spec)
+    judged.load_state_dict(trained.state_dict())
+    judged.last_report = None
+    assert not judged.evaluate().passed
+    judged.last_report = GateReport(True, ())
+    assert judged.evaluate().passed
+
+
 def test_gate_shuts_again_when_the_game_changes(
     trained: CCDNGenerator, real_rows: TensorDict
 ) -> None:

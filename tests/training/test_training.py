@@ -14,6 +14,7 @@ from marl_cair.games import GAMES
 from marl_cair.league.agents import load_agent
 from marl_cair.league.match import play_match
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.config import (
     CheckpointSettings,
     CollectorSettings,
@@ -26,11 +27,13 @@ from marl_cair.training.config import (
     ReplaySettings,
     TrainConfig,
 )
+from marl_cair.training.evaluation import evaluate_against_bots
 from marl_cair.training.learner import Learner
 from marl_cair.training.metrics import read_log
 from marl_cair.training.opponents import FIRST_SNAPSHOT_ID, LATEST_ID, OpponentBook
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
+from tests.replay.streams import make_transitions
 
 GAME = GAMES["deep_line_wars"]
 NEVER = 10**9
@@ -62,10 +65,12 @@ def tiny(folder, frames=2_560, **changes):
 
 
 def digest(folder):
-    """Of all weights, target weights, optimiser moments and the replay's files."""
+    """Of all weights (target and average too), optimiser moments and the replay's files."""
     state = torch.load(folder / "resume" / "state.pt", weights_only=True)
     found = hashlib.sha256()
     for _, value in sorted(state["learner"]["loss"].items()):
+        found.update(value.numpy().tobytes())
+    for _, value in sorted(state["learner"]["average"].items()):
         found.update(value.numpy().tobytes())
     for moments in state["learner"]["optimizer"]["state"].values():
         found.update(moments["exp_avg"].numpy().tobytes())
@@ -92,9 +97,15 @@ def test_the_same_seed_gives_the_same_run_and_another_does_not(tmp_path):
 def test_a_folder_of_another_run_is_refused_and_left_alone(tmp_path):
     train(tiny(tmp_path / "a", 256), show_progress=False)
     before = digest(tmp_path / "a")
-    with pytest.raises(OutputFolderError, match="already holds training run"):
+    with pytest.raises(
+        OutputFolderError,
+        match="already holds this training run: go on with `marl-cair train resume=",
+    ):
         train(tiny(tmp_path / "a", 256), show_progress=False)
-    with pytest.raises(OutputFolderError, match="holds training run"):
+    with pytest.raises(
+        OutputFolderError,
+        match=r"holds a training run with other settings \(seed is 0 there, 4 here\)",
+    ):
         train(tiny(tmp_path / "a", 256, seed=4), resume=True, show_progress=False)
     assert digest(tmp_path / "a") == before
 
@@ -187,6 +198,71 @@ def test_gradients_reach_every_parameter_of_both_networks(tmp_path):
             assert parameter.grad is not None, name
             assert parameter.grad.abs().sum() > 0, name
         run.close()
+
+
+def make_learner(**settings):
+    network = make_q_network(QNetworkConfig(hidden_width=8), (2, 8, 8), 3, seed=0)
+    return Learner(network, LearnerSettings(batch_size=4, learning_rate=0.05, **settings))
+
+
+def make_batch():
+    rows = make_transitions(np.random.default_rng(0), 4, TransitionSpec((2, 8, 8), 3))
+    rows["steps_to_next_obs"] = torch.ones(4, 1, dtype=torch.int64)
+    rows["is_generated"] = torch.zeros(4, 1, dtype=torch.bool)
+    return rows
+
+
+def test_averaged_weights_are_the_moving_average_of_the_weights():
+    learner = make_learner(average_decay=0.6)
+    expected = [value.clone() for value in learner.network.parameters()]
+    for update in range(1, 21):
+        learner.update(make_batch())
+        decay = min(0.6, (1 + update) / (10 + update))
+        newest = list(learner.network.parameters())
+        pairs = zip(expected, newest, strict=True)
+        expected = [decay * old + (1 - decay) * new for old, new in pairs]
+    averaged = list(learner.average.parameters())
+    for average, wanted in zip(averaged, expected, strict=True):
+        assert not average.requires_grad
+        torch.testing.assert_close(average, wanted)
+    assert any(not torch.equal(a, b) for a, b in zip(newest, averaged, strict=True))
+
+
+def test_without_decay_the_average_is_the_newest_network():
+    learner = make_learner(average_decay=0.0)
+    learner.update(make_batch())
+    pairs = zip(learner.network.parameters(), learner.average.parameters(), strict=True)
+    for newest, average in pairs:
+        torch.testing.assert_close(newest, average)
+
+
+def test_the_best_agent_is_kept_and_the_bound_survives_a_resume(tmp_path):
+    config = tiny(tmp_path / "a", 256)
+    train(config, show_progress=False)
+    run = TrainingRun(config, resume=True)
+    best = tmp_path / "a" / "best"
+    for score, is_kept in ((0.5, True), (0.4, False), (0.5, True)):
+        run.frames += 1
+        run.note_score(score)
+        assert (load_network(best)[1].frames == run.frames) == is_kept
+    run.save_state()
+    run.close()
+    again = TrainingRun(config, resume=True)
+    assert again.best_score == 0.5
+    again.close()
+
+
+def test_evaluation_rates_the_averaged_weights_and_leaves_exploration_alone(tmp_path):
+    run = TrainingRun(tiny(tmp_path / "a"))
+    assert run.rated.network is run.learner.average
+    before = run.actor.state_dict()["generator"].clone()
+    evaluate_against_bots(run.rated, run.game, run.scenario, ("random",), 2, 0)
+    assert torch.equal(run.actor.state_dict()["generator"], before)
+    run.save_agent()
+    saved, _ = load_network(tmp_path / "a" / "latest")
+    for kept, average in zip(saved.parameters(), run.learner.average.parameters(), strict=True):
+        assert torch.equal(kept, average)
+    run.close()
 
 
 def test_the_learner_beats_random_on_a_small_board(tmp_path):

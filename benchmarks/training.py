@@ -41,6 +41,7 @@ from marl_cair.training.metrics import Timers
 
 WORLDS, STEPS, CAPACITY, MIN_TRANSITIONS = 128, 16, 100_000, 5_000
 WINDOWS = 5
+BATCH, FRAMES_PER_UPDATE = 256, 64
 EPSILON = 0.5
 
 
@@ -48,7 +49,7 @@ class BareLoop:
     """Collect, store and learn with torch and NumPy alone: one-step transitions, whole rows."""
 
     def __init__(self, policy: str) -> None:
-        self.settings = LearnerSettings(n_steps=1)
+        self.settings = LearnerSettings(BATCH, FRAMES_PER_UPDATE, n_steps=1)
         self.engine = marl_cair.make_engine("deep_line_wars", "10x15", WORLDS, reward="shaped")
         shape = self.engine.representation("planes").shape
         actions = self.engine.num_actions
@@ -144,7 +145,7 @@ class FullLoop:
             opponent=OpponentSettings(latest, warmup_mixture=latest, snapshot_every_frames=10**9),
             collector=CollectorSettings(WORLDS, STEPS),
             replay=ReplaySettings(CAPACITY, min_transitions=MIN_TRANSITIONS),
-            learner=LearnerSettings(n_steps=n_steps),
+            learner=LearnerSettings(BATCH, FRAMES_PER_UPDATE, n_steps=n_steps),
             evaluation=EvaluationSettings(every_frames=10**9, bots=()),
             checkpoint=CheckpointSettings(every_frames=10**9, include_replay=False),
         )
@@ -194,7 +195,8 @@ def report(
 ) -> None:
     """Print rates, ratios and where the time goes."""
     print(
-        f"{options.policy}, batch 256, 1 update per 64 frames, {options.threads} threads, "
+        f"{options.policy}, batch {BATCH}, 1 update per {FRAMES_PER_UPDATE} frames, "
+        f"{options.threads} threads, "
         f"best of {WINDOWS} windows of {options.frames} frames"
     )
     reference = max(rates["bare PyTorch"])

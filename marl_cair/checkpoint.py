@@ -6,11 +6,13 @@ nothing that the files say.
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import pickle
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -61,7 +63,7 @@ def save_agent(folder: str | os.PathLike[str], network: QNetwork, about: AgentDe
     weights = {name: value.detach().cpu() for name, value in network.state_dict().items()}
     with replaced_folder(folder) as fresh:
         (fresh / DESCRIPTION_FILE).write_text(json.dumps(record, indent=2) + "\n", "utf-8")
-        torch.save(weights, fresh / WEIGHTS_FILE)
+        save_tensors(weights, fresh / WEIGHTS_FILE)
 
 
 def read_description(folder: str | os.PathLike[str]) -> AgentDescription:
@@ -108,6 +110,14 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
     except (ValueError, TypeError, RuntimeError) as error:
         raise CheckpointError(f"{path} does not hold this agent's weights: {error}") from error
     return network.eval(), about
+
+
+def save_tensors(values: Mapping[str, Any], path: Path) -> None:
+    """Write tensors and plain data for `load_tensors`. Raises OSError where the disk is full."""
+    # torch writes files itself and reports a full disk as an error of its own position.
+    buffer = io.BytesIO()
+    torch.save(values, buffer)
+    path.write_bytes(buffer.getbuffer())
 
 
 def load_tensors(path: str | os.PathLike[str]) -> Mapping[str, Any]:

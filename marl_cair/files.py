@@ -1,5 +1,6 @@
 """Write files whole or not at all, and keep the output of two runs out of one folder."""
 
+import errno
 import json
 import os
 import secrets
@@ -28,8 +29,9 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     A reader, or a run after a crash, sees the old file or the new one, never a part. The yielded
     path keeps the suffix of `path`, as savers choose a format by it. Folders that lack are made.
-    Raises IsADirectoryError where `path` is a folder and FileNotFoundError where the block wrote
-    nothing; on any exception the unfinished file is removed and `path` is left as it was.
+    Raises IsADirectoryError where `path` is a folder, FileNotFoundError where the block wrote
+    nothing and NotEnoughSpaceError where the disk filled up; on any exception the unfinished file
+    is removed and `path` is left as it was.
     """
     target = Path(path)
     if target.is_dir():
@@ -39,7 +41,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         f".{target.stem}.{secrets.token_hex(6)}{_LEFTOVER_MARK}{target.suffix}"
     )
     try:
-        yield unfinished
+        with _full_disk_explained(target):
+            yield unfinished
         if not unfinished.is_file():
             raise FileNotFoundError(
                 f"nothing was written for {target}: write to the path that atomic_path yields"
@@ -56,6 +59,23 @@ def write_atomically(path: str | os.PathLike[str], data: bytes | str) -> None:
     content = data.encode("utf-8") if isinstance(data, str) else data
     with atomic_path(path) as unfinished:
         unfinished.write_bytes(content)
+
+
+@contextmanager
+def _full_disk_explained(target: Path) -> Iterator[None]:
+    """Turn the errors of a disk that fills up while `target` is written into one that says so."""
+    try:
+        yield
+    except NotEnoughSpaceError:
+        raise
+    except OSError as error:
+        # NumPy reports a short write as an OSError without a number.
+        if error.errno not in (None, errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            raise
+        raise NotEnoughSpaceError(
+            f"{target} could not be written, the disk is full ({error}): free some space or choose "
+            "a folder on another disk; what was there before is kept"
+        ) from error
 
 
 def require_free_space(path: str | os.PathLike[str], num_bytes: int) -> None:
@@ -206,7 +226,8 @@ def replaced_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     shutil.rmtree(fresh, ignore_errors=True)
     fresh.mkdir(parents=True)
     try:
-        yield fresh
+        with _full_disk_explained(target):
+            yield fresh
         for file in fresh.rglob("*"):
             if file.is_file():
                 _sync_file(file)

@@ -12,7 +12,13 @@ import numpy as np
 import torch
 from torchrl.collectors import Collector
 
-from marl_cair.checkpoint import AgentDescription, CheckpointError, load_tensors, save_agent
+from marl_cair.checkpoint import (
+    AgentDescription,
+    CheckpointError,
+    load_tensors,
+    save_agent,
+    save_tensors,
+)
 from marl_cair.files import (
     claim_output_folder,
     recover_folder,
@@ -258,7 +264,7 @@ class TrainingRun:
             "torch_rng": torch.get_rng_state(),
         }
         with replaced_folder(self.folder / RESUME_FOLDER) as fresh:
-            torch.save(state, fresh / STATE_FILE)
+            save_tensors(state, fresh / STATE_FILE)
             if self.config.checkpoint.include_replay:
                 self.replay.save(fresh / REPLAY_FOLDER)
 

@@ -1,16 +1,16 @@
 """Training runs: they resume bit for bit, keep to the share of generated rows, and learn."""
 
-import dataclasses
-import hashlib
-import shutil
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 import torch
 
 from marl_cair.checkpoint import CheckpointError, load_network
+from marl_cair.cli.compose import save_config
 from marl_cair.files import OutputFolderError
-from marl_cair.games import GAMES
 from marl_cair.league.agents import load_agent
 from marl_cair.league.match import play_match
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
@@ -34,49 +34,7 @@ from marl_cair.training.opponents import FIRST_SNAPSHOT_ID, LATEST_ID, OpponentB
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
 from tests.replay.streams import make_transitions
-
-GAME = GAMES["deep_line_wars"]
-NEVER = 10**9
-
-
-def tiny(folder, frames=2_560, **changes):
-    config = TrainConfig(
-        out=str(folder),
-        total_frames=frames,
-        torch_threads=1,
-        policy=QNetworkConfig(hidden_width=32),
-        game=GameSettings(scenario="11x11", options={"max_ticks": 300}),
-        opponent=OpponentSettings(
-            {"latest": 0.3, "pool": 0.4, "counter": 0.3},
-            warmup_frames=256,
-            snapshot_every_frames=512,
-            pool_capacity=2,
-        ),
-        collector=CollectorSettings(num_worlds=16, steps_per_batch=8),
-        replay=ReplaySettings(3_000, 300, min_transitions=300),
-        learner=LearnerSettings(batch_size=20, frames_per_update=64),
-        generator=GeneratorSettings(
-            batch_size=16, frames_per_update_shut=128, evaluate_every_frames=1_024
-        ),
-        evaluation=EvaluationSettings(every_frames=NEVER, bots=()),
-        checkpoint=CheckpointSettings(every_frames=NEVER),
-    )
-    return dataclasses.replace(config, **changes)
-
-
-def digest(folder):
-    """Of all weights (target and average too), optimiser moments and the replay's files."""
-    state = torch.load(folder / "resume" / "state.pt", weights_only=True)
-    found = hashlib.sha256()
-    for _, value in sorted(state["learner"]["loss"].items()):
-        found.update(value.numpy().tobytes())
-    for _, value in sorted(state["learner"]["average"].items()):
-        found.update(value.numpy().tobytes())
-    for moments in state["learner"]["optimizer"]["state"].values():
-        found.update(moments["exp_avg"].numpy().tobytes())
-    for path in sorted((folder / "resume" / "replay").rglob("*.npy")):
-        found.update(path.read_bytes())
-    return found.hexdigest()
+from tests.training.runs import GAME, NEVER, digest, tiny
 
 
 @pytest.mark.parametrize("body", ["conv", "capsule"])
@@ -296,77 +254,6 @@ def test_the_log_holds_both_kinds_of_loss_and_the_action_shares(tmp_path):
     assert (tmp_path / "a" / "snapshots" / "frames_0000000512" / "agent.json").is_file()
 
 
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("trained")
-    train(tiny(folder / "a", 256), show_progress=False)
-    return folder / "a" / "latest"
-
-
-@pytest.fixture
-def agent(trained, tmp_path):
-    shutil.copytree(trained, tmp_path / "agent")
-    return tmp_path / "agent"
-
-
-class TestCheckpoints:
-    """What does not fit is named."""
-
-    def test_an_agent_plays_what_it_was_trained_on(self, agent):
-        network, about = load_network(agent)
-        assert about.scenario == "11x11"
-        assert network.num_actions == len(about.action_names)
-        assert load_agent(agent).representation == "planes"
-
-    def test_other_action_space(self, agent):
-        classic = GAME.scenario("11x11", actions="classic")
-        with pytest.raises(CheckpointError, match="has another action space"):
-            load_agent(agent, "deep_line_wars", classic)
-
-    def test_other_board(self, agent):
-        with pytest.raises(CheckpointError, match="action space|of the size it was trained on"):
-            load_agent(agent, "deep_line_wars", "10x15")
-
-    @pytest.mark.parametrize(
-        ("old", "new", "message"),
-        [
-            ('"game_version": "1"', '"game_version": "0"', "was trained on version 0"),
-            ('"game": "deep_line_wars"', '"game": "chess"', "was trained on chess|unknown game"),
-            ('"format_version": 1', '"format_version": 9', "its format version is 9"),
-            ('"format": "marl_cair agent"', '"format": "other"', "of another program"),
-            ('"body": "conv"', '"body": "cnv"', "unknown network 'cnv': nearest are 'conv'"),
-        ],
-    )
-    def test_description_of_something_else(self, agent, old, new, message):
-        path = agent / "agent.json"
-        text = path.read_text("utf-8")
-        assert old in text
-        path.write_text(text.replace(old, new), "utf-8")
-        with pytest.raises(ValueError, match=message):
-            load_agent(agent)
-
-    def test_truncated_weights(self, agent):
-        path = agent / "weights.pt"
-        path.write_bytes(path.read_bytes()[:1_000])
-        with pytest.raises(CheckpointError, match="is cut short, or holds more than tensors"):
-            load_agent(agent)
-
-    def test_code_in_the_weights_is_not_run(self, agent, tmp_path):
-        class Payload:
-            def __reduce__(self):
-                return (open, (str(tmp_path / "ran"), "w"))
-
-        torch.save({"weights": Payload()}, agent / "weights.pt")
-        with pytest.raises(CheckpointError, match="holds more than tensors"):
-            load_agent(agent)
-        assert not (tmp_path / "ran").exists()
-
-    def test_missing_weights(self, agent):
-        (agent / "weights.pt").unlink()
-        with pytest.raises(CheckpointError, match="is missing: the checkpoint is incomplete"):
-            load_agent(agent)
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -395,3 +282,26 @@ def test_the_generator_needs_planes(tmp_path):
     policy = QNetworkConfig(body="mlp")
     with pytest.raises(ValueError, match="works on `planes`, not on 'vector'"):
         TrainingRun(tiny(tmp_path / "a", game=settings, policy=policy))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no limit on the size of files")
+def test_a_full_disk_ends_the_run_with_a_clear_error_and_keeps_what_was_saved(tmp_path):
+    """The operating system refuses the write, as it does on a full disk."""
+    folder = tmp_path / "a"
+    train(tiny(folder, 256), show_progress=False)
+    before = digest(folder)
+    script = (
+        "import resource, sys\n"
+        "from marl_cair.cli import main\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))\n"
+        "sys.exit(main(['train', *sys.argv[1:]]))"
+    )
+    save_config(tiny(folder, 256))
+    command = [sys.executable, "-c", script, f"resume={folder}", "total_frames=512"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2, done.stderr
+    assert "could not be written, the disk is full" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert digest(folder) == before
+    assert not list(folder.rglob("*unfinished*"))
+    train(tiny(folder, 512), resume=True, show_progress=False)

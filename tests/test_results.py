@@ -1,0 +1,40 @@
+"""The script behind the README's results table, on a run of seconds."""
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+SHORT = (
+    *("scenario=11x11", "max_ticks=300", "policy.hidden_width=16", "collector.num_worlds=16"),
+    *("generator=none", "replay.min_transitions=300", "learner.batch_size=16", "torch_threads=1"),
+    *("evaluation.every_frames=512", "evaluation.games=2", "total_frames=2048"),
+)
+
+
+def run_results(folder: Path) -> str:
+    options = ["--networks", "conv", "--seeds", "3", "--games", "8", "--out", str(folder)]
+    command = [sys.executable, str(ROOT / "scripts" / "results.py"), *options, *SHORT]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout[done.stdout.index("| network") :]
+
+
+def test_the_table_is_made_once_and_shown_again(tmp_path):
+    table = run_results(tmp_path)
+    log = (tmp_path / "conv-3" / "log.csv").read_bytes()
+    assert run_results(tmp_path) == table
+    assert (tmp_path / "conv-3" / "log.csv").read_bytes() == log
+    with (tmp_path / "results.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["network"], row["seed"], row["opponent"]) for row in rows] == [
+        ("conv", "3", "random"),
+        ("conv", "3", "counter"),
+    ]
+    for row in rows:
+        assert row["games"] == "8"
+        assert 0 <= float(row["low"]) <= float(row["won"]) <= float(row["high"]) <= 100
+        assert (
+            f"| `{row['opponent']}` | 8 | {row['won']} % [{row['low']}, {row['high']}] |" in table
+        )

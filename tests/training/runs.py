@@ -1,0 +1,63 @@
+"""A training run of seconds, and what makes two runs equal."""
+
+import dataclasses
+import hashlib
+
+import torch
+
+from marl_cair.games import GAMES
+from marl_cair.policies.q_network import QNetworkConfig
+from marl_cair.training.config import (
+    CheckpointSettings,
+    CollectorSettings,
+    EvaluationSettings,
+    GameSettings,
+    GeneratorSettings,
+    LearnerSettings,
+    OpponentSettings,
+    ReplaySettings,
+    TrainConfig,
+)
+
+GAME = GAMES["deep_line_wars"]
+NEVER = 10**9
+
+
+def tiny(folder, frames=2_560, **changes):
+    config = TrainConfig(
+        out=str(folder),
+        total_frames=frames,
+        torch_threads=1,
+        policy=QNetworkConfig(hidden_width=32),
+        game=GameSettings(scenario="11x11", options={"max_ticks": 300}),
+        opponent=OpponentSettings(
+            {"latest": 0.3, "pool": 0.4, "counter": 0.3},
+            warmup_frames=256,
+            snapshot_every_frames=512,
+            pool_capacity=2,
+        ),
+        collector=CollectorSettings(num_worlds=16, steps_per_batch=8),
+        replay=ReplaySettings(3_000, 300, min_transitions=300),
+        learner=LearnerSettings(batch_size=20, frames_per_update=64),
+        generator=GeneratorSettings(
+            batch_size=16, frames_per_update_shut=128, evaluate_every_frames=1_024
+        ),
+        evaluation=EvaluationSettings(every_frames=NEVER, bots=()),
+        checkpoint=CheckpointSettings(every_frames=NEVER),
+    )
+    return dataclasses.replace(config, **changes)
+
+
+def digest(folder):
+    """Of all weights (target and average too), optimiser moments and the replay's files."""
+    state = torch.load(folder / "resume" / "state.pt", weights_only=True)
+    found = hashlib.sha256()
+    for _, value in sorted(state["learner"]["loss"].items()):
+        found.update(value.numpy().tobytes())
+    for _, value in sorted(state["learner"]["average"].items()):
+        found.update(value.numpy().tobytes())
+    for moments in state["learner"]["optimizer"]["state"].values():
+        found.update(moments["exp_avg"].numpy().tobytes())
+    for path in sorted((folder / "resume" / "replay").rglob("*.npy")):
+        found.update(path.read_bytes())
+    return found.hexdigest()

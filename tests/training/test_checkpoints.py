@@ -1,0 +1,82 @@
+"""Agent checkpoints: what does not fit, is cut short or holds code is refused by name."""
+
+import shutil
+
+import pytest
+import torch
+
+from marl_cair.checkpoint import CheckpointError, load_network
+from marl_cair.league.agents import load_agent
+from marl_cair.training.trainer import train
+from tests.training.runs import GAME, tiny
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("trained")
+    train(tiny(folder / "a", 256), show_progress=False)
+    return folder / "a" / "latest"
+
+
+@pytest.fixture
+def agent(trained, tmp_path):
+    shutil.copytree(trained, tmp_path / "agent")
+    return tmp_path / "agent"
+
+
+class TestCheckpoints:
+    """What does not fit is named."""
+
+    def test_an_agent_plays_what_it_was_trained_on(self, agent):
+        network, about = load_network(agent)
+        assert about.scenario == "11x11"
+        assert network.num_actions == len(about.action_names)
+        assert load_agent(agent).representation == "planes"
+
+    def test_other_action_space(self, agent):
+        classic = GAME.scenario("11x11", actions="classic")
+        with pytest.raises(CheckpointError, match="has another action space"):
+            load_agent(agent, "deep_line_wars", classic)
+
+    def test_other_board(self, agent):
+        with pytest.raises(CheckpointError, match="action space|of the size it was trained on"):
+            load_agent(agent, "deep_line_wars", "10x15")
+
+    @pytest.mark.parametrize(
+        ("old", "new", "message"),
+        [
+            ('"game_version": "1"', '"game_version": "0"', "was trained on version 0"),
+            ('"game": "deep_line_wars"', '"game": "chess"', "was trained on chess|unknown game"),
+            ('"format_version": 1', '"format_version": 9', "its format version is 9"),
+            ('"format": "marl_cair agent"', '"format": "other"', "of another program"),
+            ('"body": "conv"', '"body": "cnv"', "unknown network 'cnv': nearest are 'conv'"),
+        ],
+    )
+    def test_description_of_something_else(self, agent, old, new, message):
+        path = agent / "agent.json"
+        text = path.read_text("utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new), "utf-8")
+        with pytest.raises(ValueError, match=message):
+            load_agent(agent)
+
+    def test_truncated_weights(self, agent):
+        path = agent / "weights.pt"
+        path.write_bytes(path.read_bytes()[:1_000])
+        with pytest.raises(CheckpointError, match="is cut short, or holds more than tensors"):
+            load_agent(agent)
+
+    def test_code_in_the_weights_is_not_run(self, agent, tmp_path):
+        class Payload:
+            def __reduce__(self):
+                return (open, (str(tmp_path / "ran"), "w"))
+
+        torch.save({"weights": Payload()}, agent / "weights.pt")
+        with pytest.raises(CheckpointError, match="holds more than tensors"):
+            load_agent(agent)
+        assert not (tmp_path / "ran").exists()
+
+    def test_missing_weights(self, agent):
+        (agent / "weights.pt").unlink()
+        with pytest.raises(CheckpointError, match="is missing: the checkpoint is incomplete"):
+            load_agent(agent)

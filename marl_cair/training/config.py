@@ -166,8 +166,7 @@ class GeneratorSettings:
 
     name: str = "ccdn"  # "none": all transitions are real
     batch_size: int = 64  # real transitions of its own update
-    frames_per_update_shut: int = 64  # frames for each update until the gate first opens
-    frames_per_update: int = 128  # frames for each from then on
+    frames_per_update: int = 64  # frames collected for each of its updates
     evaluate_every_frames: int = 25_000  # frames between two looks at the gate
     rows_per_refill: int = 1_000  # transitions generated after each passed evaluation
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
@@ -176,7 +175,6 @@ class GeneratorSettings:
         find_by_name("generator", self.name, {NO_GENERATOR: None, **GENERATORS})
         for name in (
             "batch_size",
-            "frames_per_update_shut",
             "frames_per_update",
             "evaluate_every_frames",
             "rows_per_refill",

@@ -80,7 +80,7 @@ class TrainingRun:
         self._make_collector()
         self.frames = 0
         self.best_score = -1.0  # of all evaluations, below any score
-        self.gate_is_open = self.gate_has_opened = False
+        self.gate_is_open = False
         recover_folder(self.folder / RESUME_FOLDER)
         if resume and (self.folder / RESUME_FOLDER).is_dir():
             self.restore()
@@ -253,7 +253,6 @@ class TrainingRun:
             "frames": self.frames,
             "best_score": self.best_score,
             "gate_is_open": self.gate_is_open,
-            "gate_has_opened": self.gate_has_opened,
             "learner": self.learner.state_dict(),
             "book": self.book.state_dict(),
             "router": self.router.export_state(),
@@ -285,7 +284,7 @@ class TrainingRun:
 
     def _import_state(self, state: Any, folder: Path) -> None:
         self.frames, self.best_score = state["frames"], state["best_score"]
-        self.gate_is_open, self.gate_has_opened = state["gate_is_open"], state["gate_has_opened"]
+        self.gate_is_open = state["gate_is_open"]
         self.learner.load_state_dict(state["learner"])
         self.book.load_state_dict(state["book"], self.learner.network)
         self.router.import_state(state["router"])

@@ -133,7 +133,7 @@ def _generate(run: TrainingRun, before: int) -> None:
     settings, generator = run.config.generator, run.generator
     if generator is None or run.replay.real.num_sampleable < run.config.replay.min_transitions:
         return
-    every = settings.frames_per_update if run.gate_has_opened else settings.frames_per_update_shut
+    every = settings.frames_per_update
     for _ in range(run.frames // every - before // every):
         rows = run.replay.real.sample_single_steps(settings.batch_size)
         losses = generator.update(rows)
@@ -145,7 +145,6 @@ def _generate(run: TrainingRun, before: int) -> None:
 def _measure_generator(run: TrainingRun, generator: Generator) -> None:
     report = generator.evaluate()
     run.gate_is_open = report.passed
-    run.gate_has_opened |= report.passed
     rows = run.config.generator.rows_per_refill
     if report.passed:
         made = generator.generate(run.replay.real.sample_single_steps(rows), rows)

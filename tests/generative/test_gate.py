@@ -48,8 +48,8 @@ def test_good_metrics_give_no_reason() -> None:
             "next-state negative log likelihood 25.000 is above 0.80 of the copy baseline's 30.000",
         ),
         (
-            {"uniform/mae": 5.0},
-            "uniform-plane error 5.000 is above 0.50 of the copy baseline's 9.000",
+            {"uniform/mae": 6.0},
+            "uniform-plane error 6.000 is above 0.60 of the copy baseline's 9.000",
         ),
         (
             {"reward/explained": 0.3},

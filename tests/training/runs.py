@@ -40,7 +40,7 @@ def tiny(folder, frames=2_560, **changes):
         replay=ReplaySettings(3_000, 300, min_transitions=300),
         learner=LearnerSettings(batch_size=20, frames_per_update=64),
         generator=GeneratorSettings(
-            batch_size=16, frames_per_update_shut=128, evaluate_every_frames=1_024
+            batch_size=16, frames_per_update=128, evaluate_every_frames=1_024
         ),
         evaluation=EvaluationSettings(every_frames=NEVER, bots=()),
         checkpoint=CheckpointSettings(every_frames=NEVER),

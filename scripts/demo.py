@@ -6,17 +6,7 @@ from dataclasses import fields
 
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED, EXIT_REFUSED
 from marl_cair.cli.options import read_comments
-from marl_cair.training.demo import DemoSettings, run_demo
-
-NEXT = """
-Look at   {out}/league/league.png   the ladder with 95 % intervals, and who beats whom
-          {out}/curves.png          learning curves, generator, actions
-          {out}/game.gif            a game of the conv network against the bot `counter`
-Try next  .venv/bin/marl-cair train policy=capsule opponent=self_play total_frames=1000000
-          .venv/bin/marl-cair league {out}/conv/best {out}/capsule/best counter economist
-          .venv/bin/marl-cair games
-          .venv/bin/tensorboard --logdir {out}
-"""
+from marl_cair.training.demo import NEXT, DemoSettings, run_demo
 
 
 def main() -> int:

@@ -11,6 +11,8 @@ from pathlib import Path
 import marl_cair
 from marl_cair.lookup import find_by_name
 
+HOURS = ("learning",)  # benchmarks that run for hours, only when they are named
+
 
 def run(arguments: Sequence[str]) -> int:
     """Run one benchmark, or all; further words go to it. Returns the exit code.
@@ -19,7 +21,7 @@ def run(arguments: Sequence[str]) -> int:
         ValueError: no such benchmark, or no source checkout.
     """
     parser = argparse.ArgumentParser("marl-cair benchmark", description=__doc__)
-    parser.add_argument("name", nargs="?", help="default: all")
+    parser.add_argument("name", nargs="?", help=f"default: all but {', '.join(HOURS)}")
     options, rest = parser.parse_known_args(arguments)
     root = Path(marl_cair.__file__).parents[1]
     scripts = {path.stem: path for path in sorted((root / "benchmarks").glob("[!_]*.py"))}
@@ -28,9 +30,10 @@ def run(arguments: Sequence[str]) -> int:
             f"there is no folder benchmarks/ in {root}: benchmarks run from a source checkout "
             "(git clone, then pip install -e .)"
         )
-    chosen = (
-        [find_by_name("benchmark", options.name, scripts)] if options.name else scripts.values()
-    )
+    if options.name:
+        chosen = [find_by_name("benchmark", options.name, scripts)]
+    else:
+        chosen = [script for name, script in scripts.items() if name not in HOURS]
     for script in chosen:
         sys.stdout.write(f"== {script.stem}\n")
         sys.stdout.flush()

@@ -33,6 +33,15 @@ from marl_cair.training.trainer import train
 FINISHED_FILE = "finished.txt"  # in the folder of a run that a later call need not go on with
 GAME, SCENARIO = "deep_line_wars", "10x15"
 NETWORKS = ("conv", "capsule")
+NEXT = """
+Look at   {out}/league/league.png   the ladder with 95 % intervals, and who beats whom
+          {out}/curves.png          learning curves, generator, actions
+          {out}/game.gif            a game of the conv network against the bot `counter`
+Try next  .venv/bin/marl-cair train policy=capsule opponent=self_play total_frames=1000000
+          .venv/bin/marl-cair league {out}/conv/best {out}/capsule/best counter economist
+          .venv/bin/marl-cair games
+          .venv/bin/tensorboard --logdir {out}
+"""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Train networks with several seeds and rate them: the results table of the README.
 
-    python scripts/results.py [--networks conv capsule] [--seeds 0 1 2] [--minutes 12]
+    python -m benchmarks.learning [--networks conv capsule] [--seeds 0 1 2] [--minutes 12]
         [--games 500] [--against random counter] [--out runs/results] [option=value ...]
 
 Each run trains by self-play mixed with the scripted bots and looks every 25,000 decisions how it

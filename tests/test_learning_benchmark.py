@@ -1,4 +1,4 @@
-"""The script behind the README's results table, on a run of seconds."""
+"""The benchmark behind the README's results table, on a run of seconds."""
 
 import csv
 import subprocess
@@ -13,18 +13,18 @@ SHORT = (
 )
 
 
-def run_results(folder: Path) -> str:
+def run_benchmark(folder: Path) -> str:
     options = ["--networks", "conv", "--seeds", "3", "--games", "8", "--out", str(folder)]
-    command = [sys.executable, str(ROOT / "scripts" / "results.py"), *options, *SHORT]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "benchmarks.learning", *options, *SHORT]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout[done.stdout.index("| network") :]
 
 
 def test_the_table_is_made_once_and_shown_again(tmp_path):
-    table = run_results(tmp_path)
+    table = run_benchmark(tmp_path)
     log = (tmp_path / "conv-3" / "log.csv").read_bytes()
-    assert run_results(tmp_path) == table
+    assert run_benchmark(tmp_path) == table
     assert (tmp_path / "conv-3" / "log.csv").read_bytes() == log
     with (tmp_path / "results.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

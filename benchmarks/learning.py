@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import json
 import sys
 from pathlib import Path
 
@@ -31,6 +32,7 @@ RECIPE = (
     "total_frames=1000000000",  # the clock ends it
 )
 UNSEEN_SEED = 1_000_000  # of the final games; those that chose the agent have the run's own seed
+FINISHED = "finished.txt"
 COLUMNS = ("network", "seed", "decisions", "minutes", "opponent", "games", "won", "low", "high")
 
 
@@ -42,16 +44,24 @@ def trained_minutes(run: Path) -> float:
 
 
 def train(run: Path, minutes: float, words: list[str]) -> None:
-    """Train for so many minutes in all. Exits where training was refused or interrupted."""
-    left = minutes - trained_minutes(run)
-    if left <= 0.2:
+    """Train for so many minutes in all. Exits where training was refused or interrupted, or the
+    run was begun with other words.
+    """
+    about = run.with_name(f"{run.name}.json")
+    begun = {"minutes": minutes, "words": words}
+    if about.exists() and (held := json.loads(about.read_text("utf-8"))) != begun:
+        sys.exit(f"{run} was begun with {held}, not {begun}: give another --out")
+    write_atomically(about, json.dumps(begun))
+    if (run / FINISHED).exists():
         return
+    left = max(0.01, minutes - trained_minutes(run))
     if (run / "config.yaml").exists():
         command = [f"resume={run}", f"max_minutes={left}"]
     else:
         command = [f"out={run}", f"max_minutes={left}", *RECIPE, *words]
     if code := marl_cair(["train", *command]):
         sys.exit(code)
+    write_atomically(run / FINISHED, "")
 
 
 def rate(run: Path, against: list[str], games: int) -> list[dict[str, str]]:

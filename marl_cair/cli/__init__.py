@@ -22,7 +22,7 @@ EXIT_DONE, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 2, 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a sub-command; returns the exit code: 0 done, 2 refused (nothing was changed), 130
-    interrupted (what was done is saved).
+    interrupted (what was saved before stays; a run saves at the first Ctrl-C, not at a second).
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     if not arguments or arguments[0] in ("-h", "--help"):

@@ -7,20 +7,14 @@ import sys
 from collections.abc import Sequence
 
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED
-from marl_cair.cli.compose import (
-    CONFIG_FILE,
-    SHORTHANDS,
-    compose_config,
-    list_groups,
-    load_config,
-    save_config,
-)
+from marl_cair.cli.compose import SHORTHANDS, compose_config, list_groups, read_value
 from marl_cair.cli.options import find_choices, list_options
 from marl_cair.lookup import find_by_name
 from marl_cair.training.config import TrainConfig
+from marl_cair.training.config_file import CONFIG_FILE, build_value, load_config
 from marl_cair.training.trainer import train
 
-FREE_ON_RESUME = {"total_frames": int, "max_minutes": float}
+FREE_ON_RESUME = {"total_frames": int, "max_minutes": float | None}
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -29,7 +23,7 @@ def run(arguments: Sequence[str]) -> int:
         sys.stdout.write(describe_options())
         return EXIT_DONE
     config, resume = read_arguments(arguments)
-    result = train(config, resume=resume, prepare=None if resume else save_config)
+    result = train(config, resume=resume)
     told = (
         f"{result.frames:,} frames, {result.updates:,} updates; agent in {result.folder}/latest\n"
     )
@@ -49,14 +43,14 @@ def read_arguments(arguments: Sequence[str]) -> tuple[TrainConfig, bool]:
     words = dict(word.partition("=")[::2] for word in arguments)
     if "resume" not in words:
         return compose_config(arguments), False
-    config = load_config(words.pop("resume"))
+    folder = words.pop("resume")
+    if not folder:
+        raise ValueError("resume names no folder: write resume=FOLDER, for example resume=runs/a")
+    config = load_config(folder)
     changes = {}
     for name, value in words.items():
         kind = find_by_name("option of a resumed run", name, FREE_ON_RESUME)
-        try:
-            changes[name] = kind(value)
-        except ValueError as error:
-            raise ValueError(f"{name} is {value!r}, it must be a number") from error
+        changes[name] = build_value(kind, read_value(f"{name}={value}"), name)
     return dataclasses.replace(config, **changes), True
 
 

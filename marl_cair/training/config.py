@@ -5,6 +5,7 @@ Units stand in the names. A frame is one decision of one world.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -45,6 +46,13 @@ class GameSettings:
         kind = f"{self.name} representation"
         find_by_name(kind, self.representation, game.make_spec(scenario).representations)
         game.scenario(self.scenario, reward=self.reward)
+        for name, owner in (("reward", "game.reward"), ("shaping_discount", "learner.gamma")):
+            require(
+                name not in self.options,
+                f"game.options.{name}",
+                self.options.get(name),
+                f"left out: set {owner}",
+            )
 
 
 @dataclass(frozen=True)
@@ -61,7 +69,7 @@ class OpponentSettings:
         default_factory=lambda: {"random": 1.0}
     )
     snapshot_every_frames: int = 100_000  # frames between two snapshots for the pool
-    pool_capacity: int = 32  # snapshots kept for play; the oldest ones are thinned out
+    pool_capacity: int = 32  # snapshots kept for play, evenly spread over the run
     pool_active: int = 4  # snapshots that play at one time
     pool_recency: float = 0.0  # 0: every snapshot alike; else weight exp(-recency * age), age 0..1
 
@@ -69,8 +77,9 @@ class OpponentSettings:
         for name, mixture in (("mixture", self.mixture), ("warmup_mixture", self.warmup_mixture)):
             require(len(mixture) > 0, f"opponent.{name}", mixture, "one or more weights by name")
             for opponent, weight in mixture.items():
-                require(weight >= 0, f"opponent.{name}.{opponent}", weight, "0 or more")
+                require(0 <= weight < math.inf, f"opponent.{name}.{opponent}", weight, "0 or more")
             require(sum(mixture.values()) > 0, f"opponent.{name}", mixture, "above 0 in sum")
+        require(self.warmup_frames >= 0, "opponent.warmup_frames", self.warmup_frames, "0 or more")
         for name in ("snapshot_every_frames", "pool_capacity", "pool_active"):
             require(getattr(self, name) >= 1, f"opponent.{name}", getattr(self, name), "1 or more")
         require(self.pool_recency >= 0, "opponent.pool_recency", self.pool_recency, "0 or more")
@@ -198,7 +207,7 @@ class EvaluationSettings:
 
 @dataclass(frozen=True)
 class CheckpointSettings:
-    """What is kept on disk. The newest agent is always in `<out>/latest`."""
+    """What is kept on disk. `<out>/latest` is the agent at the last evaluation or state."""
 
     every_frames: int = 200_000  # frames between two resumable states
     include_replay: bool = True  # else a resumed run begins with an empty replay
@@ -233,6 +242,8 @@ class TrainConfig:
         require(0 <= fraction <= MAX_FRACTION, "synthetic_fraction", fraction, f"0..{MAX_FRACTION}")
         require(self.total_frames >= 1, "total_frames", self.total_frames, "1 or more")
         require(0 <= self.seed < 2**63, "seed", self.seed, "0 or more")
+        threads = self.torch_threads
+        require(threads is None or threads >= 1, "torch_threads", threads, "1 or more")
         minutes = self.max_minutes
         require(minutes is None or minutes > 0, "max_minutes", minutes, "above 0")
         bots = GAMES[self.game.name].bots

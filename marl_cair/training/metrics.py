@@ -27,14 +27,19 @@ class EpisodeStatistics:
     """Outcomes of the learner's games since the last report, and its optimism.
 
     The overestimation of a game is the learner's highest legal value at the first decision less the
-    discounted return that it then realised, exploration included.
+    discounted return that it then realised, exploration included, both in scaled rewards.
     """
 
     def __init__(
-        self, num_worlds: int, num_players: int, gamma: float, groups: NDArray[Any]
+        self,
+        num_worlds: int,
+        num_players: int,
+        gamma: float,
+        groups: NDArray[Any],
+        reward_scale: float = 1.0,
     ) -> None:
         seats = (num_worlds, num_players)
-        self._gamma, self._groups = gamma, groups
+        self._gamma, self._groups, self._reward_scale = gamma, groups, reward_scale
         self._first_value = np.zeros(seats)
         self._return = np.zeros(seats)
         self._discount = np.ones(seats)
@@ -67,7 +72,7 @@ class EpisodeStatistics:
         opponent: NDArray[np.int16],
     ) -> None:
         """One decision of all worlds: actions and learned [B, P], opponent [B]."""
-        self._return += self._discount * last.rewards
+        self._return += self._discount * self._reward_scale * last.rewards
         self._discount *= self._gamma
         self._decisions += 1
         kinds = self._groups[actions[learned]]
@@ -196,11 +201,13 @@ class RunLog:
     def __init__(self, folder: Path, frames: int = 0) -> None:
         self._path = folder / self.FILE
         self.rows = [row for row in read_log(self._path) if row["frames"] <= frames]
+        self.frames = frames  # up to which the rows tell
         self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=frames + 1)
 
     def write(self, frames: int, values: Mapping[str, float]) -> None:
         """Add a row; both files are complete when this returns."""
         self.rows.append({"frames": float(frames), **values})
+        self.frames = frames
         write_atomically(self._path, format_rows(self.rows))
         for name, value in values.items():
             self._writer.add_scalar(name, value, frames)

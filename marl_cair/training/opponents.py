@@ -92,9 +92,10 @@ class OpponentBook:
         self.num_snapshots += 1
         self.snapshots.append(self._freeze(network, number, frames))
         if len(self.snapshots) > self.settings.pool_capacity:
-            # The closest pair in time loses its older one: the history stays evenly covered.
-            gaps = np.diff([kept.frames for kept in self.snapshots])
-            self.retired.append(self.snapshots.pop(int(gaps.argmin())))
+            # The one that leaves the smallest gap goes: the history stays evenly covered.
+            frames_of = np.array([kept.frames for kept in self.snapshots])
+            gaps = frames_of[2:] - frames_of[:-2]
+            self.retired.append(self.snapshots.pop(1 + int(gaps.argmin()) if len(gaps) else 0))
         self._draw_active()
 
     def forget_unused(self, in_play: NDArray[np.int16]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from marl_cair.files import (
     recover_folder,
     replaced_folder,
     require_free_space,
+    write_atomically,
 )
 from marl_cair.games import GAMES
 from marl_cair.games.torchrl_env import BatchedGameEnv
@@ -37,16 +39,17 @@ from marl_cair.replay.generated import GeneratedReplay
 from marl_cair.replay.mixed import MixedReplay
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.config import NO_GENERATOR, TrainConfig
+from marl_cair.training.config_file import save_config
 from marl_cair.training.learner import Learner
 from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
 from marl_cair.training.opponents import OpponentBook
 from marl_cair.training.seats import SeatRouter
 
 LATEST_FOLDER, BEST_FOLDER, SNAPSHOT_FOLDER = "latest", "best", "snapshots"
-RESUME_FOLDER = "resume"
+RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
 STATE_FILE, REPLAY_FOLDER = "state.pt", "replay"
 RUN_KIND = "training"
-_NUM_SEEDS = 8
+_NUM_SEEDS = 9
 _SPARE_BYTES = 64 << 20  # logs, agents, pictures
 
 
@@ -75,16 +78,24 @@ class TrainingRun:
         ]
         self._make_game()
         self._make_replay()
-        self._claim_folder(resume)
         self._make_learner()
         self._make_collector()
+        # Whatever was wrong with the settings has been found by now.
+        self._claim_folder(resume)
+        save_config(config)
         self.frames = 0
+        self.shows_progress = False
         self.best_score = -1.0  # of all evaluations, below any score
         self.gate_is_open = False
         recover_folder(self.folder / RESUME_FOLDER)
         if resume and (self.folder / RESUME_FOLDER).is_dir():
             self.restore()
         self.log = RunLog(self.folder, self.frames)
+
+    @property
+    def evaluation_seed(self) -> int:
+        """Of the games that rate the learner while it trains."""
+        return self._seeds[8]
 
     def _make_game(self) -> None:
         game = self.config.game
@@ -188,7 +199,11 @@ class TrainingRun:
         )
         engine = self.env.engine
         self.statistics = EpisodeStatistics(
-            engine.num_worlds, engine.num_players, config.learner.gamma, self.spec.action_groups
+            engine.num_worlds,
+            engine.num_players,
+            config.learner.gamma,
+            self.spec.action_groups,
+            config.learner.reward_scale,
         )
         self.means = RunningMeans()
 
@@ -239,6 +254,7 @@ class TrainingRun:
         if score >= self.best_score:
             self.best_score = score
             self.save_agent(BEST_FOLDER)
+            write_atomically(self.folder / BEST_SCORE_FILE, json.dumps(score) + "\n")
 
     def add_snapshot(self) -> None:
         """Freeze the learner for the pool, and keep it as an agent on disk."""
@@ -284,6 +300,10 @@ class TrainingRun:
 
     def _import_state(self, state: Any, folder: Path) -> None:
         self.frames, self.best_score = state["frames"], state["best_score"]
+        # An agent that is better than any before the state was saved is on disk all the same.
+        kept = self.folder / BEST_SCORE_FILE
+        if kept.is_file():
+            self.best_score = max(self.best_score, float(json.loads(kept.read_text("utf-8"))))
         self.gate_is_open = state["gate_is_open"]
         self.learner.load_state_dict(state["learner"])
         self.book.load_state_dict(state["book"], self.learner.network)

@@ -40,19 +40,17 @@ def train(
     resume: bool = False,
     show_progress: bool = True,
     listen: Callable[[dict[str, float]], None] | None = None,
-    prepare: Callable[[TrainConfig], None] | None = None,
 ) -> TrainResult:
     """Train until `config.total_frames` decisions, `config.max_minutes`, or an interrupt.
 
     An interrupt (Ctrl-C, SIGTERM) ends the current iteration, saves everything and returns; a
-    second one stops at once. `listen` hears each logged row; `prepare` is called once the output
-    folder is this run's, before any work.
+    second one stops at once. `listen` hears each logged row. The configuration is written to the
+    run's folder, from which a later call can go on.
 
     Raises: as `TrainingRun`.
     """
     run = TrainingRun(config, resume)
-    if prepare is not None:
-        prepare(config)
+    run.shows_progress = show_progress
     timers = Timers()
     deadline = None if config.max_minutes is None else time.monotonic() + 60 * config.max_minutes
     bar = tqdm(
@@ -79,7 +77,11 @@ def train(
             bar.update(run.frames - before)
             if _is_due(before, run.frames, config.checkpoint.every_frames):
                 with timers.measure("save"):
+                    run.save_agent()
                     run.save_state()
+        # The frames since the last row would else be missing from the log of this sitting.
+        if run.frames > run.log.frames:
+            last_row = _write_row(run, {}, timers)
         run.save_agent()
         run.save_state()
     bar.close()
@@ -157,7 +159,8 @@ def _measure_generator(run: TrainingRun, generator: Generator) -> None:
     reasons = "; ".join(report.reasons)
     text = "open" if report.passed else f"shut, batches are all real: {reasons}"
     run.log.note(run.frames, "gate", text)
-    tqdm.write(f"frame {run.frames}: the generator's gate is {text}")
+    if run.shows_progress:
+        tqdm.write(f"frame {run.frames}: the generator's gate is {text}")
 
 
 def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
@@ -171,9 +174,13 @@ def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
             row |= _evaluate(run)
     if not row and not _is_due(before, run.frames, LOG_EVERY_FRAMES):
         return {}
-    previous = int(run.log.rows[-1]["frames"]) if run.log.rows else 0
+    return _write_row(run, row, timers)
+
+
+def _write_row(run: TrainingRun, row: dict[str, float], timers: Timers) -> dict[str, float]:
+    """Add what was measured since the last row, and log it."""
     row |= run.statistics.report(run.book.names, run.spec.action_group_names)
-    row |= run.means.report() | timers.report(run.frames - previous)
+    row |= run.means.report() | timers.report(run.frames - run.log.frames)
     row |= {"epsilon": run.router.epsilon, "updates": float(run.learner.updates)}
     row["replay/transitions"] = float(len(run.replay.real))
     row["replay/generated"] = float(len(run.replay.generated))
@@ -184,7 +191,7 @@ def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
 def _evaluate(run: TrainingRun) -> dict[str, float]:
     settings = run.config.evaluation
     scores, row = evaluate_against_bots(
-        run.rated, run.game, run.scenario, settings.bots, settings.games, run.config.seed
+        run.rated, run.game, run.scenario, settings.bots, settings.games, run.evaluation_seed
     )
     run.save_agent()
     if scores:

@@ -9,10 +9,11 @@ import time
 import pytest
 
 from marl_cair.cli import main
-from marl_cair.cli.compose import compose_config, list_groups, load_config, save_config
+from marl_cair.cli.compose import compose_config, list_groups
 from marl_cair.cli.options import list_options
 from marl_cair.cli.train import describe_options
 from marl_cair.games import GAMES
+from marl_cair.training.config_file import load_config, save_config
 
 SMALL = (
     "scenario=11x11",
@@ -80,7 +81,16 @@ def test_configuration_survives_its_file(tmp_path):
         (["synthetic_fraction=1.5"], "synthetic_fraction is 1.5"),
         (["seed=many"], "seed is 'many', it must be a whole number"),
         (["capsule"], "'capsule' is no option: write name=value"),
-        (["resume=/nowhere"], "holds no run to resume"),
+        (["resume=/nowhere"], "'/nowhere' holds no run to resume"),
+        (["resume="], "resume names no folder: write resume=FOLDER"),
+        (["torch_threads=0"], "torch_threads is 0"),
+        (["game.options=5"], "game.options is 5, it must be values by name"),
+        (["out=null"], "out is None, it must be a text"),
+        (["learner.learning_rate=inf"], "learner.learning_rate is inf, it must be finite"),
+        (["opponent.mixture=3"], "write weights by name, for example opponent.mixture={random:1}"),
+        (["opponent.mixture={random:1}", "opponent.mixture.latest=1"], "are both given"),
+        (["opponent.mixture={random:a}"], "opponent.mixture.random is 'a', it must be a number"),
+        (["evaluation.bots=random"], "evaluation.bots is 'random', it must be a list"),
     ],
 )
 def test_train_refuses_with_one_line(words, message, capsys):
@@ -130,7 +140,7 @@ def test_train_resume_evaluate_and_league_from_end_to_end(tmp_path, capsys):
     assert main(["train", *SMALL, f"out={out}", "total_frames=1024"]) == 0
     assert main(["train", *SMALL, f"out={out}", "total_frames=1024"]) == 2
     assert f"go on with `marl-cair train resume={out}`" in capsys.readouterr().err
-    assert main(["train", f"resume={out}", "total_frames=1280"]) == 0
+    assert main(["train", f"resume={out}", "total_frames=1.28e3", "max_minutes=null"]) == 0
     assert main(["train", f"resume={out}", "seed=2"]) == 2
     assert "unknown option of a resumed run 'seed'" in capsys.readouterr().err
     table = tmp_path / "table.csv"

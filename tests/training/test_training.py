@@ -1,6 +1,8 @@
 """Training runs: they resume bit for bit, keep to the share of generated rows, and learn."""
 
+import dataclasses
 import os
+import shutil
 import subprocess
 import sys
 
@@ -9,7 +11,6 @@ import pytest
 import torch
 
 from marl_cair.checkpoint import CheckpointError, load_network
-from marl_cair.cli.compose import save_config
 from marl_cair.files import OutputFolderError
 from marl_cair.league.agents import load_agent
 from marl_cair.league.match import play_match
@@ -27,6 +28,7 @@ from marl_cair.training.config import (
     ReplaySettings,
     TrainConfig,
 )
+from marl_cair.training.config_file import load_config
 from marl_cair.training.evaluation import evaluate_against_bots
 from marl_cair.training.learner import Learner
 from marl_cair.training.metrics import read_log
@@ -134,12 +136,30 @@ def test_the_pool_is_thinned_and_keeps_those_still_in_play():
     assert book.draw(4, 0).tolist() == [LATEST_ID] * 4
     for frames in (10, 20, 30, 40):
         book.add_snapshot(network, frames)
-    assert [kept.frames for kept in book.snapshots] == [20, 30, 40]
-    assert book.agent(FIRST_SNAPSHOT_ID).name == "snapshot-10"
-    book.forget_unused(np.array([FIRST_SNAPSHOT_ID + 1], np.int16))
+    assert [kept.frames for kept in book.snapshots] == [10, 30, 40]
+    assert book.agent(FIRST_SNAPSHOT_ID + 1).name == "snapshot-20"
+    book.forget_unused(np.array([FIRST_SNAPSHOT_ID], np.int16))
     assert book.retired == []
     assert set(book.draw(50, 0).tolist()) == set(book.active)
     assert len(book.active) == 2
+
+
+def test_the_pool_covers_the_whole_run_evenly(monkeypatch):
+    """No gap is more than 2.5 times what equal gaps would be, however long the run."""
+    monkeypatch.setattr("marl_cair.training.opponents.deepcopy", lambda network: network)
+    scenario = GAME.scenario("11x11")
+    shape = GAME.make_spec(scenario).representations["planes"].shape
+    actions = GAME.make_spec(scenario).num_actions
+    network = make_q_network(QNetworkConfig(hidden_width=8), shape, actions, seed=0)
+    settings = OpponentSettings({"pool": 1.0}, pool_capacity=8, pool_active=1)
+    book = OpponentBook(settings, GAME, scenario, "planes", seed=0)
+    for number in range(1, 200):
+        book.add_snapshot(network, 50_000 * number + number % 3)
+        book.forget_unused(np.array([], np.int16))
+        at = [kept.frames for kept in book.snapshots]
+        if number > 8:
+            assert (at[0], at[-1]) == (50_001, 50_000 * number + number % 3)
+            assert max(np.diff(at)) <= 2.5 * (at[-1] - at[0]) / 7
 
 
 def test_gradients_reach_every_parameter_of_both_networks(tmp_path):
@@ -247,7 +267,7 @@ def test_the_learner_beats_random_on_a_small_board(tmp_path):
 def test_the_log_holds_both_kinds_of_loss_and_the_action_shares(tmp_path):
     train(tiny(tmp_path / "a", 10_240), show_progress=False)
     row = read_log(tmp_path / "a" / "log.csv")[-1]
-    assert row["frames"] == 10_112
+    assert row["frames"] == 10_240
     assert {"td_error/real", "loss/all", "frames_per_second", "gate/passed"} <= set(row)
     shares = [value for name, value in row.items() if name.startswith("actions/")]
     assert sum(shares) == pytest.approx(1.0)
@@ -270,6 +290,11 @@ def test_the_log_holds_both_kinds_of_loss_and_the_action_shares(tmp_path):
         (lambda: ReplaySettings(10, min_transitions=20), "it must be 20 or more"),
         (lambda: GeneratorSettings(name="gan"), "unknown generator 'gan'"),
         (lambda: EvaluationSettings(games=3), "an even number"),
+        (lambda: TrainConfig(torch_threads=0), "torch_threads is 0, it must be 1 or more"),
+        (lambda: OpponentSettings({"pool": float("inf")}), "it must be 0 or more"),
+        (lambda: OpponentSettings(warmup_frames=-5), "opponent.warmup_frames is -5"),
+        (lambda: GameSettings(options={"reward": "sparse"}), "left out: set game.reward"),
+        (lambda: GameSettings(options={"shaping_discount": 0.9}), "left out: set learner.gamma"),
     ],
 )
 def test_bad_settings_are_refused(make, message):
@@ -296,7 +321,6 @@ def test_a_full_disk_ends_the_run_with_a_clear_error_and_keeps_what_was_saved(tm
         "resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))\n"
         "sys.exit(main(['train', *sys.argv[1:]]))"
     )
-    save_config(tiny(folder, 256))
     command = [sys.executable, "-c", script, f"resume={folder}", "total_frames=512"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2, done.stderr
@@ -305,3 +329,33 @@ def test_a_full_disk_ends_the_run_with_a_clear_error_and_keeps_what_was_saved(tm
     assert digest(folder) == before
     assert not list(folder.rglob("*unfinished*"))
     train(tiny(folder, 512), resume=True, show_progress=False)
+
+
+def test_settings_that_no_run_can_have_leave_the_folder_free(tmp_path):
+    """A network that cannot read the observation is found before the folder is claimed."""
+    settings = GameSettings(scenario="11x11", representation="vector")
+    generator = GeneratorSettings(name="none")
+    with pytest.raises(ValueError, match="use body='mlp'"):
+        train(tiny(tmp_path / "a", game=settings, generator=generator), show_progress=False)
+    assert not (tmp_path / "a").exists()
+
+
+def test_a_moved_run_goes_on_where_it_lies_now(tmp_path):
+    train(tiny(tmp_path / "a", 256), show_progress=False)
+    shutil.copytree(tmp_path / "a", tmp_path / "b")
+    before = digest(tmp_path / "a")
+    config = dataclasses.replace(load_config(tmp_path / "b"), total_frames=512)
+    assert config.out == str(tmp_path / "b")
+    train(config, resume=True, show_progress=False)
+    assert digest(tmp_path / "a") == before != digest(tmp_path / "b")
+    assert load_config(tmp_path / "b").total_frames == 512
+
+
+def test_speed_in_the_log_counts_the_frames_of_its_own_sitting(tmp_path):
+    for frames in (256, 512):
+        train(tiny(tmp_path / "a", frames), resume=True, show_progress=False)
+    rows = read_log(tmp_path / "a" / "log.csv")
+    assert [row["frames"] for row in rows] == [256, 512]
+    for row in rows:
+        seconds = sum(value for name, value in row.items() if name.startswith("seconds/"))
+        assert row["frames_per_second"] == pytest.approx(256 / seconds)

@@ -1,0 +1,119 @@
+"""Configurations as plain nested values and as the `config.yaml` of a run's folder."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import types
+import typing
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from marl_cair.files import write_atomically
+from marl_cair.games import GAMES
+from marl_cair.lookup import find_by_name
+from marl_cair.training.config import GameSettings, TrainConfig
+
+CONFIG_FILE = "config.yaml"
+
+
+def save_config(config: TrainConfig) -> None:
+    """Write the configuration to `<out>/config.yaml`, from which `resume` takes it."""
+    text = OmegaConf.to_yaml(OmegaConf.create(to_plain(dataclasses.asdict(config))))
+    write_atomically(Path(config.out) / CONFIG_FILE, text)
+
+
+def load_config(folder: str | os.PathLike[str]) -> TrainConfig:
+    """The configuration of the run in `folder`, with `out` where the folder lies now.
+
+    Raises:
+        ValueError: the folder holds no run, or a damaged configuration.
+    """
+    path = Path(folder) / CONFIG_FILE
+    if not path.is_file():
+        raise ValueError(f"{str(folder)!r} holds no run to resume: it has no {CONFIG_FILE}")
+    try:
+        values = typing.cast(dict[str, Any], OmegaConf.to_container(OmegaConf.load(path)))
+    except Exception as error:  # whatever a damaged file makes the YAML reader raise
+        raise ValueError(f"{path} cannot be read: {error}") from error
+    return dataclasses.replace(build_config(values), out=str(folder))
+
+
+def build_config(values: Mapping[str, Any]) -> TrainConfig:
+    """Dataclasses from nested plain values. Raises ValueError as their checks do."""
+    config: TrainConfig = build_value(TrainConfig, values)
+    return config
+
+
+def build_value(kind: Any, value: Any, path: str = "") -> Any:
+    """`value` as `kind`: dataclasses, tuples, optional values and plain numbers and text.
+
+    Raises ValueError that names `path` where the value is of another kind.
+    """
+    origin, parts = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        inner = next(part for part in parts if part is not type(None))
+        return None if value is None else build_value(inner, value, path)
+    is_group = dataclasses.is_dataclass(kind) and isinstance(kind, type)
+    if (is_group or origin is dict) and not isinstance(value, Mapping):
+        raise ValueError(f"{path} is {value!r}, it must be values by name: {path}.name=value")
+    if is_group:
+        return _build_group(kind, value, f"{path}." if path else "")
+    if origin is dict:
+        return {name: build_value(parts[1], value[name], f"{path}.{name}") for name in value}
+    if origin is tuple:
+        if not isinstance(value, list | tuple):
+            raise ValueError(f"{path} is {value!r}, it must be a list, for example {path}=[a,b]")
+        return tuple(build_value(parts[0], item, path) for item in value)
+    if kind is str:
+        if value is None or value == "":
+            raise ValueError(f"{path} is {value!r}, it must be a text")
+        return str(value)
+    return _read_number(kind, value, path)
+
+
+def _build_group(kind: Any, values: Mapping[str, Any], inside: str) -> Any:
+    hints = typing.get_type_hints(kind)
+    for name in values:
+        find_by_name("option", name, hints)
+    built = {name: build_value(hints[name], values[name], inside + name) for name in values}
+    if kind is GameSettings:
+        built["options"] = _read_scenario_options(built)
+    return kind(**built)
+
+
+def _read_number(kind: Any, value: Any, path: str) -> Any:
+    """Numbers of the right kind; 1e6 is a whole number, 1.5 is none."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if is_number and not math.isfinite(value):
+        raise ValueError(f"{path} is {value!r}, it must be finite")
+    if kind is float and is_number:
+        return float(value)
+    if kind is int and is_number and float(value).is_integer():
+        return int(value)
+    if kind in (int, float, bool) and not (kind is bool and isinstance(value, bool)):
+        names = {int: "a whole number", float: "a number", bool: "true or false"}
+        raise ValueError(f"{path} is {value!r}, it must be {names[kind]}")
+    return value
+
+
+def _read_scenario_options(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of the scenario with text kept as text: `preset=2017` arrives as a number."""
+    options = dict(settings["options"])
+    game = find_by_name("game", settings["name"], GAMES)
+    hints = typing.get_type_hints(type(game.scenario(settings["scenario"])))
+    for name, value in options.items():
+        find_by_name(f"{settings['name']} option", name, hints)
+        options[name] = build_value(hints[name], value, f"game.options.{name}")
+    return options
+
+
+def to_plain(value: Any) -> Any:
+    """Tuples as lists, all the way down: what YAML and Hydra hold."""
+    if isinstance(value, dict):
+        return {name: to_plain(item) for name, item in value.items()}
+    return [to_plain(item) for item in value] if isinstance(value, list | tuple) else value

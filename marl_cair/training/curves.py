@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -63,8 +64,8 @@ def _names(logs: Mapping[str, Rows], prefix: str, depth: int = 1) -> list[str]:
 
 def _draw_win_rates(panel: Any, logs: Mapping[str, Rows]) -> None:
     bots = [name.partition("/")[2] for name in _names(logs, "win_rate/")]
-    for colour, (label, rows) in zip(COLOURS, logs.items(), strict=False):
-        for style, bot in zip(STYLES, bots, strict=False):
+    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
+        for style, bot in zip(cycle(STYLES), bots, strict=False):
             name = f"win_rate/{bot}"
             frames, rates = _series(rows, name)
             low, high = _series(rows, f"{name}/low")[1], _series(rows, f"{name}/high")[1]
@@ -80,7 +81,7 @@ def _draw_win_rates(panel: Any, logs: Mapping[str, Rows]) -> None:
 def _draw_lines(
     panel: Any, logs: Mapping[str, Rows], prefix: str, title: str, log_scale: bool = False
 ) -> None:
-    for colour, (label, rows) in zip(COLOURS, logs.items(), strict=False):
+    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
         for style, kind in (("-", "real"), (":", "generated")):
             frames, values = _series(rows, f"{prefix}/{kind}")
             if len(frames):
@@ -92,7 +93,7 @@ def _draw_lines(
 
 
 def _draw_overestimation(panel: Any, logs: Mapping[str, Rows]) -> None:
-    for colour, (label, rows) in zip(COLOURS, logs.items(), strict=False):
+    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
         panel.plot(*_series(rows, "q/overestimation"), color=colour, label=label)
     panel.axhline(0.0, color="black", linewidth=0.8)
     panel.set(title="Q overestimation", ylabel="first max Q less realised return")
@@ -100,7 +101,7 @@ def _draw_overestimation(panel: Any, logs: Mapping[str, Rows]) -> None:
 
 
 def _draw_generator(panel: Any, logs: Mapping[str, Rows]) -> None:
-    for colour, (label, rows) in zip(COLOURS, logs.items(), strict=False):
+    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
         panel.plot(
             *_series(rows, "gate/cells/changed_f1"), color=colour, label=f"{label}, changed-cell F1"
         )
@@ -111,7 +112,7 @@ def _draw_generator(panel: Any, logs: Mapping[str, Rows]) -> None:
 
 
 def _draw_speed(panel: Any, logs: Mapping[str, Rows]) -> None:
-    for colour, (label, rows) in zip(COLOURS, logs.items(), strict=False):
+    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
         panel.plot(*_series(rows, "frames_per_second"), color=colour, label=label)
     panel.set(title="Speed of the whole loop", ylabel="decisions / s")
     panel.set_ylim(bottom=0)

@@ -34,7 +34,7 @@ def test_the_issues_example_composes():
     words = "game=deep_line_wars policy=capsule opponent=self_play synthetic_fraction=0.2 seed=3"
     config = compose_config(words.split())
     assert (config.policy.body, config.synthetic_fraction, config.seed) == ("capsule", 0.2, 3)
-    assert config.opponent.warmup_frames > 0
+    assert {"latest", "pool", "scripted"} <= set(config.opponent.mixture)
     assert set(config.opponent.mixture) == {"latest", "pool", "scripted", "random"}
 
 

@@ -27,7 +27,7 @@ from marl_cair.training.config import (
     TrainConfig,
 )
 from marl_cair.training.curves import draw_curves
-from marl_cair.training.run import BEST_FOLDER, LATEST_FOLDER
+from marl_cair.training.run import LATEST_FOLDER
 from marl_cair.training.trainer import train
 
 FINISHED_FILE = "finished.txt"  # in the folder of a run that a later call need not go on with
@@ -38,7 +38,7 @@ Look at   {out}/league/league.png   the ladder with 95 % intervals, and who beat
           {out}/curves.png          learning curves, generator, actions
           {out}/game.gif            a game of the conv network against the bot `counter`
 Try next  .venv/bin/marl-cair train policy=capsule opponent=self_play total_frames=1000000
-          .venv/bin/marl-cair league {out}/conv/best {out}/capsule/best counter economist
+          .venv/bin/marl-cair league {out}/conv/latest {out}/capsule/latest counter economist
           .venv/bin/marl-cair games
           .venv/bin/tensorboard --logdir {out}
 """
@@ -89,12 +89,6 @@ def make_config(settings: DemoSettings, network: str) -> TrainConfig:
     )
 
 
-def _find_agent(run: str) -> str:
-    """The best of its evaluations; a machine too slow for one in time gives its newest."""
-    best = f"{run}/{BEST_FOLDER}"
-    return best if Path(best).is_dir() else f"{run}/{LATEST_FOLDER}"
-
-
 def run_demo(settings: DemoSettings) -> Path:
     """Train, rate, draw and film; returns the output folder.
 
@@ -114,7 +108,7 @@ def run_demo(settings: DemoSettings) -> Path:
             raise KeyboardInterrupt
         write_atomically(finished, f"{result.frames} decisions\n")
     tqdm.write("[3/4] league of the networks and the scripted bots")
-    agents = [_find_agent(f"{settings.out}/{network}") for network in NETWORKS]
+    agents = [f"{settings.out}/{network}/{LATEST_FOLDER}" for network in NETWORKS]
     league = run_league(
         LeagueConfig(
             agents=(*agents, *GAMES[GAME].bots),

@@ -21,7 +21,10 @@ from pathlib import Path
 from marl_cair.checkpoint import read_description
 from marl_cair.cli import main as marl_cair
 from marl_cair.files import write_atomically
-from marl_cair.training.metrics import read_log
+from marl_cair.training.config_file import CONFIG_FILE
+from marl_cair.training.demo import FINISHED_FILE
+from marl_cair.training.metrics import RunLog, read_log
+from marl_cair.training.run import BEST_FOLDER
 
 RECIPE = (
     "opponent.mixture={latest:0.3,pool:0.1,scripted:0.25,counter:0.25,random:0.1}",
@@ -31,14 +34,13 @@ RECIPE = (
     "checkpoint.include_replay=false",
     "total_frames=1000000000",  # the clock ends it
 )
-UNSEEN_SEED = 1_000_000  # of the final games; those that chose the agent have the run's own seed
-FINISHED = "finished.txt"
+UNSEEN_SEED = 1_000_000  # of the final games; evaluations while training have other seeds
 COLUMNS = ("network", "seed", "decisions", "minutes", "opponent", "games", "won", "low", "high")
 
 
 def trained_minutes(run: Path) -> float:
     """Minutes that a run has trained so far, over all its sittings."""
-    rows = read_log(run / "log.csv")
+    rows = read_log(run / RunLog.FILE)
     seconds = [value for row in rows for name, value in row.items() if name.startswith("seconds/")]
     return sum(seconds) / 60.0
 
@@ -52,23 +54,23 @@ def train(run: Path, minutes: float, words: list[str]) -> None:
     if about.exists() and (held := json.loads(about.read_text("utf-8"))) != begun:
         sys.exit(f"{run} was begun with {held}, not {begun}: give another --out")
     write_atomically(about, json.dumps(begun))
-    if (run / FINISHED).exists():
+    if (run / FINISHED_FILE).exists():
         return
     left = max(0.01, minutes - trained_minutes(run))
-    if (run / "config.yaml").exists():
+    if (run / CONFIG_FILE).exists():
         command = [f"resume={run}", f"max_minutes={left}"]
     else:
         command = [f"out={run}", f"max_minutes={left}", *RECIPE, *words]
     if code := marl_cair(["train", *command]):
         sys.exit(code)
-    write_atomically(run / FINISHED, "")
+    write_atomically(run / FINISHED_FILE, "")
 
 
 def rate(run: Path, against: list[str], games: int) -> list[dict[str, str]]:
     """Rows of the evaluation of the best agent, played once and kept beside it."""
     table = run / f"evaluation_{'_'.join(against)}_{games}.csv"
     if not table.exists():
-        words = [str(run / "best"), "--against", *against, "--games", str(games)]
+        words = [str(run / BEST_FOLDER), "--against", *against, "--games", str(games)]
         words += ["--seed", str(UNSEEN_SEED)]
         if code := marl_cair(["evaluate", *words, "--out", str(table)]):
             sys.exit(code)
@@ -93,7 +95,7 @@ def main() -> None:
             fixed = [f"policy={network}", f"seed={seed}"]
             fixed.append(f"evaluation.bots=[{','.join(options.against)}]")
             train(run, options.minutes, [*fixed, *words])
-            decisions = read_description(run / "best").frames
+            decisions = read_description(run / BEST_FOLDER).frames
             minutes = f"{trained_minutes(run):.1f}"
             for line in rate(run, options.against, options.games):
                 shares = [f"{100 * float(line[name]):.1f}" for name in ("win_rate", "low", "high")]

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
+from marl_cair.cli.match_options import add_match_options
 from marl_cair.files import write_atomically
-from marl_cair.games import GAMES
 from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
 from marl_cair.league.match import MatchResult, play_match
 from marl_cair.league.ratings import win_rate_interval
@@ -80,27 +80,6 @@ def make_parser() -> argparse.ArgumentParser:
         default=["random"],
         help="one or more bots or folders of checkpoints (default: random)",
     )
-    parser.add_argument(
-        "--games",
-        type=int,
-        default=500,
-        help="games against each, an even number: half in each seat (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        help="whole number; the same seed plays the same games (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--game",
-        choices=list(GAMES),
-        help="default: the one that the agent was trained on, or the first choice",
-    )
-    parser.add_argument(
-        "--scenario",
-        help="a scenario of the game, as `marl-cair games` lists them (default: the one that the "
-        "agent was trained on; for a bot the game's default)",
-    )
+    add_match_options(parser, 500, "against each", "agent", "a bot")
     parser.add_argument("--out", help="CSV file to write the table to (default: none is written)")
     return parser

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from marl_cair.cli import EXIT_DONE
-from marl_cair.games import GAMES
+from marl_cair.cli.match_options import add_match_options
 from marl_cair.league.agents import find_scenario
 from marl_cair.league.league import LeagueConfig, run_league
 
@@ -47,28 +47,7 @@ def make_parser() -> argparse.ArgumentParser:
         help="two or more: folders of checkpoints (runs/a/latest) and bots (`marl-cair games` "
         "lists them); `random` is rated 0 where it takes part",
     )
-    parser.add_argument(
-        "--games",
-        type=int,
-        default=40,
-        help="games of each pair, an even number: half in each seat (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        help="whole number; the same seed plays the same games (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--game",
-        choices=list(GAMES),
-        help="default: the one that the first checkpoint was trained on, or the first choice",
-    )
-    parser.add_argument(
-        "--scenario",
-        help="a scenario of the game, as `marl-cair games` lists them (default: the one that the "
-        "checkpoints were trained on; for bots alone the game's default)",
-    )
+    add_match_options(parser, 40, "of each pair", "first checkpoint", "bots alone")
     parser.add_argument(
         "--out",
         default="runs/league",

@@ -126,13 +126,18 @@ def test_an_opponent_stays_for_the_whole_game(tmp_path):
     run.close()
 
 
-def test_the_pool_is_thinned_and_keeps_those_still_in_play():
+def make_pool(**settings):
+    """An empty pool, and a small network to freeze into it."""
     scenario = GAME.scenario("11x11")
-    shape = GAME.make_spec(scenario).representations["planes"].shape
-    actions = GAME.make_spec(scenario).num_actions
-    network = make_q_network(QNetworkConfig(hidden_width=8), shape, actions, seed=0)
-    settings = OpponentSettings({"pool": 1.0}, pool_capacity=3, pool_active=2)
-    book = OpponentBook(settings, GAME, scenario, "planes", seed=0)
+    spec = GAME.make_spec(scenario)
+    shape = spec.representations["planes"].shape
+    network = make_q_network(QNetworkConfig(hidden_width=8), shape, spec.num_actions, seed=0)
+    settings = OpponentSettings({"pool": 1.0}, **settings)
+    return OpponentBook(settings, GAME, scenario, "planes", seed=0), network
+
+
+def test_the_pool_is_thinned_and_keeps_those_still_in_play():
+    book, network = make_pool(pool_capacity=3, pool_active=2)
     assert book.draw(4, 0).tolist() == [LATEST_ID] * 4
     for frames in (10, 20, 30, 40):
         book.add_snapshot(network, frames)
@@ -147,12 +152,7 @@ def test_the_pool_is_thinned_and_keeps_those_still_in_play():
 def test_the_pool_covers_the_whole_run_evenly(monkeypatch):
     """No gap is more than 2.5 times what equal gaps would be, however long the run."""
     monkeypatch.setattr("marl_cair.training.opponents.deepcopy", lambda network: network)
-    scenario = GAME.scenario("11x11")
-    shape = GAME.make_spec(scenario).representations["planes"].shape
-    actions = GAME.make_spec(scenario).num_actions
-    network = make_q_network(QNetworkConfig(hidden_width=8), shape, actions, seed=0)
-    settings = OpponentSettings({"pool": 1.0}, pool_capacity=8, pool_active=1)
-    book = OpponentBook(settings, GAME, scenario, "planes", seed=0)
+    book, network = make_pool(pool_capacity=8, pool_active=1)
     for number in range(1, 200):
         book.add_snapshot(network, 50_000 * number + number % 3)
         book.forget_unused(np.array([], np.int16))

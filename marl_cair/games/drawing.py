@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled
+from marl_cair.games.compiled import compiled_compact
 
 TRANSPARENT = 0
 GLYPH_ROWS, GLYPH_COLUMNS = 5, 3
@@ -35,7 +35,7 @@ def read_sprites(pictures: tuple[tuple[str, ...], ...], letters: str) -> NDArray
     )
 
 
-@compiled
+@compiled_compact
 def fill_box(image: Any, top: int, left: int, height: int, width: int, colour: Any) -> None:
     """Fill a box, cut at the edges of the image; colour uint8 [3]."""
     bottom, right = min(top + height, image.shape[1]), min(left + width, image.shape[2])
@@ -45,7 +45,7 @@ def fill_box(image: Any, top: int, left: int, height: int, width: int, colour: A
                 image[channel, y, x] = colour[channel]
 
 
-@compiled
+@compiled_compact
 def fill_disc(image: Any, y_centre: int, x_centre: int, radius: int, colour: Any) -> None:
     """Fill a disc, cut at the edges of the image."""
     for y in range(max(0, y_centre - radius), min(image.shape[1], y_centre + radius + 1)):
@@ -55,7 +55,7 @@ def fill_disc(image: Any, y_centre: int, x_centre: int, radius: int, colour: Any
                     image[channel, y, x] = colour[channel]
 
 
-@compiled
+@compiled_compact
 def draw_sprite(
     image: Any, sprite: Any, palette: Any, top: int, left: int, size: int, flip: bool
 ) -> None:
@@ -80,7 +80,7 @@ def draw_sprite(
                     image[channel, row, column] = palette[index, channel]
 
 
-@compiled
+@compiled_compact
 def draw_bar(
     image: Any, top: int, left: int, height: int, width: int, share: float, full: Any, empty: Any
 ) -> None:
@@ -89,7 +89,7 @@ def draw_bar(
     fill_box(image, top, left, height, int(width * min(1.0, max(0.0, share)) + 0.5), full)
 
 
-@compiled
+@compiled_compact
 def draw_glyph(image: Any, glyph: int, top: int, left: int, scale: int, colour: Any) -> None:
     """A digit (or PLUS) of `scale` pixels a dot."""
     for row in range(GLYPH_ROWS):
@@ -98,7 +98,7 @@ def draw_glyph(image: Any, glyph: int, top: int, left: int, scale: int, colour: 
                 fill_box(image, top + row * scale, left + column * scale, scale, scale, colour)
 
 
-@compiled
+@compiled_compact
 def draw_number(
     image: Any, number: int, top: int, left: int, scale: int, colour: Any, plus: bool
 ) -> None:

@@ -268,27 +268,27 @@ class BatchedEngine:
 
     def _run(self, kernel: Callable[..., None], worlds: Any, *arguments: Any) -> None:
         """Run a kernel over `worlds`, in slices on the threads when there are any."""
-        arguments = (worlds, *arguments)
         if kernel not in _kernels_in_use:
             with _announced(self.game.name):
-                self._run_slices(kernel, *arguments)
+                self._run_slices(kernel, worlds, *arguments)
             _kernels_in_use.add(kernel)
         else:
-            self._run_slices(kernel, *arguments)
+            self._run_slices(kernel, worlds, *arguments)
 
-    def _run_slices(self, kernel: Callable[..., None], *arguments: Any) -> None:
-        count = len(arguments[0][0])
+    def _run_slices(self, kernel: Callable[..., None], worlds: Any, *arguments: Any) -> None:
+        count = len(worlds[0])
         if not is_compiling():
             # Plain Python wraps counters as compiled code does, but warns about it.
             with np.errstate(over="ignore"):
-                kernel(*arguments, 0, count)
+                kernel(worlds, *arguments, 0, count)
             return
         if self._pool is None:
-            kernel(*arguments, 0, count)
+            kernel(worlds, *arguments, 0, count)
             return
         edges = np.linspace(0, count, self.num_threads + 1).astype(int).tolist()
         slices = pairwise(edges)
-        tasks = [self._pool.submit(kernel, *arguments, low, high) for low, high in slices]
+        submit = self._pool.submit
+        tasks = [submit(kernel, worlds, *arguments, low, high) for low, high in slices]
         for task in tasks:
             task.result()
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled
+from marl_cair.games.compiled import compiled_compact
 from marl_cair.games.deep_line_wars.observation import (
     LOG_LEVELS,
     ticks_to_income,
@@ -65,7 +65,7 @@ GRAY_OWN_TOWER, GRAY_ENEMY_TOWER, GRAY_OWN_UNIT, GRAY_ENEMY_UNIT = 110, 80, 180,
 GRAY_CURSOR = 215
 
 
-@compiled
+@compiled_compact
 def ground_kind(rules: Any, column: int) -> int:
     """Row of GROUND for a column of the picture."""
     level = rules.terrain[column]
@@ -78,7 +78,7 @@ def ground_kind(rules: Any, column: int) -> int:
     return 3 if level == ENEMY_HALF else 4
 
 
-@compiled
+@compiled_compact
 def tile_size(rules: Any) -> float:
     """Pixels along a cell such that the board fits below the bars."""
     across = (IMAGE_WIDTH - 2 * MARGIN) / rules.columns
@@ -86,20 +86,20 @@ def tile_size(rules: Any) -> float:
     return float(min(across, down))
 
 
-@compiled
+@compiled_compact
 def board_left(rules: Any) -> float:
     """Pixels left of the board."""
     return float((IMAGE_WIDTH - tile_size(rules) * rules.columns) / 2.0)
 
 
-@compiled
+@compiled_compact
 def board_top(rules: Any) -> float:
     """Pixels above the board."""
     room = IMAGE_HEIGHT - HUD_HEIGHT
     return float(HUD_HEIGHT + (room - tile_size(rules) * rules.rows) / 2.0)
 
 
-@compiled
+@compiled_compact
 def paint_ground(rules: Any, image: Any) -> None:
     """Background and chequered board."""
     fill_box(image, 0, 0, IMAGE_HEIGHT, IMAGE_WIDTH, BACKGROUND)
@@ -112,7 +112,7 @@ def paint_ground(rules: Any, image: Any) -> None:
             fill_box(image, y, x, below - y, right - x, colour)
 
 
-@compiled
+@compiled_compact
 def paint_towers(world: Any, rules: Any, owner: int, side: int, image: Any) -> None:
     """All towers of a player, who plays from the left (side 0) or from the right."""
     tile = tile_size(rules)
@@ -127,7 +127,7 @@ def paint_towers(world: Any, rules: Any, owner: int, side: int, image: Any) -> N
         draw_sprite(image, sprite, PALETTES[side], top, left, size, side == 1)
 
 
-@compiled
+@compiled_compact
 def unit_x(world: Any, rules: Any, owner: int, side: int, slot: int) -> float:
     """Centre of a unit in pixels from the left, between cells as it walks."""
     tile = tile_size(rules)
@@ -138,13 +138,13 @@ def unit_x(world: Any, rules: Any, owner: int, side: int, slot: int) -> float:
     return float(board_left(rules) + along * tile)
 
 
-@compiled
+@compiled_compact
 def unit_y(world: Any, rules: Any, owner: int, slot: int) -> float:
     """Centre of a unit in pixels from the top."""
     return float(board_top(rules) + (world.unit_row[owner, slot] + 0.5) * tile_size(rules))
 
 
-@compiled
+@compiled_compact
 def paint_units(world: Any, rules: Any, owner: int, side: int, image: Any) -> None:
     """The living units of a player with their health bars, the oldest on top."""
     tile = tile_size(rules)
@@ -164,7 +164,7 @@ def paint_units(world: Any, rules: Any, owner: int, side: int, image: Any) -> No
         draw_bar(image, top - bar, left, bar, size, share, HEALTHY, HURT)
 
 
-@compiled
+@compiled_compact
 def paint_shots(world: Any, rules: Any, owner: int, side: int, image: Any) -> None:
     """Projectiles on their way from tower to target."""
     tile = tile_size(rules)
@@ -185,7 +185,7 @@ def paint_shots(world: Any, rules: Any, owner: int, side: int, image: Any) -> No
         fill_disc(image, int(y), int(x), radius, SHOT)
 
 
-@compiled
+@compiled_compact
 def paint_player(world: Any, rules: Any, owner: int, side: int, image: Any) -> None:
     """A player's half of the bar on top: health, gold, income, lumber."""
     half = IMAGE_WIDTH // 2 - 64
@@ -206,7 +206,7 @@ def paint_player(world: Any, rules: Any, owner: int, side: int, image: Any) -> N
     draw_number(image, int(world.lumber[owner]), row, left + 252, 3, INK, False)
 
 
-@compiled
+@compiled_compact
 def paint_clock(world: Any, rules: Any, image: Any) -> None:
     """Ticks played, time to the next income and time left, in the middle of the top."""
     left = IMAGE_WIDTH // 2 - 48
@@ -217,7 +217,7 @@ def paint_clock(world: Any, rules: Any, image: Any) -> None:
     draw_bar(image, MARGIN + 52, left, 8, 96, 1.0 - played, INK, DIM)
 
 
-@compiled
+@compiled_compact
 def paint_cursor(world: Any, rules: Any, owner: int, side: int, image: Any) -> None:
     """A frame around the cell of a player's cursor."""
     tile = tile_size(rules)
@@ -233,7 +233,7 @@ def paint_cursor(world: Any, rules: Any, owner: int, side: int, image: Any) -> N
     fill_box(image, top, left + size - line, size, line, CURSOR_COLOUR)
 
 
-@compiled
+@compiled_compact
 def paint(world: Any, rules: Any, left_player: int, image: Any, all_cursors: bool) -> None:
     """The whole picture, `left_player` on the left; image uint8 [3, IMAGE_HEIGHT, IMAGE_WIDTH]."""
     paint_ground(rules, image)
@@ -251,7 +251,7 @@ def paint(world: Any, rules: Any, left_player: int, image: Any, all_cursors: boo
     paint_clock(world, rules, image)
 
 
-@compiled
+@compiled_compact
 def paint_gray(world: Any, rules: Any, player: int, image: Any) -> None:
     """The small picture, uint8 [GRAY_SIDE, GRAY_SIDE]: four bars over the board.
 
@@ -295,7 +295,7 @@ def paint_gray(world: Any, rules: Any, player: int, image: Any) -> None:
                 gray_cell(image, rules, world.unit_row[owner, slot], column, shade)
 
 
-@compiled
+@compiled_compact
 def gray_cell(image: Any, rules: Any, row: int, column: int, level: int) -> None:
     """Fill the pixels of a cell; on boards of more cells than pixels at least one."""
     height = GRAY_SIDE - GRAY_BARS
@@ -309,7 +309,7 @@ def gray_cell(image: Any, rules: Any, row: int, column: int, level: int) -> None
 # --- slices of worlds, and what people call ----------------------------------------------------
 
 
-@compiled
+@compiled_compact
 def observe_image(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
     """Write every seat's picture to out [B, P, 3, IMAGE_HEIGHT, IMAGE_WIDTH]."""
     for index in range(first, last):
@@ -317,7 +317,7 @@ def observe_image(worlds: Any, rules: Any, out: Any, first: int, last: int) -> N
             paint(world_at(worlds, index), rules, player, out[index, player], False)
 
 
-@compiled
+@compiled_compact
 def observe_gray(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
     """Write every seat's small picture to out [B, P, 1, GRAY_SIDE, GRAY_SIDE]."""
     for index in range(first, last):
@@ -325,7 +325,7 @@ def observe_gray(worlds: Any, rules: Any, out: Any, first: int, last: int) -> No
             paint_gray(world_at(worlds, index), rules, player, out[index, player, 0])
 
 
-@compiled
+@compiled_compact
 def paint_world(
     worlds: Any, rules: Any, index: int, left_player: int, image: Any, all_cursors: bool
 ) -> None:

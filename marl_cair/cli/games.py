@@ -33,7 +33,7 @@ def describe_game(game: Game) -> dict[str, Any]:
         "title": game.title,
         "version": game.version,
         "summary": game.summary,
-        "players": [game.num_players, game.num_players],
+        "players": list(game.player_range),
         "default_scenario": game.default_scenario,
         "bots": list(game.bots),
         "scenarios": {
@@ -48,6 +48,7 @@ def describe_game(game: Game) -> dict[str, Any]:
 
 def _describe_spec(spec: GameSpec) -> dict[str, Any]:
     return {
+        "num_players": spec.num_players,
         "num_actions": spec.num_actions,
         "action_names": list(spec.action_names),
         "action_groups": list(spec.action_group_names),

@@ -65,6 +65,13 @@ def compiled(function: Function) -> Function:
     return _compile(function, forceinline=True)
 
 
+def compiled_copy(function: Function) -> Function:
+    """`compiled` for a few straight lines that many rules call: copied into each of them before
+    types are known, so that it is not compiled anew for each combination of integer types.
+    """
+    return _compile(function, inline="always")
+
+
 def compiled_compact(function: Function) -> Function:
     """`compiled` without inlining, for drawing: there the wait for the compiler matters more."""
     return _compile(function)
@@ -75,7 +82,7 @@ def _compile(function: Function, **options: bool) -> Function:
     # Numba reads the folder when it decorates. The user's own setting is put back at once.
     _CONFIG.CACHE_DIR = _cache_dir(_game_of(function))
     try:
-        return cast("Function", _NJIT(cache=True, nogil=True, _nrt=False, **options)(function))
+        return cast("Function", _NJIT(cache=True, nogil=True, _nrt=False, error_model="numpy", **options)(function))
     finally:
         _CONFIG.CACHE_DIR = users_folder
 

@@ -114,3 +114,92 @@ def draw_number(
         draw_glyph(image, number // divisor % 10, top, left, scale, colour)
         left += step
         divisor //= 10
+
+
+# --- for boards of any tile size ---------------------------------------------------------------
+
+
+@compiled_compact
+def draw_smooth(
+    image: Any,
+    sprite: Any,
+    palette: Any,
+    top: int,
+    left: int,
+    size: int,
+    flip: bool,
+    first_row: int,
+) -> None:
+    """`draw_sprite` whose pixels are the mean of what they cover: sharp at multiples of the
+    sprite's side, soft between. Rows of the sprite above `first_row` are left out.
+    """
+    side = sprite.shape[0]
+    whole = side * side
+    for y in range(max(0, -top), min(size, image.shape[1] - top)):
+        for x in range(max(0, -left), min(size, image.shape[2] - left)):
+            red, green, blue, covered = 0, 0, 0, 0
+            for row in range(y * side // size, ((y + 1) * side - 1) // size + 1):
+                if row < first_row:
+                    continue
+                high = min((row + 1) * size, (y + 1) * side) - max(row * size, y * side)
+                for column in range(x * side // size, ((x + 1) * side - 1) // size + 1):
+                    index = sprite[row, side - 1 - column if flip else column]
+                    if index == TRANSPARENT:
+                        continue
+                    end = min((column + 1) * size, (x + 1) * side)
+                    area = high * (end - max(column * size, x * side))
+                    red += area * int(palette[index, 0])
+                    green += area * int(palette[index, 1])
+                    blue += area * int(palette[index, 2])
+                    covered += area
+            if covered > 0:
+                free = whole - covered
+                image[0, top + y, left + x] = (
+                    red + free * int(image[0, top + y, left + x])
+                ) // whole
+                image[1, top + y, left + x] = (
+                    green + free * int(image[1, top + y, left + x])
+                ) // whole
+                image[2, top + y, left + x] = (
+                    blue + free * int(image[2, top + y, left + x])
+                ) // whole
+
+
+@compiled_compact
+def shade_box(
+    image: Any, top: int, left: int, height: int, width: int, colour: Any, percent: int
+) -> None:
+    """Lay a colour over a box, `percent` 100 hides all that was there."""
+    bottom, right = min(top + height, image.shape[1]), min(left + width, image.shape[2])
+    for channel in range(3):
+        added = percent * int(colour[channel])
+        for y in range(max(0, top), bottom):
+            for x in range(max(0, left), right):
+                image[channel, y, x] = ((100 - percent) * int(image[channel, y, x]) + added) // 100
+
+
+@compiled_compact
+def draw_corners(
+    image: Any, top: int, left: int, size: int, arm: int, line: int, colour: Any
+) -> None:
+    """The four corners of a square frame, each with arms of `arm` pixels, `line` thick."""
+    for corner in range(4):
+        y = top if corner < 2 else top + size - line
+        x = left if corner % 2 == 0 else left + size - line
+        arm_top = top if corner < 2 else top + size - arm
+        arm_left = left if corner % 2 == 0 else left + size - arm
+        fill_box(image, y, arm_left, line, arm, colour)
+        fill_box(image, arm_top, x, arm, line, colour)
+
+
+@compiled_compact
+def draw_line(
+    image: Any, y: float, x: float, y_end: float, x_end: float, line: int, colour: Any
+) -> None:
+    """A straight line of square dots, `line` pixels thick."""
+    steps = int(max(abs(y_end - y), abs(x_end - x))) + 1
+    half = line // 2
+    for step in range(steps + 1):
+        row = int(y + (y_end - y) * step / steps) - half
+        column = int(x + (x_end - x) * step / steps) - half
+        fill_box(image, row, column, line, line, colour)

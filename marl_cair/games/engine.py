@@ -58,7 +58,7 @@ class BatchedEngine:
                 raise ValueError(f"{game.name}: {name} is {value}, it must be at least 1")
         self.game, self.scenario = game, scenario
         self.spec: GameSpec = game.make_spec(scenario)
-        self.num_worlds, self.num_players = num_worlds, game.num_players
+        self.num_worlds, self.num_players = num_worlds, self.spec.num_players
         self.num_actions = self.spec.num_actions
         self.num_threads = min(num_threads, num_worlds)
         self._rules = game.make_rules(scenario)

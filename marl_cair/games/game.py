@@ -64,6 +64,7 @@ class GameSpec:
     """What a scenario of a game offers to agents; immutable.
 
     Attributes:
+        num_players: P seats.
         action_names: A names.
         action_groups: int16 [A], the kind of each action (all cells of one tower are one kind).
         action_group_names: names of the kinds.
@@ -80,6 +81,7 @@ class GameSpec:
         reward_bound: no reward is larger than this in absolute value.
     """
 
+    num_players: int
     action_names: tuple[str, ...]
     action_groups: NDArray[np.int16]
     action_group_names: tuple[str, ...]
@@ -110,7 +112,7 @@ class Game:
     title: str
     version: str  # changes when the behaviour changes, not for speed; checkpoints carry it
     summary: str
-    num_players: int
+    player_range: tuple[int, int]  # fewest and most seats; a scenario's spec says how many
     scenarios: Mapping[str, Any]  # name -> frozen dataclass of settings
     default_scenario: str
     make_rules: Callable[[Any], Any]  # scenario -> constants as a named tuple of arrays

@@ -125,8 +125,9 @@ def play_chunks(
     Raises:
         ValueError: no chunk, or a game that is not for two players.
     """
-    if game.num_players != 2:
-        raise ValueError(f"{game.name} has {game.num_players} players, a match is between two")
+    num_players = game.make_spec(scenario).num_players
+    if num_players != 2:
+        raise ValueError(f"{game.name} has {num_players} players here, a match is between two")
     if not len(chunks):
         raise ValueError("no chunks are given: name at least one to play")
     offsets = np.arange(GAMES_PER_CHUNK) // GAMES_PER_BLOCK

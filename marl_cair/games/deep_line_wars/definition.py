@@ -43,6 +43,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
     actions = _classic_actions() if scenario.actions == "classic" else _spatial_actions(scenario)
     names, group_names, groups, cells, noop = actions
     return GameSpec(
+        num_players=NUM_PLAYERS,
         action_names=names,
         action_groups=np.array(groups, np.int16),
         action_group_names=group_names,
@@ -135,7 +136,7 @@ GAME = Game(
     title="Deep Line Wars",
     version=VERSION,
     summary="Two players send units across a line and build towers against the other's.",
-    num_players=NUM_PLAYERS,
+    player_range=(NUM_PLAYERS, NUM_PLAYERS),
     scenarios=MappingProxyType(SCENARIOS),
     default_scenario="10x15",
     make_rules=make_rules,

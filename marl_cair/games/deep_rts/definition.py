@@ -1,0 +1,159 @@
+"""The definition of Deep RTS as a `Game`: its functions, actions and representations."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.deep_rts import bots, masks, observation, orders, rendering, rules
+from marl_cair.games.deep_rts.maps import MAX_PLAYERS
+from marl_cair.games.deep_rts.observation import (
+    CLASSIC_NAMES,
+    FIRST_KIND,
+    FIRST_TILE,
+    HEALTH,
+    OWN,
+    PLANE_NAMES,
+    RESOURCE_LEFT,
+    SELECTED,
+    UNIFORM_NAMES,
+    VECTOR_NAMES,
+)
+from marl_cair.games.deep_rts.rulebook import make_rules
+from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, SCENARIOS, Scenario
+from marl_cair.games.deep_rts.state import World, allocate
+from marl_cair.games.deep_rts.tables import PRODUCT_NAMES, RESOURCE_NAMES
+from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
+
+VERSION = "1"
+
+_SCRATCH = ("seed", "claim", "reached", "came", "frontier", "num_searches", "acting", "wish")
+_CELL_ORDERS = ("go", "advance", "select")
+_CLASSIC_NAMES = (
+    "previous_unit",
+    "next_unit",
+    *(f"move_{way}" for way in ("left", "right", "up", "down")),
+    *(f"move_{way}" for way in ("up_left", "up_right", "down_left", "down_right")),
+    "attack",
+    "harvest",
+    *(f"build_{slot}" for slot in range(orders.NUM_CLASSIC_BUILDS)),
+    "noop",
+)
+
+
+def make_spec(scenario: Scenario) -> GameSpec:
+    """What `scenario` offers to agents: actions, representations, limits."""
+    actions = _classic_actions() if scenario.actions == "classic" else _unit_actions(scenario)
+    names, group_names, groups, cells, noop = actions
+    return GameSpec(
+        num_players=scenario.num_players,
+        action_names=names,
+        action_groups=np.array(groups, np.int16),
+        action_group_names=group_names,
+        action_cells=np.array(cells, np.int32),
+        noop_action=noop,
+        representations=MappingProxyType(_representations(scenario)),
+        static_planes=(),
+        exclusive_planes=(
+            tuple(range(FIRST_TILE, RESOURCE_LEFT)),
+            tuple(range(FIRST_KIND, OWN)),
+            tuple(range(OWN, HEALTH)),
+        ),
+        event_planes=(tuple(range(FIRST_KIND, SELECTED)),),
+        resources=RESOURCE_NAMES,
+        ticks_per_step=scenario.ticks_per_step,
+        max_ticks=scenario.max_ticks,
+        reward_bound=_reward_bound(scenario),
+    )
+
+
+def _reward_bound(scenario: Scenario) -> float:
+    """A win from far behind, or more score than one decision can bring."""
+    if scenario.goal == "score":
+        return 100.0
+    return 1.0 + (1.6 if scenario.reward == "shaped" else 0.0)
+
+
+Actions = tuple[tuple[str, ...], tuple[str, ...], list[int], list[int], int]
+
+
+def _unit_actions(scenario: Scenario) -> Actions:
+    names = ["noop", "next_unit", "stop", "cancel", *(f"make_{name}" for name in PRODUCT_NAMES)]
+    group_names = (*names, *_CELL_ORDERS)
+    groups = list(range(len(names)))
+    cells = [NO_CELL] * len(names)
+    for kind, order in enumerate(_CELL_ORDERS):
+        for row in range(scenario.rows):
+            for column in range(scenario.columns):
+                names.append(f"{order}_r{row}_c{column}")
+                groups.append(orders.FIRST_CELL + kind)
+                cells.append(row * scenario.columns + column)
+    return tuple(names), group_names, groups, cells, orders.NOOP
+
+
+def _classic_actions() -> Actions:
+    numbers = list(range(orders.NUM_CLASSIC))
+    return _CLASSIC_NAMES, _CLASSIC_NAMES, numbers, [NO_CELL] * len(numbers), orders.CLASSIC_NOOP
+
+
+def _representations(scenario: Scenario) -> dict[str, Representation]:
+    board = (scenario.rows, scenario.columns)
+    gray, pixels = rendering.GRAY_SIDE, scenario.tile_pixels
+    picture = (3, scenario.rows * pixels, scenario.columns * pixels)
+    rgb = ("red", "green", "blue")
+    listed = (
+        Representation(
+            "planes",
+            (len(PLANE_NAMES), *board),
+            np.uint8,
+            255,
+            PLANE_NAMES,
+            observation.observe_planes,
+            num_uniform=len(UNIFORM_NAMES),
+        ),
+        Representation(
+            "classic", (10, *board), np.uint8, 255, CLASSIC_NAMES, observation.observe_classic
+        ),
+        Representation("image", picture, np.uint8, 255, rgb, rendering.observe_image),
+        Representation("gray", (1, gray, gray), np.uint8, 255, ("luma",), rendering.observe_gray),
+        Representation(
+            "vector",
+            (len(VECTOR_NAMES),),
+            np.float32,
+            float(2**31),
+            VECTOR_NAMES,
+            observation.observe_vector,
+        ),
+    )
+    return {representation.name: representation for representation in listed}
+
+
+def public_state(worlds: World, world: int) -> NDArray[np.float32]:
+    """All state of one world but the random word and the scratch, as one float32 vector [S]."""
+    fields = [
+        field[world].ravel() for name, field in worlds._asdict().items() if name not in _SCRATCH
+    ]
+    return np.concatenate(fields).astype(np.float32)
+
+
+GAME = Game(
+    name="deep_rts",
+    title="Deep RTS",
+    version=VERSION,
+    summary="Gather, build, train and fight on a board of tiles until one is left.",
+    player_range=(1, MAX_PLAYERS),
+    scenarios=MappingProxyType(SCENARIOS),
+    default_scenario="1v1-15x15",
+    make_rules=make_rules,
+    make_spec=make_spec,
+    allocate=allocate,
+    reset=rules.reset,
+    step=rules.step,
+    legal_actions=masks.legal_actions,
+    draw=rendering.draw,
+    bots=MappingProxyType(bots.BOTS),
+    public_state=public_state,
+    gymnasium_prefix=GYMNASIUM_PREFIX,
+)

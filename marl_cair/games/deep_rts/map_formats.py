@@ -1,0 +1,317 @@
+"""Read map files, plain text and JSON of the Tiled editor, to tile kinds and spawns."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.deep_rts.tables import (
+    DESERT,
+    GOLD_TILE,
+    GRASS,
+    LAVA,
+    LUMBER_TILE,
+    STONE_TILE,
+    TILE_NAMES,
+    WALKABLE_TILES,
+    WALL,
+    WATER,
+)
+
+MAX_PLAYERS = 8
+LEGEND = ".,^#~TGSO"  # one character per tile kind, in the order of TILE_NAMES
+COMMENT = ";"
+SPAWN_NAME = "spawn"
+MAX_TILED_SIDE = 1024  # of a file that is read at all; what a game takes is checked later
+
+_EMPTY, _SPAWN = 255, 254  # beside the tile kinds, while a map is read
+_FLIP_FLAGS = 0xF000_0000  # Tiled keeps mirrored and turned tiles in the top bits of an id
+_KIND_OF_NAME = {name: kind for kind, name in enumerate(TILE_NAMES)} | {SPAWN_NAME: _SPAWN}
+# Ids within the tileset that the maps of the original game were drawn with.
+_ORIGINAL_IDS = (
+    (range(16, 17), _SPAWN),
+    (range(17, 88), WALL),
+    (range(88, 102), GOLD_TILE),
+    (range(102, 142), LUMBER_TILE),
+    (range(142, 180), STONE_TILE),
+    (range(180, 206), DESERT),
+    (range(238, 270), GRASS),
+    (range(300, 334), WATER),
+    (range(334, 356), DESERT),
+    (range(356, 372), GRASS),
+    (range(372, 373), LAVA),
+)
+
+
+class MapError(ValueError):
+    """A map that cannot be played or read; the message names the map, the place and the mend."""
+
+
+def read_text_rows(
+    path: str | os.PathLike[str],
+) -> tuple[NDArray[np.uint8], list[tuple[int, int]], list[int]]:
+    """Return the tile kinds [H, W], the spawns by seat and the line, from 1, of each row.
+
+    Rows are of LEGEND's characters; the digits 1..8 are spawns on grass, `;` begins a comment line.
+    Raises MapError with the file, the line and the column, OSError where it cannot be read.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise MapError(f"map {path}: this is no UTF-8 text ({error}): save it as such") from error
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.rstrip().splitlines(), 1)
+        if not line.startswith(COMMENT)
+    ]
+    width = len(lines[0][1]) if lines else 0
+    kinds: list[list[int]] = []
+    spawn_of: dict[int, tuple[int, int]] = {}
+    for row, (number, line) in enumerate(lines):
+        if len(line) != width:
+            raise MapError(
+                f"map {path}: line {number} has {len(line)} characters, line {lines[0][0]} has "
+                f"{width}: make all rows one length"
+            )
+        kinds.append([])
+        for column, character in enumerate(line):
+            place = f"map {path}: line {number}, column {column + 1}"
+            kinds[row].append(_read_character(place, character))
+            if kinds[row][-1] == _SPAWN:
+                kinds[row][-1] = GRASS
+                if int(character) in spawn_of:
+                    raise MapError(
+                        f"{place} is a second spawn of seat {character}: give each seat one"
+                    )
+                spawn_of[int(character)] = (row, column)
+    seats = sorted(spawn_of)
+    if seats != [*range(1, len(seats) + 1)]:
+        raise MapError(f"map {path}: it has spawns {seats}: number them from 1 without a gap")
+    tiles = np.array(kinds, dtype=np.uint8).reshape(len(kinds), width)
+    return tiles, [spawn_of[seat] for seat in seats], [number for number, _ in lines]
+
+
+def _read_character(place: str, character: str) -> int:
+    kind = LEGEND.find(character)
+    if kind >= 0:
+        return kind
+    if character in "12345678":
+        return _SPAWN
+    raise MapError(
+        f"{place} holds {character!r}, known are '{LEGEND}' and the spawns 1..{MAX_PLAYERS}"
+    )
+
+
+def read_tiled_layers(
+    path: str | os.PathLike[str],
+) -> tuple[NDArray[np.uint8], tuple[tuple[int, int], ...]]:
+    """Return the tile kinds [H, W] and the spawns (row, column) by seat of a Tiled JSON map.
+
+    A later tile layer covers an earlier one where it is not empty. Spawns are tiles named `spawn`,
+    by rows, or objects of type `spawn`, in the order of their property `seat` (from 1) or else of
+    the file; the ground under a spawn becomes grass where it can be walked on.
+    Raises MapError with the file and the layer, OSError where the file cannot be read.
+    """
+    name = str(path)
+    board = _load_json(path)
+    _refuse_other_kinds(name, board)
+    kind_of_gid = _read_tilesets(name, board)
+    rows, columns = (_read_side(name, board, side) for side in ("height", "width"))
+    tiles = np.full((rows, columns), _EMPTY, dtype=np.uint8)
+    objects: list[tuple[Any, int, int]] = []
+    layers = board.get("layers")
+    for layer in layers if isinstance(layers, list) else []:
+        title = f"map {name}: layer {_name_of(layer)!r}"
+        layer_type = layer.get("type") if isinstance(layer, dict) else None
+        if layer_type == "tilelayer":
+            kinds = _read_tile_layer(title, layer, (rows, columns), kind_of_gid)
+            tiles = np.where(kinds == _EMPTY, tiles, kinds)
+        elif layer_type == "objectgroup":
+            objects += _read_objects(title, layer, board, (rows, columns))
+        elif layer_type == "group":
+            raise MapError(f"{title} is a group: ungroup it in Tiled, then save")
+    empty = np.argwhere(tiles == _EMPTY)
+    if len(empty):
+        row, column = empty[0].tolist()
+        raise MapError(
+            f"map {name}: no tile layer fills row {row}, column {column} (from 0): fill it in Tiled"
+        )
+    return _place_spawns(name, tiles, objects)
+
+
+def _load_json(path: str | os.PathLike[str]) -> dict[str, Any]:
+    try:
+        board = json.loads(Path(path).read_bytes())
+    except (ValueError, RecursionError) as error:
+        raise MapError(
+            f"map {path}: this is no valid JSON ({error}): save it anew in Tiled as JSON map file"
+        ) from error
+    if not isinstance(board, dict) or "layers" not in board:
+        raise MapError(
+            f"map {path}: this JSON is no Tiled map, it has no 'layers': save it in Tiled as JSON "
+            "map file"
+        )
+    return board
+
+
+def _refuse_other_kinds(name: str, board: Mapping[str, Any]) -> None:
+    orientation = board.get("orientation", "orthogonal")
+    if orientation != "orthogonal":
+        raise MapError(
+            f"map {name}: its orientation is {orientation!r}: choose 'orthogonal' in Map > Map "
+            "Properties"
+        )
+    if board.get("infinite"):
+        raise MapError(f"map {name}: it is infinite: untick Infinite in Map > Map Properties")
+
+
+def _read_side(name: str, board: Mapping[str, Any], side: str) -> int:
+    value = board.get(side)
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MAX_TILED_SIDE:
+        raise MapError(
+            f"map {name}: its {side} is {value!r}, it must be a whole number in "
+            f"1..{MAX_TILED_SIDE}: resize it in Map > Resize Map"
+        )
+    return value
+
+
+def _read_tilesets(name: str, board: Mapping[str, Any]) -> Callable[[int], int | None]:
+    """A function from a tile's id, without flip flags, to its kind, or None where nobody knows."""
+    tilesets: list[tuple[int, dict[int, int]]] = []
+    try:
+        for tileset in board.get("tilesets", ()):
+            entries = tileset.get("tiles", ())
+            named = {int(entry["id"]): _kind_of_tile(entry) for entry in entries}
+            known = {number: kind for number, kind in named.items() if kind is not None}
+            tilesets.append((int(tileset["firstgid"]), known))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise MapError(
+            f"map {name}: a tileset cannot be read ({error!r}): embed it in Tiled, then save anew"
+        ) from error
+    tilesets.sort(key=lambda pair: pair[0])
+
+    def kind_of_gid(gid: int) -> int | None:
+        first, known = 1, {}
+        for candidate_first, candidate_known in tilesets:
+            if candidate_first <= gid:
+                first, known = candidate_first, candidate_known
+        number = gid - first
+        if known:
+            return known.get(number)
+        return next((kind for ids, kind in _ORIGINAL_IDS if number in ids), None)
+
+    return kind_of_gid
+
+
+def _kind_of_tile(entry: Mapping[str, Any]) -> int | None:
+    """The kind that a tile of an embedded tileset tells by type, class or property; None: none."""
+    words = [entry.get("type"), entry.get("class")]
+    words += [_property(entry, key) for key in ("type", "class", "name")]
+    for word in words:
+        kind = _KIND_OF_NAME.get(word.strip().lower()) if isinstance(word, str) else None
+        if kind is not None:
+            return kind
+    return None
+
+
+def _property(entry: Mapping[str, Any], name: str) -> Any:
+    for item in entry.get("properties") or ():
+        if item["name"] == name:
+            return item["value"]
+    return None
+
+
+def _read_tile_layer(
+    title: str,
+    layer: Mapping[str, Any],
+    shape: tuple[int, int],
+    kind_of_gid: Callable[[int], int | None],
+) -> NDArray[np.uint8]:
+    data = layer.get("data")
+    if layer.get("encoding", "csv") != "csv" or layer.get("compression") or isinstance(data, str):
+        raise MapError(
+            f"{title} is encoded or compressed: choose CSV as Tile Layer Format in Map > Map "
+            "Properties"
+        )
+    rows, columns = shape
+    if not isinstance(data, list) or len(data) != rows * columns:
+        found = f"{len(data)} tiles" if isinstance(data, list) else "no list of tiles"
+        raise MapError(
+            f"{title} has {found}, a map of {rows} rows and {columns} columns needs "
+            f"{rows * columns}: save it anew in Tiled"
+        )
+    kinds = np.full(rows * columns, _EMPTY, dtype=np.uint8)
+    kind_of: dict[Any, int | None] = {0: _EMPTY}
+    for cell, raw in enumerate(data):
+        is_id = isinstance(raw, int) and not isinstance(raw, bool) and raw >= 0
+        gid = raw & ~_FLIP_FLAGS if is_id else raw
+        kind = kind_of.setdefault(gid, kind_of_gid(gid)) if is_id else None
+        if kind is None:
+            row, column = divmod(cell, columns)
+            raise MapError(
+                f"{title} has the unknown tile {gid!r} at row {row}, column {column} (from "
+                "0): use the original's tileset, or an embedded one whose tiles have one of "
+                f"the classes {', '.join(_KIND_OF_NAME)}"
+            )
+        kinds[cell] = kind
+    return kinds.reshape(rows, columns)
+
+
+def _read_objects(
+    title: str, layer: Mapping[str, Any], board: Mapping[str, Any], shape: tuple[int, int]
+) -> list[tuple[Any, int, int]]:
+    """The objects of type `spawn` as (seat or None, row, column)."""
+    spawns = []
+    try:
+        for item in layer.get("objects", ()):
+            if SPAWN_NAME not in (item.get("type"), item.get("class")):
+                continue
+            # A tile object hangs from its bottom edge, all others from the top.
+            y = item["y"] - (1 if "gid" in item else 0)
+            row, column = int(y // board["tileheight"]), int(item["x"] // board["tilewidth"])
+            spawns.append((_property(item, "seat"), row, column))
+    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        raise MapError(f"{title} has an object that cannot be read ({error!r})") from error
+    for _, row, column in spawns:
+        if not (0 <= row < shape[0] and 0 <= column < shape[1]):
+            raise MapError(
+                f"{title} has a spawn at row {row}, column {column}, outside the map: move it in "
+                "Tiled"
+            )
+    return spawns
+
+
+def _place_spawns(
+    name: str, tiles: NDArray[np.uint8], objects: list[tuple[Any, int, int]]
+) -> tuple[NDArray[np.uint8], tuple[tuple[int, int], ...]]:
+    from_tiles = [(int(row), int(column)) for row, column in np.argwhere(tiles == _SPAWN)]
+    tiles[tiles == _SPAWN] = GRASS
+    if from_tiles and objects:
+        raise MapError(
+            f"map {name}: it has spawns as tiles and as objects: keep one of the two kinds"
+        )
+    seats = [seat for seat, _, _ in objects if seat is not None]
+    if seats:
+        if any(type(seat) is not int for seat in seats) or sorted(seats) != [
+            *range(1, len(objects) + 1)
+        ]:
+            raise MapError(
+                f"map {name}: the property 'seat' of its spawns holds {seats}, it must number "
+                f"all of them from 1 to {len(objects)}, or none"
+            )
+        objects = sorted(objects, key=lambda spawn: spawn[0])
+    spawns = tuple(from_tiles or [(row, column) for _, row, column in objects])
+    for spawn in spawns:
+        if tiles[spawn] in WALKABLE_TILES:
+            tiles[spawn] = GRASS
+    return tiles, spawns
+
+
+def _name_of(layer: Any) -> str:
+    return str(layer.get("name", "")) if isinstance(layer, dict) else repr(layer)

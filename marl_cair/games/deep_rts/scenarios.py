@@ -1,0 +1,161 @@
+"""Named configurations of Deep RTS: maps, players, numbers, actions, goal, fog and time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+from marl_cair.games.deep_rts.map_generator import MAP_SETS, map_set
+from marl_cair.games.deep_rts.maps import BUILT_IN_MAPS, MAX_PLAYERS, load_map, read_map
+from marl_cair.games.deep_rts.tables import MAX_UNITS, PRESETS
+from marl_cair.lookup import find_by_name
+
+if TYPE_CHECKING:
+    from marl_cair.games.deep_rts.maps import GameMap
+
+GYMNASIUM_PREFIX = "DeepRTS"  # of the ids marl_cair/DeepRTS-<scenario>-v0
+
+ACTION_SPACES = {
+    "unit": "order x target cell for the unit under the cursor",
+    "classic": "the original's 16 actions for the unit under the cursor",
+}
+REWARDS = {"sparse": "+1 win, -1 loss, 0 draw", "shaped": "sparse plus a potential difference"}
+# What ends a game and pays; `conquest` ends with the last player or team, the others are races.
+GOALS = {
+    "conquest": "be the last player or team standing",
+    "gold": "bring in goal_amount gold",
+    "lumber": "bring in goal_amount lumber",
+    "score": "the highest score when the time is over",
+    "army": "train goal_amount soldiers",
+}
+MAPS_OF_A_SET = 64  # of a set of maps, one is drawn for each game
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Settings of one kind of game.
+
+    Raises:
+        ValueError: a value is outside what is allowed; the message names field, value and range.
+        MapError: the map cannot be read or cannot be played by so many.
+    """
+
+    map: str = "15x15-2p-crossing"  # a built-in map, a set of maps, or the path of a map file
+    num_players: int = 2
+    teams: tuple[int, ...] = ()  # the team of each seat; () = everybody for itself
+    preset: str = "balanced"  # numbers of units and tiles: see tables.PRESETS
+    actions: str = "unit"  # or "classic"
+    goal: str = "conquest"  # see GOALS
+    goal_amount: int = 0  # of the goals gold, lumber and army
+    army: tuple[int, ...] = ()  # units of each mobile kind at the start, in place of a base
+    reward: str = "sparse"  # or "shaped"; only of conquest
+    shaping_discount: float = 0.99  # gamma of the potential difference, per decision
+    fog: bool = False
+    ticks_per_step: int = 10  # game ticks that one decision lasts
+    max_ticks: int = 10_000  # time limit
+    tile_pixels: int = 8  # pixels along a tile of the representation `image`, at most 32
+    unit_capacity: int = 0  # units of a player; 0 = a quarter of the cells, at most 200
+
+    def __post_init__(self) -> None:
+        self._check_range("num_players", 1, MAX_PLAYERS)
+        self._check_range("ticks_per_step", 1, 100)
+        self._check_range("max_ticks", self.ticks_per_step, 1_000_000)
+        self._check_range("tile_pixels", 1, 32)
+        self._check_range("unit_capacity", 0, MAX_UNITS)
+        self._check_range("goal_amount", 0, 1_000_000)
+        find_by_name("deep_rts preset", self.preset, PRESETS)
+        find_by_name("deep_rts action space", self.actions, ACTION_SPACES)
+        find_by_name("deep_rts reward", self.reward, REWARDS)
+        find_by_name("deep_rts goal", self.goal, GOALS)
+        if not 0.0 < self.shaping_discount <= 1.0:
+            raise ValueError(
+                f"deep_rts: shaping_discount is {self.shaping_discount}, it must be above 0 and at "
+                "most 1 (the discount of the learner that uses the rewards)"
+            )
+        self._check_goal()
+        self._check_teams()
+        self._check_maps()
+
+    def _check_range(self, field: str, low: int, high: int) -> None:
+        value = getattr(self, field)
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise ValueError(
+                f"deep_rts: {field} is {value!r}, it must be a whole number in {low}..{high}"
+            )
+
+    def _check_goal(self) -> None:
+        if self.goal in ("gold", "lumber", "army") and self.goal_amount < 1:
+            raise ValueError(
+                f"deep_rts: the goal {self.goal} needs a goal_amount of at least 1, it is "
+                f"{self.goal_amount}"
+            )
+        if self.goal == "conquest" and self.num_players < 2:
+            raise ValueError(
+                "deep_rts: the goal conquest needs at least 2 players, num_players is 1; choose "
+                "another goal"
+            )
+        if self.army and (len(self.army) != 4 or min(self.army) < 0 or sum(self.army) == 0):
+            raise ValueError(
+                f"deep_rts: army is {self.army}, it must be () or the numbers of peasants, footmen,"
+                " archers and cavalry, at least one in all"
+            )
+
+    def _check_teams(self) -> None:
+        if not self.teams:
+            return
+        if len(self.teams) != self.num_players:
+            raise ValueError(
+                f"deep_rts: teams names {len(self.teams)} seats, num_players is "
+                f"{self.num_players}; give each seat one team"
+            )
+        if len(set(self.teams)) < 2 and self.goal == "conquest":
+            raise ValueError(
+                f"deep_rts: all seats are of team {self.teams[0]}, conquest needs at least two "
+                "teams"
+            )
+
+    def _check_maps(self) -> None:
+        for game_map in self.maps:
+            if len(game_map.spawns) < self.num_players:
+                raise ValueError(
+                    f"deep_rts: the map {game_map.name} has {len(game_map.spawns)} spawns, "
+                    f"num_players is {self.num_players}; choose another map or fewer players"
+                )
+
+    @property
+    def maps(self) -> tuple[GameMap, ...]:
+        """The maps that games of this scenario are played on, all of one size."""
+        return _load_maps(self.map)
+
+    @property
+    def rows(self) -> int:
+        """Rows of the board."""
+        return int(self.maps[0].tiles.shape[0])
+
+    @property
+    def columns(self) -> int:
+        """Columns of the board."""
+        return int(self.maps[0].tiles.shape[1])
+
+    @property
+    def num_cells(self) -> int:
+        """Cells of the board with its border."""
+        return (self.rows + 2) * (self.columns + 2)
+
+    @property
+    def slots_per_player(self) -> int:
+        """Unit slots of each player."""
+        return self.unit_capacity or min(MAX_UNITS, max(16, self.rows * self.columns // 4))
+
+
+@cache
+def _load_maps(name: str) -> tuple[GameMap, ...]:
+    if name in MAP_SETS:
+        return map_set(name, MAPS_OF_A_SET)
+    if name in BUILT_IN_MAPS or not name.endswith((".txt", ".json", ".tmj")):
+        return (load_map(name),)
+    return (read_map(name),)
+
+
+SCENARIOS: dict[str, Scenario] = {"1v1-15x15": Scenario()}

@@ -1,0 +1,184 @@
+"""The state of Deep RTS: a few tables with named columns, first axis B worlds.
+
+One table per kind of thing, not one array per field: the compiler handles every array that a rule
+takes as seven values, and with sixty of them compiling took minutes and each call 200 ns.
+
+A cell is an index into the board with a border of walls around it: (row + 1) * (columns + 2) +
+column + 1, so that no rule asks for the edge. Unit slots 0..U-1 belong to the players in blocks of
+`slots_per_player`; a player's `roster` lists its slots from the oldest unit to the newest.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.compiled import compiled
+from marl_cair.games.deep_rts.scenarios import Scenario
+from marl_cair.games.deep_rts.tables import NUM_KINDS, NUM_RESOURCES, NUM_UPGRADES
+
+NO_UNIT = -1
+NO_GOAL = 0  # the corner of the border, where nothing is
+STRUCK, TOOK = -1, -2  # marks in UNIT_EXIT of those who did so in this tick
+UNKNOWN = 255  # a tile that a player has never seen
+NEVER = 2**31 - 1
+QUEUE_LENGTH = 5
+PATH_STEPS = 21  # steps of 3 bits in a word
+
+RUNNING, TERMINATED, TRUNCATED = range(3)
+# What a unit is doing until it is due.
+IDLE, WALKING, GATHERING, FIGHTING, REPAIRING, WAITING, INSIDE, RISING, TRAINING, PUMPING = range(
+    10
+)
+STATE_NAMES = (
+    "idle",
+    "walking",
+    "gathering",
+    "fighting",
+    "repairing",
+    "waiting",
+    "inside",
+    "rising",
+    "training",
+    "pumping",
+)
+# What it has been told.
+NO_ORDER, MOVE, HARVEST, RETURN, ATTACK, ADVANCE, REPAIR = range(7)
+
+# --- columns -----------------------------------------------------------------------------------
+
+NUM_CLOCK = 13
+(
+    TICK,  # ticks played
+    PHASE,  # RUNNING, TERMINATED or TRUNCATED
+    WINNER,  # seat (the first of a team), or NO_WINNER
+    MAP_INDEX,  # which of the scenario's maps
+    WAKE,  # the tick before which no unit has anything to do
+    NUM_BURNING,  # units on lava
+    NUM_SEARCHES,  # path searches, which mark the cells that they reach
+    NUM_ACTING,  # units that are due in this tick
+    NUM_FALLEN,  # units without health that are still on the board
+    WISH,  # four columns: where a unit wants to go, see behaviour.py
+) = range(10)
+
+NUM_LAYERS = 7
+(
+    TILE,  # kind
+    AMOUNT,  # resource units left; below 0 where several took the last
+    OCCUPANT,  # unit slot, or NO_UNIT
+    CLAIM,  # scratch of a tick: who wants the cell
+    REACHED,  # scratch of a search: the number of the last that came here
+    CAME,  # scratch of a search: direction in which it came
+    FRONTIER,  # scratch of a search: cells in the order of reaching
+) = range(NUM_LAYERS)
+
+(
+    IS_ALIVE,  # 1 until the player is out
+    FOOD_USED,  # eaten by units, those in training included
+    FOOD_MADE,
+    CURSOR,  # selected slot, or NO_UNIT
+    DAMAGE_DONE,  # hit points taken from others
+    DAMAGE_TAKEN,
+    NEXT_SERIAL,
+    NUM_UNITS,
+    RESOURCES,  # a column per resource: in store
+) = range(9)
+GATHERED = RESOURCES + NUM_RESOURCES  # brought in since reset
+UPGRADES = GATHERED + NUM_RESOURCES  # levels
+NUM_CREATED = UPGRADES + NUM_UPGRADES  # a column per kind: finished since reset
+NUM_OWNED = NUM_CREATED + NUM_KINDS  # alive, unfinished ones included
+NUM_PLAYER_COLUMNS = NUM_OWNED + NUM_KINDS
+
+(
+    UNIT_KIND,  # or NO_KIND: the slot is free
+    UNIT_STATE,
+    UNIT_CELL,  # where it stands; the centre of a building
+    UNIT_HEALTH,  # hit points
+    UNIT_ORDER,
+    UNIT_FACING,  # direction
+    UNIT_GOAL,  # cell that the order is about
+    UNIT_TARGET,  # slot that the order is about, or NO_UNIT
+    UNIT_TARGET_SERIAL,  # tells a slot's new unit from its old one
+    UNIT_PATH_STEPS,  # steps in `path`
+    UNIT_BLOCKED,  # times in a row that it could not go on
+    UNIT_EXIT,  # cell that it claims in this tick, NO_GOAL, STRUCK or TOOK
+    UNIT_SERIAL,  # the owner's how-manieth unit, from 1
+    UNIT_SINCE,  # tick at which the state began
+    UNIT_READY,  # tick from which it may strike again
+    UNIT_CARRY,  # resource units in its hands
+    UNIT_CARRY_KIND,  # their resource, or NO_RESOURCE
+    UNIT_PARTNER,  # the builder of a site, the site of a builder
+    UNIT_RALLY,  # cell to which new units go, or NO_GOAL
+    UNIT_HURT,  # hit points to lose in this tick
+    UNIT_HURT_BY,  # the nearest of those who strike it in this tick
+    UNIT_QUEUE_LENGTH,
+    UNIT_QUEUE,  # QUEUE_LENGTH columns of products
+) = range(23)
+NUM_UNIT_COLUMNS = UNIT_QUEUE + QUEUE_LENGTH
+
+
+class World(NamedTuple):
+    """B worlds (arrays [B, ...]), or one world (the same fields without B).
+
+    P players, C unit slots of a player, U = P * C, N cells with the border.
+    """
+
+    clock: NDArray[np.int32]  # [B, NUM_CLOCK]
+    seed: NDArray[np.uint64]  # [B, 1] word from which all dice of the game are hashed
+    board: NDArray[np.int16]  # [B, NUM_LAYERS, N]
+    players: NDArray[np.int32]  # [B, P, NUM_PLAYER_COLUMNS]
+    illegal: NDArray[np.int32]  # [B, P] illegal actions since reset
+    roster: NDArray[np.int16]  # [B, P, C] slots
+    vision: NDArray[np.uint8]  # [B, P, N] own units that see the cell (under fog only)
+    known: NDArray[np.uint8]  # [B, P, N] tile kind seen last, or UNKNOWN (under fog only)
+    units: NDArray[np.int32]  # [B, U, NUM_UNIT_COLUMNS]
+    due: NDArray[np.int32]  # [B, U] tick at which a unit's state ends, or NEVER
+    path: NDArray[np.uint64]  # [B, U] directions ahead, 3 bits each, the next one lowest
+    acting: NDArray[np.int16]  # [B, U] scratch of a tick: slots that are due
+
+
+def allocate(scenario: Scenario, num_worlds: int) -> World:
+    """Zeroed arrays for `num_worlds` worlds; play starts with `rules.reset`."""
+    players, cells = scenario.num_players, scenario.num_cells
+    slots = scenario.slots_per_player
+    units = players * slots
+    seen_cells = cells if scenario.fog else 1
+
+    def zeros(dtype: type, *shape: int) -> NDArray[Any]:
+        return np.zeros((num_worlds, *shape), dtype)
+
+    return World(
+        clock=zeros(np.int32, NUM_CLOCK),
+        seed=zeros(np.uint64, 1),
+        board=zeros(np.int16, NUM_LAYERS, cells),
+        players=zeros(np.int32, players, NUM_PLAYER_COLUMNS),
+        illegal=zeros(np.int32, players),
+        roster=zeros(np.int16, players, slots),
+        vision=zeros(np.uint8, players, seen_cells),
+        known=zeros(np.uint8, players, seen_cells),
+        units=zeros(np.int32, units, NUM_UNIT_COLUMNS),
+        due=zeros(np.int32, units),
+        path=zeros(np.uint64, units),
+        acting=zeros(np.int16, units),
+    )
+
+
+@compiled
+def world_at(worlds: Any, index: int) -> Any:
+    """One world as views of its rows."""
+    return World(
+        worlds.clock[index],
+        worlds.seed[index],
+        worlds.board[index],
+        worlds.players[index],
+        worlds.illegal[index],
+        worlds.roster[index],
+        worlds.vision[index],
+        worlds.known[index],
+        worlds.units[index],
+        worlds.due[index],
+        worlds.path[index],
+        worlds.acting[index],
+    )

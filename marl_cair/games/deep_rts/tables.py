@@ -1,0 +1,266 @@
+"""Unit, building, tile and upgrade numbers of Deep RTS: one row per preset, one column per kind.
+
+Sources: `thesis` holds the numbers of the public code of June 2018 (the thesis's game), `original`
+those of its last version (2023); `balanced` is ours, argued in this folder's README.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+# --- tiles -----------------------------------------------------------------------------------
+
+TILE_NAMES = ("grass", "desert", "lava", "wall", "water", "lumber", "gold", "stone", "oil")
+NUM_TILE_KINDS = len(TILE_NAMES)
+GRASS, DESERT, LAVA, WALL, WATER, LUMBER_TILE, GOLD_TILE, STONE_TILE, OIL_TILE = range(
+    NUM_TILE_KINDS
+)
+WALKABLE_TILES = (GRASS, DESERT, LAVA)
+
+# --- resources -------------------------------------------------------------------------------
+
+RESOURCE_NAMES = ("gold", "lumber", "stone", "oil")
+NUM_RESOURCES = len(RESOURCE_NAMES)
+GOLD, LUMBER, STONE, OIL = range(NUM_RESOURCES)
+NO_RESOURCE = -1
+MAX_RESOURCE = 1_000_000  # thesis, table "Player Resources"
+MAX_FOOD = 200
+MAX_UNITS = 200
+# The resource in a tile of each kind. Oil comes out of a well that stands on it, not by hand.
+TILE_RESOURCE = (-1, -1, -1, -1, -1, LUMBER, GOLD, STONE, OIL)
+
+# --- units, buildings, upgrades ----------------------------------------------------------------
+
+UNIT_NAMES = (
+    "peasant",
+    "footman",
+    "archer",
+    "cavalry",
+    "town_hall",
+    "barracks",
+    "farm",
+    "smithy",
+    "oil_well",
+)
+NUM_KINDS = len(UNIT_NAMES)
+PEASANT, FOOTMAN, ARCHER, CAVALRY, TOWN_HALL, BARRACKS, FARM, SMITHY, OIL_WELL = range(NUM_KINDS)
+NUM_MOBILE_KINDS = 4  # kinds below walk, kinds from here on are buildings
+NO_KIND = -1
+
+UPGRADE_NAMES = ("blades", "plates")  # damage and armour of the owner's soldiers
+NUM_UPGRADES = len(UPGRADE_NAMES)
+BLADES, PLATES = range(NUM_UPGRADES)
+
+# What an order can produce: a unit or building by its kind, then the upgrades.
+PRODUCT_NAMES = (*UNIT_NAMES, *UPGRADE_NAMES)
+NUM_PRODUCTS = len(PRODUCT_NAMES)
+FIRST_UPGRADE = NUM_KINDS
+# Products of each kind, in the order of the original's Build0, Build1, Build2 and beyond.
+PRODUCTS: tuple[tuple[int, ...], ...] = (
+    (TOWN_HALL, FARM, BARRACKS, SMITHY, OIL_WELL),
+    (),
+    (),
+    (),
+    (PEASANT,),
+    (FOOTMAN, ARCHER, CAVALRY),
+    (),
+    (FIRST_UPGRADE + BLADES, FIRST_UPGRADE + PLATES),
+    (),
+)
+MAX_PRODUCTS = max(len(products) for products in PRODUCTS)
+
+TICKS_PER_SECOND = 10
+
+
+@dataclass(frozen=True)
+class Preset:
+    """All numbers of one version of the game. Tuples run over the kinds of UNIT_NAMES.
+
+    Raises:
+        ValueError: a table that cannot work; names the field, the kind and what is allowed.
+    """
+
+    #   peasant, footman, archer, cavalry, town hall, barracks, farm, smithy, oil well
+    is_enabled: tuple[bool, ...]
+    health: tuple[int, ...]  # hit points
+    cost_gold: tuple[int, ...]
+    cost_lumber: tuple[int, ...]
+    cost_stone: tuple[int, ...]
+    cost_oil: tuple[int, ...]
+    food_produced: tuple[int, ...]
+    food_consumed: tuple[int, ...]
+    build_ticks: tuple[int, ...]
+    damage_min: tuple[int, ...]  # hit points, uniform integer roll
+    damage_max: tuple[int, ...]
+    piercing: tuple[int, ...]  # added to each hit after armour
+    range_tiles: tuple[int, ...]  # to the nearest cell of the target; 1 reaches diagonals
+    armour: tuple[int, ...]
+    sight_tiles: tuple[int, ...]
+    walk_ticks: tuple[int, ...]  # for one tile of grass
+    attack_ticks: tuple[int, ...]  # from one blow to the next
+    size_tiles: tuple[int, ...]  # side of the square that it covers, odd
+    #   tiles, in the order of TILE_NAMES
+    walk_percent: tuple[int, ...]  # of walk_ticks; 0 where nobody walks
+    tile_damage: tuple[int, ...]  # hit points per tick to who stands there
+    tile_amount: tuple[int, ...]  # resource units in a fresh tile
+    tile_yield: tuple[int, ...]  # units carried for one unit taken
+    #   upgrades: blades, plates
+    upgrade_gold: tuple[int, ...] = (600, 600)  # per level
+    upgrade_oil: tuple[int, ...] = (50, 50)
+    upgrade_ticks: tuple[int, ...] = (600, 600)
+    upgrade_levels: tuple[int, ...] = (2, 2)
+    upgrade_bonus: tuple[int, ...] = (2, 4)  # damage a hit, armour; per level
+    #   everybody
+    start_gold: int = 1500
+    start_lumber: int = 750
+    start_stone: int = 0
+    start_oil: int = 0
+    start_food: int = 1  # without any building
+    food_limit: int = 100
+    harvest_ticks: int = 6  # for one unit of a resource
+    carry_capacity: int = 10
+    oil_ticks: int = 20  # for one unit of oil from a well
+    armour_percent: int = 12  # of armour that a hit loses
+    adds_minimum_twice: bool = False  # the original's roll is min + uniform(min, max)
+    roll_low_percent: int = 50  # a hit does between these shares of its damage
+    roll_high_percent: int = 100
+    harvests_forever: bool = True  # a worker goes back for more by itself
+    has_auto_attack: bool = True  # idle soldiers attack what comes into sight
+    has_instant_build: bool = False
+    starts_with_hall: bool = True
+    start_peasants: int = 1
+    repair_percent: int = 25  # of the price for repairing a building from 0 to full
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            values = getattr(self, field.name)
+            if isinstance(values, tuple):
+                self._check_length(field.name, values)
+            elif not isinstance(values, bool) and values < 0:
+                raise ValueError(f"deep_rts: {field.name} is {values}, it must not be negative")
+        self._check_each("health", 1, 30_000)
+        for name in ("cost_gold", "cost_lumber", "cost_stone", "cost_oil"):
+            self._check_each(name, 0, MAX_RESOURCE)
+        self._check_each("range_tiles", 0, 15)
+        self._check_each("sight_tiles", 0, 15)
+        for kind in range(NUM_KINDS):
+            self._check_kind(kind)
+
+    def _check_length(self, name: str, values: tuple[int, ...]) -> None:
+        expected = NUM_KINDS
+        if name.startswith(("tile_", "walk_percent")):
+            expected = NUM_TILE_KINDS
+        elif name.startswith("upgrade_"):
+            expected = NUM_UPGRADES
+        if len(values) != expected:
+            raise ValueError(
+                f"deep_rts: {name} has {len(values)} values, it needs {expected}, one for each kind"
+            )
+        if min(values) < 0:
+            raise ValueError(f"deep_rts: {name} holds {min(values)}, it must not be negative")
+
+    def _check_each(self, name: str, low: int, high: int) -> None:
+        for kind, value in zip(UNIT_NAMES, getattr(self, name), strict=True):
+            if not low <= value <= high:
+                raise ValueError(
+                    f"deep_rts: {name} of {kind} is {value}, allowed are {low}..{high}"
+                )
+
+    def _check_kind(self, kind: int) -> None:
+        name = UNIT_NAMES[kind]
+        if self.damage_max[kind] < self.damage_min[kind]:
+            raise ValueError(
+                f"deep_rts: damage_max of {name} is {self.damage_max[kind]}, below its damage_min "
+                f"{self.damage_min[kind]}"
+            )
+        if kind < NUM_MOBILE_KINDS and (
+            self.walk_ticks[kind] < 1 or self.attack_ticks[kind] < 1 or self.size_tiles[kind] != 1
+        ):
+            raise ValueError(
+                f"deep_rts: {name} moves, so its walk_ticks ({self.walk_ticks[kind]}) and "
+                f"attack_ticks ({self.attack_ticks[kind]}) must be at least 1 and its size_tiles "
+                f"({self.size_tiles[kind]}) 1"
+            )
+        if self.size_tiles[kind] % 2 == 0 or self.size_tiles[kind] > 5:
+            raise ValueError(
+                f"deep_rts: size_tiles of {name} is {self.size_tiles[kind]}, allowed are 1, 3 and "
+                "5 (the site lies around its builder)"
+            )
+        if self.food_consumed[kind] > self.food_limit:
+            raise ValueError(
+                f"deep_rts: {name} eats {self.food_consumed[kind]}, more than the food limit of "
+                f"{self.food_limit}"
+            )
+
+
+_ORIGINAL = Preset(
+    is_enabled=(True, True, True, False, True, True, True, False, False),
+    health=(30, 60, 40, 80, 1200, 800, 400, 600, 300),
+    cost_gold=(400, 600, 500, 800, 500, 700, 500, 600, 400),
+    cost_lumber=(0, 0, 50, 0, 250, 450, 250, 300, 200),
+    cost_stone=(0, 0, 0, 0, 0, 0, 0, 0, 0),
+    cost_oil=(0, 0, 0, 50, 0, 0, 0, 0, 0),
+    food_produced=(0, 0, 0, 0, 1, 0, 4, 0, 0),
+    food_consumed=(1, 1, 1, 2, 0, 0, 0, 0, 0),
+    build_ticks=(450, 600, 750, 700, 600, 1000, 1000, 800, 500),
+    damage_min=(2, 2, 3, 4, 0, 0, 0, 0, 0),
+    damage_max=(9, 9, 9, 12, 0, 0, 0, 0, 0),
+    piercing=(2, 4, 2, 4, 0, 0, 0, 0, 0),
+    range_tiles=(1, 1, 4, 1, 0, 0, 0, 0, 0),
+    armour=(0, 4, 0, 6, 0, 20, 20, 20, 20),
+    sight_tiles=(2, 3, 4, 4, 4, 3, 2, 3, 2),
+    walk_ticks=(11, 11, 11, 7, 0, 0, 0, 0, 0),
+    attack_ticks=(10, 10, 10, 10, 0, 0, 0, 0, 0),
+    size_tiles=(1, 1, 1, 1, 3, 3, 1, 3, 1),
+    #            grass, desert, lava, wall, water, lumber, gold, stone, oil
+    walk_percent=(100, 50, 50, 0, 0, 0, 0, 0, 0),
+    tile_damage=(0, 0, 1, 0, 0, 0, 0, 0, 0),
+    tile_amount=(0, 0, 0, 0, 0, 1000, 1000, 1000, 1000),
+    tile_yield=(0, 0, 0, 0, 0, 1, 1, 1, 1),
+    adds_minimum_twice=True,
+    roll_low_percent=100,
+    roll_high_percent=150,
+    has_auto_attack=False,
+    has_instant_build=True,
+    starts_with_hall=False,
+)
+
+PRESETS = {
+    "original": _ORIGINAL,
+    "thesis": replace(
+        _ORIGINAL,
+        adds_minimum_twice=False,
+        roll_low_percent=50,
+        roll_high_percent=100,
+        harvest_ticks=5,
+        harvests_forever=False,
+    ),
+    "balanced": replace(
+        _ORIGINAL,
+        is_enabled=(True,) * NUM_KINDS,
+        health=(30, 60, 40, 90, 600, 400, 200, 300, 150),
+        cost_gold=(50, 80, 70, 120, 300, 150, 60, 150, 80),
+        cost_lumber=(0, 0, 30, 0, 150, 100, 40, 80, 60),
+        cost_stone=(0, 0, 0, 0, 0, 0, 0, 40, 0),
+        cost_oil=(0, 0, 0, 30, 0, 0, 0, 0, 0),
+        food_produced=(0, 0, 0, 0, 5, 0, 5, 0, 0),
+        build_ticks=(120, 150, 150, 200, 400, 300, 150, 300, 150),
+        sight_tiles=(4, 4, 6, 5, 6, 5, 4, 4, 3),
+        armour=(0, 4, 0, 6, 10, 10, 10, 10, 10),
+        upgrade_gold=(150, 150),
+        upgrade_oil=(30, 30),
+        upgrade_ticks=(300, 300),
+        tile_amount=(0, 0, 0, 0, 0, 300, 500, 300, 300),
+        start_gold=200,
+        start_lumber=100,
+        start_food=0,
+        harvest_ticks=5,
+        adds_minimum_twice=False,
+        roll_low_percent=75,
+        roll_high_percent=125,
+        has_auto_attack=True,
+        has_instant_build=False,
+        start_peasants=3,
+        starts_with_hall=True,
+    ),
+}

@@ -55,6 +55,10 @@ def _game_of(function: Callable[..., Any]) -> str | None:
     return game if not package and file else None
 
 
+# No allocation and no exceptions: what a compiler for GPUs can take too.
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "_nrt": False, "error_model": "numpy"}
+
+
 def compiled(function: Function) -> Function:
     """Compile a rule function; it releases the GIL, so that slices of worlds run on threads.
 
@@ -77,12 +81,12 @@ def compiled_compact(function: Function) -> Function:
     return _compile(function)
 
 
-def _compile(function: Function, **options: bool) -> Function:
+def _compile(function: Function, **options: Any) -> Function:
     users_folder = _CONFIG.CACHE_DIR
     # Numba reads the folder when it decorates. The user's own setting is put back at once.
     _CONFIG.CACHE_DIR = _cache_dir(_game_of(function))
     try:
-        return cast("Function", _NJIT(cache=True, nogil=True, _nrt=False, error_model="numpy", **options)(function))
+        return cast("Function", _NJIT(**_OPTIONS, **options)(function))
     finally:
         _CONFIG.CACHE_DIR = users_folder
 

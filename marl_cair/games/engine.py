@@ -27,6 +27,7 @@ class Outcome(NamedTuple):
     terminated: NDArray[np.bool_]  # [B]
     truncated: NDArray[np.bool_]  # [B]
     winner: NDArray[np.int8]  # [B] seat, or NO_WINNER
+    eliminated: NDArray[np.bool_]  # [B, P] seats that are out, while others may play on
 
 
 class Snapshot(NamedTuple):
@@ -68,6 +69,7 @@ class BatchedEngine:
             terminated=np.zeros(num_worlds, np.bool_),
             truncated=np.zeros(num_worlds, np.bool_),
             winner=np.full(num_worlds, NO_WINNER, np.int8),
+            eliminated=np.zeros((num_worlds, self.num_players), np.bool_),
         )
         self._pool = ThreadPoolExecutor(self.num_threads) if self.num_threads > 1 else None
         self._has_started = False
@@ -91,6 +93,11 @@ class BatchedEngine:
     def winner(self) -> NDArray[np.int8]:
         """View: the winning seat of each world [B], NO_WINNER for none or a draw."""
         return self._outcome.winner
+
+    @property
+    def eliminated(self) -> NDArray[np.bool_]:
+        """View: seats [B, P] that are out of a game which may go on; only their no-op is legal."""
+        return self._outcome.eliminated
 
     @property
     def illegal_actions(self) -> NDArray[np.int32]:
@@ -120,6 +127,7 @@ class BatchedEngine:
         self._outcome.terminated[mask] = False
         self._outcome.truncated[mask] = False
         self._outcome.winner[mask] = NO_WINNER
+        self._outcome.eliminated[mask] = False
         self._has_started = True
 
     def step(self, actions: NDArray[Any]) -> None:

@@ -111,6 +111,8 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
     ]:
         """One decision of every live agent.
 
+        Who is out is terminated with its last reward and leaves `agents`; the others play on.
+
         Raises:
             ValueError: an agent's action is missing or outside its space.
             RuntimeError: before the first reset.
@@ -124,14 +126,17 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
                 f"{self.engine.game.name}: step lacks the actions of {', '.join(missing)}; give "
                 "one for every agent in env.agents"
             )
-        chosen = [[int(actions[agent]) for agent in self.possible_agents]]
-        self.engine.step(np.array(chosen, np.int64))
+        live = self.agents
+        noop = self.engine.spec.noop_action
+        chosen = [int(actions[agent]) if agent in live else noop for agent in self.possible_agents]
+        self.engine.step(np.array([chosen], np.int64))
         observations, infos = self._look()
-        rewards = dict(zip(self.agents, self.engine.rewards[0].tolist(), strict=True))
-        terminations = dict.fromkeys(self.agents, bool(self.engine.terminated[0]))
-        truncations = dict.fromkeys(self.agents, bool(self.engine.truncated[0]))
-        if self.engine.terminated[0] or self.engine.truncated[0]:
-            self.agents = []
+        seats = {agent: self.possible_agents.index(agent) for agent in live}
+        rewards = {agent: float(self.engine.rewards[0, seat]) for agent, seat in seats.items()}
+        is_over = self.engine.terminated[0] | self.engine.eliminated[0]
+        terminations = {agent: bool(is_over[seat]) for agent, seat in seats.items()}
+        truncations = dict.fromkeys(live, bool(self.engine.truncated[0]))
+        self.agents = [a for a in live if not (terminations[a] or truncations[a])]
         return observations, rewards, terminations, truncations, infos
 
     def state(self) -> NDArray[np.float32]:
@@ -151,6 +156,8 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
         observations: dict[str, Any] = {}
         infos: dict[str, dict[str, Any]] = {}
         for seat, agent in enumerate(self.possible_agents):
+            if agent not in self.agents:
+                continue
             if isinstance(seen, dict):
                 observations[agent] = {name: array[0, seat] for name, array in seen.items()}
             else:

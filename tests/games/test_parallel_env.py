@@ -242,8 +242,9 @@ def test_pictures_come_only_in_the_mode_that_asks_for_them(game_name):
 
 
 def test_unknown_names_are_answered_with_the_nearest(game_name):
+    misspelt = GAMES[game_name].default_scenario[:-1] + "6"
     for arguments, message in (
-        ({"scenario": "10x16"}, f"unknown {game_name} scenario '10x16': nearest are"),
+        ({"scenario": misspelt}, f"unknown {game_name} scenario '{misspelt}': nearest are"),
         ({"representation": "plane"}, f"unknown {game_name} representation 'plane': nearest are"),
         ({"max_tick": 5}, f"unknown {game_name} option 'max_tick': nearest are 'max_ticks'"),
     ):

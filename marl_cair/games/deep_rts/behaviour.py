@@ -10,9 +10,14 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled, compiled_copy
-from marl_cair.games.deep_rts.board import box_distance, cuts_corner, owner_of, reach_of
+from marl_cair.games.deep_rts.board import box_distance, cuts_corner, owner_of, reach_of, walks_on
 from marl_cair.games.deep_rts.combat import aim_at, find_enemy, has_target, is_soldier
-from marl_cair.games.deep_rts.motion import LONGEST_WAIT_TICKS, begin_step, get_stuck
+from marl_cair.games.deep_rts.motion import (
+    LONGEST_WAIT_TICKS,
+    begin_step,
+    get_stuck,
+    is_fellow_coming,
+)
 from marl_cair.games.deep_rts.paths import (
     ANY_RESOURCE,
     NEXT_TO,
@@ -82,7 +87,8 @@ from marl_cair.games.deep_rts.work import (
 )
 
 WATCH_TICKS = 5  # between two looks around of an idle soldier
-PATIENCE = 3  # vain plans after which a unit looks for something else to do
+PATIENCE = 3  # vain plans (14 ticks) after which a unit looks for something else to do
+LONG_PATIENCE = 5  # the same (62 ticks) of one that has only a way to go
 MAX_THOUGHTS = 6  # changes of mind within a tick
 GOAL, HALF, REACH, RESOURCE = range(4)  # of a wish
 NOTHING, SOMEWHERE, AGAIN = range(3)  # what a unit wishes
@@ -220,11 +226,16 @@ def pursue(world: Any, rules: Any, unit: int) -> int:
             world.units[unit, UNIT_GOAL] = resource_beside(world, rules, frame, end, resource)
             return FOUND
     direction = next_direction(world, unit)
+    there = int(cell + rules.offset[direction])
+    other = int(world.board[OCCUPANT, there])
     if (
         world.units[unit, UNIT_BLOCKED] > 0
-        and world.board[OCCUPANT, cell + rules.offset[direction]] != NO_UNIT
+        and other != NO_UNIT
+        and not is_fellow_coming(world, rules, unit, there)
     ):
-        get_stuck(world, unit)  # behind somebody who walks on
+        if walks_on(world, rules, unit, other):
+            world.units[unit, UNIT_BLOCKED] -= 1  # not in vain: it follows somebody who walks on
+        get_stuck(world, unit)
         return STUCK
     drop_step(world, unit)
     begin_step(world, rules, unit, direction)
@@ -237,7 +248,7 @@ def check_path(world: Any, rules: Any, unit: int, goal: int, reach: int) -> None
     if world.units[unit, UNIT_PATH_STEPS] > 0:
         cell, direction = int(world.units[unit, UNIT_CELL]), next_direction(world, unit)
         there = int(cell + rules.offset[direction])
-        is_open = may_enter(world, rules, there, goal, reach)
+        is_open = may_enter(world, rules, unit, there, goal, reach)
         if not is_open or cuts_corner(world, rules, cell, direction):
             forget_path(world, unit)
 
@@ -283,7 +294,8 @@ def keeps_waiting(world: Any, unit: int) -> bool:
             forget_order(world, unit)
             return False
         return True
-    if blocked <= PATIENCE or order == RETURN:
+    is_on_its_way = order in (MOVE, ADVANCE) and world.units[unit, UNIT_TARGET] == NO_UNIT
+    if blocked <= (LONG_PATIENCE if is_on_its_way else PATIENCE) or order == RETURN:
         return True
     if order == HARVEST:
         world.units[unit, UNIT_GOAL] = NO_GOAL  # which is used up: the nearest free one is sought
@@ -296,7 +308,7 @@ def keeps_waiting(world: Any, unit: int) -> bool:
     forget_order(world, unit)
     if was_fighting:
         enter_state(world, unit, IDLE, world.clock[TICK] + LONGEST_WAIT_TICKS)
-    return was_fighting
+    return bool(was_fighting)
 
 
 @compiled

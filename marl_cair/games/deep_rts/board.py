@@ -17,15 +17,21 @@ from marl_cair.games.deep_rts.rulebook import (
 )
 from marl_cair.games.deep_rts.state import (
     AMOUNT,
+    IDLE,
+    NO_ORDER,
     NO_UNIT,
     NUM_BURNING,
     OCCUPANT,
     RISING,
+    TICK,
     TILE,
     UNIT_CELL,
     UNIT_KIND,
+    UNIT_ORDER,
+    UNIT_SINCE,
     UNIT_STATE,
     UNKNOWN,
+    WAITING,
     WALKING,
 )
 from marl_cair.games.deep_rts.tables import LAVA, NUM_MOBILE_KINDS
@@ -105,13 +111,31 @@ def cuts_corner(world: Any, rules: Any, cell: int, direction: int) -> bool:
 
 
 @compiled
-def is_passable(world: Any, rules: Any, cell: int) -> bool:
-    """True where a path may lead: ground that is not lava, free or held by one who walks on."""
+def is_passable(world: Any, rules: Any, unit: int, cell: int) -> bool:
+    """True where a path of `unit` may lead: ground that is not lava, free or held by a walker.
+
+    Who sets out in this very tick walks for its fellows, even before it has decided, and stands
+    for all others, even after it: so it does not matter which player's units decide first.
+    """
     tile = world.board[TILE, cell]
     if tile == LAVA or rules.tiles[tile, WALK_PERCENT] == 0:
         return False
     occupant = world.board[OCCUPANT, cell]
-    return bool(occupant == NO_UNIT or world.units[occupant, UNIT_STATE] == WALKING)
+    if occupant == NO_UNIT:
+        return True
+    is_own = owner_of(rules, occupant) == owner_of(rules, unit)
+    if is_own and world.units[occupant, UNIT_STATE] in (IDLE, WAITING):
+        will_decide = world.due[occupant] <= world.clock[TICK]
+        return bool(will_decide and world.units[occupant, UNIT_ORDER] != NO_ORDER)
+    return walks_on(world, rules, unit, occupant)
+
+
+@compiled
+def walks_on(world: Any, rules: Any, unit: int, other: int) -> bool:
+    """True where `unit` takes `other` for a walker: a foreign one from the tick after its start."""
+    is_own = owner_of(rules, other) == owner_of(rules, unit)
+    has_gone = is_own or world.units[other, UNIT_SINCE] < world.clock[TICK]
+    return bool(has_gone and world.units[other, UNIT_STATE] == WALKING)
 
 
 @compiled

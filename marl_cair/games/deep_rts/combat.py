@@ -21,6 +21,7 @@ from marl_cair.games.deep_rts.rulebook import (
     KIND_DAMAGE_MAX,
     KIND_DAMAGE_MIN,
     KIND_PIERCING,
+    SEAT_FRAME,
     TILE_DAMAGE,
     UPGRADE_BONUS,
 )
@@ -29,6 +30,7 @@ from marl_cair.games.deep_rts.state import (
     DAMAGE_DONE,
     DAMAGE_TAKEN,
     IDLE,
+    MAP_INDEX,
     NO_GOAL,
     NO_ORDER,
     NO_UNIT,
@@ -156,9 +158,10 @@ def aim_at(world: Any, unit: int, target: int) -> None:
 def find_enemy(world: Any, rules: Any, unit: int) -> int:
     """The enemy in the unit's own sight that it fights first: the nearest, fighters before others.
 
-    Ties go to the lower serial, then to the seat that comes next after the own.
+    Ties go to the lower serial, then to the first cell in the own view.
     """
     player, cell = owner_of(rules, unit), int(world.units[unit, UNIT_CELL])
+    frame = rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME]
     sight = sight_of(rules, world.units[unit, UNIT_KIND])
     limit = sight * sight + sight
     best, best_rank = NO_UNIT, np.int64(2) ** 62
@@ -176,6 +179,7 @@ def find_enemy(world: Any, rules: Any, unit: int) -> int:
             if not is_soldier(kind):
                 rank += 1_000 if kind < NUM_MOBILE_KINDS else 2_000
             rank = rank * 2**24 + np.int64(world.units[enemy, UNIT_SERIAL])
+            rank = rank * 2**15 + np.int64(rules.own_cell[frame, world.units[enemy, UNIT_CELL]])
             if rank < best_rank:
                 best, best_rank = enemy, rank
     return best
@@ -201,7 +205,7 @@ def strike(world: Any, rules: Any, unit: int) -> None:
 
 @compiled
 def strikes_first(world: Any, rules: Any, target: int, unit: int, rival: int) -> bool:
-    """True where the target answers `unit` rather than `rival`: nearer, older, next in seat."""
+    """True where the target answers `unit` rather than `rival`: nearer, older, first in view."""
     cell = int(world.units[target, UNIT_CELL])
     distance = unit_distance(world, rules, cell, unit)
     other = unit_distance(world, rules, cell, rival)
@@ -209,9 +213,9 @@ def strikes_first(world: Any, rules: Any, target: int, unit: int, rival: int) ->
         return distance < other
     if world.units[unit, UNIT_SERIAL] != world.units[rival, UNIT_SERIAL]:
         return bool(world.units[unit, UNIT_SERIAL] < world.units[rival, UNIT_SERIAL])
-    seat, players = owner_of(rules, target), rules.num_players
-    after = (owner_of(rules, unit) - seat) % players
-    return bool(after < (owner_of(rules, rival) - seat) % players)
+    frame = rules.seats[world.clock[MAP_INDEX], owner_of(rules, target), SEAT_FRAME]
+    first = rules.own_cell[frame, world.units[unit, UNIT_CELL]]
+    return bool(first < rules.own_cell[frame, world.units[rival, UNIT_CELL]])
 
 
 @compiled

@@ -7,10 +7,17 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.deep_rts import bots, masks, observation, orders, rendering, rules
-from marl_cair.games.deep_rts.maps import MAX_PLAYERS
+from marl_cair.games.deep_rts import (
+    bots,
+    classic_orders,
+    masks,
+    observation,
+    orders,
+    other_views,
+    rendering,
+    rules,
+)
 from marl_cair.games.deep_rts.observation import (
-    CLASSIC_NAMES,
     FIRST_KIND,
     FIRST_TILE,
     HEALTH,
@@ -19,17 +26,17 @@ from marl_cair.games.deep_rts.observation import (
     RESOURCE_LEFT,
     SELECTED,
     UNIFORM_NAMES,
-    VECTOR_NAMES,
 )
+from marl_cair.games.deep_rts.other_views import CLASSIC_NAMES, VECTOR_NAMES
 from marl_cair.games.deep_rts.rulebook import make_rules
 from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, SCENARIOS, Scenario
 from marl_cair.games.deep_rts.state import World, allocate
-from marl_cair.games.deep_rts.tables import PRODUCT_NAMES, RESOURCE_NAMES
+from marl_cair.games.deep_rts.tables import MAX_PLAYERS, PRODUCT_NAMES, RESOURCE_NAMES
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
 VERSION = "1"
 
-_SCRATCH = ("seed", "claim", "reached", "came", "frontier", "num_searches", "acting", "wish")
+_SCRATCH = ("seed", "path", "acting")
 _CELL_ORDERS = ("go", "advance", "select")
 _CLASSIC_NAMES = (
     "previous_unit",
@@ -38,7 +45,7 @@ _CLASSIC_NAMES = (
     *(f"move_{way}" for way in ("up_left", "up_right", "down_left", "down_right")),
     "attack",
     "harvest",
-    *(f"build_{slot}" for slot in range(orders.NUM_CLASSIC_BUILDS)),
+    *(f"build_{slot}" for slot in range(classic_orders.NUM_CLASSIC_BUILDS)),
     "noop",
 )
 
@@ -94,8 +101,14 @@ def _unit_actions(scenario: Scenario) -> Actions:
 
 
 def _classic_actions() -> Actions:
-    numbers = list(range(orders.NUM_CLASSIC))
-    return _CLASSIC_NAMES, _CLASSIC_NAMES, numbers, [NO_CELL] * len(numbers), orders.CLASSIC_NOOP
+    numbers = list(range(classic_orders.NUM_CLASSIC))
+    return (
+        _CLASSIC_NAMES,
+        _CLASSIC_NAMES,
+        numbers,
+        [NO_CELL] * len(numbers),
+        classic_orders.CLASSIC_NOOP,
+    )
 
 
 def _representations(scenario: Scenario) -> dict[str, Representation]:
@@ -114,7 +127,7 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
             num_uniform=len(UNIFORM_NAMES),
         ),
         Representation(
-            "classic", (10, *board), np.uint8, 255, CLASSIC_NAMES, observation.observe_classic
+            "classic", (10, *board), np.uint8, 255, CLASSIC_NAMES, other_views.observe_classic
         ),
         Representation("image", picture, np.uint8, 255, rgb, rendering.observe_image),
         Representation("gray", (1, gray, gray), np.uint8, 255, ("luma",), rendering.observe_gray),
@@ -124,7 +137,7 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
             np.float32,
             float(2**31),
             VECTOR_NAMES,
-            observation.observe_vector,
+            other_views.observe_vector,
         ),
     )
     return {representation.name: representation for representation in listed}

@@ -22,6 +22,7 @@ from marl_cair.games.deep_rts.state import (
     DAMAGE_TAKEN,
     GATHERED,
     IS_ALIVE,
+    IS_OUT,
     NUM_CREATED,
     NUM_FALLEN,
     NUM_OWNED,
@@ -188,14 +189,25 @@ def judge_conquest(world: Any, rules: Any) -> None:
 
 
 @compiled
+def first_of_team(rules: Any, player: int) -> int:
+    """The first seat of the player's team, which stands for it as the winner."""
+    for other in range(player):
+        if rules.team[other] == rules.team[player]:
+            return other
+    return player
+
+
+@compiled
 def judge_race(world: Any, rules: Any) -> None:
-    """The first to reach the goal wins; several in one tick draw; nobody left ends it too."""
+    """The first to reach the goal wins; two teams in one tick draw; nobody left ends it too."""
     num_alive, num_there = 0, 0
     for player in range(rules.num_players):
         num_alive += int(world.players[player, IS_ALIVE])
         if rules.goal != SCORE_GOAL and progress_of(world, rules, player) >= rules.goal_amount:
-            num_there += 1
-            world.clock[WINNER] = player
+            team = first_of_team(rules, player)
+            if num_there == 0 or world.clock[WINNER] != team:
+                num_there += 1
+            world.clock[WINNER] = team
     if num_there > 1:
         world.clock[WINNER] = NO_WINNER
     if num_there > 0 or num_alive == 0:
@@ -204,24 +216,46 @@ def judge_race(world: Any, rules: Any) -> None:
 
 @compiled
 def rank_by_score(world: Any, rules: Any) -> None:
-    """Out of time: the best score wins, equal ones draw."""
-    best = -1.0
+    """Out of time: the best score wins, equal ones of two teams draw.
+
+    Who is out does not count, but where the score is the goal.
+    """
+    best, leader = -1.0, -1
     for player in range(rules.num_players):
+        if not world.players[player, IS_ALIVE] and rules.goal != SCORE_GOAL:
+            continue
         score = score_of(world, player)
         if score > best:
-            best = score
-            world.clock[WINNER] = player
-        elif score == best:
+            best, leader = score, player
+            world.clock[WINNER] = first_of_team(rules, player)
+        elif score == best and rules.team[player] != rules.team[leader]:
             world.clock[WINNER] = NO_WINNER
 
 
 @compiled
+def team_is_alive(world: Any, rules: Any, player: int) -> bool:
+    """True while anybody of the player's team is in the game."""
+    for other in range(rules.num_players):
+        if rules.team[other] == rules.team[player] and world.players[other, IS_ALIVE] != 0:
+            return True
+    return False
+
+
+@compiled
 def reward_end(world: Any, rules: Any, rewards: Any) -> None:
-    """In conquest each loser is paid -1 as the game ends and each winner +1; a draw pays nobody."""
-    if rules.goal != CONQUEST or world.clock[PHASE] != TERMINATED:
+    """In conquest a team is paid -1 when it falls and +1 when it is the last; a draw pays nobody
+    who falls in the last tick.
+    """
+    if rules.goal != CONQUEST:
         return
-    winner = world.clock[WINNER]
-    if winner == NO_WINNER:
-        return
+    is_over = world.clock[PHASE] == TERMINATED
+    is_draw = is_over and world.clock[WINNER] == NO_WINNER
     for player in range(rules.num_players):
-        rewards[player] += 1.0 if rules.team[player] == rules.team[winner] else -1.0
+        if world.players[player, IS_OUT] != 0:
+            continue
+        if team_is_alive(world, rules, player):
+            rewards[player] += 1.0 if is_over else 0.0
+            continue
+        world.players[player, IS_OUT] = 1
+        if not is_draw:
+            rewards[player] -= 1.0

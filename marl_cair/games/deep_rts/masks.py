@@ -7,9 +7,7 @@ from typing import Any
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_rts.board import is_building
 from marl_cair.games.deep_rts.building import can_cancel, can_produce
-from marl_cair.games.deep_rts.combat import is_soldier
-from marl_cair.games.deep_rts.orders import (
-    CANCEL,
+from marl_cair.games.deep_rts.classic_orders import (
     CLASSIC_ATTACK,
     CLASSIC_BUILD,
     CLASSIC_DIRECTIONS,
@@ -18,20 +16,23 @@ from marl_cair.games.deep_rts.orders import (
     CLASSIC_NEXT,
     CLASSIC_NOOP,
     CLASSIC_PREVIOUS,
+    NUM_CLASSIC_BUILDS,
+    classic_cell,
+    classic_tile,
+    classic_victim,
+    may_step,
+)
+from marl_cair.games.deep_rts.combat import is_soldier
+from marl_cair.games.deep_rts.cursor import is_selectable, num_others
+from marl_cair.games.deep_rts.orders import (
+    CANCEL,
     FIRST_CELL,
     FIRST_PRODUCT,
     NEXT_UNIT,
     NOOP,
-    NUM_CLASSIC_BUILDS,
     STOP,
     can_rally,
-    classic_cell,
-    classic_tile,
-    classic_victim,
-    is_selectable,
-    may_step,
     may_stop,
-    num_others,
 )
 from marl_cair.games.deep_rts.paths import NOWHERE
 from marl_cair.games.deep_rts.rulebook import (

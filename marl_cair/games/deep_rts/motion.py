@@ -129,20 +129,27 @@ def claim_step(world: Any, rules: Any, unit: int) -> None:
     direction = int(world.units[unit, UNIT_FACING])
     cell = int(world.units[unit, UNIT_CELL])
     there = int(cell + rules.offset[direction])
+    if cuts_corner(world, rules, cell, direction):
+        return  # something was built there since it set out
     if is_free(world, rules, there):
-        if not cuts_corner(world, rules, cell, direction):
-            claim(world, rules, unit, there)
+        claim(world, rules, unit, there)
         return
+    if is_fellow_coming(world, rules, unit, there):
+        other = int(world.board[OCCUPANT, there])
+        if world.units[other, UNIT_EXIT] == NO_GOAL:
+            change_places(world, unit, other)
+
+
+@compiled
+def is_fellow_coming(world: Any, rules: Any, unit: int, there: int) -> bool:
+    """True where another unit of the owner walks from `there` to where `unit` stands."""
     other = int(world.board[OCCUPANT, there])
     if other == NO_UNIT or owner_of(rules, other) != owner_of(rules, unit):
-        return
-    is_coming = there + rules.offset[world.units[other, UNIT_FACING]] == cell
-    if (
-        is_coming
-        and world.units[other, UNIT_STATE] == WALKING
-        and world.units[other, UNIT_EXIT] == NO_GOAL
-    ):
-        change_places(world, unit, other)
+        return False
+    is_facing = (
+        there + rules.offset[world.units[other, UNIT_FACING]] == world.units[unit, UNIT_CELL]
+    )
+    return bool(is_facing and world.units[other, UNIT_STATE] == WALKING)
 
 
 @compiled

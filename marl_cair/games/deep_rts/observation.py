@@ -11,33 +11,24 @@ from typing import Any
 import numpy as np
 
 from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_rts.board import is_building, known_tile, owner_of, sees
-from marl_cair.games.deep_rts.judging import score_of
+from marl_cair.games.deep_rts.board import known_tile, sees
 from marl_cair.games.deep_rts.roster import food_limit
 from marl_cair.games.deep_rts.rulebook import (
-    KIND_ARMOUR,
-    KIND_DAMAGE_MAX,
-    KIND_DAMAGE_MIN,
     KIND_HALF_SIZE,
     KIND_HEALTH,
-    KIND_PIERCING,
+    NO_FEATURE,
     SEAT_FRAME,
     TILE_AMOUNT,
 )
 from marl_cair.games.deep_rts.state import (
     AMOUNT,
     CURSOR,
-    DAMAGE_DONE,
-    DAMAGE_TAKEN,
     FIGHTING,
     FOOD_USED,
-    GATHERED,
     GATHERING,
     MAP_INDEX,
     NEVER,
     NO_ORDER,
-    NO_UNIT,
-    NUM_OWNED,
     NUM_UNITS,
     OCCUPANT,
     PUMPING,
@@ -61,12 +52,8 @@ from marl_cair.games.deep_rts.state import (
     world_at,
 )
 from marl_cair.games.deep_rts.tables import (
-    GOLD,
     GRASS,
-    LUMBER,
-    NO_RESOURCE,
     NUM_KINDS,
-    NUM_MOBILE_KINDS,
     NUM_RESOURCES,
     NUM_TILE_KINDS,
     NUM_UPGRADES,
@@ -137,35 +124,6 @@ LOG_STEP = 12.0  # levels that a doubling of a store is worth: 2**20 fits
 FOOD_STEP = 5  # levels for one food, of at most 50
 UPGRADE_STEP = 100
 
-VECTOR_NAMES = (
-    *(f"own {name}" for name in RESOURCE_NAMES),
-    *(f"gathered {name}" for name in RESOURCE_NAMES),
-    "own food used",
-    "own food limit",
-    *(f"own {name}" for name in UPGRADE_NAMES),
-    *(f"own {name}" for name in UNIT_NAMES),
-    *(f"enemy {name} in sight" for name in UNIT_NAMES),
-    "own damage done",
-    "own damage taken",
-    "own score",
-    "ticks played",
-    "ticks left",
-)
-
-CLASSIC_NAMES = (
-    "tile",
-    "owner",
-    "building",
-    "mobile",
-    "kind",
-    "health",
-    "state",
-    "carried",
-    "attack",
-    "armour",
-)
-CLASSIC_SELF, CLASSIC_ALLY, CLASSIC_ENEMY = 1, 2, 3
-
 
 @compiled
 def log_level(amount: int) -> int:
@@ -204,76 +162,97 @@ def activity_plane(world: Any, unit: int) -> int:
 
 
 @compiled
-def see_ground(world: Any, rules: Any, player: int, frame: int, out: Any) -> None:
-    """Terrain, what is left of resources, and the fog."""
+def see_tile(
+    world: Any, rules: Any, cell: int, tile: int, row: int, column: int, is_seen: bool, out: Any
+) -> None:
+    """The plane of a tile, and how much is left in it where that is in sight."""
+    out[FIRST_TILE + tile - 1, row, column] = FULL
+    if is_seen and rules.tiles[tile, TILE_AMOUNT] > 0:
+        left = max(0, int(world.board[AMOUNT, cell]))
+        out[RESOURCE_LEFT, row, column] = min(FULL, int(left * rules.level_per_unit[tile]))
+
+
+@compiled
+def see_ground(world: Any, rules: Any, frame: int, out: Any) -> None:
+    """Terrain and resources where everything is in sight."""
+    index = world.clock[MAP_INDEX]
+    for place in range(rules.features.shape[1]):
+        cell = int(rules.features[index, place])
+        if cell == NO_FEATURE:
+            return
+        tile = int(world.board[TILE, cell])
+        if tile != GRASS:
+            row = int(rules.own_place[frame, cell, 0])
+            column = int(rules.own_place[frame, cell, 1])
+            see_tile(world, rules, cell, tile, row, column, True, out)
+
+
+@compiled
+def see_through_fog(world: Any, rules: Any, player: int, frame: int, out: Any) -> None:
+    """What is in sight of the ground, and what is remembered of it."""
     for row in range(rules.rows):
         for column in range(rules.columns):
-            own = row * rules.columns + column
-            cell = int(rules.world_cell[frame, own])
-            tile = int(world.board[TILE, cell])
-            is_seen = True
-            if rules.fog != 0:
-                is_seen = sees(world, rules, player, cell)
-                tile = known_tile(world, rules, player, cell)
-                out[VISIBLE, row, column] = FULL * int(is_seen)
-                out[EXPLORED, row, column] = FULL * int(tile != UNKNOWN)
-            if tile in (GRASS, UNKNOWN):
-                continue
-            out[FIRST_TILE + tile - 1, row, column] = FULL
-            full = int(rules.tiles[tile, TILE_AMOUNT])
-            if is_seen and full > 0:
-                left = max(0, int(world.board[AMOUNT, cell]))
-                out[RESOURCE_LEFT, row, column] = FULL * left // full
+            cell = int(rules.world_cell[frame, row * rules.columns + column])
+            is_seen = sees(world, rules, player, cell)
+            tile = known_tile(world, rules, player, cell)
+            out[VISIBLE, row, column] = FULL * int(is_seen)
+            out[EXPLORED, row, column] = FULL * int(tile != UNKNOWN)
+            if not (tile == GRASS or tile == UNKNOWN):  # noqa: PLR1714, SIM109  # faster
+                see_tile(world, rules, cell, tile, row, column, is_seen, out)
+
+
+@compiled
+def carried_level(world: Any, rules: Any, unit: int) -> int:
+    """How full the hands of a worker are, 0..255; only what has a plane counts."""
+    if world.units[unit, UNIT_CARRY] <= 0 or world.units[unit, UNIT_CARRY_KIND] > STONE:
+        return 0
+    share = FULL * int(world.units[unit, UNIT_CARRY]) // max(1, int(rules.carry_capacity))
+    return int(min(FULL, share))
 
 
 @compiled
 def see_unit(
-    world: Any, rules: Any, player: int, unit: int, row: int, column: int, out: Any
+    world: Any, rules: Any, player: int, unit: int, side: int, frame: int, out: Any
 ) -> None:
-    """One cell of a unit."""
-    kind = int(world.units[unit, UNIT_KIND])
-    side = side_of(rules, player, owner_of(rules, unit))
-    out[FIRST_KIND + kind, row, column] = FULL
-    out[OWN + side, row, column] = FULL
-    health = int(world.units[unit, UNIT_HEALTH])
-    out[HEALTH, row, column] = max(1, FULL * health // int(rules.kinds[kind, KIND_HEALTH]))
+    """One unit, on each cell that it covers and that is in sight."""
+    kind, centre = int(world.units[unit, UNIT_KIND]), int(world.units[unit, UNIT_CELL])
+    health = FULL * int(world.units[unit, UNIT_HEALTH]) // int(rules.kinds[kind, KIND_HEALTH])
     activity = activity_plane(world, unit)
-    if activity > 0:
-        out[activity, row, column] = FULL
-    if world.units[unit, UNIT_STATE] == RISING:
-        out[IS_RISING, row, column] = FULL
-        out[PROGRESS, row, column] = progress_level(world, unit)
-    if side != 0:
-        return
-    out[PROGRESS, row, column] = progress_level(world, unit)
-    if world.units[unit, UNIT_ORDER] != NO_ORDER:
-        out[HAS_ORDER, row, column] = FULL
-    carried = int(world.units[unit, UNIT_CARRY_KIND])
-    if world.units[unit, UNIT_CARRY] > 0 and carried in (GOLD, LUMBER, STONE):
-        share = FULL * int(world.units[unit, UNIT_CARRY]) // max(1, int(rules.carry_capacity))
-        out[CARRIES + carried, row, column] = min(FULL, share)
-    if world.players[player, CURSOR] == unit:
-        out[SELECTED, row, column] = FULL
+    is_rising = world.units[unit, UNIT_STATE] == RISING
+    progress = progress_level(world, unit) if side == 0 or is_rising else 0
+    carries = carried_level(world, rules, unit)
+    half = int(rules.kinds[kind, KIND_HALF_SIZE])
+    for rows in range(-half, half + 1):
+        for columns in range(-half, half + 1):
+            cell = centre + rows * rules.stride + columns
+            if rules.fog != 0 and not sees(world, rules, player, cell):
+                continue
+            row = int(rules.own_place[frame, cell, 0])
+            column = int(rules.own_place[frame, cell, 1])
+            out[FIRST_KIND + kind, row, column] = FULL
+            out[OWN + side, row, column] = FULL
+            out[HEALTH, row, column] = max(1, health)
+            if activity > 0:
+                out[activity, row, column] = FULL
+            if is_rising:
+                out[IS_RISING, row, column] = FULL
+            out[PROGRESS, row, column] = progress
+            if side == 0:
+                out[HAS_ORDER, row, column] = FULL * int(world.units[unit, UNIT_ORDER] != NO_ORDER)
+                out[SELECTED, row, column] = FULL * int(world.players[player, CURSOR] == unit)
+                if carries > 0:
+                    out[CARRIES + world.units[unit, UNIT_CARRY_KIND], row, column] = carries
 
 
 @compiled
 def see_units(world: Any, rules: Any, player: int, frame: int, out: Any) -> None:
-    """Everybody on the board that is in sight, on each cell that it covers."""
+    """Everybody on the board that is in sight."""
     for owner in range(rules.num_players):
+        side = side_of(rules, player, owner)
         for place in range(world.players[owner, NUM_UNITS]):
             unit = int(world.roster[owner, place])
-            centre = int(world.units[unit, UNIT_CELL])
-            if world.board[OCCUPANT, centre] != unit:
-                continue  # inside a site
-            half = int(rules.kinds[world.units[unit, UNIT_KIND], KIND_HALF_SIZE])
-            for rows in range(-half, half + 1):
-                for columns in range(-half, half + 1):
-                    cell = centre + rows * rules.stride + columns
-                    if rules.fog != 0 and not sees(world, rules, player, cell):
-                        continue
-                    own = int(rules.own_cell[frame, cell])
-                    row, column = own // rules.columns, own % rules.columns
-                    see_unit(world, rules, player, unit, row, column, out)
+            if world.board[OCCUPANT, world.units[unit, UNIT_CELL]] == unit:  # not inside a site
+                see_unit(world, rules, player, unit, side, frame, out)
 
 
 @compiled
@@ -283,7 +262,9 @@ def see_planes(world: Any, rules: Any, player: int, out: Any) -> None:
     frame = int(rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME])
     if rules.fog == 0:
         out[VISIBLE:FIRST_UNIFORM] = FULL
-    see_ground(world, rules, player, frame, out)
+        see_ground(world, rules, frame, out)
+    else:
+        see_through_fog(world, rules, player, frame, out)
     see_units(world, rules, player, frame, out)
     for resource in range(NUM_RESOURCES):
         out[FIRST_UNIFORM + resource] = log_level(int(world.players[player, RESOURCES + resource]))
@@ -293,71 +274,6 @@ def see_planes(world: Any, rules: Any, player: int, out: Any) -> None:
         level = UPGRADE_STEP * int(world.players[player, UPGRADES + upgrade])
         out[FIRST_UPGRADE_PLANE + upgrade] = min(FULL, level)
     out[TIME_LEFT] = FULL * (rules.max_ticks - int(world.clock[TICK])) // rules.max_ticks
-
-
-@compiled
-def see_vector(world: Any, rules: Any, player: int, out: Any) -> None:
-    """The economy of one seat: out float32 [V]."""
-    for resource in range(NUM_RESOURCES):
-        out[resource] = world.players[player, RESOURCES + resource]
-        out[NUM_RESOURCES + resource] = world.players[player, GATHERED + resource]
-    index = 2 * NUM_RESOURCES
-    out[index] = world.players[player, FOOD_USED]
-    out[index + 1] = food_limit(world, rules, player)
-    index += 2
-    for upgrade in range(NUM_UPGRADES):
-        out[index + upgrade] = world.players[player, UPGRADES + upgrade]
-    index += NUM_UPGRADES
-    for kind in range(NUM_KINDS):
-        out[index + kind] = world.players[player, NUM_OWNED + kind]
-        out[index + NUM_KINDS + kind] = 0.0
-    for owner in range(rules.num_players):
-        if rules.team[owner] == rules.team[player]:
-            continue
-        for place in range(world.players[owner, NUM_UNITS]):
-            unit = int(world.roster[owner, place])
-            cell = int(world.units[unit, UNIT_CELL])
-            if world.board[OCCUPANT, cell] == unit and sees(world, rules, player, cell):
-                out[index + NUM_KINDS + world.units[unit, UNIT_KIND]] += 1.0
-    index += 2 * NUM_KINDS
-    out[index] = world.players[player, DAMAGE_DONE]
-    out[index + 1] = world.players[player, DAMAGE_TAKEN]
-    out[index + 2] = score_of(world, player)
-    out[index + 3] = world.clock[TICK]
-    out[index + 4] = rules.max_ticks - world.clock[TICK]
-
-
-@compiled
-def see_classic(world: Any, rules: Any, player: int, out: Any) -> None:
-    """The original's ten planes, of this tick: out uint8 [10, H, W]."""
-    out[:] = 0
-    frame = int(rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME])
-    for row in range(rules.rows):
-        for column in range(rules.columns):
-            cell = int(rules.world_cell[frame, row * rules.columns + column])
-            tile = known_tile(world, rules, player, cell)
-            if tile != UNKNOWN:
-                out[0, row, column] = tile + 1
-            unit = int(world.board[OCCUPANT, cell])
-            if unit == NO_UNIT or not sees(world, rules, player, cell):
-                continue
-            kind = int(world.units[unit, UNIT_KIND])
-            out[1, row, column] = CLASSIC_SELF + side_of(rules, player, owner_of(rules, unit))
-            out[2, row, column] = int(is_building(world, unit))
-            out[3, row, column] = int(kind < NUM_MOBILE_KINDS)
-            out[4, row, column] = kind + 1
-            health = 100 * int(world.units[unit, UNIT_HEALTH])
-            out[5, row, column] = health // int(rules.kinds[kind, KIND_HEALTH])
-            out[6, row, column] = world.units[unit, UNIT_STATE] + 1
-            if world.units[unit, UNIT_CARRY_KIND] != NO_RESOURCE:
-                out[7, row, column] = min(FULL, int(world.units[unit, UNIT_CARRY]))
-            attack = (
-                rules.kinds[kind, KIND_DAMAGE_MIN]
-                + rules.kinds[kind, KIND_DAMAGE_MAX]
-                + rules.kinds[kind, KIND_PIERCING]
-            )
-            out[8, row, column] = min(FULL, int(attack))
-            out[9, row, column] = min(FULL, int(rules.kinds[kind, KIND_ARMOUR]))
 
 
 # --- slices of worlds ------------------------------------------------------------------------
@@ -370,21 +286,3 @@ def observe_planes(worlds: Any, rules: Any, out: Any, first: int, last: int) -> 
         world = world_at(worlds, index)
         for player in range(rules.num_players):
             see_planes(world, rules, player, out[index, player])
-
-
-@compiled
-def observe_classic(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write the original's layers: out uint8 [B, P, 10, H, W]."""
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        for player in range(rules.num_players):
-            see_classic(world, rules, player, out[index, player])
-
-
-@compiled
-def observe_vector(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write the economy of every seat: out float32 [B, P, V]."""
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        for player in range(rules.num_players):
-            see_vector(world, rules, player, out[index, player])

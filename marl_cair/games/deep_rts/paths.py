@@ -74,9 +74,9 @@ def forget_path(world: Any, unit: int) -> None:
 
 
 @compiled
-def may_enter(world: Any, rules: Any, cell: int, goal: int, reach: int) -> bool:
+def may_enter(world: Any, rules: Any, unit: int, cell: int, goal: int, reach: int) -> bool:
     """True where a path may lead; lava only where it is the goal itself."""
-    if is_passable(world, rules, cell):
+    if is_passable(world, rules, unit, cell):
         return True
     return cell == goal and reach == ON_THE_SPOT and not is_solid(world, rules, cell)
 
@@ -93,7 +93,7 @@ def plan_straight(world: Any, rules: Any, unit: int, goal: int, half: int, reach
         if cuts_corner(world, rules, cell, direction):
             return False
         cell = int(cell + rules.offset[direction])
-        if not may_enter(world, rules, cell, goal, reach):
+        if not may_enter(world, rules, unit, cell, goal, reach):
             return False
         if steps < PATH_STEPS:
             word |= np.uint64(direction) << (_STEP_BITS * np.uint64(steps))
@@ -176,7 +176,7 @@ def search(
             beyond = int(cell + rules.offset[direction])
             if world.board[REACHED, beyond] == number:
                 continue
-            if not may_enter(world, rules, beyond, goal, reach):
+            if not may_enter(world, rules, unit, beyond, goal, reach):
                 world.board[REACHED, beyond] = number
                 continue
             if cuts_corner(world, rules, cell, direction):

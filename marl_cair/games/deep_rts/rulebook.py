@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ GOAL_NUMBERS = {
 # Directions: the four straight ones, then the diagonals; even a turn of the board keeps the halves.
 NUM_DIRECTIONS, NUM_STRAIGHT = 8, 4
 NO_DIRECTION = 8
+NO_FEATURE = -1
 ROW_STEP = (-1, 0, 1, 0, -1, 1, 1, -1)
 COLUMN_STEP = (0, 1, 0, -1, 1, 1, -1, -1)
 NUM_FRAMES = 8
@@ -90,6 +91,9 @@ class Rules(NamedTuple):
     own_direction: NDArray[np.int8]  # [NUM_FRAMES, NUM_DIRECTIONS] own -> direction on the board
     world_cell: NDArray[np.int16]  # [NUM_FRAMES, D] own row * columns + column -> cell
     own_cell: NDArray[np.int16]  # [NUM_FRAMES, N] cell -> own row * columns + column
+    own_place: NDArray[np.int16]  # [NUM_FRAMES, N, 2] cell -> own row and column
+    features: NDArray[np.int16]  # [M, F] cells that are not grass at the start, then NO_FEATURE
+    level_per_unit: NDArray[np.float32]  # [tile kinds] plane level of one unit left in a tile
     exits: NDArray[np.int8]  # [NUM_FRAMES, E, NUM_EXIT_COLUMNS] steps, the nearest first
     sight_span: NDArray[np.int16]  # [16 radii, 16 rows away] columns to each side, -1 none
     rows: int
@@ -139,6 +143,8 @@ def make_rules(scenario: Scenario) -> Rules:
         own_direction=_own_directions(),
         world_cell=world_cell,
         own_cell=own_cell,
+        own_place=np.stack(np.divmod(own_cell, columns), axis=-1).astype(np.int16),
+        level_per_unit=_levels_per_unit(preset),
         exits=_exits(),
         sight_span=_sight_spans(),
         rows=rows,
@@ -173,7 +179,7 @@ def make_rules(scenario: Scenario) -> Rules:
     )
 
 
-def _unit_numbers(preset: Preset, scenario: Scenario) -> dict[str, NDArray[np.generic]]:
+def _unit_numbers(preset: Preset, scenario: Scenario) -> dict[str, Any]:
     kinds = (
         preset.health,
         preset.food_produced,
@@ -207,7 +213,7 @@ def _unit_numbers(preset: Preset, scenario: Scenario) -> dict[str, NDArray[np.ge
     }
 
 
-def _product_numbers(preset: Preset) -> dict[str, NDArray[np.generic]]:
+def _product_numbers(preset: Preset) -> dict[str, Any]:
     numbers = np.zeros((NUM_PRODUCTS, PRODUCT_COST + NUM_RESOURCES), np.int32)
     units, upgrades = numbers[:NUM_KINDS], numbers[NUM_KINDS:]
     units[:, PRODUCT_IS_ENABLED] = preset.is_enabled
@@ -228,7 +234,7 @@ def _product_numbers(preset: Preset) -> dict[str, NDArray[np.generic]]:
     return {"product": numbers, "products": products, "can_make": can_make}
 
 
-def _map_numbers(scenario: Scenario) -> dict[str, NDArray[np.generic]]:
+def _map_numbers(scenario: Scenario) -> dict[str, Any]:
     players = scenario.num_players
     return {
         "map_tiles": np.stack([_with_border(game_map) for game_map in scenario.maps]),
@@ -242,8 +248,26 @@ def _map_numbers(scenario: Scenario) -> dict[str, NDArray[np.generic]]:
             ],
             np.int16,
         ),
+        "features": _features(scenario),
         "team": np.array(scenario.teams or range(players), np.int8),
     }
+
+
+def _features(scenario: Scenario) -> NDArray[np.int16]:
+    """Cells of each map that a plane shows something of; they only become fewer."""
+    listed = [np.flatnonzero(_with_border(game_map)) for game_map in scenario.maps]
+    inside = (scenario.columns + 2) * np.arange(1, scenario.rows + 1)[:, None]
+    inside = (inside + np.arange(1, scenario.columns + 1)).ravel()
+    listed = [np.intersect1d(cells, inside) for cells in listed]
+    table = np.full((len(listed), max(map(len, listed)) + 1), NO_FEATURE, np.int16)
+    for row, cells in zip(table, listed, strict=True):
+        row[: len(cells)] = cells
+    return table
+
+
+def _levels_per_unit(preset: Preset) -> NDArray[np.float32]:
+    amounts = np.array(preset.tile_amount, np.float32)
+    return np.divide(255.0, amounts, out=np.zeros_like(amounts), where=amounts > 0)
 
 
 def _with_border(game_map: GameMap) -> NDArray[np.uint8]:

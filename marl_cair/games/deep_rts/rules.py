@@ -15,12 +15,13 @@ from marl_cair.games.deep_rts.behaviour import decide
 from marl_cair.games.deep_rts.combat import burn, bury_fallen, settle_blows, strike
 from marl_cair.games.deep_rts.judging import judge, measure, potential, reward_end
 from marl_cair.games.deep_rts.motion import claim_step, clear_claims, settle_step
-from marl_cair.games.deep_rts.orders import obey_all
+from marl_cair.games.deep_rts.obedience import obey_all
 from marl_cair.games.deep_rts.setup import reset_world
 from marl_cair.games.deep_rts.state import (
     FIGHTING,
     GATHERING,
     IS_ALIVE,
+    IS_OUT,
     NEVER,
     NUM_ACTING,
     NUM_BURNING,
@@ -185,3 +186,5 @@ def step(worlds: Any, rules: Any, actions: Any, outcome: Any, first: int, last: 
         outcome.terminated[index] = world.clock[PHASE] == TERMINATED
         outcome.truncated[index] = world.clock[PHASE] == TRUNCATED
         outcome.winner[index] = world.clock[WINNER]
+        for player in range(rules.num_players):
+            outcome.eliminated[index, player] = world.players[player, IS_OUT] != 0

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
-from marl_cair.games.deep_rts.map_generator import MAP_SETS, map_set
-from marl_cair.games.deep_rts.maps import BUILT_IN_MAPS, MAX_PLAYERS, load_map, read_map
-from marl_cair.games.deep_rts.tables import MAX_UNITS, PRESETS
+from marl_cair.games.deep_rts.tables import MAX_PLAYERS, MAX_UNITS, PRESETS
 from marl_cair.lookup import find_by_name
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ class Scenario:
         MapError: the map cannot be read or cannot be played by so many.
     """
 
-    map: str = "15x15-2p-crossing"  # a built-in map, a set of maps, or the path of a map file
+    map: str = "15x15-2p-crossing"  # see `maps`
     num_players: int = 2
     teams: tuple[int, ...] = ()  # the team of each seat; () = everybody for itself
     preset: str = "balanced"  # numbers of units and tiles: see tables.PRESETS
@@ -75,7 +74,6 @@ class Scenario:
             )
         self._check_goal()
         self._check_teams()
-        self._check_maps()
 
     def _check_range(self, field: str, low: int, high: int) -> None:
         value = getattr(self, field)
@@ -115,18 +113,27 @@ class Scenario:
                 "teams"
             )
 
-    def _check_maps(self) -> None:
-        for game_map in self.maps:
+    @property
+    def maps(self) -> tuple[GameMap, ...]:
+        """The maps that games of this scenario are played on, all of one size.
+
+        `map` names a built-in map, a set of generated maps (of which each game draws one), a
+        generated map as generated-<rows>x<columns>-<players>p-<seed>, or the path of a map file.
+        They are read when first asked for, not when the scenario is named.
+
+        Raises:
+            MapError: a file that cannot be read or played.
+            UnknownNameError: no such map; names the nearest.
+            ValueError: fewer spawns than players.
+        """
+        maps = _load_maps(self.map)
+        for game_map in maps:
             if len(game_map.spawns) < self.num_players:
                 raise ValueError(
                     f"deep_rts: the map {game_map.name} has {len(game_map.spawns)} spawns, "
                     f"num_players is {self.num_players}; choose another map or fewer players"
                 )
-
-    @property
-    def maps(self) -> tuple[GameMap, ...]:
-        """The maps that games of this scenario are played on, all of one size."""
-        return _load_maps(self.map)
+        return maps
 
     @property
     def rows(self) -> int:
@@ -145,17 +152,67 @@ class Scenario:
 
     @property
     def slots_per_player(self) -> int:
-        """Unit slots of each player."""
-        return self.unit_capacity or min(MAX_UNITS, max(16, self.rows * self.columns // 4))
+        """Unit slots of each player. Raises ValueError where the army has more units."""
+        slots = self.unit_capacity or min(MAX_UNITS, max(16, self.rows * self.columns // 4))
+        if sum(self.army) > slots:
+            raise ValueError(
+                f"deep_rts: army is {self.army}, {sum(self.army)} units, and the unit_capacity of "
+                f"this board is {slots}; take a smaller army or a larger unit_capacity"
+            )
+        return slots
+
+
+_GENERATED = re.compile(r"generated-(\d+)x(\d+)-(\d+)p-(\d+)")
 
 
 @cache
 def _load_maps(name: str) -> tuple[GameMap, ...]:
-    if name in MAP_SETS:
-        return map_set(name, MAPS_OF_A_SET)
-    if name in BUILT_IN_MAPS or not name.endswith((".txt", ".json", ".tmj")):
-        return (load_map(name),)
-    return (read_map(name),)
+    from marl_cair.games.deep_rts import map_generator, maps  # noqa: PLC0415  # naming needs neither
+
+    if name in map_generator.MAP_SETS:
+        return map_generator.map_set(name, MAPS_OF_A_SET)
+    if told := _GENERATED.fullmatch(name):
+        rows, columns, players, seed = map(int, told.groups())
+        return (map_generator.generate_map(rows, columns, players, seed),)
+    if name.endswith((".txt", ".json", ".tmj")):
+        return (maps.read_map(name),)
+    find_by_name("deep_rts map", name, {**maps.BUILT_IN_MAPS, **map_generator.MAP_SETS})
+    return (maps.load_map(name),)
 
 
-SCENARIOS: dict[str, Scenario] = {"1v1-15x15": Scenario()}
+_DUEL = {"15x15": "15x15-2p-crossing", "31x31": "31x31-2p-ridge"}
+_MAZE = {"15x15": "lava-maze-15", "31x31": "lava-maze-31"}
+_FOUR = {"15x15": "generated-15x15-4p-3", "31x31": "31x31-4p-quarters"}
+_SIX = {"15x15": "generated-15x15-6p-5", "31x31": "31x31-6p-frontier"}
+_TICKS = {"15x15": 10_000, "31x31": 20_000}
+ECONOMY_TICKS = 6_000  # the thesis's first 600 seconds
+
+
+def _list_scenarios(size: str) -> dict[str, Scenario]:
+    """The kinds of games on boards of one size, without fog."""
+    alone = Scenario(map=_DUEL[size], num_players=1, goal="score", max_ticks=3_000)
+    duel = Scenario(map=_DUEL[size], max_ticks=_TICKS[size])
+    four = replace(duel, map=_FOUR[size], num_players=4)
+    return {
+        f"1v1-{size}": duel,
+        f"GoldCollect-{size}": replace(alone, goal="gold", goal_amount=200),
+        f"LumberCollect-{size}": replace(alone, goal="lumber", goal_amount=200),
+        f"Economy-{size}": replace(alone, max_ticks=ECONOMY_TICKS),
+        f"LavaMaze-{size}": replace(
+            alone, map=_MAZE[size], goal="gold", goal_amount=1, army=(1, 0, 0, 0), ticks_per_step=5
+        ),
+        f"Army-{size}": replace(alone, goal="army", goal_amount=5, max_ticks=6_000),
+        f"Skirmish-{size}": replace(duel, army=(0, 4, 3, 1), ticks_per_step=5, max_ticks=3_000),
+        f"FFA-3-{size}": replace(four, num_players=3),
+        f"FFA-4-{size}": four,
+        f"FFA-6-{size}": replace(four, map=_SIX[size], num_players=6),
+        f"Teams-2v2-{size}": replace(four, teams=(0, 1, 1, 0)),
+    }
+
+
+def _with_fog(scenarios: dict[str, Scenario]) -> dict[str, Scenario]:
+    foggy = {f"{name}-fog": replace(plain, fog=True) for name, plain in scenarios.items()}
+    return {**scenarios, **foggy}
+
+
+SCENARIOS = {**_with_fog(_list_scenarios("15x15")), **_with_fog(_list_scenarios("31x31"))}

@@ -8,7 +8,7 @@ import numpy as np
 
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_rts.board import is_free
-from marl_cair.games.deep_rts.roster import add_unit, clear_unit, enter_state
+from marl_cair.games.deep_rts.roster import NO_SLOT, add_unit, clear_unit, enter_state
 from marl_cair.games.deep_rts.rulebook import (
     CELL_COLUMN,
     CELL_ROW,
@@ -32,6 +32,8 @@ from marl_cair.games.deep_rts.state import (
     IS_ALIVE,
     MAP_INDEX,
     NEVER,
+    NEXT_SERIAL,
+    NO_GOAL,
     NO_UNIT,
     OCCUPANT,
     RESOURCES,
@@ -42,9 +44,10 @@ from marl_cair.games.deep_rts.state import (
 )
 from marl_cair.games.deep_rts.tables import NUM_MOBILE_KINDS, NUM_RESOURCES, PEASANT, TOWN_HALL
 from marl_cair.games.game import NO_WINNER
-from marl_cair.games.randomness import mix
+from marl_cair.games.randomness import GOLDEN_STEP, mix
 
 _SHIFT_32 = np.uint64(32)
+CELLS_BESIDE_SPAWN, CELLS_BESIDE_HALL = 8, 24  # as many steps of `rules.exits`
 
 
 @compiled
@@ -90,37 +93,60 @@ def settle_player(world: Any, rules: Any, player: int) -> None:
         hall = add_unit(world, rules, player, TOWN_HALL, spawn)
         world.players[player, FOOD_MADE] += rules.kinds[TOWN_HALL, KIND_FOOD_PRODUCED]
         enter_state(world, hall, IDLE, NEVER)
+    num_beside = CELLS_BESIDE_HALL if has_hall else CELLS_BESIDE_SPAWN
     for kind in range(NUM_MOBILE_KINDS):
         count = rules.start[START_ARMY + kind]
         if not is_army:
             count = rules.start_peasants if kind == PEASANT else 0
         for _ in range(count):
-            place_near(world, rules, player, kind, spawn)
+            place_near(world, rules, player, kind, num_beside)
     world.players[player, CURSOR] = world.roster[player, 1 if has_hall else 0]
 
 
 @compiled
-def place_near(world: Any, rules: Any, player: int, kind: int, spawn: int) -> None:
-    """A unit on the nearest free ground around the spawn, in an order of the owner's own view."""
-    frame = rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME]
+def start_cell(world: Any, rules: Any, player: int, step: int) -> int:
+    """The `step`-th cell around the player's spawn, NO_GOAL where nobody can stand."""
+    index = world.clock[MAP_INDEX]
+    spawn = int(rules.seats[index, player, SEAT_SPAWN])
+    frame = rules.seats[index, player, SEAT_FRAME]
+    rows, columns = (
+        int(rules.exits[frame, step, EXIT_ROW]),
+        int(rules.exits[frame, step, EXIT_COLUMN]),
+    )
     row, column = int(rules.cells[spawn, CELL_ROW]), int(rules.cells[spawn, CELL_COLUMN])
-    place = spawn
-    if not is_free(world, rules, spawn):
-        place = 0
-        for step in range(rules.exits.shape[1]):
-            rows = int(rules.exits[frame, step, EXIT_ROW])
-            columns = int(rules.exits[frame, step, EXIT_COLUMN])
-            if not 0 <= row + rows < rules.rows or not 0 <= column + columns < rules.columns:
-                continue
-            cell = spawn + rows * rules.stride + columns
-            if (
-                is_free(world, rules, cell)
-                and rules.tiles[world.board[TILE, cell], TILE_DAMAGE] == 0
-            ):
-                place = cell
-                break
-    if place != 0:
-        unit = add_unit(world, rules, player, kind, place)
+    if not 0 <= row + rows < rules.rows or not 0 <= column + columns < rules.columns:
+        return NO_GOAL
+    cell = spawn + rows * rules.stride + columns
+    is_safe = rules.tiles[world.board[TILE, cell], TILE_DAMAGE] == 0
+    return cell if is_safe and is_free(world, rules, cell) else NO_GOAL
+
+
+@compiled
+def place_near(world: Any, rules: Any, player: int, kind: int, num_beside: int) -> None:
+    """A unit on one of the free cells beside the spawn, drawn by the seed, else on the nearest.
+
+    `num_beside` cells lie beside it. All seats draw alike, so that a mirrored start is mirrored.
+    """
+    num_free, nearest = 0, NO_GOAL
+    for step in range(rules.exits.shape[1]):
+        cell = start_cell(world, rules, player, step)
+        if cell != NO_GOAL:
+            nearest = cell if nearest == NO_GOAL else nearest
+            num_free += int(step < num_beside)
+    if num_free > 0:
+        key = np.uint64(world.players[player, NEXT_SERIAL] + 1)
+        word = mix(world.seed[0] + key * GOLDEN_STEP) >> _SHIFT_32
+        chosen = np.int64((word * np.uint64(num_free)) >> _SHIFT_32)
+        for step in range(num_beside):
+            cell = start_cell(world, rules, player, step)
+            if cell != NO_GOAL:
+                if chosen == 0:
+                    nearest = cell
+                chosen -= 1
+    if nearest != NO_GOAL:
+        unit = add_unit(world, rules, player, kind, nearest)
+        if unit == NO_SLOT:
+            return
         world.players[player, FOOD_USED] += rules.kinds[kind, KIND_FOOD_CONSUMED]
         enter_state(world, unit, IDLE, 1)
 

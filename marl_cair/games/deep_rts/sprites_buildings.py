@@ -36,7 +36,7 @@ def _wall(
     canvas: _Canvas, top: int, left: int, height: int, width: int, shades: str = "Mmn"
 ) -> None:
     """A masonry wall with an outline: light above and on the left, dark on the right."""
-    light, plain, dark = shades
+    light, plain, dark = tuple(shades)
     _fill(canvas, top, left, height, width, "#")
     _fill(canvas, top + 1, left + 1, height - 2, width - 2, plain)
     for y in range(top + 4, top + height - 1, 4):
@@ -53,7 +53,7 @@ def _roof(
     canvas: _Canvas, top: int, left: int, height: int, width: int, inset: int, shades: str = "Oop"
 ) -> None:
     """A roof whose ridge is `inset` shorter on both sides than its eaves; courses of tiles."""
-    light, plain, dark = shades
+    light, plain, dark = tuple(shades)
     for row in range(height):
         shift = inset - inset * row // max(1, height - 1)
         first, last = left + shift, left + width - shift

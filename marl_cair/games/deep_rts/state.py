@@ -83,8 +83,9 @@ NUM_LAYERS = 7
     DAMAGE_TAKEN,
     NEXT_SERIAL,
     NUM_UNITS,
+    IS_OUT,  # 1 once nobody of its team is alive and that has been paid
     RESOURCES,  # a column per resource: in store
-) = range(9)
+) = range(10)
 GATHERED = RESOURCES + NUM_RESOURCES  # brought in since reset
 UPGRADES = GATHERED + NUM_RESOURCES  # levels
 NUM_CREATED = UPGRADES + NUM_UPGRADES  # a column per kind: finished since reset

@@ -206,7 +206,7 @@ def finish_product(world: Any, rules: Any, building: int) -> None:
         world.players[player, NUM_CREATED + product] += 1
         send_to_rally(world, rules, building, unit)
     drop_from_queue(world, building, 0)
-    enter_state(world, building, IDLE, world.clock[TICK] + 1)
+    enter_state(world, building, IDLE, world.clock[TICK])  # so that the next begins in this tick
 
 
 @compiled

@@ -1,0 +1,163 @@
+"""Observations beside the planes: the economy as a vector, and the original's ten layers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from marl_cair.games.compiled import compiled
+from marl_cair.games.deep_rts.board import is_building, known_tile, owner_of, sees
+from marl_cair.games.deep_rts.judging import score_of
+from marl_cair.games.deep_rts.observation import FULL, side_of
+from marl_cair.games.deep_rts.roster import food_limit
+from marl_cair.games.deep_rts.rulebook import (
+    KIND_ARMOUR,
+    KIND_DAMAGE_MAX,
+    KIND_DAMAGE_MIN,
+    KIND_HEALTH,
+    KIND_PIERCING,
+    SEAT_FRAME,
+)
+from marl_cair.games.deep_rts.state import (
+    DAMAGE_DONE,
+    DAMAGE_TAKEN,
+    FOOD_USED,
+    GATHERED,
+    MAP_INDEX,
+    NO_UNIT,
+    NUM_OWNED,
+    NUM_UNITS,
+    OCCUPANT,
+    RESOURCES,
+    TICK,
+    UNIT_CARRY,
+    UNIT_CARRY_KIND,
+    UNIT_CELL,
+    UNIT_HEALTH,
+    UNIT_KIND,
+    UNIT_STATE,
+    UNKNOWN,
+    UPGRADES,
+    world_at,
+)
+from marl_cair.games.deep_rts.tables import (
+    NO_RESOURCE,
+    NUM_KINDS,
+    NUM_MOBILE_KINDS,
+    NUM_RESOURCES,
+    NUM_UPGRADES,
+    RESOURCE_NAMES,
+    UNIT_NAMES,
+    UPGRADE_NAMES,
+)
+
+VECTOR_NAMES = (
+    *(f"own {name}" for name in RESOURCE_NAMES),
+    *(f"gathered {name}" for name in RESOURCE_NAMES),
+    "own food used",
+    "own food limit",
+    *(f"own {name}" for name in UPGRADE_NAMES),
+    *(f"own {name}" for name in UNIT_NAMES),
+    *(f"enemy {name} in sight" for name in UNIT_NAMES),
+    "own damage done",
+    "own damage taken",
+    "own score",
+    "ticks played",
+    "ticks left",
+)
+
+CLASSIC_NAMES = (
+    "tile",
+    "owner",
+    "building",
+    "mobile",
+    "kind",
+    "health",
+    "state",
+    "carried",
+    "attack",
+    "armour",
+)
+CLASSIC_SELF, CLASSIC_ALLY, CLASSIC_ENEMY = 1, 2, 3
+
+
+@compiled
+def see_vector(world: Any, rules: Any, player: int, out: Any) -> None:
+    """The economy of one seat: out float32 [V]."""
+    for resource in range(NUM_RESOURCES):
+        out[resource] = world.players[player, RESOURCES + resource]
+        out[NUM_RESOURCES + resource] = world.players[player, GATHERED + resource]
+    index = 2 * NUM_RESOURCES
+    out[index] = world.players[player, FOOD_USED]
+    out[index + 1] = food_limit(world, rules, player)
+    index += 2
+    for upgrade in range(NUM_UPGRADES):
+        out[index + upgrade] = world.players[player, UPGRADES + upgrade]
+    index += NUM_UPGRADES
+    for kind in range(NUM_KINDS):
+        out[index + kind] = world.players[player, NUM_OWNED + kind]
+        out[index + NUM_KINDS + kind] = 0.0
+    for owner in range(rules.num_players):
+        if rules.team[owner] == rules.team[player]:
+            continue
+        for place in range(world.players[owner, NUM_UNITS]):
+            unit = int(world.roster[owner, place])
+            cell = int(world.units[unit, UNIT_CELL])
+            if world.board[OCCUPANT, cell] == unit and sees(world, rules, player, cell):
+                out[index + NUM_KINDS + world.units[unit, UNIT_KIND]] += 1.0
+    index += 2 * NUM_KINDS
+    out[index] = world.players[player, DAMAGE_DONE]
+    out[index + 1] = world.players[player, DAMAGE_TAKEN]
+    out[index + 2] = score_of(world, player)
+    out[index + 3] = world.clock[TICK]
+    out[index + 4] = rules.max_ticks - world.clock[TICK]
+
+
+@compiled
+def see_classic(world: Any, rules: Any, player: int, out: Any) -> None:
+    """The original's ten planes, of this tick: out uint8 [10, H, W]."""
+    out[:] = 0
+    frame = int(rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME])
+    for row in range(rules.rows):
+        for column in range(rules.columns):
+            cell = int(rules.world_cell[frame, row * rules.columns + column])
+            tile = known_tile(world, rules, player, cell)
+            if tile != UNKNOWN:
+                out[0, row, column] = tile + 1
+            unit = int(world.board[OCCUPANT, cell])
+            if unit == NO_UNIT or not sees(world, rules, player, cell):
+                continue
+            kind = int(world.units[unit, UNIT_KIND])
+            out[1, row, column] = CLASSIC_SELF + side_of(rules, player, owner_of(rules, unit))
+            out[2, row, column] = int(is_building(world, unit))
+            out[3, row, column] = int(kind < NUM_MOBILE_KINDS)
+            out[4, row, column] = kind + 1
+            health = 100 * int(world.units[unit, UNIT_HEALTH])
+            out[5, row, column] = health // int(rules.kinds[kind, KIND_HEALTH])
+            out[6, row, column] = world.units[unit, UNIT_STATE] + 1
+            if world.units[unit, UNIT_CARRY_KIND] != NO_RESOURCE:
+                out[7, row, column] = min(FULL, int(world.units[unit, UNIT_CARRY]))
+            attack = (
+                rules.kinds[kind, KIND_DAMAGE_MIN]
+                + rules.kinds[kind, KIND_DAMAGE_MAX]
+                + rules.kinds[kind, KIND_PIERCING]
+            )
+            out[8, row, column] = min(FULL, int(attack))
+            out[9, row, column] = min(FULL, int(rules.kinds[kind, KIND_ARMOUR]))
+
+
+@compiled
+def observe_classic(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
+    """Write the original's layers: out uint8 [B, P, 10, H, W]."""
+    for index in range(first, last):
+        world = world_at(worlds, index)
+        for player in range(rules.num_players):
+            see_classic(world, rules, player, out[index, player])
+
+
+@compiled
+def observe_vector(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
+    """Write the economy of every seat: out float32 [B, P, V]."""
+    for index in range(first, last):
+        world = world_at(worlds, index)
+        for player in range(rules.num_players):
+            see_vector(world, rules, player, out[index, player])

@@ -1,0 +1,248 @@
+"""One world of Deep RTS on a small map of text that a test sets up by hand and plays by ticks."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games import make_engine
+from marl_cair.games.compiled import is_compiling
+from marl_cair.games.deep_rts import orders, roster
+from marl_cair.games.deep_rts.rulebook import SEAT_FRAME, Rules
+from marl_cair.games.deep_rts.state import (
+    AMOUNT,
+    ATTACK,
+    CURSOR,
+    GATHERED,
+    NO_GOAL,
+    NO_UNIT,
+    NUM_UNITS,
+    OCCUPANT,
+    RESOURCES,
+    TICK,
+    TILE,
+    UNIT_CELL,
+    UNIT_HEALTH,
+    UNIT_KIND,
+    UNIT_QUEUE,
+    UNIT_QUEUE_LENGTH,
+    UNIT_SERIAL,
+    UNIT_TARGET,
+    UNIT_TARGET_SERIAL,
+    World,
+)
+from marl_cair.games.deep_rts.tables import NUM_RESOURCES, PRODUCT_NAMES
+from marl_cair.games.engine import BatchedEngine
+
+LASTING = 30_000  # hit points of a unit that is to stand under blows
+CALM = {"preset": "thesis"}  # nobody attacks by itself
+# Meadow with a gold tile in the corner, as every map needs a resource.
+MEADOW = """
+...............G
+.1..............
+................
+................
+................
+................
+................
+................
+................
+................
+................
+................
+................
+................
+..............2.
+................
+"""
+
+
+def read_engine(text: str, **options: Any) -> BatchedEngine:
+    """An engine of the map of `text`; lines as in map files."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "skirmish.txt"
+        path.write_text("\n".join(text.split()) + "\n")
+        return make_engine("deep_rts", map=str(path), **options)
+
+
+class Skirmish:
+    """One world without units, on which a test puts what it needs.
+
+    A decision is one tick, and the game goes on until the clock ends it, unless options say
+    otherwise. Rows and columns are those of the map's text.
+    """
+
+    def __init__(self, text: str = MEADOW, seed: int = 0, **options: Any) -> None:
+        chosen = {"ticks_per_step": 1, "goal": "score", "max_ticks": 1_000_000} | options
+        is_empty = "army" not in chosen and chosen.pop("is_empty", True)
+        if is_empty:
+            chosen["army"] = (1, 0, 0, 0)
+        self.engine = read_engine(text, **chosen)
+        self.engine.reset(seed)
+        # Views: what is written here is what the engine plays on.
+        self.world = World(*(field[0] for field in self.engine._worlds))
+        self.rules: Rules = self.engine._rules
+        self.noops = [[self.engine.spec.noop_action] * self.engine.num_players]
+        if is_empty:
+            for player in range(self.engine.num_players):
+                for unit in self.units_of(player):
+                    call(roster.remove_unit, self.world, self.rules, unit)
+
+    # --- what is there -----------------------------------------------------------------------
+
+    @property
+    def tick(self) -> int:
+        return int(self.world.clock[TICK])
+
+    def cell(self, row: int, column: int) -> int:
+        return (row + 1) * self.rules.stride + column + 1
+
+    def place(self, unit: int) -> tuple[int, int]:
+        """Row and column of a unit."""
+        cell = self.get(unit, UNIT_CELL)
+        return cell // self.rules.stride - 1, cell % self.rules.stride - 1
+
+    def get(self, unit: int, column: int) -> int:
+        return int(self.world.units[unit, column])
+
+    def set(self, unit: int, column: int, value: int) -> None:
+        self.world.units[unit, column] = value
+
+    def units_of(self, player: int) -> list[int]:
+        """The player's slots, from its oldest unit to its newest."""
+        return self.world.roster[player, : self.world.players[player, NUM_UNITS]].tolist()
+
+    def is_alive(self, unit: int) -> bool:
+        return self.get(unit, UNIT_KIND) >= 0
+
+    def occupant(self, row: int, column: int) -> int:
+        return int(self.world.board[OCCUPANT, self.cell(row, column)])
+
+    def tile(self, row: int, column: int) -> int:
+        return int(self.world.board[TILE, self.cell(row, column)])
+
+    def amount(self, row: int, column: int) -> int:
+        return int(self.world.board[AMOUNT, self.cell(row, column)])
+
+    def set_amount(self, row: int, column: int, amount: int) -> None:
+        self.world.board[AMOUNT, self.cell(row, column)] = amount
+
+    def store(self, player: int) -> list[int]:
+        """Gold, lumber, stone, oil."""
+        return self.world.players[player, RESOURCES : RESOURCES + NUM_RESOURCES].tolist()
+
+    def gathered(self, player: int) -> list[int]:
+        return self.world.players[player, GATHERED : GATHERED + NUM_RESOURCES].tolist()
+
+    def fill_store(self, player: int, *amounts: int) -> None:
+        self.world.players[player, RESOURCES : RESOURCES + len(amounts)] = amounts
+
+    def queue(self, unit: int) -> list[int]:
+        length = self.get(unit, UNIT_QUEUE_LENGTH)
+        return self.world.units[unit, UNIT_QUEUE : UNIT_QUEUE + length].tolist()
+
+    # --- what a test changes -----------------------------------------------------------------
+
+    def put(self, player: int, kind: int, row: int, column: int) -> int:
+        """A finished unit that idles; its slot. Food is not counted."""
+        assert self.occupant(row, column) == NO_UNIT
+        return call(roster.add_unit, self.world, self.rules, player, kind, self.cell(row, column))
+
+    def order(self, unit: int, order: int, row: int = -1, column: int = -1) -> None:
+        """Replace what the unit was told; without a place for orders that need none."""
+        goal = self.cell(row, column) if row >= 0 else NO_GOAL
+        call(orders.give_order, self.world, unit, order, goal)
+
+    def attack(self, unit: int, target: int, order: int = ATTACK) -> None:
+        self.order(unit, order)
+        self.aim(unit, target)
+
+    def aim(self, unit: int, target: int) -> None:
+        self.set(unit, UNIT_TARGET, target)
+        self.set(unit, UNIT_TARGET_SERIAL, self.get(target, UNIT_SERIAL))
+
+    def select(self, unit: int) -> None:
+        self.world.players[unit // self.rules.slots, CURSOR] = unit
+
+    # --- playing -----------------------------------------------------------------------------
+
+    def wait(self, num_decisions: int = 1) -> None:
+        for _ in range(num_decisions):
+            self.engine.step(self.noops)
+
+    def action(self, name: str) -> int:
+        return self.engine.spec.action_names.index(name)
+
+    def go(self, player: int, row: int, column: int) -> str:
+        """The name of the action with which a seat sends its unit to a place of the map."""
+        frame = self.rules.seats[0, player, SEAT_FRAME]
+        own = int(self.rules.own_cell[frame, self.cell(row, column)])
+        return f"go_r{own // self.rules.columns}_c{own % self.rules.columns}"
+
+    def is_legal(self, player: int, name: str) -> bool:
+        return bool(self.engine.action_mask()[0, player, self.action(name)])
+
+    def play(self, *names: str) -> None:
+        """One decision by the names of the seats' actions; seats that are left out do nothing."""
+        actions = [row[:] for row in self.noops]
+        for player, name in enumerate(names):
+            actions[0][player] = self.action(name)
+        self.engine.step(actions)
+
+    def make(self, unit: int, product: int) -> None:
+        """One decision: the unit's owner selects it and has it make the product."""
+        player = unit // self.rules.slots
+        self.select(unit)
+        name = f"make_{PRODUCT_NAMES[product]}"
+        self.play(*["noop"] * player, name)
+
+    def illegal(self) -> list[int]:
+        return self.engine.illegal_actions[0].tolist()
+
+
+def face_off(attacker: int, target: int, away: int = 1, **options) -> tuple[Skirmish, int, int]:
+    """Two units `away` tiles from each other; the target of player 1 lasts."""
+    skirmish = Skirmish(**(CALM | options))
+    unit = skirmish.put(0, attacker, 8, 4)
+    other = skirmish.put(1, target, 8, 4 + away)
+    skirmish.set(other, UNIT_HEALTH, LASTING)
+    return skirmish, unit, other
+
+
+def ticks_until(skirmish: Skirmish, unit: int, place: tuple[int, int], limit: int = 400) -> int:
+    """Ticks until the unit stands at the place."""
+    start = skirmish.tick
+    while skirmish.place(unit) != place:
+        skirmish.wait()
+        assert skirmish.tick - start <= limit
+    return skirmish.tick - start
+
+
+def call(function: Any, *arguments: Any) -> Any:
+    """A rule outside of the engine: its plain Python, so that no test compiles it for itself."""
+    with np.errstate(over="ignore"):
+        if is_compiling():
+            return function.py_func(*arguments)
+        return function(*arguments)
+
+
+def draw_actions(engine: BatchedEngine, luck: np.random.Generator) -> NDArray[np.int32]:
+    """A legal action of every seat: first a kind of action, then one of that kind."""
+    mask = engine.action_mask()
+    groups = engine.spec.action_groups
+    actions = np.zeros(mask.shape[:2], np.int32)
+    for world, player in np.ndindex(*actions.shape):
+        actions[world, player] = draw_action(mask[world, player], groups, luck)
+    return actions
+
+
+def draw_action(
+    mask: NDArray[np.bool_], groups: NDArray[np.int16], luck: np.random.Generator
+) -> int:
+    legal = np.flatnonzero(mask)
+    kinds = groups[legal]
+    return int(luck.choice(legal[kinds == luck.choice(np.unique(kinds))]))

@@ -1,0 +1,175 @@
+"""Scripted opponents: legal on every board, repeatable, memoryless, and stronger than random."""
+
+import numpy as np
+import pytest
+
+from benchmarks.balance import play_match
+from marl_cair.games import make_engine
+from marl_cair.games.deep_rts.bot_sight import (
+    FOOD_MADE,
+    FOOD_USED,
+    HOME,
+    NO_CELL,
+    NUM_PEOPLE,
+    TARGET,
+    THREAT,
+    keeps_ways_open,
+    look,
+    make_knowledge,
+    make_sight,
+    stored,
+)
+from marl_cair.games.deep_rts.bots import BOTS, DOCTRINES
+from marl_cair.games.deep_rts.observation import log_level
+from marl_cair.games.deep_rts.tables import GOLD, LUMBER, PEASANT, TOWN_HALL
+from marl_cair.games.randomness import episode_seeds
+
+SCRIPTED = list(DOCTRINES)
+CASES = [
+    {},
+    {"fog": True},
+    {"preset": "thesis"},
+    {"army": (0, 3, 3, 2)},
+    {"map": "31x31-4p-quarters", "num_players": 4, "fog": True},
+]
+
+
+def make_game(num_worlds=2, **options):
+    engine = make_engine("deep_rts", num_worlds=num_worlds, **options)
+    worlds = np.arange(num_worlds)
+    engine.reset(episode_seeds(3, worlds, np.zeros(num_worlds, np.int64)))
+    return engine
+
+
+def make_bot(engine, name, seed=0):
+    bot = engine.game.bot(name, engine.scenario)
+    bot.seed(seed)
+    return bot
+
+
+def play(engine, bots, num_steps):
+    """Seat k is played by bot k; yields what each step was."""
+    for _ in range(num_steps):
+        planes, mask = engine.observe("planes"), engine.action_mask()
+        actions = np.stack([bot.act(planes[:, s], mask[:, s]) for s, bot in enumerate(bots)], 1)
+        yield planes, mask, actions
+        engine.step(actions)
+
+
+def look_at(engine, player=0):
+    """The sight of a player of the first world."""
+    known = make_knowledge(engine.scenario, engine.spec, DOCTRINES["mixed"])
+    sight = make_sight(engine.scenario)
+    look(engine.observe("planes")[0, player], known, sight)
+    return known, sight
+
+
+@pytest.fixture(scope="module")
+def positions():
+    """Planes and masks of both seats in games of two scripted players, after 120 decisions."""
+    engine = make_game(4)
+    bots = [make_bot(engine, "mixed"), make_bot(engine, "random", 2)]
+    planes, mask, _ = list(play(engine, bots, 120))[-1]
+    return engine, planes.reshape(-1, *planes.shape[2:]), mask.reshape(-1, mask.shape[2])
+
+
+@pytest.mark.parametrize("options", CASES)
+def test_every_bot_only_gives_legal_actions(options):
+    for name in BOTS:
+        engine = make_game(1, **options)
+        others = [make_bot(engine, "random", seat) for seat in range(1, engine.spec.num_players)]
+        for _, mask, actions in play(engine, [make_bot(engine, name), *others], 80):
+            assert np.take_along_axis(mask, actions[:, :, None], 2).all()
+        assert (engine.illegal_actions == 0).all()
+
+
+def test_random_plays_the_classic_actions():
+    engine = make_game(2, actions="classic")
+    for _, mask, actions in play(engine, [make_bot(engine, "random", seed) for seed in (1, 2)], 80):
+        assert np.take_along_axis(mask, actions[:, :, None], 2).all()
+    assert (engine.illegal_actions == 0).all()
+
+
+@pytest.mark.parametrize("name", SCRIPTED)
+def test_the_others_refuse_the_classic_actions_and_name_the_mend(name):
+    engine = make_game(1, actions="classic")
+    with pytest.raises(ValueError, match=rf"{name} cannot play .*'classic'.*actions='unit'"):
+        make_bot(engine, name)
+
+
+@pytest.mark.parametrize("name", BOTS)
+def test_the_same_seed_gives_the_same_actions_and_saved_state_continues(name, positions):
+    engine, planes, mask = positions
+    first, second = make_bot(engine, name, seed=5), make_bot(engine, name, seed=5)
+    np.testing.assert_array_equal(first.act(planes, mask), second.act(planes, mask))
+    saved = first.state_dict()
+    expected = first.act(planes, mask)
+    fresh = make_bot(engine, name, seed=99)
+    fresh.load_state_dict(saved)
+    np.testing.assert_array_equal(fresh.act(planes, mask), expected)
+
+
+def test_another_seed_gives_random_other_actions(positions):
+    engine, planes, mask = positions
+    first = make_bot(engine, "random", 1).act(planes, mask)
+    assert (first != make_bot(engine, "random", 2).act(planes, mask)).any()
+
+
+@pytest.mark.parametrize("name", SCRIPTED)
+def test_a_scripted_bot_answers_each_row_on_its_own(name, positions):
+    engine, planes, mask = positions
+    bot = make_bot(engine, name)
+    together = bot.act(planes, mask)
+    backwards = bot.act(planes[::-1], mask[::-1])[::-1]
+    alone = np.concatenate([bot.act(planes[i : i + 1], mask[i : i + 1]) for i in range(8)])
+    np.testing.assert_array_equal(backwards, together)
+    np.testing.assert_array_equal(alone, together)
+
+
+@pytest.mark.parametrize("name", BOTS)
+def test_bots_leave_what_they_see_as_it_is(name, positions):
+    engine, planes, mask = positions
+    seen, allowed = planes.copy(), mask.copy()
+    make_bot(engine, name).act(seen, allowed)
+    np.testing.assert_array_equal(seen, planes)
+    np.testing.assert_array_equal(allowed, mask)
+
+
+@pytest.mark.parametrize("name", SCRIPTED)
+def test_every_scripted_bot_beats_random(name):
+    engine = make_game(4)
+    result = play_match(engine, make_bot(engine, name), make_bot(engine, "random"), seed=11)
+    assert result.wins == result.games
+
+
+def test_a_store_is_read_off_its_level_to_three_in_a_hundred():
+    for amount in (0, 1, 40, 100, 150, 200, 1_000, 50_000):
+        assert abs(stored(log_level(amount)) - amount) <= 0.03 * amount
+    assert stored(log_level(100)) >= 100
+    assert stored(log_level(200)) >= 200
+
+
+def test_the_start_is_read_off_the_planes():
+    known, sight = look_at(make_game(1))
+    columns = known.rules.columns
+    assert sight.own[PEASANT] == sight.facts[NUM_PEOPLE] == 3
+    assert sight.own[TOWN_HALL] == sight.foes[TOWN_HALL] == 1
+    assert (sight.facts[FOOD_USED], sight.facts[FOOD_MADE]) == (3, 5)
+    assert abs(sight.store[GOLD] - 200) <= 6
+    assert abs(sight.store[LUMBER] - 100) <= 3
+    assert sight.facts[HOME] == 4 * columns + 4
+    assert sight.facts[THREAT] == NO_CELL
+
+
+def test_in_the_fog_the_enemy_is_thought_to_be_opposite():
+    known, sight = look_at(make_game(1, map="31x31-4p-quarters", num_players=4, fog=True))
+    size = known.rules.rows * known.rules.columns
+    assert sight.facts[TARGET] == size - 1 - sight.facts[HOME]
+
+
+def test_a_site_may_not_cut_a_way():
+    # Around (4, 8) five cells wide there would be the hall on one side and water on another.
+    known, sight = look_at(make_game(1))
+    columns = known.rules.columns
+    assert keeps_ways_open(known, sight, 7 * columns + 3, 0)
+    assert not keeps_ways_open(known, sight, 4 * columns + 8, 2)

@@ -1,0 +1,180 @@
+"""Whatever is played: units, board, counters and stores agree; masks are exact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from marl_cair.games import make_engine
+from marl_cair.games.deep_rts.rulebook import KIND_FOOD_CONSUMED, KIND_HALF_SIZE, KIND_HEALTH
+from marl_cair.games.deep_rts.state import (
+    AMOUNT,
+    CLAIM,
+    CURSOR,
+    FOOD_USED,
+    INSIDE,
+    NO_UNIT,
+    NUM_BURNING,
+    NUM_OWNED,
+    NUM_UNITS,
+    OCCUPANT,
+    RESOURCES,
+    RISING,
+    TILE,
+    UNIT_CELL,
+    UNIT_EXIT,
+    UNIT_HEALTH,
+    UNIT_HURT,
+    UNIT_KIND,
+    UNIT_PARTNER,
+    UNIT_QUEUE,
+    UNIT_QUEUE_LENGTH,
+    UNIT_STATE,
+    world_at,
+)
+from marl_cair.games.deep_rts.tables import (
+    LAVA,
+    MAX_RESOURCE,
+    NUM_KINDS,
+    NUM_RESOURCES,
+    OIL_WELL,
+    WALKABLE_TILES,
+)
+from marl_cair.games.engine import BatchedEngine
+from tests.games.deep_rts.skirmish import call, draw_actions
+
+OPTIONS = [
+    {},
+    {"fog": True},
+    {"preset": "original", "actions": "classic"},
+    {"preset": "thesis", "actions": "classic", "ticks_per_step": 1},
+    {"preset": "original", "map": "10x10-2p-clearing", "unit_capacity": 12},
+    {"army": (0, 4, 3, 2), "max_ticks": 1_500},
+    {"army": (3, 3, 3, 0), "goal": "score", "map": "10x10-2p-clearing", "fog": True},
+    {"map": "31x31-4p-quarters", "num_players": 4, "teams": (0, 1, 1, 0), "fog": True},
+    {"map": "15x15-1p-embers", "num_players": 1, "goal": "gold", "goal_amount": 100_000},
+]
+
+
+def check_world(engine: BatchedEngine) -> None:
+    """Board, rosters and counters tell the same story."""
+    world, rules = call(world_at, engine._worlds, 0), engine._rules
+    occupants = np.full(world.board.shape[1], NO_UNIT)
+    for player in range(rules.num_players):
+        check_player(world, rules, player)
+        for unit in world.roster[player, : world.players[player, NUM_UNITS]]:
+            if world.units[unit, UNIT_STATE] == INSIDE:
+                site = world.units[unit, UNIT_PARTNER]
+                assert world.units[site, UNIT_PARTNER] == unit
+                assert world.units[site, UNIT_STATE] == RISING
+            else:
+                cover(world, rules, unit, occupants)
+    np.testing.assert_array_equal(world.board[OCCUPANT], occupants)
+    burning = world.board[TILE, world.units[world.units[:, UNIT_KIND] >= 0, UNIT_CELL]] == LAVA
+    assert world.clock[NUM_BURNING] == burning.sum()
+    # What only a tick uses is clean after it.
+    assert not world.board[CLAIM].any()
+    assert not world.units[:, [UNIT_EXIT, UNIT_HURT]].any()
+    assert (world.board[AMOUNT] >= 0).all()
+
+
+def cover(world, rules, unit: int, occupants: np.ndarray) -> None:
+    """Mark the unit's cells, which must be free ground."""
+    kind = world.units[unit, UNIT_KIND]
+    half = rules.kinds[kind, KIND_HALF_SIZE]
+    for row in range(-half, half + 1):
+        for column in range(-half, half + 1):
+            cell = world.units[unit, UNIT_CELL] + row * rules.stride + column
+            assert occupants[cell] == NO_UNIT
+            occupants[cell] = unit
+            assert kind == OIL_WELL or world.board[TILE, cell] in WALKABLE_TILES
+
+
+def check_player(world, rules, player: int) -> None:
+    columns = world.players[player]
+    roster = world.roster[player, : columns[NUM_UNITS]]
+    units = world.units[roster]
+    kinds = units[:, UNIT_KIND]
+    assert len(set(roster.tolist())) == len(roster) <= rules.slots
+    assert (
+        world.units[player * rules.slots : (player + 1) * rules.slots, UNIT_KIND] >= 0
+    ).sum() == len(roster)
+    assert np.bincount(kinds, minlength=NUM_KINDS).tolist() == (
+        columns[NUM_OWNED : NUM_OWNED + NUM_KINDS].tolist()
+    )
+    assert (units[:, UNIT_HEALTH] > 0).all()
+    assert (units[:, UNIT_HEALTH] <= rules.kinds[kinds, KIND_HEALTH]).all()
+    queued = [
+        product
+        for unit in units
+        for product in unit[UNIT_QUEUE : UNIT_QUEUE + unit[UNIT_QUEUE_LENGTH]]
+        if product < NUM_KINDS
+    ]
+    eaters = np.array([*kinds, *queued], int)
+    assert rules.kinds[eaters, KIND_FOOD_CONSUMED].sum() == columns[FOOD_USED]
+    store = columns[RESOURCES : RESOURCES + NUM_RESOURCES]
+    assert (store >= 0).all()
+    assert (store <= MAX_RESOURCE).all()
+    cursor = columns[CURSOR]
+    assert cursor == NO_UNIT or (cursor in roster and world.units[cursor, UNIT_STATE] != INSIDE)
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_a_game_of_legal_actions_keeps_its_books(options):
+    engine = make_engine("deep_rts", **options)
+    luck = np.random.default_rng(1)
+    engine.reset(1)
+    for decision in range(300 if engine.num_players < 4 else 80):
+        engine.step(draw_actions(engine, luck))
+        check_world(engine)
+        assert not engine.illegal_actions.any()
+        if engine.terminated[0] or engine.truncated[0]:
+            engine.reset(decision)
+
+
+@pytest.mark.parametrize("options", OPTIONS[1:6], ids=str)
+def test_a_game_of_any_actions_counts_what_was_illegal(options):
+    engine = make_engine("deep_rts", **options)
+    luck = np.random.default_rng(2)
+    engine.reset(2)
+    expected = np.zeros(engine.num_players, int)
+    for decision in range(150):
+        actions = luck.integers(0, engine.num_actions, (1, engine.num_players))
+        mask = engine.action_mask()[0]
+        for player in range(engine.num_players):
+            is_alive = engine._worlds.players[0, player, 0]
+            expected[player] += is_alive and not mask[player, actions[0, player]]
+        engine.step(actions)
+        check_world(engine)
+        assert engine.illegal_actions[0].tolist() == expected.tolist()
+        if engine.terminated[0] or engine.truncated[0]:
+            engine.reset(decision)
+            expected[:] = 0
+
+
+@pytest.mark.parametrize("actions", ["unit", "classic"])
+def test_an_illegal_action_does_what_doing_nothing_does(actions):
+    engine = make_engine("deep_rts", num_worlds=2, actions=actions, preset="original")
+    luck = np.random.default_rng(3)
+    engine.reset(np.array([3, 3], np.uint64))
+    noop = engine.spec.noop_action
+    num_illegal = 0
+    for decision in range(150):
+        mask = engine.action_mask()
+        np.testing.assert_array_equal(mask[0], mask[1])
+        chosen = draw_actions(engine, luck)
+        chosen[1] = chosen[0]
+        for player in range(2):
+            if luck.random() < 0.5:
+                illegal = np.flatnonzero(~mask[0, player])
+                chosen[:, player] = luck.choice(illegal), noop
+                num_illegal += 1
+        engine.step(chosen)
+        for name, field in engine._worlds._asdict().items():
+            if name != "illegal":
+                np.testing.assert_array_equal(field[0], field[1], err_msg=name)
+        if engine.terminated.any():
+            engine.reset(np.array([decision] * 2, np.uint64))
+            num_illegal = 0
+    assert engine.illegal_actions[1].tolist() == [0, 0]
+    assert engine.illegal_actions[0].sum() == num_illegal

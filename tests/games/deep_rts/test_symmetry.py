@@ -1,0 +1,148 @@
+"""No seat is better: seats that a symmetry of the map exchanges play the same game."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from marl_cair.games import make_engine
+from marl_cair.games.deep_rts.map_generator import MapStyle, generate_map
+from marl_cair.games.deep_rts.maps import compose_frames, load_map, symmetries, write_text_map
+from marl_cair.games.engine import BatchedEngine
+from tests.games.deep_rts.skirmish import draw_action
+
+NAMES = ("planes", "classic", "vector")
+MELEE = {"army": (1, 5, 4, 2), "goal": "score"}
+RICH = {"preset": "original", "goal": "score"}  # buildings rise at once
+SOLDIERS = {"army": (0, 6, 4, 2), "goal": "score"}
+
+
+def fair_symmetries(game_map):
+    """The symmetries under which seats see the board as the seats do that they are moved to."""
+    return [
+        (frame, seats)
+        for frame, seats in symmetries(game_map)
+        if frame != 0
+        and all(
+            own == compose_frames(frame, game_map.frames[seats[seat]])
+            for seat, own in enumerate(game_map.frames)
+        )
+    ]
+
+
+def orbits_of(game_map) -> list[list[int]]:
+    """Groups of seats that fair symmetries exchange."""
+    orbit = list(range(game_map.num_players))
+    for _, seats in fair_symmetries(game_map):
+        for seat, other in enumerate(seats):
+            low = min(orbit[seat], orbit[other])
+            orbit[seat] = orbit[other] = low
+    return [[s for s in range(len(orbit)) if orbit[s] == o] for o in sorted(set(orbit))]
+
+
+def assert_equal_views(engine: BatchedEngine, orbits: list[list[int]], tick: int) -> None:
+    for name in NAMES:
+        seen = engine.observe(name)[0]
+        for orbit in orbits:
+            for seat in orbit[1:]:
+                if not np.array_equal(seen[seat], seen[orbit[0]]):
+                    where = np.argwhere(seen[seat] != seen[orbit[0]])[:5].tolist()
+                    raise AssertionError(f"{name} of seats {orbit[0]}, {seat} at {tick}: {where}")
+
+
+def play_alike(engine: BatchedEngine, game_map, num_decisions: int, seed: int) -> None:
+    """Seats of one orbit choose the same actions of their own views; their views stay equal."""
+    orbits = orbits_of(game_map)
+    assert len(orbits) < game_map.num_players
+    luck = np.random.default_rng(seed)
+    engine.reset(seed)
+    assert_equal_views(engine, orbits, 0)
+    actions = np.zeros((1, game_map.num_players), np.int32)
+    for decision in range(num_decisions):
+        mask = engine.action_mask()[0]
+        for orbit in orbits:
+            for seat in orbit[1:]:
+                np.testing.assert_array_equal(mask[seat], mask[orbit[0]])
+            actions[0, orbit] = draw_action(mask[orbit[0]], engine.spec.action_groups, luck)
+        engine.step(actions)
+        assert_equal_views(engine, orbits, decision + 1)
+        if engine.terminated[0] or engine.truncated[0]:
+            assert engine.winner[0] == -1
+            engine.reset(seed + decision)
+
+
+def play_twins(engine: BatchedEngine, seats, num_decisions: int, seed: int) -> None:
+    """Two worlds of one seed: seat seats[k] of world 1 does what seat k of world 0 does."""
+    luck = np.random.default_rng(seed)
+    seats = np.array(seats)
+    actions = np.zeros((2, len(seats)), np.int32)
+    engine.reset(np.array([seed, seed], np.uint64))
+    for decision in range(num_decisions):
+        mask = engine.action_mask()
+        np.testing.assert_array_equal(mask[1, seats], mask[0])
+        for seat in range(len(seats)):
+            actions[0, seat] = draw_action(mask[0, seat], engine.spec.action_groups, luck)
+        actions[1, seats] = actions[0]
+        engine.step(actions)
+        assert engine.illegal_actions.sum() == 0
+        for name in NAMES:
+            seen = engine.observe(name)
+            np.testing.assert_array_equal(seen[1, seats], seen[0], f"{name} at {decision}")
+        np.testing.assert_array_equal(engine.rewards[1, seats], engine.rewards[0])
+        winner, twin = engine.winner.tolist()
+        assert twin == (seats[winner] if winner >= 0 else winner)
+        if engine.terminated[0] or engine.truncated[0]:
+            engine.reset(np.array([seed, seed], np.uint64) + np.uint64(decision + 1))
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"fog": True}, {"actions": "classic"}, MELEE, SOLDIERS | {"fog": True}], ids=str
+)
+@pytest.mark.parametrize("name", ["10x10-2p-clearing", "15x15-2p-crossing", "21x21-2p-fords"])
+def test_two_seats_that_do_the_same_stay_equal(name, options):
+    game_map = load_map(name)
+    engine = make_engine("deep_rts", map=name, ticks_per_step=10, **options)
+    play_alike(engine, game_map, 60, seed=0)
+
+
+@pytest.mark.parametrize("options", [{}, MELEE, SOLDIERS | {"fog": True}], ids=str)
+@pytest.mark.parametrize("symmetry", ["rotate", "mirror"])
+def test_four_seats_that_do_the_same_stay_equal(tmp_path, symmetry, options):
+    seed = len(options)
+    game_map = generate_map(16, 16, 4, seed, MapStyle(symmetry=symmetry))
+    path = tmp_path / f"{symmetry}.txt"
+    write_text_map(game_map, path)
+    engine = make_engine("deep_rts", map=str(path), num_players=4, **options)
+    play_alike(engine, game_map, 50, seed)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"fog": True}, {"actions": "classic"}, MELEE | {"reward": "shaped"}, SOLDIERS],
+    ids=str,
+)
+@pytest.mark.parametrize("name", ["10x10-2p-clearing", "21x21-2p-fords"])
+def test_a_game_with_swapped_seats_is_the_swapped_game(name, options):
+    engine = make_engine("deep_rts", num_worlds=2, map=name, **options)
+    for _, seats in fair_symmetries(load_map(name)):
+        play_twins(engine, seats, 60, seed=1)
+
+
+@pytest.mark.parametrize("options", [RICH, MELEE, SOLDIERS | {"actions": "classic"}], ids=str)
+@pytest.mark.parametrize("symmetry", ["rotate", "mirror"])
+def test_four_players_in_swapped_seats_play_the_swapped_game(tmp_path, symmetry, options):
+    game_map = generate_map(14, 14, 4, 3, MapStyle(symmetry=symmetry))
+    path = tmp_path / f"{symmetry}.txt"
+    write_text_map(game_map, path)
+    engine = make_engine("deep_rts", num_worlds=2, map=str(path), num_players=4, **options)
+    assert len(fair_symmetries(game_map)) == 3
+    for seed, (_, seats) in enumerate(fair_symmetries(game_map)):
+        play_twins(engine, seats, 40, seed)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_long_game_stays_mirrored(seed):
+    """2,000 ticks in which both seats do the same."""
+    name = "10x10-2p-clearing"
+    engine = make_engine("deep_rts", map=name, goal="score", preset="original")
+    play_alike(engine, load_map(name), 200, seed)

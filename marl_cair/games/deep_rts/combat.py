@@ -14,6 +14,7 @@ from marl_cair.games.deep_rts.board import (
     sight_of,
     unit_distance,
 )
+from marl_cair.games.deep_rts.dice import DAMAGE_DIE, SHARE_DIE, roll
 from marl_cair.games.deep_rts.roster import enter_state, remove_unit
 from marl_cair.games.deep_rts.rulebook import (
     KIND_ARMOUR,
@@ -62,29 +63,14 @@ from marl_cair.games.deep_rts.tables import (
     PEASANT,
     PLATES,
 )
-from marl_cair.games.randomness import GOLDEN_STEP, mix
 
 _PERCENT = 100
-_SHIFT_32 = np.uint64(32)
-_FIRST_DIE, _SECOND_DIE = range(2)
 
 
 @compiled_copy
 def is_soldier(kind: int) -> bool:
     """Footmen, archers and cavalry: they attack by themselves and profit from upgrades."""
     return bool(PEASANT < kind < NUM_MOBILE_KINDS)
-
-
-@compiled
-def roll(world: Any, serial: int, die: int, low: int, high: int) -> int:
-    """A uniform integer in low..high, hashed from the game's seed, the tick and the unit's serial.
-
-    It does not depend on the seat, so the same unit of a mirrored player has the same luck.
-    """
-    key = np.uint64(world.clock[TICK]) * np.uint64(2**24) + np.uint64(serial) * np.uint64(2)
-    word = mix(world.seed[0] + (key + np.uint64(die + 1)) * GOLDEN_STEP)
-    share = (word >> _SHIFT_32) * np.uint64(high - low + 1)
-    return int(low + np.int64(share >> _SHIFT_32))
 
 
 @compiled
@@ -95,7 +81,7 @@ def blow(world: Any, rules: Any, unit: int, target: int) -> int:
     damage = roll(
         world,
         serial,
-        _FIRST_DIE,
+        DAMAGE_DIE,
         int(rules.kinds[kind, KIND_DAMAGE_MIN]),
         int(rules.kinds[kind, KIND_DAMAGE_MAX]),
     )
@@ -110,7 +96,7 @@ def blow(world: Any, rules: Any, unit: int, target: int) -> int:
         levels = int(world.players[owner_of(rules, target), UPGRADES + PLATES])
         armour += int(rules.upgrade[PLATES, UPGRADE_BONUS]) * levels
     percent = max(0, damage * _PERCENT - armour * rules.armour_percent)
-    share = roll(world, serial, _SECOND_DIE, rules.roll_low, rules.roll_high)
+    share = roll(world, serial, SHARE_DIE, rules.roll_low, rules.roll_high)
     return int(percent * share // (_PERCENT * _PERCENT))
 
 

@@ -1,8 +1,8 @@
 """Walking. All who are due name the cell that they want; then the claims are settled at once.
 
 A claim is decided by what a mirrored game decides the same way: straight steps before diagonal
-ones before units that leave a building, then more health. Among equals of one player the older
-unit goes first; equals of different players stand off, and nobody moves.
+ones before units that leave a building, then more health, then a lot drawn for the serial number.
+Only mirror images, of equal serials, stand off: then nobody moves.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from marl_cair.games.deep_rts.board import (
     owner_of,
     sight_of,
 )
+from marl_cair.games.deep_rts.dice import precedence_of
 from marl_cair.games.deep_rts.paths import forget_path
 from marl_cair.games.deep_rts.roster import enter_state
 from marl_cair.games.deep_rts.rulebook import (
@@ -104,14 +105,13 @@ def claim(world: Any, rules: Any, unit: int, cell: int) -> None:
         return
     rival = abs(held) - 1
     own, other = strength(world, unit), strength(world, rival)
-    if own < other:
-        return
+    if own == other:
+        own = precedence_of(world, int(world.units[unit, UNIT_SERIAL]))
+        other = precedence_of(world, int(world.units[rival, UNIT_SERIAL]))
     if own > other:
         world.board[CLAIM, cell] = unit + 1
-    elif owner_of(rules, unit) != owner_of(rules, rival):
+    elif own == other:
         world.board[CLAIM, cell] = -abs(held)
-    elif held > 0 and world.units[unit, UNIT_SERIAL] < world.units[rival, UNIT_SERIAL]:
-        world.board[CLAIM, cell] = unit + 1
 
 
 @compiled

@@ -78,7 +78,18 @@ def test_enemies_do_not_pass_each_other_in_a_corridor():
         assert skirmish.place(left)[1] < skirmish.place(right)[1]
 
 
-def test_equals_of_two_players_stand_off_before_one_cell():
+def test_a_lot_decides_between_equals_that_are_not_mirror_images():
+    skirmish = Skirmish(CORRIDOR, preset="thesis")
+    left = skirmish.put(0, PEASANT, 4, 7)
+    skirmish.put(1, PEASANT, 4, 12)
+    right = skirmish.put(1, PEASANT, 4, 9)
+    skirmish.order(left, MOVE, 4, 8)
+    skirmish.order(right, MOVE, 4, 8)
+    skirmish.wait(12)
+    assert skirmish.occupant(4, 8) in (left, right)
+
+
+def test_mirror_images_stand_off_before_one_cell():
     skirmish = Skirmish(CORRIDOR, preset="thesis")
     left = skirmish.put(0, PEASANT, 4, 7)
     right = skirmish.put(1, PEASANT, 4, 9)

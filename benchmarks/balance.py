@@ -27,7 +27,7 @@ from marl_cair.games.deep_line_wars.bot_sight import (
     make_knowledge,
     placement_order,
 )
-from marl_cair.games.deep_line_wars.bots import ScriptedPlayer
+from marl_cair.games.deep_line_wars.bots import make_bot
 from marl_cair.games.deep_line_wars.observation import OWN_LUMBER
 from marl_cair.games.deep_line_wars.orders import FIRST_SPATIAL_TOWER, FIRST_SPATIAL_UNIT
 from marl_cair.games.deep_line_wars.tables import (
@@ -292,7 +292,7 @@ def report_pairs(engine: BatchedEngine, seed: int, file: TextIO | None) -> None:
         write_results(file, "pair", names, results)
 
 
-def make_counter(engine: BatchedEngine, without: int) -> ScriptedPlayer:
+def make_counter(engine: BatchedEngine, without: int) -> Agent:
     """The bot `counter`, who believes that one item cannot be paid."""
     known = make_knowledge(engine.scenario, engine.spec)
     prices = known.rules.unit_cost.copy(), known.rules.tower_gold.copy()
@@ -301,7 +301,7 @@ def make_counter(engine: BatchedEngine, without: int) -> ScriptedPlayer:
     else:
         prices[1][without - NUM_UNIT_KINDS] = BEYOND_MEANS
     rules = known.rules._replace(unit_cost=prices[0], tower_gold=prices[1])
-    return ScriptedPlayer("counter", engine.scenario, engine.spec, known._replace(rules=rules))
+    return make_bot("counter", engine.scenario, engine.spec, known._replace(rules=rules))
 
 
 def report_left_out(engine: BatchedEngine, seed: int, file: TextIO | None) -> None:

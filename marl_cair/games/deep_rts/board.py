@@ -209,10 +209,14 @@ def sees_unit(world: Any, rules: Any, player: int, unit: int) -> bool:
 @compiled
 def known_tile(world: Any, rules: Any, player: int, cell: int) -> int:
     """The tile that the player believes to be there, UNKNOWN where it has never looked."""
-    if rules.fog == 0:
-        return int(world.board[TILE, cell])
     if sees(world, rules, player, cell):
         return int(world.board[TILE, cell])
+    return remembered_tile(world, rules, player, cell)
+
+
+@compiled
+def remembered_tile(world: Any, rules: Any, player: int, cell: int) -> int:
+    """What the player's team saw last of a cell that is out of its sight, or UNKNOWN."""
     for other in range(rules.num_players):
         if rules.team[other] == rules.team[player] and world.known[other, cell] != UNKNOWN:
             return int(world.known[other, cell])

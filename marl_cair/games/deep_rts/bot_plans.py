@@ -51,45 +51,9 @@ from marl_cair.games.deep_rts.tables import (
     NUM_MOBILE_KINDS,
     PEASANT,
 )
-from marl_cair.games.randomness import draw_below
 
 MILITIA_STEPS = 4  # to the threat, of peasants that are called
 LATE = 50  # level of the time left at which all attack
-
-
-@compiled
-def plan_random(mask: Any, known: Any, random: Any) -> int:
-    """Uniform over the kinds of action that are legal, then over the legal actions of the kind.
-
-    Actions of a kind stand together, so a kind ends where the group number changes.
-    """
-    num_kinds = 0
-    previous = -1
-    for action in range(mask.shape[0]):
-        if mask[action] and known.groups[action] != previous:
-            num_kinds += 1
-            previous = known.groups[action]
-    kind = draw_below(random, 0, num_kinds)
-    previous = -1
-    chosen = 0
-    count = 0
-    for action in range(mask.shape[0]):
-        if not mask[action]:
-            continue
-        if known.groups[action] != previous:
-            kind -= 1
-            previous = known.groups[action]
-        if kind == -1:
-            if count == 0:
-                chosen = action
-            count += 1
-    nth = draw_below(random, 0, count)
-    for action in range(chosen, mask.shape[0]):
-        if mask[action]:
-            if nth == 0:
-                return action
-            nth -= 1
-    return chosen
 
 
 @compiled

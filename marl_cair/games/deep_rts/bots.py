@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_rts.bot_plans import plan_by_doctrine, plan_random
+from marl_cair.games.deep_rts.bot_plans import plan_by_doctrine
 from marl_cair.games.deep_rts.bot_sight import Doctrine, make_knowledge, make_sight
 from marl_cair.games.deep_rts.orders import NOOP
 from marl_cair.games.deep_rts.scenarios import Scenario
 from marl_cair.games.game import Agent, GameSpec
+from marl_cair.games.scripted import ScriptedPlayer, choose_by_kind
 
 RANDOM = "random"
 DOCTRINES = {
@@ -108,67 +106,36 @@ _NO_DOCTRINE = Doctrine(*(0 for _ in Doctrine._fields))
 
 @compiled
 def decide_all(
-    is_random: bool, planes: Any, mask: Any, known: Any, sight: Any, random: Any, out: Any
+    is_random: bool, known: Any, sight: Any, planes: Any, mask: Any, random: Any, out: Any
 ) -> None:
     """Decide for each of N rows: planes [N, C, H, W], mask [N, A], out [N]."""
     for index in range(planes.shape[0]):
         if is_random:
-            action = plan_random(mask[index], known, random)
+            action = choose_by_kind(mask[index], known.groups, random)
         else:
             action = plan_by_doctrine(planes[index], mask[index], known, sight)
         out[index] = action if mask[index, action] else NOOP
 
 
-class ScriptedPlayer:
-    """A plan that answers each row of a batch on its own; its only memory is a random word.
-
-    Args:
-        name: of the table; `random`, or a doctrine.
-        scenario: the game that it will play.
-        spec: of that scenario.
-        doctrine: how to play; None plays at random.
+def make_bot(
+    name: str, scenario: Scenario, spec: GameSpec, doctrine: Doctrine | None = None
+) -> ScriptedPlayer:
+    """The bot that plays by a doctrine, None plays at random.
 
     Raises:
         ValueError: a doctrine with an action space other than `unit`.
     """
-
-    representation = "planes"
-
-    def __init__(
-        self, name: str, scenario: Scenario, spec: GameSpec, doctrine: Doctrine | None = None
-    ) -> None:
-        if doctrine is not None and scenario.actions != "unit":
-            raise ValueError(
-                f"deep_rts: the bot {name} cannot play the action space {scenario.actions!r}; "
-                f"make the game with actions='unit', or play the bot {RANDOM!r}"
-            )
-        self.name = name
-        self._is_random = doctrine is None
-        self._known = make_knowledge(scenario, spec, doctrine or _NO_DOCTRINE)
-        self._sight = make_sight(scenario)
-        self._random = np.zeros(1, np.uint64)
-
-    def seed(self, seed: int) -> None:
-        self._random[0] = seed % 2**64
-
-    def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-        actions = np.zeros(len(observation), np.int64)
-        planes = np.ascontiguousarray(observation)
-        mask = np.ascontiguousarray(action_mask)
-        with np.errstate(over="ignore"):
-            decide_all(
-                self._is_random, planes, mask, self._known, self._sight, self._random, actions
-            )
-        return actions
-
-    def state_dict(self) -> dict[str, Any]:
-        return {"random": int(self._random[0])}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        self._random[0] = state["random"]
+    if doctrine is not None and scenario.actions != "unit":
+        raise ValueError(
+            f"deep_rts: the bot {name} cannot play the action space {scenario.actions!r}; "
+            f"make the game with actions='unit', or play the bot {RANDOM!r}"
+        )
+    known = make_knowledge(scenario, spec, doctrine or _NO_DOCTRINE)
+    decide = partial(decide_all, doctrine is None, known, make_sight(scenario))
+    return ScriptedPlayer(name, decide)
 
 
 BOTS: dict[str, Callable[[Scenario, GameSpec], Agent]] = {
-    RANDOM: partial(ScriptedPlayer, RANDOM),
-    **{name: partial(ScriptedPlayer, name, doctrine=plan) for name, plan in DOCTRINES.items()},
+    RANDOM: partial(make_bot, RANDOM),
+    **{name: partial(make_bot, name, doctrine=plan) for name, plan in DOCTRINES.items()},
 }

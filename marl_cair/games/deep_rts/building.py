@@ -108,15 +108,6 @@ def site_cell(world: Any, rules: Any, player: int, product: int) -> int:
 
 
 @compiled
-def is_site_product(world: Any, rules: Any, player: int, product: int) -> bool:
-    """True where the order is legal and needs ground."""
-    unit = world.players[player, CURSOR]
-    if unit == NO_UNIT or is_building(world, unit):
-        return False
-    return can_produce(world, rules, player, product)
-
-
-@compiled
 def can_produce(world: Any, rules: Any, player: int, product: int) -> bool:
     """True where the cursor's unit can make the product now."""
     unit = int(world.players[player, CURSOR])

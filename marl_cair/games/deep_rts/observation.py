@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_rts.board import known_tile, sees
+from marl_cair.games.deep_rts.board import remembered_tile, sees
 from marl_cair.games.deep_rts.roster import food_limit
 from marl_cair.games.deep_rts.rulebook import (
     KIND_HALF_SIZE,
@@ -194,7 +194,9 @@ def see_through_fog(world: Any, rules: Any, player: int, frame: int, out: Any) -
         for column in range(rules.columns):
             cell = int(rules.world_cell[frame, row * rules.columns + column])
             is_seen = sees(world, rules, player, cell)
-            tile = known_tile(world, rules, player, cell)
+            tile = int(world.board[TILE, cell])
+            if not is_seen:
+                tile = remembered_tile(world, rules, player, cell)
             out[VISIBLE, row, column] = FULL * int(is_seen)
             out[EXPLORED, row, column] = FULL * int(tile != UNKNOWN)
             if not (tile == GRASS or tile == UNKNOWN):  # noqa: PLR1714, SIM109  # faster

@@ -32,18 +32,6 @@ RUNNING, TERMINATED, TRUNCATED = range(3)
 IDLE, WALKING, GATHERING, FIGHTING, REPAIRING, WAITING, INSIDE, RISING, TRAINING, PUMPING = range(
     10
 )
-STATE_NAMES = (
-    "idle",
-    "walking",
-    "gathering",
-    "fighting",
-    "repairing",
-    "waiting",
-    "inside",
-    "rising",
-    "training",
-    "pumping",
-)
 # What it has been told.
 NO_ORDER, MOVE, HARVEST, RETURN, ATTACK, ADVANCE, REPAIR = range(7)
 

@@ -24,7 +24,6 @@ NUM_RESOURCES = len(RESOURCE_NAMES)
 GOLD, LUMBER, STONE, OIL = range(NUM_RESOURCES)
 NO_RESOURCE = -1
 MAX_RESOURCE = 1_000_000  # thesis, table "Player Resources"
-MAX_FOOD = 200
 MAX_UNITS = 200
 MAX_PLAYERS = 8
 # The resource in a tile of each kind. Oil comes out of a well that stands on it, not by hand.

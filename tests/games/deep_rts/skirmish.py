@@ -17,6 +17,7 @@ from marl_cair.games.deep_rts.state import (
     AMOUNT,
     ATTACK,
     CURSOR,
+    FOOD_MADE,
     GATHERED,
     NO_GOAL,
     NO_UNIT,
@@ -35,9 +36,10 @@ from marl_cair.games.deep_rts.state import (
     UNIT_TARGET_SERIAL,
     World,
 )
-from marl_cair.games.deep_rts.tables import NUM_RESOURCES, PRODUCT_NAMES
+from marl_cair.games.deep_rts.tables import NUM_RESOURCES, PEASANT, PRODUCT_NAMES
 from marl_cair.games.engine import BatchedEngine
 
+RICH = (5_000, 5_000, 5_000, 5_000)  # a store that no test empties
 LASTING = 30_000  # hit points of a unit that is to stand under blows
 CALM = {"preset": "thesis"}  # nobody attacks by itself
 # Meadow with a gold tile in the corner, as every map needs a resource.
@@ -246,3 +248,21 @@ def draw_action(
     legal = np.flatnonzero(mask)
     kinds = groups[legal]
     return int(luck.choice(legal[kinds == luck.choice(np.unique(kinds))]))
+
+
+def start(**options: Any) -> tuple[Skirmish, int]:
+    """A rich player 0 with a peasant at (8, 8); player 1 has one far off."""
+    skirmish = Skirmish(**options)
+    skirmish.fill_store(0, *RICH)
+    skirmish.fill_store(1, *RICH)
+    worker = skirmish.put(0, PEASANT, 8, 8)
+    skirmish.put(1, PEASANT, 1, 1)
+    return skirmish, worker
+
+
+def feed(skirmish: Skirmish, player: int, food: int = 50) -> None:
+    skirmish.world.players[player, FOOD_MADE] += food
+
+
+def of(skirmish: Skirmish, player: int, column: int) -> int:
+    return int(skirmish.world.players[player, column])

@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-from time import process_time
 
 import numpy as np
 import pytest
@@ -201,16 +200,6 @@ def test_an_odd_number_of_players_leaves_one_base_of_a_symmetric_board_free():
         for frame, spawn in zip(game_map.frames, game_map.spawns, strict=True)
     }
     assert len(own) == 1
-
-
-@pytest.mark.parametrize(("size", "limit_seconds"), [(31, 0.05), (128, 1.0)])
-def test_making_a_map_takes_little_time(size, limit_seconds):
-    seconds = []
-    for seed in range(3):
-        start = process_time()
-        generate_map(size, size, 4, seed)
-        seconds.append(process_time() - start)
-    assert min(seconds) < limit_seconds
 
 
 # --- sets --------------------------------------------------------------------------------------

@@ -43,28 +43,9 @@ from marl_cair.games.deep_rts.tables import (
     TOWN_HALL,
     WALL,
 )
-from tests.games.deep_rts.skirmish import Skirmish
+from tests.games.deep_rts.skirmish import feed, of, start
 
-RICH = (5_000, 5_000, 5_000, 5_000)
 BLADES_PRODUCT, PLATES_PRODUCT = FIRST_UPGRADE + BLADES, FIRST_UPGRADE + PLATES
-
-
-def start(**options) -> tuple[Skirmish, int]:
-    """A rich player 0 with a peasant at (8, 8); player 1 has one far off."""
-    skirmish = Skirmish(**options)
-    skirmish.fill_store(0, *RICH)
-    skirmish.fill_store(1, *RICH)
-    worker = skirmish.put(0, PEASANT, 8, 8)
-    skirmish.put(1, PEASANT, 1, 1)
-    return skirmish, worker
-
-
-def feed(skirmish: Skirmish, player: int, food: int = 50) -> None:
-    skirmish.world.players[player, FOOD_MADE] += food
-
-
-def of(skirmish: Skirmish, player: int, column: int) -> int:
-    return int(skirmish.world.players[player, column])
 
 
 # --- training ------------------------------------------------------------------------------------

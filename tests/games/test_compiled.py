@@ -1,11 +1,13 @@
 """The compiler's cache: made anew when it must be, and the user's own settings left alone."""
 
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 
 from marl_cair.games import compiled as compiled_module
@@ -60,7 +62,7 @@ def test_the_digest_changes_with_the_bounds_check_and_the_version(sources, monke
 def test_a_rule_is_kept_under_the_digest_of_its_game_and_a_helper_under_the_shared_one():
     for function, game in ((step, "deep_line_wars"), (mix, None)):
         folder = str(cache_root() / source_digest(game))
-        assert function._cache.cache_path.startswith(folder)
+        assert function.entry._cache.cache_path.startswith(folder)
     assert source_digest("deep_line_wars") != source_digest()
 
 
@@ -88,8 +90,49 @@ def test_the_users_cache_folder_is_restored_after_a_failure(monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", "/users/choice")
     monkeypatch.setattr(compiled_module, "_NJIT", None)
     with pytest.raises(TypeError):
-        compiled(len)
+        compiled(lambda number: number)(4)
     assert numba.config.CACHE_DIR == "/users/choice"
+
+
+@compiled
+def half(number):
+    return number / 2
+
+
+@compiled
+def halve_all(numbers):
+    for index in range(len(numbers)):
+        numbers[index] = half(numbers[index]) + half(index)
+
+
+def test_a_rule_is_called_by_python_and_by_other_rules_whichever_comes_first():
+    numbers = np.array([2.0, 4.0, 6.0])
+    halve_all(numbers)
+    assert numbers.tolist() == [1.0, 2.5, 4.0]
+    assert (half(3), half(3.0)) == (1.5, 1.5)
+    halve_all(numbers)
+    assert numbers.tolist() == [0.5, 1.75, 3.0]
+
+
+@pytest.mark.skipif(not is_compiling(), reason="NUMBA_DISABLE_JIT=1")
+def test_a_rule_called_by_rules_only_gets_no_machine_code():
+    @compiled
+    def double(number):
+        return 2 * number
+
+    @compiled
+    def quadruple(number):
+        return double(double(number))
+
+    assert quadruple(3) == 12
+    assert len(double.overloads) == 1
+    assert "entry" not in vars(double)
+    assert quadruple.entry.overloads
+    assert not quadruple.overloads
+
+
+def test_a_rule_survives_pickling():
+    assert pickle.loads(pickle.dumps(half))(5) == 2.5  # noqa: S301  # its own
 
 
 RUN_ENGINE = """

@@ -73,6 +73,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
         ticks_per_step=scenario.ticks_per_step,
         max_ticks=scenario.max_ticks,
         reward_bound=_reward_bound(scenario),
+        teams=scenario.teams,
     )
 
 

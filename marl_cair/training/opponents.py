@@ -55,10 +55,12 @@ class OpponentBook:
         self._groups, self._is_alone = spec.action_groups, spec.num_teams == 1
         self.bots: dict[int, Agent] = {}
         self.names: dict[int, str] = {LATEST_ID: LATEST}
-        for number, name in enumerate(game.bots):
-            bot = game.bot(name, scenario)
-            bot.seed(seed + 1 + number)
-            self.bots[1 + number], self.names[1 + number] = bot, name
+        needed = set() if self._is_alone else set(settings.choose_bots(game.bots))
+        for number, name in enumerate(game.bots, start=1):
+            self.names[number] = name
+            if name in needed:
+                self.bots[number] = game.bot(name, scenario)
+                self.bots[number].seed(seed + number)
         self.snapshots: list[Snapshot] = []
         self.retired: list[Snapshot] = []  # out of the pool, with games still to finish
         self.active: list[int] = []  # numbers of the snapshots that play now

@@ -103,8 +103,8 @@ class TrainingRun:
         self.game = GAMES[game.name]
         self.scenario = self.game.scenario(game.scenario, **game.options)
         bots_look_at = {
-            bot(self.scenario, self.game.make_spec(self.scenario)).representation
-            for bot in self.game.bots.values()
+            self.game.bot(bot, self.scenario).representation
+            for bot in self.config.opponent.choose_bots(self.game.bots)
         }
         options = dataclasses.asdict(self.scenario)
         options["reward"] = game.reward

@@ -28,7 +28,8 @@ _PARSER_OPTIONS = ("game", "scenario", "games", "seed")
 
 def run(arguments: Sequence[str]) -> int:
     """Play and print, each variant as soon as it is played; returns the exit code."""
-    options = make_parser().parse_args(split_words(arguments))
+    # Intermixed: `match A B games=8 max_ticks=500` has an option between its words.
+    options = make_parser().parse_intermixed_args(split_words(arguments))
     game, name, fields = find_scenario(options.agents, options.game, options.scenario)
     variants = read_variants(game, game.scenario(name, **fields), options.options)
     width = max(map(len, [name, *variants]))

@@ -181,13 +181,13 @@ class Bot:
     def __init__(self, name, action=None):
         self.name, self.action = name, action
         self.luck = np.random.default_rng(0)
-        self.rows = []  # what it was shown: (seat, tick) of each row
+        self.rows = []  # what it was shown: (seat, has it left, tick) of each row
 
     def seed(self, seed):
         self.luck = np.random.default_rng(seed)
 
     def act(self, observation, action_mask):
-        self.rows += observation[:, [0, 2], 0, 0].tolist()
+        self.rows += observation[:, :3, 0, 0].tolist()
         if self.action is None:
             return np.argmax(self.luck.random(action_mask.shape) * action_mask, axis=1)
         return np.where(action_mask[:, self.action], self.action, NOOP)
@@ -218,6 +218,7 @@ GAME = Game(
         "ffa-3": Scenario(),
         "ffa-4": Scenario(num_players=4),
         "duel": Scenario(num_players=2),
+        "ffa-8": Scenario(num_players=8),
         "teams": Scenario(num_players=4, teams=(0, 1, 1, 0)),
         "uneven": Scenario(num_players=6, teams=(7, 3, 3, 7, 5, 3)),
         "alone": Scenario(num_players=1),

@@ -13,6 +13,7 @@ from torchrl.envs.utils import check_env_specs
 from torchrl.modules import RandomPolicy
 
 from marl_cair.games.game import NO_WINNER
+from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
 from marl_cair.games.parallel_env import GameParallelEnv
 from marl_cair.games.standings import share_points
 from marl_cair.games.torchrl_env import DONE_KEYS, GROUP, BatchedGameEnv
@@ -151,6 +152,27 @@ def test_a_saved_game_remembers_who_is_out():
     act(env, env.reset(), [[NOOP, LEAVE, NOOP]])
     other.load_game_state(env.game_state())
     assert other.current()[GROUP, "done"].squeeze(-1).tolist() == [[False, True, False]]
+
+
+# --- Gymnasium ---------------------------------------------------------------------------------
+
+
+def test_a_gymnasium_game_ends_when_the_learners_seat_is_out():
+    env = GameEnv(NAME, "ffa-4", opponent="idle", seat=2)
+    env.reset(seed=0)
+    assert env.step(np.int64(NOOP))[1:4] == (0.0, False, False)
+    assert env.step(np.int64(LEAVE))[1:4] == (-1.0, True, False)
+    assert not env.engine.terminated.any()
+
+
+def test_a_gymnasium_vector_resets_a_world_that_the_learners_seat_has_left():
+    env = GameVectorEnv(NAME, "ffa-4", num_envs=2, opponent="idle", seat=1)
+    env.reset(seed=0)
+    _, rewards, terminated, *_ = env.step(np.array([LEAVE, NOOP]))
+    assert (rewards.tolist(), terminated.tolist()) == ([-1.0, 0.0], [True, False])
+    seen, _, terminated, *_ = env.step(np.array([NOOP, NOOP]))
+    assert not terminated.any()
+    assert seen[:, 2, 0, 0].tolist() == [0, 2]
 
 
 # --- teams and points ------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from marl_cair.league.solo import compare, play_alone
 from tests.games import last_standing
 from tests.games.last_standing import FINISH, GAME, NOOP
 
-MANY = ["ffa-3", "ffa-4", "teams", "uneven"]
+MANY = ["ffa-3", "ffa-4", "ffa-8", "teams", "uneven"]
 
 
 def bot(name):
@@ -29,7 +29,13 @@ def play(first, second, scenario, num_games, seed=3, identities=None):
 
 @pytest.mark.parametrize(
     ("scenario", "first_seats"),
-    [("ffa-3", [0, 1, 2]), ("ffa-4", [0, 1, 2, 3]), ("teams", [0, 1]), ("uneven", [0, 1, 4])],
+    [
+        ("ffa-3", [0, 1, 2]),
+        ("ffa-4", [0, 1, 2, 3]),
+        ("ffa-8", list(range(8))),
+        ("teams", [0, 1]),
+        ("uneven", [0, 1, 4]),
+    ],
 )
 def test_each_map_seed_is_played_once_with_the_first_agent_in_each_team(scenario, first_seats):
     match = play("random", "random", scenario, 3 * len(first_seats))
@@ -54,7 +60,7 @@ def test_the_first_agent_plays_its_whole_team_and_the_second_all_others(scenario
 def test_seats_of_the_first_agent_are_those_of_its_team():
     first, second = bot("finisher"), bot("idle")
     play_chunks(first, second, GAME, GAME.scenario("uneven"), 0, (0,))
-    shown = sorted(seat - 1 for seat, _ in first.rows[:6])
+    shown = sorted(seat - 1 for seat, *_ in first.rows[:6])
     assert shown == sorted([0, 3, 1, 2, 5, 4])  # once in each team, over the games of a block
     assert len(second.rows) == 2 * len(first.rows)
 
@@ -62,8 +68,8 @@ def test_seats_of_the_first_agent_are_those_of_its_team():
 def test_an_agent_is_not_asked_for_seats_that_are_out():
     first, second = bot("quitter"), bot("idle")
     play_chunks(first, second, GAME, GAME.scenario("ffa-3"), 0, (0,))
-    assert {tick for _, tick in first.rows} == {0}
-    assert {tick for _, tick in second.rows} == set(range(12))
+    assert {tick for *_, tick in first.rows} == {0}
+    assert {tick for *_, tick in second.rows} == set(range(12))
 
 
 @pytest.mark.parametrize("scenario", MANY)

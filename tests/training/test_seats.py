@@ -30,7 +30,7 @@ from tests.games import last_standing
 from tests.games.last_standing import GAME, LEAVE, NAME, NOOP
 from tests.training.runs import NEVER, digest
 
-SCENARIOS = ["ffa-3", "ffa-4", "duel", "teams", "uneven", "alone", "together"]
+SCENARIOS = ["ffa-3", "ffa-4", "ffa-8", "duel", "teams", "uneven", "alone", "together"]
 
 
 @pytest.fixture(autouse=True)
@@ -109,18 +109,18 @@ def test_against_itself_the_learner_plays_every_seat_that_is_in(tmp_path, scenar
     data = collect(make_run(tmp_path, scenario, {"latest": 1.0}))
     out = data["player", "done"].squeeze(-1)
     assert torch.equal(data["player", "learned"], ~out)
-    assert out.any() == (scenario in ("ffa-3", "ffa-4", "uneven"))
+    assert out.any() == (scenario in ("ffa-3", "ffa-4", "ffa-8", "uneven"))
 
 
 def test_a_seat_that_is_out_plays_the_no_op_and_nobody_is_asked_for_it(tmp_path):
-    run = make_run(tmp_path, "ffa-4", {"quitter": 0.5, "random": 0.5})
-    quitter = run.book.bots[1 + list(GAME.bots).index("quitter")]
+    run = make_run(tmp_path, "ffa-4", {"random": 1.0})
+    (bot,) = run.book.bots.values()
     data = collect(run)
     out = data["player", "done"].squeeze(-1)
     assert out.any()
     assert (data["player", "action"][out] == NOOP).all()
     assert not run.env.engine.illegal_actions.any()
-    assert {tick for _, tick in quitter.rows} == {0}  # it leaves at once, and is not seen again
+    assert {has_left for _, has_left, _ in bot.rows} == {0}
 
 
 @pytest.mark.parametrize("scenario", ["alone", "together"])

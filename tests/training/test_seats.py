@@ -166,7 +166,11 @@ def test_the_step_at_which_a_seat_goes_out_is_terminal_and_its_last(tmp_path, sc
                 num_early += 1
                 assert game["next", "player", "reward"][length - 1, seat, 0] == -1.0
     assert num_early > 10
-    assert torch.equal(rollout.learned, data["player", "learned"].transpose(0, 1).flatten(1))
+    for stored, collected in (
+        (rollout.learned, data["player", "learned"]),
+        (rollout.terminated, data["next", "player", "terminated"].squeeze(-1)),
+    ):
+        assert torch.equal(stored, collected.transpose(0, 1).flatten(1))
 
 
 @pytest.mark.parametrize("n_steps", [1, 4])
@@ -175,8 +179,14 @@ def test_returns_of_a_seat_that_goes_out_end_with_its_last_reward(tmp_path, n_st
     learner = LearnerSettings(batch_size=16, n_steps=n_steps, gamma=0.5)
     run = make_run(tmp_path, "ffa-4", {"latest": 1.0}, learner=learner)
     batches = iter(run.collector)
+    num_learned = 0
     for _ in range(6):
-        run.replay.real.extend_rollout(make_rollout(next(batches), 1.0))
+        rollout = make_rollout(next(batches), 1.0)
+        num_learned += int(rollout.learned.sum())
+        run.replay.real.extend_rollout(rollout)
+    # All steps have an end that is known, but the newest of seats that are still in.
+    num_open = int((rollout.learned & ~rollout.terminated & ~rollout.truncated)[-1].sum())
+    assert run.replay.real.num_sampleable == num_learned - num_open
     rows = run.replay.real.sample(4_000)
     left = rows["observation"][:, 1, 0, 0] == 1
     assert not left.any()  # no state is stored of a seat that has left

@@ -208,11 +208,14 @@ def test_the_generator_learns_nothing_of_seats_that_are_out(tmp_path):
     """It hears of each stored step once, with the end that replay gives to it."""
     run = make_run(tmp_path, "ffa-4", {"latest": 1.0})
     batches = iter(run.collector)
-    heard = []
+    heard, num_leaving = [], 0
     for _ in range(6):
-        slots = run.replay.real.extend_rollout(make_rollout(next(batches), 1.0))
+        rollout = make_rollout(next(batches), 1.0)
+        num_leaving += int((rollout.learned & (rollout.action == LEAVE)).sum())
+        slots = run.replay.real.extend_rollout(rollout)
         heard.append(run.replay.real.read_single_steps(slots))
     rows = torch.cat(heard)
+    assert (rows["action"] == LEAVE).sum() == num_leaving
     assert not (rows["observation"][:, 1, 0, 0] == 1).any()
     assert rows["next", "terminated"][rows["action"] == LEAVE].all()
     going_on = ~rows["next", "terminated"].squeeze(1)

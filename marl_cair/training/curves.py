@@ -24,7 +24,8 @@ PICTURE_INCHES = (13.0, 7.6)
 
 
 def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathLike[str]) -> None:
-    """Write a PNG of six panels: win rates, TD errors, overestimation, generator, speed, actions.
+    """Write a PNG of six panels: win rates (returns, where one plays alone), TD errors,
+    overestimation, generator, speed, actions.
 
     runs: label -> run folder (with log.csv). Raises ValueError where no run has logged anything.
     """
@@ -63,18 +64,24 @@ def _names(logs: Mapping[str, Rows], prefix: str, depth: int = 1) -> list[str]:
 
 
 def _draw_win_rates(panel: Any, logs: Mapping[str, Rows]) -> None:
-    bots = [name.partition("/")[2] for name in _names(logs, "win_rate/")]
+    kind, joint = ("win_rate", " v ") if _names(logs, "win_rate/") else ("return", ": ")
+    rated = [name.partition("/")[2] for name in _names(logs, f"{kind}/")]
     for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
-        for style, bot in zip(cycle(STYLES), bots, strict=False):
-            name = f"win_rate/{bot}"
+        for style, who in zip(cycle(STYLES), rated, strict=False):
+            name = f"{kind}/{who}"
             frames, rates = _series(rows, name)
             low, high = _series(rows, f"{name}/low")[1], _series(rows, f"{name}/high")[1]
-            panel.plot(frames, rates, style, color=colour, label=f"{label} v {bot}", marker=".")
+            panel.plot(frames, rates, style, color=colour, label=f"{label}{joint}{who}", marker=".")
             if len(low) == len(rates):
                 panel.fill_between(frames, low, high, color=colour, alpha=0.12, linewidth=0)
-    panel.set(
-        title="Greedy play, sparse reward", ylabel="score (win 1, draw ½)", ylim=(-0.03, 1.03)
-    )
+    for name in _names(logs, "fair_share/"):
+        share = next(row[name] for rows in logs.values() for row in rows if name in row)
+        panel.axhline(share, color="black", linewidth=0.8, label="fair share")
+    panel.set(title="Greedy play, sparse reward")
+    if kind == "win_rate":
+        panel.set(ylabel="score (win 1, draws are shared)", ylim=(-0.03, 1.03))
+    else:
+        panel.set(ylabel="return of a game")
     _add_legend(panel)
 
 

@@ -11,6 +11,7 @@ from marl_cair.training.config import (
     CheckpointSettings,
     CollectorSettings,
     EvaluationSettings,
+    ExplorationSettings,
     GameSettings,
     GeneratorSettings,
     LearnerSettings,
@@ -43,6 +44,29 @@ def tiny(folder, frames=2_560, **changes):
             batch_size=16, frames_per_update=128, evaluate_every_frames=1_024
         ),
         evaluation=EvaluationSettings(every_frames=NEVER, bots=()),
+        checkpoint=CheckpointSettings(every_frames=NEVER),
+    )
+    return dataclasses.replace(config, **changes)
+
+
+def small(folder, scenario, mixture=None, frames=768, **changes):
+    """A run on the test game, which a test makes known by `last_standing.register`."""
+    config = TrainConfig(
+        out=str(folder),
+        total_frames=frames,
+        torch_threads=1,
+        policy=QNetworkConfig(hidden_width=8),
+        game=GameSettings("last_standing", scenario, reward="sparse"),
+        opponent=OpponentSettings(
+            mixture or {"latest": 0.3, "random": 0.4, "pool": 0.3}, snapshot_every_frames=256
+        ),
+        collector=CollectorSettings(num_worlds=8, steps_per_batch=16),
+        exploration=ExplorationSettings(anneal_frames=NEVER),
+        replay=ReplaySettings(3_000, 300, min_transitions=64),
+        learner=LearnerSettings(batch_size=16, n_steps=4),
+        generator=GeneratorSettings(name="none"),
+        synthetic_fraction=0.0,
+        evaluation=EvaluationSettings(every_frames=512, games=5, bots=("idle", "random")),
         checkpoint=CheckpointSettings(every_frames=NEVER),
     )
     return dataclasses.replace(config, **changes)

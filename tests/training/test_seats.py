@@ -1,34 +1,19 @@
 """Seats in training: teams, seats that are out, nobody to meet; on the test game and its bots."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 import torch
 
-from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.replay.transition import NO_OPPONENT
-from marl_cair.training.config import (
-    CheckpointSettings,
-    CollectorSettings,
-    EvaluationSettings,
-    ExplorationSettings,
-    GameSettings,
-    GeneratorSettings,
-    LearnerSettings,
-    OpponentSettings,
-    ReplaySettings,
-    TrainConfig,
-)
-from marl_cair.training.evaluation import evaluate, rate_on
+from marl_cair.training.config import LearnerSettings
 from marl_cair.training.metrics import read_log
 from marl_cair.training.opponents import LATEST_ID
 from marl_cair.training.rollout import make_rollout
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
 from tests.games import last_standing
-from tests.games.last_standing import GAME, LEAVE, NAME, NOOP
-from tests.training.runs import NEVER, digest
+from tests.games.last_standing import GAME, LEAVE, NOOP
+from tests.training.runs import digest, small
 
 SCENARIOS = ["ffa-3", "ffa-4", "ffa-8", "duel", "teams", "uneven", "alone", "together"]
 
@@ -36,28 +21,6 @@ SCENARIOS = ["ffa-3", "ffa-4", "ffa-8", "duel", "teams", "uneven", "alone", "tog
 @pytest.fixture(autouse=True)
 def _known(monkeypatch):
     last_standing.register(monkeypatch)
-
-
-def small(folder, scenario, mixture=None, frames=768, **changes):
-    config = TrainConfig(
-        out=str(folder),
-        total_frames=frames,
-        torch_threads=1,
-        policy=QNetworkConfig(hidden_width=8),
-        game=GameSettings(NAME, scenario, reward="sparse"),
-        opponent=OpponentSettings(
-            mixture or {"latest": 0.3, "random": 0.4, "pool": 0.3}, snapshot_every_frames=256
-        ),
-        collector=CollectorSettings(num_worlds=8, steps_per_batch=16),
-        exploration=ExplorationSettings(anneal_frames=NEVER),
-        replay=ReplaySettings(3_000, 300, min_transitions=64),
-        learner=LearnerSettings(batch_size=16, n_steps=4),
-        generator=GeneratorSettings(name="none"),
-        synthetic_fraction=0.0,
-        evaluation=EvaluationSettings(every_frames=512, games=5, bots=("idle", "random")),
-        checkpoint=CheckpointSettings(every_frames=NEVER),
-    )
-    return dataclasses.replace(config, **changes)
 
 
 def make_run(tmp_path, scenario, mixture=None, **changes):
@@ -293,77 +256,3 @@ def test_a_resumed_run_of_any_seats_equals_one_that_was_never_stopped(tmp_path, 
 def test_a_run_against_itself_keeps_the_learners_number(tmp_path):
     data = collect(make_run(tmp_path, "teams", {"latest": 1.0}))
     assert (data["player", "opponent"] == LATEST_ID).all()
-
-
-# --- evaluation while training ---------------------------------------------------------------
-
-
-def agent(name):
-    return GAME.bots[name](None, None)
-
-
-@pytest.mark.parametrize(
-    ("scenario", "num_games", "fair"), [("ffa-3", 5, 1 / 3), ("uneven", 6, 1 / 3), ("duel", 5, 0.5)]
-)
-def test_win_rates_stand_beside_the_fair_share(scenario, num_games, fair):
-    chosen = GAME.scenario(scenario)
-    scores, row = rate_on(agent("finisher"), GAME, chosen, ("idle", "quitter"), num_games, 0)
-    assert scores == [1.0, 1.0]
-    assert row["win_rate/idle"] == row["win_rate/idle/high"] == 1.0
-    assert 0.3 < row["win_rate/idle/low"] < 1.0
-    assert row.get("fair_share/learner", 0.5) == pytest.approx(fair)
-
-
-def test_alone_the_return_stands_beside_those_of_bots():
-    scores, row = rate_on(agent("scorer"), GAME, GAME.scenario("alone"), ("idle", "random"), 20, 0)
-    assert scores == [row["return/learner"]]
-    assert row["return/idle"] == 0.0
-    assert row["return_gain/idle"] == pytest.approx(row["return/learner"])
-    assert row["return_gain/random"] == pytest.approx(row["return/learner"] - row["return/random"])
-    assert row["return/learner/low"] < row["return/learner"] < row["return/learner/high"]
-
-
-def test_held_out_scenarios_are_rated_beside_the_training_one(tmp_path):
-    """Held out: nobody gains there, so the scores tell the two apart."""
-    settings = EvaluationSettings(
-        games=4, bots=("idle",), scenarios={"heldout": {"gain": 0}, "short": {"max_ticks": 2}}
-    )
-    config = small(tmp_path, "alone", evaluation=settings)
-    scores, row = evaluate(agent("scorer"), GAME, GAME.scenario("alone"), config, 0)
-    assert scores == [row["return/learner"]]
-    assert row["return/learner@heldout"] == row["return/idle@heldout"] == 0.0
-    assert row["return/learner@short"] == pytest.approx(row["return/learner"] / 6)
-    assert {"return/learner@heldout/low", "return_gain/idle@short/high"} <= set(row)
-
-
-def test_the_best_agent_is_chosen_by_the_training_scenario(tmp_path):
-    settings = EvaluationSettings(
-        every_frames=128, games=4, bots=("idle",), scenarios={"heldout": {"gain": 0}}
-    )
-    config = small(tmp_path / "a", "alone", frames=256, evaluation=settings)
-    train(config, show_progress=False)
-    rows = read_log(tmp_path / "a" / "log.csv")
-    run = TrainingRun(config, resume=True)
-    assert run.best_score == max(row["return/learner"] for row in rows)
-    assert all(row["return/learner@heldout"] == 0.0 for row in rows)
-    run.close()
-
-
-@pytest.mark.parametrize(
-    ("scenarios", "message"),
-    [
-        ({"a/b": {}}, "names of letters, digits, _ and -"),
-        ({"a": {"reward": "sparse"}}, "without reward: it is always sparse"),
-        ({"a": {"gian": 3}}, "unknown last_standing option 'gian'"),
-    ],
-)
-def test_scenarios_that_cannot_be_rated_are_refused(tmp_path, scenarios, message):
-    with pytest.raises(ValueError, match=message):
-        small(tmp_path, "alone", evaluation=EvaluationSettings(scenarios=scenarios))
-
-
-def test_a_board_of_another_size_is_refused():
-    with pytest.raises(ValueError, match=r"heldout shows \[28, 11, 11\] and has .* training shows"):
-        TrainConfig(
-            evaluation=EvaluationSettings(scenarios={"heldout": {"rows": 11, "columns": 11}})
-        )

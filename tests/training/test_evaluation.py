@@ -1,0 +1,112 @@
+"""Evaluation while training: fair shares, returns of who plays alone, held-out scenarios."""
+
+import pytest
+
+from marl_cair.training.config import EvaluationSettings, TrainConfig
+from marl_cair.training.curves import draw_curves
+from marl_cair.training.evaluation import evaluate, rate_on
+from marl_cair.training.metrics import read_log
+from marl_cair.training.run import TrainingRun
+from marl_cair.training.trainer import train
+from tests.games import last_standing
+from tests.games.last_standing import GAME
+from tests.training.runs import small
+
+
+@pytest.fixture(autouse=True)
+def _known(monkeypatch):
+    last_standing.register(monkeypatch)
+
+
+def agent(name):
+    return GAME.bots[name](None, None)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "num_games", "fair"), [("ffa-3", 5, 1 / 3), ("uneven", 6, 1 / 3), ("duel", 5, 0.5)]
+)
+def test_win_rates_stand_beside_the_fair_share(scenario, num_games, fair):
+    chosen = GAME.scenario(scenario)
+    scores, row = rate_on(agent("finisher"), GAME, chosen, ("idle", "quitter"), num_games, 0)
+    assert scores == [1.0, 1.0]
+    assert row["win_rate/idle"] == row["win_rate/idle/high"] == 1.0
+    assert 0.3 < row["win_rate/idle/low"] < 1.0
+    assert row.get("fair_share/learner", 0.5) == pytest.approx(fair)
+
+
+def test_alone_the_return_stands_beside_those_of_bots():
+    scores, row = rate_on(agent("scorer"), GAME, GAME.scenario("alone"), ("idle", "random"), 20, 0)
+    assert scores == [row["return/learner"]]
+    assert row["return/idle"] == 0.0
+    assert row["return_gain/idle"] == pytest.approx(row["return/learner"])
+    assert row["return_gain/random"] == pytest.approx(row["return/learner"] - row["return/random"])
+    assert row["return/learner/low"] < row["return/learner"] < row["return/learner/high"]
+
+
+def test_held_out_scenarios_are_rated_beside_the_training_one(tmp_path):
+    """Held out: nobody gains there, so the scores tell the two apart."""
+    settings = EvaluationSettings(
+        games=4, bots=("idle",), scenarios={"heldout": {"gain": 0}, "short": {"max_ticks": 2}}
+    )
+    config = small(tmp_path, "alone", evaluation=settings)
+    scores, row = evaluate(agent("scorer"), GAME, GAME.scenario("alone"), config, 0)
+    assert scores == [row["return/learner"]]
+    assert row["return/learner@heldout"] == row["return/idle@heldout"] == 0.0
+    assert row["return/learner@short"] == pytest.approx(row["return/learner"] / 6)
+    assert {"return/learner@heldout/low", "return_gain/idle@short/high"} <= set(row)
+
+
+def test_the_best_agent_is_chosen_by_the_training_scenario(tmp_path):
+    settings = EvaluationSettings(
+        every_frames=128, games=4, bots=("idle",), scenarios={"heldout": {"gain": 0}}
+    )
+    config = small(tmp_path / "a", "alone", frames=256, evaluation=settings)
+    train(config, show_progress=False)
+    rows = read_log(tmp_path / "a" / "log.csv")
+    run = TrainingRun(config, resume=True)
+    assert run.best_score == max(row["return/learner"] for row in rows)
+    assert all(row["return/learner@heldout"] == 0.0 for row in rows)
+    run.close()
+
+
+@pytest.mark.parametrize(
+    ("scenarios", "message"),
+    [
+        ({"a/b": {}}, "names of letters, digits, _ and -"),
+        ({"a": {"reward": "sparse"}}, "without reward: it is always sparse"),
+        ({"a": {"gian": 3}}, "unknown last_standing option 'gian'"),
+    ],
+)
+def test_scenarios_that_cannot_be_rated_are_refused(tmp_path, scenarios, message):
+    with pytest.raises(ValueError, match=message):
+        small(tmp_path, "alone", evaluation=EvaluationSettings(scenarios=scenarios))
+
+
+def test_a_board_of_another_size_is_refused():
+    with pytest.raises(ValueError, match=r"heldout shows \[28, 11, 11\] and has .* training shows"):
+        TrainConfig(
+            evaluation=EvaluationSettings(scenarios={"heldout": {"rows": 11, "columns": 11}})
+        )
+
+
+@pytest.mark.parametrize(
+    ("scenario", "expected"),
+    [
+        ("alone", {"run: learner", "run: idle", "run: learner@heldout", "run: idle@heldout"}),
+        ("ffa-3", {"run v idle", "run v idle@heldout", "fair share"}),
+        ("duel", {"run v idle", "run v idle@heldout"}),
+    ],
+)
+def test_curves_show_what_was_rated(tmp_path, monkeypatch, scenario, expected):
+    settings = EvaluationSettings(
+        every_frames=128, games=2, bots=("idle",), scenarios={"heldout": {"gain": 0}}
+    )
+    train(small(tmp_path / "a", scenario, frames=256, evaluation=settings), show_progress=False)
+    shown = []
+    monkeypatch.setattr(
+        "marl_cair.training.curves._add_legend",
+        lambda panel: shown.append(set(panel.get_legend_handles_labels()[1])),
+    )
+    draw_curves({"run": tmp_path / "a"}, tmp_path / "curves.png")
+    assert shown[0] == expected
+    assert (tmp_path / "curves.png").stat().st_size > 0

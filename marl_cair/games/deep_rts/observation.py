@@ -246,7 +246,7 @@ def level_left(world: Any, rules: Any, tile: int, cell: int) -> int:
     if tile == UNKNOWN or rules.tiles[tile, TILE_AMOUNT] == 0:
         return 0
     left = max(0, int(world.board[AMOUNT, cell]))
-    return int(min(FULL, int(left * rules.level_per_unit[tile])))
+    return int(min(FULL, FULL * left // int(rules.tiles[tile, TILE_AMOUNT])))
 
 
 @compiled

@@ -13,6 +13,7 @@ from marl_cair.cli.compose import compose_config, list_groups
 from marl_cair.cli.options import list_options
 from marl_cair.cli.train import describe_options
 from marl_cair.games import GAMES
+from marl_cair.lookup import UnknownNameError
 from marl_cair.training.config_file import load_config, save_config
 
 SMALL = (

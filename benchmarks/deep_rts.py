@@ -1,6 +1,6 @@
 """Speed of Deep RTS on the workloads on which the original was measured.
 
-    python -m benchmarks.deep_rts [--worlds 64] [--seconds 1.0] [--processor-time]
+    python -m benchmarks.deep_rts [--worlds 256] [--seconds 1.0] [--processor-time]
                                   [--original /tmp/deep_rts_original]
 
 One thread, random actions of the `classic` space at each tick, resets included; best of 5. `rich`
@@ -14,9 +14,8 @@ a copy of its state array at each tick; it has no masks. To make its executable 
     git clone https://github.com/cair/deep-rts /tmp/deep-rts
     benchmarks/original_deep_rts/build.sh /tmp/deep-rts /tmp/deep_rts_original
 
-The executable reads its maps from that clone. It plays whole games; ours of a rich row all end
-together, and only several --seconds weigh their cheap start and their crowded end alike. On a
-machine that others use too, --processor-time counts the seconds that each side computed.
+The executable reads its maps from that clone. On a machine that others use too, --processor-time
+counts the seconds that each side computed.
 """
 
 from __future__ import annotations
@@ -30,6 +29,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.engine import REPEATS, measure
 from marl_cair.games import make_engine
@@ -61,6 +61,7 @@ class Workload:
     preset: str = "original"
     max_ticks: int = 10_000
     reads: str = ""  # "planes", or "planes and masks"
+    num_worlds: int = 512  # fewer where their planes would not fit the processor's caches
 
     def make_engine(self, num_worlds: int) -> BatchedEngine:
         """The worlds."""
@@ -79,11 +80,17 @@ class Workload:
 
 WORKLOADS = (
     Workload("15x15, 2 players", "15x15-2p-crossing", 2),
-    Workload("the same, planes and masks", "15x15-2p-crossing", 2, reads="planes and masks"),
+    Workload(
+        "the same, planes and masks",
+        "15x15-2p-crossing",
+        2,
+        reads="planes and masks",
+        num_worlds=256,
+    ),
     Workload("15x15, 2 players, rich", "15x15-2p-crossing", 2, "rich", 3_000),
     Workload("31x31, 6 players", "31x31-6p-frontier", 6),
     Workload("31x31, 6 players, rich", "31x31-6p-frontier", 6, "rich", 3_000),
-    Workload("31x31, 6 players, planes", "31x31-6p-frontier", 6, reads="planes"),
+    Workload("31x31, 6 players, planes", "31x31-6p-frontier", 6, reads="planes", num_worlds=128),
 )
 
 
@@ -97,14 +104,23 @@ def prepare(workload: Workload, num_worlds: int) -> tuple[Callable[[], int], Cal
     mask = engine.action_mask()
     most = 0
 
+    def step(chosen: NDArray[np.int32], restarted: NDArray[np.bool_]) -> None:
+        engine.step(chosen)
+        ended = engine.terminated | engine.truncated | restarted
+        if ended.any():
+            episodes[ended] += 1
+            engine.reset(episode_seeds(0, indices, episodes), ended)
+
+    # One world after the other begins anew, so that games of all ages are measured at any time.
+    starts = indices * workload.max_ticks // num_worlds
+    for tick in range(workload.max_ticks):
+        step(actions[tick % ACTION_SETS], starts == tick)
+    nobody = np.zeros(num_worlds, np.bool_)
+
     def play() -> int:
         nonlocal most
         for chosen in actions:
-            engine.step(chosen)
-            ended = engine.terminated | engine.truncated
-            if ended.any():
-                episodes[ended] += 1
-                engine.reset(episode_seeds(0, indices, episodes), ended)
+            step(chosen, nobody)
             if workload.reads:
                 engine.observe_in_place("planes")
             if workload.reads == "planes and masks":
@@ -165,11 +181,13 @@ def print_table(options: argparse.Namespace) -> None:
     if original:
         original.check()
     clock = time.process_time if options.processor_time else time.perf_counter
-    print(f"deep_rts, {options.worlds} worlds, one thread, best of {REPEATS}")
+    print(f"deep_rts, one thread, best of {REPEATS}")
     for workload in WORKLOADS:
-        play, most = prepare(workload, options.worlds)
+        num_worlds = options.worlds or workload.num_worlds
+        play, most = prepare(workload, num_worlds)
         rate = measure(play, options.seconds, clock)
-        row = f"{workload.name:40s} {rate:12,.0f} ticks/s, up to {most():4d} units"
+        row = f"{workload.name:30s} {num_worlds:5d} worlds {rate:11,.0f} ticks/s, up to {most():4d}"
+        row += " units"
         if original and workload.map in ORIGINAL_MAPS:
             theirs, units = original.measure(workload, options.seconds)
             row += f"; original {theirs:10,.0f}, up to {units:4d}; ratio {rate / theirs:6.2f}"
@@ -179,7 +197,7 @@ def print_table(options: argparse.Namespace) -> None:
 def main() -> None:
     """Read the options, measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--worlds", type=int, default=64)
+    parser.add_argument("--worlds", type=int, help="of every workload (default: its own number)")
     parser.add_argument("--seconds", type=float, default=1.0, help="of each repeat")
     parser.add_argument(
         "--processor-time", action="store_true", help="seconds computed, not passed"

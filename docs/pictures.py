@@ -1,4 +1,4 @@
-"""The pictures of scenarios in the documentation: python docs/pictures.py
+"""The pictures of scenarios in the documentation, drawn anew by `python docs/pictures.py`.
 
 Bots play, seeded; each picture is what a spectator or one seat sees after so many decisions.
 """
@@ -17,7 +17,7 @@ from marl_cair.games import make_engine
 from marl_cair.games.engine import BatchedEngine
 
 matplotlib.use("Agg")
-from matplotlib import pyplot as plt  # noqa: E402  # without a screen
+from matplotlib import pyplot as plt  # without a screen
 
 IMAGES = Path(__file__).parent / "images"
 

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import sys
-import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from marl_cair.games.announcing import announced
 from marl_cair.games.compiled import is_compiling
 from marl_cair.games.game import NO_WINNER, Game, GameSpec, Representation
 from marl_cair.lookup import find_by_name
-
-_ANNOUNCE_AFTER_SECONDS = 1.0
 
 
 class Outcome(NamedTuple):
@@ -299,7 +295,7 @@ class BatchedEngine:
     def _run(self, kernel: Callable[..., None], worlds: Any, *arguments: Any) -> None:
         """Run a kernel over `worlds`, in slices on the threads when there are any."""
         if kernel not in _kernels_in_use:
-            with _announced(self.game.name):
+            with announced(self.game.name):
                 self._run_slices(kernel, worlds, *arguments)
             _kernels_in_use.add(kernel)
         else:
@@ -380,23 +376,3 @@ class BatchedEngine:
 
 
 _kernels_in_use: set[Callable[..., None]] = set()
-_announced_games: set[str] = set()
-
-
-def _announce(game: str) -> None:
-    if game not in _announced_games:
-        _announced_games.add(game)
-        message = f"marl_cair: compiling the rules of {game} (once for each version) ...\n"
-        sys.stderr.write(message)
-
-
-@contextmanager
-def _announced(game: str) -> Iterator[None]:
-    """Tell the user when the first call of a kernel keeps them waiting for the compiler."""
-    timer = threading.Timer(_ANNOUNCE_AFTER_SECONDS, _announce, (game,))
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()

@@ -131,13 +131,13 @@ class BatchedEngine:
         self._has_started = True
 
     def step(self, actions: NDArray[Any]) -> None:
-        """One decision of every seat: integer actions [B, P]. A finished world ignores it.
+        """One decision of every seat: integer actions [B, P, *action_shape].
 
-        An illegal action within 0..A-1 is a no-op that is counted.
+        A finished world ignores it. An illegal action within 0..A-1 is a no-op that is counted.
 
         Raises:
-            ValueError: wrong shape, not integers, or an action outside 0..A-1 (names world and
-                player).
+            ValueError: wrong shape, not integers, or an action outside 0..A-1 (names world, player
+                and the place within the action shape).
             RuntimeError: before the first reset.
         """
         if not self._has_started:
@@ -175,12 +175,12 @@ class BatchedEngine:
         out: NDArray[np.bool_] | None = None,
         worlds: NDArray[np.int64] | list[int] | None = None,
     ) -> NDArray[np.bool_]:
-        """Legal actions bool [B, P, A], written to `out` if given; the no-op is always legal.
+        """Legal actions bool [B, P, *action_shape, A], written to `out` if given.
 
-        `worlds` and errors as in `observe`.
+        The no-op is always legal. `worlds` and errors as in `observe`.
         """
         seen = self._select(worlds)
-        shape = (len(seen[0]), self.num_players, self.num_actions)
+        shape = (len(seen[0]), self.num_players, *self.spec.action_shape, self.num_actions)
         if out is None:
             out = np.empty(shape, np.bool_)
         self._check_out("action_mask", out, shape, np.bool_)
@@ -312,18 +312,21 @@ class BatchedEngine:
         return seeds
 
     def _check_actions(self, actions: NDArray[Any]) -> None:
-        expected = (self.num_worlds, self.num_players)
+        expected = (self.num_worlds, self.num_players, *self.spec.action_shape)
+        axes = "worlds, players" + (", action shape" if self.spec.action_shape else "")
         if actions.shape != expected or actions.dtype.kind not in "iu":
             raise ValueError(
                 f"{self.game.name}: actions are {actions.dtype} {list(actions.shape)}, they must "
-                f"be integers {list(expected)} (worlds, players)"
+                f"be integers {list(expected)} ({axes})"
             )
         if actions.min() >= 0 and actions.max() < self.num_actions:
             return
-        world, player = np.argwhere((actions < 0) | (actions >= self.num_actions))[0].tolist()
+        wrong = np.argwhere((actions < 0) | (actions >= self.num_actions))[0].tolist()
+        world, player, *place = wrong
+        where = f" at place {place}" if place else ""
         raise ValueError(
-            f"{self.game.name}: action {actions[world, player]} of player {player} in world "
-            f"{world} is outside 0..{self.num_actions - 1}"
+            f"{self.game.name}: action {actions[tuple(wrong)]} of player {player} in world "
+            f"{world}{where} is outside 0..{self.num_actions - 1}"
         )
 
     def _check_out(

@@ -233,11 +233,20 @@ def test_all_units_are_told_at_once():
     assert [skirmish.place(unit) for unit in units] == places
 
 
-def test_nothing_is_selected():
-    engine = make_engine("deep_rts", actions="grid")
-    engine.reset(0)
-    selected = engine.representation("planes").plane_names.index("selected")
-    assert not engine.observe("planes")[:, :, selected].any()
+def test_nothing_is_selected_in_planes_and_pictures():
+    grid, unit = (make_engine("deep_rts", actions=actions) for actions in ("grid", "unit"))
+    for engine in (grid, unit):
+        engine.reset(0)
+    planes = list(grid.representation("planes").plane_names)
+    seen, other = grid.observe("planes"), unit.observe("planes")
+    assert not seen[:, :, planes.index("selected")].any()
+    np.testing.assert_array_equal(
+        np.delete(seen, planes.index("selected"), axis=2),
+        np.delete(other, planes.index("selected"), axis=2),
+    )
+    for name in ("classic", "image", "gray"):
+        assert grid.observe(name).any()
+    assert not np.array_equal(grid.render(0, 1), unit.render(0, 1))
 
 
 # --- where it is legal ---------------------------------------------------------------------------

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.compiled import is_compiling
+from marl_cair.games.engine_checks import check_actions, check_seeds
 from marl_cair.games.game import NO_WINNER, Game, GameSpec, Representation
 from marl_cair.lookup import find_by_name
 
@@ -73,6 +74,7 @@ class BatchedEngine:
         )
         self._pool = ThreadPoolExecutor(self.num_threads) if self.num_threads > 1 else None
         self._has_started = False
+        self._in_place: dict[str, tuple[tuple[Any, ...], NDArray[Any]]] = {}
 
     @property
     def rewards(self) -> NDArray[np.float32]:
@@ -113,7 +115,7 @@ class BatchedEngine:
         Raises:
             ValueError: wrong shape or dtype.
         """
-        seeds = self._check_seeds(seeds)
+        seeds = check_seeds(self.game.name, seeds, self.num_worlds)
         if mask is None:
             mask = np.ones(self.num_worlds, np.bool_)
         mask = np.asarray(mask)
@@ -142,9 +144,7 @@ class BatchedEngine:
         """
         if not self._has_started:
             raise RuntimeError(f"{self.game.name}: step before reset; call reset(seeds) first")
-        actions = np.asarray(actions)
-        self._check_actions(actions)
-        actions = np.ascontiguousarray(actions, np.int32)
+        actions = check_actions(self.game.name, actions, self.num_worlds, self.spec)
         self._run(self.game.step, self._worlds, self._rules, actions, self._outcome)
 
     def observe(
@@ -167,8 +167,29 @@ class BatchedEngine:
         if out is None:
             out = np.empty(shape, chosen.dtype)
         self._check_out("observe", out, shape, chosen.dtype)
-        self._run(chosen.observe, seen, self._rules, out)
+        memory = () if chosen.make_memory is None else (chosen.make_memory(len(seen[0])),)
+        self._run(chosen.observe, seen, self._rules, *memory, out)
         return out
+
+    def observe_in_place(self, representation: str) -> NDArray[Any]:
+        """`observe` into an array of the engine's own: a read-only view, overwritten by the next.
+
+        Games that remember what the array holds write only what has changed: of large boards that
+        is many times faster.
+
+        Raises:
+            UnknownNameError: no such representation.
+        """
+        chosen = self.representation(representation)
+        if representation not in self._in_place:
+            out = np.empty((self.num_worlds, self.num_players, *chosen.shape), chosen.dtype)
+            memory = () if chosen.make_memory is None else (chosen.make_memory(self.num_worlds),)
+            view = out.view()
+            view.flags.writeable = False
+            self._in_place[representation] = (*memory, out), view
+        written, view = self._in_place[representation]
+        self._run(chosen.observe, self._worlds, self._rules, *written)
+        return view
 
     def action_mask(
         self,
@@ -299,35 +320,6 @@ class BatchedEngine:
         tasks = [submit(kernel, worlds, *arguments, low, high) for low, high in slices]
         for task in tasks:
             task.result()
-
-    def _check_seeds(self, seeds: NDArray[np.uint64] | int) -> NDArray[np.uint64]:
-        if isinstance(seeds, int | np.integer) and self.num_worlds == 1:
-            return np.array([int(seeds) % 2**64], np.uint64)
-        seeds = np.asarray(seeds)
-        if seeds.shape != (self.num_worlds,) or seeds.dtype != np.uint64:
-            raise ValueError(
-                f"{self.game.name}: seeds are {seeds.dtype} {list(seeds.shape)}, they must be "
-                f"uint64 [{self.num_worlds}] (worlds); randomness.episode_seeds makes them"
-            )
-        return seeds
-
-    def _check_actions(self, actions: NDArray[Any]) -> None:
-        expected = (self.num_worlds, self.num_players, *self.spec.action_shape)
-        axes = "worlds, players" + (", action shape" if self.spec.action_shape else "")
-        if actions.shape != expected or actions.dtype.kind not in "iu":
-            raise ValueError(
-                f"{self.game.name}: actions are {actions.dtype} {list(actions.shape)}, they must "
-                f"be integers {list(expected)} ({axes})"
-            )
-        if actions.min() >= 0 and actions.max() < self.num_actions:
-            return
-        wrong = np.argwhere((actions < 0) | (actions >= self.num_actions))[0].tolist()
-        world, player, *place = wrong
-        where = f" at place {place}" if place else ""
-        raise ValueError(
-            f"{self.game.name}: action {actions[tuple(wrong)]} of player {player} in world "
-            f"{world}{where} is outside 0..{self.num_actions - 1}"
-        )
 
     def _check_out(
         self, method: str, out: NDArray[Any], shape: tuple[int, ...], dtype: Any

@@ -50,7 +50,9 @@ class Representation:
         high: the largest value; the smallest is 0.
         plane_names: one per channel (or per entry of a vector).
         num_uniform: the last `num_uniform` planes hold one value over the whole board each.
-        observe: kernel (worlds, rules, out [B, P, *shape], first, last) that writes `out`.
+        observe: kernel (worlds, rules, out [B, P, *shape], first, last) that writes `out`; with a
+            memory (worlds, rules, memory, out, first, last), and it writes what has changed.
+        make_memory: num_worlds -> arrays [B, ...] that tell what an `out` holds, at first nothing.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Representation:
     plane_names: tuple[str, ...]
     observe: Callable[..., None]
     num_uniform: int = 0
+    make_memory: Callable[[int], Any] | None = None
 
 
 @dataclass(frozen=True)

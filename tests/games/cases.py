@@ -9,12 +9,24 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from marl_cair.games import GAMES, make_engine
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import GameSpec
 
+# Of games with many scenarios those that show all kinds of play; `make test-all` takes the others.
+QUICK_SCENARIOS = {
+    "deep_rts": (
+        "1v1-15x15",
+        "FFA-3-15x15",
+        "FFA-6-31x31-fog",
+        "Teams-2v2-15x15-fog",
+        "Economy-15x15",
+        "LavaMaze-31x31",
+    )
+}
 ILLEGAL_SHARE = 0.05  # of chosen actions is not looked up in the mask
 GOLDEN_RATIO = 0.6180339887498949  # its multiples spread evenly over 0..1
 
@@ -55,7 +67,24 @@ def _list_representations() -> Iterator[tuple[str, str]]:
             yield name, representation
 
 
+def _is_quick(case: Case) -> bool:
+    """Of each game: the default scenario in all action spaces, and others that are like none."""
+    default = GAMES[case.game].default_scenario
+    quick = QUICK_SCENARIOS.get(case.game)
+    is_plain = all(value == _default_option(case.game, name) for name, value in case.options)
+    return quick is None or case.scenario == default or (is_plain and case.scenario in quick)
+
+
+def _default_option(game: str, name: str) -> Any:
+    return getattr(GAMES[game].scenario(), name)
+
+
 SCENARIOS = list(_list_scenarios())
+QUICK_CASES = [case for case in SCENARIOS if _is_quick(case)]
+CASES = [
+    pytest.param(case, marks=() if case in QUICK_CASES else pytest.mark.slow, id=str(case))
+    for case in SCENARIOS
+]
 DEFAULT_CASES = [case for case in SCENARIOS if case.scenario == GAMES[case.game].default_scenario]
 REPRESENTATIONS = list(_list_representations())
 

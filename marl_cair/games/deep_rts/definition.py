@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -18,17 +19,17 @@ from marl_cair.games.deep_rts import (
     rendering,
     rules,
 )
-from marl_cair.games.deep_rts.observation import (
+from marl_cair.games.deep_rts.other_views import CLASSIC_NAMES, VECTOR_NAMES
+from marl_cair.games.deep_rts.planes import (
     FIRST_KIND,
     FIRST_TILE,
     HEALTH,
+    NUM_UNIFORM,
     OWN,
     PLANE_NAMES,
     RESOURCE_LEFT,
     SELECTED,
-    UNIFORM_NAMES,
 )
-from marl_cair.games.deep_rts.other_views import CLASSIC_NAMES, VECTOR_NAMES
 from marl_cair.games.deep_rts.rulebook import make_rules
 from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, SCENARIOS, Scenario
 from marl_cair.games.deep_rts.state import World, allocate
@@ -146,7 +147,8 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
             255,
             PLANE_NAMES,
             observation.observe_planes,
-            num_uniform=len(UNIFORM_NAMES),
+            num_uniform=NUM_UNIFORM,
+            make_memory=partial(observation.make_memory, scenario),
         ),
         Representation(
             "classic", (10, *board), np.uint8, 255, CLASSIC_NAMES, other_views.observe_classic

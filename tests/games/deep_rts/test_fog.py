@@ -7,7 +7,7 @@ import pytest
 
 from marl_cair.games import make_engine
 from marl_cair.games.deep_rts.board import sight_of
-from marl_cair.games.deep_rts.observation import PLANE_NAMES
+from marl_cair.games.deep_rts.planes import PLANE_NAMES
 from marl_cair.games.deep_rts.state import (
     AMOUNT,
     ATTACK,

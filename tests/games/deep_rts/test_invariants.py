@@ -7,6 +7,7 @@ import pytest
 
 from marl_cair.games import make_engine
 from marl_cair.games.deep_rts.rulebook import KIND_FOOD_CONSUMED, KIND_HALF_SIZE, KIND_HEALTH
+from marl_cair.games.deep_rts.scenarios import SCENARIOS
 from marl_cair.games.deep_rts.state import (
     AMOUNT,
     CLAIM,
@@ -57,9 +58,9 @@ OPTIONS = [
 ]
 
 
-def check_world(engine: BatchedEngine) -> None:
+def check_world(engine: BatchedEngine, index: int = 0) -> None:
     """Board, rosters and counters tell the same story."""
-    world, rules = call(world_at, engine._worlds, 0), engine._rules
+    world, rules = call(world_at, engine._worlds, index), engine._rules
     occupants = np.full(world.board.shape[1], NO_UNIT)
     for player in range(rules.num_players):
         check_player(world, rules, player)
@@ -152,6 +153,31 @@ def test_a_game_of_any_actions_counts_what_was_illegal(options):
         if engine.terminated[0] or engine.truncated[0]:
             engine.reset(decision)
             expected[:] = 0
+
+
+FUZZED_WORLDS, FUZZED_TICKS = 8, 1_000_000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_a_million_ticks_of_random_actions_break_nothing(scenario):
+    """Over all scenarios together; half of the worlds also try what is not legal."""
+    engine = make_engine("deep_rts", scenario, FUZZED_WORLDS)
+    luck = np.random.default_rng(4)
+    engine.reset(luck.integers(0, 2**63, FUZZED_WORLDS).astype(np.uint64))
+    ticks = FUZZED_TICKS // len(SCENARIOS) // FUZZED_WORLDS
+    for decision in range(ticks // engine.spec.ticks_per_step + 1):
+        actions = draw_actions(engine, luck)
+        wild = luck.integers(0, engine.num_actions, actions.shape)
+        is_wild = (luck.random(actions.shape) < 0.2) & (np.arange(FUZZED_WORLDS) % 2 == 1)[:, None]
+        engine.step(np.where(is_wild, wild, actions))
+        if decision % 5 == 0:
+            for world in range(FUZZED_WORLDS):
+                check_world(engine, world)
+        ended = engine.terminated | engine.truncated
+        if ended.any():
+            engine.reset(luck.integers(0, 2**63, FUZZED_WORLDS).astype(np.uint64), ended)
+        np.testing.assert_array_equal(engine.observe_in_place("planes"), engine.observe("planes"))
 
 
 @pytest.mark.parametrize("actions", ["unit", "classic", "grid"])

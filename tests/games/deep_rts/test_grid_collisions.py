@@ -10,6 +10,7 @@ from marl_cair.games.deep_rts.state import (
     FOOD_MADE,
     FOOD_USED,
     INSIDE,
+    IS_ALIVE,
     MOVE,
     NO_UNIT,
     NUM_UNITS,
@@ -220,7 +221,7 @@ def test_money_that_a_refused_site_held_is_not_spent_by_others():
 def test_who_is_out_gives_no_orders():
     skirmish = meadow(num_players=2)
     worker = skirmish.put(0, PEASANT, 8, 8)
-    skirmish.world.players[0, 0] = 0
+    skirmish.world.players[0, IS_ALIVE] = 0
     mask = skirmish.engine.action_mask()[0, 0]
     assert mask[..., 0].all()
     assert not mask[..., 1:].any()

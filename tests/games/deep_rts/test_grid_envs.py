@@ -17,6 +17,7 @@ from torchrl.envs.utils import check_env_specs
 
 from marl_cair.games import make_engine
 from marl_cair.games.deep_rts.grid_orders import NUM_GRID
+from marl_cair.games.deep_rts.state import IS_ALIVE, IS_OUT
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
 from marl_cair.games.parallel_env import GameParallelEnv
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
@@ -94,8 +95,7 @@ def test_the_mask_samples_legal_orders_for_all_units_at_once():
 def test_a_seat_that_is_out_needs_no_orders():
     env = make_parallel("FFA-3-15x15")
     env.reset(seed=0)
-    env.engine._worlds.players[0, 1, 0] = 0
-    env.engine._worlds.players[0, 1, 8] = 1  # IS_OUT
+    env.engine._worlds.players[0, 1, [IS_ALIVE, IS_OUT]] = 0, 1
     noop = np.zeros(SHAPE, np.int64)
     env.step(dict.fromkeys(env.agents, noop))
     assert env.agents == ["player_0", "player_2"]

@@ -305,6 +305,20 @@ def test_an_illegal_order_of_a_unit_is_counted_and_does_nothing():
                 np.testing.assert_array_equal(field, other)
 
 
+def test_a_building_takes_no_orders_at_its_sides():
+    skirmish, _ = rich()
+    feed(skirmish, 0)
+    hall = skirmish.put(0, TOWN_HALL, 4, 4)
+    actions = skirmish.noops.copy()
+    actions[0, 0, 4, 5] = skirmish.action("make_peasant")
+    skirmish.engine.step(actions)
+    assert skirmish.queue(hall) == []
+    assert skirmish.illegal() == [1, 0]
+    skirmish.tell({hall: "make_peasant"})
+    assert skirmish.queue(hall) == [PEASANT]
+    assert skirmish.illegal() == [1, 0]
+
+
 def test_orders_at_empty_cells_and_at_others_units_are_counted():
     skirmish, worker = rich()
     actions = skirmish.noops.copy()

@@ -27,7 +27,10 @@ class Agent(Protocol):
         """Restart the agent's random generator."""
 
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """One action for each of N rows: observation [N, ...], action_mask bool [N, A] -> [N]."""
+        """One action for each of N rows: observation [N, ...], action_mask bool [N, A] -> [N].
+
+        With an `action_shape`: action_mask [N, *action_shape, A] -> [N, *action_shape].
+        """
 
     def state_dict(self) -> dict[str, Any]:
         """The random generator's state as plain data."""
@@ -82,6 +85,9 @@ class GameSpec:
         ticks_per_step: ticks of the game that one decision lasts.
         max_ticks: the time limit.
         reward_bound: no reward is larger than this in absolute value.
+        action_shape: () where a seat chooses one action in each decision. Else it chooses one of
+            the A actions at each place of this shape: actions are [B, P, *action_shape], masks
+            [B, P, *action_shape, A].
     """
 
     num_players: int
@@ -98,6 +104,7 @@ class GameSpec:
     ticks_per_step: int
     max_ticks: int
     reward_bound: float
+    action_shape: Shape = ()
 
     @property
     def num_actions(self) -> int:
@@ -123,7 +130,7 @@ class Game:
     allocate: Callable[[Any, int], Any]  # (scenario, B) -> World
     reset: Callable[..., None]  # (worlds, rules, seeds, mask, first, last)
     step: Callable[..., None]  # (worlds, rules, actions, outcome, first, last)
-    legal_actions: Callable[..., None]  # (worlds, rules, out [B, P, A], first, last)
+    legal_actions: Callable[..., None]  # (worlds, rules, out [B, P, *action_shape, A], first, last)
     draw: Callable[..., NDArray[np.uint8]]  # (worlds, rules, world, player or None) -> RGB
     bots: Mapping[str, Callable[[Any, GameSpec], Agent]]
     public_state: Callable[[Any, int], NDArray[np.float32]]  # (worlds, world) -> full state [S]

@@ -164,7 +164,7 @@ def map_seeds(seed: int, blocks: NDArray[np.int64]) -> NDArray[np.uint64]:
 def record_game(
     first: Agent, second: Agent, game: Game, scenario: Any, seed: int
 ) -> NDArray[np.int32]:
-    """Actions [T, P] of the first game of `play_match`, `first` in seat 0.
+    """Actions [T, P, *action_shape] of the first game of `play_match`, `first` in seat 0.
 
     With the map seed of block 0 they are the whole game.
     """
@@ -213,7 +213,8 @@ def _play(
     while (running := ~(engine.terminated | engine.truncated)).any():
         masks = engine.action_mask()
         seen = {name: engine.observe(name) for name in {agent.representation for agent in agents}}
-        actions = np.full((engine.num_worlds, 2), engine.spec.noop_action, np.int32)
+        shape = (engine.num_worlds, 2, *engine.spec.action_shape)
+        actions = np.full(shape, engine.spec.noop_action, np.int32)
         for agent, own_worlds, states in zip(agents, (worlds, worlds ^ 1), streams, strict=True):
             for chunk, state in enumerate(states):
                 games = slice(chunk * GAMES_PER_CHUNK, (chunk + 1) * GAMES_PER_CHUNK)

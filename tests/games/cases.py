@@ -28,6 +28,7 @@ QUICK_SCENARIOS = {
     )
 }
 ILLEGAL_SHARE = 0.05  # of chosen actions is not looked up in the mask
+GOLDEN_RATIO = 0.6180339887498949  # its multiples spread evenly over 0..1
 
 
 class Case(NamedTuple):
@@ -102,8 +103,17 @@ class Luck(NamedTuple):
         return Luck(self.numbers[:, worlds])
 
 
-def choose_action(spec: GameSpec, mask: NDArray[np.bool_], which: float, where: float) -> int:
-    """A legal kind of action, then one of that kind; a few actions are not looked up."""
+def choose_action(spec: GameSpec, mask: NDArray[np.bool_], which: float, where: float) -> Any:
+    """A legal kind of action, then one of that kind; a few actions are not looked up.
+
+    With an action shape, one such choice at each place where there is one.
+    """
+    if mask.ndim > 1:
+        chosen = np.full(mask.shape[:-1], spec.noop_action)
+        for number, place in enumerate(np.argwhere(mask.sum(axis=-1) > 1)):
+            numbers = (which + number * GOLDEN_RATIO) % 1, (where + number * GOLDEN_RATIO) % 1
+            chosen[tuple(place)] = choose_action(spec, mask[tuple(place)], *numbers)
+        return chosen
     if which < ILLEGAL_SHARE:
         return int(where * spec.num_actions)
     kinds = np.unique(spec.action_groups[mask])
@@ -113,7 +123,7 @@ def choose_action(spec: GameSpec, mask: NDArray[np.bool_], which: float, where: 
 
 
 def choose_actions(engine: BatchedEngine, numbers: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Actions [B, P] from numbers in 0..1 [B, P, 2]."""
+    """Actions [B, P, *action_shape] from numbers in 0..1 [B, P, 2]."""
     masks = engine.action_mask()
     chosen = [
         [
@@ -159,13 +169,11 @@ class FirstLegalAgent:
         """There is nothing to seed."""
 
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-        return np.array(
-            [
-                legal[int(seen.sum(dtype=np.int64)) % len(legal)]
-                for seen, legal in zip(observation, map(np.flatnonzero, action_mask), strict=True)
-            ],
-            np.int64,
-        )
+        actions = np.zeros(action_mask.shape[:-1], np.int64)
+        for place in np.ndindex(*actions.shape):
+            legal = np.flatnonzero(action_mask[place])
+            actions[place] = legal[int(observation[place[0]].sum(dtype=np.int64)) % len(legal)]
+        return actions
 
     def state_dict(self) -> dict[str, Any]:
         return {}

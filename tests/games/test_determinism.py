@@ -188,7 +188,8 @@ def test_an_array_in_place_is_the_same_at_each_call_and_read_only(case):
     engine = case.engine(2)
     engine.reset(seeds_of(2))
     seen = engine.observe_in_place("planes")
-    engine.step(np.full((2, engine.num_players), engine.spec.noop_action))
+    shape = (2, engine.num_players, *engine.spec.action_shape)
+    engine.step(np.full(shape, engine.spec.noop_action))
     assert engine.observe_in_place("planes") is seen
     with pytest.raises(ValueError, match="read-only"):
         seen[:] = 0

@@ -74,7 +74,7 @@ def test_rewards_stay_within_their_bound_and_the_noop_is_always_legal(case):
     for numbers in Luck.draw(40, 2, engine.num_players, seed=2).numbers:
         engine.step(choose_actions(engine, numbers))
         assert np.abs(engine.rewards).max() <= engine.spec.reward_bound
-        assert engine.action_mask()[:, :, engine.spec.noop_action].all()
+        assert engine.action_mask()[..., engine.spec.noop_action].all()
 
 
 def test_observe_and_mask_write_into_the_given_array(engine):

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from marl_cair.games.deep_rts.maps import GameMap
     from marl_cair.games.deep_rts.scenarios import Scenario
 
-UNIT_ACTIONS, CLASSIC_ACTIONS = range(2)
+UNIT_ACTIONS, CLASSIC_ACTIONS, GRID_ACTIONS = range(3)
+ACTION_NUMBERS = {"unit": UNIT_ACTIONS, "classic": CLASSIC_ACTIONS, "grid": GRID_ACTIONS}
 CONQUEST, GOLD_GOAL, LUMBER_GOAL, SCORE_GOAL, ARMY_GOAL = range(5)
 GOAL_NUMBERS = {
     "conquest": CONQUEST,
@@ -166,7 +167,7 @@ def make_rules(scenario: Scenario) -> Rules:
         has_instant_build=int(preset.has_instant_build),
         repair_percent=preset.repair_percent,
         fog=int(scenario.fog),
-        action_space=CLASSIC_ACTIONS if scenario.actions == "classic" else UNIT_ACTIONS,
+        action_space=ACTION_NUMBERS[scenario.actions],
         goal=GOAL_NUMBERS[scenario.goal],
         goal_amount=scenario.goal_amount,
         tile_pixels=scenario.tile_pixels,

@@ -138,7 +138,7 @@ def change_unseen(skirmish: Skirmish, luck: np.random.Generator) -> int:
     return changes
 
 
-@pytest.mark.parametrize("actions", ["unit", "classic"])
+@pytest.mark.parametrize("actions", ["unit", "classic", "grid"])
 @pytest.mark.parametrize("kind", [PEASANT, FOOTMAN, ARCHER, TOWN_HALL, BARRACKS])
 def test_what_lies_in_the_fog_changes_neither_view_nor_mask(kind, actions):
     luck = np.random.default_rng(kind)

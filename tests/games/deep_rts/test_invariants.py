@@ -49,6 +49,7 @@ OPTIONS = [
     {"fog": True},
     {"preset": "original", "actions": "classic"},
     {"preset": "thesis", "actions": "classic", "ticks_per_step": 1},
+    {"actions": "grid", "preset": "original", "fog": True, "unit_capacity": 20},
     {"preset": "original", "map": "10x10-2p-clearing", "unit_capacity": 12},
     {"army": (0, 4, 3, 2), "max_ticks": 1_500},
     {"army": (3, 3, 3, 0), "goal": "score", "map": "10x10-2p-clearing", "fog": True},
@@ -133,18 +134,19 @@ def test_a_game_of_legal_actions_keeps_its_books(options):
             engine.reset(decision)
 
 
-@pytest.mark.parametrize("options", OPTIONS[1:6], ids=str)
+@pytest.mark.parametrize("options", OPTIONS[1:7], ids=str)
 def test_a_game_of_any_actions_counts_what_was_illegal(options):
     engine = make_engine("deep_rts", **options)
     luck = np.random.default_rng(2)
     engine.reset(2)
     expected = np.zeros(engine.num_players, int)
     for decision in range(150):
-        actions = luck.integers(0, engine.num_actions, (1, engine.num_players))
-        mask = engine.action_mask()[0]
+        mask = engine.action_mask()
+        actions = luck.integers(0, engine.num_actions, mask.shape[:-1])
+        is_legal = np.take_along_axis(mask, actions[..., None], axis=-1)[0, ..., 0]
         for player in range(engine.num_players):
             is_alive = engine._worlds.players[0, player, 0]
-            expected[player] += is_alive and not mask[player, actions[0, player]]
+            expected[player] += is_alive * (~is_legal[player]).sum()
         engine.step(actions)
         check_world(engine)
         assert engine.illegal_actions[0].tolist() == expected.tolist()
@@ -178,7 +180,7 @@ def test_a_million_ticks_of_random_actions_break_nothing(scenario):
         np.testing.assert_array_equal(engine.observe_in_place("planes"), engine.observe("planes"))
 
 
-@pytest.mark.parametrize("actions", ["unit", "classic"])
+@pytest.mark.parametrize("actions", ["unit", "classic", "grid"])
 def test_an_illegal_action_does_what_doing_nothing_does(actions):
     engine = make_engine("deep_rts", num_worlds=2, actions=actions, preset="original")
     luck = np.random.default_rng(3)
@@ -192,8 +194,8 @@ def test_an_illegal_action_does_what_doing_nothing_does(actions):
         chosen[1] = chosen[0]
         for player in range(2):
             if luck.random() < 0.5:
-                illegal = np.flatnonzero(~mask[0, player])
-                chosen[:, player] = luck.choice(illegal), noop
+                *place, action = luck.choice(np.argwhere(~mask[0, player]))
+                chosen[(0, player, *place)], chosen[(1, player, *place)] = action, noop
                 num_illegal += 1
         engine.step(chosen)
         for name, field in engine._worlds._asdict().items():

@@ -1,4 +1,4 @@
-"""The console command `marl-cair`: train, evaluate, league, games, benchmark."""
+"""The console command `marl-cair`: train, evaluate, match, league, games, benchmark."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from marl_cair.lookup import find_by_name
 COMMANDS: dict[str, tuple[str, str]] = {
     "train": ("train", "train an agent against bots, itself and its past selves"),
     "evaluate": ("evaluate", "win rates of one agent against others, with 95 % intervals"),
+    "match": ("match", "compare two agents in any scenario, of one seat or many"),
     "league": ("league", "rate any set of agents by a round-robin, with 95 % intervals"),
     "games": ("games", "list games, scenarios, representations, actions and bots"),
     "benchmark": ("benchmark", "run the speed measurements of a source checkout"),

@@ -29,7 +29,11 @@ SHORTHANDS = {
     "preset": "game.options.preset",
     "actions": "game.options.actions",
     "max_ticks": "game.options.max_ticks",
+    "map": "game.options.map",
+    "heldout_map": "evaluation.scenarios.heldout.map",
 }
+# Values by names of the user's own.
+_OPEN = ("game.options", "opponent.mixture", "opponent.warmup_mixture", "evaluation.scenarios")
 _ROOT = "marl_cair_train"
 
 
@@ -87,7 +91,7 @@ def _read_word(word: str) -> str:
     if name in groups:
         find_by_name(f"{name} (marl-cair train {name}=...)", value, groups[name])
         return f"{name}={value}"
-    for mapping in ("game.options", "opponent.mixture", "opponent.warmup_mixture"):
+    for mapping in _OPEN:
         if name == mapping or name.startswith(f"{mapping}."):
             return f"++{name}={value}"
     known = {option.path: None for option in list_options()} | dict.fromkeys(SHORTHANDS)

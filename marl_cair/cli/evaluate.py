@@ -1,4 +1,7 @@
-"""`marl-cair evaluate`: one agent against others, greedy, sparse reward, seats balanced."""
+"""`marl-cair evaluate`: one agent against others, greedy, sparse reward, seats balanced.
+
+Where more than two play, the agent has one seat (or team) and each opponent all others.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.match_options import add_match_options
 from marl_cair.files import write_atomically
 from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
-from marl_cair.league.match import MatchResult, play_match
+from marl_cair.league.match import MatchResult, play_match, require_rivals
 from marl_cair.league.ratings import win_rate_interval
 
 COLUMNS = ("opponent", "games", "wins", "draws", "losses", "win_rate", "low", "high")
@@ -29,17 +32,21 @@ def run(arguments: Sequence[str]) -> int:
         raise ValueError(f"{', '.join(sorted(twice))} is given twice: name each opponent once")
     game, name, scenario_options = find_scenario([options.agent], options.game, options.scenario)
     scenario = game.scenario(name, **{**scenario_options, "reward": "sparse"})
+    num_teams = require_rivals(game, scenario)
+    # Every map seed is played once in each seat: of more than two seats few divide a round number.
+    num_games = options.games if num_teams == 2 else -(-options.games // num_teams) * num_teams
     agent = load_agent(options.agent, game.name, scenario)
     opponents = [load_agent(opponent, game.name, scenario) for opponent in options.against]
     width = max(len("against"), *map(len, options.against))
+    fair = "" if num_teams == 2 else f" (fair: {1.0 / num_teams:.1%})"
     sys.stdout.write(
-        f"{options.agent} on {game.name} {name}: share of games won, draws are not wins\n"
+        f"{options.agent} on {game.name} {name}: share of games won{fair}, draws are not wins\n"
         f"{'against':{width}} {'games':>6} {'won':>6} {'drawn':>6} {'lost':>6}  win rate\n"
     )
     rows = []
     for source, opponent in zip(options.against, opponents, strict=True):
         identities = find_fingerprint(agent, game), find_fingerprint(opponent, game)
-        match = play_match(agent, opponent, game, scenario, options.games, options.seed, identities)
+        match = play_match(agent, opponent, game, scenario, num_games, options.seed, identities)
         sys.stdout.write(format_row(source, match, width))
         sys.stdout.flush()
         rows.append((source, match.games, match.wins, match.draws, match.losses, *_shares(match)))
@@ -51,7 +58,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def format_row(source: str, match: MatchResult, width: int) -> str:
-    """Wins, draws and losses against one opponent with Wilson's 95 % interval of the win rate."""
+    """Wins, draws and losses against one opponent with the 95 % interval of the win rate."""
     share, low, high = (f"{100.0 * float(value):.1f}%" for value in _shares(match))
     repeats = ""
     if match.distinct_games < match.games:
@@ -64,7 +71,10 @@ def format_row(source: str, match: MatchResult, width: int) -> str:
 
 def _shares(match: MatchResult) -> tuple[str, str, str]:
     """Win rate and the ends of its interval, with four digits."""
-    low, high = win_rate_interval(match.wins, 0, match.games)
+    if match.num_teams == 2:
+        low, high = win_rate_interval(match.wins, 0, match.games)
+    else:
+        low, high = match.interval(wins_only=True)
     return f"{match.wins / match.games:.4f}", f"{low:.4f}", f"{high:.4f}"
 
 

@@ -1,4 +1,4 @@
-"""The options that `evaluate` and `league` share: how many games, which seed, which game."""
+"""The options that `evaluate`, `match` and `league` share: games, seed, game and scenario."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def add_match_options(
         "--games",
         type=int,
         default=games,
-        help=f"games {games_of}, an even number: half in each seat (default: %(default)s)",
+        help=f"games {games_of}, as many in each seat (default: %(default)s)",
     )
     parser.add_argument(
         "--seed",

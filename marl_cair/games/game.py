@@ -88,6 +88,8 @@ class GameSpec:
         action_shape: () where a seat chooses one action in each decision. Else it chooses one of
             the A actions at each place of this shape: actions are [B, P, *action_shape], masks
             [B, P, *action_shape, A].
+        teams: the team of each seat, P numbers; () = everybody for itself. A game's `winner` is
+            the first seat of the team that has won.
     """
 
     num_players: int
@@ -105,10 +107,23 @@ class GameSpec:
     max_ticks: int
     reward_bound: float
     action_shape: Shape = ()
+    teams: tuple[int, ...] = ()
 
     @property
     def num_actions(self) -> int:
         return len(self.action_names)
+
+    @property
+    def team_of_seat(self) -> NDArray[np.int64]:
+        """The team of each seat, int64 [P]: 0, 1, ... in the order of their first seats."""
+        teams = self.teams or tuple(range(self.num_players))
+        numbers = {team: number for number, team in enumerate(dict.fromkeys(teams))}
+        return np.array([numbers[team] for team in teams], np.int64)
+
+    @property
+    def num_teams(self) -> int:
+        """Teams that play against each other; 1 where all seats play together, or one alone."""
+        return len(set(self.teams)) or self.num_players
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,11 @@ class _LearnerSeat:
         self.seeds.restart(seed)
         self.opponent.seed(seed)
 
+    @property
+    def terminated(self) -> NDArray[np.bool_]:
+        """Worlds [B] whose game is over for the learner: decided, or its seat is out; fresh."""
+        return self.engine.terminated | self.engine.eliminated[:, self.seat]
+
     def play(self, actions: NDArray[np.int64]) -> None:
         """One decision: the learner's actions [B, ...] in its form, the opponent's elsewhere.
 
@@ -137,7 +142,7 @@ class GameEnv(gymnasium.Env[Any, Any]):
         self._table.play(np.array([action]))
         observation, info = self._look()
         reward = float(self.engine.rewards[0, self._table.seat])
-        ended = bool(self.engine.terminated[0]), bool(self.engine.truncated[0])
+        ended = bool(self._table.terminated[0]), bool(self.engine.truncated[0])
         return observation, reward, *ended, info
 
     def render(self) -> Any:
@@ -231,7 +236,7 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         if self._mode is AutoresetMode.NEXT_STEP and starting.any():
             self._restart(starting)
         rewards = self.engine.rewards[:, self._table.seat].astype(np.float64)
-        terminated, truncated = self.engine.terminated.copy(), self.engine.truncated.copy()
+        terminated, truncated = self._table.terminated, self.engine.truncated.copy()
         rewards[starting] = 0.0
         self._ended = terminated | truncated
         observations, infos = self._look()

@@ -48,8 +48,11 @@ class BatchedGameEnv(EnvBase):
     Keys: ("player", "observation") [B, P, *shape], ("player", "action_mask") bool
     [B, P, *action_shape, A], ("player", "action") int64 [B, P, *action_shape],
     ("player", "reward") float32 [B, P, 1], and done, terminated, truncated bool [B, 1] at the root
-    and [B, P, 1] in the group. The engine writes straight into the tensors that are returned:
-    nothing is copied and nothing is shared between steps.
+    and [B, P, 1] in the group. A seat that is out while others
+    play on is terminated and done in the group from the step at which it goes out; the root says
+    when the world is over, and by that alone TorchRL resets. A seat that is out is only to play the
+    no-op, and what it is shown then is for nobody to learn from. The engine writes straight into
+    the tensors that are returned: nothing is copied and nothing is shared between steps.
     """
 
     def __init__(
@@ -178,8 +181,10 @@ class BatchedGameEnv(EnvBase):
             "terminated": terminated,
             "truncated": truncated,
         }
+        out = torch.from_numpy(engine.eliminated).unsqueeze(-1)
         for key, value in ended.items():
-            seats[key] = value.unsqueeze(1).expand(worlds, players, 1).clone()
+            of_seats = value.unsqueeze(1).expand(worlds, players, 1)
+            seats[key] = of_seats.clone() if key == "truncated" else of_seats | out
         group = TensorDict._new_unsafe(seats, batch_size=torch.Size([worlds, players]))
         return TensorDict._new_unsafe({GROUP: group, **ended}, batch_size=self.batch_size)
 

@@ -13,7 +13,8 @@ from PIL import Image
 from marl_cair.files import atomic_path
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Agent, Game
-from marl_cair.league.match import map_seeds, record_game
+from marl_cair.league.match import record_game
+from marl_cair.league.playing import map_seeds
 
 FRAME_MILLISECONDS = 80
 LAST_FRAME_MILLISECONDS = 2_500

@@ -1,4 +1,4 @@
-"""Intervals of a share of points: Wilson's, with the variance that draws and seat pairs leave."""
+"""Intervals: Wilson's of a share of points, for draws and blocks of games; Student's of a mean."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 CONFIDENCE = 0.95
 _Z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2.0)
@@ -27,12 +28,12 @@ def win_rate_interval(wins: int, draws: int, games: int) -> tuple[float, float]:
     return _wilson(mean, games, spread, certain_share=1.0)
 
 
-def block_interval(scores: NDArray[np.float64]) -> tuple[float, float]:
-    """95 % interval of the mean of block scores [K], each the mean of the two games of a map seed.
+def block_interval(scores: NDArray[np.float64], games_per_block: int = 2) -> tuple[float, float]:
+    """95 % interval of the mean of block scores [K], each the mean of the games of a map seed.
 
     The variance is that between blocks: draws and opposite results within a block narrow the
-    interval, equal results widen it. Where all points went to one side it is Wilson's of 2 K
-    independent games.
+    interval, equal results widen it. Where all points went to one side it is Wilson's of
+    games_per_block * K independent games.
 
     Raises:
         ValueError: no blocks, or a score outside 0..1.
@@ -41,7 +42,25 @@ def block_interval(scores: NDArray[np.float64]) -> tuple[float, float]:
         raise ValueError(f"block scores {scores.tolist()} must be one or more numbers in 0..1")
     mean = float(scores.mean())
     spread = float(np.square(scores - mean).sum())
-    return _wilson(mean, len(scores), spread, certain_share=0.5)
+    return _wilson(mean, len(scores), spread, certain_share=1.0 / games_per_block)
+
+
+def mean_interval(values: NDArray[np.float64]) -> tuple[float, float]:
+    """95 % interval of the mean of independent values [K] without bounds, by Student's t.
+
+    From one value nothing is known of the spread: then it reaches from -inf to inf.
+
+    Raises:
+        ValueError: no values.
+    """
+    if not len(values):
+        raise ValueError("there are no values: an interval needs one or more")
+    if len(values) == 1:
+        return -math.inf, math.inf
+    mean = float(values.mean())
+    spread = float(values.std(ddof=1)) / math.sqrt(len(values))
+    half = float(stdtrit(len(values) - 1, 0.5 + CONFIDENCE / 2.0)) * spread
+    return mean - half, mean + half
 
 
 def _wilson(mean: float, num: int, spread: float, certain_share: float) -> tuple[float, float]:

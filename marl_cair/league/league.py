@@ -19,12 +19,13 @@ from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents import find_fingerprint, is_checkpoint, load_agent
 from marl_cair.league.match import (
     BLOCKS_PER_CHUNK,
-    CHUNKS_AT_ONCE,
     GAMES_PER_BLOCK,
     GAMES_PER_CHUNK,
     MatchResult,
     play_chunks,
+    require_rivals,
 )
+from marl_cair.league.playing import CHUNKS_AT_ONCE
 from marl_cair.league.ratings import Games, Rating, rate
 from marl_cair.league.report import describe_league, make_table, write_report
 from marl_cair.league.store import LeagueStore
@@ -93,13 +94,18 @@ def run_league(
 
     Raises:
         CheckpointError, UnknownNameError: an agent cannot be loaded; before any game.
-        ValueError: two of the agents are one and the same.
+        ValueError: two of the agents are one and the same, or the scenario has not two teams.
         OutputFolderError, LeagueStoreError: the folder holds something else, or a league of other
             settings; or its file cannot be written.
     """
     game = find_by_name("game", config.game, GAMES)
     options = {**config.scenario_options, "reward": "sparse"}
     scenario = game.scenario(config.scenario, **options)
+    if (num_teams := require_rivals(game, scenario)) != 2:
+        raise ValueError(
+            f"{game.name} {config.scenario} has {num_teams} teams: a league is of games between "
+            "two; compare two agents by `marl-cair match`"
+        )
     entrants = _load_entrants(config, game, scenario, load)
     folder = Path(config.out)
     settings = {

@@ -1,47 +1,55 @@
 """Matches between two agents: seat-balanced games on one batched engine, the same for a seed.
 
-Games come in blocks: one map seed, played once in each seat. Blocks come in chunks of a fixed size,
-which are always played whole: agents draw, and networks round, differently in batches of another
-size, so that a chunk is the smallest unit whose games depend on nothing but the seed, the two
-agents and its number.
+The first agent plays one team (one seat, where everybody plays for itself), the second all others.
+A block is one map seed, played once with the first agent in each team: two games of two teams, four
+of a free-for-all of four. See `playing` for how games are batched.
 """
 
 from __future__ import annotations
 
-import dataclasses
-import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import NO_WINNER, Agent, Game
-from marl_cair.games.randomness import episode_seeds
+from marl_cair.games.standings import share_points
+from marl_cair.league.intervals import block_interval
+from marl_cair.league.playing import (
+    CHUNKS_AT_ONCE,
+    Places,
+    Seating,
+    Table,
+    play,
+    play_out,
+    start_engine,
+)
 
-GAMES_PER_BLOCK = 2  # one map seed, played once in each seat
+GAMES_PER_BLOCK = 2  # of a match between two teams
 BLOCKS_PER_CHUNK = 4
 GAMES_PER_CHUNK = GAMES_PER_BLOCK * BLOCKS_PER_CHUNK
-CHUNKS_AT_ONCE = 16  # on one engine, for speed alone: the worlds of an engine are independent
 
 
 @dataclass(frozen=True)
 class GameResult:
-    """One game. A block is the two games of a map seed, with the seats swapped."""
+    """One game. A block is the games of a map seed, with the first agent in each team once."""
 
     block: int
-    first_seat: int  # of the match's first agent
-    winner: int  # seat, or NO_WINNER for a draw or the time limit
+    first_seat: int  # the first seat of the first agent's team
+    winner: int  # first seat of the winning team, or NO_WINNER for a draw or the time limit
     is_truncated: bool
     decisions: int
     fingerprint: str  # of all actions: equal games have equal ones
+    draw_score: float = 0.5  # of the first agent if nobody wins: see `games.standings`
 
     @property
     def score(self) -> float:
-        """Of the first agent: 1 win, 0.5 draw, 0 loss."""
-        return 0.5 if self.winner == NO_WINNER else float(self.winner == self.first_seat)
+        """Of the first agent: 1 win, 0 loss, of a draw its share (0.5 between two teams)."""
+        if self.winner == NO_WINNER:
+            return self.draw_score
+        return float(self.winner == self.first_seat)
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,7 @@ class MatchResult:
     """All games of a match, seen from its first agent."""
 
     results: tuple[GameResult, ...]
+    num_teams: int = 2
 
     @property
     def games(self) -> int:
@@ -56,20 +65,36 @@ class MatchResult:
 
     @property
     def wins(self) -> int:
-        return sum(result.score == 1.0 for result in self.results)
+        return sum(result.winner == result.first_seat for result in self.results)
 
     @property
     def draws(self) -> int:
-        return sum(result.score == 0.5 for result in self.results)
+        """Games without a winner that the first agent had not lost before."""
+        return sum(r.winner == NO_WINNER and r.draw_score > 0.0 for r in self.results)
 
     @property
     def losses(self) -> int:
-        return sum(result.score == 0.0 for result in self.results)
+        return self.games - self.wins - self.draws
 
     @property
     def score(self) -> float:
-        """Share of points: win 1, draw 0.5."""
+        """Share of points: a win is 1, a draw is shared."""
         return sum(result.score for result in self.results) / len(self.results)
+
+    @property
+    def fair_share(self) -> float:
+        """The score of an agent that is as strong as the others: 1 / teams."""
+        return 1.0 / self.num_teams
+
+    def interval(self, wins_only: bool = False) -> tuple[float, float]:
+        """95 % interval of the score (of the share of wins) from the spread between map seeds."""
+        values = [
+            float(result.winner == result.first_seat) if wins_only else result.score
+            for result in self.results
+        ]
+        blocks = [result.block for result in self.results]
+        _, places, sizes = np.unique(blocks, return_inverse=True, return_counts=True)
+        return block_interval(np.bincount(places, values) / sizes, self.num_teams)
 
     @property
     def distinct_games(self) -> int:
@@ -86,25 +111,27 @@ def play_match(
     seed: int,
     identities: tuple[str, str] | None = None,
 ) -> MatchResult:
-    """Play `num_games` (even) games, half of them in each seat, with sparse reward.
+    """Play `num_games` games, equally many with `first` in each team, with sparse reward.
 
-    A longer match begins with the games of a shorter one, and the match of `second` against
-    `first` holds the same games. `identities` as in `play_chunks`.
+    A longer match begins with the games of a shorter one, and between two teams the match of
+    `second` against `first` holds the same games. `identities` as in `play_chunks`.
 
     Raises:
-        ValueError: an odd number of games, or a game that is not for two players.
+        ValueError: num_games is no multiple of the number of teams, or there is but one team.
     """
-    if num_games < GAMES_PER_BLOCK or num_games % GAMES_PER_BLOCK:
+    num_teams = require_rivals(game, scenario)
+    if num_games < num_teams or num_games % num_teams:
+        needed = "even and 2 or more" if num_teams == 2 else f"a multiple of {num_teams}"
         raise ValueError(
-            f"num_games is {num_games}, it must be even and 2 or more: every map seed is played "
-            "once in each seat"
+            f"num_games is {num_games}, it must be {needed}: every map seed is played once in each "
+            f"{'seat' if num_teams == game.make_spec(scenario).num_players else 'team'}"
         )
-    chunks = range(-(-num_games // GAMES_PER_CHUNK))
+    chunks = range(-(-num_games // (num_teams * BLOCKS_PER_CHUNK)))
     results: list[GameResult] = []
     for start in chunks[::CHUNKS_AT_ONCE]:
         part = chunks[start : start + CHUNKS_AT_ONCE]
         results += play_chunks(first, second, game, scenario, seed, part, identities).results
-    return MatchResult(tuple(results[:num_games]))
+    return MatchResult(tuple(results[:num_games]), num_teams)
 
 
 def play_chunks(
@@ -123,107 +150,90 @@ def play_chunks(
     from the seed, the chunk, its identity and the rival's; identities default to the agents' names.
 
     Raises:
-        ValueError: no chunk, or a game that is not for two players.
+        ValueError: no chunk, or a scenario with but one team.
     """
-    num_players = game.make_spec(scenario).num_players
-    if num_players != 2:
-        raise ValueError(f"{game.name} has {num_players} players here, a match is between two")
+    num_teams = require_rivals(game, scenario)
     if not len(chunks):
         raise ValueError("no chunks are given: name at least one to play")
-    offsets = np.arange(GAMES_PER_CHUNK) // GAMES_PER_BLOCK
-    blocks = (np.asarray(chunks)[:, None] * BLOCKS_PER_CHUNK + offsets).ravel()
-    engine = BatchedEngine(game, dataclasses.replace(scenario, reward="sparse"), len(blocks))
-    engine.reset(map_seeds(seed, blocks))
-    streams = _start_streams((first, second), identities, seed, chunks)
-    digests = [hashlib.blake2b(digest_size=8) for _ in blocks]
-    decisions = np.zeros(len(blocks), np.int64)
-    for actions, running in _play(engine, (first, second), streams):
-        decisions += running
-        for world in np.flatnonzero(running).tolist():
-            digests[world].update(actions[world].tobytes())
+    teams = game.make_spec(scenario).team_of_seat
+    table = _make_table(teams)
+    engine = start_engine(game, scenario, seed, table, chunks)
+    ended = play_out(engine, table, _seat((first, second), identities), seed, chunks)
+    points = share_points(ended.winner, ended.was_out, teams)
+    first_seats = np.unique(teams, return_index=True)[1]
+    blocks = table.number_blocks(chunks)
     return MatchResult(
         tuple(
             GameResult(
                 block=int(blocks[world]),
-                first_seat=world % GAMES_PER_BLOCK,
-                winner=int(engine.winner[world]),
-                is_truncated=bool(engine.truncated[world]),
-                decisions=int(decisions[world]),
-                fingerprint=digests[world].hexdigest(),
+                first_seat=int(first_seats[world % num_teams]),
+                winner=int(ended.winner[world]),
+                is_truncated=bool(ended.truncated[world]),
+                decisions=int(ended.decisions[world]),
+                fingerprint=ended.fingerprints[world],
+                draw_score=_find_draw_score(ended.winner[world], points[world], world % num_teams),
             )
             for world in range(len(blocks))
-        )
+        ),
+        num_teams,
     )
 
 
-def map_seeds(seed: int, blocks: NDArray[np.int64]) -> NDArray[np.uint64]:
-    """The engine's seeds uint64 [N] of blocks [N] of a match."""
-    return episode_seeds(seed, blocks, np.zeros(len(blocks), np.int64))
+def _find_draw_score(winner: int, points: NDArray[np.float64], team: int) -> float:
+    """What the draw was worth to the team, 0.5 as a matter of form where somebody has won."""
+    return float(points[team]) if winner == NO_WINNER else 0.5
 
 
 def record_game(
     first: Agent, second: Agent, game: Game, scenario: Any, seed: int
 ) -> NDArray[np.int32]:
-    """Actions [T, P, *action_shape] of the first game of `play_match`, `first` in seat 0.
+    """Actions [T, P, *action_shape] of the first game of `play_match`, `first` in the first seat.
 
     With the map seed of block 0 they are the whole game.
+
+    Raises:
+        ValueError: a scenario with but one team.
     """
-    blocks = np.arange(GAMES_PER_CHUNK) // GAMES_PER_BLOCK
-    engine = BatchedEngine(game, dataclasses.replace(scenario, reward="sparse"), len(blocks))
-    engine.reset(map_seeds(seed, blocks))
-    streams = _start_streams((first, second), None, seed, (0,))
-    played = [
-        actions[0].copy()
-        for actions, running in _play(engine, (first, second), streams)
-        if running[0]
-    ]
-    return np.array(played, np.int32)
+    require_rivals(game, scenario)
+    table = _make_table(game.make_spec(scenario).team_of_seat)
+    engine = start_engine(game, scenario, seed, table, (0,))
+    steps = play(engine, table, _seat((first, second), None), seed, (0,))
+    return np.array([step.actions[0].copy() for step in steps if step.running[0]], np.int32)
 
 
-def _start_streams(
-    agents: tuple[Agent, Agent],
-    identities: tuple[str, str] | None,
-    seed: int,
-    chunks: Sequence[int],
-) -> list[list[dict[str, Any]]]:
-    """The state of each agent's random generator at the start of each chunk."""
+def require_rivals(game: Game, scenario: Any) -> int:
+    """The number of teams. Raises ValueError where there is but one."""
+    num_teams = game.make_spec(scenario).num_teams
+    if num_teams == 1:
+        raise ValueError(
+            f"{game.name}: this scenario has one team, nobody wins against another; compare scores "
+            "by `marl-cair match` (league.solo)"
+        )
+    return num_teams
+
+
+def _make_table(teams: NDArray[np.int64]) -> Table:
+    """Game g of a chunk is of block g // T and has the first agent in team g % T.
+
+    Both agents are shown their seats by block and own team: so a match between two teams is the
+    same from both sides.
+    """
+    num_teams = int(teams.max()) + 1
+    games = np.arange(num_teams * BLOCKS_PER_CHUNK)
+    game, seat = (grid.ravel() for grid in np.meshgrid(games, np.arange(len(teams)), indexing="ij"))
+    order = np.lexsort((seat, game, teams[seat], game // num_teams))
+    game, seat = game[order], seat[order]
+    is_first = teams[seat] == game % num_teams
+    return Table(
+        games // num_teams,
+        (Places(game[is_first], seat[is_first]), Places(game[~is_first], seat[~is_first])),
+    )
+
+
+def _seat(
+    agents: tuple[Agent, Agent], identities: tuple[str, str] | None
+) -> tuple[Seating, Seating]:
     own, rival = identities or (agents[0].name, agents[1].name)
     if own == rival:  # two copies of one agent do not share their draws
         own, rival = f"{own} (first)", f"{rival} (second)"
-    streams: list[list[dict[str, Any]]] = [[], []]
-    for number, names in enumerate(((own, rival), (rival, own))):
-        for chunk in chunks:
-            text = "\0".join((str(seed), str(chunk), *names))
-            digest = hashlib.blake2b(text.encode(), digest_size=8).digest()
-            agents[number].seed(int.from_bytes(digest, "big") >> 1)  # torch takes 63 bits
-            streams[number].append(agents[number].state_dict())
-    return streams
-
-
-def _play(
-    engine: BatchedEngine, agents: tuple[Agent, Agent], streams: list[list[dict[str, Any]]]
-) -> Iterator[tuple[NDArray[np.int32], NDArray[np.bool_]]]:
-    """Step until all worlds have ended; yields actions [B, P] and who was still running [B].
-
-    The first agent has seat 0 of the even worlds, the second of the odd ones. An agent is shown the
-    running games of one chunk at a time, in the order of blocks and of its own seat.
-    """
-    worlds = np.arange(engine.num_worlds)
-    seats = worlds % GAMES_PER_BLOCK
-    while (running := ~(engine.terminated | engine.truncated)).any():
-        masks = engine.action_mask()
-        seen = {name: engine.observe(name) for name in {agent.representation for agent in agents}}
-        shape = (engine.num_worlds, 2, *engine.spec.action_shape)
-        actions = np.full(shape, engine.spec.noop_action, np.int32)
-        for agent, own_worlds, states in zip(agents, (worlds, worlds ^ 1), streams, strict=True):
-            for chunk, state in enumerate(states):
-                games = slice(chunk * GAMES_PER_CHUNK, (chunk + 1) * GAMES_PER_CHUNK)
-                goes_on = running[own_worlds[games]]
-                if not goes_on.any():
-                    continue
-                places = own_worlds[games][goes_on], seats[games][goes_on]
-                agent.load_state_dict(state)
-                actions[places] = agent.act(seen[agent.representation][places], masks[places])
-                states[chunk] = agent.state_dict()
-        engine.step(actions)
-        yield actions, running
+    return Seating(agents[0], (own, rival)), Seating(agents[1], (rival, own))

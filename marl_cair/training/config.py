@@ -6,6 +6,8 @@ Units stand in the names. A frame is one decision of one world.
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -64,8 +66,9 @@ class GameSettings:
 
 @dataclass(frozen=True)
 class OpponentSettings:
-    """Who plays the other seats. Names in a mixture are bots, `latest` (the newest self; it learns
-    from all seats), `pool` (own snapshots) or `scripted` (all bots, evenly); values are weights.
+    """Who plays the other teams, where there are any. Names in a mixture are bots, `latest` (the
+    newest self; it learns from all seats), `pool` (own snapshots) or `scripted` (all bots, evenly);
+    values are weights.
     """
 
     mixture: dict[str, float] = field(  # weights by name of who is met
@@ -90,6 +93,11 @@ class OpponentSettings:
         for name in ("snapshot_every_frames", "pool_capacity", "pool_active"):
             require(getattr(self, name) >= 1, f"opponent.{name}", getattr(self, name), "1 or more")
         require(self.pool_recency >= 0, "opponent.pool_recency", self.pool_recency, "0 or more")
+
+    def choose_bots(self, bots: Iterable[str]) -> list[str]:
+        """Those of `bots` that may be met, in their order: the others need not fit the scenario."""
+        named = {**self.mixture, **self.warmup_mixture}
+        return [bot for bot in bots if bot in named or SCRIPTED in named]
 
 
 @dataclass(frozen=True)
@@ -200,16 +208,25 @@ class GeneratorSettings:
 
 @dataclass(frozen=True)
 class EvaluationSettings:
-    """Greedy games with sparse reward against bots, while training."""
+    """Greedy games with sparse reward, while training: against bots, or alone where nobody else
+    plays.
+    """
 
     every_frames: int = 100_000  # frames between two evaluations
-    games: int = 64  # games against each bot, half in each seat
-    bots: tuple[str, ...] = ("random",)  # opponents
+    games: int = 64  # games against each bot, rounded up to as many in each seat (or team)
+    bots: tuple[str, ...] = ("random",)  # opponents; where one plays alone, who it is compared with
+    scenarios: dict[str, dict[str, Any]] = field(  # played too: {heldout: {map: test-15x15-2p}}
+        default_factory=dict
+    )
 
     def __post_init__(self) -> None:
         require(self.every_frames >= 1, "evaluation.every_frames", self.every_frames, "1 or more")
-        even = self.games >= 2 and self.games % 2 == 0
-        require(even, "evaluation.games", self.games, "an even number, 2 or more")
+        require(self.games >= 1, "evaluation.games", self.games, "1 or more")
+        for name, options in self.scenarios.items():
+            plain = re.fullmatch(r"[\w-]+", name) is not None
+            require(plain, "evaluation.scenarios", name, "names of letters, digits, _ and -")
+            place = f"evaluation.scenarios.{name}"
+            require("reward" not in options, place, options, "without reward: it is always sparse")
 
 
 @dataclass(frozen=True)
@@ -253,6 +270,7 @@ class TrainConfig:
         require(threads is None or threads >= 1, "torch_threads", threads, "1 or more")
         minutes = self.max_minutes
         require(minutes is None or minutes > 0, "max_minutes", minutes, "above 0")
+        self._check_scenarios()
         bots = GAMES[self.game.name].bots
         known = {**bots, LATEST: None, POOL: None, SCRIPTED: None}
         for mixture in (self.opponent.mixture, self.opponent.warmup_mixture):
@@ -260,3 +278,23 @@ class TrainConfig:
                 find_by_name("opponent", opponent, known)
         for bot in self.evaluation.bots:
             find_by_name(f"{self.game.name} bot", bot, bots)
+
+    def evaluated_scenario(self, name: str) -> Any:
+        """The training scenario as `evaluation.scenarios` changes it."""
+        game, changes = self.game, self.evaluation.scenarios[name]
+        return GAMES[game.name].scenario(game.scenario, **{**game.options, **changes})
+
+    def _check_scenarios(self) -> None:
+        """Whether the learner can look at, and act in, what it is to be rated on."""
+        game = GAMES[self.game.name]
+        own = game.make_spec(game.scenario(self.game.scenario, **self.game.options))
+        seen = self.game.representation
+        for name in self.evaluation.scenarios:
+            other = game.make_spec(self.evaluated_scenario(name))
+            shapes = own.representations[seen].shape, other.representations[seen].shape
+            if shapes[0] != shapes[1] or own.action_names != other.action_names:
+                raise ValueError(
+                    f"evaluation.scenarios.{name} shows {list(shapes[1])} and has "
+                    f"{other.num_actions} actions, training shows {list(shapes[0])} and has "
+                    f"{own.num_actions}: the learner can only be rated where they are the same"
+                )

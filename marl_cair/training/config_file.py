@@ -16,7 +16,7 @@ from omegaconf import OmegaConf
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
 from marl_cair.lookup import find_by_name
-from marl_cair.training.config import GameSettings, TrainConfig
+from marl_cair.training.config import EvaluationSettings, GameSettings, TrainConfig
 
 CONFIG_FILE = "config.yaml"
 
@@ -82,8 +82,21 @@ def _build_group(kind: Any, values: Mapping[str, Any], inside: str) -> Any:
         find_by_name("option", name, hints)
     built = {name: build_value(hints[name], values[name], inside + name) for name in values}
     if kind is GameSettings:
-        built["options"] = _read_scenario_options(built)
+        options = built.get("options", {})
+        built["options"] = _read_scenario_options(built, options, "game.options")
+    if kind is TrainConfig and "evaluation" in built:
+        built["evaluation"] = _read_evaluation(built)
     return kind(**built)
+
+
+def _read_evaluation(built: Mapping[str, Any]) -> EvaluationSettings:
+    evaluation: EvaluationSettings = built["evaluation"]
+    game = dataclasses.asdict(built.get("game", GameSettings()))
+    scenarios = {
+        name: _read_scenario_options(game, options, f"evaluation.scenarios.{name}")
+        for name, options in evaluation.scenarios.items()
+    }
+    return dataclasses.replace(evaluation, scenarios=scenarios)
 
 
 def _read_number(kind: Any, value: Any, path: str) -> Any:
@@ -101,15 +114,27 @@ def _read_number(kind: Any, value: Any, path: str) -> Any:
     return value
 
 
-def _read_scenario_options(settings: Mapping[str, Any]) -> dict[str, Any]:
+def _read_scenario_options(
+    settings: Mapping[str, Any], options: Mapping[str, Any], path: str
+) -> dict[str, Any]:
     """Options of the scenario with text kept as text: `preset=2017` arrives as a number."""
-    options = dict(settings["options"])
-    game = find_by_name("game", settings["name"], GAMES)
-    hints = typing.get_type_hints(type(game.scenario(settings["scenario"])))
-    for name, value in options.items():
-        find_by_name(f"{settings['name']} option", name, hints)
-        options[name] = build_value(hints[name], value, f"game.options.{name}")
-    return options
+    game = find_by_name("game", settings.get("name", GameSettings.name), GAMES)
+    scenario = game.scenario(settings.get("scenario", GameSettings.scenario))
+    return read_options(game.name, scenario, options, path)
+
+
+def read_options(game: str, scenario: Any, options: Mapping[str, Any], path: str) -> dict[str, Any]:
+    """`options` as the fields of `scenario` want them.
+
+    Raises:
+        UnknownNameError: no such field; ValueError: a value of another kind, by `path`.
+    """
+    hints = typing.get_type_hints(type(scenario))
+    for name in options:
+        find_by_name(f"{game} option", name, hints)
+    return {
+        name: build_value(hints[name], value, f"{path}.{name}") for name, value in options.items()
+    }
 
 
 def to_plain(value: Any) -> Any:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -17,31 +17,46 @@ from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 
 from marl_cair.files import write_atomically
-from marl_cair.games.game import NO_WINNER
+from marl_cair.games.game import NO_WINNER, GameSpec
+from marl_cair.games.standings import share_points
 from marl_cair.games.torchrl_env import LastStep
 from marl_cair.training.config import POOL
 from marl_cair.training.opponents import FIRST_SNAPSHOT_ID
+
+
+class Decisions(NamedTuple):
+    """What all seats of all worlds did at one decision."""
+
+    actions: NDArray[np.int64]  # [B, P]
+    owned: NDArray[np.bool_]  # [B, P] seats of the learner
+    out: NDArray[np.bool_]  # [B, P] seats that were out by then
+    opponent: NDArray[np.int16]  # [B]
 
 
 class EpisodeStatistics:
     """Outcomes of the learner's games since the last report, and its optimism.
 
     The overestimation of a game is the learner's highest legal value at the first decision less the
-    discounted return that it then realised, exploration included, both in scaled rewards.
+    discounted return that it then realised, exploration included, both in scaled rewards. The
+    return that is reported is the plain sum of a seat's rewards. The win rate is the mean of the
+    points of the learner's team: `games.standings.share_points`; fair is 1 / teams.
+
+    Args:
+        num_worlds: B.
+        spec: of the game.
+        gamma: discount per decision.
+        reward_scale: of the learner's rewards.
     """
 
     def __init__(
-        self,
-        num_worlds: int,
-        num_players: int,
-        gamma: float,
-        groups: NDArray[Any],
-        reward_scale: float = 1.0,
+        self, num_worlds: int, spec: GameSpec, gamma: float, reward_scale: float = 1.0
     ) -> None:
-        seats = (num_worlds, num_players)
-        self._gamma, self._groups, self._reward_scale = gamma, groups, reward_scale
+        seats = (num_worlds, spec.num_players)
+        self._gamma, self._reward_scale = gamma, reward_scale
+        self._groups, self._teams = spec.action_groups, spec.team_of_seat
         self._first_value = np.zeros(seats)
         self._return = np.zeros(seats)
+        self._reward_sum = np.zeros(seats)
         self._discount = np.ones(seats)
         self._decisions = np.zeros(num_worlds, np.int64)
         self._clear()
@@ -49,6 +64,7 @@ class EpisodeStatistics:
     def _clear(self) -> None:
         self._results: dict[int, list[float]] = {}
         self._excess: list[float] = []
+        self._reward_sums: list[float] = []
         self._lengths: list[int] = []
         self._num_drawn = 0
         self._actions = np.zeros(int(self._groups.max()) + 1, np.int64)
@@ -61,32 +77,30 @@ class EpisodeStatistics:
         values[learned] = best
         self._first_value[starting] = values[starting]
         self._return[starting] = 0.0
+        self._reward_sum[starting] = 0.0
         self._discount[starting] = 1.0
         self._decisions[starting] = 0
 
-    def note_step(
-        self,
-        actions: NDArray[np.int64],
-        learned: NDArray[np.bool_],
-        last: LastStep,
-        opponent: NDArray[np.int16],
-    ) -> None:
-        """One decision of all worlds: actions and learned [B, P], opponent [B]."""
+    def note_step(self, taken: Decisions, last: LastStep) -> None:
+        """One decision of all worlds, and what it brought."""
         self._return += self._discount * self._reward_scale * last.rewards
+        self._reward_sum += last.rewards
         self._discount *= self._gamma
         self._decisions += 1
-        kinds = self._groups[actions[learned]]
+        kinds = self._groups[taken.actions[taken.owned & ~taken.out]]
         self._actions += np.bincount(kinds, minlength=len(self._actions))
-        for world in np.flatnonzero(last.ended).tolist():
-            seats = np.flatnonzero(learned[world])
+        ended = np.flatnonzero(last.ended)
+        points = share_points(last.winner[ended], taken.out[ended], self._teams)
+        for world, of_teams in zip(ended.tolist(), points.tolist(), strict=True):
+            seats = np.flatnonzero(taken.owned[world])
             excess = self._first_value[world, seats] - self._return[world, seats]
             self._excess += excess.tolist()
+            self._reward_sums += self._reward_sum[world, seats].tolist()
             self._lengths.append(int(self._decisions[world]))
-            winner = int(last.winner[world])
-            self._num_drawn += int(winner == NO_WINNER)
-            if len(seats) == 1:
-                won = 0.5 if winner == NO_WINNER else float(winner == seats[0])
-                self._results.setdefault(int(opponent[world]), []).append(won)
+            self._num_drawn += int(last.winner[world] == NO_WINNER)
+            if len(seats) < len(self._teams):
+                results = self._results.setdefault(int(taken.opponent[world]), [])
+                results.append(of_teams[self._teams[seats[0]]])
 
     def report(self, names: Mapping[int, str], group_names: tuple[str, ...]) -> dict[str, float]:
         """Means since the last report, by log name; forgets them."""
@@ -94,6 +108,7 @@ class EpisodeStatistics:
         if self._lengths:
             row["episodes/decisions"] = float(np.mean(self._lengths))
             row["episodes/drawn"] = self._num_drawn / len(self._lengths)
+            row["episodes/return"] = float(np.mean(self._reward_sums))
             row["q/overestimation"] = float(np.mean(self._excess))
         by_name: dict[str, list[float]] = {}
         for number, results in self._results.items():
@@ -112,6 +127,7 @@ class EpisodeStatistics:
         arrays = {
             "first_value": self._first_value,
             "return": self._return,
+            "reward_sum": self._reward_sum,
             "discount": self._discount,
             "decisions": self._decisions,
             "actions": self._actions,
@@ -120,6 +136,7 @@ class EpisodeStatistics:
             "arrays": {name: torch.from_numpy(value.copy()) for name, value in arrays.items()},
             "results": {number: list(values) for number, values in self._results.items()},
             "excess": list(self._excess),
+            "reward_sums": list(self._reward_sums),
             "lengths": list(self._lengths),
             "num_drawn": self._num_drawn,
         }
@@ -129,9 +146,10 @@ class EpisodeStatistics:
         arrays = {name: value.numpy().copy() for name, value in state["arrays"].items()}
         self._first_value, self._return = arrays["first_value"], arrays["return"]
         self._discount, self._decisions = arrays["discount"], arrays["decisions"]
-        self._actions = arrays["actions"]
+        self._reward_sum, self._actions = arrays["reward_sum"], arrays["actions"]
         self._results = {number: list(values) for number, values in state["results"].items()}
         self._excess, self._lengths = list(state["excess"]), list(state["lengths"])
+        self._reward_sums = list(state["reward_sums"])
         self._num_drawn = state["num_drawn"]
 
 

@@ -1,4 +1,4 @@
-"""Who sits in the other seats: an opponent for each world, drawn anew when its game begins."""
+"""Who plays the other teams: an opponent for each world, drawn anew when its game begins."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from marl_cair.games.game import Agent, Game
 from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
 from marl_cair.policies.q_network import QNetwork
+from marl_cair.replay.transition import NO_OPPONENT
 from marl_cair.training.config import LATEST, POOL, SCRIPTED, OpponentSettings
 
 LATEST_ID = 0  # the learner itself; bots follow from 1, snapshots from FIRST_SNAPSHOT_ID
@@ -29,6 +30,9 @@ class Snapshot(NamedTuple):
 
 class OpponentBook:
     """All opponents of a run by number, and the draw of one.
+
+    Where all seats are of one team (one-player scenarios) there is nobody to meet: every draw is
+    NO_OPPONENT, whatever the settings say.
 
     Args:
         settings: weights and pool.
@@ -47,13 +51,16 @@ class OpponentBook:
     ) -> None:
         self.settings = settings
         self._representation = representation
-        self._groups = game.make_spec(scenario).action_groups
+        spec = game.make_spec(scenario)
+        self._groups, self._is_alone = spec.action_groups, spec.num_teams == 1
         self.bots: dict[int, Agent] = {}
         self.names: dict[int, str] = {LATEST_ID: LATEST}
-        for number, name in enumerate(game.bots):
-            bot = game.bot(name, scenario)
-            bot.seed(seed + 1 + number)
-            self.bots[1 + number], self.names[1 + number] = bot, name
+        needed = set() if self._is_alone else set(settings.choose_bots(game.bots))
+        for number, name in enumerate(game.bots, start=1):
+            self.names[number] = name
+            if name in needed:
+                self.bots[number] = game.bot(name, scenario)
+                self.bots[number].seed(seed + number)
         self.snapshots: list[Snapshot] = []
         self.retired: list[Snapshot] = []  # out of the pool, with games still to finish
         self.active: list[int] = []  # numbers of the snapshots that play now
@@ -61,7 +68,7 @@ class OpponentBook:
         self._rng = np.random.default_rng(seed)
 
     def agent(self, opponent_id: int) -> Agent:
-        """The opponent with that number (not LATEST_ID, which is the learner)."""
+        """The opponent with that number (not LATEST_ID, which is the learner, or NO_OPPONENT)."""
         if opponent_id in self.bots:
             return self.bots[opponent_id]
         everyone = (*self.snapshots, *self.retired)
@@ -69,6 +76,8 @@ class OpponentBook:
 
     def draw(self, count: int, frames: int) -> NDArray[np.int16]:
         """Opponents for `count` games that begin now, int16 [count]."""
+        if self._is_alone:
+            return np.full(count, NO_OPPONENT, np.int16)
         warming = frames < self.settings.warmup_frames
         mixture = self.settings.warmup_mixture if warming else self.settings.mixture
         names = list(mixture)

@@ -10,7 +10,10 @@ from marl_cair.replay.rollout import Rollout
 
 
 def make_rollout(data: TensorDictBase, reward_scale: float) -> Rollout:
-    """Streams are seats of worlds, s = b * P + p; only truncated ends carry a next observation."""
+    """Streams are seats of worlds, s = b * P + p; only truncated ends carry a next observation.
+
+    The step at which a seat goes out is terminated for that seat, and no later one is learned.
+    """
     group, following = data[GROUP], data["next", GROUP]
     terminated = _by_time(following["terminated"]).squeeze(-1)
     truncated = _by_time(following["truncated"]).squeeze(-1) & ~terminated

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -85,7 +86,7 @@ class TrainingRun:
         save_config(config)
         self.frames = 0
         self.shows_progress = False
-        self.best_score = -1.0  # of all evaluations, below any score
+        self.best_score = -math.inf  # of all evaluations
         self.gate_is_open = False
         recover_folder(self.folder / RESUME_FOLDER)
         if resume and (self.folder / RESUME_FOLDER).is_dir():
@@ -102,8 +103,8 @@ class TrainingRun:
         self.game = GAMES[game.name]
         self.scenario = self.game.scenario(game.scenario, **game.options)
         bots_look_at = {
-            bot(self.scenario, self.game.make_spec(self.scenario)).representation
-            for bot in self.game.bots.values()
+            self.game.bot(bot, self.scenario).representation
+            for bot in self.config.opponent.choose_bots(self.game.bots)
         }
         options = dataclasses.asdict(self.scenario)
         options["reward"] = game.reward
@@ -197,12 +198,10 @@ class TrainingRun:
         self.book = OpponentBook(
             config.opponent, self.game, self.scenario, self.seen.name, self._seeds[6]
         )
-        engine = self.env.engine
         self.statistics = EpisodeStatistics(
-            engine.num_worlds,
-            engine.num_players,
+            config.collector.num_worlds,
+            self.spec,
             config.learner.gamma,
-            self.spec.action_groups,
             config.learner.reward_scale,
         )
         self.means = RunningMeans()

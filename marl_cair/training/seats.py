@@ -15,15 +15,17 @@ from torch import Tensor
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
 from marl_cair.policies.actor import PolicyActor
 from marl_cair.training.config import ExplorationSettings
-from marl_cair.training.metrics import EpisodeStatistics
+from marl_cair.training.metrics import Decisions, EpisodeStatistics
 from marl_cair.training.opponents import LATEST_ID, OpponentBook, export_rng, import_rng
 
 
 class SeatRouter(TensorDictModuleBase):
     """Chooses the actions of all seats [B, P].
 
-    When a game begins its opponent is drawn from the book and the learner's seat evenly; both hold
-    until the game ends. Against `latest` the learner plays, and learns from, every seat.
+    When a game begins its opponent is drawn from the book and the learner's team evenly; both hold
+    until the game ends. The learner plays all seats of its team (one, where everybody plays for
+    itself), the opponent all others; against `latest`, and where there is but one team, the learner
+    plays and learns from every seat. A seat that is out is nobody's: its action is the no-op.
 
     Args:
         env: the worlds; its episode counts tell when a game begins.
@@ -31,7 +33,7 @@ class SeatRouter(TensorDictModuleBase):
         book: the opponents.
         exploration: the epsilon of each frame.
         statistics: hears the learner's first value of each game.
-        seed: of the seats.
+        seed: of the teams.
     """
 
     def __init__(
@@ -44,9 +46,10 @@ class SeatRouter(TensorDictModuleBase):
         seed: int,
     ) -> None:
         super().__init__()
-        self.in_keys = [(GROUP, "observation"), (GROUP, "action_mask")]
+        self.in_keys = [(GROUP, "observation"), (GROUP, "action_mask"), (GROUP, "done")]
         self.out_keys = [(GROUP, "action"), (GROUP, "learned"), (GROUP, "opponent")]
         worlds, self._players = env.engine.num_worlds, env.engine.num_players
+        self._teams, self._noop = env.engine.spec.team_of_seat, env.engine.spec.noop_action
         self._env, self._book, self._exploration = env, book, exploration
         self._statistics = statistics
         # Out of the module's parameters: the collector must not copy or count them.
@@ -54,9 +57,10 @@ class SeatRouter(TensorDictModuleBase):
         self._rng = np.random.default_rng(seed)
         self.frames = 0
         self.opponent = np.full(worlds, LATEST_ID, np.int16)
-        self._seat = np.zeros(worlds, np.int64)
+        self._team = np.zeros(worlds, np.int64)
         self._episode = np.full(worlds, -1, np.int64)
-        self._learned = np.zeros((worlds, self._players), np.bool_)
+        self._owned = np.zeros((worlds, self._players), np.bool_)
+        self._out = np.zeros((worlds, self._players), np.bool_)
         self._actions = np.zeros((worlds, self._players), np.int64)
 
     @property
@@ -68,10 +72,13 @@ class SeatRouter(TensorDictModuleBase):
         """Write ("player", "action") int64, "learned" bool and "opponent" int16, each [B, P]."""
         group = tensordict.get(GROUP)
         if self.frames:
-            self._statistics.note_step(self._actions, self._learned, self._env.last, self.opponent)
-        starting = self._seat_new_games()
-        learned = self._find_learned()
-        actions = torch.zeros(learned.shape, dtype=torch.int64)
+            taken = Decisions(self._actions, self._owned, self._out, self.opponent)
+            self._statistics.note_step(taken, self._env.last)
+        starting = self._start_new_games()
+        self._owned = self._find_owned()
+        self._out = group.get("done").squeeze(-1).numpy().copy()
+        learned = self._owned & ~self._out
+        actions = torch.full(learned.shape, self._noop, dtype=torch.int64)
         rows = torch.from_numpy(learned)
         observation, mask = group.get("observation"), group.get("action_mask")
         actor: PolicyActor = self.__dict__["actor"]
@@ -80,8 +87,8 @@ class SeatRouter(TensorDictModuleBase):
         if starting.any():
             best = values.masked_fill(~mask[rows], -torch.inf).amax(-1).numpy()
             self._statistics.note_first_values(starting, learned, best)
-        self._play_opponents(group, mask, learned, actions)
-        self._learned, self._actions = learned, actions.numpy().copy()
+        self._play_opponents(group, mask, actions)
+        self._actions = actions.numpy().copy()
         group.set("action", actions)
         group.set("learned", rows)
         met = torch.from_numpy(self.opponent).unsqueeze(1).expand(-1, self._players)
@@ -89,44 +96,42 @@ class SeatRouter(TensorDictModuleBase):
         self.frames += len(self.opponent)
         return tensordict
 
-    def _seat_new_games(self) -> NDArray[np.bool_]:
-        """Draw opponent and seat of the worlds [B] whose game has just begun; returns which."""
+    def _start_new_games(self) -> NDArray[np.bool_]:
+        """Draw opponent and team of the worlds [B] whose game has just begun; returns which."""
         starting: NDArray[np.bool_] = self._env.seeds.episodes != self._episode
         count = int(starting.sum())
         if count:
             self.opponent[starting] = self._book.draw(count, self.frames)
-            self._seat[starting] = self._rng.integers(0, self._players, count)
+            self._team[starting] = self._rng.integers(0, int(self._teams.max()) + 1, count)
             self._episode = self._env.seeds.episodes.copy()
             self._book.forget_unused(self.opponent)
         return starting
 
-    def _find_learned(self) -> NDArray[np.bool_]:
-        seats = np.arange(self._players)
-        learned: NDArray[np.bool_] = self._seat[:, None] == seats
-        learned |= self.opponent[:, None] == LATEST_ID
-        return learned
+    def _find_owned(self) -> NDArray[np.bool_]:
+        """The learner's seats [B, P], whether they are still in or not."""
+        owned: NDArray[np.bool_] = self._team[:, None] == self._teams
+        owned |= self.opponent[:, None] == LATEST_ID
+        return owned
 
-    def _play_opponents(
-        self, group: TensorDictBase, mask: Tensor, learned: NDArray[np.bool_], actions: Tensor
-    ) -> None:
-        for number in np.unique(self.opponent).tolist():
-            if number == LATEST_ID:
-                continue
+    def _play_opponents(self, group: TensorDictBase, mask: Tensor, actions: Tensor) -> None:
+        theirs = ~self._owned & ~self._out
+        for number in np.unique(self.opponent[theirs.any(1)]).tolist():
             agent = self._book.agent(number)
-            rows = torch.from_numpy(~learned & (self.opponent[:, None] == number))
+            rows = torch.from_numpy(theirs & (self.opponent[:, None] == number))
             seen = group.get(self._env.key_of(agent.representation))
             chosen = agent.act(seen[rows].numpy(), mask[rows].numpy())
             actions[rows] = torch.from_numpy(np.asarray(chosen, np.int64))
 
     def export_state(self) -> dict[str, Any]:
-        """Seats, opponents and random states as tensors and plain data."""
+        """Teams, opponents and random states as tensors and plain data."""
         actor: PolicyActor = self.__dict__["actor"]
         return {
             "frames": self.frames,
             "opponent": torch.from_numpy(self.opponent.copy()),
-            "seat": torch.from_numpy(self._seat.copy()),
+            "team": torch.from_numpy(self._team.copy()),
             "episode": torch.from_numpy(self._episode.copy()),
-            "learned": torch.from_numpy(self._learned.copy()),
+            "owned": torch.from_numpy(self._owned.copy()),
+            "out": torch.from_numpy(self._out.copy()),
             "actions": torch.from_numpy(self._actions.copy()),
             "rng": export_rng(self._rng),
             "exploration": actor.state_dict(),
@@ -136,9 +141,10 @@ class SeatRouter(TensorDictModuleBase):
         """Continue from `export_state`."""
         self.frames = state["frames"]
         self.opponent = state["opponent"].numpy().copy()
-        self._seat = state["seat"].numpy().copy()
+        self._team = state["team"].numpy().copy()
         self._episode = state["episode"].numpy().copy()
-        self._learned = state["learned"].numpy().copy()
+        self._owned = state["owned"].numpy().copy()
+        self._out = state["out"].numpy().copy()
         self._actions = state["actions"].numpy().copy()
         import_rng(self._rng, state["rng"])
         actor: PolicyActor = self.__dict__["actor"]

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from marl_cair.generative.generator import Generator
 from marl_cair.training.config import TrainConfig
-from marl_cair.training.evaluation import evaluate_against_bots
+from marl_cair.training.evaluation import evaluate
 from marl_cair.training.metrics import Timers
 from marl_cair.training.rollout import make_rollout
 from marl_cair.training.run import TrainingRun
@@ -51,6 +51,8 @@ def train(
     """
     run = TrainingRun(config, resume)
     run.shows_progress = show_progress
+    if run.spec.num_teams == 1:
+        _tell(run, "opponents", f"{config.game.scenario} has no rivals, so opponent.* is not used")
     timers = Timers()
     deadline = None if config.max_minutes is None else time.monotonic() + 60 * config.max_minutes
     bar = tqdm(
@@ -158,9 +160,14 @@ def _measure_generator(run: TrainingRun, generator: Generator) -> None:
     run.means.add({"gate/passed": float(report.passed), **values})
     reasons = "; ".join(report.reasons)
     text = "open" if report.passed else f"shut, batches are all real: {reasons}"
-    run.log.note(run.frames, "gate", text)
+    _tell(run, "gate", f"the generator's gate is {text}")
+
+
+def _tell(run: TrainingRun, tag: str, text: str) -> None:
+    """A line for TensorBoard, and for who watches."""
+    run.log.note(run.frames, tag, text)
     if run.shows_progress:
-        tqdm.write(f"frame {run.frames}: the generator's gate is {text}")
+        tqdm.write(f"frame {run.frames}: {text}")
 
 
 def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
@@ -189,10 +196,7 @@ def _write_row(run: TrainingRun, row: dict[str, float], timers: Timers) -> dict[
 
 
 def _evaluate(run: TrainingRun) -> dict[str, float]:
-    settings = run.config.evaluation
-    scores, row = evaluate_against_bots(
-        run.rated, run.game, run.scenario, settings.bots, settings.games, run.evaluation_seed
-    )
+    scores, row = evaluate(run.rated, run.game, run.scenario, run.config, run.evaluation_seed)
     run.save_agent()
     if scores:
         run.note_score(sum(scores) / len(scores))
@@ -205,6 +209,11 @@ def _summarise(row: dict[str, float]) -> str:
         f"{name.partition('/')[2]} {value:.0%}"
         for name, value in row.items()
         if name.startswith(("win_rate/", "collect_win_rate/")) and name.count("/") == 1
+    ]
+    shown += [
+        f"{name.replace('/', ' of ')} {value:.3g}"
+        for name, value in row.items()
+        if name.startswith("return/") and name.count("/") == 1
     ]
     return ", ".join(shown)
 

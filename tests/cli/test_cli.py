@@ -78,6 +78,18 @@ def test_a_mixture_takes_the_place_of_the_presets():
     assert config.opponent.mixture == {"latest": 0.5, "counter": 0.5}
 
 
+def test_scenarios_to_be_rated_on_are_mappings_of_options(tmp_path):
+    """Under names of the user's own; text that looks like a number stays text."""
+    whole = ["evaluation.scenarios={old: {preset: 2017}, short: {max_ticks: 100}}"]
+    parts = ["evaluation.scenarios.old.preset=2017", "evaluation.scenarios.short.max_ticks=100"]
+    for words in (whole, parts):
+        config = compose_config([*words, f"out={tmp_path}"])
+        expected = {"old": {"preset": "2017"}, "short": {"max_ticks": 100}}
+        assert config.evaluation.scenarios == expected
+        save_config(config)
+        assert load_config(str(tmp_path)) == config
+
+
 def test_configuration_survives_its_file(tmp_path):
     config = compose_config(["policy=capsule", f"out={tmp_path}", "preset=2018", "max_minutes=2"])
     save_config(config)
@@ -105,6 +117,9 @@ def test_configuration_survives_its_file(tmp_path):
         (["opponent.mixture={random:1}", "opponent.mixture.latest=1"], "are both given"),
         (["opponent.mixture={random:a}"], "opponent.mixture.random is 'a', it must be a number"),
         (["evaluation.bots=random"], "evaluation.bots is 'random', it must be a list"),
+        (["evaluation.scenarios={a: {rwos: 11}}"], "unknown deep_line_wars option 'rwos'"),
+        (["evaluation.scenarios.a.rows=11"], "the learner can only be rated where they are the sa"),
+        (["map=train-15x15-2p"], "unknown deep_line_wars option 'map'"),
     ],
 )
 def test_train_refuses_with_one_line(words, message, capsys):

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.stats import binomtest
 
-from marl_cair.league.intervals import block_interval, win_rate_interval
+from marl_cair.league.intervals import block_interval, mean_interval, win_rate_interval
 
 
 def test_wilson_interval_of_497_wins_in_500_games():
@@ -64,3 +65,13 @@ def test_the_interval_covers_the_true_score(draws, edge, pairing):
         low, high = block_interval(games.mean(1))
         covered += low <= true_score <= high
     assert covered >= 0.92 * 400
+
+
+def test_the_interval_of_a_mean_is_students():
+    values = np.array([1.0, 2.0, 4.0, 7.0])
+    expected = stats.t.interval(0.95, 3, loc=3.5, scale=stats.sem(values))
+    assert mean_interval(values) == pytest.approx(expected)
+    assert mean_interval(np.array([2.0])) == (-np.inf, np.inf)
+    assert mean_interval(np.full(5, 0.25)) == (0.25, 0.25)
+    with pytest.raises(ValueError, match="there are no values"):
+        mean_interval(np.array([]))

@@ -78,6 +78,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
         max_ticks=scenario.max_ticks,
         reward_bound=_reward_bound(scenario),
         action_shape=(scenario.rows, scenario.columns) if scenario.actions == "grid" else (),
+        teams=scenario.teams,
     )
 
 

@@ -1,0 +1,172 @@
+"""`marl-cair match`: two agents compared in one scenario, and in variants of it side by side.
+
+Where there are rivals, A plays one seat (or team) and B all others, and every map seed is played
+once with A in each: an agent as strong as B has the fair share of the points, 1 / seats (teams).
+Where there are none, each plays the same map seeds alone, and their scores are compared.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from marl_cair.cli import EXIT_DONE
+from marl_cair.cli.compose import read_value
+from marl_cair.cli.match_options import add_match_options
+from marl_cair.games.game import Agent, Game
+from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
+from marl_cair.league.match import play_match
+from marl_cair.league.solo import Estimate, SoloResult, compare, play_alone
+from marl_cair.training.config_file import read_options
+
+HELDOUT_MAP = "heldout_map"  # short for heldout.map
+_PARSER_OPTIONS = ("game", "scenario", "games", "seed")
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Play and print, each variant as soon as it is played; returns the exit code."""
+    # Intermixed: `match A B games=8 max_ticks=500` has an option between its words.
+    options = make_parser().parse_intermixed_args(split_words(arguments))
+    game, name, fields = find_scenario(options.agents, options.game, options.scenario)
+    variants = read_variants(game, game.scenario(name, **fields), options.options)
+    width = max(map(len, [name, *variants]))
+    first, second = options.agents
+    for number, (label, scenario) in enumerate(variants.items()):
+        agents = load_agent(first, game.name, scenario), load_agent(second, game.name, scenario)
+        has_rivals = game.make_spec(scenario).num_teams > 1
+        tell = compare_rivals if has_rivals else compare_scores
+        head, line, verdict = tell(agents, game, scenario, options.games, options.seed)
+        if number == 0:
+            sys.stdout.write(f"A = {first}, B = {second} on {game.name} {name}\n")
+        sys.stdout.write(f"{label or name:{width}}  {head}\n{'':{width}}  {line}\n")
+        sys.stdout.write(f"{'':{width}}  {verdict}\n")
+        sys.stdout.flush()
+    return EXIT_DONE
+
+
+def split_words(arguments: Sequence[str]) -> list[str]:
+    """Arguments for the parser: `games=40` is `--games 40`, other words stay as they are."""
+    words: list[str] = []
+    for word in arguments:
+        name, equals, value = word.partition("=")
+        words += [f"--{name}={value}"] if equals and name in _PARSER_OPTIONS else [word]
+    return words
+
+
+def read_variants(game: Game, scenario: Any, words: Sequence[str]) -> dict[str, Any]:
+    """The scenario as `field=value` changes it, under "", and its `variant.field=value` by name.
+
+    Raises:
+        UnknownNameError: no such field; ValueError: no such value, or a word that is no option.
+    """
+    changes: dict[str, dict[str, Any]] = {"": {}}
+    for word in words:
+        name, equals, _ = word.partition("=")
+        if not equals:
+            raise ValueError(f"{word!r} is no option: write field=value, for example max_ticks=500")
+        name = "heldout.map" if name == HELDOUT_MAP else name
+        variant, _, field = name.rpartition(".")
+        if field == "reward":
+            raise ValueError(f"{word}: leave it out, matches are played with sparse reward")
+        changes.setdefault(variant, {})[field] = read_value(word)
+    read = {
+        variant: read_options(game.name, scenario, values, variant or "option")
+        for variant, values in changes.items()
+    }
+    return {
+        variant: dataclasses.replace(scenario, **{**read[""], **values})
+        for variant, values in read.items()
+    }
+
+
+def compare_rivals(
+    agents: tuple[Agent, Agent], game: Game, scenario: Any, num_games: int, seed: int
+) -> tuple[str, str, str]:
+    """What is played, the numbers, and the verdict, a line each."""
+    spec = game.make_spec(scenario)
+    num_teams = spec.num_teams
+    num_games = -(-num_games // num_teams) * num_teams
+    match = play_match(*agents, game, scenario, num_games, seed, _identify(agents, game))
+    low, high = match.interval()
+    place = "seat" if num_teams == spec.num_players else "team"
+    others = "the other" if num_teams == 2 else f"the other {num_teams - 1}"
+    fair = f"{match.fair_share:.1%}"
+    points = f"{match.score:.1%} [{low:.1%}, {high:.1%}] of the points"
+    if low > match.fair_share:
+        verdict = "A is stronger than B."
+    elif high < match.fair_share:
+        verdict = "A is weaker than B."
+    else:
+        verdict = "They cannot be told apart."
+    return (
+        f"A in one {place}, B in {others}: {num_games // num_teams} map seeds, once in each",
+        f"A won {match.wins}, drew {match.draws}, lost {match.losses}: {points}, {fair} is fair",
+        verdict + _warn_of_repeats(match.games, match.distinct_games),
+    )
+
+
+def compare_scores(
+    agents: tuple[Agent, Agent], game: Game, scenario: Any, num_games: int, seed: int
+) -> tuple[str, str, str]:
+    """What is played, the numbers, and the verdict, a line each."""
+    names = _identify(agents, game)
+    results: list[SoloResult] = [
+        play_alone(agent, game, scenario, num_games, seed, identity)
+        for agent, identity in zip(agents, names, strict=True)
+    ]
+    gain = compare(*results)
+    if gain.low > 0.0:
+        verdict = "A scores more than B."
+    elif gain.high < 0.0:
+        verdict = "A scores less than B."
+    else:
+        verdict = "They cannot be told apart."
+    distinct = min(result.distinct_games for result in results)
+    scores = (_format(result.estimate) for result in results)
+    return (
+        f"each alone on the same {num_games} map seeds; a score is the sum of a game's rewards",
+        "mean score of A {}, of B {}; ".format(*scores) + f"A less B {_format(gain)}",
+        verdict + _warn_of_repeats(num_games, distinct),
+    )
+
+
+def _identify(agents: tuple[Agent, Agent], game: Game) -> tuple[str, str]:
+    return find_fingerprint(agents[0], game), find_fingerprint(agents[1], game)
+
+
+def _format(estimate: Estimate) -> str:
+    return f"{estimate.mean:.4g} [{estimate.low:.4g}, {estimate.high:.4g}]"
+
+
+def _warn_of_repeats(num_games: int, num_distinct: int) -> str:
+    if num_distinct == num_games:
+        return ""
+    return f" (only {num_distinct} of {num_games} games differ: the interval is too narrow)"
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The options of the command."""
+    parser = argparse.ArgumentParser(
+        "marl-cair match",
+        description=__doc__,
+        epilog="example: marl-cair match runs/a/latest economist game=deep_rts "
+        "scenario=1v1-15x15 map=train-15x15-2p heldout_map=test-15x15-2p games=200",
+    )
+    parser.add_argument(
+        "agents",
+        nargs=2,
+        metavar="AGENT",
+        help="A and B: folders of checkpoints (runs/a/latest) or bots (`marl-cair games`)",
+    )
+    parser.add_argument(
+        "options",
+        nargs="*",
+        metavar="field=value",
+        help="fields of the scenario to change; variant.field=value plays that variant too, and "
+        f"{HELDOUT_MAP}=... is short for heldout.map=...",
+    )
+    add_match_options(parser, 100, "of each variant", "first checkpoint", "bots alone")
+    return parser

@@ -1,0 +1,131 @@
+"""Scenarios without rivals: agents play the same map seeds, each alone, and their scores compare.
+
+The score of a game is its return: the sum of the rewards of the sparse reward, which every game
+pays for its own goal (of several seats that play together, their mean).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.game import Agent, Game
+from marl_cair.league.intervals import mean_interval
+from marl_cair.league.playing import CHUNKS_AT_ONCE, Places, Seating, Table, play_out, start_engine
+
+GAMES_PER_CHUNK = 8
+
+
+@dataclass(frozen=True)
+class SoloGame:
+    """One game of one agent; its map seed is that of the block of this number."""
+
+    block: int
+    score: float  # sum of its rewards
+    is_truncated: bool
+    decisions: int
+    fingerprint: str  # of all actions: equal games have equal ones
+
+
+class Estimate(NamedTuple):
+    """A mean with its 95 % interval."""
+
+    mean: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class SoloResult:
+    """All games of one agent."""
+
+    results: tuple[SoloGame, ...]
+
+    @property
+    def games(self) -> int:
+        return len(self.results)
+
+    @property
+    def scores(self) -> NDArray[np.float64]:
+        """Float64 [games]."""
+        return np.array([result.score for result in self.results])
+
+    @property
+    def estimate(self) -> Estimate:
+        """The mean score."""
+        return _estimate(self.scores)
+
+    @property
+    def distinct_games(self) -> int:
+        """Games that differ in an action: agents without randomness repeat themselves."""
+        return len({result.fingerprint for result in self.results})
+
+
+def play_alone(
+    agent: Agent,
+    game: Game,
+    scenario: Any,
+    num_games: int,
+    seed: int,
+    identity: str | None = None,
+) -> SoloResult:
+    """Play `num_games` games with the agent in all seats, with sparse reward.
+
+    Game k has the map seed of (seed, k), whoever plays. A longer series begins with the games of a
+    shorter one. The agent draws by the seed and its identity (default: its name).
+
+    Raises:
+        ValueError: fewer games than one, or a scenario with rivals.
+    """
+    spec = game.make_spec(scenario)
+    if spec.num_teams != 1:
+        raise ValueError(
+            f"{game.name}: this scenario has {spec.num_teams} teams, nobody plays alone; play a "
+            "match (league.match)"
+        )
+    if num_games < 1:
+        raise ValueError(f"num_games is {num_games}, it must be 1 or more")
+    table = _make_table(spec.num_players)
+    seating = (Seating(agent, (identity or agent.name,)),)
+    chunks = range(-(-num_games // GAMES_PER_CHUNK))
+    results: list[SoloGame] = []
+    for start in chunks[::CHUNKS_AT_ONCE]:
+        part = chunks[start : start + CHUNKS_AT_ONCE]
+        engine = start_engine(game, scenario, seed, table, part)
+        ended = play_out(engine, table, seating, seed, part)
+        rows = zip(
+            table.number_blocks(part).tolist(),
+            ended.returns.mean(1).tolist(),
+            ended.truncated.tolist(),
+            ended.decisions.tolist(),
+            ended.fingerprints,
+            strict=True,
+        )
+        results += [SoloGame(*row) for row in rows]
+    return SoloResult(tuple(results[:num_games]))
+
+
+def compare(first: SoloResult, second: SoloResult) -> Estimate:
+    """By how much `first` scores more, from the differences on each map seed.
+
+    Raises:
+        ValueError: the two did not play the same number of games.
+    """
+    if first.games != second.games:
+        raise ValueError(
+            f"{first.games} games cannot be paired with {second.games}: play the same map seeds"
+        )
+    return _estimate(first.scores - second.scores)
+
+
+def _estimate(values: NDArray[np.float64]) -> Estimate:
+    return Estimate(float(values.mean()), *mean_interval(values))
+
+
+def _make_table(num_players: int) -> Table:
+    games = np.arange(GAMES_PER_CHUNK)
+    seats = np.tile(np.arange(num_players), GAMES_PER_CHUNK)
+    return Table(games, (Places(np.repeat(games, num_players), seats),))

@@ -1,0 +1,254 @@
+"""Matches of more than two seats and of teams, and agents that play alone, on the test game."""
+
+import numpy as np
+import pytest
+
+from marl_cair.games.game import NO_WINNER
+from marl_cair.league.intervals import block_interval, mean_interval
+from marl_cair.league.league import LeagueConfig, run_league
+from marl_cair.league.match import GameResult, MatchResult, play_chunks, play_match, record_game
+from marl_cair.league.playing import map_seeds
+from marl_cair.league.solo import compare, play_alone
+from tests.games import last_standing
+from tests.games.last_standing import FINISH, GAME, NOOP
+
+MANY = ["ffa-3", "ffa-4", "ffa-8", "teams", "uneven"]
+
+
+def bot(name):
+    return GAME.bots[name](None, None)
+
+
+def play(first, second, scenario, num_games, seed=3, identities=None):
+    chosen = GAME.scenario(scenario)
+    return play_match(bot(first), bot(second), GAME, chosen, num_games, seed, identities)
+
+
+# --- who plays where ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("scenario", "first_seats"),
+    [
+        ("ffa-3", [0, 1, 2]),
+        ("ffa-4", [0, 1, 2, 3]),
+        ("ffa-8", list(range(8))),
+        ("teams", [0, 1]),
+        ("uneven", [0, 1, 4]),
+    ],
+)
+def test_each_map_seed_is_played_once_with_the_first_agent_in_each_team(scenario, first_seats):
+    match = play("random", "random", scenario, 3 * len(first_seats))
+    expected = [(block, seat) for block in range(3) for seat in first_seats]
+    assert [(r.block, r.first_seat) for r in match.results] == expected
+    assert match.num_teams == len(first_seats)
+
+
+@pytest.mark.parametrize("scenario", MANY)
+def test_the_first_agent_plays_its_whole_team_and_the_second_all_others(scenario):
+    """Who finishes at once wins for its team, wherever it sits; its rivals only wait."""
+    num_teams = GAME.make_spec(GAME.scenario(scenario)).num_teams
+    match = play("finisher", "idle", scenario, 4 * num_teams)
+    assert (match.wins, match.draws, match.losses) == (4 * num_teams, 0, 0)
+    other_way = play("idle", "finisher", scenario, 4 * num_teams)
+    drawn = num_teams > 2  # two teams of finishers draw, one wins
+    assert (other_way.draws, other_way.losses) == (
+        (4 * num_teams, 0) if drawn else (0, 4 * num_teams)
+    )
+
+
+def test_seats_of_the_first_agent_are_those_of_its_team():
+    first, second = bot("finisher"), bot("idle")
+    play_chunks(first, second, GAME, GAME.scenario("uneven"), 0, (0,))
+    shown = sorted(seat - 1 for seat, *_ in first.rows[:6])
+    assert shown == sorted([0, 3, 1, 2, 5, 4])  # once in each team, over the games of a block
+    assert len(second.rows) == 2 * len(first.rows)
+
+
+def test_an_agent_is_not_asked_for_seats_that_are_out():
+    first, second = bot("quitter"), bot("idle")
+    play_chunks(first, second, GAME, GAME.scenario("ffa-3"), 0, (0,))
+    assert {tick for *_, tick in first.rows} == {0}
+    assert {tick for *_, tick in second.rows} == set(range(12))
+
+
+@pytest.mark.parametrize("scenario", MANY)
+def test_a_longer_match_begins_with_a_shorter_one(scenario):
+    num_teams = GAME.make_spec(GAME.scenario(scenario)).num_teams
+    longer = play("random", "scorer", scenario, 14 * num_teams)
+    shorter = play("random", "scorer", scenario, 5 * num_teams)
+    assert shorter.results == longer.results[: 5 * num_teams]
+    assert longer.distinct_games > 5 * num_teams
+
+
+@pytest.mark.parametrize("scenario", MANY)
+def test_chunks_may_be_played_in_any_company(scenario):
+    agents, chosen = (bot("random"), bot("random")), GAME.scenario(scenario)
+    whole = play_chunks(*agents, GAME, chosen, 3, (0, 1, 2)).results
+    turned = play_chunks(*agents, GAME, chosen, 3, (2, 0)).results
+    size = len(whole) // 3
+    assert turned[size:] == whole[:size]
+    assert turned[:size] == whole[2 * size :]
+
+
+def test_a_match_between_two_teams_is_the_same_from_both_sides():
+    one = play("random", "random", "teams", 16, identities=("a", "b"))
+    two = play("random", "random", "teams", 16, identities=("b", "a"))
+    games = {(r.block, r.first_seat): r.fingerprint for r in one.results}
+    assert games == {(r.block, 1 - r.first_seat): r.fingerprint for r in two.results}
+    assert one.score == 1.0 - two.score
+
+
+def test_a_recorded_game_of_many_is_the_first_of_the_match():
+    actions = record_game(bot("finisher"), bot("idle"), GAME, GAME.scenario("teams"), 3)
+    assert actions.tolist() == [[FINISH, NOOP, NOOP, FINISH]]
+
+
+# --- points and their interval -----------------------------------------------------------------
+
+
+def test_who_has_left_a_game_that_is_drawn_later_has_lost_it():
+    match = play("quitter", "idle", "ffa-4", 8)
+    assert {r.winner for r in match.results} == {NO_WINNER}
+    assert (match.wins, match.draws, match.losses, match.score) == (0, 0, 8, 0.0)
+    waiting = play("idle", "quitter", "ffa-4", 8)
+    assert (waiting.wins, waiting.score) == (8, 1.0)
+
+
+@pytest.mark.parametrize("scenario", MANY)
+def test_equal_agents_have_the_fair_share(scenario):
+    num_teams = GAME.make_spec(GAME.scenario(scenario)).num_teams
+    drawn = play("idle", "idle", scenario, 4 * num_teams)
+    assert drawn.score == pytest.approx(drawn.fair_share) == pytest.approx(1 / num_teams)
+    assert drawn.draws == drawn.games
+    noise = play("random", "random", scenario, 60 * num_teams, identities=("a", "b"))
+    low, high = noise.interval()
+    assert low < noise.fair_share < high
+
+
+def make_match(wins, num_teams=4):
+    """Blocks of `num_teams` games, of which the first agent has won `wins`."""
+    games = [
+        GameResult(block, seat, seat if seat < number else (seat + 1) % num_teams, False, 1, "")
+        for block, number in enumerate(wins)
+        for seat in range(num_teams)
+    ]
+    return MatchResult(tuple(games), num_teams)
+
+
+def test_the_interval_is_of_blocks_and_not_of_games():
+    """The same share of wins: spread evenly over the map seeds it is surer than in a few."""
+    even, lumped = make_match([1] * 40), make_match([4, 0, 0, 0] * 10)
+    assert even.score == lumped.score == 0.25
+    widths = [high - low for low, high in (even.interval(), lumped.interval())]
+    assert widths[0] < 0.5 * widths[1]
+    assert lumped.interval() == pytest.approx(block_interval(np.array([1.0, 0, 0, 0] * 10), 4))
+
+
+@pytest.mark.parametrize("num_teams", [2, 3, 6])
+def test_who_won_all_games_has_the_interval_of_so_many_games(num_teams):
+    from marl_cair.league.intervals import win_rate_interval
+
+    match = make_match([num_teams] * 12, num_teams)
+    assert match.interval() == pytest.approx(win_rate_interval(12 * num_teams, 0, 12 * num_teams))
+
+
+def test_wins_have_an_interval_of_their_own():
+    match = play("idle", "idle", "ffa-3", 12)
+    low, high = match.interval(wins_only=True)
+    assert low == 0.0
+    assert high < match.score
+
+
+@pytest.mark.parametrize(
+    ("scenario", "message"),
+    [
+        (
+            "ffa-3",
+            "num_games is 4, it must be a multiple of 3: every map seed is",
+        ),
+        ("uneven", "a multiple of 3: every map seed is played once in each team"),
+        ("alone", "this scenario has one team, nobody wins against another; compare scores by"),
+    ],
+)
+def test_numbers_of_games_that_favour_a_seat_are_refused(scenario, message):
+    with pytest.raises(ValueError, match=message):
+        play("idle", "idle", scenario, 4)
+
+
+# --- alone -------------------------------------------------------------------------------------
+
+
+def play_solo(name, num_games, seed=3, scenario="alone", **options):
+    return play_alone(bot(name), GAME, GAME.scenario(scenario, **options), num_games, seed)
+
+
+def test_the_score_of_a_solo_game_is_the_sum_of_its_rewards():
+    result = play_solo("scorer", 5)
+    engine_gains = np.array([game.score for game in result.results]) * 100 / 12
+    seeds = map_seeds(3, np.arange(5))
+    expected = [np.random.default_rng(int(seed)).integers(0, 10, 1)[0] for seed in seeds]
+    assert engine_gains == pytest.approx(expected)
+    assert [game.block for game in result.results] == list(range(5))
+
+
+def test_seats_that_play_together_are_all_the_agents_and_score_their_mean():
+    result = play_solo("scorer", 2, scenario="together")
+    seeds = map_seeds(3, np.arange(2))
+    gains = [np.random.default_rng(int(seed)).integers(0, 10, 2).mean() for seed in seeds]
+    assert result.scores * 100 / 12 == pytest.approx(gains)
+
+
+def test_agents_are_compared_on_the_same_map_seeds():
+    """Scores of all gain and of most of it vary much more than they differ."""
+    own, other = play_solo("scorer", 40), play_solo("random", 40)
+    gain = compare(own, other)
+    assert gain.mean == pytest.approx(own.scores.mean() - other.scores.mean())
+    assert (gain.low, gain.high) == pytest.approx(mean_interval(own.scores - other.scores))
+    assert 0.0 < gain.low < gain.mean < gain.high
+    same = compare(own, play_solo("scorer", 40))
+    assert tuple(same) == (0.0, 0.0, 0.0)
+
+
+def test_a_longer_solo_series_begins_with_a_shorter_one():
+    longer = play_solo("random", 150).results
+    assert play_solo("random", 11).results == longer[:11]
+    assert longer != play_solo("random", 150, seed=4).results
+    assert play_solo("idle", 20).distinct_games == 1
+
+
+def test_scores_of_different_seeds_are_not_compared():
+    with pytest.raises(ValueError, match="5 games cannot be paired with 6: play the same map see"):
+        compare(play_solo("idle", 5), play_solo("idle", 6))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "num_games", "message"),
+    [("duel", 2, "this scenario has 2 teams, nobody plays alone"), ("alone", 0, "num_games is 0")],
+)
+def test_what_cannot_be_played_alone_is_refused(scenario, num_games, message):
+    with pytest.raises(ValueError, match=message):
+        play_solo("idle", num_games, scenario=scenario)
+
+
+# --- the league --------------------------------------------------------------------------------
+
+
+def test_a_league_is_of_two_teams(tmp_path, monkeypatch):
+    last_standing.register(monkeypatch)
+    for scenario, message in (("ffa-3", "has 3 teams: a league is of ga"), ("alone", "one team")):
+        config = LeagueConfig(
+            ("idle", "quitter"), last_standing.NAME, scenario, out=str(tmp_path / scenario)
+        )
+        with pytest.raises(ValueError, match=message):
+            run_league(config, show_progress=False)
+        assert not (tmp_path / scenario).exists()
+    config = LeagueConfig(
+        ("idle", "quitter", "scorer"),
+        last_standing.NAME,
+        "teams",
+        games_per_pair=4,
+        out=str(tmp_path / "teams"),
+    )
+    result = run_league(config, show_progress=False)
+    assert [rating.name for rating in result.ratings][-1] == "quitter"

@@ -1,0 +1,131 @@
+"""`marl-cair match` and `evaluate` with any number of seats: what they tell and refuse."""
+
+import re
+
+import pytest
+
+from marl_cair.cli import main, match
+from tests.games import last_standing
+from tests.games.last_standing import NAME
+
+
+@pytest.fixture(autouse=True)
+def _known(monkeypatch):
+    last_standing.register(monkeypatch)
+
+
+def tell(capsys, *words, code=0):
+    assert main([*words, f"--game={NAME}"]) == code
+    told = capsys.readouterr()
+    return told.err if code else told.out
+
+
+def test_a_match_of_many_stands_beside_the_fair_share(capsys):
+    told = tell(capsys, "match", "finisher", "idle", "scenario=ffa-3", "games=10")
+    assert told.splitlines() == [
+        "A = finisher, B = idle on last_standing ffa-3",
+        "ffa-3  A in one seat, B in the other 2: 4 map seeds, once in each",
+        "       A won 12, drew 0, lost 0: 100.0% [75.8%, 100.0%] of the points, 33.3% is fair",
+        "       A is stronger than B. (only 3 of 12 games differ: the interval is too narrow)",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "verdict"),
+    [
+        (["finisher", "idle"], "A is stronger than B."),
+        (["idle", "finisher"], "A is weaker than B."),
+        (["idle", "idle"], "They cannot be told apart."),
+    ],
+)
+def test_the_verdict_between_teams_is_in_plain_words(capsys, words, verdict):
+    told = tell(capsys, "match", *words, "scenario=teams", "games=40")
+    assert "A in one team, B in the other: 20 map seeds, once in each" in told
+    assert verdict in told
+
+
+@pytest.mark.parametrize(
+    ("words", "verdict"),
+    [
+        (["scorer", "idle"], "A scores more than B."),
+        (["idle", "scorer"], "A scores less than B."),
+        (["scorer", "scorer"], "They cannot be told apart."),
+    ],
+)
+def test_who_plays_alone_is_compared_by_scores(capsys, words, verdict):
+    told = tell(capsys, "match", *words, "scenario=alone", "games=24")
+    assert "each alone on the same 24 map seeds; a score is the sum of a game's rewards" in told
+    number = r"-?[\d.]+ \[-?[\d.]+, -?[\d.]+\]"
+    assert re.search(f"mean score of A {number}, of B {number}; A less B {number}\n", told)
+    assert verdict in told
+
+
+def test_variants_stand_below_each_other(capsys):
+    words = ["scenario=alone", "games=8", "gain=5", "heldout.gain=0", "max_ticks=6"]
+    told = tell(capsys, "match", "scorer", "idle", *words)
+    lines = [line for line in told.splitlines() if "each alone" in line]
+    assert [line.split()[0] for line in lines] == ["alone", "heldout"]
+    assert told.count("mean score of A 0 [0, 0]") == 1
+    assert told.index("A scores more") < told.index("They cannot be told apart")
+
+
+def test_options_may_stand_anywhere(capsys):
+    orders = (
+        ["match", "scorer", "idle", "scenario=alone", "gain=5", "games=8", "seed=2"],
+        ["match", "--games", "8", "scorer", "idle", "gain=5", "--seed=2", "scenario=alone"],
+    )
+    assert len({tell(capsys, *words) for words in orders}) == 1
+
+
+def test_heldout_map_is_short_for_the_heldout_variants_map():
+    from marl_cair.games import GAMES
+
+    game = GAMES["deep_rts"]
+    scenario = game.scenario("1v1-15x15")
+    words = ["heldout_map=test-15x15-2p", "map=train-15x15-2p", "fog=true", "small.teams=[0,1]"]
+    variants = match.read_variants(game, scenario, words)
+    maps = {name: (variant.map, variant.fog) for name, variant in variants.items()}
+    assert maps == {
+        "": ("train-15x15-2p", True),
+        "heldout": ("test-15x15-2p", True),
+        "small": ("train-15x15-2p", True),
+    }
+    assert variants["small"].teams == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["scenario=ffa-3", "gian=3"], "unknown last_standing option 'gian': nearest are 'gain'"),
+        (["scenario=ffa-3", "gain"], "'gain' is no option: write field=value"),
+        (["scenario=ffa-3", "reward=shaped"], "leave it out, matches are played with sparse"),
+        (["scenario=ffa-3", "far.gain=many"], "far.gain is 'many', it must be a whole number"),
+    ],
+)
+def test_a_match_refuses_in_one_line(capsys, words, message):
+    told = tell(capsys, "match", "idle", "quitter", *words, code=2)
+    assert message in told
+    assert told.count("\n") == 1
+
+
+def test_help_tells_each_option():
+    text = " ".join(match.make_parser().format_help().split())
+    assert "heldout_map=" in text
+    for action in match.make_parser()._actions:
+        assert action.help, action.dest
+
+
+def test_evaluate_plays_games_of_many_in_whole_blocks(capsys):
+    told = tell(
+        capsys, "evaluate", "finisher", "--against", "idle", "--games", "10", "--scenario", "ffa-3"
+    )
+    assert "share of games won (fair: 33.3%), draws are not wins" in told
+    row = told.splitlines()[2].split()
+    assert row[:5] == ["idle", "12", "12", "0", "0"]
+    assert row[5:8] == ["100.0%", "[75.8%,", "100.0%]"]
+
+
+def test_evaluate_leaves_what_one_plays_alone_to_match(capsys):
+    told = tell(capsys, "evaluate", "idle", "--scenario", "alone", code=2)
+    assert "this scenario has one team" in told
+    assert "marl-cair match" in told

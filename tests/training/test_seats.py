@@ -1,0 +1,369 @@
+"""Seats in training: teams, seats that are out, nobody to meet; on the test game and its bots."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from marl_cair.policies.q_network import QNetworkConfig
+from marl_cair.replay.transition import NO_OPPONENT
+from marl_cair.training.config import (
+    CheckpointSettings,
+    CollectorSettings,
+    EvaluationSettings,
+    ExplorationSettings,
+    GameSettings,
+    GeneratorSettings,
+    LearnerSettings,
+    OpponentSettings,
+    ReplaySettings,
+    TrainConfig,
+)
+from marl_cair.training.evaluation import evaluate, rate_on
+from marl_cair.training.metrics import read_log
+from marl_cair.training.opponents import LATEST_ID
+from marl_cair.training.rollout import make_rollout
+from marl_cair.training.run import TrainingRun
+from marl_cair.training.trainer import train
+from tests.games import last_standing
+from tests.games.last_standing import GAME, LEAVE, NAME, NOOP
+from tests.training.runs import NEVER, digest
+
+SCENARIOS = ["ffa-3", "ffa-4", "ffa-8", "duel", "teams", "uneven", "alone", "together"]
+
+
+@pytest.fixture(autouse=True)
+def _known(monkeypatch):
+    last_standing.register(monkeypatch)
+
+
+def small(folder, scenario, mixture=None, frames=768, **changes):
+    config = TrainConfig(
+        out=str(folder),
+        total_frames=frames,
+        torch_threads=1,
+        policy=QNetworkConfig(hidden_width=8),
+        game=GameSettings(NAME, scenario, reward="sparse"),
+        opponent=OpponentSettings(
+            mixture or {"latest": 0.3, "random": 0.4, "pool": 0.3}, snapshot_every_frames=256
+        ),
+        collector=CollectorSettings(num_worlds=8, steps_per_batch=16),
+        exploration=ExplorationSettings(anneal_frames=NEVER),
+        replay=ReplaySettings(3_000, 300, min_transitions=64),
+        learner=LearnerSettings(batch_size=16, n_steps=4),
+        generator=GeneratorSettings(name="none"),
+        synthetic_fraction=0.0,
+        evaluation=EvaluationSettings(every_frames=512, games=5, bots=("idle", "random")),
+        checkpoint=CheckpointSettings(every_frames=NEVER),
+    )
+    return dataclasses.replace(config, **changes)
+
+
+def make_run(tmp_path, scenario, mixture=None, **changes):
+    return TrainingRun(small(tmp_path / "run", scenario, mixture, **changes))
+
+
+def collect(run, num_batches=6):
+    batches = iter(run.collector)
+    data = torch.cat([next(batches) for _ in range(num_batches)], 1)
+    run.close()
+    return data
+
+
+def by_game(data):
+    """Each whole game: what was collected of it, time first."""
+    ended = data["next", "done"].squeeze(-1)
+    for world in range(len(data)):
+        start = 0
+        for end in ended[world].nonzero().flatten().tolist():
+            yield data[world, start : end + 1]
+            start = end + 1
+
+
+def was_out(game):
+    """Seats [T, P] that were out when the decision was made."""
+    return game["player", "done"].squeeze(-1)
+
+
+# --- who plays which seats -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scenario", ["ffa-3", "ffa-4", "duel", "teams", "uneven"])
+def test_the_learner_plays_the_seats_of_one_team_which_changes_with_the_games(tmp_path, scenario):
+    run = make_run(tmp_path, scenario, {"idle": 1.0})
+    teams = run.spec.team_of_seat
+    played = set()
+    for game in by_game(collect(run)):
+        owned = game["player", "learned"][0].numpy()
+        assert len(set(teams[owned])) == 1
+        (team,) = set(teams[owned])
+        assert (owned == (teams == team)).all()
+        assert torch.equal(game["player", "learned"], torch.from_numpy(owned) & ~was_out(game))
+        played.add(team)
+    assert played == set(range(run.spec.num_teams))
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_against_itself_the_learner_plays_every_seat_that_is_in(tmp_path, scenario):
+    data = collect(make_run(tmp_path, scenario, {"latest": 1.0}))
+    out = data["player", "done"].squeeze(-1)
+    assert torch.equal(data["player", "learned"], ~out)
+    assert out.any() == (scenario in ("ffa-3", "ffa-4", "ffa-8", "uneven"))
+
+
+def test_a_seat_that_is_out_plays_the_no_op_and_nobody_is_asked_for_it(tmp_path):
+    run = make_run(tmp_path, "ffa-4", {"random": 1.0})
+    (bot,) = run.book.bots.values()
+    data = collect(run)
+    out = data["player", "done"].squeeze(-1)
+    assert out.any()
+    assert (data["player", "action"][out] == NOOP).all()
+    assert not run.env.engine.illegal_actions.any()
+    assert {has_left for _, has_left, _ in bot.rows} == {0}
+
+
+@pytest.mark.parametrize("scenario", ["alone", "together"])
+def test_without_rivals_the_learner_plays_alone_whatever_the_mixture(tmp_path, scenario, capsys):
+    run = make_run(tmp_path, scenario, {"random": 0.5, "pool": 0.5})
+    assert run.book.bots == {}
+    data = collect(run)
+    assert data["player", "learned"].all()
+    assert (data["player", "opponent"] == NO_OPPONENT).all()
+    train(small(tmp_path / "told", scenario, frames=128))
+    assert f"{scenario} has no rivals, so opponent.* is not used" in capsys.readouterr().out
+
+
+def test_bots_that_are_not_met_need_not_fit_the_scenario(tmp_path, monkeypatch):
+    """Deep RTS's bots refuse some action spaces: that is no reason to refuse self-play."""
+
+    def refuse(scenario, spec):
+        raise ValueError("the bot cannot play this")
+
+    monkeypatch.setitem(GAME.bots, "scorer", refuse)
+    make_run(tmp_path / "a", "ffa-3", {"latest": 1.0}).close()
+    for name in ("scorer", "scripted"):
+        with pytest.raises(ValueError, match="the bot cannot play this"):
+            make_run(tmp_path / name, "ffa-3", {name: 1.0})
+
+
+# --- what is stored --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scenario", ["ffa-4", "uneven"])
+def test_the_step_at_which_a_seat_goes_out_is_terminal_and_its_last(tmp_path, scenario):
+    data = collect(make_run(tmp_path, scenario, {"latest": 1.0}))
+    rollout = make_rollout(data, 1.0)
+    num_early = 0
+    for game in by_game(data):
+        for seat in range(data["player", "action"].shape[-1]):
+            stored = game["player", "learned"][:, seat]
+            ends = game["next", "player", "terminated"][:, seat, 0]
+            length = int(stored.sum())
+            assert stored[:length].all()
+            assert ends.nonzero().flatten().tolist() == list(range(length - 1, len(game)))
+            if length < len(game):
+                num_early += 1
+                assert game["next", "player", "reward"][length - 1, seat, 0] == -1.0
+    assert num_early > 10
+    for stored, collected in (
+        (rollout.learned, data["player", "learned"]),
+        (rollout.terminated, data["next", "player", "terminated"].squeeze(-1)),
+    ):
+        assert torch.equal(stored, collected.transpose(0, 1).flatten(1))
+
+
+@pytest.mark.parametrize("n_steps", [1, 4])
+def test_returns_of_a_seat_that_goes_out_end_with_its_last_reward(tmp_path, n_steps):
+    """Seats score 0.01 to 0.09 a step; who leaves is paid -1 once, and nothing of it follows."""
+    learner = LearnerSettings(batch_size=16, n_steps=n_steps, gamma=0.5)
+    run = make_run(tmp_path, "ffa-4", {"latest": 1.0}, learner=learner)
+    batches = iter(run.collector)
+    num_learned = 0
+    for _ in range(6):
+        rollout = make_rollout(next(batches), 1.0)
+        num_learned += int(rollout.learned.sum())
+        run.replay.real.extend_rollout(rollout)
+    # All steps have an end that is known, but the newest of seats that are still in.
+    num_open = int((rollout.learned & ~rollout.terminated & ~rollout.truncated)[-1].sum())
+    assert run.replay.real.num_sampleable == num_learned - num_open
+    rows = run.replay.real.sample(4_000)
+    left = rows["observation"][:, 1, 0, 0] == 1
+    assert not left.any()  # no state is stored of a seat that has left
+    leaving = (rows["action"] == LEAVE) & (rows["steps_to_next_obs"].squeeze(1) == 1)
+    assert leaving.sum() > 50
+    assert rows["next", "terminated"].squeeze(1)[rows["action"] == LEAVE].all()
+    paid = rows["next", "reward"].squeeze(1)[rows["action"] == LEAVE]
+    assert set(paid.unique().tolist()) <= {-1.0, 0.0}  # 0: all left who were left
+    assert (rows["steps_to_next_obs"] > 1).any() == (n_steps > 1)
+    # Of an ended return the reward of the end is discounted by the steps before it, and no more.
+    ended = rows["next", "terminated"].squeeze(1)
+    steps = rows["steps_to_next_obs"].squeeze(1)[ended].float()
+    least = -(0.5 ** (steps - 1))
+    assert (rows["next", "reward"].squeeze(1)[ended] >= least - 1e-6).all()
+    run.close()
+
+
+def test_the_generator_learns_nothing_of_seats_that_are_out(tmp_path):
+    """It hears of each stored step once, with the end that replay gives to it."""
+    run = make_run(tmp_path, "ffa-4", {"latest": 1.0})
+    batches = iter(run.collector)
+    heard, num_leaving = [], 0
+    for _ in range(6):
+        rollout = make_rollout(next(batches), 1.0)
+        num_leaving += int((rollout.learned & (rollout.action == LEAVE)).sum())
+        slots = run.replay.real.extend_rollout(rollout)
+        heard.append(run.replay.real.read_single_steps(slots))
+    rows = torch.cat(heard)
+    assert (rows["action"] == LEAVE).sum() == num_leaving
+    assert not (rows["observation"][:, 1, 0, 0] == 1).any()
+    assert rows["next", "terminated"][rows["action"] == LEAVE].all()
+    going_on = ~rows["next", "terminated"].squeeze(1)
+    assert not (rows["next", "observation"][going_on][:, 1, 0, 0] == 1).any()
+    run.close()
+
+
+# --- what is counted -------------------------------------------------------------------------
+
+
+def count_by_hand(data, teams):
+    """Points of the learner's team in each game, and the plain returns of its seats."""
+    points, returns = [], []
+    for game in by_game(data):
+        owned = game["player", "learned"][0].numpy()
+        rewards = game["next", "player", "reward"].squeeze(-1).numpy()
+        returns += rewards[:, owned].sum(0).tolist()
+        winners = set(teams[rewards[-1] >= 1.0])
+        left = set(teams[~was_out(game)[-1].numpy()])
+        own = teams[owned][0]
+        if winners:
+            points.append(float(own in winners))
+        else:
+            points.append(float(own in left) / len(left))
+    return points, returns
+
+
+@pytest.mark.parametrize("scenario", ["ffa-3", "duel", "teams", "uneven"])
+def test_win_rates_are_the_points_of_the_learners_team(tmp_path, scenario):
+    run = make_run(tmp_path, scenario, {"random": 1.0})
+    teams = run.spec.team_of_seat
+    data = collect(run)
+    run.router(data[:, -1]["next"])  # the statistics hear of a step with the next
+    points, returns = count_by_hand(data, teams)
+    row = run.statistics.report(run.book.names, run.spec.action_group_names)
+    assert row["episodes/finished"] == len(points) > 30
+    assert row["collect_win_rate/random"] == pytest.approx(np.mean(points))
+    assert row["episodes/return"] == pytest.approx(np.mean(returns), abs=1e-6)
+
+
+def test_only_decisions_of_the_learners_seats_that_are_in_count_as_actions(tmp_path):
+    run = make_run(tmp_path, "ffa-4", {"scorer": 1.0})
+    data = collect(run)
+    run.router(data[:, -1]["next"])
+    row = run.statistics.report(run.book.names, run.spec.action_group_names)
+    chosen = data["player", "action"][data["player", "learned"]]
+    for action, name in enumerate(GAME.make_spec(run.scenario).action_group_names):
+        expected = (chosen == action).float().mean().item()
+        assert row[f"actions/{name}"] == pytest.approx(expected)
+
+
+def test_without_rivals_returns_are_reported_and_no_win_rates(tmp_path):
+    run = make_run(tmp_path, "alone")
+    data = collect(run)
+    run.router(data[:, -1]["next"])
+    _, returns = count_by_hand(data, run.spec.team_of_seat)
+    row = run.statistics.report(run.book.names, run.spec.action_group_names)
+    assert row["episodes/return"] == pytest.approx(np.mean(returns), abs=1e-6)
+    assert not any(name.startswith("collect_win_rate") for name in row)
+
+
+# --- whole runs ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_a_resumed_run_of_any_seats_equals_one_that_was_never_stopped(tmp_path, scenario):
+    train(small(tmp_path / "whole", scenario), show_progress=False)
+    train(small(tmp_path / "parts", scenario, frames=384), show_progress=False)
+    train(small(tmp_path / "parts", scenario), resume=True, show_progress=False)
+    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
+    logs = [read_log(tmp_path / name / "log.csv")[-1] for name in ("whole", "parts")]
+    assert logs[0]["updates"] == logs[1]["updates"] > 0
+
+
+def test_a_run_against_itself_keeps_the_learners_number(tmp_path):
+    data = collect(make_run(tmp_path, "teams", {"latest": 1.0}))
+    assert (data["player", "opponent"] == LATEST_ID).all()
+
+
+# --- evaluation while training ---------------------------------------------------------------
+
+
+def agent(name):
+    return GAME.bots[name](None, None)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "num_games", "fair"), [("ffa-3", 5, 1 / 3), ("uneven", 6, 1 / 3), ("duel", 5, 0.5)]
+)
+def test_win_rates_stand_beside_the_fair_share(scenario, num_games, fair):
+    chosen = GAME.scenario(scenario)
+    scores, row = rate_on(agent("finisher"), GAME, chosen, ("idle", "quitter"), num_games, 0)
+    assert scores == [1.0, 1.0]
+    assert row["win_rate/idle"] == row["win_rate/idle/high"] == 1.0
+    assert 0.3 < row["win_rate/idle/low"] < 1.0
+    assert row.get("fair_share/learner", 0.5) == pytest.approx(fair)
+
+
+def test_alone_the_return_stands_beside_those_of_bots():
+    scores, row = rate_on(agent("scorer"), GAME, GAME.scenario("alone"), ("idle", "random"), 20, 0)
+    assert scores == [row["return/learner"]]
+    assert row["return/idle"] == 0.0
+    assert row["return_gain/idle"] == pytest.approx(row["return/learner"])
+    assert row["return_gain/random"] == pytest.approx(row["return/learner"] - row["return/random"])
+    assert row["return/learner/low"] < row["return/learner"] < row["return/learner/high"]
+
+
+def test_held_out_scenarios_are_rated_beside_the_training_one(tmp_path):
+    """Held out: nobody gains there, so the scores tell the two apart."""
+    settings = EvaluationSettings(
+        games=4, bots=("idle",), scenarios={"heldout": {"gain": 0}, "short": {"max_ticks": 2}}
+    )
+    config = small(tmp_path, "alone", evaluation=settings)
+    scores, row = evaluate(agent("scorer"), GAME, GAME.scenario("alone"), config, 0)
+    assert scores == [row["return/learner"]]
+    assert row["return/learner@heldout"] == row["return/idle@heldout"] == 0.0
+    assert row["return/learner@short"] == pytest.approx(row["return/learner"] / 6)
+    assert {"return/learner@heldout/low", "return_gain/idle@short/high"} <= set(row)
+
+
+def test_the_best_agent_is_chosen_by_the_training_scenario(tmp_path):
+    settings = EvaluationSettings(
+        every_frames=128, games=4, bots=("idle",), scenarios={"heldout": {"gain": 0}}
+    )
+    config = small(tmp_path / "a", "alone", frames=256, evaluation=settings)
+    train(config, show_progress=False)
+    rows = read_log(tmp_path / "a" / "log.csv")
+    run = TrainingRun(config, resume=True)
+    assert run.best_score == max(row["return/learner"] for row in rows)
+    assert all(row["return/learner@heldout"] == 0.0 for row in rows)
+    run.close()
+
+
+@pytest.mark.parametrize(
+    ("scenarios", "message"),
+    [
+        ({"a/b": {}}, "names of letters, digits, _ and -"),
+        ({"a": {"reward": "sparse"}}, "without reward: it is always sparse"),
+        ({"a": {"gian": 3}}, "unknown last_standing option 'gian'"),
+    ],
+)
+def test_scenarios_that_cannot_be_rated_are_refused(tmp_path, scenarios, message):
+    with pytest.raises(ValueError, match=message):
+        small(tmp_path, "alone", evaluation=EvaluationSettings(scenarios=scenarios))
+
+
+def test_a_board_of_another_size_is_refused():
+    with pytest.raises(ValueError, match=r"heldout shows \[28, 11, 11\] and has .* training shows"):
+        TrainConfig(
+            evaluation=EvaluationSettings(scenarios={"heldout": {"rows": 11, "columns": 11}})
+        )

@@ -15,18 +15,15 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "deep_line_wars": "marl_cair.games.deep_line_wars",
-}
-# Can be played by name, but are not finished: not listed, registered with Gymnasium or promised.
-_PREVIEWS = {
     "deep_rts": "marl_cair.games.deep_rts",
 }
 
 
 class _Games(Mapping[str, "Game"]):
-    """The games by name, each loaded when it is asked for; previews load, but are not listed."""
+    """The games by name, each loaded when it is asked for."""
 
     def __getitem__(self, name: str) -> Game:
-        module = import_module(find_by_name("game", name, {**_MODULES, **_PREVIEWS}))
+        module = import_module(find_by_name("game", name, _MODULES))
         game: Game = module.GAME
         return game
 

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import sys
-import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from marl_cair.games.announcing import announced
 from marl_cair.games.compiled import is_compiling
+from marl_cair.games.engine_checks import check_actions, check_seeds
 from marl_cair.games.game import NO_WINNER, Game, GameSpec, Representation
 from marl_cair.lookup import find_by_name
-
-_ANNOUNCE_AFTER_SECONDS = 1.0
 
 
 class Outcome(NamedTuple):
@@ -73,6 +70,7 @@ class BatchedEngine:
         )
         self._pool = ThreadPoolExecutor(self.num_threads) if self.num_threads > 1 else None
         self._has_started = False
+        self._in_place: dict[str, tuple[tuple[Any, ...], NDArray[Any]]] = {}
 
     @property
     def rewards(self) -> NDArray[np.float32]:
@@ -113,7 +111,7 @@ class BatchedEngine:
         Raises:
             ValueError: wrong shape or dtype.
         """
-        seeds = self._check_seeds(seeds)
+        seeds = check_seeds(self.game.name, seeds, self.num_worlds)
         if mask is None:
             mask = np.ones(self.num_worlds, np.bool_)
         mask = np.asarray(mask)
@@ -131,20 +129,18 @@ class BatchedEngine:
         self._has_started = True
 
     def step(self, actions: NDArray[Any]) -> None:
-        """One decision of every seat: integer actions [B, P]. A finished world ignores it.
+        """One decision of every seat: integer actions [B, P, *action_shape].
 
-        An illegal action within 0..A-1 is a no-op that is counted.
+        A finished world ignores it. An illegal action within 0..A-1 is a no-op that is counted.
 
         Raises:
-            ValueError: wrong shape, not integers, or an action outside 0..A-1 (names world and
-                player).
+            ValueError: wrong shape, not integers, or an action outside 0..A-1 (names world, player
+                and the place within the action shape).
             RuntimeError: before the first reset.
         """
         if not self._has_started:
             raise RuntimeError(f"{self.game.name}: step before reset; call reset(seeds) first")
-        actions = np.asarray(actions)
-        self._check_actions(actions)
-        actions = np.ascontiguousarray(actions, np.int32)
+        actions = check_actions(self.game.name, actions, self.num_worlds, self.spec)
         self._run(self.game.step, self._worlds, self._rules, actions, self._outcome)
 
     def observe(
@@ -167,20 +163,41 @@ class BatchedEngine:
         if out is None:
             out = np.empty(shape, chosen.dtype)
         self._check_out("observe", out, shape, chosen.dtype)
-        self._run(chosen.observe, seen, self._rules, out)
+        memory = () if chosen.make_memory is None else (chosen.make_memory(len(seen[0])),)
+        self._run(chosen.observe, seen, self._rules, *memory, out)
         return out
+
+    def observe_in_place(self, representation: str) -> NDArray[Any]:
+        """`observe` into an array of the engine's own: a read-only view, overwritten by the next.
+
+        Games that remember what the array holds write only what has changed: of large boards that
+        is many times faster.
+
+        Raises:
+            UnknownNameError: no such representation.
+        """
+        chosen = self.representation(representation)
+        if representation not in self._in_place:
+            out = np.empty((self.num_worlds, self.num_players, *chosen.shape), chosen.dtype)
+            memory = () if chosen.make_memory is None else (chosen.make_memory(self.num_worlds),)
+            view = out.view()
+            view.flags.writeable = False
+            self._in_place[representation] = (*memory, out), view
+        written, view = self._in_place[representation]
+        self._run(chosen.observe, self._worlds, self._rules, *written)
+        return view
 
     def action_mask(
         self,
         out: NDArray[np.bool_] | None = None,
         worlds: NDArray[np.int64] | list[int] | None = None,
     ) -> NDArray[np.bool_]:
-        """Legal actions bool [B, P, A], written to `out` if given; the no-op is always legal.
+        """Legal actions bool [B, P, *action_shape, A], written to `out` if given.
 
-        `worlds` and errors as in `observe`.
+        The no-op is always legal. `worlds` and errors as in `observe`.
         """
         seen = self._select(worlds)
-        shape = (len(seen[0]), self.num_players, self.num_actions)
+        shape = (len(seen[0]), self.num_players, *self.spec.action_shape, self.num_actions)
         if out is None:
             out = np.empty(shape, np.bool_)
         self._check_out("action_mask", out, shape, np.bool_)
@@ -277,7 +294,7 @@ class BatchedEngine:
     def _run(self, kernel: Callable[..., None], worlds: Any, *arguments: Any) -> None:
         """Run a kernel over `worlds`, in slices on the threads when there are any."""
         if kernel not in _kernels_in_use:
-            with _announced(self.game.name):
+            with announced(self.game.name):
                 self._run_slices(kernel, worlds, *arguments)
             _kernels_in_use.add(kernel)
         else:
@@ -299,32 +316,6 @@ class BatchedEngine:
         tasks = [submit(kernel, worlds, *arguments, low, high) for low, high in slices]
         for task in tasks:
             task.result()
-
-    def _check_seeds(self, seeds: NDArray[np.uint64] | int) -> NDArray[np.uint64]:
-        if isinstance(seeds, int | np.integer) and self.num_worlds == 1:
-            return np.array([int(seeds) % 2**64], np.uint64)
-        seeds = np.asarray(seeds)
-        if seeds.shape != (self.num_worlds,) or seeds.dtype != np.uint64:
-            raise ValueError(
-                f"{self.game.name}: seeds are {seeds.dtype} {list(seeds.shape)}, they must be "
-                f"uint64 [{self.num_worlds}] (worlds); randomness.episode_seeds makes them"
-            )
-        return seeds
-
-    def _check_actions(self, actions: NDArray[Any]) -> None:
-        expected = (self.num_worlds, self.num_players)
-        if actions.shape != expected or actions.dtype.kind not in "iu":
-            raise ValueError(
-                f"{self.game.name}: actions are {actions.dtype} {list(actions.shape)}, they must "
-                f"be integers {list(expected)} (worlds, players)"
-            )
-        if actions.min() >= 0 and actions.max() < self.num_actions:
-            return
-        world, player = np.argwhere((actions < 0) | (actions >= self.num_actions))[0].tolist()
-        raise ValueError(
-            f"{self.game.name}: action {actions[world, player]} of player {player} in world "
-            f"{world} is outside 0..{self.num_actions - 1}"
-        )
 
     def _check_out(
         self, method: str, out: NDArray[Any], shape: tuple[int, ...], dtype: Any
@@ -358,23 +349,3 @@ class BatchedEngine:
 
 
 _kernels_in_use: set[Callable[..., None]] = set()
-_announced_games: set[str] = set()
-
-
-def _announce(game: str) -> None:
-    if game not in _announced_games:
-        _announced_games.add(game)
-        message = f"marl_cair: compiling the rules of {game} (once for each version) ...\n"
-        sys.stderr.write(message)
-
-
-@contextmanager
-def _announced(game: str) -> Iterator[None]:
-    """Tell the user when the first call of a kernel keeps them waiting for the compiler."""
-    timer = threading.Timer(_ANNOUNCE_AFTER_SECONDS, _announce, (game,))
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()

@@ -27,7 +27,10 @@ class Agent(Protocol):
         """Restart the agent's random generator."""
 
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """One action for each of N rows: observation [N, ...], action_mask bool [N, A] -> [N]."""
+        """One action for each of N rows: observation [N, ...], action_mask bool [N, A] -> [N].
+
+        With an `action_shape`: action_mask [N, *action_shape, A] -> [N, *action_shape].
+        """
 
     def state_dict(self) -> dict[str, Any]:
         """The random generator's state as plain data."""
@@ -47,7 +50,9 @@ class Representation:
         high: the largest value; the smallest is 0.
         plane_names: one per channel (or per entry of a vector).
         num_uniform: the last `num_uniform` planes hold one value over the whole board each.
-        observe: kernel (worlds, rules, out [B, P, *shape], first, last) that writes `out`.
+        observe: kernel (worlds, rules, out [B, P, *shape], first, last) that writes `out`; with a
+            memory (worlds, rules, memory, out, first, last), and it writes what has changed.
+        make_memory: num_worlds -> arrays [B, ...] that tell what an `out` holds, at first nothing.
     """
 
     name: str
@@ -57,6 +62,7 @@ class Representation:
     plane_names: tuple[str, ...]
     observe: Callable[..., None]
     num_uniform: int = 0
+    make_memory: Callable[[int], Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -79,6 +85,9 @@ class GameSpec:
         ticks_per_step: ticks of the game that one decision lasts.
         max_ticks: the time limit.
         reward_bound: no reward is larger than this in absolute value.
+        action_shape: () where a seat chooses one action in each decision. Else it chooses one of
+            the A actions at each place of this shape: actions are [B, P, *action_shape], masks
+            [B, P, *action_shape, A].
         teams: the team of each seat, P numbers; () = everybody for itself. A game's `winner` is
             the first seat of the team that has won.
     """
@@ -97,6 +106,7 @@ class GameSpec:
     ticks_per_step: int
     max_ticks: int
     reward_bound: float
+    action_shape: Shape = ()
     teams: tuple[int, ...] = ()
 
     @property
@@ -135,7 +145,7 @@ class Game:
     allocate: Callable[[Any, int], Any]  # (scenario, B) -> World
     reset: Callable[..., None]  # (worlds, rules, seeds, mask, first, last)
     step: Callable[..., None]  # (worlds, rules, actions, outcome, first, last)
-    legal_actions: Callable[..., None]  # (worlds, rules, out [B, P, A], first, last)
+    legal_actions: Callable[..., None]  # (worlds, rules, out [B, P, *action_shape, A], first, last)
     draw: Callable[..., NDArray[np.uint8]]  # (worlds, rules, world, player or None) -> RGB
     bots: Mapping[str, Callable[[Any, GameSpec], Agent]]
     public_state: Callable[[Any, int], NDArray[np.float32]]  # (worlds, world) -> full state [S]

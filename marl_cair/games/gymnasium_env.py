@@ -6,18 +6,19 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from marl_cair.games import make_engine
+from marl_cair.games.action_forms import make_action_form
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Agent
 from marl_cair.games.parallel_env import (
     RENDER_MODES,
     check_render_mode,
     look,
+    make_action_space,
     make_observation_space,
 )
 from marl_cair.games.randomness import EpisodeSeeds
@@ -33,9 +34,11 @@ class _LearnerSeat:
         num_worlds: int,
         opponent: str | Agent,
         seat: int,
+        action_form: str,
         options: dict[str, Any],
     ) -> None:
         self.engine: BatchedEngine = make_engine(game, scenario, num_worlds, **options)
+        self.form = make_action_form(action_form, game, self.engine.spec)
         if not 0 <= seat < self.engine.num_players:
             raise ValueError(
                 f"{game}: seat is {seat}, allowed are 0..{self.engine.num_players - 1}"
@@ -58,19 +61,22 @@ class _LearnerSeat:
         return self.engine.terminated | self.engine.eliminated[:, self.seat]
 
     def play(self, actions: NDArray[np.int64]) -> None:
-        """One decision: the learner's actions [B], the opponent's in the other seats.
+        """One decision: the learner's actions [B, ...] in its form, the opponent's elsewhere.
 
         Raises:
             ValueError: wrong shape, not integers, or an action outside the space.
         """
         engine = self.engine
-        if actions.shape != (engine.num_worlds,) or actions.dtype.kind not in "iu":
+        expected = (engine.num_worlds, *self.form.sizes.shape)
+        if actions.shape != expected or actions.dtype.kind not in "iu":
+            axes = "worlds" + (", shape of an action" if self.form.sizes.shape else "")
             raise ValueError(
                 f"{engine.game.name}: the learner's actions are {actions.dtype} "
-                f"{list(actions.shape)}, they must be integers [{engine.num_worlds}] (worlds)"
+                f"{list(actions.shape)}, they must be integers {list(expected)} ({axes})"
             )
-        everyone = np.empty((engine.num_worlds, engine.num_players), np.int64)
-        everyone[:, self.seat] = actions
+        shape = (engine.num_worlds, engine.num_players, *engine.spec.action_shape)
+        everyone = np.empty(shape, np.int64)
+        everyone[:, self.seat] = self.form.to_engine(actions, self.seat)
         seen, masks = engine.observe(self.opponent.representation), engine.action_mask()
         for seat in range(engine.num_players):
             if seat != self.seat:
@@ -80,21 +86,22 @@ class _LearnerSeat:
         engine.step(everyone)
 
 
-class GameEnv(gymnasium.Env[Any, np.int64]):
+class GameEnv(gymnasium.Env[Any, Any]):
     """One world for one learner.
 
     Args:
         game, scenario, options: as `make_engine`.
         opponent: a bot's name, or anything with the `Agent` protocol (a loaded checkpoint).
         seat: the learner's.
-        representation, render_mode, mask_in_observation, vector: as `GameParallelEnv`; the mask
-            is always in `info["action_mask"]`, int8 [A].
+        representation, render_mode, mask_in_observation, vector, action_form: as
+            `GameParallelEnv`; the mask is always in `info["action_mask"]`, int8 [A] (or the shape
+            of the action form).
     """
 
     # On the class: `gymnasium.make` reads it before there is an instance.
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  # by the names that Gymnasium passes
         self,
         game: str,
         scenario: str | None = None,
@@ -105,15 +112,16 @@ class GameEnv(gymnasium.Env[Any, np.int64]):
         render_mode: str | None = None,
         mask_in_observation: bool = False,
         vector: bool = False,
+        action_form: str = "flat",
         **options: Any,
     ) -> None:
         check_render_mode(game, render_mode)
-        self._table = _LearnerSeat(game, scenario, 1, opponent, seat, options)
+        self._table = _LearnerSeat(game, scenario, 1, opponent, seat, action_form, options)
         self.engine = self._table.engine
         self.render_mode = render_mode
-        self._seen_as = (representation, mask_in_observation, vector)
+        self._seen_as = (representation, mask_in_observation, vector, self._table.form)
         self.observation_space = make_observation_space(self.engine, *self._seen_as)
-        self.action_space = spaces.Discrete(self.engine.num_actions)
+        self.action_space = make_action_space(self._table.form)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -125,7 +133,7 @@ class GameEnv(gymnasium.Env[Any, np.int64]):
         self.engine.reset(self._table.seeds.next())
         return self._look()
 
-    def step(self, action: np.int64) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """One decision; an illegal action (see the mask) does nothing.
 
         Raises:
@@ -148,7 +156,8 @@ class GameEnv(gymnasium.Env[Any, np.int64]):
             observation: Any = {name: array[0, seat] for name, array in seen.items()}
         else:
             observation = seen[0, seat]
-        return observation, {"action_mask": self.engine.action_mask()[0, seat].view(np.int8)}
+        mask = self._table.form.shape_mask(self.engine.action_mask()[0, seat])
+        return observation, {"action_mask": mask}
 
 
 class GameVectorEnv(VectorEnv[Any, Any, Any]):
@@ -159,12 +168,12 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         autoreset_mode: NEXT_STEP (Gymnasium's default: the step after an end resets and ignores
             the action), SAME_STEP (the ending step returns the new game's observation and
             `infos["final_obs"]`), or DISABLED (`reset(options={"reset_mask": bool [B]})`).
-        others: as `GameEnv`. `infos["action_mask"]` is int8 [B, A].
+        others: as `GameEnv`. `infos["action_mask"]` is int8 [B, A] (or [B, ...] of the form).
     """
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
 
-    def __init__(  # noqa: PLR0913  # one more than GameEnv, by the names that Gymnasium passes
+    def __init__(  # noqa: PLR0913  # by the names that Gymnasium passes
         self,
         game: str,
         scenario: str | None = None,
@@ -176,18 +185,19 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         mask_in_observation: bool = False,
         render_mode: str | None = None,
         vector: bool = False,
+        action_form: str = "flat",
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         **options: Any,
     ) -> None:
         check_render_mode(game, render_mode)
-        self._table = _LearnerSeat(game, scenario, num_envs, opponent, seat, options)
+        self._table = _LearnerSeat(game, scenario, num_envs, opponent, seat, action_form, options)
         self.engine = self._table.engine
         self.num_envs, self.render_mode = num_envs, render_mode
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
-        self._seen_as = (representation, mask_in_observation, vector)
+        self._seen_as = (representation, mask_in_observation, vector, self._table.form)
         self.single_observation_space = make_observation_space(self.engine, *self._seen_as)
-        self.single_action_space = spaces.Discrete(self.engine.num_actions)
+        self.single_action_space = make_action_space(self._table.form)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._ended = np.zeros(num_envs, np.bool_)
@@ -220,7 +230,7 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
     def step(
         self, actions: Any
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """One decision in every world: integer actions [B]. Arrays in the result are fresh."""
+        """One decision in every world: integer actions [B, ...]. Arrays in the result are fresh."""
         starting = self._ended.copy()
         self._table.play(np.asarray(actions))
         if self._mode is AutoresetMode.NEXT_STEP and starting.any():
@@ -255,7 +265,8 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
                 final[world] = {name: array[world] for name, array in observations.items()}
             else:
                 final[world] = observations[world]
-        masks = infos["action_mask"] * ended[:, None]
+        masks = infos["action_mask"].copy()
+        masks[~ended] = 0
         return {
             "final_obs": final,
             "_final_obs": ended.copy(),
@@ -274,6 +285,6 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
             observations: Any = {name: array[:, seat] for name, array in seen.items()}
         else:
             observations = seen[:, seat]
-        masks = self.engine.action_mask()[:, seat].view(np.int8)
+        masks = self._table.form.shape_mask(self.engine.action_mask()[:, seat])
         present = np.ones(self.num_envs, np.bool_)
         return observations, {"action_mask": masks, "_action_mask": present}

@@ -11,6 +11,7 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec
 
 from marl_cair.games import make_engine
+from marl_cair.games.action_forms import ActionForm, make_action_form
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Representation
 from marl_cair.games.randomness import EpisodeSeeds
@@ -20,7 +21,7 @@ VECTOR = "vector"
 STATE_BOUND = 2.0**31  # all numbers of a state are 32-bit integers, or fewer bits
 
 
-class GameParallelEnv(ParallelEnv[str, Any, int]):
+class GameParallelEnv(ParallelEnv[str, Any, Any]):
     """One game in which all players act at once.
 
     Args:
@@ -29,9 +30,12 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
         representation: what agents observe; the default `planes` is uint8 [C, H, W].
         render_mode: None or "rgb_array".
         mask_in_observation: observations become {"observation", "action_mask"}. The mask is always
-            in `infos[agent]["action_mask"]` too, int8 [A] as `Discrete.sample(mask)` takes it.
+            in `infos[agent]["action_mask"]` too, int8 as `action_space(agent).sample(mask)` takes
+            it: [A], [*action_shape, A] where actions have a shape, or [G, C] in the factored form.
         vector: observations become a dict with the float32 economy vector under "vector".
         max_cycles: time limit in decisions (default: the scenario's).
+        action_form: "flat" (Discrete, or MultiDiscrete [*action_shape]), or "factored": actions
+            are MultiDiscrete [kind, cell], see `action_forms.FactoredActions`.
         options: fields of the scenario to change, for example `preset="2017"`.
 
     A legal action does what its name says, an illegal one nothing (it is counted in
@@ -52,6 +56,7 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
         mask_in_observation: bool = False,
         vector: bool = False,
         max_cycles: int | None = None,
+        action_form: str = "flat",
         **options: Any,
     ) -> None:
         check_render_mode(game, render_mode)
@@ -67,12 +72,13 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
         }
         self.render_mode = render_mode
         self.representation = representation
-        self._with_mask, self._with_vector = mask_in_observation, vector
+        self._form = make_action_form(action_form, game, self.engine.spec)
+        self._seen_as = (representation, mask_in_observation, vector, self._form)
         self.possible_agents = [f"player_{seat}" for seat in range(self.engine.num_players)]
         self.agents: list[str] = []
-        seen = make_observation_space(self.engine, representation, mask_in_observation, vector)
+        seen = make_observation_space(self.engine, *self._seen_as)
         self.observation_spaces = dict.fromkeys(self.possible_agents, seen)
-        actions = spaces.Discrete(self.engine.num_actions)
+        actions = make_action_space(self._form)
         self.action_spaces = dict.fromkeys(self.possible_agents, actions)
         self._seeds = EpisodeSeeds(1)
         self.engine.reset(np.zeros(1, np.uint64))
@@ -83,7 +89,7 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
         """The same object at every call."""
         return self.observation_spaces[agent]
 
-    def action_space(self, agent: str) -> spaces.Discrete:
+    def action_space(self, agent: str) -> spaces.Space[Any]:
         """The same object at every call."""
         return self.action_spaces[agent]
 
@@ -101,7 +107,7 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
         return self._look()
 
     def step(
-        self, actions: dict[str, int]
+        self, actions: dict[str, Any]
     ) -> tuple[
         dict[str, Any],
         dict[str, float],
@@ -114,7 +120,7 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
         Who is out is terminated with its last reward and leaves `agents`; the others play on.
 
         Raises:
-            ValueError: an agent's action is missing or outside its space.
+            ValueError: an agent's action is missing, of a wrong shape, or outside its space.
             RuntimeError: before the first reset.
         """
         if not self._seeds.episodes[0]:
@@ -127,9 +133,12 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
                 "one for every agent in env.agents"
             )
         live = self.agents
-        noop = self.engine.spec.noop_action
-        chosen = [int(actions[agent]) if agent in live else noop for agent in self.possible_agents]
-        self.engine.step(np.array([chosen], np.int64))
+        spec = self.engine.spec
+        chosen = np.full((1, spec.num_players, *spec.action_shape), spec.noop_action, np.int64)
+        for seat, agent in enumerate(self.possible_agents):
+            if agent in live:
+                chosen[0, seat] = self._read_action(agent, seat, actions[agent])
+        self.engine.step(chosen)
         observations, infos = self._look()
         seats = {agent: self.possible_agents.index(agent) for agent in live}
         rewards = {agent: float(self.engine.rewards[0, seat]) for agent, seat in seats.items()}
@@ -150,9 +159,23 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
     def close(self) -> None:
         """Nothing is held open."""
 
+    def _read_action(self, agent: str, seat: int, action: Any) -> int | NDArray[np.int64]:
+        """An agent's action as the engine takes it."""
+        expected = self._form.sizes.shape
+        if not expected:
+            return int(action)
+        action = np.asarray(action)
+        if action.shape != expected or action.dtype.kind not in "iu":
+            raise ValueError(
+                f"{self.engine.game.name}: the action of {agent} is {action.dtype} "
+                f"{list(action.shape)}, it must be integers {list(expected)}"
+            )
+        chosen: NDArray[np.int64] = self._form.to_engine(action[None], seat)[0]
+        return chosen
+
     def _look(self) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        seen = look(self.engine, self.representation, self._with_mask, self._with_vector)
-        masks = self.engine.action_mask()[0].view(np.int8)
+        seen = look(self.engine, *self._seen_as)
+        masks = self._form.shape_mask(self.engine.action_mask()[0])
         observations: dict[str, Any] = {}
         infos: dict[str, dict[str, Any]] = {}
         for seat, agent in enumerate(self.possible_agents):
@@ -166,8 +189,34 @@ class GameParallelEnv(ParallelEnv[str, Any, int]):
         return observations, infos
 
 
+class MaskedMultiDiscrete(spaces.MultiDiscrete[np.int64]):
+    """MultiDiscrete whose `sample` also takes the mask as one array, as `infos` hold it."""
+
+    def __init__(self, form: ActionForm) -> None:
+        super().__init__(form.sizes)
+        self._form = form
+
+    def sample(self, mask: Any = None, probability: Any = None) -> NDArray[np.int64]:
+        """A random action that `mask` allows: int8 [*action_shape, A], or [G, C] of factored ones.
+
+        Gymnasium's tuples of masks and `probability` work as in `MultiDiscrete`.
+        """
+        if isinstance(mask, np.ndarray) and probability is None:
+            return self._form.draw(mask, self.np_random)
+        return super().sample(mask, probability)
+
+
+def make_action_space(form: ActionForm) -> spaces.Space[Any]:
+    """One seat's space: Discrete where an action is one number, else MultiDiscrete."""
+    return MaskedMultiDiscrete(form) if form.sizes.shape else spaces.Discrete(int(form.sizes))
+
+
 def make_observation_space(
-    engine: BatchedEngine, representation: str, with_mask: bool, with_vector: bool
+    engine: BatchedEngine,
+    representation: str,
+    with_mask: bool,
+    with_vector: bool,
+    form: ActionForm,
 ) -> spaces.Space[Any]:
     """One seat's space: a Box, or a Dict where the mask or the vector is asked for."""
     box = _make_box(engine.representation(representation))
@@ -175,14 +224,18 @@ def make_observation_space(
         return box
     parts: dict[str, spaces.Space[Any]] = {"observation": box}
     if with_mask:
-        parts["action_mask"] = spaces.Box(0, 1, (engine.num_actions,), np.int8)
+        parts["action_mask"] = spaces.Box(0, 1, form.mask_shape, np.int8)
     if with_vector:
         parts[VECTOR] = _make_box(engine.representation(VECTOR))
     return spaces.Dict(parts)
 
 
 def look(
-    engine: BatchedEngine, representation: str, with_mask: bool, with_vector: bool
+    engine: BatchedEngine,
+    representation: str,
+    with_mask: bool,
+    with_vector: bool,
+    form: ActionForm,
 ) -> NDArray[Any] | dict[str, NDArray[Any]]:
     """What all seats see, fresh arrays [B, P, ...] in the form of `make_observation_space`."""
     seen = engine.observe(representation)
@@ -190,7 +243,7 @@ def look(
         return seen
     parts = {"observation": seen}
     if with_mask:
-        parts["action_mask"] = engine.action_mask().view(np.int8)
+        parts["action_mask"] = form.shape_mask(engine.action_mask())
     if with_vector:
         parts[VECTOR] = engine.observe(VECTOR)
     return parts

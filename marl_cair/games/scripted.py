@@ -54,7 +54,8 @@ class ScriptedPlayer:
     Args:
         name: of the bot.
         decide_all: writes the actions of N rows: (planes [N, C, H, W], mask [N, A], random [1],
-            out int64 [N]).
+            out int64 [N]); with an action shape: mask [N, *action_shape, A], out
+            [N, *action_shape].
     """
 
     representation = "planes"
@@ -68,7 +69,7 @@ class ScriptedPlayer:
         self._random[0] = seed % 2**64
 
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-        actions = np.zeros(len(observation), np.int64)
+        actions = np.zeros(action_mask.shape[:-1], np.int64)
         planes = np.ascontiguousarray(observation)
         mask = np.ascontiguousarray(action_mask)
         with np.errstate(over="ignore"):

@@ -45,9 +45,10 @@ class BatchedGameEnv(EnvBase):
             that play seats look at `planes` whatever the learner looks at).
         seed: of the run; None draws one.
 
-    Keys: ("player", "observation") [B, P, *shape], ("player", "action_mask") bool [B, P, A],
-    ("player", "action") int64 [B, P], ("player", "reward") float32 [B, P, 1], and done, terminated,
-    truncated bool [B, 1] at the root and [B, P, 1] in the group. A seat that is out while others
+    Keys: ("player", "observation") [B, P, *shape], ("player", "action_mask") bool
+    [B, P, *action_shape, A], ("player", "action") int64 [B, P, *action_shape],
+    ("player", "reward") float32 [B, P, 1], and done, terminated, truncated bool [B, 1] at the root
+    and [B, P, 1] in the group. A seat that is out while others
     play on is terminated and done in the group from the step at which it goes out; the root says
     when the world is over, and by that alone TorchRL resets. A seat that is out is only to play the
     no-op, and what it is shown then is for nobody to learn from. The engine writes straight into
@@ -86,10 +87,10 @@ class BatchedGameEnv(EnvBase):
         seen: dict[str, Any] = {
             key: self._make_observation_spec(name) for key, name in self._representations.items()
         }
-        actions = self.engine.num_actions
-        seen["action_mask"] = Binary(actions, shape=(*seats, actions), dtype=torch.bool)
+        actions, places = self.engine.num_actions, (*seats, *self.engine.spec.action_shape)
+        seen["action_mask"] = Binary(actions, shape=(*places, actions), dtype=torch.bool)
         self.observation_spec = Composite({GROUP: Composite(seen, shape=seats)}, shape=(worlds,))
-        action = Categorical(actions, shape=seats, dtype=torch.int64)
+        action = Categorical(actions, shape=places, dtype=torch.int64)
         self.action_spec = Composite(
             {GROUP: Composite({"action": action}, shape=seats)}, shape=(worlds,)
         )
@@ -170,7 +171,8 @@ class BatchedGameEnv(EnvBase):
             chosen = engine.representation(name)
             seen = self._pool.take((worlds, players, *chosen.shape), chosen.dtype)
             seats[key] = _fill(seen, partial(engine.observe, name), only)
-        legal = self._pool.take((worlds, players, engine.num_actions), np.bool_)
+        places = (worlds, players, *engine.spec.action_shape)
+        legal = self._pool.take((*places, engine.num_actions), np.bool_)
         seats["action_mask"] = _fill(legal, engine.action_mask, only)
         terminated = torch.from_numpy(engine.terminated).clone().unsqueeze(-1)
         truncated = torch.from_numpy(engine.truncated).clone().unsqueeze(-1)

@@ -26,7 +26,7 @@ NUM_COLOURS = 160
 def replay_frames(
     game: Game, scenario: Any, seed: int, actions: NDArray[np.int32]
 ) -> Iterator[NDArray[np.uint8]]:
-    """Pictures uint8 [h, w, 3] of the start and of each decision of a `record_game` [T, P]."""
+    """Pictures uint8 [h, w, 3] of the start and of each decision of a `record_game`."""
     engine = BatchedEngine(game, scenario)
     engine.reset(map_seeds(seed, np.zeros(1, np.int64)))
     yield engine.render(0)

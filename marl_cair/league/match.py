@@ -187,7 +187,7 @@ def _find_draw_score(winner: int, points: NDArray[np.float64], team: int) -> flo
 def record_game(
     first: Agent, second: Agent, game: Game, scenario: Any, seed: int
 ) -> NDArray[np.int32]:
-    """Actions [T, P] of the first game of `play_match`, `first` in the first seat.
+    """Actions [T, P, *action_shape] of the first game of `play_match`, `first` in the first seat.
 
     With the map seed of block 0 they are the whole game.
 

@@ -145,7 +145,7 @@ def play(
         masks = engine.action_mask()
         seen = {name: engine.observe(name) for name in names}
         out = engine.eliminated.copy()
-        shape = (engine.num_worlds, engine.num_players)
+        shape = (engine.num_worlds, engine.num_players, *engine.spec.action_shape)
         actions = np.full(shape, engine.spec.noop_action, np.int32)
         for (agent, _), places, states in zip(seatings, table.places, streams, strict=True):
             for chunk, state in enumerate(states):

@@ -45,8 +45,15 @@ class GameSettings:
     def __post_init__(self) -> None:
         game = GAMES[self.name]
         scenario = game.scenario(self.scenario, **self.options)
-        kind = f"{self.name} representation"
-        find_by_name(kind, self.representation, game.make_spec(scenario).representations)
+        spec = game.make_spec(scenario)
+        if spec.action_shape:
+            raise ValueError(
+                f"game.options.actions is {scenario.actions!r}, with an action at each place of "
+                f"{list(spec.action_shape)}, but a Q-network chooses one action in each decision: "
+                f"set it to {type(scenario).actions!r}, or train on the environments of "
+                f"{self.name} with a method for such actions"
+            )
+        find_by_name(f"{self.name} representation", self.representation, spec.representations)
         game.scenario(self.scenario, reward=self.reward)
         for name, owner in (("reward", "game.reward"), ("shaping_discount", "learner.gamma")):
             require(

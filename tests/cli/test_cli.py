@@ -13,6 +13,7 @@ from marl_cair.cli.compose import compose_config, list_groups
 from marl_cair.cli.options import list_options
 from marl_cair.cli.train import describe_options
 from marl_cair.games import GAMES
+from marl_cair.lookup import UnknownNameError
 from marl_cair.training.config_file import load_config, save_config
 
 SMALL = (
@@ -44,10 +45,23 @@ def test_no_words_give_the_defaults():
     assert compose_config([]) == TrainConfig()
 
 
-@pytest.mark.parametrize("group", ["game", "policy", "opponent", "generator"])
+@pytest.mark.parametrize("group", ["game", "policy", "generator"])
 def test_every_choice_of_a_group_composes(group):
     for choice in list_groups()[group]:
         compose_config([f"{group}={choice}"])
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_every_bot_and_every_way_of_self_play_is_an_opponent(game):
+    bots = set(GAMES[game].bots)
+    others = {"self_play", "latest", "pool", "scripted"}
+    foreign = {bot for name in GAMES for bot in GAMES[name].bots} - bots
+    assert set(list_groups()["opponent"]) == bots | others | foreign
+    for choice in bots | others:
+        compose_config([f"game={game}", f"opponent={choice}"])
+    for choice in foreign:
+        with pytest.raises(UnknownNameError, match=choice):
+            compose_config([f"game={game}", f"opponent={choice}"])
 
 
 def test_shorthands_and_numbers_that_are_names():

@@ -9,13 +9,26 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from marl_cair.games import GAMES, make_engine
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import GameSpec
 
+# Of games with many scenarios those that show all kinds of play; `make test-all` takes the others.
+QUICK_SCENARIOS = {
+    "deep_rts": (
+        "1v1-15x15",
+        "FFA-3-15x15",
+        "FFA-6-31x31-fog",
+        "Teams-2v2-15x15-fog",
+        "Economy-15x15",
+        "LavaMaze-31x31",
+    )
+}
 ILLEGAL_SHARE = 0.05  # of chosen actions is not looked up in the mask
+GOLDEN_RATIO = 0.6180339887498949  # its multiples spread evenly over 0..1
 
 
 class Case(NamedTuple):
@@ -54,7 +67,24 @@ def _list_representations() -> Iterator[tuple[str, str]]:
             yield name, representation
 
 
+def _is_quick(case: Case) -> bool:
+    """Of each game: the default scenario in all action spaces, and others that are like none."""
+    default = GAMES[case.game].default_scenario
+    quick = QUICK_SCENARIOS.get(case.game)
+    is_plain = all(value == _default_option(case.game, name) for name, value in case.options)
+    return quick is None or case.scenario == default or (is_plain and case.scenario in quick)
+
+
+def _default_option(game: str, name: str) -> Any:
+    return getattr(GAMES[game].scenario(), name)
+
+
 SCENARIOS = list(_list_scenarios())
+QUICK_CASES = [case for case in SCENARIOS if _is_quick(case)]
+CASES = [
+    pytest.param(case, marks=() if case in QUICK_CASES else pytest.mark.slow, id=str(case))
+    for case in SCENARIOS
+]
 DEFAULT_CASES = [case for case in SCENARIOS if case.scenario == GAMES[case.game].default_scenario]
 REPRESENTATIONS = list(_list_representations())
 
@@ -73,8 +103,17 @@ class Luck(NamedTuple):
         return Luck(self.numbers[:, worlds])
 
 
-def choose_action(spec: GameSpec, mask: NDArray[np.bool_], which: float, where: float) -> int:
-    """A legal kind of action, then one of that kind; a few actions are not looked up."""
+def choose_action(spec: GameSpec, mask: NDArray[np.bool_], which: float, where: float) -> Any:
+    """A legal kind of action, then one of that kind; a few actions are not looked up.
+
+    With an action shape, one such choice at each place where there is one.
+    """
+    if mask.ndim > 1:
+        chosen = np.full(mask.shape[:-1], spec.noop_action)
+        for number, place in enumerate(np.argwhere(mask.sum(axis=-1) > 1)):
+            numbers = (which + number * GOLDEN_RATIO) % 1, (where + number * GOLDEN_RATIO) % 1
+            chosen[tuple(place)] = choose_action(spec, mask[tuple(place)], *numbers)
+        return chosen
     if which < ILLEGAL_SHARE:
         return int(where * spec.num_actions)
     kinds = np.unique(spec.action_groups[mask])
@@ -84,7 +123,7 @@ def choose_action(spec: GameSpec, mask: NDArray[np.bool_], which: float, where: 
 
 
 def choose_actions(engine: BatchedEngine, numbers: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Actions [B, P] from numbers in 0..1 [B, P, 2]."""
+    """Actions [B, P, *action_shape] from numbers in 0..1 [B, P, 2]."""
     masks = engine.action_mask()
     chosen = [
         [
@@ -130,13 +169,11 @@ class FirstLegalAgent:
         """There is nothing to seed."""
 
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-        return np.array(
-            [
-                legal[int(seen.sum(dtype=np.int64)) % len(legal)]
-                for seen, legal in zip(observation, map(np.flatnonzero, action_mask), strict=True)
-            ],
-            np.int64,
-        )
+        actions = np.zeros(action_mask.shape[:-1], np.int64)
+        for place in np.ndindex(*actions.shape):
+            legal = np.flatnonzero(action_mask[place])
+            actions[place] = legal[int(observation[place[0]].sum(dtype=np.int64)) % len(legal)]
+        return actions
 
     def state_dict(self) -> dict[str, Any]:
         return {}

@@ -3,7 +3,7 @@
 import pytest
 
 from marl_cair.games import GAMES
-from tests.games.cases import SCENARIOS, Case
+from tests.games.cases import CASES, Case
 
 
 def pytest_addoption(parser):
@@ -20,7 +20,7 @@ def game_name(request):
     return request.param
 
 
-@pytest.fixture(scope="module", params=SCENARIOS, ids=str)
+@pytest.fixture(scope="module", params=CASES)
 def case(request) -> Case:
     """Each scenario of each game with each of its action spaces."""
     return request.param

@@ -11,7 +11,13 @@ import numpy as np
 import pytest
 
 from marl_cair.games import compiled as compiled_module
-from marl_cair.games.compiled import cache_root, compiled, is_compiling, source_digest
+from marl_cair.games.compiled import (
+    cache_root,
+    compiled,
+    compiled_compact,
+    is_compiling,
+    source_digest,
+)
 from marl_cair.games.deep_line_wars.rules import step
 from marl_cair.games.randomness import mix
 
@@ -129,6 +135,29 @@ def test_a_rule_called_by_rules_only_gets_no_machine_code():
     assert "entry" not in vars(double)
     assert quadruple.entry.overloads
     assert not quadruple.overloads
+
+
+@compiled_compact
+def third(number):
+    return number / 3
+
+
+@compiled_compact
+def thirds_below(number, limit):
+    return third(number) if number < limit else third(float(number))
+
+
+@compiled_compact
+def count_thirds(numbers):
+    """Calls variants of a rule that are left out again when their branch proves dead."""
+    total = thirds_below(3, 10)
+    for number in numbers:
+        total += thirds_below(number, 10) + thirds_below(int(number), 4) + third(9)
+    return total
+
+
+def test_rules_that_are_not_inlined_are_linked_whatever_their_order():
+    assert count_thirds(np.array([6.0, 12.0])) == 1 + (2 + 2 + 3) + (4 + 4 + 3)
 
 
 def test_a_rule_survives_pickling():

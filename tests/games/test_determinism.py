@@ -10,7 +10,16 @@ import pytest
 from marl_cair.games import GAMES
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.randomness import episode_seeds
-from tests.games.cases import DEFAULT_CASES, SCENARIOS, Case, Luck, play, replace_kernels
+from tests.games.cases import (
+    DEFAULT_CASES,
+    QUICK_CASES,
+    SCENARIOS,
+    Case,
+    Luck,
+    choose_actions,
+    play,
+    replace_kernels,
+)
 
 NUM_WORLDS = 5
 NUM_DECISIONS = 60
@@ -159,6 +168,33 @@ def test_observing_and_masking_change_nothing(case):
 
 
 @pytest.mark.plain_python
+def test_planes_written_in_place_are_those_written_anew(case):
+    """Whatever happened to the worlds since they were written last."""
+    engine = case.engine(3)
+    engine.reset(seeds_of(3))
+    saved = engine.snapshot([0])
+    for decision, numbers in enumerate(luck_of(engine).numbers):
+        engine.step(choose_actions(engine, numbers))
+        if decision % 7 == 3:
+            engine.reset(seeds_of(3, seed=decision), np.array([False, True, False]))
+        if decision % 11 == 5:
+            engine.restore(saved, [2])
+            saved = engine.snapshot([0])
+        for name in ("planes", "vector"):
+            np.testing.assert_array_equal(engine.observe_in_place(name), engine.observe(name))
+
+
+def test_an_array_in_place_is_the_same_at_each_call_and_read_only(case):
+    engine = case.engine(2)
+    engine.reset(seeds_of(2))
+    seen = engine.observe_in_place("planes")
+    shape = (2, engine.num_players, *engine.spec.action_shape)
+    engine.step(np.full(shape, engine.spec.noop_action))
+    assert engine.observe_in_place("planes") is seen
+    with pytest.raises(ValueError, match="read-only"):
+        seen[:] = 0
+
+
 @pytest.mark.parametrize("case", DEFAULT_CASES, ids=str)
 def test_a_whole_game_ends_and_then_stands_still(case):
     engine = case.engine(2, max_ticks=15 * case.engine().spec.ticks_per_step)
@@ -173,7 +209,8 @@ def test_a_whole_game_ends_and_then_stands_still(case):
         np.testing.assert_array_equal(value, before[name], err_msg=name)
 
 
-PLAIN_CASES = [*DEFAULT_CASES, *(case for case in SCENARIOS[-2:] if case not in DEFAULT_CASES)]
+# All action spaces of each default scenario, and the last of the scenarios that are tested.
+PLAIN_CASES = list(dict.fromkeys([*DEFAULT_CASES, *{c.game: c for c in QUICK_CASES}.values()]))
 PLAIN_DECISIONS = 100
 PRINT_DIGESTS = """
 from tests.games.test_determinism import *

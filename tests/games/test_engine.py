@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import marl_cair
-from marl_cair.games import GAMES, make_engine
-from marl_cair.games import engine as engine_module
+from marl_cair.games import GAMES, announcing, make_engine
 from marl_cair.games.engine import BatchedEngine, Snapshot
 from marl_cair.games.game import NO_CELL, NO_WINNER
 from marl_cair.lookup import UnknownNameError
@@ -75,7 +74,7 @@ def test_rewards_stay_within_their_bound_and_the_noop_is_always_legal(case):
     for numbers in Luck.draw(40, 2, engine.num_players, seed=2).numbers:
         engine.step(choose_actions(engine, numbers))
         assert np.abs(engine.rewards).max() <= engine.spec.reward_bound
-        assert engine.action_mask()[:, :, engine.spec.noop_action].all()
+        assert engine.action_mask()[..., engine.spec.noop_action].all()
 
 
 def test_observe_and_mask_write_into_the_given_array(engine):
@@ -138,8 +137,8 @@ def test_games_can_be_listed_and_have_titles():
 
 def test_a_long_first_call_says_that_it_compiles(engine, capsys, monkeypatch):
     """The kernel is declared unknown and made slow, as the compiler would make it."""
-    monkeypatch.setattr(engine_module, "_ANNOUNCE_AFTER_SECONDS", 0.0)
-    monkeypatch.setattr(engine_module, "_announced_games", set())
+    monkeypatch.setattr(announcing, "ANNOUNCE_AFTER_SECONDS", 0.0)
+    monkeypatch.setattr(announcing, "_announced_games", set())
 
     def slow(*arguments) -> None:
         while not capsys_text():

@@ -117,7 +117,9 @@ def test_the_specs_equal_the_wrapped_ones(case):
         for key in reference.keys(True, True):
             assert own[key].shape == (1, *reference[key].shape), key
             assert own[key].dtype == reference[key].dtype, key
-    assert native.full_action_spec[GROUP, "action"].shape == (1, native.engine.num_players)
+    engine = native.engine
+    shape = (1, engine.num_players, *engine.spec.action_shape)
+    assert native.full_action_spec[GROUP, "action"].shape == shape
 
 
 # --- our promises ----------------------------------------------------------------------------

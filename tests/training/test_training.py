@@ -295,6 +295,10 @@ def test_the_log_holds_both_kinds_of_loss_and_the_action_shares(tmp_path):
         (lambda: OpponentSettings(warmup_frames=-5), "opponent.warmup_frames is -5"),
         (lambda: GameSettings(options={"reward": "sparse"}), "left out: set game.reward"),
         (lambda: GameSettings(options={"shaping_discount": 0.9}), "left out: set learner.gamma"),
+        (
+            lambda: GameSettings("deep_rts", "1v1-15x15", options={"actions": "grid"}),
+            r"game.options.actions is 'grid', .* one action in each decision: set it to 'unit'",
+        ),
     ],
 )
 def test_bad_settings_are_refused(make, message):

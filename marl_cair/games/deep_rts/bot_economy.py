@@ -28,7 +28,6 @@ from marl_cair.games.deep_rts.bot_sight import (
     keeps_ways_open,
     shows,
 )
-from marl_cair.games.deep_rts.observation import CARRIES, SELECTED
 from marl_cair.games.deep_rts.orders import (
     FIRST_CELL,
     FIRST_PRODUCT,
@@ -36,6 +35,7 @@ from marl_cair.games.deep_rts.orders import (
     NOOP,
     SELECT_THERE,
 )
+from marl_cair.games.deep_rts.planes import CARRIES, SELECTED
 from marl_cair.games.deep_rts.rulebook import (
     KIND_FOOD_CONSUMED,
     KIND_FOOD_PRODUCED,

@@ -38,12 +38,12 @@ from marl_cair.games.deep_rts.bot_sight import (
     nearest_foe,
     shows,
 )
-from marl_cair.games.deep_rts.observation import IS_FIGHTING, TIME_LEFT
 from marl_cair.games.deep_rts.orders import (
     ADVANCE_THERE,
     GO_THERE,
     NOOP,
 )
+from marl_cair.games.deep_rts.planes import IS_FIGHTING, TIME_LEFT
 from marl_cair.games.deep_rts.tables import (
     BARRACKS,
     FOOTMAN,

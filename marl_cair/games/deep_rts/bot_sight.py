@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled, compiled_compact
-from marl_cair.games.deep_rts.observation import (
+from marl_cair.games.deep_rts.planes import (
     CARRIES,
     FIRST_KIND,
     FIRST_TILE,

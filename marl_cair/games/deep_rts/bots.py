@@ -9,6 +9,7 @@ from typing import Any
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_rts.bot_plans import plan_by_doctrine
 from marl_cair.games.deep_rts.bot_sight import Doctrine, make_knowledge, make_sight
+from marl_cair.games.deep_rts.grid_orders import GRID_NOOP
 from marl_cair.games.deep_rts.orders import NOOP
 from marl_cair.games.deep_rts.scenarios import Scenario
 from marl_cair.games.game import Agent, GameSpec
@@ -117,6 +118,18 @@ def decide_all(
         out[index] = action if mask[index, action] else NOOP
 
 
+@compiled
+def decide_for_all_units(known: Any, planes: Any, mask: Any, random: Any, out: Any) -> None:
+    """A random order for each unit that can take one: mask [N, H, W, A], out [N, H, W]."""
+    for index in range(mask.shape[0]):
+        for row in range(mask.shape[1]):
+            for column in range(mask.shape[2]):
+                out[index, row, column] = GRID_NOOP
+                if mask[index, row, column, GRID_NOOP + 1 :].any():
+                    orders = mask[index, row, column]
+                    out[index, row, column] = choose_by_kind(orders, known.groups, random)
+
+
 def make_bot(
     name: str, scenario: Scenario, spec: GameSpec, doctrine: Doctrine | None = None
 ) -> ScriptedPlayer:
@@ -131,6 +144,8 @@ def make_bot(
             f"make the game with actions='unit', or play the bot {RANDOM!r}"
         )
     known = make_knowledge(scenario, spec, doctrine or _NO_DOCTRINE)
+    if spec.action_shape:
+        return ScriptedPlayer(name, partial(decide_for_all_units, known))
     decide = partial(decide_all, doctrine is None, known, make_sight(scenario))
     return ScriptedPlayer(name, decide)
 

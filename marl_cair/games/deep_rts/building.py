@@ -74,16 +74,13 @@ from marl_cair.games.deep_rts.tables import (
 )
 from marl_cair.games.deep_rts.work import drop_from_queue
 
-CONTESTED = -1  # a claim of two players
-
 
 @compiled
-def site_cell(world: Any, rules: Any, player: int, product: int) -> int:
-    """Centre of the site that the cursor's peasant would build on; NOWHERE where none fits.
+def site_cell(world: Any, rules: Any, player: int, unit: int, product: int) -> int:
+    """Centre of the site that a peasant would build on; NOWHERE where none fits.
 
     A building rises around its builder; a well on the first oil beside it, in its own directions.
     """
-    unit = int(world.players[player, CURSOR])
     cell = int(world.units[unit, UNIT_CELL])
     if product == OIL_WELL:
         frame = rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME]
@@ -108,9 +105,8 @@ def site_cell(world: Any, rules: Any, player: int, product: int) -> int:
 
 
 @compiled
-def can_produce(world: Any, rules: Any, player: int, product: int) -> bool:
-    """True where the cursor's unit can make the product now."""
-    unit = int(world.players[player, CURSOR])
+def can_produce(world: Any, rules: Any, player: int, unit: int, product: int) -> bool:
+    """True where the player's unit (or NO_UNIT) can make the product now."""
     if product < 0 or unit == NO_UNIT or not world.players[player, IS_ALIVE]:
         return False
     if (
@@ -128,7 +124,7 @@ def can_produce(world: Any, rules: Any, player: int, product: int) -> bool:
             or world.players[player, NUM_UNITS] >= rules.slots
         ):
             return False
-        return site_cell(world, rules, player, product) != NOWHERE
+        return site_cell(world, rules, player, unit, product) != NOWHERE
     if not is_finished(world, unit) or world.units[unit, UNIT_QUEUE_LENGTH] >= QUEUE_LENGTH:
         return False
     if product >= FIRST_UPGRADE:
@@ -149,27 +145,32 @@ def is_at_top(world: Any, rules: Any, player: int, product: int) -> bool:
 
 
 @compiled
-def claim_site(world: Any, rules: Any, player: int, product: int) -> None:
-    """Mark the cells that a player wants to build on in this decision."""
+def claim_site(world: Any, rules: Any, player: int, unit: int, product: int) -> None:
+    """Mark the cells that a player wants to build on in this decision with its bit."""
     centre, half = (
-        site_cell(world, rules, player, product),
+        site_cell(world, rules, player, unit, product),
         int(rules.kinds[product, KIND_HALF_SIZE]),
     )
     for rows in range(-half, half + 1):
         for columns in range(-half, half + 1):
             cell = centre + rows * rules.stride + columns
-            free = world.board[CLAIM, cell] == 0
-            world.board[CLAIM, cell] = player + 1 if free else CONTESTED
+            world.board[CLAIM, cell] = int(world.board[CLAIM, cell]) | (1 << player)
 
 
 @compiled
-def is_contested(world: Any, rules: Any, centre: int, half: int) -> bool:
-    """True where another player wants to build on one of the cells too."""
+def site_claims(world: Any, rules: Any, centre: int, product: int) -> int:
+    """Bits of the players who want to build on any cell of a site in this decision."""
+    half, players = int(rules.kinds[product, KIND_HALF_SIZE]), 0
     for rows in range(-half, half + 1):
         for columns in range(-half, half + 1):
-            if world.board[CLAIM, centre + rows * rules.stride + columns] == CONTESTED:
-                return True
-    return False
+            players |= int(world.board[CLAIM, centre + rows * rules.stride + columns])
+    return players
+
+
+@compiled
+def is_contested(world: Any, rules: Any, player: int, centre: int, product: int) -> bool:
+    """True where another player wants to build on one of the cells too."""
+    return bool(site_claims(world, rules, centre, product) & ~(1 << player) != 0)
 
 
 @compiled
@@ -179,9 +180,8 @@ def clear_site_claims(world: Any) -> None:
 
 
 @compiled
-def produce(world: Any, rules: Any, player: int, product: int) -> None:
+def produce(world: Any, rules: Any, player: int, unit: int, product: int) -> None:
     """Begin a site, or join the queue; needs `can_produce`. A contested site costs nothing."""
-    unit = int(world.players[player, CURSOR])
     if is_building(world, unit):
         pay(world, rules, player, product)
         if product < FIRST_UPGRADE:
@@ -192,12 +192,18 @@ def produce(world: Any, rules: Any, player: int, product: int) -> None:
             ticks = int(rules.product[product, PRODUCT_TICKS])
             enter_state(world, unit, TRAINING, world.clock[TICK] + ticks)
         return
-    centre = site_cell(world, rules, player, product)
-    if is_contested(world, rules, centre, int(rules.kinds[product, KIND_HALF_SIZE])):
+    centre = site_cell(world, rules, player, unit, product)
+    if is_contested(world, rules, player, centre, product):
         return
     if free_slot(world, rules, player) == NO_SLOT:
         return
     pay(world, rules, player, product)
+    begin_site(world, rules, player, unit, product, centre)
+
+
+@compiled
+def begin_site(world: Any, rules: Any, player: int, unit: int, product: int, centre: int) -> None:
+    """The builder goes inside a site that has been paid."""
     take_off_board(world, rules, unit)
     world.units[unit, UNIT_ORDER] = NO_ORDER
     world.units[unit, UNIT_GOAL] = NO_GOAL
@@ -210,7 +216,8 @@ def produce(world: Any, rules: Any, player: int, product: int) -> None:
     world.units[site, UNIT_PARTNER] = unit
     world.units[unit, UNIT_PARTNER] = site
     enter_state(world, site, RISING, world.clock[TICK] + int(rules.product[product, PRODUCT_TICKS]))
-    world.players[player, CURSOR] = NO_UNIT
+    if world.players[player, CURSOR] == unit:
+        world.players[player, CURSOR] = NO_UNIT
 
 
 @compiled_copy

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from marl_cair.games.deep_rts import (
     bots,
     classic_orders,
+    grid_orders,
     masks,
     observation,
     orders,
@@ -17,17 +19,17 @@ from marl_cair.games.deep_rts import (
     rendering,
     rules,
 )
-from marl_cair.games.deep_rts.observation import (
+from marl_cair.games.deep_rts.other_views import CLASSIC_NAMES, VECTOR_NAMES
+from marl_cair.games.deep_rts.planes import (
     FIRST_KIND,
     FIRST_TILE,
     HEALTH,
+    NUM_UNIFORM,
     OWN,
     PLANE_NAMES,
     RESOURCE_LEFT,
     SELECTED,
-    UNIFORM_NAMES,
 )
-from marl_cair.games.deep_rts.other_views import CLASSIC_NAMES, VECTOR_NAMES
 from marl_cair.games.deep_rts.rulebook import make_rules
 from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, SCENARIOS, Scenario
 from marl_cair.games.deep_rts.state import World, allocate
@@ -37,7 +39,10 @@ from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 VERSION = "1"
 
 _SCRATCH = ("seed", "path", "acting")
+_MAKE_NAMES = tuple(f"make_{name}" for name in PRODUCT_NAMES)
 _CELL_ORDERS = ("go", "advance", "select")
+# As rulebook.ROW_STEP and COLUMN_STEP list the directions.
+_WAYS = ("up", "right", "down", "left", "up_right", "down_right", "down_left", "up_left")
 _CLASSIC_NAMES = (
     "previous_unit",
     "next_unit",
@@ -52,8 +57,7 @@ _CLASSIC_NAMES = (
 
 def make_spec(scenario: Scenario) -> GameSpec:
     """What `scenario` offers to agents: actions, representations, limits."""
-    actions = _classic_actions() if scenario.actions == "classic" else _unit_actions(scenario)
-    names, group_names, groups, cells, noop = actions
+    names, group_names, groups, cells, noop = _ACTIONS[scenario.actions](scenario)
     return GameSpec(
         num_players=scenario.num_players,
         action_names=names,
@@ -73,6 +77,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
         ticks_per_step=scenario.ticks_per_step,
         max_ticks=scenario.max_ticks,
         reward_bound=_reward_bound(scenario),
+        action_shape=(scenario.rows, scenario.columns) if scenario.actions == "grid" else (),
         teams=scenario.teams,
     )
 
@@ -88,7 +93,7 @@ Actions = tuple[tuple[str, ...], tuple[str, ...], list[int], list[int], int]
 
 
 def _unit_actions(scenario: Scenario) -> Actions:
-    names = ["noop", "next_unit", "stop", "cancel", *(f"make_{name}" for name in PRODUCT_NAMES)]
+    names = ["noop", "next_unit", "stop", "cancel", *_MAKE_NAMES]
     group_names = (*names, *_CELL_ORDERS)
     groups = list(range(len(names)))
     cells = [NO_CELL] * len(names)
@@ -101,7 +106,7 @@ def _unit_actions(scenario: Scenario) -> Actions:
     return tuple(names), group_names, groups, cells, orders.NOOP
 
 
-def _classic_actions() -> Actions:
+def _classic_actions(scenario: Scenario) -> Actions:
     numbers = list(range(classic_orders.NUM_CLASSIC))
     return (
         _CLASSIC_NAMES,
@@ -110,6 +115,24 @@ def _classic_actions() -> Actions:
         [NO_CELL] * len(numbers),
         classic_orders.CLASSIC_NOOP,
     )
+
+
+def _grid_actions(scenario: Scenario) -> Actions:
+    """The cells are the units' own; what an order points at is relative to it."""
+    names = ["noop", "stop", "cancel", *_MAKE_NAMES]
+    group_names = (*names, "go", "advance")
+    groups = list(range(len(names)))
+    for index in range(grid_orders.NUM_WINDOW):
+        row, column = grid_orders.window_row(index), grid_orders.window_column(index)
+        names.append(f"go_r{row:+d}_c{column:+d}")
+        groups.append(group_names.index("go"))
+    for way in _WAYS:
+        names.append(f"advance_{way}")
+        groups.append(group_names.index("advance"))
+    return tuple(names), group_names, groups, [NO_CELL] * len(names), grid_orders.GRID_NOOP
+
+
+_ACTIONS = {"unit": _unit_actions, "classic": _classic_actions, "grid": _grid_actions}
 
 
 def _representations(scenario: Scenario) -> dict[str, Representation]:
@@ -125,7 +148,8 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
             255,
             PLANE_NAMES,
             observation.observe_planes,
-            num_uniform=len(UNIFORM_NAMES),
+            num_uniform=NUM_UNIFORM,
+            make_memory=partial(observation.make_memory, scenario),
         ),
         Representation(
             "classic", (10, *board), np.uint8, 255, CLASSIC_NAMES, other_views.observe_classic

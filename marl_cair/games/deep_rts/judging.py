@@ -215,20 +215,28 @@ def judge_race(world: Any, rules: Any) -> None:
 
 
 @compiled
-def rank_by_score(world: Any, rules: Any) -> None:
-    """Out of time: the best score wins, equal ones of two teams draw.
+def team_score(world: Any, rules: Any, player: int) -> float:
+    """The sum over the player's team; who is out does not count, but where score is the goal."""
+    total = 0.0
+    for other in range(rules.num_players):
+        counts = world.players[other, IS_ALIVE] != 0 or rules.goal == SCORE_GOAL
+        if rules.team[other] == rules.team[player] and counts:
+            total += score_of(world, other)
+    return total
 
-    Who is out does not count, but where the score is the goal.
-    """
-    best, leader = -1.0, -1
+
+@compiled
+def rank_by_score(world: Any, rules: Any) -> None:
+    """Out of time: the team with the best score wins, named by its first seat; equal ones draw."""
+    best = -1.0
     for player in range(rules.num_players):
-        if not world.players[player, IS_ALIVE] and rules.goal != SCORE_GOAL:
+        if first_of_team(rules, player) != player:
             continue
-        score = score_of(world, player)
+        score = team_score(world, rules, player)
         if score > best:
-            best, leader = score, player
-            world.clock[WINNER] = first_of_team(rules, player)
-        elif score == best and rules.team[player] != rules.team[leader]:
+            best = score
+            world.clock[WINNER] = player
+        elif score == best:
             world.clock[WINNER] = NO_WINNER
 
 

@@ -24,6 +24,7 @@ from marl_cair.games.deep_rts.classic_orders import (
 )
 from marl_cair.games.deep_rts.combat import is_soldier
 from marl_cair.games.deep_rts.cursor import is_selectable, num_others
+from marl_cair.games.deep_rts.grid_orders import list_grid_orders
 from marl_cair.games.deep_rts.orders import (
     CANCEL,
     FIRST_CELL,
@@ -104,7 +105,7 @@ def list_unit_actions(world: Any, rules: Any, player: int, out: Any) -> None:
         out[STOP] = may_stop(world, unit)
         out[CANCEL] = can_cancel(world, unit)
         for product in range(NUM_PRODUCTS):
-            out[FIRST_PRODUCT + product] = can_produce(world, rules, player, product)
+            out[FIRST_PRODUCT + product] = can_produce(world, rules, player, unit, product)
     list_cell_orders(world, rules, player, out)
 
 
@@ -122,7 +123,7 @@ def list_classic_actions(world: Any, rules: Any, player: int, out: Any) -> None:
         return
     for slot in range(NUM_CLASSIC_BUILDS):
         product = int(rules.products[world.units[unit, UNIT_KIND], slot])
-        out[CLASSIC_BUILD + slot] = can_produce(world, rules, player, product)
+        out[CLASSIC_BUILD + slot] = can_produce(world, rules, player, unit, product)
     if is_building(world, unit):
         return
     for index in range(CLASSIC_ATTACK - CLASSIC_MOVE):
@@ -134,12 +135,14 @@ def list_classic_actions(world: Any, rules: Any, player: int, out: Any) -> None:
 
 @compiled
 def legal_actions(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write the legal actions of every seat: out bool [B, P, A]."""
+    """Write the legal actions of every seat: out bool [B, P, A], of `grid` [B, P, H, W, A]."""
     for index in range(first, last):
         world = world_at(worlds, index)
         for player in range(rules.num_players):
             out[index, player, :] = False
-            if rules.action_space == CLASSIC_ACTIONS:
+            if out.ndim != 3:  # known when compiling
+                list_grid_orders(world, rules, player, out[index, player])
+            elif rules.action_space == CLASSIC_ACTIONS:
                 list_classic_actions(world, rules, player, out[index, player])
             else:
                 list_unit_actions(world, rules, player, out[index, player])

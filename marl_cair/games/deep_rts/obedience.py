@@ -18,6 +18,7 @@ from marl_cair.games.deep_rts.classic_orders import (
     obey_classic_action,
 )
 from marl_cair.games.deep_rts.cursor import pass_cursor
+from marl_cair.games.deep_rts.grid_orders import obey_grids
 from marl_cair.games.deep_rts.orders import FIRST_PRODUCT, obey_unit_action
 from marl_cair.games.deep_rts.paths import NOWHERE
 from marl_cair.games.deep_rts.rulebook import (
@@ -61,9 +62,10 @@ def obey(world: Any, rules: Any, player: int, action: int, may_build: bool) -> b
     """The order of one player; False for an illegal one."""
     product = product_of(world, rules, player, action)
     if product != NOWHERE:
-        is_legal = may_build or can_produce(world, rules, player, product)
+        unit = int(world.players[player, CURSOR])
+        is_legal = may_build or can_produce(world, rules, player, unit, product)
         if is_legal:
-            produce(world, rules, player, product)
+            produce(world, rules, player, unit, product)
             if rules.action_space != CLASSIC_ACTIONS:
                 pass_cursor(world, player)
         return is_legal
@@ -74,15 +76,29 @@ def obey(world: Any, rules: Any, player: int, action: int, may_build: bool) -> b
 
 @compiled
 def obey_all(world: Any, rules: Any, actions: Any) -> None:
-    """The orders of a decision. Sites that two players want to build on at once are refused."""
+    """The orders of a decision, [P] or [P, H, W] of `grid`.
+
+    Sites that two players want to build on at once are refused to both.
+    """
+    # Known when compiling: the rules of one kind of actions hold nothing of the other.
+    if actions.ndim == 1:
+        obey_cursors(world, rules, actions)
+    else:
+        obey_grids(world, rules, actions)
+
+
+@compiled
+def obey_cursors(world: Any, rules: Any, actions: Any) -> None:
+    """One order of each player, for the unit under its cursor."""
     site_wishes, may_build = 0, 0  # bits of players
     for player in range(rules.num_players):
         if wants_site(world, rules, player, actions[player]):
             site_wishes |= 1 << player
             product = product_of(world, rules, player, actions[player])
-            if can_produce(world, rules, player, product):
+            unit = int(world.players[player, CURSOR])
+            if can_produce(world, rules, player, unit, product):
                 may_build |= 1 << player
-                claim_site(world, rules, player, product)
+                claim_site(world, rules, player, unit, product)
     for turn in range(2 * rules.num_players):
         # Sites come last: all other orders are about the board that their players saw.
         player = turn % rules.num_players

@@ -2,127 +2,113 @@
 every base lies where the first seat's lies. Under fog only what is in sight, and remembered ground.
 
 Hidden from an agent: others' stores, orders, queues and selections, and the random word.
+
+Planes are written where they differ from what a memory says was written last: units that look
+different, ground and stores that changed, cells that came into sight. A blank memory makes a whole
+picture. So the planes are a function of the state alone, whatever happened to it in between.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_rts.board import remembered_tile, sees
-from marl_cair.games.deep_rts.roster import food_limit
-from marl_cair.games.deep_rts.rulebook import (
-    KIND_HALF_SIZE,
-    KIND_HEALTH,
-    NO_FEATURE,
-    SEAT_FRAME,
-    TILE_AMOUNT,
+from marl_cair.games.compiled import compiled, compiled_copy
+from marl_cair.games.deep_rts.appearance import (
+    NOT_SHOWN,
+    cell_in,
+    differs_in_progress_alone,
+    half_size_in,
+    look_of,
+    mark,
+    mark_progress,
+    side_of,
 )
+from marl_cair.games.deep_rts.board import owner_of, remembered_tile, sees
+from marl_cair.games.deep_rts.planes import (
+    EXPLORED,
+    FIRST_TILE,
+    FIRST_UNIFORM,
+    FOOD_STEP,
+    FULL,
+    LOG_STEP,
+    NUM_UNIFORM,
+    RESOURCE_LEFT,
+    UPGRADE_STEP,
+    VISIBLE,
+)
+from marl_cair.games.deep_rts.roster import food_limit
+from marl_cair.games.deep_rts.rulebook import SEAT_FRAME, TILE_AMOUNT
+from marl_cair.games.deep_rts.scenarios import Scenario
 from marl_cair.games.deep_rts.state import (
     AMOUNT,
-    CURSOR,
-    FIGHTING,
     FOOD_USED,
-    GATHERING,
     MAP_INDEX,
-    NEVER,
-    NO_ORDER,
+    NO_UNIT,
     NUM_UNITS,
     OCCUPANT,
-    PUMPING,
-    REPAIRING,
     RESOURCES,
-    RISING,
     TICK,
     TILE,
-    TRAINING,
-    UNIT_CARRY,
-    UNIT_CARRY_KIND,
-    UNIT_CELL,
-    UNIT_HEALTH,
     UNIT_KIND,
-    UNIT_ORDER,
-    UNIT_SINCE,
-    UNIT_STATE,
     UNKNOWN,
     UPGRADES,
-    WALKING,
     world_at,
 )
-from marl_cair.games.deep_rts.tables import (
-    GRASS,
-    NUM_KINDS,
-    NUM_RESOURCES,
-    NUM_TILE_KINDS,
-    NUM_UPGRADES,
-    RESOURCE_NAMES,
-    STONE,
-    TILE_NAMES,
-    UNIT_NAMES,
-    UPGRADE_NAMES,
-)
+from marl_cair.games.deep_rts.tables import GRASS, NO_KIND, NUM_RESOURCES, NUM_UPGRADES
 
-FULL = 255
-UNIFORM_NAMES = (
-    *(f"own {name}" for name in RESOURCE_NAMES),
-    "own food used",
-    "own food limit",
-    *(f"own {name}" for name in UPGRADE_NAMES),
-    "time left",
-)
-PLANE_NAMES = (
-    *TILE_NAMES[1:],
-    "resource left",
-    *UNIT_NAMES,
-    "own",
-    "ally",
-    "enemy",
-    "health",
-    "walking",
-    "working",
-    "fighting",
-    "progress",
-    "under construction",
-    "own with an order",
-    "own carrying gold",
-    "own carrying lumber",
-    "own carrying stone",
-    "selected",
-    "visible",
-    "explored",
-    *UNIFORM_NAMES,
-)
-FIRST_TILE = 0  # minus grass, which has no plane
-RESOURCE_LEFT = NUM_TILE_KINDS - 1
-FIRST_KIND = RESOURCE_LEFT + 1
-OWN = FIRST_KIND + NUM_KINDS
-(
-    OWN,
-    ALLY,
-    ENEMY,
-    HEALTH,
-    IS_WALKING,
-    IS_WORKING,
-    IS_FIGHTING,
-    PROGRESS,
-    IS_RISING,
-    HAS_ORDER,
-    CARRIES,
-) = range(OWN, OWN + 11)
-SELECTED = CARRIES + 3
-VISIBLE = SELECTED + 1
-EXPLORED = VISIBLE + 1
-FIRST_UNIFORM = EXPLORED + 1
-OWN_FOOD = FIRST_UNIFORM + NUM_RESOURCES
-FOOD_LIMIT = OWN_FOOD + 1
-FIRST_UPGRADE_PLANE = FOOD_LIMIT + 1
-TIME_LEFT = FIRST_UPGRADE_PLANE + NUM_UPGRADES
+IS_DRAWN, DRAWN_MAP, NUM_SHOWN = range(3)  # columns of `page`
+NEVER_SHOWN = -1  # below every number of a store
 
-LOG_STEP = 12.0  # levels that a doubling of a store is worth: 2**20 fits
-FOOD_STEP = 5  # levels for one food, of at most 50
-UPGRADE_STEP = 100
+
+class Shown(NamedTuple):
+    """What the planes of B worlds show, or of one world (the same without B).
+
+    P players, U unit slots, N cells with the border.
+    """
+
+    page: NDArray[np.int32]  # [B, 3] see above; the rest holds only where IS_DRAWN is 1
+    ground: NDArray[np.int16]  # [B, 2, N] TILE and AMOUNT
+    units: NDArray[np.int64]  # [B, U] words of `appearance`
+    looks: NDArray[np.int64]  # [B, U] scratch: the words of now, of units that are shown
+    slots: NDArray[np.int16]  # [B, U] the first NUM_SHOWN: units that are shown
+    numbers: NDArray[np.int32]  # [B, P, NUM_UNIFORM] what the uniform planes tell
+    sight: NDArray[np.uint8]  # [B, P, N] 1: the cell is shown as visible (under fog only)
+    tiles: NDArray[np.uint8]  # [B, P, N] tile shown, or UNKNOWN (under fog only)
+
+
+def make_memory(scenario: Scenario, num_worlds: int) -> Shown:
+    """The memory of planes that nothing has been written to."""
+    players, cells = scenario.num_players, scenario.num_cells
+    units = players * scenario.slots_per_player
+    seen_cells = cells if scenario.fog else 1
+    return Shown(
+        page=np.zeros((num_worlds, 3), np.int32),
+        ground=np.empty((num_worlds, 2, cells), np.int16),
+        units=np.empty((num_worlds, units), np.int64),
+        looks=np.empty((num_worlds, units), np.int64),
+        slots=np.empty((num_worlds, units), np.int16),
+        numbers=np.empty((num_worlds, players, NUM_UNIFORM), np.int32),
+        sight=np.empty((num_worlds, players, seen_cells), np.uint8),
+        tiles=np.empty((num_worlds, players, seen_cells), np.uint8),
+    )
+
+
+@compiled_copy
+def shown_at(shown: Any, index: int) -> Any:
+    """The memory of one world: views of its rows."""
+    return Shown(
+        shown.page[index],
+        shown.ground[index],
+        shown.units[index],
+        shown.looks[index],
+        shown.slots[index],
+        shown.numbers[index],
+        shown.sight[index],
+        shown.tiles[index],
+    )
 
 
 @compiled
@@ -132,159 +118,254 @@ def log_level(amount: int) -> int:
 
 
 @compiled
-def side_of(rules: Any, player: int, owner: int) -> int:
-    """0 own, 1 ally, 2 enemy."""
-    if owner == player:
-        return 0
-    return 1 if rules.team[owner] == rules.team[player] else 2
+def blank(world: Any, rules: Any, shown: Any, out: Any) -> None:
+    """An empty board, of which the memory knows."""
+    for player in range(rules.num_players):
+        out[player, :FIRST_UNIFORM] = 0
+        if rules.fog == 0:
+            out[player, VISIBLE:FIRST_UNIFORM] = FULL
+    shown.page[IS_DRAWN] = 1
+    shown.page[DRAWN_MAP] = world.clock[MAP_INDEX]
+    shown.page[NUM_SHOWN] = 0
+    shown.ground[TILE] = GRASS
+    shown.ground[AMOUNT] = 0
+    shown.units[:] = NOT_SHOWN
+    shown.numbers[:] = NEVER_SHOWN
+    shown.sight[:] = 0
+    shown.tiles[:] = UNKNOWN
+
+
+@compiled_copy
+def frame_of(world: Any, rules: Any, player: int) -> int:
+    """How the player's view is turned."""
+    return int(rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME])
+
+
+# --- units -----------------------------------------------------------------------------------
 
 
 @compiled
-def progress_level(world: Any, unit: int) -> int:
-    """How much of the unit's activity is done, 0..255."""
-    since, due = int(world.units[unit, UNIT_SINCE]), int(world.due[unit])
-    if due == NEVER or due <= since:
-        return 0
-    return int(min(FULL, FULL * (int(world.clock[TICK]) - since) // (due - since)))
-
-
-@compiled
-def activity_plane(world: Any, unit: int) -> int:
-    """The plane that shows what a unit is doing, 0 for none."""
-    state = world.units[unit, UNIT_STATE]
-    if state == WALKING:
-        return IS_WALKING
-    if state == FIGHTING:
-        return IS_FIGHTING
-    if state in (GATHERING, REPAIRING, TRAINING, PUMPING):
-        return IS_WORKING
-    return 0
-
-
-@compiled
-def see_tile(
-    world: Any, rules: Any, cell: int, tile: int, row: int, column: int, is_seen: bool, out: Any
+def mark_unit(
+    world: Any, rules: Any, shown: Any, unit: int, word: int, is_shown: int, out: Any
 ) -> None:
-    """The plane of a tile, and how much is left in it where that is in sight."""
-    out[FIRST_TILE + tile - 1, row, column] = FULL
-    if is_seen and rules.tiles[tile, TILE_AMOUNT] > 0:
-        left = max(0, int(world.board[AMOUNT, cell]))
-        out[RESOURCE_LEFT, row, column] = min(FULL, int(left * rules.level_per_unit[tile]))
+    """Write or wipe a unit in the planes of all seats, where it is in their sight."""
+    owner = owner_of(rules, unit)
+    centre, half = cell_in(word), half_size_in(rules, word)
+    for player in range(rules.num_players):
+        frame, side = frame_of(world, rules, player), side_of(rules, player, owner)
+        for rows in range(-half, half + 1):
+            for cell in range(
+                centre + rows * rules.stride - half, centre + rows * rules.stride + half + 1
+            ):
+                if rules.fog == 0 or shown.sight[player, cell] != 0:
+                    row, column = rules.own_place[frame, cell, 0], rules.own_place[frame, cell, 1]
+                    mark(word, side, int(row), int(column), is_shown, out[player])
 
 
 @compiled
-def see_ground(world: Any, rules: Any, frame: int, out: Any) -> None:
-    """Terrain and resources where everything is in sight."""
-    index = world.clock[MAP_INDEX]
-    for place in range(rules.features.shape[1]):
-        cell = int(rules.features[index, place])
-        if cell == NO_FEATURE:
-            return
-        tile = int(world.board[TILE, cell])
-        if tile != GRASS:
-            row = int(rules.own_place[frame, cell, 0])
-            column = int(rules.own_place[frame, cell, 1])
-            see_tile(world, rules, cell, tile, row, column, True, out)
+def renew_progress(world: Any, rules: Any, shown: Any, unit: int, word: int, out: Any) -> None:
+    """Write the progress of a unit whose look is else the same."""
+    owner = owner_of(rules, unit)
+    centre, half = cell_in(word), half_size_in(rules, word)
+    for player in range(rules.num_players):
+        frame, side = frame_of(world, rules, player), side_of(rules, player, owner)
+        for rows in range(-half, half + 1):
+            for cell in range(
+                centre + rows * rules.stride - half, centre + rows * rules.stride + half + 1
+            ):
+                if rules.fog == 0 or shown.sight[player, cell] != 0:
+                    row, column = rules.own_place[frame, cell, 0], rules.own_place[frame, cell, 1]
+                    mark_progress(word, side, int(row), int(column), out[player])
 
 
 @compiled
-def see_through_fog(world: Any, rules: Any, player: int, frame: int, out: Any) -> None:
-    """What is in sight of the ground, and what is remembered of it."""
-    for row in range(rules.rows):
-        for column in range(rules.columns):
-            cell = int(rules.world_cell[frame, row * rules.columns + column])
-            is_seen = sees(world, rules, player, cell)
-            tile = int(world.board[TILE, cell])
-            if not is_seen:
-                tile = remembered_tile(world, rules, player, cell)
-            out[VISIBLE, row, column] = FULL * int(is_seen)
-            out[EXPLORED, row, column] = FULL * int(tile != UNKNOWN)
-            if not (tile == GRASS or tile == UNKNOWN):  # noqa: PLR1714, SIM109  # faster
-                see_tile(world, rules, cell, tile, row, column, is_seen, out)
+def wipe_changed_units(world: Any, rules: Any, shown: Any, out: Any) -> None:
+    """Take away those who look different now, before anybody is drawn where they stood."""
+    for place in range(shown.page[NUM_SHOWN]):
+        unit = int(shown.slots[place])
+        was = shown.units[unit]
+        look = NOT_SHOWN
+        if world.units[unit, UNIT_KIND] != NO_KIND:
+            look = look_of(world, rules, unit)
+        shown.looks[unit] = look
+        if look == was:
+            continue
+        if look != NOT_SHOWN and differs_in_progress_alone(look, was):
+            renew_progress(world, rules, shown, unit, look, out)
+            shown.units[unit] = look
+            continue
+        mark_unit(world, rules, shown, unit, was, 0, out)
+        if look == NOT_SHOWN:
+            shown.units[unit] = NOT_SHOWN
 
 
 @compiled
-def carried_level(world: Any, rules: Any, unit: int) -> int:
-    """How full the hands of a worker are, 0..255; only what has a plane counts."""
-    if world.units[unit, UNIT_CARRY] <= 0 or world.units[unit, UNIT_CARRY_KIND] > STONE:
-        return 0
-    share = FULL * int(world.units[unit, UNIT_CARRY]) // max(1, int(rules.carry_capacity))
-    return int(min(FULL, share))
-
-
-@compiled
-def see_unit(
-    world: Any, rules: Any, player: int, unit: int, side: int, frame: int, out: Any
-) -> None:
-    """One unit, on each cell that it covers and that is in sight."""
-    kind, centre = int(world.units[unit, UNIT_KIND]), int(world.units[unit, UNIT_CELL])
-    health = FULL * int(world.units[unit, UNIT_HEALTH]) // int(rules.kinds[kind, KIND_HEALTH])
-    activity = activity_plane(world, unit)
-    is_rising = world.units[unit, UNIT_STATE] == RISING
-    progress = progress_level(world, unit) if side == 0 or is_rising else 0
-    carries = carried_level(world, rules, unit)
-    half = int(rules.kinds[kind, KIND_HALF_SIZE])
-    for rows in range(-half, half + 1):
-        for columns in range(-half, half + 1):
-            cell = centre + rows * rules.stride + columns
-            if rules.fog != 0 and not sees(world, rules, player, cell):
-                continue
-            row = int(rules.own_place[frame, cell, 0])
-            column = int(rules.own_place[frame, cell, 1])
-            out[FIRST_KIND + kind, row, column] = FULL
-            out[OWN + side, row, column] = FULL
-            out[HEALTH, row, column] = max(1, health)
-            if activity > 0:
-                out[activity, row, column] = FULL
-            if is_rising:
-                out[IS_RISING, row, column] = FULL
-            out[PROGRESS, row, column] = progress
-            if side == 0:
-                out[HAS_ORDER, row, column] = FULL * int(world.units[unit, UNIT_ORDER] != NO_ORDER)
-                out[SELECTED, row, column] = FULL * int(world.players[player, CURSOR] == unit)
-                if carries > 0:
-                    out[CARRIES + world.units[unit, UNIT_CARRY_KIND], row, column] = carries
-
-
-@compiled
-def see_units(world: Any, rules: Any, player: int, frame: int, out: Any) -> None:
-    """Everybody on the board that is in sight."""
+def draw_changed_units(world: Any, rules: Any, shown: Any, out: Any) -> None:
+    """Draw those who are new or look different, and list all who are shown."""
+    count = 0
     for owner in range(rules.num_players):
-        side = side_of(rules, player, owner)
         for place in range(world.players[owner, NUM_UNITS]):
             unit = int(world.roster[owner, place])
-            if world.board[OCCUPANT, world.units[unit, UNIT_CELL]] == unit:  # not inside a site
-                see_unit(world, rules, player, unit, side, frame, out)
+            was = shown.units[unit]
+            look = shown.looks[unit]
+            if was == NOT_SHOWN:
+                look = look_of(world, rules, unit)
+                if look == NOT_SHOWN:
+                    continue
+            if look != was:
+                mark_unit(world, rules, shown, unit, look, 1, out)
+                shown.units[unit] = look
+            shown.slots[count] = unit
+            count += 1
+    shown.page[NUM_SHOWN] = count
+
+
+# --- ground ------------------------------------------------------------------------------------
 
 
 @compiled
-def see_planes(world: Any, rules: Any, player: int, out: Any) -> None:
-    """All planes of one seat: out uint8 [C, H, W]."""
-    out[:FIRST_UNIFORM] = 0
-    frame = int(rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME])
-    if rules.fog == 0:
-        out[VISIBLE:FIRST_UNIFORM] = FULL
-        see_ground(world, rules, frame, out)
-    else:
-        see_through_fog(world, rules, player, frame, out)
-    see_units(world, rules, player, frame, out)
+def has_new_ground(world: Any, shown: Any, first: int, last: int) -> bool:
+    """True where a tile or its amount differs from what is shown, in the cells first..last - 1."""
+    difference = np.int16(0)
+    for cell in range(first, last):
+        difference |= world.board[TILE, cell] ^ shown.ground[TILE, cell]
+        difference |= world.board[AMOUNT, cell] ^ shown.ground[AMOUNT, cell]
+    return bool(difference != 0)
+
+
+@compiled
+def mark_tile(tile: int, row: int, column: int, level: int, out: Any) -> None:
+    """Write the plane of a tile; there is none for grass and what is unknown."""
+    if not (tile == GRASS or tile == UNKNOWN):  # noqa: PLR1714, SIM109  # faster
+        out[FIRST_TILE + tile - 1, row, column] = level
+
+
+@compiled
+def level_left(world: Any, rules: Any, tile: int, cell: int) -> int:
+    """How much is left of a resource in sight, 0..255."""
+    if tile == UNKNOWN or rules.tiles[tile, TILE_AMOUNT] == 0:
+        return 0
+    left = max(0, int(world.board[AMOUNT, cell]))
+    return int(min(FULL, FULL * left // int(rules.tiles[tile, TILE_AMOUNT])))
+
+
+@compiled
+def renew_ground(world: Any, rules: Any, shown: Any, out: Any) -> None:
+    """Tiles and amounts that changed, where everything is in sight."""
+    for row in range(rules.rows):
+        first = (row + 1) * rules.stride + 1
+        if not has_new_ground(world, shown, first, first + rules.columns):
+            continue
+        for cell in range(first, first + rules.columns):
+            tile, was = int(world.board[TILE, cell]), int(shown.ground[TILE, cell])
+            if tile == was and world.board[AMOUNT, cell] == shown.ground[AMOUNT, cell]:
+                continue
+            level = level_left(world, rules, tile, cell)
+            for player in range(rules.num_players):
+                frame = frame_of(world, rules, player)
+                own_row = int(rules.own_place[frame, cell, 0])
+                own_column = int(rules.own_place[frame, cell, 1])
+                mark_tile(was, own_row, own_column, 0, out[player])
+                mark_tile(tile, own_row, own_column, FULL, out[player])
+                out[player, RESOURCE_LEFT, own_row, own_column] = level
+
+
+@compiled
+def renew_foggy_ground(world: Any, rules: Any, shown: Any, player: int, out: Any) -> None:
+    """What a seat sees and remembers of the ground, and those who came into sight or left it.
+
+    Units that look different have been wiped and will be drawn; they are left alone here.
+    """
+    frame = frame_of(world, rules, player)
+    for own in range(rules.rows * rules.columns):
+        cell = int(rules.world_cell[frame, own])
+        is_seen = int(sees(world, rules, player, cell))
+        tile = int(world.board[TILE, cell])
+        if is_seen == 0:
+            tile = remembered_tile(world, rules, player, cell)
+        was_seen, was = int(shown.sight[player, cell]), int(shown.tiles[player, cell])
+        is_new_amount = world.board[AMOUNT, cell] != shown.ground[AMOUNT, cell]
+        if is_seen == was_seen and tile == was and not is_new_amount:
+            continue
+        row, column = own // rules.columns, own % rules.columns
+        mark_tile(was, row, column, 0, out)
+        mark_tile(tile, row, column, FULL, out)
+        level = level_left(world, rules, tile, cell) if is_seen else 0
+        out[RESOURCE_LEFT, row, column] = level
+        out[VISIBLE, row, column] = FULL * is_seen
+        out[EXPLORED, row, column] = FULL * int(tile != UNKNOWN)
+        shown.sight[player, cell] = is_seen
+        shown.tiles[player, cell] = tile
+        unit = int(world.board[OCCUPANT, cell])
+        if is_seen != was_seen and unit != NO_UNIT:
+            word = shown.units[unit]
+            if word != NOT_SHOWN and word == shown.looks[unit]:
+                side = side_of(rules, player, owner_of(rules, unit))
+                mark(word, side, row, column, is_seen, out)
+
+
+# --- stores ------------------------------------------------------------------------------------
+
+
+@compiled
+def renew_number(shown: Any, player: int, index: int, number: int) -> bool:
+    """Remember a number of a seat; True where it has changed."""
+    if shown.numbers[player, index] == number:
+        return False
+    shown.numbers[player, index] = number
+    return True
+
+
+@compiled
+def renew_numbers(world: Any, rules: Any, shown: Any, player: int, out: Any) -> None:
+    """The planes that hold one number over the whole board."""
     for resource in range(NUM_RESOURCES):
-        out[FIRST_UNIFORM + resource] = log_level(int(world.players[player, RESOURCES + resource]))
-    out[OWN_FOOD] = min(FULL, FOOD_STEP * int(world.players[player, FOOD_USED]))
-    out[FOOD_LIMIT] = min(FULL, FOOD_STEP * food_limit(world, rules, player))
+        store = int(world.players[player, RESOURCES + resource])
+        if renew_number(shown, player, resource, store):
+            out[FIRST_UNIFORM + resource] = log_level(store)
+    index = NUM_RESOURCES
+    food = int(world.players[player, FOOD_USED])
+    if renew_number(shown, player, index, food):
+        out[FIRST_UNIFORM + index] = min(FULL, FOOD_STEP * food)
+    limit = food_limit(world, rules, player)
+    if renew_number(shown, player, index + 1, limit):
+        out[FIRST_UNIFORM + index + 1] = min(FULL, FOOD_STEP * limit)
     for upgrade in range(NUM_UPGRADES):
-        level = UPGRADE_STEP * int(world.players[player, UPGRADES + upgrade])
-        out[FIRST_UPGRADE_PLANE + upgrade] = min(FULL, level)
-    out[TIME_LEFT] = FULL * (rules.max_ticks - int(world.clock[TICK])) // rules.max_ticks
+        level = int(world.players[player, UPGRADES + upgrade])
+        if renew_number(shown, player, index + 2 + upgrade, level):
+            out[FIRST_UNIFORM + index + 2 + upgrade] = min(FULL, UPGRADE_STEP * level)
+    index += 2 + NUM_UPGRADES
+    left = FULL * (int(rules.max_ticks) - int(world.clock[TICK])) // int(rules.max_ticks)
+    if renew_number(shown, player, index, left):
+        out[FIRST_UNIFORM + index] = left
+
+
+@compiled
+def renew_planes(world: Any, rules: Any, shown: Any, out: Any) -> None:
+    """All planes of one world: out uint8 [P, C, H, W] holds what `shown` says, and then what is."""
+    if shown.page[IS_DRAWN] == 0 or shown.page[DRAWN_MAP] != world.clock[MAP_INDEX]:
+        blank(world, rules, shown, out)
+    wipe_changed_units(world, rules, shown, out)
+    cells = rules.rows * rules.stride + rules.stride
+    if rules.fog != 0:
+        for player in range(rules.num_players):
+            renew_foggy_ground(world, rules, shown, player, out[player])
+    if has_new_ground(world, shown, int(rules.stride), cells):
+        if rules.fog == 0:
+            renew_ground(world, rules, shown, out)
+        for cell in range(rules.stride, cells):
+            shown.ground[TILE, cell] = world.board[TILE, cell]
+            shown.ground[AMOUNT, cell] = world.board[AMOUNT, cell]
+    draw_changed_units(world, rules, shown, out)
+    for player in range(rules.num_players):
+        renew_numbers(world, rules, shown, player, out[player])
 
 
 # --- slices of worlds ------------------------------------------------------------------------
 
 
 @compiled
-def observe_planes(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write every seat's planes: out uint8 [B, P, C, H, W]."""
+def observe_planes(worlds: Any, rules: Any, shown: Any, out: Any, first: int, last: int) -> None:
+    """Bring every seat's planes up to date: out uint8 [B, P, C, H, W], of which `shown` tells."""
     for index in range(first, last):
-        world = world_at(worlds, index)
-        for player in range(rules.num_players):
-            see_planes(world, rules, player, out[index, player])
+        renew_planes(world_at(worlds, index), rules, shown_at(shown, index), out[index])

@@ -1,8 +1,8 @@
-"""Orders: what each action does and when it is legal. Both action spaces move the same cursor.
+"""Orders: what each action does and when it is legal. `unit` and `classic` move the same cursor.
 
 `unit`: no-op, next unit, stop, cancel, one action per product, then three boards of cells in the
 own view: go to (or work at, attack, repair, rally to) a cell, advance to it, select the unit on it.
-`classic`: the original's 16, mended.
+`classic`: the original's 16, mended, in classic_orders.py; `grid`: in grid_orders.py.
 """
 
 from __future__ import annotations
@@ -77,9 +77,7 @@ def give_order(world: Any, unit: int, order: int, goal: int) -> None:
 def obey_go(world: Any, rules: Any, player: int, unit: int, cell: int) -> bool:
     """Do at a cell what is to be done there; False where nothing is."""
     if is_building(world, unit):
-        if not can_rally(world, rules, unit):
-            return False
-        if not CAN_RALLY[kind_of_place(world, rules, player, cell)]:
+        if not may_rally(world, rules, player, unit, cell):
             return False
         world.units[unit, UNIT_RALLY] = cell
         return True
@@ -99,6 +97,14 @@ def can_rally(world: Any, rules: Any, unit: int) -> bool:
     """True for finished buildings that train units."""
     first = rules.products[world.units[unit, UNIT_KIND], 0]
     return bool(0 <= first < NUM_MOBILE_KINDS and is_finished(world, unit))
+
+
+@compiled
+def may_rally(world: Any, rules: Any, player: int, unit: int, cell: int) -> bool:
+    """True where a building can send those whom it trains."""
+    return can_rally(world, rules, unit) and bool(
+        CAN_RALLY[kind_of_place(world, rules, player, cell)]
+    )
 
 
 @compiled
@@ -177,9 +183,3 @@ def may_stop(world: Any, unit: int) -> bool:
         world.units[unit, UNIT_KIND] < NUM_MOBILE_KINDS
         and world.units[unit, UNIT_ORDER] != NO_ORDER
     )
-
-
-# --- the classic actions -----------------------------------------------------------------------
-
-
-# --- all players -------------------------------------------------------------------------------

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled
+from marl_cair.games.deep_rts.appearance import side_of
 from marl_cair.games.deep_rts.board import is_building, known_tile, owner_of, sees
 from marl_cair.games.deep_rts.judging import score_of
-from marl_cair.games.deep_rts.observation import FULL, side_of
+from marl_cair.games.deep_rts.planes import FULL
 from marl_cair.games.deep_rts.roster import food_limit
 from marl_cair.games.deep_rts.rulebook import (
     KIND_ARMOUR,

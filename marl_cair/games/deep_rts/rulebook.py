@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from marl_cair.games.deep_rts.maps import GameMap
     from marl_cair.games.deep_rts.scenarios import Scenario
 
-UNIT_ACTIONS, CLASSIC_ACTIONS = range(2)
+UNIT_ACTIONS, CLASSIC_ACTIONS, GRID_ACTIONS = range(3)
+ACTION_NUMBERS = {"unit": UNIT_ACTIONS, "classic": CLASSIC_ACTIONS, "grid": GRID_ACTIONS}
 CONQUEST, GOLD_GOAL, LUMBER_GOAL, SCORE_GOAL, ARMY_GOAL = range(5)
 GOAL_NUMBERS = {
     "conquest": CONQUEST,
@@ -93,7 +94,6 @@ class Rules(NamedTuple):
     own_cell: NDArray[np.int16]  # [NUM_FRAMES, N] cell -> own row * columns + column
     own_place: NDArray[np.int16]  # [NUM_FRAMES, N, 2] cell -> own row and column
     features: NDArray[np.int16]  # [M, F] cells that are not grass at the start, then NO_FEATURE
-    level_per_unit: NDArray[np.float32]  # [tile kinds] plane level of one unit left in a tile
     exits: NDArray[np.int8]  # [NUM_FRAMES, E, NUM_EXIT_COLUMNS] steps, the nearest first
     sight_span: NDArray[np.int16]  # [16 radii, 16 rows away] columns to each side, -1 none
     rows: int
@@ -144,7 +144,6 @@ def make_rules(scenario: Scenario) -> Rules:
         world_cell=world_cell,
         own_cell=own_cell,
         own_place=np.stack(np.divmod(own_cell, columns), axis=-1).astype(np.int16),
-        level_per_unit=_levels_per_unit(preset),
         exits=_exits(),
         sight_span=_sight_spans(),
         rows=rows,
@@ -168,7 +167,7 @@ def make_rules(scenario: Scenario) -> Rules:
         has_instant_build=int(preset.has_instant_build),
         repair_percent=preset.repair_percent,
         fog=int(scenario.fog),
-        action_space=CLASSIC_ACTIONS if scenario.actions == "classic" else UNIT_ACTIONS,
+        action_space=ACTION_NUMBERS[scenario.actions],
         goal=GOAL_NUMBERS[scenario.goal],
         goal_amount=scenario.goal_amount,
         tile_pixels=scenario.tile_pixels,
@@ -263,11 +262,6 @@ def _features(scenario: Scenario) -> NDArray[np.int16]:
     for row, cells in zip(table, listed, strict=True):
         row[: len(cells)] = cells
     return table
-
-
-def _levels_per_unit(preset: Preset) -> NDArray[np.float32]:
-    amounts = np.array(preset.tile_amount, np.float32)
-    return np.divide(255.0, amounts, out=np.zeros_like(amounts), where=amounts > 0)
 
 
 def _with_border(game_map: GameMap) -> NDArray[np.uint8]:

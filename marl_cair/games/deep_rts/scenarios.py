@@ -18,6 +18,7 @@ GYMNASIUM_PREFIX = "DeepRTS"  # of the ids marl_cair/DeepRTS-<scenario>-v0
 ACTION_SPACES = {
     "unit": "order x target cell for the unit under the cursor",
     "classic": "the original's 16 actions for the unit under the cursor",
+    "grid": "one order for each own unit at once, at the cell where it stands",
 }
 REWARDS = {"sparse": "+1 win, -1 loss, 0 draw", "shaped": "sparse plus a potential difference"}
 # What ends a game and pays; `conquest` ends with the last player or team, the others are races.
@@ -44,7 +45,7 @@ class Scenario:
     num_players: int = 2
     teams: tuple[int, ...] = ()  # the team of each seat; () = everybody for itself
     preset: str = "balanced"  # numbers of units and tiles: see tables.PRESETS
-    actions: str = "unit"  # or "classic"
+    actions: str = "unit"  # see ACTION_SPACES
     goal: str = "conquest"  # see GOALS
     goal_amount: int = 0  # of the goals gold, lumber and army
     army: tuple[int, ...] = ()  # units of each mobile kind at the start, in place of a base

@@ -14,6 +14,7 @@ from marl_cair.games.deep_rts.rulebook import (
     CELL_ROW,
     EXIT_COLUMN,
     EXIT_ROW,
+    GRID_ACTIONS,
     KIND_FOOD_CONSUMED,
     KIND_FOOD_PRODUCED,
     SEAT_FRAME,
@@ -100,7 +101,8 @@ def settle_player(world: Any, rules: Any, player: int) -> None:
             count = rules.start_peasants if kind == PEASANT else 0
         for _ in range(count):
             place_near(world, rules, player, kind, num_beside)
-    world.players[player, CURSOR] = world.roster[player, 1 if has_hall else 0]
+    if rules.action_space != GRID_ACTIONS:
+        world.players[player, CURSOR] = world.roster[player, 1 if has_hall else 0]
 
 
 @compiled

@@ -59,7 +59,7 @@ NUM_LAYERS = 7
     CLAIM,  # scratch of a tick: who wants the cell
     REACHED,  # scratch of a search: the number of the last that came here
     CAME,  # scratch of a search: direction in which it came
-    FRONTIER,  # scratch of a search: cells in the order of reaching
+    FRONTIER,  # scratch of a search: cells in the order of reaching; of `grid`: orders taken
 ) = range(NUM_LAYERS)
 
 (

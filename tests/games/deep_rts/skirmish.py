@@ -88,7 +88,8 @@ class Skirmish:
         # Views: what is written here is what the engine plays on.
         self.world = World(*(field[0] for field in self.engine._worlds))
         self.rules: Rules = self.engine._rules
-        self.noops = [[self.engine.spec.noop_action] * self.engine.num_players]
+        shape = (1, self.engine.num_players, *self.engine.spec.action_shape)
+        self.noops = np.full(shape, self.engine.spec.noop_action, np.int32)
         if is_empty:
             for player in range(self.engine.num_players):
                 for unit in self.units_of(player):
@@ -190,10 +191,29 @@ class Skirmish:
 
     def play(self, *names: str) -> None:
         """One decision by the names of the seats' actions; seats that are left out do nothing."""
-        actions = [row[:] for row in self.noops]
+        actions = self.noops.copy()
         for player, name in enumerate(names):
-            actions[0][player] = self.action(name)
+            actions[0, player] = self.action(name)
         self.engine.step(actions)
+
+    def own_place(self, unit: int) -> tuple[int, int, int]:
+        """The unit's owner, and its row and column in its owner's view."""
+        player = unit // self.rules.slots
+        frame = self.rules.seats[0, player, SEAT_FRAME]
+        row, column = self.rules.own_place[frame, self.get(unit, UNIT_CELL)].tolist()
+        return player, row, column
+
+    def tell(self, orders: dict[int, str]) -> None:
+        """One decision of `grid`: an order for each of these units, by its name."""
+        actions = self.noops.copy()
+        for unit, name in orders.items():
+            actions[(0, *self.own_place(unit))] = self.action(name)
+        self.engine.step(actions)
+
+    def may(self, unit: int, name: str) -> bool:
+        """True where the mask of `grid` allows the order."""
+        mask = self.engine.action_mask()[(0, *self.own_place(unit))]
+        return bool(mask[self.action(name)])
 
     def make(self, unit: int, product: int) -> None:
         """One decision: the unit's owner selects it and has it make the product."""
@@ -236,15 +256,22 @@ def draw_actions(engine: BatchedEngine, luck: np.random.Generator) -> NDArray[np
     """A legal action of every seat: first a kind of action, then one of that kind."""
     mask = engine.action_mask()
     groups = engine.spec.action_groups
-    actions = np.zeros(mask.shape[:2], np.int32)
-    for world, player in np.ndindex(*actions.shape):
+    actions = np.zeros(mask.shape[:-1], np.int32)
+    for world, player in np.ndindex(*actions.shape[:2]):
         actions[world, player] = draw_action(mask[world, player], groups, luck)
     return actions
 
 
 def draw_action(
     mask: NDArray[np.bool_], groups: NDArray[np.int16], luck: np.random.Generator
-) -> int:
+) -> Any:
+    """One seat's legal action; of `grid` an order for about half of its units."""
+    if mask.ndim > 1:
+        orders = np.zeros(mask.shape[:-1], np.int32)
+        for row, column in np.argwhere(mask[..., 1:].any(axis=-1)):
+            if luck.random() < 0.5:
+                orders[row, column] = draw_action(mask[row, column], groups, luck)
+        return orders
     legal = np.flatnonzero(mask)
     kinds = groups[legal]
     return int(luck.choice(legal[kinds == luck.choice(np.unique(kinds))]))

@@ -229,6 +229,14 @@ def test_equal_team_mates_with_the_best_score_win():
     assert outcome(skirmish)[2] == 0
 
 
+def test_out_of_time_a_team_is_ranked_by_its_sum():
+    skirmish = conquest(FOUR, num_players=4, teams=(0, 1, 1, 0), max_ticks=20)
+    skirmish.world.players[0, GATHERED + GOLD] = 100
+    skirmish.world.players[[1, 2], GATHERED + GOLD] = 60
+    skirmish.wait(20)
+    assert outcome(skirmish)[2] == 1
+
+
 def test_who_is_out_cannot_win_when_time_is_over():
     skirmish = conquest(FOUR, num_players=4, max_ticks=20)
     skirmish.world.players[2, GATHERED + GOLD] = 1_000

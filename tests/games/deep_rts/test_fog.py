@@ -7,7 +7,7 @@ import pytest
 
 from marl_cair.games import make_engine
 from marl_cair.games.deep_rts.board import sight_of
-from marl_cair.games.deep_rts.observation import PLANE_NAMES
+from marl_cair.games.deep_rts.planes import PLANE_NAMES
 from marl_cair.games.deep_rts.state import (
     AMOUNT,
     ATTACK,
@@ -138,7 +138,7 @@ def change_unseen(skirmish: Skirmish, luck: np.random.Generator) -> int:
     return changes
 
 
-@pytest.mark.parametrize("actions", ["unit", "classic"])
+@pytest.mark.parametrize("actions", ["unit", "classic", "grid"])
 @pytest.mark.parametrize("kind", [PEASANT, FOOTMAN, ARCHER, TOWN_HALL, BARRACKS])
 def test_what_lies_in_the_fog_changes_neither_view_nor_mask(kind, actions):
     luck = np.random.default_rng(kind)

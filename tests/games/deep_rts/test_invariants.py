@@ -7,6 +7,7 @@ import pytest
 
 from marl_cair.games import make_engine
 from marl_cair.games.deep_rts.rulebook import KIND_FOOD_CONSUMED, KIND_HALF_SIZE, KIND_HEALTH
+from marl_cair.games.deep_rts.scenarios import SCENARIOS
 from marl_cair.games.deep_rts.state import (
     AMOUNT,
     CLAIM,
@@ -48,6 +49,7 @@ OPTIONS = [
     {"fog": True},
     {"preset": "original", "actions": "classic"},
     {"preset": "thesis", "actions": "classic", "ticks_per_step": 1},
+    {"actions": "grid", "preset": "original", "fog": True, "unit_capacity": 20},
     {"preset": "original", "map": "10x10-2p-clearing", "unit_capacity": 12},
     {"army": (0, 4, 3, 2), "max_ticks": 1_500},
     {"army": (3, 3, 3, 0), "goal": "score", "map": "10x10-2p-clearing", "fog": True},
@@ -56,9 +58,9 @@ OPTIONS = [
 ]
 
 
-def check_world(engine: BatchedEngine) -> None:
+def check_world(engine: BatchedEngine, index: int = 0) -> None:
     """Board, rosters and counters tell the same story."""
-    world, rules = call(world_at, engine._worlds, 0), engine._rules
+    world, rules = call(world_at, engine._worlds, index), engine._rules
     occupants = np.full(world.board.shape[1], NO_UNIT)
     for player in range(rules.num_players):
         check_player(world, rules, player)
@@ -132,18 +134,19 @@ def test_a_game_of_legal_actions_keeps_its_books(options):
             engine.reset(decision)
 
 
-@pytest.mark.parametrize("options", OPTIONS[1:6], ids=str)
+@pytest.mark.parametrize("options", OPTIONS[1:7], ids=str)
 def test_a_game_of_any_actions_counts_what_was_illegal(options):
     engine = make_engine("deep_rts", **options)
     luck = np.random.default_rng(2)
     engine.reset(2)
     expected = np.zeros(engine.num_players, int)
     for decision in range(150):
-        actions = luck.integers(0, engine.num_actions, (1, engine.num_players))
-        mask = engine.action_mask()[0]
+        mask = engine.action_mask()
+        actions = luck.integers(0, engine.num_actions, mask.shape[:-1])
+        is_legal = np.take_along_axis(mask, actions[..., None], axis=-1)[0, ..., 0]
         for player in range(engine.num_players):
             is_alive = engine._worlds.players[0, player, 0]
-            expected[player] += is_alive and not mask[player, actions[0, player]]
+            expected[player] += is_alive * (~is_legal[player]).sum()
         engine.step(actions)
         check_world(engine)
         assert engine.illegal_actions[0].tolist() == expected.tolist()
@@ -152,7 +155,32 @@ def test_a_game_of_any_actions_counts_what_was_illegal(options):
             expected[:] = 0
 
 
-@pytest.mark.parametrize("actions", ["unit", "classic"])
+FUZZED_WORLDS, FUZZED_TICKS = 8, 1_000_000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_a_million_ticks_of_random_actions_break_nothing(scenario):
+    """Over all scenarios together; half of the worlds also try what is not legal."""
+    engine = make_engine("deep_rts", scenario, FUZZED_WORLDS)
+    luck = np.random.default_rng(4)
+    engine.reset(luck.integers(0, 2**63, FUZZED_WORLDS).astype(np.uint64))
+    ticks = FUZZED_TICKS // len(SCENARIOS) // FUZZED_WORLDS
+    for decision in range(ticks // engine.spec.ticks_per_step + 1):
+        actions = draw_actions(engine, luck)
+        wild = luck.integers(0, engine.num_actions, actions.shape)
+        is_wild = (luck.random(actions.shape) < 0.2) & (np.arange(FUZZED_WORLDS) % 2 == 1)[:, None]
+        engine.step(np.where(is_wild, wild, actions))
+        if decision % 5 == 0:
+            for world in range(FUZZED_WORLDS):
+                check_world(engine, world)
+        ended = engine.terminated | engine.truncated
+        if ended.any():
+            engine.reset(luck.integers(0, 2**63, FUZZED_WORLDS).astype(np.uint64), ended)
+        np.testing.assert_array_equal(engine.observe_in_place("planes"), engine.observe("planes"))
+
+
+@pytest.mark.parametrize("actions", ["unit", "classic", "grid"])
 def test_an_illegal_action_does_what_doing_nothing_does(actions):
     engine = make_engine("deep_rts", num_worlds=2, actions=actions, preset="original")
     luck = np.random.default_rng(3)
@@ -166,8 +194,8 @@ def test_an_illegal_action_does_what_doing_nothing_does(actions):
         chosen[1] = chosen[0]
         for player in range(2):
             if luck.random() < 0.5:
-                illegal = np.flatnonzero(~mask[0, player])
-                chosen[:, player] = luck.choice(illegal), noop
+                *place, action = luck.choice(np.argwhere(~mask[0, player]))
+                chosen[(0, player, *place)], chosen[(1, player, *place)] = action, noop
                 num_illegal += 1
         engine.step(chosen)
         for name, field in engine._worlds._asdict().items():

@@ -57,7 +57,7 @@ def play_alike(engine: BatchedEngine, game_map, num_decisions: int, seed: int) -
     luck = np.random.default_rng(seed)
     engine.reset(seed)
     assert_equal_views(engine, orbits, 0)
-    actions = np.zeros((1, game_map.num_players), np.int32)
+    actions = np.zeros((1, game_map.num_players, *engine.spec.action_shape), np.int32)
     for decision in range(num_decisions):
         mask = engine.action_mask()[0]
         for orbit in orbits:
@@ -75,7 +75,7 @@ def play_twins(engine: BatchedEngine, seats, num_decisions: int, seed: int) -> N
     """Two worlds of one seed: seat seats[k] of world 1 does what seat k of world 0 does."""
     luck = np.random.default_rng(seed)
     seats = np.array(seats)
-    actions = np.zeros((2, len(seats)), np.int32)
+    actions = np.zeros((2, len(seats), *engine.spec.action_shape), np.int32)
     engine.reset(np.array([seed, seed], np.uint64))
     for decision in range(num_decisions):
         mask = engine.action_mask()
@@ -96,7 +96,18 @@ def play_twins(engine: BatchedEngine, seats, num_decisions: int, seed: int) -> N
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"fog": True}, {"actions": "classic"}, MELEE, SOLDIERS | {"fog": True}], ids=str
+    "options",
+    [
+        {},
+        {"fog": True},
+        {"actions": "classic"},
+        {"actions": "grid"},
+        {"actions": "grid"} | RICH,
+        MELEE,
+        SOLDIERS | {"fog": True},
+        MELEE | {"fog": True, "actions": "grid"},
+    ],
+    ids=str,
 )
 @pytest.mark.parametrize("name", ["10x10-2p-clearing", "15x15-2p-crossing", "21x21-2p-fords"])
 def test_two_seats_that_do_the_same_stay_equal(name, options):
@@ -105,7 +116,9 @@ def test_two_seats_that_do_the_same_stay_equal(name, options):
     play_alike(engine, game_map, 60, seed=0)
 
 
-@pytest.mark.parametrize("options", [{}, MELEE, SOLDIERS | {"fog": True}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{}, MELEE, SOLDIERS | {"fog": True}, RICH | {"actions": "grid"}], ids=str
+)
 @pytest.mark.parametrize("symmetry", ["rotate", "mirror"])
 def test_four_seats_that_do_the_same_stay_equal(tmp_path, symmetry, options):
     seed = len(options)
@@ -118,7 +131,15 @@ def test_four_seats_that_do_the_same_stay_equal(tmp_path, symmetry, options):
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"fog": True}, {"actions": "classic"}, MELEE | {"reward": "shaped"}, SOLDIERS],
+    [
+        {},
+        {"fog": True},
+        {"actions": "classic"},
+        {"actions": "grid"},
+        MELEE | {"reward": "shaped"},
+        MELEE | {"fog": True, "actions": "grid"},
+        SOLDIERS,
+    ],
     ids=str,
 )
 @pytest.mark.parametrize("name", ["10x10-2p-clearing", "21x21-2p-fords"])
@@ -128,7 +149,11 @@ def test_a_game_with_swapped_seats_is_the_swapped_game(name, options):
         play_twins(engine, seats, 60, seed=1)
 
 
-@pytest.mark.parametrize("options", [RICH, MELEE, SOLDIERS | {"actions": "classic"}], ids=str)
+@pytest.mark.parametrize(
+    "options",
+    [RICH, MELEE, SOLDIERS | {"actions": "classic"}, RICH | {"actions": "grid"}],
+    ids=str,
+)
 @pytest.mark.parametrize("symmetry", ["rotate", "mirror"])
 def test_four_players_in_swapped_seats_play_the_swapped_game(tmp_path, symmetry, options):
     game_map = generate_map(14, 14, 4, 3, MapStyle(symmetry=symmetry))

@@ -1,0 +1,215 @@
+"""Speed of Deep RTS on the workloads on which the original was measured.
+
+    python -m benchmarks.deep_rts [--worlds 256] [--seconds 1.0] [--processor-time]
+                                  [--original /tmp/deep_rts_original]
+
+One thread, random actions of the `classic` space at each tick, resets included; best of 5. `rich`
+games start with a million of gold and lumber and food for 50 units, and end after 3,000 ticks.
+
+With --original, the C++ engine of Deep RTS plays the same workloads beside ours, one game at a time
+on its own maps of these sizes, and each row ends in our rate divided by its rate. "Planes" is there
+a copy of its state array at each tick; it has no masks. To make its executable from a clone
+(needs g++; on Debian `apt-get install libxtensor-dev nlohmann-json3-dev`):
+
+    git clone https://github.com/cair/deep-rts /tmp/deep-rts
+    benchmarks/original_deep_rts/build.sh /tmp/deep-rts /tmp/deep_rts_original
+
+The executable reads its maps from that clone. On a machine that others use too, --processor-time
+counts the seconds that each side computed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.engine import REPEATS, measure
+from marl_cair.games import make_engine
+from marl_cair.games.deep_rts import tables
+from marl_cair.games.deep_rts.state import NUM_UNITS
+from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.randomness import episode_seeds
+
+ACTION_SETS = 256
+ORIGINAL_MAPS = {
+    "15x15-2p-crossing": "15x15-2p-ffa-Cresal.json",
+    "31x31-6p-frontier": "31x31-6p-ffa-Thelor.json",
+}
+RICH = replace(
+    tables.PRESETS["original"],
+    start_gold=1_000_000,
+    start_lumber=1_000_000,
+    start_food=50,
+)
+
+
+@dataclass(frozen=True)
+class Workload:
+    """Settings of a measured game, and what is read at each tick."""
+
+    name: str
+    map: str
+    num_players: int
+    preset: str = "original"
+    max_ticks: int = 10_000
+    reads: str = ""  # "planes", or "planes and masks"
+    num_worlds: int = 512  # fewer where their planes would not fit the processor's caches
+
+    def make_engine(self, num_worlds: int) -> BatchedEngine:
+        """The worlds."""
+        return make_engine(
+            "deep_rts",
+            "1v1-15x15",
+            num_worlds,
+            map=self.map,
+            num_players=self.num_players,
+            preset=self.preset,
+            max_ticks=self.max_ticks,
+            actions="classic",
+            ticks_per_step=1,
+        )
+
+
+WORKLOADS = (
+    Workload("15x15, 2 players", "15x15-2p-crossing", 2),
+    Workload(
+        "the same, planes and masks",
+        "15x15-2p-crossing",
+        2,
+        reads="planes and masks",
+        num_worlds=256,
+    ),
+    Workload("15x15, 2 players, rich", "15x15-2p-crossing", 2, "rich", 3_000),
+    Workload("31x31, 6 players", "31x31-6p-frontier", 6),
+    Workload("31x31, 6 players, rich", "31x31-6p-frontier", 6, "rich", 3_000),
+    Workload("31x31, 6 players, planes", "31x31-6p-frontier", 6, reads="planes", num_worlds=128),
+)
+
+
+def prepare(workload: Workload, num_worlds: int) -> tuple[Callable[[], int], Callable[[], int]]:
+    """A round of play that returns its ticks, and the largest number of units seen so far."""
+    engine = workload.make_engine(num_worlds)
+    shape = (ACTION_SETS, num_worlds, engine.num_players)
+    actions = np.random.default_rng(0).integers(engine.num_actions, size=shape, dtype=np.int32)
+    indices, episodes = np.arange(num_worlds), np.zeros(num_worlds, np.int64)
+    engine.reset(episode_seeds(0, indices, episodes))
+    mask = engine.action_mask()
+    most = 0
+
+    def step(chosen: NDArray[np.int32], restarted: NDArray[np.bool_]) -> None:
+        engine.step(chosen)
+        ended = engine.terminated | engine.truncated | restarted
+        if ended.any():
+            episodes[ended] += 1
+            engine.reset(episode_seeds(0, indices, episodes), ended)
+
+    # One world after the other begins anew, so that games of all ages are measured at any time.
+    starts = indices * workload.max_ticks // num_worlds
+    for tick in range(workload.max_ticks):
+        step(actions[tick % ACTION_SETS], starts == tick)
+    nobody = np.zeros(num_worlds, np.bool_)
+
+    def play() -> int:
+        nonlocal most
+        for chosen in actions:
+            step(chosen, nobody)
+            if workload.reads:
+                engine.observe_in_place("planes")
+            if workload.reads == "planes and masks":
+                engine.action_mask(out=mask)
+        most = max(most, int(engine._worlds.players[:, :, NUM_UNITS].sum(1).max()))
+        return ACTION_SETS * num_worlds
+
+    return play, lambda: most
+
+
+class OriginalError(Exception):
+    """The executable of the original could not be run, or did not do what was asked."""
+
+
+@dataclass(frozen=True)
+class Original:
+    """The original engine: the executable that benchmarks/original_deep_rts/build.sh makes."""
+
+    path: Path
+    processor_time: bool
+
+    def play(self, workload: Workload, seconds: float) -> tuple[float, int]:
+        """Ticks per second, and the largest number of units seen."""
+        command = [str(self.path.resolve()), "--map", ORIGINAL_MAPS[workload.map]]
+        command += ["--players", str(workload.num_players), "--seconds", str(seconds)]
+        command += ["--max-ticks", str(workload.max_ticks)]
+        command += ["--rich"] * (workload.preset == "rich")
+        command += ["--copy-state"] * bool(workload.reads)
+        command += ["--processor-time"] * self.processor_time
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, check=True)
+            answer = json.loads(done.stdout.splitlines()[-1])
+            return float(answer["ticks_per_second"]), int(answer["most_units"])
+        except OSError as error:
+            raise OriginalError(f"{self.path} cannot be run: {error.strerror}") from error
+        except subprocess.CalledProcessError as error:
+            message = error.stderr.strip() or f"exit status {error.returncode}"
+            raise OriginalError(f"{self.path} failed on {workload.name}: {message}") from error
+        except (ValueError, KeyError, TypeError, IndexError) as error:
+            message = f"{self.path} did not answer with a rate; is it made by build.sh?"
+            raise OriginalError(message) from error
+
+    def measure(self, workload: Workload, seconds: float) -> tuple[float, int]:
+        """Best rate of REPEATS, and the largest number of units seen."""
+        rates, units = zip(*(self.play(workload, seconds) for _ in range(REPEATS)), strict=True)
+        return max(rates), max(units)
+
+    def check(self) -> None:
+        """Raise before anything is measured, not after minutes."""
+        for workload in WORKLOADS:
+            if workload.map in ORIGINAL_MAPS:
+                self.play(workload, 0.0)
+
+
+def print_table(options: argparse.Namespace) -> None:
+    """Measure each workload and print its row."""
+    original = options.original and Original(options.original, options.processor_time)
+    if original:
+        original.check()
+    clock = time.process_time if options.processor_time else time.perf_counter
+    print(f"deep_rts, one thread, best of {REPEATS}")
+    for workload in WORKLOADS:
+        num_worlds = options.worlds or workload.num_worlds
+        play, most = prepare(workload, num_worlds)
+        rate = measure(play, options.seconds, clock)
+        row = f"{workload.name:30s} {num_worlds:5d} worlds {rate:11,.0f} ticks/s, up to {most():4d}"
+        row += " units"
+        if original and workload.map in ORIGINAL_MAPS:
+            theirs, units = original.measure(workload, options.seconds)
+            row += f"; original {theirs:10,.0f}, up to {units:4d}; ratio {rate / theirs:6.2f}"
+        print(row, flush=True)
+
+
+def main() -> None:
+    """Read the options, measure and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--worlds", type=int, help="of every workload (default: its own number)")
+    parser.add_argument("--seconds", type=float, default=1.0, help="of each repeat")
+    parser.add_argument(
+        "--processor-time", action="store_true", help="seconds computed, not passed"
+    )
+    parser.add_argument("--original", type=Path, help="executable made by build.sh")
+    options = parser.parse_args()
+    tables.PRESETS["rich"] = RICH
+    try:
+        print_table(options)
+    except OriginalError as error:
+        parser.error(str(error))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,79 @@
+"""The pictures of scenarios in the documentation, drawn anew by `python docs/pictures.py`.
+
+Bots play, seeded; each picture is what a spectator or one seat sees after so many decisions.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import NamedTuple
+
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games import make_engine
+from marl_cair.games.engine import BatchedEngine
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt  # without a screen
+
+IMAGES = Path(__file__).parent / "images"
+
+
+class Scene(NamedTuple):
+    """Who plays what for how long, and who looks."""
+
+    scenario: str
+    bots: tuple[str, ...]  # of the seats
+    decisions: int
+    seat: int | None = None  # None: the spectator
+
+
+DEEP_RTS = (
+    Scene("1v1-15x15", ("turtle", "rusher"), 260),
+    Scene("FFA-6-31x31", ("mixed", "rusher", "boomer", "archers", "turtle", "economist"), 420),
+    Scene("Skirmish-31x31-fog", ("rusher", "archers"), 150, 0),
+    Scene("LavaMaze-31x31", ("economist",), 60),
+    Scene("Economy-15x15", ("economist",), 400),
+    Scene("Teams-2v2-31x31", ("archers", "rusher", "turtle", "mixed"), 380),
+)
+
+
+def play(scene: Scene, game: str = "deep_rts") -> BatchedEngine:
+    """The scene's world after its decisions, or at its end."""
+    engine = make_engine(game, scene.scenario)
+    agents = [engine.game.bot(name, engine.scenario) for name in scene.bots]
+    for seat, agent in enumerate(agents):
+        agent.seed(seat)
+    engine.reset(0)
+    for _ in range(scene.decisions):
+        seen, mask = engine.observe("planes"), engine.action_mask()
+        chosen = [agent.act(seen[:, seat], mask[:, seat])[0] for seat, agent in enumerate(agents)]
+        engine.step(np.array([chosen]))
+        if engine.terminated[0] or engine.truncated[0]:
+            break
+    return engine
+
+
+def show(scene: Scene) -> NDArray[np.uint8]:
+    """The picture of a scene."""
+    return play(scene).render(0, scene.seat)
+
+
+def main() -> None:
+    """Draw all scenes side by side."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=IMAGES / "deep_rts_scenarios.png")
+    out = parser.parse_args().out
+    figure, axes = plt.subplots(2, 3, figsize=(15, 10.6), layout="constrained")
+    for axis, scene in zip(axes.flat, DEEP_RTS, strict=True):
+        axis.imshow(show(scene), interpolation="none")
+        axis.set_title(scene.scenario, fontsize=15)
+        axis.axis("off")
+    figure.savefig(out, dpi=90)
+
+
+if __name__ == "__main__":
+    main()

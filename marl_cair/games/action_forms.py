@@ -1,0 +1,154 @@
+"""The forms in which users may name actions: `flat` as the engine has them, `factored` by kind and
+cell. A form maps actions and masks; it knows no environment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.game import NO_CELL, GameSpec, Shape
+from marl_cair.lookup import find_by_name
+
+NO_ACTION = -1
+
+
+class ActionForm(Protocol):
+    """How a user names the actions of a scenario.
+
+    Attributes:
+        sizes: int64, the number of choices of each number that an action consists of; of shape ()
+            where an action is one number.
+        mask_shape: of one seat's mask.
+    """
+
+    sizes: NDArray[np.int64]
+    mask_shape: Shape
+
+    def to_engine(self, actions: NDArray[Any], player: int) -> NDArray[np.int64]:
+        """The engine's actions [B, *action_shape] of one seat, from integers [B, *sizes.shape].
+
+        Raises:
+            ValueError: a number outside its range that the engine would not see.
+        """
+
+    def shape_mask(self, mask: NDArray[np.bool_]) -> NDArray[np.int8]:
+        """The engine's mask bool [..., *action_shape, A] as int8 [..., *mask_shape]."""
+
+    def draw(self, mask: NDArray[np.int8], rng: np.random.Generator) -> NDArray[np.int64]:
+        """A random action [*sizes.shape] that `mask` [*mask_shape] allows."""
+
+
+class FlatActions:
+    """The engine's own form: at each place of the action shape one of A actions."""
+
+    def __init__(self, game: str, spec: GameSpec) -> None:
+        self.sizes = np.full(spec.action_shape, spec.num_actions, np.int64)
+        self.mask_shape = (*spec.action_shape, spec.num_actions)
+
+    def to_engine(self, actions: NDArray[Any], player: int) -> NDArray[np.int64]:
+        """The same: the engine checks the range."""
+        return actions
+
+    def shape_mask(self, mask: NDArray[np.bool_]) -> NDArray[np.int8]:
+        """A view."""
+        return mask.view(np.int8)
+
+    def draw(self, mask: NDArray[np.int8], rng: np.random.Generator) -> NDArray[np.int64]:
+        """At each place all legal actions are equally likely."""
+        return _draw_legal(mask, rng)
+
+
+class FactoredActions:
+    """Two numbers: a kind of action (`GameSpec.action_groups`) and a cell of the own view.
+
+    G kinds; C cells, row * columns + column of the representation `planes`, or 1 where no action
+    points at a cell.
+
+    The mask is int8 [G, C]: 1 where the action of that kind at that cell is legal. So a kind has
+    legal actions where its row holds a 1 (`mask.any(axis=1)`, [G]), and `mask[kind]` [C] is the
+    mask of the cells given the kind. Of a kind without cells ("noop", "stop") the cell does not
+    matter: every cell names its one action, and its row is all 1 or all 0. A kind need not have an
+    action at every cell; (kind, cell) without an action is never legal and plays the no-op.
+
+    Raises:
+        ValueError: the scenario's actions have a shape already, or a kind has several actions at
+            one place, so that kind and cell do not tell the action.
+    """
+
+    def __init__(self, game: str, spec: GameSpec) -> None:
+        if spec.action_shape:
+            raise ValueError(
+                f"{game}: actions of shape {list(spec.action_shape)} cannot be factored by kind "
+                "and cell; leave out action_form, they are MultiDiscrete as they are"
+            )
+        self._game, self._noop = game, spec.noop_action
+        cells = np.asarray(spec.action_cells)
+        points = cells != NO_CELL
+        num_cells = int(np.prod(spec.representations["planes"].shape[-2:])) if points.any() else 1
+        self._actions = np.full((len(spec.action_group_names), num_cells), NO_ACTION, np.int64)
+        for action, group in enumerate(spec.action_groups.tolist()):
+            places = cells[action] if points[action] else slice(None)
+            if (self._actions[group, places] != NO_ACTION).any():
+                raise ValueError(
+                    f"{game}: actions cannot be factored by kind and cell, the kind "
+                    f"{spec.action_group_names[group]!r} has several actions at one place; leave "
+                    "out action_form"
+                )
+            self._actions[group, places] = action
+        self._exists = self._actions != NO_ACTION
+        self.mask_shape: Shape = self._actions.shape
+        self.sizes = np.array(self.mask_shape, np.int64)
+
+    def to_engine(self, actions: NDArray[Any], player: int) -> NDArray[np.int64]:
+        """The flat action [B] of each (kind, cell) [B, 2]; the no-op where there is none.
+
+        Raises:
+            ValueError: a kind outside 0..G-1 or a cell outside 0..C-1; names world and player.
+        """
+        wrong = np.argwhere((actions < 0) | (actions >= self.sizes))
+        if len(wrong):
+            world, factor = wrong[0].tolist()
+            raise ValueError(
+                f"{self._game}: the {('kind', 'cell')[factor]} {actions[world, factor]} of player "
+                f"{player} in world {world} is outside 0..{self.sizes[factor] - 1}"
+            )
+        flat = self._actions[actions[:, 0], actions[:, 1]]
+        return np.where(flat == NO_ACTION, self._noop, flat)
+
+    def shape_mask(self, mask: NDArray[np.bool_]) -> NDArray[np.int8]:
+        """A fresh array, int8 [..., G, C]."""
+        legal: NDArray[np.bool_] = mask[..., self._actions] & self._exists
+        return legal.view(np.int8)
+
+    def draw(self, mask: NDArray[np.int8], rng: np.random.Generator) -> NDArray[np.int64]:
+        """First a legal kind, then a legal cell of it, each equally likely."""
+        kind = _draw_legal(mask.max(axis=1), rng)
+        return np.array([kind, _draw_legal(mask[kind], rng)], np.int64)
+
+
+def _draw_legal(mask: NDArray[Any], rng: np.random.Generator) -> NDArray[np.int64]:
+    """The index of a legal choice along the last axis, uniformly, for all others; 0 for none."""
+    counts = np.cumsum(mask.astype(np.int64), axis=-1)
+    nth = (rng.random(mask.shape[:-1]) * counts[..., -1]).astype(np.int64)
+    chosen: NDArray[np.int64] = np.argmax(counts > nth[..., None], axis=-1)
+    return chosen
+
+
+ACTION_FORMS: dict[str, Callable[[str, GameSpec], ActionForm]] = {
+    "flat": FlatActions,
+    "factored": FactoredActions,
+}
+
+
+def make_action_form(name: str, game: str, spec: GameSpec) -> ActionForm:
+    """A form by name, for the scenario that `spec` describes.
+
+    Raises:
+        UnknownNameError: no such form; names the nearest.
+        ValueError: see the form.
+    """
+    return find_by_name(f"{game} action form", name, ACTION_FORMS)(game, spec)

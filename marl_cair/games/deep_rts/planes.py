@@ -1,0 +1,73 @@
+"""The planes of Deep RTS's main representation: their names and numbers."""
+
+from marl_cair.games.deep_rts.tables import (
+    NUM_KINDS,
+    NUM_RESOURCES,
+    NUM_TILE_KINDS,
+    NUM_UPGRADES,
+    RESOURCE_NAMES,
+    TILE_NAMES,
+    UNIT_NAMES,
+    UPGRADE_NAMES,
+)
+
+FULL = 255
+UNIFORM_NAMES = (
+    *(f"own {name}" for name in RESOURCE_NAMES),
+    "own food used",
+    "own food limit",
+    *(f"own {name}" for name in UPGRADE_NAMES),
+    "time left",
+)
+PLANE_NAMES = (
+    *TILE_NAMES[1:],
+    "resource left",
+    *UNIT_NAMES,
+    "own",
+    "ally",
+    "enemy",
+    "health",
+    "walking",
+    "working",
+    "fighting",
+    "progress",
+    "under construction",
+    "own with an order",
+    "own carrying gold",
+    "own carrying lumber",
+    "own carrying stone",
+    "selected",
+    "visible",
+    "explored",
+    *UNIFORM_NAMES,
+)
+FIRST_TILE = 0  # minus grass, which has no plane
+RESOURCE_LEFT = NUM_TILE_KINDS - 1
+FIRST_KIND = RESOURCE_LEFT + 1
+OWN = FIRST_KIND + NUM_KINDS
+(
+    OWN,
+    ALLY,
+    ENEMY,
+    HEALTH,
+    IS_WALKING,
+    IS_WORKING,
+    IS_FIGHTING,
+    PROGRESS,
+    IS_RISING,
+    HAS_ORDER,
+    CARRIES,
+) = range(OWN, OWN + 11)
+SELECTED = CARRIES + 3
+VISIBLE = SELECTED + 1
+EXPLORED = VISIBLE + 1
+FIRST_UNIFORM = EXPLORED + 1
+OWN_FOOD = FIRST_UNIFORM + NUM_RESOURCES
+FOOD_LIMIT = OWN_FOOD + 1
+FIRST_UPGRADE_PLANE = FOOD_LIMIT + 1
+TIME_LEFT = FIRST_UPGRADE_PLANE + NUM_UPGRADES
+NUM_UNIFORM = len(UNIFORM_NAMES)
+
+LOG_STEP = 12.0  # levels that a doubling of a store is worth: 2**20 fits
+FOOD_STEP = 5  # levels for one food, of at most 50
+UPGRADE_STEP = 100

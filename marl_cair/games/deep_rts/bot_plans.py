@@ -61,7 +61,7 @@ from marl_cair.games.deep_rts.tables import (
     PEASANT,
 )
 
-CHASE_STEPS = 6  # to the enemy, of soldiers that are out without an attack
+CHASE_STEPS = 4  # to the enemy, of soldiers that are out without an attack
 MILITIA_STEPS = 4  # to the threat, of peasants that are called
 SCOUT_LEVELS = 8  # of the time left, in one of which a scout is sent
 SCOUT_WORKERS = 5  # peasants from which one can be spared

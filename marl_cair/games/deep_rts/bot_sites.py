@@ -19,6 +19,7 @@ from marl_cair.games.deep_rts.bot_sight import (
 )
 from marl_cair.games.deep_rts.rulebook import KIND_HALF_SIZE, TILE_RESOURCE
 from marl_cair.games.deep_rts.tables import (
+    FARM,
     GOLD,
     NO_KIND,
     NO_RESOURCE,
@@ -31,6 +32,7 @@ from marl_cair.games.deep_rts.tables import (
 
 CLEARANCE = 1  # cells between a building and the hall or a resource, so that workers pass
 LOYALTY = 5  # half steps by which the selected peasant is preferred as a builder
+FARM_REACH = 2
 EXPANSION_STEPS = 4  # from home to the gold that a second hall is built for, more than this
 
 
@@ -109,9 +111,20 @@ def nearest_person(known: Any, sight: Any, cell: int) -> int:
 
 
 @compiled
+def num_free_around(known: Any, sight: Any, cell: int) -> int:
+    """Open ground two steps from a cell: a farm in a corner leaves room for larger buildings."""
+    free = 0
+    for place in range(8 * FARM_REACH):
+        free += int(is_ring_free(known, sight, cell, FARM_REACH, place))
+    return free
+
+
+@compiled
 def site_price(known: Any, sight: Any, kind: int, cell: int) -> int:
     """How far a site lies from where it should be: home, or for a second hall fresh gold."""
     home = sight.facts[HOME]
+    if kind == FARM:
+        return 2 * distance(known, cell, home) + num_free_around(known, sight, cell)
     if kind != TOWN_HALL or sight.own[TOWN_HALL] == 0:
         return 2 * distance(known, cell, home)
     best = FAR

@@ -1,10 +1,13 @@
-"""Tournament of single-minded players: is any unit or tower of Deep Line Wars too strong?
+"""Is anything of a game too strong? Tournaments of single-minded players, and of the bots.
 
-python benchmarks/balance.py [--games 1000] [--seed 0] [--preset balanced] [--csv payoffs.csv]
+python -m benchmarks.balance [--games 1000] [--seed 0] [--preset balanced] [--csv payoffs.csv]
+python -m benchmarks.balance --game deep_rts [--games 100] [--seed 0] [--preset balanced]
+    [--csv payoffs.csv] [--map 1v1-15x15 --map 21x21-2p-fords ...]
 
-Prints four tables: each item alone against each other item and against a player that mixes all
-the others; pairs of one unit and one tower, with the best answer to each; what players lose without
-one item; the bots. Of n games the first player has seat 0 in one half and seat 1 in the other.
+Of Deep RTS it prints the tables of `bot_tables`. Of Deep Line Wars it prints four: each item alone
+against each other item and against a player that mixes all the others; pairs of one unit and one
+tower, with the best answer to each; what players lose without one item; the bots. Of n games the
+first player has seat 0 in one half and seat 1 in the other.
 """
 
 from __future__ import annotations
@@ -14,7 +17,6 @@ import csv
 import itertools
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -22,6 +24,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import marl_cair
+from benchmarks.bot_tables import BOARDS, report_tables
+from benchmarks.matches import (
+    MatchResult,
+    play_match,
+    play_round_robin,
+    win_interval,
+    write_results,
+)
 from marl_cair.games.deep_line_wars.bot_sight import (
     chord_table,
     make_knowledge,
@@ -38,7 +48,6 @@ from marl_cair.games.deep_line_wars.tables import (
 )
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Agent
-from marl_cair.games.randomness import episode_seeds
 
 ITEMS = UNIT_NAMES + TOWER_NAMES
 NO_ITEM = -1
@@ -115,22 +124,6 @@ class ItemPlayer:
         self.wanted = state["wanted"].copy()
 
 
-@dataclass(frozen=True)
-class MatchResult:
-    """Outcomes of games from the first player's side, and how long they took."""
-
-    wins: int
-    losses: int
-    draws: int  # both lost their last health in one tick
-    truncations: int
-    mean_ticks: float
-
-    @property
-    def games(self) -> int:
-        """How many were played."""
-        return self.wins + self.losses + self.draws + self.truncations
-
-
 def make_item_player(engine: BatchedEngine, *items: int) -> ItemPlayer:
     """Buy only the given items, drawn with equal chances."""
     weights = [float(item in items) for item in range(len(ITEMS))]
@@ -140,60 +133,6 @@ def make_item_player(engine: BatchedEngine, *items: int) -> ItemPlayer:
 def make_mix(engine: BatchedEngine, without: int = NO_ITEM) -> ItemPlayer:
     """Buy all items, drawn with equal chances, but one."""
     return make_item_player(engine, *(item for item in range(len(ITEMS)) if item != without))
-
-
-def play_match(engine: BatchedEngine, first: Agent, second: Agent, seed: int) -> MatchResult:
-    """One game in each world of `engine`; `first` has seat 0 in one half of them."""
-    num_worlds = engine.num_worlds
-    worlds = np.arange(num_worlds)
-    seats = (worlds >= num_worlds // 2).astype(np.int64)  # of `first`
-    engine.reset(episode_seeds(seed, worlds, np.zeros(num_worlds, np.int64)))
-    first.seed(2 * seed)
-    second.seed(2 * seed + 1)
-    observation, mask = engine.observe("planes"), engine.action_mask()
-    actions = np.zeros((num_worlds, 2), np.int64)
-    steps = np.zeros(num_worlds)
-    while (running := ~(engine.terminated | engine.truncated)).any():
-        engine.observe("planes", observation)
-        engine.action_mask(mask)
-        for agent, seat in ((first, seats), (second, 1 - seats)):
-            actions[worlds, seat] = agent.act(observation[worlds, seat], mask[worlds, seat])
-        engine.step(actions)
-        steps += running
-    wins = int((engine.winner == seats).sum())
-    losses = int((engine.winner == 1 - seats).sum())
-    truncations = int(engine.truncated.sum())
-    return MatchResult(
-        wins=wins,
-        losses=losses,
-        draws=num_worlds - wins - losses - truncations,
-        truncations=truncations,
-        mean_ticks=float(steps.mean()) * engine.spec.ticks_per_step,
-    )
-
-
-def win_interval(wins: int, games: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a win probability."""
-    z = 1.96
-    share = wins / games
-    centre = share + z * z / (2 * games)
-    spread = z * np.sqrt(share * (1 - share) / games + z * z / (4 * games * games))
-    scale = 1 + z * z / games
-    return float(max(0.0, (centre - spread) / scale)), float(min(1.0, (centre + spread) / scale))
-
-
-def play_round_robin(
-    engine: BatchedEngine, players: Sequence[Agent], seed: int
-) -> dict[tuple[int, int], MatchResult]:
-    """Every player against every other; results by (first, second) in both orders."""
-    results = {}
-    for i, j in itertools.combinations(range(len(players)), 2):
-        result = play_match(engine, players[i], players[j], seed + i * len(players) + j)
-        results[i, j] = result
-        results[j, i] = MatchResult(
-            result.losses, result.wins, result.draws, result.truncations, result.mean_ticks
-        )
-    return results
 
 
 def play_against_mix(engine: BatchedEngine, seed: int) -> list[MatchResult]:
@@ -228,20 +167,6 @@ def print_payoffs(names: Sequence[str], results: Mapping[tuple[int, int], MatchR
             for j in range(len(names))
         ]
         print(f"{name:<{width}}" + "".join(f"{cell:>14}" for cell in cells))
-
-
-def write_results(
-    file: TextIO,
-    table: str,
-    names: Sequence[str],
-    results: Mapping[tuple[int, int], MatchResult],
-) -> None:
-    """Append one table as CSV rows."""
-    writer = csv.writer(file)
-    for (i, j), result in results.items():
-        if i < j:
-            outcome = (result.wins, result.losses, result.draws, result.truncations)
-            writer.writerow([table, names[i], names[j], *outcome, f"{result.mean_ticks:.1f}"])
 
 
 def report_items(engine: BatchedEngine, seed: int, file: TextIO | None) -> None:
@@ -348,25 +273,36 @@ def report_bots(engine: BatchedEngine, seed: int, file: TextIO | None) -> None:
         write_results(file, "bot", names, results)
 
 
+def report_line_wars(arguments: argparse.Namespace, file: TextIO | None) -> None:
+    """All four tables of Deep Line Wars."""
+    engine = marl_cair.make_engine(
+        "deep_line_wars", arguments.scenario, arguments.games or 1_000, preset=arguments.preset
+    )
+    for report in (report_items, report_pairs, report_left_out, report_bots):
+        report(engine, arguments.seed, file)
+
+
 def main() -> None:
     """Print the tables; write every match to the CSV file if one is named."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--games", type=int, default=1_000, help="games of each match, even")
+    parser.add_argument("--game", default="deep_line_wars", choices=("deep_line_wars", "deep_rts"))
+    parser.add_argument("--games", type=int, help="games of each match, even")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--preset", default="balanced", choices=sorted(PRESETS))
-    parser.add_argument("--scenario", default="10x15")
+    parser.add_argument("--preset", default="balanced")
+    parser.add_argument("--scenario", default="10x15", help="of Deep Line Wars")
+    parser.add_argument("--map", action="append", help="scenario or map of Deep RTS")
     parser.add_argument("--csv", type=Path)
     arguments = parser.parse_args()
     start = time.perf_counter()
-    engine = marl_cair.make_engine(
-        "deep_line_wars", arguments.scenario, arguments.games, preset=arguments.preset
-    )
     file = arguments.csv.open("w", newline="") if arguments.csv else None
     if file:
         header = "table first second wins losses draws truncations mean_ticks"
         csv.writer(file).writerow(header.split())
-    for report in (report_items, report_pairs, report_left_out, report_bots):
-        report(engine, arguments.seed, file)
+    if arguments.game == "deep_rts":
+        boards, games = arguments.map or BOARDS, arguments.games or 100
+        report_tables(boards, games, arguments.preset, arguments.seed, file)
+    else:
+        report_line_wars(arguments, file)
     if file:
         file.close()
     print(f"\n{time.perf_counter() - start:.0f} s")

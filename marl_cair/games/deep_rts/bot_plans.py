@@ -11,21 +11,26 @@ from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_rts.bot_economy import (
     build,
     cell_action,
-    choose_building,
     gather,
+    is_scout,
     move_worker,
-    num_with_sites,
-    num_workers,
-    price,
     tell,
     train,
 )
+from marl_cair.games.deep_rts.bot_purchases import (
+    choose_purchase,
+    num_with_sites,
+    num_workers,
+    price,
+)
 from marl_cair.games.deep_rts.bot_sight import (
+    FAR,
     FOE,
     HOME,
     MINE,
     NO_CELL,
-    NUM_FOE_SOLDIERS,
+    NUM_GUARDS,
+    NUM_OUT,
     NUM_PEOPLE,
     NUM_SOLDIERS,
     SELECTED_CELL,
@@ -33,11 +38,14 @@ from marl_cair.games.deep_rts.bot_sight import (
     THREAT,
     distance,
     home_radius,
+    is_ground,
     is_idle,
+    is_out,
     look,
     nearest_foe,
     shows,
 )
+from marl_cair.games.deep_rts.bot_sites import nearest_person
 from marl_cair.games.deep_rts.orders import (
     ADVANCE_THERE,
     GO_THERE,
@@ -48,11 +56,15 @@ from marl_cair.games.deep_rts.tables import (
     BARRACKS,
     FOOTMAN,
     GOLD,
+    NO_KIND,
     NUM_MOBILE_KINDS,
     PEASANT,
 )
 
+CHASE_STEPS = 4  # to the enemy, of soldiers that are out without an attack
 MILITIA_STEPS = 4  # to the threat, of peasants that are called
+SCOUT_LEVELS = 8  # of the time left, in one of which a scout is sent
+SCOUT_WORKERS = 5  # peasants from which one can be spared
 LATE = 50  # level of the time left at which all attack
 
 
@@ -60,7 +72,7 @@ LATE = 50  # level of the time left at which all attack
 def plan_by_doctrine(planes: Any, mask: Any, known: Any, sight: Any) -> int:
     """The first job that can be done: train, build, then soldiers and peasants by turns."""
     look(planes, known, sight)
-    choose_building(known, sight)
+    choose_purchase(known, sight)
     action = train(planes, mask, known, sight)
     if action == NOOP:
         action = call_militia(planes, mask, known, sight)
@@ -75,6 +87,8 @@ def plan_by_doctrine(planes: Any, mask: Any, known: Any, sight: Any) -> int:
         action = command(planes, mask, known, sight)
     if action == NOOP:
         action = move_worker(planes, mask, known, sight)
+    if action == NOOP:
+        action = scout(planes, mask, known, sight)
     return action
 
 
@@ -101,23 +115,38 @@ def can_grow(known: Any, sight: Any) -> bool:
 
 @compiled
 def sets_out(planes: Any, known: Any, sight: Any) -> bool:
-    """True where the army is large enough to attack, or where waiting brings nothing."""
-    soldiers, foes = sight.facts[NUM_SOLDIERS], sight.facts[NUM_FOE_SOLDIERS]
+    """True where those at home, or those out there, are enough, or where waiting brings nothing."""
+    soldiers, guards = sight.facts[NUM_SOLDIERS], sight.facts[NUM_GUARDS]
     if int(planes[TIME_LEFT, 0, 0]) < LATE or not can_grow(known, sight):
         return True
-    if known.doctrine.adapts != 0:
-        return bool(soldiers >= known.doctrine.attack_size and soldiers > foes)
-    return bool(soldiers >= known.doctrine.attack_size)
+    if 100 * soldiers < known.doctrine.caution * guards:
+        return False
+    out = sight.facts[NUM_OUT]
+    return bool(max(out, soldiers - out) >= known.doctrine.attack_size)
+
+
+@compiled
+def way_home(known: Any, sight: Any) -> int:
+    """The free cell nearest to home, NO_CELL for none."""
+    best, best_distance = NO_CELL, FAR
+    for cell in range(known.rules.rows * known.rules.columns):
+        row, column = cell // known.rules.columns, cell % known.rules.columns
+        steps = distance(known, cell, sight.facts[HOME])
+        is_free = sight.kind[cell] == NO_KIND and is_ground(known, sight, row, column)
+        if is_free and steps < best_distance:
+            best, best_distance = cell, steps
+    return best
 
 
 @compiled
 def goal_of_soldier(known: Any, sight: Any, cell: int, is_attack: bool) -> int:
-    """Where an idle soldier advances to, or NO_CELL: to the threat, the target, the next enemy."""
-    home, target, threat = sight.facts[HOME], sight.facts[TARGET], sight.facts[THREAT]
-    is_out = distance(known, cell, target) < distance(known, cell, home)
-    if is_out:
+    """Where an idle soldier advances to: next enemy, threat, target, home; NO_CELL to stay."""
+    target, threat = sight.facts[TARGET], sight.facts[THREAT]
+    if is_out(known, sight, cell):
         foe = nearest_foe(known, sight, cell, 0)
-        return target if foe == NO_CELL else foe
+        if is_attack or (foe != NO_CELL and distance(known, cell, foe) <= CHASE_STEPS):
+            return int(target if foe == NO_CELL else foe)
+        return way_home(known, sight)
     if threat != NO_CELL:
         return int(threat)
     return int(target) if is_attack else NO_CELL
@@ -174,3 +203,29 @@ def call_militia(planes: Any, mask: Any, known: Any, sight: Any) -> int:
     if chosen == NO_CELL or called >= known.doctrine.militia:
         return NOOP
     return tell(planes, mask, known, chosen, cell_action(known, GO_THERE, threat))
+
+
+# --- scouting ------------------------------------------------------------------------------------
+
+
+@compiled
+def scout(planes: Any, mask: Any, known: Any, sight: Any) -> int:
+    """Now and then, where nobody looks at the enemy, send the peasant that is nearest to it.
+
+    It stays the nearest while it walks, so that no second one is sent.
+    """
+    if known.doctrine.scouts == 0 or known.rules.fog == 0:
+        return NOOP
+    if int(planes[TIME_LEFT, 0, 0]) % SCOUT_LEVELS > 0 or num_workers(sight) < SCOUT_WORKERS:
+        return NOOP
+    for cell in range(known.rules.rows * known.rules.columns):
+        if sight.side[cell] == MINE and is_scout(known, sight, cell):
+            return NOOP
+    target = sight.facts[TARGET]
+    return tell(
+        planes,
+        mask,
+        known,
+        nearest_person(known, sight, target),
+        cell_action(known, GO_THERE, target),
+    )

@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled, compiled_compact
+from marl_cair.games.deep_rts.bot_doctrines import Doctrine
 from marl_cair.games.deep_rts.planes import (
     CARRIES,
     FIRST_KIND,
     FIRST_TILE,
     FIRST_UNIFORM,
+    FIRST_UPGRADE_PLANE,
     FOOD_LIMIT,
     FOOD_STEP,
     HAS_ORDER,
@@ -23,11 +25,11 @@ from marl_cair.games.deep_rts.planes import (
     OWN,
     OWN_FOOD,
     SELECTED,
+    UPGRADE_STEP,
     VISIBLE,
 )
 from marl_cair.games.deep_rts.rulebook import (
     KIND_HALF_SIZE,
-    TILE_RESOURCE,
     WALK_PERCENT,
     Rules,
     make_rules,
@@ -36,13 +38,14 @@ from marl_cair.games.deep_rts.scenarios import Scenario
 from marl_cair.games.deep_rts.tables import (
     GRASS,
     NO_KIND,
-    NO_RESOURCE,
     NUM_KINDS,
     NUM_MOBILE_KINDS,
     NUM_RESOURCES,
     NUM_TILE_KINDS,
+    NUM_UPGRADES,
     OIL,
     PEASANT,
+    SMITHY,
     TOWN_HALL,
 )
 from marl_cair.games.game import GameSpec
@@ -50,7 +53,7 @@ from marl_cair.games.game import GameSpec
 NO_CELL = -1
 FAR = 1_000_000  # more than any distance or price of a way
 NOBODY, MINE, ALLY, FOE = range(4)
-CLEARANCE = 1  # cells between a building and the hall or a resource, so that workers pass
+GUARD_STEPS = 6  # from the target: soldiers that defend it
 
 # Facts of a position.
 (
@@ -61,28 +64,15 @@ CLEARANCE = 1  # cells between a building and the hall or a resource, so that wo
     TARGET,  # the enemy's building or unit nearest to home, else where its base should be
     THREAT,  # the enemy's unit that walks nearest to home on the own side, or NO_CELL
     NUM_SOLDIERS,
+    NUM_OUT,  # of them, nearer to the target than to home
     NUM_FOE_SOLDIERS,
+    NUM_GUARDS,  # of them, near the target
+    NUM_RAIDERS,  # of them, on the own ground
     NUM_PEOPLE,  # peasants on the board
-    SAVED_FOR,  # the building that gold is saved for, or NO_KIND
-) = range(10)
-NUM_FACTS = 10
-
-
-class Doctrine(NamedTuple):
-    """How one scripted player plays: numbers only, so that all share one compiled function."""
-
-    workers_first: int  # peasants before the first barracks
-    workers: int  # peasants in the end
-    halls: int
-    barracks: int
-    attack_size: int  # soldiers that set out together
-    free_food: int  # a farm is begun when less is left
-    lumber_weight: int  # of gathering, against a weight of 100 for gold
-    footmen: int  # shares of the army
-    archers: int
-    cavalry: int
-    militia: int  # peasants that fight at once when soldiers are too few at home
-    adapts: int  # 1: attacks only where the enemy shows fewer soldiers
+    SAVED_FOR,  # the building or upgrade that gold is saved for, or NO_KIND
+    FREE_SMITHY,  # a cell of an own smithy that forges nothing, or NO_CELL
+) = range(14)
+NUM_FACTS = 14
 
 
 class Knowledge(NamedTuple):
@@ -91,6 +81,7 @@ class Knowledge(NamedTuple):
     rules: Rules
     groups: NDArray[np.int16]  # [actions] kind of each action
     doctrine: Doctrine
+    rivals: int  # enemies of a player
 
 
 class Sight(NamedTuple):
@@ -105,13 +96,16 @@ class Sight(NamedTuple):
     foes: NDArray[np.int64]  # [kinds] in sight
     store: NDArray[np.int64]  # [resources] to 3 %
     carriers: NDArray[np.int64]  # [resources] own peasants that carry it
-    saved: NDArray[np.int64]  # [resources] put by for a building
+    saved: NDArray[np.int64]  # [resources] put by for a building or upgrade
+    level: NDArray[np.int64]  # [upgrades] known
     facts: NDArray[np.int64]  # [NUM_FACTS]
 
 
 def make_knowledge(scenario: Scenario, spec: GameSpec, doctrine: Doctrine) -> Knowledge:
     """The tables of a scenario."""
-    return Knowledge(make_rules(scenario), spec.action_groups, doctrine)
+    teams = scenario.teams or tuple(range(scenario.num_players))
+    rivals = sum(team != teams[0] for team in teams)
+    return Knowledge(make_rules(scenario), spec.action_groups, doctrine, max(1, rivals))
 
 
 def make_sight(scenario: Scenario) -> Sight:
@@ -132,6 +126,7 @@ def make_sight(scenario: Scenario) -> Sight:
         store=room(NUM_RESOURCES),
         carriers=room(NUM_RESOURCES),
         saved=room(NUM_RESOURCES),
+        level=room(NUM_UPGRADES),
         facts=room(NUM_FACTS),
     )
 
@@ -201,6 +196,8 @@ def count_unit(planes: Any, known: Any, sight: Any, cell: int) -> None:
         sight.rising[kind] += 1
         return
     sight.own[kind] += 1
+    if kind == SMITHY and not shows(planes, known, IS_WORKING, cell):
+        sight.facts[FREE_SMITHY] = cell
     if kind == PEASANT:
         sight.people[sight.facts[NUM_PEOPLE]] = cell
         sight.facts[NUM_PEOPLE] += 1
@@ -229,6 +226,7 @@ def clear(sight: Any) -> None:
     for fact in range(NUM_FACTS):
         sight.facts[fact] = 0
     sight.facts[SELECTED_CELL] = NO_CELL
+    sight.facts[FREE_SMITHY] = NO_CELL
 
 
 @compiled
@@ -247,12 +245,15 @@ def look(planes: Any, known: Any, sight: Any) -> None:
         sight.foes[kind] //= cells
     for resource in range(NUM_RESOURCES):
         sight.store[resource] = stored(int(planes[FIRST_UNIFORM + resource, 0, 0]))
+    for upgrade in range(NUM_UPGRADES):
+        sight.level[upgrade] = int(planes[FIRST_UPGRADE_PLANE + upgrade, 0, 0]) // UPGRADE_STEP
     sight.facts[FOOD_USED] = int(planes[OWN_FOOD, 0, 0]) // FOOD_STEP
     sight.facts[FOOD_MADE] = int(planes[FOOD_LIMIT, 0, 0]) // FOOD_STEP
     for kind in range(PEASANT + 1, NUM_MOBILE_KINDS):
         sight.facts[NUM_SOLDIERS] += sight.own[kind]
         sight.facts[NUM_FOE_SOLDIERS] += sight.foes[kind]
     find_places(planes, known, sight)
+    count_soldiers(known, sight)
 
 
 # --- places --------------------------------------------------------------------------------------
@@ -281,11 +282,32 @@ def find_places(planes: Any, known: Any, sight: Any) -> None:
 
 
 @compiled
+def count_soldiers(known: Any, sight: Any) -> None:
+    """Enemy soldiers near the target and on the own ground, own ones on the enemy's."""
+    home, target, radius = sight.facts[HOME], sight.facts[TARGET], home_radius(known, sight)
+    for cell in range(known.rules.rows * known.rules.columns):
+        if not PEASANT < sight.kind[cell] < NUM_MOBILE_KINDS:
+            continue
+        if sight.side[cell] == FOE:
+            sight.facts[NUM_GUARDS] += int(distance(known, cell, target) <= GUARD_STEPS)
+            sight.facts[NUM_RAIDERS] += int(distance(known, cell, home) <= radius)
+        elif sight.side[cell] == MINE:
+            sight.facts[NUM_OUT] += int(is_out(known, sight, cell))
+
+
+@compiled
+def is_out(known: Any, sight: Any, cell: int) -> bool:
+    """True nearer to the target than to home."""
+    to_target = distance(known, cell, sight.facts[TARGET])
+    return bool(to_target < distance(known, cell, sight.facts[HOME]))
+
+
+@compiled
 def home_radius(known: Any, sight: Any) -> int:
     """How far from home the own ground reaches: half the way to the enemy's base."""
     size = known.rules.rows * known.rules.columns
     mirrored = size - 1 - sight.facts[HOME]
-    return max(4, (distance(known, mirrored, sight.facts[HOME]) + 1) // 2 + 2)
+    return max(4, (distance(known, mirrored, sight.facts[HOME]) + 1) // 2 + 1)
 
 
 @compiled_compact
@@ -327,64 +349,6 @@ def is_ground(known: Any, sight: Any, row: int, column: int) -> bool:
     if sight.kind[cell] >= NUM_MOBILE_KINDS:
         return False
     return bool(known.rules.tiles[sight.ground[cell], WALK_PERCENT] > 0)
-
-
-@compiled
-def ring_row(place: int, reach: int) -> int:
-    """Row of a place on the square ring `reach` cells around a centre, clockwise."""
-    side, step = place // (2 * reach), place % (2 * reach)
-    if side == 0:
-        return -reach
-    if side == 1:
-        return step - reach
-    return reach if side == 2 else reach - step
-
-
-@compiled
-def is_ring_free(known: Any, sight: Any, cell: int, reach: int, place: int) -> bool:
-    """True where a place of the ring around a cell can be walked."""
-    columns = known.rules.columns
-    row = cell // columns + ring_row(place, reach)
-    column = cell % columns + ring_row((place + 2 * reach) % (8 * reach), reach)
-    return is_ground(known, sight, row, column)
-
-
-@compiled_compact
-def keeps_ways_open(known: Any, sight: Any, cell: int, half: int) -> bool:
-    """True where the ring around a site has its barriers in one piece, of at most half of it."""
-    reach = half + 1
-    length = 8 * reach
-    pieces, barriers = 0, 0
-    was_free = is_ring_free(known, sight, cell, reach, length - 1)
-    for place in range(length):
-        is_free = is_ring_free(known, sight, cell, reach, place)
-        pieces += int(was_free and not is_free)
-        barriers += int(not is_free)
-        was_free = is_free
-    return pieces <= 1 and 2 * barriers <= length
-
-
-@compiled_compact
-def is_clear(known: Any, sight: Any, cell: int, half: int) -> bool:
-    """True where a site is free of all but peasants, and far from resources and the hall."""
-    rows, columns = known.rules.rows, known.rules.columns
-    row, column = cell // columns, cell % columns
-    if row < half or column < half or row + half >= rows or column + half >= columns:
-        return False
-    reach = half + CLEARANCE
-    for there_row in range(max(0, row - reach), min(rows, row + reach + 1)):
-        for there_column in range(max(0, column - reach), min(columns, column + reach + 1)):
-            there = there_row * columns + there_column
-            if max(abs(there_row - row), abs(there_column - column)) <= half:
-                if not is_ground(known, sight, there_row, there_column):
-                    return False
-                if sight.kind[there] not in (NO_KIND, PEASANT) or sight.side[there] > MINE:
-                    return False
-            elif sight.kind[there] == TOWN_HALL or known.rules.tiles[
-                sight.ground[there], TILE_RESOURCE
-            ] not in (NO_RESOURCE, OIL):
-                return False
-    return True
 
 
 @compiled

@@ -7,8 +7,9 @@ from functools import partial
 from typing import Any
 
 from marl_cair.games.compiled import compiled
+from marl_cair.games.deep_rts.bot_doctrines import DOCTRINES, NO_DOCTRINE, Doctrine
 from marl_cair.games.deep_rts.bot_plans import plan_by_doctrine
-from marl_cair.games.deep_rts.bot_sight import Doctrine, make_knowledge, make_sight
+from marl_cair.games.deep_rts.bot_sight import make_knowledge, make_sight
 from marl_cair.games.deep_rts.grid_orders import GRID_NOOP
 from marl_cair.games.deep_rts.orders import NOOP
 from marl_cair.games.deep_rts.scenarios import Scenario
@@ -16,93 +17,6 @@ from marl_cair.games.game import Agent, GameSpec
 from marl_cair.games.scripted import ScriptedPlayer, choose_by_kind
 
 RANDOM = "random"
-DOCTRINES = {
-    "economist": Doctrine(
-        workers_first=6,
-        workers=18,
-        halls=1,
-        barracks=2,
-        attack_size=10,
-        free_food=2,
-        lumber_weight=35,
-        footmen=1,
-        archers=2,
-        cavalry=0,
-        militia=6,
-        adapts=0,
-    ),
-    "rusher": Doctrine(
-        workers_first=3,
-        workers=7,
-        halls=1,
-        barracks=1,
-        attack_size=2,
-        free_food=1,
-        lumber_weight=15,
-        footmen=1,
-        archers=0,
-        cavalry=0,
-        militia=0,
-        adapts=0,
-    ),
-    "boomer": Doctrine(
-        workers_first=4,
-        workers=14,
-        halls=2,
-        barracks=2,
-        attack_size=8,
-        free_food=1,
-        lumber_weight=40,
-        footmen=0,
-        archers=1,
-        cavalry=0,
-        militia=6,
-        adapts=0,
-    ),
-    "archers": Doctrine(
-        workers_first=3,
-        workers=8,
-        halls=1,
-        barracks=2,
-        attack_size=6,
-        free_food=1,
-        lumber_weight=40,
-        footmen=0,
-        archers=1,
-        cavalry=0,
-        militia=0,
-        adapts=0,
-    ),
-    "turtle": Doctrine(
-        workers_first=3,
-        workers=8,
-        halls=1,
-        barracks=2,
-        attack_size=8,
-        free_food=1,
-        lumber_weight=25,
-        footmen=1,
-        archers=1,
-        cavalry=0,
-        militia=0,
-        adapts=0,
-    ),
-    "mixed": Doctrine(
-        workers_first=3,
-        workers=8,
-        halls=1,
-        barracks=2,
-        attack_size=4,
-        free_food=1,
-        lumber_weight=40,
-        footmen=0,
-        archers=1,
-        cavalry=0,
-        militia=6,
-        adapts=1,
-    ),
-}
-_NO_DOCTRINE = Doctrine(*(0 for _ in Doctrine._fields))
 
 
 @compiled
@@ -143,7 +57,7 @@ def make_bot(
             f"deep_rts: the bot {name} cannot play the action space {scenario.actions!r}; "
             f"make the game with actions='unit', or play the bot {RANDOM!r}"
         )
-    known = make_knowledge(scenario, spec, doctrine or _NO_DOCTRINE)
+    known = make_knowledge(scenario, spec, doctrine or NO_DOCTRINE)
     if spec.action_shape:
         return ScriptedPlayer(name, partial(decide_for_all_units, known))
     decide = partial(decide_all, doctrine is None, known, make_sight(scenario))

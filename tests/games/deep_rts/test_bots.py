@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks.balance import play_match
+from benchmarks.matches import play_match
 from marl_cair.games import make_engine
+from marl_cair.games.deep_rts.bot_doctrines import DOCTRINES
 from marl_cair.games.deep_rts.bot_sight import (
     FOOD_MADE,
     FOOD_USED,
@@ -13,13 +14,13 @@ from marl_cair.games.deep_rts.bot_sight import (
     NUM_PEOPLE,
     TARGET,
     THREAT,
-    keeps_ways_open,
     look,
     make_knowledge,
     make_sight,
     stored,
 )
-from marl_cair.games.deep_rts.bots import BOTS, DOCTRINES
+from marl_cair.games.deep_rts.bot_sites import keeps_ways_open
+from marl_cair.games.deep_rts.bots import BOTS
 from marl_cair.games.deep_rts.observation import log_level
 from marl_cair.games.deep_rts.tables import GOLD, LUMBER, PEASANT, TOWN_HALL
 from marl_cair.games.randomness import episode_seeds

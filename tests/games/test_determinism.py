@@ -209,8 +209,12 @@ def test_a_whole_game_ends_and_then_stands_still(case):
         np.testing.assert_array_equal(value, before[name], err_msg=name)
 
 
-# All action spaces of each default scenario, and the last of the scenarios that are tested.
-PLAIN_CASES = list(dict.fromkeys([*DEFAULT_CASES, *{c.game: c for c in QUICK_CASES}.values()]))
+# All action spaces of each default scenario, and a scenario of each goal.
+_BY_GOAL = {
+    (case.game, getattr(GAMES[case.game].scenario(case.scenario), "goal", "")): case
+    for case in QUICK_CASES
+}
+PLAIN_CASES = list(dict.fromkeys([*DEFAULT_CASES, *_BY_GOAL.values()]))
 PLAIN_DECISIONS = 100
 PRINT_DIGESTS = """
 from tests.games.test_determinism import *

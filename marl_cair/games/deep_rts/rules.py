@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_rts.behaviour import decide
 from marl_cair.games.deep_rts.combat import burn, bury_fallen, settle_blows, strike
@@ -139,16 +141,17 @@ def step_world(world: Any, rules: Any, actions: Any, rewards: Any) -> None:
     """One decision: the orders of all players, then its ticks; writes the rewards.
 
     Shaping adds discount * potential(after) - potential(before), with potential 0 once the game
-    has terminated, which leaves the optimal policy as it is (Ng, Harada, Russell 1999).
+    has terminated, which leaves the optimal policy as it is (Ng, Harada, Russell 1999). All is
+    summed in float32, as plain Python and compiled code would else round differently.
     """
     for player in range(rules.num_players):
         rewards[player] = 0.0
     if world.clock[PHASE] != RUNNING:
         return
     for player in range(rules.num_players):
-        rewards[player] -= measure(world, rules, player)
+        rewards[player] -= np.float32(measure(world, rules, player))
         if rules.shaping > 0.0 and world.players[player, IS_ALIVE]:
-            rewards[player] -= rules.shaping * potential(world, rules, player)
+            rewards[player] -= np.float32(rules.shaping * potential(world, rules, player))
     obey_all(world, rules, actions)
     for _ in range(rules.ticks_per_step):
         play_tick(world, rules)
@@ -156,14 +159,14 @@ def step_world(world: Any, rules: Any, actions: Any, rewards: Any) -> None:
         if world.clock[PHASE] != RUNNING:
             break
     for player in range(rules.num_players):
-        rewards[player] += measure(world, rules, player)
+        rewards[player] += np.float32(measure(world, rules, player))
         if (
             rules.shaping > 0.0
             and world.players[player, IS_ALIVE]
             and world.clock[PHASE] != TERMINATED
         ):
             after = rules.discount * potential(world, rules, player)
-            rewards[player] += rules.shaping * after
+            rewards[player] += np.float32(rules.shaping * after)
 
 
 # --- slices of worlds ------------------------------------------------------------------------

@@ -2,9 +2,9 @@
 
 import pytest
 
-from marl_cair import games
 from marl_cair.cli import main
 from marl_cair.cli.compose import compose_config
+from marl_cair.games import GAMES
 from marl_cair.training.metrics import read_log
 
 SMALL = (
@@ -23,12 +23,6 @@ SMALL = (
 )
 
 
-@pytest.fixture(autouse=True)
-def _listed(monkeypatch):
-    """As it will be when it is no preview any more."""
-    monkeypatch.setitem(games._MODULES, "deep_rts", "marl_cair.games.deep_rts")
-
-
 def test_map_sets_are_named_for_training_and_beside_it():
     words = ["game=deep_rts", "map=train-15x15-2p", "heldout_map=test-15x15-2p"]
     config = compose_config(words)
@@ -39,7 +33,7 @@ def test_map_sets_are_named_for_training_and_beside_it():
         {game_map.name for game_map in scenario.maps}
         for scenario in (
             config.evaluated_scenario("heldout"),
-            games.GAMES["deep_rts"].scenario("1v1-15x15", map="train-15x15-2p"),
+            GAMES["deep_rts"].scenario("1v1-15x15", map="train-15x15-2p"),
         )
     ]
     assert seeds[0].isdisjoint(seeds[1])

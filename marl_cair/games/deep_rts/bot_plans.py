@@ -63,7 +63,7 @@ from marl_cair.games.deep_rts.tables import (
 
 CHASE_STEPS = 4  # to the enemy, of soldiers that are out without an attack
 MILITIA_STEPS = 4  # to the threat, of peasants that are called
-SCOUT_LEVELS = 8  # of the time left, in one of which a scout is sent
+SCOUT_LEVELS = 4  # of the time left, in one of which a scout is sent
 SCOUT_WORKERS = 5  # peasants from which one can be spared
 LATE = 50  # level of the time left at which all attack
 
@@ -219,7 +219,8 @@ def scout(planes: Any, mask: Any, known: Any, sight: Any) -> int:
     if int(planes[TIME_LEFT, 0, 0]) % SCOUT_LEVELS > 0 or num_workers(sight) < SCOUT_WORKERS:
         return NOOP
     for cell in range(known.rules.rows * known.rules.columns):
-        if sight.side[cell] == MINE and is_scout(known, sight, cell):
+        is_walker = sight.side[cell] == MINE and sight.kind[cell] < NUM_MOBILE_KINDS
+        if is_walker and is_scout(known, sight, cell):
             return NOOP
     target = sight.facts[TARGET]
     return tell(

@@ -76,9 +76,9 @@ def test_blows_on_a_farm_in_the_original_lose_its_armour(attacker, mean):
         ("thesis", FOOTMAN, FOOTMAN, 2, 12),
         ("thesis", ARCHER, FARM, 1, 8),
         # The same, then 75..125 %.
-        ("balanced", PEASANT, PEASANT, 3, 13),
-        ("balanced", FOOTMAN, FOOTMAN, 4, 15),
-        ("balanced", CAVALRY, CAVALRY, 5, 19),
+        ("drill", PEASANT, PEASANT, 3, 13),
+        ("drill", FOOTMAN, FOOTMAN, 4, 15),
+        ("drill", CAVALRY, CAVALRY, 5, 19),
     ],
 )
 def test_a_blow_lies_within_its_formula(preset, attacker, target, low, high):
@@ -93,7 +93,7 @@ def test_a_blow_lies_within_its_formula(preset, attacker, target, low, high):
 
 def test_blades_and_plates_change_the_blows_of_soldiers_only():
     for kind, by_blades in ((FOOTMAN, 2), (ARCHER, 2), (PEASANT, 0)):
-        skirmish, unit, other = face_off(kind, FOOTMAN, preset="balanced")
+        skirmish, unit, other = face_off(kind, FOOTMAN, preset="drill")
         skirmish.world.clock[TICK] = 77
         means = []
         for blades, plates in ((0, 0), (1, 0), (0, 2)):

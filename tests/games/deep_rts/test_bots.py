@@ -6,12 +6,19 @@ import pytest
 from benchmarks.matches import play_match
 from marl_cair.games import make_engine
 from marl_cair.games.deep_rts.bot_doctrines import DOCTRINES
+from marl_cair.games.deep_rts.bot_purchases import (
+    ENOUGH_SOLDIERS,
+    choose_soldier,
+    wanted_building,
+)
 from marl_cair.games.deep_rts.bot_sight import (
     FOOD_MADE,
     FOOD_USED,
+    FREE_SMITHY,
     HOME,
     NO_CELL,
     NUM_PEOPLE,
+    NUM_SOLDIERS,
     TARGET,
     THREAT,
     look,
@@ -19,10 +26,26 @@ from marl_cair.games.deep_rts.bot_sight import (
     make_sight,
     stored,
 )
-from marl_cair.games.deep_rts.bot_sites import keeps_ways_open
+from marl_cair.games.deep_rts.bot_sites import keeps_ways_open, num_free_around
 from marl_cair.games.deep_rts.bots import BOTS
-from marl_cair.games.deep_rts.observation import log_level
-from marl_cair.games.deep_rts.tables import GOLD, LUMBER, PEASANT, TOWN_HALL
+from marl_cair.games.deep_rts.observation import FIRST_KIND, OWN, log_level
+from marl_cair.games.deep_rts.tables import (
+    ARCHER,
+    BARRACKS,
+    BLADES,
+    CAVALRY,
+    FIRST_UPGRADE,
+    FOOTMAN,
+    GOLD,
+    LUMBER,
+    NO_KIND,
+    OIL,
+    OIL_WELL,
+    PEASANT,
+    PLATES,
+    SMITHY,
+    TOWN_HALL,
+)
 from marl_cair.games.randomness import episode_seeds
 
 SCRIPTED = list(DOCTRINES)
@@ -57,11 +80,11 @@ def play(engine, bots, num_steps):
         engine.step(actions)
 
 
-def look_at(engine, player=0):
-    """The sight of a player of the first world."""
-    known = make_knowledge(engine.scenario, engine.spec, DOCTRINES["mixed"])
+def look_at(engine, name="mixed"):
+    """What a bot knows, and what it sees from the first seat of the first world."""
+    known = make_knowledge(engine.scenario, engine.spec, DOCTRINES[name])
     sight = make_sight(engine.scenario)
-    look(engine.observe("planes")[0, player], known, sight)
+    look(engine.observe("planes")[0, 0], known, sight)
     return known, sight
 
 
@@ -174,3 +197,73 @@ def test_a_site_may_not_cut_a_way():
     columns = known.rules.columns
     assert keeps_ways_open(known, sight, 7 * columns + 3, 0)
     assert not keeps_ways_open(known, sight, 4 * columns + 8, 2)
+
+
+def give(sight, **counts):
+    """Stores of all resources, and units of each kind by the name of the array that counts them."""
+    sight.store[:] = 1_000
+    for name, units in counts.items():
+        for kind, count in units.items():
+            getattr(sight, name)[kind] = count
+
+
+@pytest.mark.parametrize(
+    ("seen", "answer"), [(ARCHER, CAVALRY), (CAVALRY, FOOTMAN), (FOOTMAN, ARCHER)]
+)
+def test_mixed_trains_what_beats_the_soldiers_in_sight(seen, answer):
+    known, sight = look_at(make_game(1))
+    give(sight, own={FOOTMAN: 2, ARCHER: 2, CAVALRY: 2}, foes={seen: 6})
+    sight.facts[NUM_SOLDIERS] = 6
+    assert choose_soldier(known, sight) == answer
+
+
+def test_who_wants_cavalry_builds_a_well_and_trains_footmen_until_there_is_oil():
+    known, sight = look_at(make_game(1), "economist")
+    give(sight, own={BARRACKS: 1, PEASANT: 8, FOOTMAN: 1})
+    sight.facts[NUM_SOLDIERS] = 1
+    sight.facts[FOOD_MADE] = 20
+    assert wanted_building(known, sight) == OIL_WELL
+    assert choose_soldier(known, sight) == CAVALRY
+    sight.store[OIL] = 0
+    assert choose_soldier(known, sight) in (FOOTMAN, ARCHER)
+
+
+def test_the_turtle_equips_an_army_by_turns():
+    known, sight = look_at(make_game(1), "turtle")
+    give(sight, own={BARRACKS: 1, PEASANT: 8, ARCHER: ENOUGH_SOLDIERS})
+    sight.facts[NUM_SOLDIERS] = ENOUGH_SOLDIERS
+    sight.facts[FOOD_MADE] = 30
+    assert wanted_building(known, sight) == SMITHY
+    give(sight, own={SMITHY: 1, OIL_WELL: 1})
+    sight.facts[FREE_SMITHY] = 0
+    assert wanted_building(known, sight) == FIRST_UPGRADE + BLADES
+    sight.level[BLADES] = 1
+    assert wanted_building(known, sight) == FIRST_UPGRADE + PLATES
+    sight.level[:] = known.doctrine.upgrades
+    assert wanted_building(known, sight) == BARRACKS
+
+
+def test_without_a_hall_gold_goes_to_soldiers_until_there_is_enough_for_one():
+    known, sight = look_at(make_game(1))
+    give(sight, own={TOWN_HALL: 0, BARRACKS: 1, FOOTMAN: 1})
+    assert wanted_building(known, sight) == TOWN_HALL
+    sight.store[GOLD] = 100
+    assert wanted_building(known, sight) == NO_KIND
+
+
+def test_mixed_scouts_where_it_does_not_see_the_enemy():
+    engine = make_game(1, fog=True)
+    sides = set()
+    for planes, _, _ in play(engine, [make_bot(engine, "mixed"), make_bot(engine, "random")], 150):
+        peasants = np.argwhere((planes[0, 0, FIRST_KIND + PEASANT] > 0) & (planes[0, 0, OWN] > 0))
+        sides |= {bool(row + column > 14) for row, column in peasants}
+        if True in sides:
+            break
+    assert sides == {False, True}
+
+
+def test_a_farm_is_built_in_a_corner_rather_than_in_the_open():
+    known, sight = look_at(make_game(1))
+    columns = known.rules.columns
+    corner, meadow = 2 * columns + 1, 8 * columns + 5
+    assert num_free_around(known, sight, corner) < num_free_around(known, sight, meadow)

@@ -63,7 +63,7 @@ def test_a_building_rises_in_exactly_its_ticks_with_its_builder_inside(kind, tic
     skirmish, worker = start()
     skirmish.make(worker, kind)
     site = skirmish.units_of(0)[-1]
-    full = PRESETS["balanced"].health[kind]
+    full = PRESETS["drill"].health[kind]
     for _ in range(ticks - 2):
         skirmish.wait()
         assert skirmish.get(site, UNIT_STATE) == RISING
@@ -77,7 +77,7 @@ def test_a_building_rises_in_exactly_its_ticks_with_its_builder_inside(kind, tic
     assert skirmish.get(worker, UNIT_PARTNER) == skirmish.get(site, UNIT_PARTNER) == NO_UNIT
     assert skirmish.occupant(*skirmish.place(worker)) == worker
     row, column = skirmish.place(worker)
-    assert max(abs(row - 8), abs(column - 8)) == PRESETS["balanced"].size_tiles[kind] // 2 + 1
+    assert max(abs(row - 8), abs(column - 8)) == PRESETS["drill"].size_tiles[kind] // 2 + 1
     assert of(skirmish, 0, NUM_CREATED + kind) == of(skirmish, 0, NUM_OWNED + kind) == 1
 
 
@@ -103,7 +103,7 @@ def test_with_instant_building_a_site_stands_after_its_tick(preset):
 @pytest.mark.parametrize("kind", [TOWN_HALL, BARRACKS, FARM, SMITHY])
 def test_a_site_costs_its_price_at_once(kind):
     skirmish, worker = start()
-    preset = PRESETS["balanced"]
+    preset = PRESETS["drill"]
     skirmish.make(worker, kind)
     price = (preset.cost_gold[kind], preset.cost_lumber[kind], preset.cost_stone[kind], 0)
     assert skirmish.store(0) == [5_000 - cost for cost in price]
@@ -113,7 +113,7 @@ def test_a_site_costs_its_price_at_once(kind):
 @pytest.mark.parametrize("kind", [TOWN_HALL, BARRACKS, FARM, SMITHY])
 def test_a_site_that_is_given_up_pays_back_three_quarters_and_frees_its_builder(kind):
     skirmish, worker = start()
-    preset = PRESETS["balanced"]
+    preset = PRESETS["drill"]
     skirmish.make(worker, kind)
     site = skirmish.units_of(0)[-1]
     skirmish.wait(20)

@@ -209,7 +209,7 @@ def test_two_may_kill_each_other_in_one_tick():
 
 
 def test_an_attack_chases_its_target():
-    skirmish, unit, other = face_off(CAVALRY, PEASANT, away=3, preset="balanced")
+    skirmish, unit, other = face_off(CAVALRY, PEASANT, away=3, preset="drill")
     skirmish.attack(unit, other)
     skirmish.order(other, MOVE, 8, 14)
     skirmish.wait(40)
@@ -288,7 +288,7 @@ def test_a_peasant_repairs_in_steps_of_10_ticks_for_a_quarter_of_the_price(kind,
         skirmish.put(0, PEASANT, 8, 4),
         skirmish.put(0, kind, 8, 6 if kind == BARRACKS else 5),
     )
-    full = PRESETS["balanced"].health[kind]
+    full = PRESETS["drill"].health[kind]
     skirmish.set(house, UNIT_HEALTH, full - 20)
     skirmish.attack(worker, house, REPAIR)
     skirmish.wait(10)

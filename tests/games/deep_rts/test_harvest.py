@@ -72,7 +72,7 @@ def put_worker(skirmish: Skirmish, row: int = 8, column: int = 9, player: int = 
 
 
 @pytest.mark.plain_python
-@pytest.mark.parametrize(("preset", "ticks"), [("original", 6), ("thesis", 5), ("balanced", 5)])
+@pytest.mark.parametrize(("preset", "ticks"), [("original", 6), ("thesis", 5), ("drill", 5)])
 @pytest.mark.parametrize(
     ("row", "resource"), [(8, GOLD), (10, LUMBER), (11, STONE)], ids=("gold", "lumber", "stone")
 )
@@ -95,7 +95,7 @@ def test_each_unit_of_a_resource_takes_exactly_its_ticks(preset, ticks, row, res
     assert skirmish.get(worker, UNIT_CARRY) == 10
 
 
-@pytest.mark.parametrize("preset", ["thesis", "balanced"])
+@pytest.mark.parametrize("preset", ["thesis", "drill"])
 def test_a_trip_takes_the_sum_of_its_parts(preset):
     """1 to set out, 10 x 5 at the tile, 4 tiles of 11 home; the load is in store at once."""
     skirmish = Skirmish(FIELD, preset=preset)
@@ -113,7 +113,7 @@ def test_a_trip_takes_the_sum_of_its_parts(preset):
 
 
 def test_a_worker_goes_back_for_more_until_told_otherwise():
-    """In `balanced`: each further trip takes 50 ticks of work and 2 x 44 of walking."""
+    """In `drill`: each further trip takes 50 ticks of work and 2 x 44 of walking."""
     skirmish = Skirmish(FIELD)
     skirmish.put(0, TOWN_HALL, 8, 3)
     skirmish.fill_store(0, 0, 0)
@@ -320,7 +320,7 @@ def test_a_yield_above_one_multiplies_what_is_taken(monkeypatch):
     yields = [0] * 9
     yields[GOLD_TILE] = 3
     yields[LUMBER_TILE] = yields[STONE_TILE] = yields[OIL_TILE] = 1
-    preset = dataclasses.replace(PRESETS["balanced"], tile_yield=tuple(yields))
+    preset = dataclasses.replace(PRESETS["drill"], tile_yield=tuple(yields))
     monkeypatch.setitem(PRESETS, "fertile", preset)
     skirmish = Skirmish(FIELD, preset="fertile")
     worker = put_worker(skirmish)

@@ -133,7 +133,7 @@ def changed(name: str, kind: int, value: int) -> dict[str, tuple[int, ...]]:
         ("cost_gold", 3, 2_000_000, "cost_gold of cavalry is 2000000, allowed are 0..1000000"),
         ("range_tiles", 2, 16, "range_tiles of archer is 16, allowed are 0..15"),
         ("sight_tiles", 2, 16, "sight_tiles of archer is 16, allowed are 0..15"),
-        ("damage_min", 1, 10, "damage_max of footman is 9, below its damage_min 10"),
+        ("damage_min", 1, 13, "damage_max of footman is 12, below its damage_min 13"),
         ("walk_ticks", 1, 0, r"footman moves, so its walk_ticks \(0\)"),
         ("attack_ticks", 1, 0, r"footman moves, .* attack_ticks \(0\)"),
         ("size_tiles", 1, 3, r"footman moves, .* size_tiles \(3\) 1"),

@@ -66,7 +66,7 @@ def test_training_takes_exactly_its_ticks_and_its_price(building, kind, ticks):
     feed(skirmish, 0)
     house = skirmish.put(0, building, 4, 4)
     skirmish.make(house, kind)
-    preset = PRESETS["balanced"]
+    preset = PRESETS["drill"]
     price = (preset.cost_gold[kind], preset.cost_lumber[kind], 0, preset.cost_oil[kind])
     assert skirmish.store(0) == [5_000 - cost for cost in price]
     assert of(skirmish, 0, FOOD_USED) == preset.food_consumed[kind]
@@ -237,7 +237,7 @@ def test_food_is_free_again_when_its_eater_or_the_queue_dies():
 
 
 def test_food_never_exceeds_its_limit(monkeypatch):
-    preset = dataclasses.replace(PRESETS["balanced"], food_limit=7, start_food=1)
+    preset = dataclasses.replace(PRESETS["drill"], food_limit=7, start_food=1)
     monkeypatch.setitem(PRESETS, "poor", preset)
     skirmish, _ = start(preset="poor")
     feed(skirmish, 0, 50)

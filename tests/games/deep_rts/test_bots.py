@@ -28,7 +28,8 @@ from marl_cair.games.deep_rts.bot_sight import (
 )
 from marl_cair.games.deep_rts.bot_sites import keeps_ways_open, num_free_around
 from marl_cair.games.deep_rts.bots import BOTS
-from marl_cair.games.deep_rts.observation import FIRST_KIND, OWN, log_level
+from marl_cair.games.deep_rts.observation import log_level
+from marl_cair.games.deep_rts.planes import FIRST_KIND, OWN
 from marl_cair.games.deep_rts.tables import (
     ARCHER,
     BARRACKS,

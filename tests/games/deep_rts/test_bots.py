@@ -6,6 +6,8 @@ import pytest
 from benchmarks.matches import play_match
 from marl_cair.games import make_engine
 from marl_cair.games.deep_rts.bot_doctrines import DOCTRINES
+from marl_cair.games.deep_rts.bot_economy import cell_action
+from marl_cair.games.deep_rts.bot_plans import SCOUT_WORKERS, scout
 from marl_cair.games.deep_rts.bot_purchases import (
     ENOUGH_SOLDIERS,
     choose_soldier,
@@ -16,9 +18,11 @@ from marl_cair.games.deep_rts.bot_sight import (
     FOOD_USED,
     FREE_SMITHY,
     HOME,
+    MINE,
     NO_CELL,
     NUM_PEOPLE,
     NUM_SOLDIERS,
+    SELECTED_CELL,
     TARGET,
     THREAT,
     look,
@@ -26,10 +30,10 @@ from marl_cair.games.deep_rts.bot_sight import (
     make_sight,
     stored,
 )
-from marl_cair.games.deep_rts.bot_sites import keeps_ways_open, num_free_around
+from marl_cair.games.deep_rts.bot_sites import keeps_ways_open, nearest_person, num_free_around
 from marl_cair.games.deep_rts.bots import BOTS
-from marl_cair.games.deep_rts.observation import log_level
-from marl_cair.games.deep_rts.planes import FIRST_KIND, OWN
+from marl_cair.games.deep_rts.observation import TIME_LEFT, log_level
+from marl_cair.games.deep_rts.orders import GO_THERE, NOOP, SELECT_THERE
 from marl_cair.games.deep_rts.tables import (
     ARCHER,
     BARRACKS,
@@ -252,15 +256,20 @@ def test_without_a_hall_gold_goes_to_soldiers_until_there_is_enough_for_one():
     assert wanted_building(known, sight) == NO_KIND
 
 
-def test_mixed_scouts_where_it_does_not_see_the_enemy():
+def test_mixed_sends_the_foremost_peasant_where_it_does_not_see_the_enemy():
     engine = make_game(1, fog=True)
-    sides = set()
-    for planes, _, _ in play(engine, [make_bot(engine, "mixed"), make_bot(engine, "random")], 150):
-        peasants = np.argwhere((planes[0, 0, FIRST_KIND + PEASANT] > 0) & (planes[0, 0, OWN] > 0))
-        sides |= {bool(row + column > 14) for row, column in peasants}
-        if True in sides:
-            break
-    assert sides == {False, True}
+    known, sight = look_at(engine)
+    planes, mask = engine.observe("planes")[0, 0], engine.action_mask()[0, 0]
+    planes[TIME_LEFT] = 0
+    assert scout(planes, mask, known, sight) == NOOP  # it has three peasants only
+    sight.own[PEASANT] = SCOUT_WORKERS
+    target = int(sight.facts[TARGET])
+    foremost = nearest_person(known, sight, target)
+    select, go = (cell_action(known, order, target) for order in (SELECT_THERE, GO_THERE))
+    expected = go if foremost == sight.facts[SELECTED_CELL] else select - target + foremost
+    assert scout(planes, mask, known, sight) == expected
+    sight.side[target], sight.kind[target] = MINE, FOOTMAN  # who sees the enemy
+    assert scout(planes, mask, known, sight) == NOOP
 
 
 def test_a_farm_is_built_in_a_corner_rather_than_in_the_open():

@@ -32,8 +32,9 @@ from marl_cair.games.deep_rts.bot_sight import (
 )
 from marl_cair.games.deep_rts.bot_sites import keeps_ways_open, nearest_person, num_free_around
 from marl_cair.games.deep_rts.bots import BOTS
-from marl_cair.games.deep_rts.observation import TIME_LEFT, log_level
+from marl_cair.games.deep_rts.observation import log_level
 from marl_cair.games.deep_rts.orders import GO_THERE, NOOP, SELECT_THERE
+from marl_cair.games.deep_rts.planes import TIME_LEFT
 from marl_cair.games.deep_rts.tables import (
     ARCHER,
     BARRACKS,

@@ -34,7 +34,7 @@ class Scene(NamedTuple):
 DEEP_RTS = (
     Scene("1v1-15x15", ("turtle", "rusher"), 260),
     Scene("FFA-6-31x31", ("mixed", "rusher", "boomer", "archers", "turtle", "economist"), 420),
-    Scene("Skirmish-31x31-fog", ("rusher", "archers"), 150, 0),
+    Scene("Skirmish-31x31-fog", ("rusher", "archers"), 45, 0),
     Scene("LavaMaze-31x31", ("economist",), 60),
     Scene("Economy-15x15", ("economist",), 400),
     Scene("Teams-2v2-31x31", ("archers", "rusher", "turtle", "mixed"), 380),

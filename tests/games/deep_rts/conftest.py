@@ -1,6 +1,7 @@
-"""While Deep RTS is a preview, `make test` plays its rules in plain Python, `test-all` compiled.
+"""`make test` tests the rules of Deep RTS in plain Python, `make test-all` compiled too.
 
-Compiling them takes minutes, plain Python plays the same bits at once. Tests of maps need neither.
+They are short games of many kinds, which plain Python plays at once; that compiled code plays the
+same bits is tested for all games. Tests of maps need no rules.
 """
 
 from pathlib import Path

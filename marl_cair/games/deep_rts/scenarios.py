@@ -119,7 +119,8 @@ class Scenario:
         """The maps that games of this scenario are played on, all of one size.
 
         `map` names a built-in map, a set of generated maps (of which each game draws one), a
-        generated map as generated-<rows>x<columns>-<players>p-<seed>, or the path of a map file.
+        generated map as generated-<rows>x<columns>-<players>p-<seed>, the path of a map file, or
+        several of these with + between them: smaller ones then stand in the middle of walls.
         They are read when first asked for, not when the scenario is named.
 
         Raises:
@@ -168,8 +169,12 @@ _GENERATED = re.compile(r"generated-(\d+)x(\d+)-(\d+)p-(\d+)")
 
 @cache
 def _load_maps(name: str) -> tuple[GameMap, ...]:
-    from marl_cair.games.deep_rts import map_generator, maps  # noqa: PLC0415  # naming needs neither
+    # Naming a scenario needs none of these.
+    from marl_cair.games.deep_rts import map_generator, map_padding, maps  # noqa: PLC0415
 
+    if "+" in name:
+        parts = [game_map for part in name.split("+") for game_map in _load_maps(part)]
+        return map_padding.pad_maps(parts)
     if name in map_generator.MAP_SETS:
         return map_generator.map_set(name, MAPS_OF_A_SET)
     if told := _GENERATED.fullmatch(name):

@@ -29,8 +29,8 @@ def _pad_map(game_map: GameMap, rows: int, columns: int) -> GameMap:
         return game_map
     if (rows - own_rows) % 2 or (columns - own_columns) % 2:
         raise MapError(
-            f"deep_rts: the map {game_map.name} has {own_rows}x{own_columns} cells, it cannot stand "
-            f"in the middle of {rows}x{columns}; mix maps whose sizes are all odd, or all even"
+            f"deep_rts: the map {game_map.name} has {own_rows}x{own_columns} cells, it cannot "
+            f"stand in the middle of {rows}x{columns}; mix sizes that are all odd or all even"
         )
     above, left = (rows - own_rows) // 2, (columns - own_columns) // 2
     tiles = np.full((rows, columns), WALL, np.uint8)

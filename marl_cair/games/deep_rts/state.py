@@ -74,7 +74,7 @@ NUM_LAYERS = 7
     IS_OUT,  # 1 once nobody of its team is alive and that has been paid
     RESOURCES,  # a column per resource: in store
 ) = range(10)
-GATHERED = RESOURCES + NUM_RESOURCES  # brought in since reset
+GATHERED = RESOURCES + NUM_RESOURCES  # taken from tiles since reset, yield included
 UPGRADES = GATHERED + NUM_RESOURCES  # levels
 NUM_CREATED = UPGRADES + NUM_UPGRADES  # a column per kind: finished since reset
 NUM_OWNED = NUM_CREATED + NUM_KINDS  # alive, unfinished ones included

@@ -4,7 +4,7 @@ python -m benchmarks.balance [--games 1000] [--seed 0] [--preset balanced] [--cs
 python -m benchmarks.balance --game deep_rts [--games 100] [--seed 0] [--preset balanced]
     [--csv payoffs.csv] [--map 1v1-15x15 --map 21x21-2p-fords ...]
 
-Of Deep RTS it prints the tables of `bot_tables`. Of Deep Line Wars it prints four: each item alone
+Of Deep RTS it prints the tables of `_bot_tables`. Of Deep Line Wars it prints four: each item alone
 against each other item and against a player that mixes all the others; pairs of one unit and one
 tower, with the best answer to each; what players lose without one item; the bots. Of n games the
 first player has seat 0 in one half and seat 1 in the other.
@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import marl_cair
-from benchmarks.bot_tables import BOARDS, report_tables
-from benchmarks.matches import (
+from benchmarks._bot_tables import BOARDS, report_tables
+from benchmarks._matches import (
     MatchResult,
     play_match,
     play_round_robin,

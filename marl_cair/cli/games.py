@@ -61,16 +61,25 @@ def _describe_spec(spec: GameSpec) -> dict[str, Any]:
     }
 
 
+def _count_players(fewest: int, most: int) -> str:
+    if fewest == most:
+        return "1 player" if most == 1 else f"{most} players"
+    return f"{fewest} to {most} players"
+
+
 def _format(name: str, told: dict[str, Any]) -> str:
+    players = _count_players(*told["players"])
     lines = [
-        f"{name}: {told['title']}, {told['players'][0]} players, rules version {told['version']}",
+        f"{name}: {told['title']}, {players}, rules version {told['version']}",
         f"  {told['summary']}",
         f"  bots: {', '.join(told['bots'])}",
     ]
     for scenario, spec in told["scenarios"].items():
         default = " (default)" if scenario == told["default_scenario"] else ""
+        players = _count_players(spec["num_players"], spec["num_players"])
         lines.append(
-            f"  {scenario}{default}: {spec['gymnasium_id']}, {spec['num_actions']} actions"
+            f"  {scenario}{default}: {spec['gymnasium_id']}, {players}, "
+            f"{spec['num_actions']} actions"
         )
         shown = (
             f"{seen} {part['dtype']} {part['shape']}"

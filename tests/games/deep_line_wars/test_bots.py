@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.matches import play_match
+from benchmarks._matches import play_match
 from marl_cair.games import make_engine
 from marl_cair.games.deep_line_wars.bot_sight import (
     blow_table,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.bot_tables import describe_pair, play_together, seat_one
-from benchmarks.matches import MatchResult, play_match
+from benchmarks._bot_tables import describe_pair, play_together, seat_one
+from benchmarks._matches import MatchResult, play_match
 from marl_cair.games import make_engine
 from marl_cair.games.deep_rts.state import ADVANCE, NO_ORDER, UNIT_ORDER
 from marl_cair.games.deep_rts.tables import ARCHER, CAVALRY, FOOTMAN, PRESETS

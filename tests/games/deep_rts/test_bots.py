@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.matches import play_match
+from benchmarks._matches import play_match
 from marl_cair.games import make_engine
 from marl_cair.games.deep_rts.bot_doctrines import DOCTRINES
 from marl_cair.games.deep_rts.bot_economy import cell_action

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import marl_cair
-from benchmarks.matches import MatchResult, play_round_robin, win_interval, write_results
+from benchmarks._matches import MatchResult, play_round_robin, win_interval, write_results
 from marl_cair.games.deep_rts.scenarios import SCENARIOS
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Agent

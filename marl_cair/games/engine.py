@@ -163,12 +163,19 @@ class BatchedEngine:
         if out is None:
             out = np.empty(shape, chosen.dtype)
         self._check_out("observe", out, shape, chosen.dtype)
-        memory = () if chosen.make_memory is None else (chosen.make_memory(len(seen[0])),)
-        self._run(chosen.observe, seen, self._rules, *memory, out)
+        if chosen.make_memory is None:
+            self._run(chosen.observe, seen, self._rules, out)
+        elif (
+            worlds is None
+        ):  # to renew the engine's own array and copy it is less than to write all
+            np.copyto(out, self.observe_in_place(representation))
+        else:
+            self._run(chosen.observe, seen, self._rules, chosen.make_memory(len(seen[0])), out)
         return out
 
     def observe_in_place(self, representation: str) -> NDArray[Any]:
-        """`observe` into an array of the engine's own: a read-only view, overwritten by the next.
+        """`observe` into an array of the engine's own: a read-only view of it, which the next look at
+        all worlds overwrites.
 
         Games that remember what the array holds write only what has changed: of large boards that
         is many times faster.

@@ -50,5 +50,6 @@ def test_worlds_of_one_batch_are_on_maps_of_several_sizes_and_play():
     luck = np.random.default_rng(0)
     for _ in range(20):
         engine.step(draw_actions(engine, luck))
-        np.testing.assert_array_equal(engine.observe_in_place("planes"), engine.observe("planes"))
+        anew = engine.observe("planes", worlds=list(range(8)))
+        np.testing.assert_array_equal(engine.observe_in_place("planes"), anew)
     assert not engine.illegal_actions.any()

@@ -174,8 +174,8 @@ class BatchedEngine:
         return out
 
     def observe_in_place(self, representation: str) -> NDArray[Any]:
-        """`observe` into an array of the engine's own: a read-only view of it, which the next look at
-        all worlds overwrites.
+        """`observe` into an array of the engine's own: a read-only view, overwritten by the next
+        look at all worlds.
 
         Games that remember what the array holds write only what has changed: of large boards that
         is many times faster.

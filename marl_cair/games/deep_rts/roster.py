@@ -156,7 +156,9 @@ def strike_from_roster(world: Any, player: int, unit: int) -> None:
 
 @compiled
 def release_builder(world: Any, rules: Any, site: int) -> None:
-    """The builder stands where its site was; needs the site off the board."""
+    """The builder stands where its site was, that of a well in the pool, from which it can walk;
+    needs the site off the board.
+    """
     builder = int(world.units[site, UNIT_PARTNER])
     world.units[builder, UNIT_PARTNER] = NO_UNIT
     put_on_board(world, rules, builder, int(world.units[site, UNIT_CELL]))

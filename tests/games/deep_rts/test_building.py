@@ -211,6 +211,23 @@ def test_a_well_stands_on_oil_beside_its_builder_who_steps_out_again():
     assert skirmish.store(0)[3] == 5_000 + 5
 
 
+def test_the_builder_of_a_well_that_is_given_up_walks_out_of_the_pool():
+    skirmish, worker = start()
+    oil = skirmish.cell(8, 9)
+    skirmish.world.board[TILE, oil] = OIL_TILE
+    skirmish.world.board[AMOUNT, oil] = 300
+    skirmish.make(worker, OIL_WELL)
+    skirmish.select(skirmish.occupant(8, 9))
+    skirmish.play("cancel")
+    skirmish.wait()
+    assert skirmish.occupant(8, 9) == worker
+    skirmish.select(worker)
+    skirmish.play("go_r8_c12")
+    skirmish.wait(60)
+    assert skirmish.place(worker) == (8, 12)
+    assert skirmish.occupant(8, 9) == NO_UNIT
+
+
 @pytest.mark.parametrize("seat", [0, 1])
 def test_a_site_that_two_players_want_in_one_decision_is_refused_to_both(seat):
     skirmish = Skirmish()

@@ -38,7 +38,9 @@ from marl_cair.games.deep_rts.tables import (
     MAX_RESOURCE,
     NUM_KINDS,
     NUM_RESOURCES,
+    OIL_TILE,
     OIL_WELL,
+    PEASANT,
     WALKABLE_TILES,
 )
 from marl_cair.games.engine import BatchedEngine
@@ -89,7 +91,9 @@ def cover(world, rules, unit: int, occupants: np.ndarray) -> None:
             cell = world.units[unit, UNIT_CELL] + row * rules.stride + column
             assert occupants[cell] == NO_UNIT
             occupants[cell] = unit
-            assert kind == OIL_WELL or world.board[TILE, cell] in WALKABLE_TILES
+            stands_in_a_pool = kind == PEASANT and world.board[TILE, cell] == OIL_TILE
+            is_ground = world.board[TILE, cell] in WALKABLE_TILES
+            assert is_ground or kind == OIL_WELL or stands_in_a_pool
 
 
 def check_player(world, rules, player: int) -> None:

@@ -131,10 +131,10 @@ def differs_in_progress_alone(word: int, other: int) -> bool:
 
 
 @compiled
-def mark_progress(word: int, side: int, row: int, column: int, out: Any) -> None:
-    """The plane of progress: of own units, and of all sites."""
+def mark_progress(word: int, side: int, row: int, column: int, is_shown: int, out: Any) -> None:
+    """The plane of progress at one cell: of own units, and of all sites."""
     if side == 0 or word >> RISING_BIT & 1:
-        out[PROGRESS, row, column] = word >> PROGRESS_BIT & LEVEL_MASK
+        out[PROGRESS, row, column] = (word >> PROGRESS_BIT & LEVEL_MASK) * is_shown
 
 
 @compiled
@@ -146,14 +146,11 @@ def mark(word: int, side: int, row: int, column: int, is_shown: int, out: Any) -
     activity = word >> ACTIVITY_BIT & PAIR_MASK
     if activity != 0:
         out[IS_WALKING - 1 + activity, row, column] = FULL * is_shown
-    is_rising = word >> RISING_BIT & 1
-    if is_rising:
+    if word >> RISING_BIT & 1:
         out[IS_RISING, row, column] = FULL * is_shown
+    mark_progress(word, side, row, column, is_shown, out)
     if side != 0:
-        if is_rising:
-            out[PROGRESS, row, column] = (word >> PROGRESS_BIT & LEVEL_MASK) * is_shown
         return
-    out[PROGRESS, row, column] = (word >> PROGRESS_BIT & LEVEL_MASK) * is_shown
     if word >> ORDER_BIT & 1:
         out[HAS_ORDER, row, column] = FULL * is_shown
     if word >> SELECTED_BIT & 1:

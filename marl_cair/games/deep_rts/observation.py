@@ -31,11 +31,15 @@ from marl_cair.games.deep_rts.planes import (
     EXPLORED,
     FIRST_TILE,
     FIRST_UNIFORM,
+    FIRST_UPGRADE_PLANE,
+    FOOD_LIMIT,
     FOOD_STEP,
     FULL,
     LOG_STEP,
     NUM_UNIFORM,
+    OWN_FOOD,
     RESOURCE_LEFT,
+    TIME_LEFT,
     UPGRADE_STEP,
     VISIBLE,
 )
@@ -60,6 +64,7 @@ from marl_cair.games.deep_rts.state import (
 from marl_cair.games.deep_rts.tables import GRASS, NO_KIND, NUM_RESOURCES, NUM_UPGRADES
 
 IS_DRAWN, DRAWN_MAP, NUM_SHOWN = range(3)  # columns of `page`
+WIPE, DRAW, NEW_PROGRESS = range(3)  # what changes of a unit
 NEVER_SHOWN = -1  # below every number of a store
 
 
@@ -146,9 +151,9 @@ def frame_of(world: Any, rules: Any, player: int) -> int:
 
 @compiled
 def mark_unit(
-    world: Any, rules: Any, shown: Any, unit: int, word: int, is_shown: int, out: Any
+    world: Any, rules: Any, shown: Any, unit: int, word: int, change: int, out: Any
 ) -> None:
-    """Write or wipe a unit in the planes of all seats, where it is in their sight."""
+    """WIPE or DRAW a unit for all seats that see it, or write its NEW_PROGRESS alone."""
     owner = owner_of(rules, unit)
     centre, half = cell_in(word), half_size_in(rules, word)
     for player in range(rules.num_players):
@@ -159,23 +164,10 @@ def mark_unit(
             ):
                 if rules.fog == 0 or shown.sight[player, cell] != 0:
                     row, column = rules.own_place[frame, cell, 0], rules.own_place[frame, cell, 1]
-                    mark(word, side, int(row), int(column), is_shown, out[player])
-
-
-@compiled
-def renew_progress(world: Any, rules: Any, shown: Any, unit: int, word: int, out: Any) -> None:
-    """Write the progress of a unit whose look is else the same."""
-    owner = owner_of(rules, unit)
-    centre, half = cell_in(word), half_size_in(rules, word)
-    for player in range(rules.num_players):
-        frame, side = frame_of(world, rules, player), side_of(rules, player, owner)
-        for rows in range(-half, half + 1):
-            for cell in range(
-                centre + rows * rules.stride - half, centre + rows * rules.stride + half + 1
-            ):
-                if rules.fog == 0 or shown.sight[player, cell] != 0:
-                    row, column = rules.own_place[frame, cell, 0], rules.own_place[frame, cell, 1]
-                    mark_progress(word, side, int(row), int(column), out[player])
+                    if change == NEW_PROGRESS:
+                        mark_progress(word, side, int(row), int(column), 1, out[player])
+                    else:
+                        mark(word, side, int(row), int(column), change, out[player])
 
 
 @compiled
@@ -191,10 +183,10 @@ def wipe_changed_units(world: Any, rules: Any, shown: Any, out: Any) -> None:
         if look == was:
             continue
         if look != NOT_SHOWN and differs_in_progress_alone(look, was):
-            renew_progress(world, rules, shown, unit, look, out)
+            mark_unit(world, rules, shown, unit, look, NEW_PROGRESS, out)
             shown.units[unit] = look
             continue
-        mark_unit(world, rules, shown, unit, was, 0, out)
+        mark_unit(world, rules, shown, unit, was, WIPE, out)
         if look == NOT_SHOWN:
             shown.units[unit] = NOT_SHOWN
 
@@ -213,7 +205,7 @@ def draw_changed_units(world: Any, rules: Any, shown: Any, out: Any) -> None:
                 if look == NOT_SHOWN:
                     continue
             if look != was:
-                mark_unit(world, rules, shown, unit, look, 1, out)
+                mark_unit(world, rules, shown, unit, look, DRAW, out)
                 shown.units[unit] = look
             shown.slots[count] = unit
             count += 1
@@ -308,8 +300,9 @@ def renew_foggy_ground(world: Any, rules: Any, shown: Any, player: int, out: Any
 
 
 @compiled
-def renew_number(shown: Any, player: int, index: int, number: int) -> bool:
-    """Remember a number of a seat; True where it has changed."""
+def is_new_number(shown: Any, player: int, plane: int, number: int) -> bool:
+    """Remember what a uniform plane of a seat tells; True where it has changed."""
+    index = plane - FIRST_UNIFORM
     if shown.numbers[player, index] == number:
         return False
     shown.numbers[player, index] = number
@@ -321,23 +314,21 @@ def renew_numbers(world: Any, rules: Any, shown: Any, player: int, out: Any) -> 
     """The planes that hold one number over the whole board."""
     for resource in range(NUM_RESOURCES):
         store = int(world.players[player, RESOURCES + resource])
-        if renew_number(shown, player, resource, store):
+        if is_new_number(shown, player, FIRST_UNIFORM + resource, store):
             out[FIRST_UNIFORM + resource] = log_level(store)
-    index = NUM_RESOURCES
     food = int(world.players[player, FOOD_USED])
-    if renew_number(shown, player, index, food):
-        out[FIRST_UNIFORM + index] = min(FULL, FOOD_STEP * food)
+    if is_new_number(shown, player, OWN_FOOD, food):
+        out[OWN_FOOD] = min(FULL, FOOD_STEP * food)
     limit = food_limit(world, rules, player)
-    if renew_number(shown, player, index + 1, limit):
-        out[FIRST_UNIFORM + index + 1] = min(FULL, FOOD_STEP * limit)
+    if is_new_number(shown, player, FOOD_LIMIT, limit):
+        out[FOOD_LIMIT] = min(FULL, FOOD_STEP * limit)
     for upgrade in range(NUM_UPGRADES):
         level = int(world.players[player, UPGRADES + upgrade])
-        if renew_number(shown, player, index + 2 + upgrade, level):
-            out[FIRST_UNIFORM + index + 2 + upgrade] = min(FULL, UPGRADE_STEP * level)
-    index += 2 + NUM_UPGRADES
+        if is_new_number(shown, player, FIRST_UPGRADE_PLANE + upgrade, level):
+            out[FIRST_UPGRADE_PLANE + upgrade] = min(FULL, UPGRADE_STEP * level)
     left = FULL * (int(rules.max_ticks) - int(world.clock[TICK])) // int(rules.max_ticks)
-    if renew_number(shown, player, index, left):
-        out[FIRST_UNIFORM + index] = left
+    if is_new_number(shown, player, TIME_LEFT, left):
+        out[TIME_LEFT] = left
 
 
 @compiled

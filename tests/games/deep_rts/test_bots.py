@@ -53,6 +53,14 @@ from marl_cair.games.deep_rts.tables import (
     TOWN_HALL,
 )
 from marl_cair.games.randomness import episode_seeds
+from tests.games.bot_play import (
+    assert_answers_each_row_on_its_own,
+    assert_leaves_what_it_sees,
+    assert_repeats_and_continues,
+    find_positions,
+    make_bot,
+    play,
+)
 
 SCRIPTED = list(DOCTRINES)
 CASES = [
@@ -71,21 +79,6 @@ def make_game(num_worlds=2, **options):
     return engine
 
 
-def make_bot(engine, name, seed=0):
-    bot = engine.game.bot(name, engine.scenario)
-    bot.seed(seed)
-    return bot
-
-
-def play(engine, bots, num_steps):
-    """Seat k is played by bot k; yields what each step was."""
-    for _ in range(num_steps):
-        planes, mask = engine.observe("planes"), engine.action_mask()
-        actions = np.stack([bot.act(planes[:, s], mask[:, s]) for s, bot in enumerate(bots)], 1)
-        yield planes, mask, actions
-        engine.step(actions)
-
-
 def look_at(engine, name="mixed"):
     """What a bot knows, and what it sees from the first seat of the first world."""
     known = make_knowledge(engine.scenario, engine.spec, DOCTRINES[name])
@@ -99,8 +92,7 @@ def positions():
     """Planes and masks of both seats in games of two scripted players, after 120 decisions."""
     engine = make_game(4)
     bots = [make_bot(engine, "mixed"), make_bot(engine, "random", 2)]
-    planes, mask, _ = list(play(engine, bots, 120))[-1]
-    return engine, planes.reshape(-1, *planes.shape[2:]), mask.reshape(-1, mask.shape[2])
+    return find_positions(engine, bots, 120)
 
 
 @pytest.mark.parametrize("options", CASES)
@@ -129,40 +121,21 @@ def test_the_others_refuse_the_classic_actions_and_name_the_mend(name):
 
 @pytest.mark.parametrize("name", BOTS)
 def test_the_same_seed_gives_the_same_actions_and_saved_state_continues(name, positions):
-    engine, planes, mask = positions
-    first, second = make_bot(engine, name, seed=5), make_bot(engine, name, seed=5)
-    np.testing.assert_array_equal(first.act(planes, mask), second.act(planes, mask))
-    saved = first.state_dict()
-    expected = first.act(planes, mask)
-    fresh = make_bot(engine, name, seed=99)
-    fresh.load_state_dict(saved)
-    np.testing.assert_array_equal(fresh.act(planes, mask), expected)
+    assert_repeats_and_continues(name, positions)
 
 
 def test_another_seed_gives_random_other_actions(positions):
-    engine, planes, mask = positions
-    first = make_bot(engine, "random", 1).act(planes, mask)
-    assert (first != make_bot(engine, "random", 2).act(planes, mask)).any()
+    assert (positions.answers("random", 1) != positions.answers("random", 2)).any()
 
 
 @pytest.mark.parametrize("name", SCRIPTED)
 def test_a_scripted_bot_answers_each_row_on_its_own(name, positions):
-    engine, planes, mask = positions
-    bot = make_bot(engine, name)
-    together = bot.act(planes, mask)
-    backwards = bot.act(planes[::-1], mask[::-1])[::-1]
-    alone = np.concatenate([bot.act(planes[i : i + 1], mask[i : i + 1]) for i in range(8)])
-    np.testing.assert_array_equal(backwards, together)
-    np.testing.assert_array_equal(alone, together)
+    assert_answers_each_row_on_its_own(name, positions)
 
 
 @pytest.mark.parametrize("name", BOTS)
 def test_bots_leave_what_they_see_as_it_is(name, positions):
-    engine, planes, mask = positions
-    seen, allowed = planes.copy(), mask.copy()
-    make_bot(engine, name).act(seen, allowed)
-    np.testing.assert_array_equal(seen, planes)
-    np.testing.assert_array_equal(allowed, mask)
+    assert_leaves_what_it_sees(name, positions)
 
 
 @pytest.mark.parametrize("name", SCRIPTED)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_rts.board import is_building, sees
-from marl_cair.games.deep_rts.combat import aim_at, in_range, is_enemy, is_on_board
+from marl_cair.games.deep_rts.combat import aim_at, in_range, is_enemy, is_on_board, seniority
 from marl_cair.games.deep_rts.cursor import num_others, step_cursor
 from marl_cair.games.deep_rts.orders import give_order, obey_go
 from marl_cair.games.deep_rts.paths import NOWHERE
@@ -23,7 +25,6 @@ from marl_cair.games.deep_rts.state import (
     CURSOR,
     HARVEST,
     MAP_INDEX,
-    NEVER,
     NO_GOAL,
     NO_ORDER,
     NO_UNIT,
@@ -32,7 +33,6 @@ from marl_cair.games.deep_rts.state import (
     TILE,
     UNIT_CELL,
     UNIT_KIND,
-    UNIT_SERIAL,
 )
 from marl_cair.games.deep_rts.tables import (
     NO_RESOURCE,
@@ -69,38 +69,25 @@ def may_step(world: Any, rules: Any, player: int, cell: int) -> bool:
 
 @compiled
 def classic_victim(world: Any, rules: Any, player: int) -> int:
-    """The enemy in range that the cursor's unit would attack: the nearest, oldest, next in seat."""
+    """The enemy in sight and range that the cursor's unit would attack, the first by seniority."""
     unit = int(world.players[player, CURSOR])
     if rules.kinds[world.units[unit, UNIT_KIND], KIND_DAMAGE_MAX] == 0:
         return NO_UNIT
-    best, best_serial = NO_UNIT, NEVER
+    best, best_rank = NO_UNIT, np.int64(2) ** 62
     for step in range(1, rules.num_players):
         other = (player + step) % rules.num_players
         if rules.team[other] == rules.team[player]:
             continue
         for place in range(world.players[other, NUM_UNITS]):
             enemy = int(world.roster[other, place])
-            serial = int(world.units[enemy, UNIT_SERIAL])
+            rank = np.int64(seniority(world, rules, player, enemy))
             if (
-                (
-                    serial < best_serial
-                    or (
-                        serial == best_serial
-                        and rules.own_cell[
-                            rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME],
-                            world.units[enemy, UNIT_CELL],
-                        ]
-                        < rules.own_cell[
-                            rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME],
-                            world.units[best, UNIT_CELL],
-                        ]
-                    )
-                )
+                rank < best_rank
                 and in_range(world, rules, unit, enemy)
                 and is_on_board(world, enemy)
                 and sees(world, rules, player, int(world.units[enemy, UNIT_CELL]))
             ):
-                best, best_serial = enemy, world.units[enemy, UNIT_SERIAL]
+                best, best_rank = enemy, rank
     return best
 
 

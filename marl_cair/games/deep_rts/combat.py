@@ -141,13 +141,20 @@ def aim_at(world: Any, unit: int, target: int) -> None:
 
 
 @compiled
+def seniority(world: Any, rules: Any, player: int, unit: int) -> int:
+    """What breaks ties between units, the lowest first: the serial, then the cell in own view."""
+    frame = int(rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME])
+    cell = int(rules.own_cell[frame, world.units[unit, UNIT_CELL]])
+    return int(world.units[unit, UNIT_SERIAL]) * 2**15 + cell
+
+
+@compiled
 def find_enemy(world: Any, rules: Any, unit: int) -> int:
     """The enemy in the unit's own sight that it fights first: the nearest, fighters before others.
 
     Ties go to the lower serial, then to the first cell in the own view.
     """
     player, cell = owner_of(rules, unit), int(world.units[unit, UNIT_CELL])
-    frame = rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME]
     sight = sight_of(rules, world.units[unit, UNIT_KIND])
     limit = sight * sight + sight
     best, best_rank = NO_UNIT, np.int64(2) ** 62
@@ -164,8 +171,7 @@ def find_enemy(world: Any, rules: Any, unit: int) -> int:
             rank = np.int64(distance)
             if not is_soldier(kind):
                 rank += 1_000 if kind < NUM_MOBILE_KINDS else 2_000
-            rank = rank * 2**24 + np.int64(world.units[enemy, UNIT_SERIAL])
-            rank = rank * 2**15 + np.int64(rules.own_cell[frame, world.units[enemy, UNIT_CELL]])
+            rank = rank * 2**39 + np.int64(seniority(world, rules, player, enemy))
             if rank < best_rank:
                 best, best_rank = enemy, rank
     return best

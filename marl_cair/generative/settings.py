@@ -143,6 +143,7 @@ class NetworkSize:
 
     channels: int = 16  # of the board trunk; 32 costs almost three times as much
     hidden: int = 64  # of the context and the outcome heads
+    readout: int = 24  # learned things that the outcome heads count on both boards
     economy_hidden: int = 32  # for each uniform plane
     table_width: int = 8  # learned numbers for each value of each uniform plane
     action_embedding: int = 16  # learned numbers for each action

@@ -90,14 +90,13 @@ class OutcomeHeads(nn.Module):
         self.register_buffer("kinds", of_actions, persistent=False)
         self.register_buffer("place", place * has_cell, persistent=False)
         self.register_buffer("has_cell", has_cell, persistent=False)
-        self.readout = BoardReadout(spec.num_spatial, size.readout)
-        num_counted = 2 * (size.readout + spec.num_spatial)
+        self.readout = BoardReadout(spec.num_spatial, size.readout, size.factors)
         self.values = ScalarTables(uniform, size.table_width)
         self.changes = ScalarTables(uniform, size.table_width)
-        self.enter = nn.Linear(
-            num_features + num_counted + 2 * uniform * (1 + size.table_width), hidden
-        )
-        self.middle = nn.Linear(hidden, hidden)
+        # The mask's loss is far larger than the others: in layers of their own these learn faster.
+        num_seen = num_features + 2 * self.readout.num_sums + 2 * uniform * (1 + size.table_width)
+        self.enter = nn.Linear(num_seen, 2 * hidden)
+        self.middle = nn.ModuleList(nn.Linear(hidden, hidden) for _ in range(2))
         self.reward = nn.Linear(hidden, size.reward_bins)
         self.terminal = nn.Linear(hidden, 1)
         self.kind = nn.Linear(hidden, kinds)
@@ -111,20 +110,23 @@ class OutcomeHeads(nn.Module):
     def forward(self, seen: OutcomeInput) -> Outcome:
         things = flatten_board(seen.planes)
         later = self.readout(things)
-        hidden = self._read(seen, compare(self.readout(seen.things), later))
+        of_value, of_mask = self._read(seen, compare(self.readout(seen.things), later))
         return Outcome(
-            self.reward(hidden),
-            self.terminal(hidden).squeeze(-1),
-            self._judge_mask(seen, hidden, things, later.cells),
+            self.reward(of_value),
+            self.terminal(of_value).squeeze(-1),
+            self._judge_mask(seen, of_mask, things, later.cells),
         )
 
-    def _read(self, seen: OutcomeInput, boards: Tensor) -> Tensor:
+    def _read(self, seen: OutcomeInput, boards: Tensor) -> list[Tensor]:
+        """Hidden layers [N, hidden]: of reward and end, and of the mask."""
         changes = seen.changes
         signed = torch.where(changes < NUM_VALUES // 2, changes, changes - NUM_VALUES)
         numbers = torch.cat([seen.scalars.float(), 4.0 * signed.float()], -1) / 255.0
         tables = [self.values(seen.scalars.long()), self.changes(changes)]
-        hidden = functional.relu(self.enter(torch.cat([seen.features, boards, numbers, *tables], -1)))
-        return functional.relu(hidden + self.middle(hidden))
+        entered = self.enter(torch.cat([seen.features, boards, numbers, *tables], -1))
+        halves = functional.relu(entered).chunk(2, -1)
+        layers = zip(self.middle, halves, strict=True)
+        return [functional.relu(half + layer(half)) for layer, half in layers]
 
     def _judge_mask(
         self, seen: OutcomeInput, hidden: Tensor, things: Tensor, features: Tensor

@@ -143,7 +143,8 @@ class NetworkSize:
 
     channels: int = 16  # of the board trunk; 32 costs almost three times as much
     hidden: int = 64  # of the context and the outcome heads
-    readout: int = 24  # learned things that the outcome heads count on both boards
+    readout: int = 24  # learned features of each cell that the outcome heads see
+    factors: int = 12  # of these, whose products with all planes are summed over the board
     economy_hidden: int = 32  # for each uniform plane
     table_width: int = 8  # learned numbers for each value of each uniform plane
     action_embedding: int = 16  # learned numbers for each action

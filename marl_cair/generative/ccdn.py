@@ -27,7 +27,7 @@ from marl_cair.generative.cells import (
 )
 from marl_cair.generative.economy import EconomyChain, ScalarTables, apply_changes
 from marl_cair.generative.outcome import Outcome, OutcomeHeads, OutcomeInput, RewardBins
-from marl_cair.generative.readout import flatten_board
+from marl_cair.generative.readout import SUM_UNIT, flatten_board
 from marl_cair.generative.settings import NO_CELL, GeneratorSpec, NetworkSize
 
 READOUT_CHANNELS = 8
@@ -184,6 +184,10 @@ class CCDN(nn.Module):
         outcome: Outcome = self.outcome(seen)
         return outcome
 
+    def read_reward(self, outcome: Outcome) -> Tensor:
+        """Expected rewards [N]."""
+        return self.bins.read(outcome.reward) + outcome.fine
+
     @torch.no_grad()
     def decode(
         self, observation: Tensor, action: Tensor, generator: torch.Generator | None
@@ -224,7 +228,8 @@ class CCDN(nn.Module):
 
 
 def _pool(board: Tensor) -> Tensor:
-    return torch.cat([board.amax((1, 2)), board.mean((1, 2))], -1)
+    # A mean would hide one thing among hundreds of cells; it is counted instead.
+    return torch.cat([board.amax((1, 2)), board.sum((1, 2)) * SUM_UNIT], -1)
 
 
 def _convolve(layer: nn.Conv2d, board: Tensor) -> Tensor:

@@ -17,6 +17,7 @@ from marl_cair.generative.readout import BoardReadout, compare, flatten_board
 from marl_cair.generative.settings import NO_CELL, GeneratorSpec, NetworkSize
 
 PLANE_GAIN = 4.0  # of the mask head's planes: a quarter of the full value counts as 1
+FINE_REACH = 2.0  # standard deviations that the correction of the bins' mean stays within
 BIN_POWER = 3.0  # bins crowd around 0, where shaping rewards lie, and still reach a win's +-1
 
 
@@ -57,6 +58,7 @@ class Outcome(NamedTuple):
     reward: Tensor  # [N, bins]
     terminal: Tensor  # [N]
     mask: Tensor  # [N, A]
+    fine: Tensor  # [N], added to the mean of the reward's bins, in reward units
 
 
 class OutcomeInput(NamedTuple):
@@ -77,6 +79,7 @@ class OutcomeHeads(nn.Module):
     kinds: Tensor
     place: Tensor
     has_cell: Tensor
+    reward_std: Tensor
 
     def __init__(self, spec: GeneratorSpec, size: NetworkSize, num_features: int) -> None:
         super().__init__()
@@ -99,6 +102,10 @@ class OutcomeHeads(nn.Module):
         self.middle = nn.ModuleList(nn.Linear(hidden, hidden) for _ in range(2))
         self.reward = nn.Linear(hidden, size.reward_bins)
         self.terminal = nn.Linear(hidden, 1)
+        # Bins are coarse for rewards of a thousandth of a win, which are sums over what changed.
+        self.fine = nn.Linear(hidden + 2 * self.readout.num_sums, 1)
+        nn.init.zeros_(self.fine.weight)
+        self.register_buffer("reward_std", torch.zeros(()))  # of what was learned from
         self.kind = nn.Linear(hidden, kinds)
         self.keep = nn.Parameter(torch.full((kinds,), 2.0))  # the copy gate: now legal, still legal
         self.from_board = nn.Linear(size.channels, num_named) if num_named else None
@@ -110,11 +117,14 @@ class OutcomeHeads(nn.Module):
     def forward(self, seen: OutcomeInput) -> Outcome:
         things = flatten_board(seen.planes)
         later = self.readout(things)
-        of_value, of_mask = self._read(seen, compare(self.readout(seen.things), later))
+        boards = compare(self.readout(seen.things), later)
+        of_value, of_mask = self._read(seen, boards)
+        fine = self.fine(torch.cat([of_value, boards], -1)).squeeze(-1)
         return Outcome(
             self.reward(of_value),
             self.terminal(of_value).squeeze(-1),
             self._judge_mask(seen, of_mask, things, later.cells),
+            FINE_REACH * self.reward_std * torch.tanh(fine),
         )
 
     def _read(self, seen: OutcomeInput, boards: Tensor) -> list[Tensor]:

@@ -98,6 +98,7 @@ def make_opinions(**changes: Any) -> Opinions:
     fields: dict[str, torch.Tensor] = {
         "log_prob": torch.full((2, 1), -5.0),
         "worst_log_prob": torch.full((2, 1), -2.0),
+        "uniform_log_prob": torch.full((2, 1), -1.0),
         "reward": torch.zeros(2, 1),
         "reward_is_zero": torch.ones(2, 1),
         "terminal": torch.full((2, 1), 0.01),

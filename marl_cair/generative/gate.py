@@ -157,18 +157,20 @@ def _require_like(what: str, value: float, real: float, factor: float) -> list[s
 def tune_acceptance(held: HeldOut, config: GateConfig) -> Acceptance:
     """Bounds from held-out real rows: each likelihood test turns away a share `tail` of them.
 
-    With fewer than `min_terminals` real ends (`min_rare_rows` rare rewards) it cannot be told
-    whether the generator knows them; rows that have them are then not made.
+    With fewer than `min_terminals` real ends (`min_rare_rows` rare rewards) that are not in doubt
+    it cannot be told whether the generator knows them; rows that have them are then not made.
     """
     opinions = held.opinions
+    known = ~find_doubtful_ends(held.rare_opinions.terminal, config.certain_terminal)
+    ends = held.rare_rows["next", "terminated"].squeeze(-1)
     spread = config.max_reward_spread * float(held.rows["next", "reward"].std(correction=0))
     return Acceptance(
         min_log_prob=_find_lower_quantile(opinions.log_prob.amin(0), config.tail),
         min_worst_log_prob=_find_lower_quantile(opinions.worst_log_prob.mean(0), config.tail),
         max_reward_spread=max(spread, config.max_reward_mae_if_constant),
         certain_terminal=config.certain_terminal,
-        may_end=int(held.rare_rows["next", "terminated"].sum()) >= config.min_terminals,
-        may_be_rare=held.rare_rows.shape[0] >= config.min_rare_rows,
+        may_end=int((ends & known).sum()) >= config.min_terminals,
+        may_be_rare=int(known.sum()) >= config.min_rare_rows,
     )
 
 
@@ -192,9 +194,7 @@ def find_refusals(
         "unlikely_state": ~(opinions.log_prob.amin(0) >= acceptance.min_log_prob),
         "unlikely_cell": ~(opinions.worst_log_prob.mean(0) >= acceptance.min_worst_log_prob),
         "reward_disagreement": ~(spread <= acceptance.max_reward_spread),
-        "terminal_disagreement": find_doubtful_ends(
-            opinions.terminal, acceptance.certain_terminal
-        ),
+        "terminal_disagreement": find_doubtful_ends(opinions.terminal, acceptance.certain_terminal),
         "untested_end": ends.any(0) & ~torch.tensor(acceptance.may_end),
         "untested_reward": rare,
     }

@@ -105,7 +105,8 @@ class OutcomeHeads(nn.Module):
         # Bins are coarse for rewards of a thousandth of a win, which are sums over what changed.
         self.fine = nn.Linear(hidden + 2 * self.readout.num_sums, 1)
         nn.init.zeros_(self.fine.weight)
-        self.register_buffer("reward_std", torch.zeros(()))  # of what was learned from
+        nn.init.zeros_(self.fine.bias)
+        self.register_buffer("reward_std", torch.ones(()))  # of the rewards learned from
         self.kind = nn.Linear(hidden, kinds)
         self.keep = nn.Parameter(torch.full((kinds,), 2.0))  # the copy gate: now legal, still legal
         self.from_board = nn.Linear(size.channels, num_named) if num_named else None

@@ -182,7 +182,7 @@ class GateConfig:
     min_rare_rows: int = 10  # rare rewards: the same rule as for ends
     min_rare_recall: float = 0.6  # members agree on missing rewards, so agreement cannot show it
     min_mask_accuracy: float = 0.98  # of entries: a wrong entry shifts a max over many actions
-    slack_when_open: float = 0.7  # of the two recalls and the explained share, which scatter by 0.1
+    slack_when_open: float = 0.7  # of shares found or explained, which scatter by 0.1
     evaluation_rows: int = 512  # held-out rows measured at a time; half tune the acceptance
     tail: float = 0.03  # share of real rows that each likelihood test may turn away
     max_reward_spread: float = 1.0  # of members, in standard deviations of real rewards
@@ -205,7 +205,8 @@ class GateConfig:
         return replace(
             self,
             min_reward_explained=self.slack_when_open * self.min_reward_explained,
-            min_terminal_recall=self.slack_when_open * self.min_terminal_recall,
+            max_terminal_overlooked=1.0
+            - self.slack_when_open * (1.0 - self.max_terminal_overlooked),
             min_rare_recall=self.slack_when_open * self.min_rare_recall,
         )
 

@@ -19,7 +19,7 @@ class RareCorrection(NamedTuple):
 
     row_weights: Tensor  # [N], true density over batch density, for the next-state heads
     reward_log_odds: Tensor  # [bins], log(share in batch / true share), added to logits in training
-    reward_variance: float  # of real rewards that do not end the episode
+    reward_variance: float  # of real rewards
     terminal_log_odds: float  # the same for ends: log odds in batch - true log odds
 
 
@@ -56,9 +56,8 @@ def find_losses(
         "economy": (economy_nll * correction.row_weights).mean(),
         "cells": (cell_nll * correction.row_weights).mean(),
         "reward": functional.cross_entropy(reward_logits, reward_target),
-        # Shaped rewards are far smaller than a win: cross entropy hardly feels their mean. A win's
-        # own error would outweigh them all.
-        "reward_mean": (reward_error.square() * correction.row_weights * (1.0 - terminated)).mean()
+        # Shaped rewards are far smaller than a win: cross entropy hardly feels their mean.
+        "reward_mean": (reward_error.square() * correction.row_weights).mean()
         / correction.reward_variance,
         "terminal": functional.binary_cross_entropy_with_logits(terminal_logits, terminated),
         "mask": (mask_nll * (1.0 - terminated)).mean() * MASK_WEIGHT,

@@ -42,9 +42,8 @@ class RareCounts:
         spread = self.bins.spread(rewards).double()
         self.all_rewards += spread.sum(0)
         self.num_rows += rewards.numel()
-        going_on = rewards[~ends].double()
-        self.sum_reward += float(going_on.sum())
-        self.sum_square += float(going_on.square().sum())
+        self.sum_reward += float(rewards.double().sum())
+        self.sum_square += float(rewards.double().square().sum())
         self.all_ends += float(ends.sum())
         rare: Tensor = ends | self.is_rare_reward(rewards)
         self.rare_rewards += spread[rare].sum(0)
@@ -75,9 +74,8 @@ class RareCounts:
         true_end = (self.all_ends + 0.5) / (self.num_rows + 1.0)
         rare_end = (self.rare_ends + 0.5) / (self.num_rare + 1.0)
         drawn_end = (1.0 - share) * true_end + share * rare_end
-        num_going_on = max(self.num_rows - self.all_ends, 1.0)
-        mean = self.sum_reward / num_going_on
-        variance = max(self.sum_square / num_going_on - mean**2, MIN_VARIANCE)
+        mean = self.sum_reward / max(self.num_rows, 1.0)
+        variance = max(self.sum_square / max(self.num_rows, 1.0) - mean**2, MIN_VARIANCE)
         terminal = torch.tensor([drawn_end, true_end]).clamp(1e-6, 1.0 - 1e-6).logit()
         shift = float(terminal[0] - terminal[1])
         return RareCorrection(weights, log_odds.float(), variance, shift)

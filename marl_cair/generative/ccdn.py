@@ -27,10 +27,12 @@ from marl_cair.generative.cells import (
 )
 from marl_cair.generative.economy import EconomyChain, ScalarTables, apply_changes
 from marl_cair.generative.outcome import Outcome, OutcomeHeads, OutcomeInput, RewardBins
-from marl_cair.generative.readout import SUM_UNIT, flatten_board
+from marl_cair.generative.readout import NearReadout, flatten_board, SUM_UNIT
 from marl_cair.generative.settings import NO_CELL, GeneratorSpec, NetworkSize
+from marl_cair.generative.steps import StepTable
 
 READOUT_CHANNELS = 8
+NEAR_UNIT = 0.5  # what one cell counts for in a sum: one arrival is an event
 COPY_BIAS = 3.0  # logit of "keeps its value" before training: almost every cell does
 
 
@@ -39,6 +41,7 @@ class Encoding(NamedTuple):
 
     board: Tensor  # [N, H, W, F]
     context: Tensor  # [N, D]
+    outlook: Tensor  # [N, D + E], the context, and sums of what stands near what, for the economy
     things: Tensor  # float32 [N, H * W, S], the spatial planes now, 0..1
     planes: Tensor  # uint8 [N, P, H, W], the moving planes now
     scalars: Tensor  # uint8 [N, U] now
@@ -86,9 +89,12 @@ class CCDN(nn.Module):
         self.readout = nn.Linear(READOUT_CHANNELS * spec.num_rows * spec.num_columns, hidden)
         # Heads.
         num_context = 2 * channels + 2 * hidden
-        self.economy = EconomyChain(num_context, uniform, size.economy_hidden)
+        self.near = NearReadout(spec.num_spatial, spec.num_rows, size.near_factors)
+        num_outlook = num_context + self.near.num_sums
+        self.economy = EconomyChain(num_outlook, uniform, size.economy_hidden)
         self.film_economy = nn.Linear(size.economy_hidden, 2 * channels)
-        self.outputs_per_cell = count_outputs(len(size.shifts))
+        self.steps = StepTable(len(spec.moving_planes), size.steps)
+        self.outputs_per_cell = count_outputs(len(size.shifts), size.steps)
         self.cell_head = nn.Linear(channels, len(spec.moving_planes) * self.outputs_per_cell)
         # What was bought is known for the whole board, where it appears only for each place: added
         # as logits, the two make "this kind, here" without a channel for each pair.
@@ -128,7 +134,13 @@ class CCDN(nn.Module):
         board = second * (1.0 + film[2]) + film[3]
         places = functional.relu(self.readout(functional.relu(self.narrow(board)).flatten(1)))
         context = torch.cat([_pool(board), places, means], -1)
-        return Encoding(board, context, things, spatial[:, self.moving], scalars)
+        outlook = torch.cat([context, self.near(things) * NEAR_UNIT], -1)
+        return Encoding(board, context, outlook, things, spatial[:, self.moving], scalars)
+
+    def count_steps(self, observation: Tensor, following: Tensor) -> None:
+        """Take note of the steps that values take in real transitions."""
+        moving = self.moving
+        self.steps.count(observation[:, moving], following[:, moving], self.size.shifts)
 
     def split(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Spatial planes [N, S, H, W] and scalars [N, U] of an observation."""
@@ -164,14 +176,16 @@ class CCDN(nn.Module):
         if places is None:
             outputs = self.cell_head(features).view(num, area, -1) + of_planes[:, None]
             outputs = outputs.view(num, area, -1, planes).permute(2, 0, 3, 1)
-            candidates = gather_candidates(encoding.planes, shifts)
+            candidates = gather_candidates(encoding.planes, shifts, None, self.steps.results)
         else:
             image, place = places // area, places % area
             outputs = self.cell_head(features.index_select(0, places))
             outputs = outputs + of_planes.index_select(0, image)
             outputs = outputs.view(places.numel(), -1, planes).transpose(0, 1)
             flat = (image[:, None] * planes + torch.arange(planes)) * area + place[:, None]
-            candidates = gather_candidates(encoding.planes, shifts, flat.flatten())
+            candidates = gather_candidates(
+                encoding.planes, shifts, flat.flatten(), self.steps.results
+            )
         return build_distribution(outputs.reshape(self.outputs_per_cell, -1), candidates)
 
     def judge(self, encoding: Encoding, state: NextState, action_mask: Tensor) -> Outcome:
@@ -194,7 +208,7 @@ class CCDN(nn.Module):
     ) -> Tensor:
         """Next observations uint8 [N, C, H, W]: sampled, or the likeliest without a generator."""
         encoding = self.encode(observation, action)
-        changes = self.economy.decode(encoding.context, encoding.scalars, generator)
+        changes = self.economy.decode(encoding.outlook, encoding.scalars, generator)
         board = self.reveal_economy(encoding, changes)
         cells = self.find_cells(encoding, changes, board)
         planes = self._decode_planes(encoding, cells, generator)

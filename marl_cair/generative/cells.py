@@ -1,8 +1,9 @@
 """The distribution of one cell's next value: copies of values near it, or a discretised logistic.
 
-A cell of a plane keeps its value, takes that of a neighbour (things walk), empties, fills, or takes
-a new value (damage). So its next value is a mixture of point masses at the candidate values
-[own, neighbours..., 0, 255] and one logistic that is rounded to 0..255. Copying is thus exact and a
+A cell of a plane keeps its value, takes that of a neighbour (things walk), takes a step that is
+usual in its plane (`steps.py`), empties, fills, or takes a new value (damage). So its next value is
+a mixture of point masses at the candidate values [own, neighbours..., steps..., 0, 255] and one
+logistic that is rounded to 0..255. Copying is thus exact and a
 moved thing keeps its exact value (the copy gate of CCDN v2, extended to neighbours).
 """
 
@@ -37,9 +38,9 @@ class CellDistribution(NamedTuple):
         return CellDistribution(*(part[..., chosen] for part in self))
 
 
-def count_outputs(num_shifts: int) -> int:
+def count_outputs(num_shifts: int, num_steps: int = 0) -> int:
     """How many network outputs one cell of one plane takes: weights, mean, log scale."""
-    return num_shifts + 3 + 1 + 2
+    return num_shifts + num_steps + 3 + 1 + 2
 
 
 def build_distribution(outputs: Tensor, candidates: Tensor) -> CellDistribution:
@@ -56,20 +57,35 @@ def build_distribution(outputs: Tensor, candidates: Tensor) -> CellDistribution:
 
 
 def gather_candidates(
-    planes: Tensor, shifts: tuple[tuple[int, int], ...], flat: Tensor | None = None
+    planes: Tensor,
+    shifts: tuple[tuple[int, int], ...],
+    flat: Tensor | None = None,
+    steps: Tensor | None = None,
 ) -> Tensor:
-    """Candidate values of cells: [own, one per shift, 0, 255], beyond the board 0.
+    """Candidate values of cells: [own, one per shift, one per step, 0, 255], beyond the board 0.
 
     planes: uint8 [N, P, H, W]; flat: int64 [M] into its N*P*H*W cells, None for all.
-    Returns float32 [K, M]. Shift (dr, dc) gives the value that stands at (row - dr, column - dc).
+    steps: uint8 [P, K + 1, 256], results of K steps of the own value, and of one that values take
+        which come from a neighbour (`StepTable.results`).
+    Returns float32 [K', M]. Shift (dr, dc) gives the value from (row - dr, column - dc).
     """
     rows, columns = planes.shape[2:]
+    own = planes.flatten() if flat is None else planes.flatten()[flat]
+    stepped: list[Tensor] = []
+    coming = planes
+    if steps is not None:
+        first = torch.arange(steps.shape[0])[:, None, None] * steps[0].numel()
+        results = steps.flatten()
+        now = planes + first
+        coming = results[now + (steps.shape[1] - 1) * steps.shape[2]]
+        chosen = now.flatten() if flat is None else now.flatten()[flat]
+        stepped = [results[chosen + k * steps.shape[2]] for k in range(steps.shape[1] - 1)]
     reach = max((max(abs(dr), abs(dc)) for dr, dc in shifts), default=0)
-    padded = functional.pad(planes, (reach, reach, reach, reach))
+    padded = functional.pad(coming, (reach, reach, reach, reach))
     if flat is None:
         near = [
             padded[..., reach - dr : reach - dr + rows, reach - dc : reach - dc + columns].flatten()
-            for dr, dc in ((0, 0), *shifts)
+            for dr, dc in shifts
         ]
     else:
         wide = columns + 2 * reach
@@ -77,9 +93,9 @@ def gather_candidates(
         row, image = line % rows, line // rows
         start = (image * (rows + 2 * reach) + row + reach) * wide + column + reach
         values = padded.flatten()
-        near = [values[start - (dr * wide + dc)] for dr, dc in ((0, 0), *shifts)]
-    ends = [torch.full_like(near[0], 0), torch.full_like(near[0], 255)]
-    return torch.stack([*near, *ends]).float()
+        near = [values[start - (dr * wide + dc)] for dr, dc in shifts]
+    ends = [torch.full_like(own, 0), torch.full_like(own, 255)]
+    return torch.stack([own, *near, *stepped, *ends]).float()
 
 
 def find_log_prob(cells: CellDistribution, values: Tensor) -> Tensor:

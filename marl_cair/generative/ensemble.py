@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any, NamedTuple
 
 import torch
@@ -15,6 +16,7 @@ from marl_cair.generative.loss import RareCorrection, find_losses
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 
 SEED_STRIDE = 1_000_003  # members' seeds lie apart, also for neighbouring generator seeds
+MIN_AVERAGE_SHARE = 0.005  # of the newest weights in the average
 CHUNK_ROWS = 16  # of boards at a time: what is computed for each cell then stays in the cache
 
 
@@ -46,6 +48,9 @@ class Ensemble:
             torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
             for network in self.members
         ]
+        # Opinions and proposals come from moving averages of the weights: at a constant learning
+        # rate they are as good as the members themselves with several times the updates.
+        self.averages = copy.deepcopy(self.members)
         self.num_updates = 0
 
     def train(
@@ -57,6 +62,8 @@ class Ensemble:
         stride = self.config.quiet_stride
         offset = int(torch.randint(stride, (), generator=generator))
         network.outcome.reward_std.fill_(correction.reward_variance**0.5)
+        some = rows[::2]
+        network.count_steps(some["observation"], some["next", "observation"])
         losses = find_losses(network, rows, correction, stride, offset)
         total = torch.stack(list(losses.values())).sum()
         optimizer.zero_grad(set_to_none=True)
@@ -65,12 +72,22 @@ class Ensemble:
         # One bad batch must not turn every weight into NaN for the rest of the run.
         if bool(torch.isfinite(norm)):
             optimizer.step()
+        self._average(member)
         self.num_updates += 1
         return {
             **{name: float(loss.detach()) for name, loss in losses.items()},
             "total": float(total.detach()),
             "grad_norm": float(norm),
         }
+
+    @torch.no_grad()
+    def _average(self, member: int) -> None:
+        """Move the average towards the member; it spans about an eighth of all its updates."""
+        share = max(MIN_AVERAGE_SHARE, 9.0 / (self.num_updates // len(self.members) + 9.0))
+        average, network = self.averages[member], self.members[member]
+        torch._foreach_lerp_(list(average.parameters()), list(network.parameters()), share)
+        for target, source in zip(average.buffers(), network.buffers(), strict=True):
+            target.copy_(source)
 
     @torch.no_grad()
     def propose(
@@ -81,7 +98,7 @@ class Ensemble:
         Sampled, or the likeliest where `generator` is None.
         """
         following = torch.empty_like(observation)
-        for member, network in enumerate(self.members):
+        for member, network in enumerate(self.averages):
             places = torch.arange(observation.shape[0])[member :: len(self.members)]
             for part in torch.split(places, CHUNK_ROWS):
                 if part.numel():
@@ -92,7 +109,7 @@ class Ensemble:
     def ask(self, rows: TensorDict) -> Opinions:
         """Every member's opinion of every row, given its next observation."""
         opinions = []
-        for network in self.members:
+        for network in self.averages:
             answers = [_ask_member(network, part) for part in _split(rows)]
             opinions.append([torch.cat(part) for part in zip(*answers, strict=True)])
         return Opinions(*(torch.stack(part) for part in zip(*opinions, strict=True)))
@@ -100,6 +117,7 @@ class Ensemble:
     def state_dict(self) -> dict[str, Any]:
         return {
             "members": [network.state_dict() for network in self.members],
+            "averages": [network.state_dict() for network in self.averages],
             "optimizers": [optimizer.state_dict() for optimizer in self.optimizers],
             "num_updates": self.num_updates,
         }
@@ -112,6 +130,8 @@ class Ensemble:
                 f"{len(self.members)}: resume with num_members of the saved run"
             )
         for network, saved in zip(self.members, state["members"], strict=True):
+            network.load_state_dict(saved)
+        for network, saved in zip(self.averages, state["averages"], strict=True):
             network.load_state_dict(saved)
         for optimizer, saved in zip(self.optimizers, state["optimizers"], strict=True):
             optimizer.load_state_dict(saved)
@@ -128,7 +148,7 @@ def _ask_member(network: CCDN, rows: TensorDict) -> tuple[Tensor, ...]:
     encoding = network.encode(rows["observation"], rows["action"])
     _, later = network.split(following)
     changes = find_changes(encoding.scalars, later)
-    economy = network.economy.find_log_prob(encoding.context, encoding.scalars, changes)
+    economy = network.economy.find_log_prob(encoding.outlook, encoding.scalars, changes)
     board = network.reveal_economy(encoding, changes)
     state = NextState(following, changes, board)
     cells = _find_cell_log_probs(network, encoding, state)

@@ -35,7 +35,7 @@ def find_losses(
     encoding = network.encode(observation, rows["action"])
     _, later = network.split(following)
     changes = find_changes(encoding.scalars, later)
-    economy_nll = -network.economy.find_log_prob(encoding.context, encoding.scalars, changes).sum(
+    economy_nll = -network.economy.find_log_prob(encoding.outlook, encoding.scalars, changes).sum(
         -1
     )
     board = network.reveal_economy(encoding, changes)

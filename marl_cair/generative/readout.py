@@ -47,6 +47,29 @@ class BoardReadout(nn.Module):
         return BoardFeatures(functional.relu(self.leave(first)), sums)
 
 
+class NearReadout(nn.Module):
+    """Boards float32 [N, H * W, S] -> sums [N, D] over the cells of what stands near what.
+
+    As the sums of `BoardReadout`, but the learned features also see the largest values within one
+    and two cells: a carrier that will be at its hall in a step is a product of such planes.
+    """
+
+    def __init__(self, num_spatial: int, num_rows: int, num_factors: int) -> None:
+        super().__init__()
+        self.num_rows = num_rows
+        self.num_sums = num_factors * num_spatial
+        self.enter = nn.Linear(3 * num_spatial, num_factors)
+
+    def forward(self, board: Tensor) -> Tensor:
+        num, area, planes = board.shape
+        image = board.view(num, self.num_rows, area // self.num_rows, planes).permute(0, 3, 1, 2)
+        beside = functional.max_pool2d(image, 3, 1, 1)
+        around = functional.max_pool2d(beside, 3, 1, 1)
+        near = [pooled.permute(0, 2, 3, 1).reshape(num, area, planes) for pooled in (beside, around)]
+        factors = functional.relu(self.enter(torch.cat([board, *near], -1)))
+        return (factors.transpose(1, 2) @ board).flatten(1)
+
+
 def compare(now: BoardFeatures, later: BoardFeatures) -> Tensor:
     """Features [N, 2 D] of a transition: what stands there later, and what has changed."""
     return torch.cat([later.sums * SUM_UNIT, (later.sums - now.sums) * CHANGE_UNIT], -1)

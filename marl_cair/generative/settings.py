@@ -145,6 +145,7 @@ class NetworkSize:
     hidden: int = 64  # of the context and the outcome heads
     readout: int = 24  # learned features of each cell that the outcome heads see
     factors: int = 12  # of these, whose products with all planes are summed over the board
+    near_factors: int = 8  # features of each cell and its neighbourhood that the economy sees
     economy_hidden: int = 32  # for each uniform plane
     table_width: int = 8  # learned numbers for each value of each uniform plane
     action_embedding: int = 16  # learned numbers for each action
@@ -154,7 +155,12 @@ class NetworkSize:
         (0, -1),
         (1, 0),
         (-1, 0),
+        (1, 1),
+        (1, -1),
+        (-1, 1),
+        (-1, -1),
     )
+    steps: int = 6  # of each plane's own values that are candidates, the commonest ones
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,114 @@
+"""Which exact steps the values of a plane take: a bar fills by 26, what is mined loses 1 or 2.
+
+A network that must regress such a step needs long to hit it exactly, so the steps are counted, and
+their results are candidates of the cells' mixture; when each is taken is learned.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+NUM_VALUES = 256
+NUM_DIFFERENCES = 2 * NUM_VALUES - 1
+SMALLEST_ROUNDED = 8  # steps from here on may differ by 1 from value to value (25.5 of a clock)
+MIN_COUNT = 3  # of a step, before it gets a slot
+
+
+class StepTable(nn.Module):
+    """Counts steps, and keeps the commonest of each plane in slots.
+
+    The last slot is for what comes from a neighbouring cell (a walker's progress starts anew). A
+    slot changes hands only for a step that is seen more than twice as often: its network output
+    has learned when this step is taken.
+    """
+
+    seen: Tensor  # int64 [2, P, differences], steps in place and on arrival
+    slots: Tensor  # int64 [P, K + 1], 0 where empty
+    rounding: Tensor  # int64 [P, K + 1, 256, 3], how far results lie from the slot's step
+    results: Tensor  # uint8 [P, K + 1, 256], the value after the step; 0 stays 0
+
+    def __init__(self, num_planes: int, num_steps: int) -> None:
+        super().__init__()
+        self.num_planes, self.num_steps = num_planes, num_steps
+        self.register_buffer("seen", torch.zeros(2, num_planes, NUM_DIFFERENCES).long())
+        self.register_buffer("slots", torch.zeros(num_planes, num_steps + 1).long())
+        self.register_buffer("rounding", torch.zeros(num_planes, num_steps + 1, 256, 3).long())
+        values = torch.arange(NUM_VALUES).to(torch.uint8)
+        self.register_buffer("results", values.repeat(num_planes, num_steps + 1, 1))
+        steps = torch.arange(NUM_DIFFERENCES) - (NUM_VALUES - 1)
+        self.register_buffer("is_rounded", steps.abs() >= SMALLEST_ROUNDED, persistent=False)
+
+    is_rounded: Tensor
+
+    @torch.no_grad()
+    def count(self, planes: Tensor, later: Tensor, shifts: tuple[tuple[int, int], ...]) -> None:
+        """Count the steps between boards uint8 [N, P, H, W]."""
+        image, plane, row, column = ((planes != later) & (later > 0)).nonzero().T
+        own, value = planes[image, plane, row, column].long(), later[image, plane, row, column]
+        value = value.long()
+        stays = own > 0
+        moves = [(plane[stays], own[stays], value[stays])]
+        reach = max((max(abs(dr), abs(dc)) for dr, dc in shifts), default=0)
+        padded = functional.pad(planes, (reach, reach, reach, reach))
+        image, plane, row, column = (part[~stays] for part in (image, plane, row, column))
+        arrived: list[tuple[Tensor, Tensor, Tensor]] = []
+        for dr, dc in shifts:
+            near = padded[image, plane, row + reach - dr, column + reach - dc].long()
+            found = near > 0
+            arrived.append((plane[found], near[found], value[~stays][found]))
+        if arrived:
+            moves.append(tuple(torch.cat(part) for part in zip(*arrived, strict=True)))  # type: ignore[arg-type]
+        for kind, (of_plane, before, after) in enumerate(moves):
+            places = of_plane * NUM_DIFFERENCES + after - before + NUM_VALUES - 1
+            length = self.num_planes * NUM_DIFFERENCES
+            self.seen[kind] += torch.bincount(places, minlength=length).view(self.num_planes, -1)
+        self._fill_slots(self.seen[0], slice(0, self.num_steps))
+        if arrived:
+            self._fill_slots(self.seen[1], slice(self.num_steps, None))
+        for kind, (of_plane, before, after) in enumerate(moves):
+            which = slice(0, self.num_steps) if kind == 0 else slice(self.num_steps, None)
+            self._count_rounding(of_plane, before, after, which)
+        self._find_results()
+
+    def _fill_slots(self, seen: Tensor, which: slice) -> None:
+        slots = self.slots[:, which]
+        if not slots.shape[1]:
+            return
+        near = 2 * seen  # so that the middle of three wins
+        near[:, 1:] += seen[:, :-1]
+        near[:, :-1] += seen[:, 1:]
+        counts = torch.where(self.is_rounded, near, 2 * seen)
+        places = slots + NUM_VALUES - 1
+        of_slots = counts.gather(1, places)
+        if not which.start:  # on arrival an empty slot stands for the value as it was
+            of_slots = of_slots.masked_fill(slots == 0, 0)
+        # What a slot stands for already, rounded or not, is no newcomer.
+        for offset in (-2, -1, 0, 1, 2):
+            beside = (places + offset).clamp(0, NUM_DIFFERENCES - 1)
+            covered = self.is_rounded[places] | (offset == 0)
+            counts = counts.scatter(1, beside, counts.gather(1, beside).masked_fill(covered, 0))
+        best, step = counts.max(1)
+        weakest, slot = of_slots.min(1)
+        wins = (best > 2 * weakest) & (best >= 2 * MIN_COUNT)
+        planes = wins.nonzero().squeeze(-1)
+        slot = slot[planes] + which.start
+        self.slots[planes, slot] = step[planes] - (NUM_VALUES - 1)
+        self.rounding[planes, slot] = 0
+
+    def _count_rounding(self, plane: Tensor, before: Tensor, after: Tensor, which: slice) -> None:
+        steps = self.slots[:, which][plane]
+        off = (after - before)[:, None] - steps
+        row, slot = ((off.abs() <= 1) & (steps.abs() >= SMALLEST_ROUNDED)).nonzero().T
+        place = plane[row], slot + (which.start or 0), before[row], off[row, slot] + 1
+        self.rounding.index_put_(place, torch.ones_like(row), accumulate=True)
+
+    def _find_results(self) -> None:
+        values = torch.arange(NUM_VALUES)
+        below, exact, above = self.rounding.unbind(-1)
+        best = torch.where(below > torch.maximum(exact, above), -1, (above > exact).long())
+        results = (values + self.slots[..., None] + best).clamp(0, NUM_VALUES - 1)
+        results = torch.where(self.slots[..., None] == 0, values, results)
+        results[..., 0] = 0
+        self.results.copy_(results)

@@ -32,7 +32,6 @@ from marl_cair.generative.settings import NO_CELL, GeneratorSpec, NetworkSize
 from marl_cair.generative.steps import StepTable
 
 READOUT_CHANNELS = 8
-NEAR_UNIT = 0.5  # what one cell counts for in a sum: one arrival is an event
 COPY_BIAS = 3.0  # logit of "keeps its value" before training: almost every cell does
 
 
@@ -41,7 +40,7 @@ class Encoding(NamedTuple):
 
     board: Tensor  # [N, H, W, F]
     context: Tensor  # [N, D]
-    outlook: Tensor  # [N, D + E], the context, and sums of what stands near what, for the economy
+    outlook: Tensor  # [N, E], what the economy depends on, without the pooled trunk's large sums
     things: Tensor  # float32 [N, H * W, S], the spatial planes now, 0..1
     planes: Tensor  # uint8 [N, P, H, W], the moving planes now
     scalars: Tensor  # uint8 [N, U] now
@@ -90,7 +89,7 @@ class CCDN(nn.Module):
         # Heads.
         num_context = 2 * channels + 2 * hidden
         self.near = NearReadout(spec.num_spatial, spec.num_rows, size.near_factors)
-        num_outlook = num_context + self.near.num_sums
+        num_outlook = 2 * hidden + self.near.num_sums
         self.economy = EconomyChain(num_outlook, uniform, size.economy_hidden)
         self.film_economy = nn.Linear(size.economy_hidden, 2 * channels)
         self.steps = StepTable(len(spec.moving_planes), size.steps)
@@ -134,7 +133,7 @@ class CCDN(nn.Module):
         board = second * (1.0 + film[2]) + film[3]
         places = functional.relu(self.readout(functional.relu(self.narrow(board)).flatten(1)))
         context = torch.cat([_pool(board), places, means], -1)
-        outlook = torch.cat([context, self.near(things) * NEAR_UNIT], -1)
+        outlook = torch.cat([places, means, self.near(things)], -1)
         return Encoding(board, context, outlook, things, spatial[:, self.moving], scalars)
 
     def count_steps(self, observation: Tensor, following: Tensor) -> None:

@@ -45,7 +45,7 @@ class Ensemble:
                 torch.manual_seed(config.seed + SEED_STRIDE * (member + 1))
                 self.members.append(CCDN(spec, config.size))
         self.optimizers = [
-            torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
+            torch.optim.Adam(_group_parameters(network, config), fused=True)
             for network in self.members
         ]
         # Opinions and proposals come from moving averages of the weights: at a constant learning
@@ -136,6 +136,18 @@ class Ensemble:
         for optimizer, saved in zip(self.optimizers, state["optimizers"], strict=True):
             optimizer.load_state_dict(saved)
         self.num_updates = state["num_updates"]
+
+
+def _group_parameters(network: CCDN, config: GeneratorConfig) -> list[dict[str, Any]]:
+    economy = [*network.near.parameters(), *network.economy.parameters()]
+    # The cells' heads read the embedded changes as well.
+    economy = [part for part in economy if part is not network.economy.change_weight]
+    chosen = {id(parameter) for parameter in economy}
+    others = [parameter for parameter in network.parameters() if id(parameter) not in chosen]
+    return [
+        {"params": others, "lr": config.learning_rate},
+        {"params": economy, "lr": config.economy_learning_rate},
+    ]
 
 
 def _split(rows: TensorDict) -> list[TensorDict]:

@@ -67,7 +67,8 @@ class NearReadout(nn.Module):
         around = functional.max_pool2d(beside, 3, 1, 1)
         near = [pooled.permute(0, 2, 3, 1).reshape(num, area, planes) for pooled in (beside, around)]
         factors = functional.relu(self.enter(torch.cat([board, *near], -1)))
-        return (factors.transpose(1, 2) @ board).flatten(1)
+        # One arrival must count beside hundreds of cells of ground.
+        return (factors.transpose(1, 2) @ board).flatten(1).log1p()
 
 
 def compare(now: BoardFeatures, later: BoardFeatures) -> Tensor:

@@ -223,6 +223,7 @@ class GeneratorConfig:
 
     num_members: int = 3  # independently seeded networks; 1 leaves nothing to disagree
     learning_rate: float = 3e-3  # of Adam
+    economy_learning_rate: float = 1e-2  # its features are counts, which seldom differ from 0
     max_grad_norm: float = 100.0  # far above the usual: clipping every step would bias odds
     rare_share: float = 0.25  # of each training batch: rows with a rare reward or an end
     rare_bin_share: float = 0.02  # a reward is rare if its bin holds less than this of all rows

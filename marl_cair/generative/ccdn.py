@@ -27,7 +27,7 @@ from marl_cair.generative.cells import (
 )
 from marl_cair.generative.economy import EconomyChain, ScalarTables, apply_changes
 from marl_cair.generative.outcome import Outcome, OutcomeHeads, OutcomeInput, RewardBins
-from marl_cair.generative.readout import NearReadout, flatten_board, SUM_UNIT
+from marl_cair.generative.readout import SUM_UNIT, NearReadout, flatten_board
 from marl_cair.generative.settings import NO_CELL, GeneratorSpec, NetworkSize
 from marl_cair.generative.steps import StepTable
 

@@ -16,6 +16,7 @@ from marl_cair.generative.loss import RareCorrection, find_losses
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 
 SEED_STRIDE = 1_000_003  # members' seeds lie apart, also for neighbouring generator seeds
+WARMUP_UPDATES = 30  # of each member
 MIN_AVERAGE_SHARE = 0.005  # of the newest weights in the average
 CHUNK_ROWS = 16  # of boards at a time: what is computed for each cell then stays in the cache
 
@@ -69,6 +70,10 @@ class Ensemble:
         optimizer.zero_grad(set_to_none=True)
         torch.autograd.backward(total)
         norm = nn.utils.clip_grad_norm_(network.parameters(), self.config.max_grad_norm)
+        # Full steps from the first one on leave some members with a trunk of dead channels.
+        warm = min(1.0, (self.num_updates // len(self.members) + 1) / WARMUP_UPDATES)
+        for group in optimizer.param_groups:
+            group["lr"] = warm * group["peak"]
         # One bad batch must not turn every weight into NaN for the rest of the run.
         if bool(torch.isfinite(norm)):
             optimizer.step()
@@ -143,10 +148,11 @@ def _group_parameters(network: CCDN, config: GeneratorConfig) -> list[dict[str, 
     # The cells' heads read the embedded changes as well.
     economy = [part for part in economy if part is not network.economy.change_weight]
     chosen = {id(parameter) for parameter in economy}
+    rate = config.economy_learning_rate
     others = [parameter for parameter in network.parameters() if id(parameter) not in chosen]
     return [
-        {"params": others, "lr": config.learning_rate},
-        {"params": economy, "lr": config.economy_learning_rate},
+        {"params": others, "lr": config.learning_rate, "peak": config.learning_rate},
+        {"params": economy, "lr": rate, "peak": rate},
     ]
 
 

@@ -47,6 +47,9 @@ def find_losses(
     reward_target = network.bins.spread(rewards)
     reward_logits = outcome.reward + correction.reward_log_odds
     terminal_logits = outcome.terminal + correction.terminal_log_odds
+    reward_square = (reward_error.square() * correction.row_weights).mean()
+    # Before rewards vary their variance is tiny: nothing else would be learned from such batches.
+    reward_scale = (reward_square.detach() / MAX_REWARD_LOSS).clamp_min(correction.reward_variance)
     terminated = rows["next", "terminated"].squeeze(-1).float()
     # A finished world's mask means nothing, so its rows do not teach the mask head.
     mask_nll = functional.binary_cross_entropy_with_logits(
@@ -57,13 +60,13 @@ def find_losses(
         "cells": (cell_nll * correction.row_weights).mean(),
         "reward": functional.cross_entropy(reward_logits, reward_target),
         # Shaped rewards are far smaller than a win: cross entropy hardly feels their mean.
-        "reward_mean": (reward_error.square() * correction.row_weights).mean()
-        / correction.reward_variance,
+        "reward_mean": reward_square / reward_scale,
         "terminal": functional.binary_cross_entropy_with_logits(terminal_logits, terminated),
         "mask": (mask_nll * (1.0 - terminated)).mean() * MASK_WEIGHT,
     }
 
 
+MAX_REWARD_LOSS = 4.0  # of the reward's mean, in variances of real rewards
 MASK_WEIGHT = 20.0  # the mean over actions, scaled to count like a head of its own
 
 

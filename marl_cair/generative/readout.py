@@ -65,7 +65,9 @@ class NearReadout(nn.Module):
         image = board.view(num, self.num_rows, area // self.num_rows, planes).permute(0, 3, 1, 2)
         beside = functional.max_pool2d(image, 3, 1, 1)
         around = functional.max_pool2d(beside, 3, 1, 1)
-        near = [pooled.permute(0, 2, 3, 1).reshape(num, area, planes) for pooled in (beside, around)]
+        near = [
+            pooled.permute(0, 2, 3, 1).reshape(num, area, planes) for pooled in (beside, around)
+        ]
         factors = functional.relu(self.enter(torch.cat([board, *near], -1)))
         # One arrival must count beside hundreds of cells of ground.
         return (factors.transpose(1, 2) @ board).flatten(1).log1p()

@@ -59,7 +59,8 @@ class StepTable(nn.Module):
             found = near > 0
             arrived.append((plane[found], near[found], value[~stays][found]))
         if arrived:
-            moves.append(tuple(torch.cat(part) for part in zip(*arrived, strict=True)))  # type: ignore[arg-type]
+            of_plane, before, after = (torch.cat(part) for part in zip(*arrived, strict=True))
+            moves.append((of_plane, before, after))
         for kind, (of_plane, before, after) in enumerate(moves):
             places = of_plane * NUM_DIFFERENCES + after - before + NUM_VALUES - 1
             length = self.num_planes * NUM_DIFFERENCES

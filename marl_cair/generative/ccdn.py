@@ -1,11 +1,12 @@
 """CCDN v2: the conditional convolution deconvolution network, as a distribution over transitions.
 
-    s, a ── board trunk with FiLM from the action ── pooled ── economy chain: p(scalars' | s, a)
+    s, a ── board trunk with FiLM from the action ── places ── economy chain: p(scalars' | s, a)
                  └── FiLM from scalars' ── cells: p(planes' | s, a, scalars')
                           └── pooled, both boards, scalars' ── reward, end, next action mask
 
 The thesis multiplies a state stream and an action stream, squeezed through one vector; here the
-product is taken at every cell, nothing is squeezed, and what does not change is copied.
+product is taken at every cell, nothing is squeezed, and what does not change is copied. The economy
+does not read the pooled trunk but sums of what stands near what (`readout.NearReadout`).
 """
 
 from __future__ import annotations

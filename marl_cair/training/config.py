@@ -101,6 +101,27 @@ class OpponentSettings:
 
 
 @dataclass(frozen=True)
+class DemonstrationSettings:
+    """Games in which a bot plays the learner's seats, and the learner learns from what it does:
+    deep Q-learning from demonstrations (Hester et al. 2018).
+    """
+
+    bots: tuple[str, ...] = ()  # who shows how to play, one for each such game; (): nobody
+    share: float = 0.25  # of games
+    until_frames: int | None = None  # frames after which no such game begins; None: never
+    margin: float = 0.1  # by which the shown action is to be worth more than any other legal one
+    margin_weight: float = 1.0  # of that loss, beside the TD error's
+
+    def __post_init__(self) -> None:
+        require(0 <= self.share <= 1, "demonstration.share", self.share, "a share in 0..1")
+        frames = self.until_frames
+        require(frames is None or frames >= 0, "demonstration.until_frames", frames, "0 or more")
+        for name in ("margin", "margin_weight"):
+            value = getattr(self, name)
+            require(0 <= value < math.inf, f"demonstration.{name}", value, "0 or more")
+
+
+@dataclass(frozen=True)
 class CollectorSettings:
     """How experience is gathered."""
 
@@ -253,6 +274,7 @@ class TrainConfig:
     game: GameSettings = field(default_factory=GameSettings)
     policy: QNetworkConfig = field(default_factory=QNetworkConfig)
     opponent: OpponentSettings = field(default_factory=OpponentSettings)
+    demonstration: DemonstrationSettings = field(default_factory=DemonstrationSettings)
     collector: CollectorSettings = field(default_factory=CollectorSettings)
     exploration: ExplorationSettings = field(default_factory=ExplorationSettings)
     replay: ReplaySettings = field(default_factory=ReplaySettings)
@@ -276,7 +298,7 @@ class TrainConfig:
         for mixture in (self.opponent.mixture, self.opponent.warmup_mixture):
             for opponent in mixture:
                 find_by_name("opponent", opponent, known)
-        for bot in self.evaluation.bots:
+        for bot in (*self.evaluation.bots, *self.demonstration.bots):
             find_by_name(f"{self.game.name} bot", bot, bots)
 
     def evaluated_scenario(self, name: str) -> Any:

@@ -74,7 +74,7 @@ def find_choices() -> dict[str, list[str]]:
         "game.name": games,
         "game.scenario": scenarios,
         "game.representation": list(shown),
-        "game.reward": ["sparse", "shaped"],
+        "game.reward": list(dict.fromkeys(name for game in GAMES for name in GAMES[game].rewards)),
         "policy.body": list(NETWORKS),
         "policy.head": list(HEADS),
         "learner.target": list(TARGET_UPDATES),

@@ -148,8 +148,14 @@ class Game:
     legal_actions: Callable[..., None]  # (worlds, rules, out [B, P, *action_shape, A], first, last)
     draw: Callable[..., NDArray[np.uint8]]  # (worlds, rules, world, player or None) -> RGB
     bots: Mapping[str, Callable[[Any, GameSpec], Agent]]
+    rewards: Mapping[str, str]  # by name, what each pays; the first rates play
     public_state: Callable[[Any, int], NDArray[np.float32]]  # (worlds, world) -> full state [S]
     gymnasium_prefix: str  # "DeepLineWars" of "marl_cair/DeepLineWars-10x15-v0"
+
+    @property
+    def rated_reward(self) -> str:
+        """The reward that evaluations, matches and leagues use, whatever was learned from."""
+        return next(iter(self.rewards))
 
     def scenario(self, name: str | None = None, **options: Any) -> Any:
         """The named scenario, changed by `options` (fields of the scenario's dataclass).

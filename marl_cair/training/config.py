@@ -39,7 +39,7 @@ class GameSettings:
     name: str = "deep_line_wars"  # which game is learned
     scenario: str = "10x15"  # board and rules
     representation: str = "planes"  # what the learner looks at
-    reward: str = "shaped"  # training reward; evaluation is always sparse
+    reward: str | None = None  # training reward; None: "shaped" where there is one, else the rated
     options: dict[str, Any] = field(default_factory=dict)  # fields of the scenario to change
 
     def __post_init__(self) -> None:
@@ -54,7 +54,7 @@ class GameSettings:
                 f"{self.name} with a method for such actions"
             )
         find_by_name(f"{self.name} representation", self.representation, spec.representations)
-        game.scenario(self.scenario, reward=self.reward)
+        game.scenario(self.scenario, reward=self.learned_reward)
         for name, owner in (("reward", "game.reward"), ("shaping_discount", "learner.gamma")):
             require(
                 name not in self.options,
@@ -62,6 +62,12 @@ class GameSettings:
                 self.options.get(name),
                 f"left out: set {owner}",
             )
+
+    @property
+    def learned_reward(self) -> str:
+        """What the learner is paid by; evaluations always use the game's rated reward."""
+        game = GAMES[self.name]
+        return self.reward or ("shaped" if "shaped" in game.rewards else game.rated_reward)
 
 
 @dataclass(frozen=True)
@@ -229,7 +235,7 @@ class GeneratorSettings:
 
 @dataclass(frozen=True)
 class EvaluationSettings:
-    """Greedy games with sparse reward, while training: against bots, or alone where nobody else
+    """Greedy games with the rated reward, while training: against bots, or alone where nobody else
     plays.
     """
 
@@ -247,7 +253,7 @@ class EvaluationSettings:
             plain = re.fullmatch(r"[\w-]+", name) is not None
             require(plain, "evaluation.scenarios", name, "names of letters, digits, _ and -")
             place = f"evaluation.scenarios.{name}"
-            require("reward" not in options, place, options, "without reward: it is always sparse")
+            require("reward" not in options, place, options, "without reward: the game's own rates")
 
 
 @dataclass(frozen=True)

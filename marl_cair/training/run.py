@@ -112,8 +112,8 @@ class TrainingRun:
             for bot in self.config.opponent.choose_bots(self.game.bots)
         }
         options = dataclasses.asdict(self.scenario)
-        options["reward"] = game.reward
-        if game.reward == "shaped":
+        options["reward"] = game.learned_reward
+        if "shaping_discount" in options:
             options["shaping_discount"] = self.config.learner.gamma
         self.env = BatchedGameEnv(
             game.name,

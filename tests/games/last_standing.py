@@ -232,6 +232,7 @@ GAME = Game(
     step=step,
     legal_actions=legal_actions,
     draw=draw,
+    rewards={"sparse": "+1 win, -1 loss, and what is scored"},
     bots={
         "random": _make_bot("random", None),
         "idle": _make_bot("idle", NOOP),

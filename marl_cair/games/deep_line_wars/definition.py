@@ -23,7 +23,7 @@ from marl_cair.games.deep_line_wars.observation import (
     VECTOR_NAMES,
 )
 from marl_cair.games.deep_line_wars.rulebook import make_rules
-from marl_cair.games.deep_line_wars.scenarios import GYMNASIUM_PREFIX, SCENARIOS, Scenario
+from marl_cair.games.deep_line_wars.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
 from marl_cair.games.deep_line_wars.state import NUM_PLAYERS, World, allocate
 from marl_cair.games.deep_line_wars.tables import NUM_TOWER_KINDS, TOWER_NAMES, UNIT_NAMES
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
@@ -147,6 +147,7 @@ GAME = Game(
     legal_actions=rules.legal_actions,
     draw=rendering.draw,
     bots=MappingProxyType(bots.BOTS),
+    rewards=MappingProxyType(REWARDS),
     public_state=public_state,
     gymnasium_prefix=GYMNASIUM_PREFIX,
 )

@@ -31,7 +31,7 @@ from marl_cair.games.deep_rts.planes import (
     SELECTED,
 )
 from marl_cair.games.deep_rts.rulebook import make_rules
-from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, SCENARIOS, Scenario
+from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
 from marl_cair.games.deep_rts.state import World, allocate
 from marl_cair.games.deep_rts.tables import MAX_PLAYERS, PRODUCT_NAMES, RESOURCE_NAMES
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
@@ -192,6 +192,7 @@ GAME = Game(
     legal_actions=masks.legal_actions,
     draw=rendering.draw,
     bots=MappingProxyType(bots.BOTS),
+    rewards=MappingProxyType(REWARDS),
     public_state=public_state,
     gymnasium_prefix=GYMNASIUM_PREFIX,
 )

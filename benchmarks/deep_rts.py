@@ -27,7 +27,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,6 +64,8 @@ class Workload:
     max_ticks: int = 10_000
     reads: str = ""  # "planes", or "planes and masks"
     num_worlds: int = 512  # fewer where their planes would not fit the processor's caches
+    actions: str = "classic"
+    legal: bool = False  # actions are drawn from the masks, at each tick; else drawn beforehand
 
     def make_engine(self, num_worlds: int) -> BatchedEngine:
         """The worlds."""
@@ -73,7 +77,7 @@ class Workload:
             num_players=self.num_players,
             preset=self.preset,
             max_ticks=self.max_ticks,
-            actions="classic",
+            actions=self.actions,
             ticks_per_step=1,
         )
 
@@ -94,15 +98,44 @@ WORKLOADS = (
 )
 
 
+def make_draw_legal() -> Callable[..., None]:
+    """`draw(mask bool [B, P, A], draws float [B, P], out [B, P])`: each seat's random legal action.
+
+    Each draw in [0, 1) chooses among that seat's legal actions, all equally likely.
+    """
+
+    @numba.njit
+    def draw(mask: NDArray[Any], draws: NDArray[Any], out: NDArray[Any]) -> None:
+        for world, seat in np.ndindex(draws.shape):
+            legal = mask[world, seat]
+            found = 0
+            for action in range(len(legal)):
+                found += legal[action]
+            wanted, found, action = int(draws[world, seat] * found), 0, -1
+            while found <= wanted:
+                action += 1
+                found += legal[action]
+            out[world, seat] = action
+
+    return draw
+
+
 def prepare(workload: Workload, num_worlds: int) -> tuple[Callable[[], int], Callable[[], int]]:
     """A round of play that returns its ticks, and the largest number of units seen so far."""
     engine = workload.make_engine(num_worlds)
     shape = (ACTION_SETS, num_worlds, engine.num_players)
     actions = np.random.default_rng(0).integers(engine.num_actions, size=shape, dtype=np.int32)
+    draws = np.random.default_rng(1).random(shape, dtype=np.float32)
     indices, episodes = np.arange(num_worlds), np.zeros(num_worlds, np.int64)
     engine.reset(episode_seeds(0, indices, episodes))
     mask = engine.action_mask()
+    draw_legal = make_draw_legal() if workload.legal else None
     most = 0
+
+    def choose(index: int) -> NDArray[np.int32]:
+        if draw_legal:
+            draw_legal(mask, draws[index], actions[index])
+        return actions[index]
 
     def step(chosen: NDArray[np.int32], restarted: NDArray[np.bool_]) -> None:
         engine.step(chosen)
@@ -114,13 +147,15 @@ def prepare(workload: Workload, num_worlds: int) -> tuple[Callable[[], int], Cal
     # One world after the other begins anew, so that games of all ages are measured at any time.
     starts = indices * workload.max_ticks // num_worlds
     for tick in range(workload.max_ticks):
-        step(actions[tick % ACTION_SETS], starts == tick)
+        step(choose(tick % ACTION_SETS), starts == tick)
+        if workload.legal:
+            engine.action_mask(out=mask)
     nobody = np.zeros(num_worlds, np.bool_)
 
     def play() -> int:
         nonlocal most
-        for chosen in actions:
-            step(chosen, nobody)
+        for index in range(ACTION_SETS):
+            step(choose(index), nobody)
             if workload.reads:
                 engine.observe_in_place("planes")
             if workload.reads == "planes and masks":

@@ -47,13 +47,15 @@ def measure(
 ) -> float:
     """Best rate of REPEATS: `play` does a round of work and returns how many units it was."""
     play()
-    best = 0.0
-    for _ in range(REPEATS):
-        units, start = 0, clock()
-        while clock() - start < seconds:
-            units += play()
-        best = max(best, units / (clock() - start))
-    return best
+    return max(measure_once(play, seconds, clock) for _ in range(REPEATS))
+
+
+def measure_once(play: Callable[[], int], seconds: float, clock: Callable[[], float]) -> float:
+    """Units of work per second of so many seconds."""
+    units, start = 0, clock()
+    while clock() - start < seconds:
+        units += play()
+    return units / (clock() - start)
 
 
 def measure_engine(game: str, scenario: str, worlds: int, seconds: float, by_kind: bool) -> float:

@@ -6,16 +6,18 @@
 One thread, random actions of the `classic` space at each tick, resets included; best of 5. `rich`
 games start with a million of gold and lumber and food for 50 units, and end after 3,000 ticks.
 
-With --original, the C++ engine of Deep RTS plays the same workloads beside ours, one game at a time
-on its own maps of these sizes, and each row ends in our rate divided by its rate. "Planes" is there
-a copy of its state array at each tick; it has no masks. To make its executable from a clone
-(needs g++; on Debian `apt-get install libxtensor-dev nlohmann-json3-dev`):
+With --original, the C++ engine of Deep RTS (github.com/cair/deep-rts, which is not part of this
+project) plays the same workloads beside ours, one game at a time on its own maps of these sizes,
+and each row ends in our rate divided by its rate. "Planes" is there a copy of its state array at
+each tick; it has no masks. The executable is a driver of your own around your build. It takes
 
-    git clone https://github.com/cair/deep-rts /tmp/deep-rts
-    benchmarks/original_deep_rts/build.sh /tmp/deep-rts /tmp/deep_rts_original
+    --map FILE --players N --max-ticks N --seconds S [--rich] [--copy-state] [--processor-time]
 
-The executable reads its maps from that clone. On a machine that others use too, --processor-time
-counts the seconds that each side computed.
+does a random action of the 16 for each player at each tick, drawn before the clock starts, plays
+whole games, resets included, until the seconds are over, and prints as its last line
+{"ticks_per_second": ..., "most_units": ...}.
+
+On a machine that others use too, --processor-time counts the seconds that each side computed.
 """
 
 from __future__ import annotations
@@ -172,7 +174,7 @@ class OriginalError(Exception):
 
 @dataclass(frozen=True)
 class Original:
-    """The original engine: the executable that benchmarks/original_deep_rts/build.sh makes."""
+    """The original engine, by a driver that answers as this file's docstring says."""
 
     path: Path
     processor_time: bool
@@ -195,7 +197,7 @@ class Original:
             message = error.stderr.strip() or f"exit status {error.returncode}"
             raise OriginalError(f"{self.path} failed on {workload.name}: {message}") from error
         except (ValueError, KeyError, TypeError, IndexError) as error:
-            message = f"{self.path} did not answer with a rate; is it made by build.sh?"
+            message = f"{self.path} did not answer with a rate: see `python -m benchmarks.deep_rts -h`"
             raise OriginalError(message) from error
 
     def measure(self, workload: Workload, seconds: float) -> tuple[float, int]:
@@ -237,7 +239,7 @@ def main() -> None:
     parser.add_argument(
         "--processor-time", action="store_true", help="seconds computed, not passed"
     )
-    parser.add_argument("--original", type=Path, help="executable made by build.sh")
+    parser.add_argument("--original", type=Path, help="executable that plays the original engine")
     options = parser.parse_args()
     tables.PRESETS["rich"] = RICH
     try:

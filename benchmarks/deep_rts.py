@@ -197,7 +197,7 @@ class Original:
             message = error.stderr.strip() or f"exit status {error.returncode}"
             raise OriginalError(f"{self.path} failed on {workload.name}: {message}") from error
         except (ValueError, KeyError, TypeError, IndexError) as error:
-            message = f"{self.path} did not answer with a rate: see `python -m benchmarks.deep_rts -h`"
+            message = f"{self.path} did not answer with a rate as `--help` asks for"
             raise OriginalError(message) from error
 
     def measure(self, workload: Workload, seconds: float) -> tuple[float, int]:
@@ -233,7 +233,9 @@ def print_table(options: argparse.Namespace) -> None:
 
 def main() -> None:
     """Read the options, measure and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--worlds", type=int, help="of every workload (default: its own number)")
     parser.add_argument("--seconds", type=float, default=1.0, help="of each repeat")
     parser.add_argument(

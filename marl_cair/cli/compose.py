@@ -41,14 +41,17 @@ _ROOT = "marl_cair_train"
 
 def list_groups() -> dict[str, dict[str, dict[str, Any]]]:
     """Group -> choice -> the settings that the choice changes: `policy=capsule` and the like."""
-    bots = {name: None for game in GAMES for name in GAMES[game].bots}
+    games = GAMES.load_all()
+    bots = {name: None for game in games.values() for name in game.bots}
     opponents: dict[str, dict[str, Any]] = {name: {"mixture": {name: 1.0}} for name in bots}
     opponents["self_play"] = {"mixture": SELF_PLAY}
     opponents["latest"] = {"mixture": {"latest": 1.0}}
     opponents["pool"] = {"mixture": {"pool": 1.0}}
     opponents["scripted"] = {"mixture": {"scripted": 1.0}}
     return {
-        "game": {name: {"name": name, "scenario": GAMES[name].default_scenario} for name in GAMES},
+        "game": {
+            name: {"name": name, "scenario": game.default_scenario} for name, game in games.items()
+        },
         "policy": {name: {"body": name} for name in NETWORKS},
         "opponent": opponents,
         "generator": {name: {"name": name} for name in (*GENERATORS, NO_GENERATOR)},

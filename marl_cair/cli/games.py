@@ -13,13 +13,14 @@ import numpy as np
 from marl_cair.cli import EXIT_DONE
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game, GameSpec
+from marl_cair.games.registry import gymnasium_id
 
 
 def run(arguments: Sequence[str]) -> int:
     """Print the list; returns the exit code."""
     parser = argparse.ArgumentParser("marl-cair games", description=__doc__)
     parser.add_argument("--json", action="store_true", help="everything, for programs")
-    listed = {name: describe_game(GAMES[name]) for name in GAMES}
+    listed = {name: describe_game(game) for name, game in GAMES.load_all().items()}
     if parser.parse_args(arguments).json:
         sys.stdout.write(json.dumps(listed, indent=2) + "\n")
     else:
@@ -38,7 +39,7 @@ def describe_game(game: Game) -> dict[str, Any]:
         "bots": list(game.bots),
         "scenarios": {
             name: {
-                "gymnasium_id": f"marl_cair/{game.gymnasium_prefix}-{name}-v0",
+                "gymnasium_id": gymnasium_id(game.gymnasium_prefix, name),
                 **_describe_spec(game.make_spec(scenario)),
             }
             for name, scenario in game.scenarios.items()

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec
@@ -102,6 +103,9 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         """
         if seed is not None:
             self._seeds.restart(seed)
+        if seed is not None or not hasattr(self, "np_random"):
+            # Ours draws nothing from it: wrappers do (SuperSuit's frame_skip).
+            self.np_random, _ = seeding.np_random(seed)
         self.engine.reset(self._seeds.next())
         self.agents = list(self.possible_agents)
         return self._look()

@@ -9,6 +9,7 @@ without a winner.
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -201,7 +202,7 @@ class Bot:
 
 def register(monkeypatch):
     """Make the game known by its name while a test runs."""
-    monkeypatch.setitem(games._MODULES, NAME, "tests.games.last_standing")
+    monkeypatch.setitem(games.GAMES.modules, NAME, sys.modules[__name__])
 
 
 def _make_bot(name: str, action: int | None) -> Any:

@@ -2,7 +2,7 @@
 
     s, a ── board trunk with FiLM from the action ── pooled ── economy chain: p(scalars' | s, a)
                  └── FiLM from scalars' ── cells: p(planes' | s, a, scalars')
-                          └── pooled, scalars' ── reward, end, next action mask
+                          └── pooled, both boards, scalars' ── reward, end, next action mask
 
 The thesis multiplies a state stream and an action stream, squeezed through one vector; here the
 product is taken at every cell, nothing is squeezed, and what does not change is copied.
@@ -27,6 +27,7 @@ from marl_cair.generative.cells import (
 )
 from marl_cair.generative.economy import EconomyChain, ScalarTables, apply_changes
 from marl_cair.generative.outcome import Outcome, OutcomeHeads, OutcomeInput, RewardBins
+from marl_cair.generative.readout import SUM_UNIT, flatten_board
 from marl_cair.generative.settings import NO_CELL, GeneratorSpec, NetworkSize
 
 READOUT_CHANNELS = 8
@@ -38,6 +39,7 @@ class Encoding(NamedTuple):
 
     board: Tensor  # [N, H, W, F]
     context: Tensor  # [N, D]
+    things: Tensor  # float32 [N, H * W, S], the spatial planes now, 0..1
     planes: Tensor  # uint8 [N, P, H, W], the moving planes now
     scalars: Tensor  # uint8 [N, U] now
 
@@ -115,8 +117,9 @@ class CCDN(nn.Module):
         means = self.enter(torch.cat([kind, numbers, self.tables(scalars.long())], -1))
         means = functional.relu(means)
         film = self.film_action(means)[:, None, None].chunk(4, -1)
-        seen = spatial.permute(0, 2, 3, 1).float().mul_(1.0 / 255.0)
-        seen = seen.sqrt_()  # a wounded unit stays visible
+        things = flatten_board(spatial)
+        seen = things.sqrt()  # a wounded unit stays visible
+        seen = seen.view(-1, self.spec.num_rows, self.spec.num_columns, seen.shape[-1])
         if self.names_cells:
             seen = torch.cat([seen, self._mark_target(action)], -1)
         first = functional.relu(_convolve(self.conv1, seen) + self.position)
@@ -125,7 +128,7 @@ class CCDN(nn.Module):
         board = second * (1.0 + film[2]) + film[3]
         places = functional.relu(self.readout(functional.relu(self.narrow(board)).flatten(1)))
         context = torch.cat([_pool(board), places, means], -1)
-        return Encoding(board, context, spatial[:, self.moving], scalars)
+        return Encoding(board, context, things, spatial[:, self.moving], scalars)
 
     def split(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Spatial planes [N, S, H, W] and scalars [N, U] of an observation."""
@@ -175,9 +178,15 @@ class CCDN(nn.Module):
         """Reward, end and next mask of the transition to `state`."""
         planes, scalars = self.split(state.observation)
         features = torch.cat([encoding.context, _pool(state.board)], -1)
-        seen = OutcomeInput(features, scalars, state.changes, state.board, planes, action_mask)
+        seen = OutcomeInput(
+            features, scalars, state.changes, state.board, encoding.things, planes, action_mask
+        )
         outcome: Outcome = self.outcome(seen)
         return outcome
+
+    def read_reward(self, outcome: Outcome) -> Tensor:
+        """Expected rewards [N]."""
+        return self.bins.read(outcome.reward) + outcome.fine
 
     @torch.no_grad()
     def decode(
@@ -219,7 +228,8 @@ class CCDN(nn.Module):
 
 
 def _pool(board: Tensor) -> Tensor:
-    return torch.cat([board.amax((1, 2)), board.mean((1, 2))], -1)
+    # A mean would hide one thing among hundreds of cells; it is counted instead.
+    return torch.cat([board.amax((1, 2)), board.sum((1, 2)) * SUM_UNIT], -1)
 
 
 def _convolve(layer: nn.Conv2d, board: Tensor) -> Tensor:

@@ -23,6 +23,7 @@ class Opinions(NamedTuple):
 
     log_prob: Tensor  # [M, N], of the next state: all scalars and all cells
     worst_log_prob: Tensor  # [M, N], of the least likely scalar or cell
+    uniform_log_prob: Tensor  # [M, N], of all scalars
     reward: Tensor  # [M, N], expected reward
     reward_is_zero: Tensor  # [M, N], probability of the bin at 0
     terminal: Tensor  # [M, N], probability of the end
@@ -55,6 +56,7 @@ class Ensemble:
         network, optimizer = self.members[member], self.optimizers[member]
         stride = self.config.quiet_stride
         offset = int(torch.randint(stride, (), generator=generator))
+        network.outcome.reward_std.fill_(correction.reward_variance**0.5)
         losses = find_losses(network, rows, correction, stride, offset)
         total = torch.stack(list(losses.values())).sum()
         optimizer.zero_grad(set_to_none=True)
@@ -136,7 +138,8 @@ def _ask_member(network: CCDN, rows: TensorDict) -> tuple[Tensor, ...]:
     return (
         everything.sum(-1),
         everything.amin(-1),
-        network.bins.read(outcome.reward),
+        economy.sum(-1),
+        network.read_reward(outcome),
         outcome.reward.softmax(-1)[:, zero_bin],
         outcome.terminal.sigmoid(),
         outcome.mask,

@@ -16,7 +16,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.generative.ensemble import Opinions
-from marl_cair.generative.metrics import HeldOut
+from marl_cair.generative.metrics import HeldOut, find_doubtful_ends
 from marl_cair.generative.settings import GateConfig, GeneratorSpec
 
 
@@ -84,12 +84,22 @@ def _judge_next_state(metrics: Mapping[str, float], config: GateConfig) -> list[
         config.max_nll_ratio,
     )
     if "uniform/mae" in metrics:
-        reasons += _require_ratio(
+        missed = _require_ratio(
             "uniform-plane error",
             metrics["uniform/mae"],
             metrics["uniform/copy_mae"],
             config.max_uniform_mae_ratio,
         )
+        unlikely = _require_ratio(
+            "uniform-plane negative log likelihood",
+            metrics["uniform/nll"],
+            metrics["uniform/copy_nll"],
+            config.max_nll_ratio,
+        )
+        # The likeliest value of what changes less often than not is no change, however well its
+        # odds are known; those are judged by likelihood then.
+        if missed and unlikely:
+            reasons += [f"{missed[0]}, and {unlikely[0]}"]
     return reasons
 
 
@@ -118,8 +128,8 @@ def _judge_terminal(metrics: Mapping[str, float], config: GateConfig) -> list[st
         return reasons  # ends are then not made, see tune_acceptance
     if "terminal/auc" in metrics:
         reasons += _require_least("terminal AUC", metrics["terminal/auc"], config.min_terminal_auc)
-    reasons += _require_least(
-        "terminal recall", metrics["terminal/recall"], config.min_terminal_recall
+    reasons += _require_most(
+        "share of overlooked ends", metrics["terminal/overlooked"], config.max_terminal_overlooked
     )
     return reasons
 
@@ -147,18 +157,20 @@ def _require_like(what: str, value: float, real: float, factor: float) -> list[s
 def tune_acceptance(held: HeldOut, config: GateConfig) -> Acceptance:
     """Bounds from held-out real rows: each likelihood test turns away a share `tail` of them.
 
-    With fewer than `min_terminals` real ends (`min_rare_rows` rare rewards) it cannot be told
-    whether the generator knows them; rows that have them are then not made.
+    With fewer than `min_terminals` real ends (`min_rare_rows` rare rewards) that are not in doubt
+    it cannot be told whether the generator knows them; rows that have them are then not made.
     """
     opinions = held.opinions
+    known = ~find_doubtful_ends(held.rare_opinions.terminal, config.certain_terminal)
+    ends = held.rare_rows["next", "terminated"].squeeze(-1)
     spread = config.max_reward_spread * float(held.rows["next", "reward"].std(correction=0))
     return Acceptance(
         min_log_prob=_find_lower_quantile(opinions.log_prob.amin(0), config.tail),
         min_worst_log_prob=_find_lower_quantile(opinions.worst_log_prob.mean(0), config.tail),
         max_reward_spread=max(spread, config.max_reward_mae_if_constant),
         certain_terminal=config.certain_terminal,
-        may_end=int(held.rare_rows["next", "terminated"].sum()) >= config.min_terminals,
-        may_be_rare=held.rare_rows.shape[0] >= config.min_rare_rows,
+        may_end=int((ends & known).sum()) >= config.min_terminals,
+        may_be_rare=int(known.sum()) >= config.min_rare_rows,
     )
 
 
@@ -175,7 +187,6 @@ def find_refusals(
 ) -> dict[str, Tensor]:
     """For each test, bool [N]: which rows it turns away. `is_rare` tells rare rewards [N]."""
     ends = opinions.terminal > 0.5
-    sure = torch.maximum(opinions.terminal, 1.0 - opinions.terminal).amin(0)
     spread = opinions.reward.amax(0) - opinions.reward.amin(0)
     reward = opinions.reward.mean(0)
     rare = is_rare(reward) & ~torch.tensor(acceptance.may_be_rare)
@@ -183,8 +194,7 @@ def find_refusals(
         "unlikely_state": ~(opinions.log_prob.amin(0) >= acceptance.min_log_prob),
         "unlikely_cell": ~(opinions.worst_log_prob.mean(0) >= acceptance.min_worst_log_prob),
         "reward_disagreement": ~(spread <= acceptance.max_reward_spread),
-        "terminal_disagreement": (ends.any(0) & ~ends.all(0))
-        | ~(sure >= acceptance.certain_terminal),
+        "terminal_disagreement": find_doubtful_ends(opinions.terminal, acceptance.certain_terminal),
         "untested_end": ends.any(0) & ~torch.tensor(acceptance.may_end),
         "untested_reward": rare,
     }

@@ -43,7 +43,7 @@ def find_losses(
     cell_nll = _find_cell_nll(network, encoding, state, stride, offset)
     outcome = network.judge(encoding, state, rows["action_mask"])
     rewards = rows["next", "reward"].squeeze(-1)
-    reward_error = network.bins.read(outcome.reward) - rewards
+    reward_error = network.read_reward(outcome) - rewards
     reward_target = network.bins.spread(rewards)
     reward_logits = outcome.reward + correction.reward_log_odds
     terminal_logits = outcome.terminal + correction.terminal_log_odds

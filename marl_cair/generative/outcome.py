@@ -1,7 +1,7 @@
 """What a transition pays, whether it ends the episode, and which actions are legal after it.
 
-All three are read from (state, action, next economy), so that the labels of a sampled row fit the
-next state that was sampled with it.
+All three are read from (state, action, next state), boards and economy, so that the labels of a
+sampled row fit the next state that was sampled with it.
 """
 
 from __future__ import annotations
@@ -13,9 +13,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from marl_cair.generative.economy import NUM_VALUES, ScalarTables
+from marl_cair.generative.readout import BoardReadout, compare, flatten_board
 from marl_cair.generative.settings import NO_CELL, GeneratorSpec, NetworkSize
 
-PLANE_UNIT = 64.0  # plane values that the mask head counts as 1
+PLANE_GAIN = 4.0  # of the mask head's planes: a quarter of the full value counts as 1
+FINE_REACH = 2.0  # standard deviations that the correction of the bins' mean stays within
 BIN_POWER = 3.0  # bins crowd around 0, where shaping rewards lie, and still reach a win's +-1
 
 
@@ -56,6 +58,7 @@ class Outcome(NamedTuple):
     reward: Tensor  # [N, bins]
     terminal: Tensor  # [N]
     mask: Tensor  # [N, A]
+    fine: Tensor  # [N], added to the mean of the reward's bins, in reward units
 
 
 class OutcomeInput(NamedTuple):
@@ -65,6 +68,7 @@ class OutcomeInput(NamedTuple):
     scalars: Tensor  # uint8 [N, U], next economy
     changes: Tensor  # int64 [N, U]
     board: Tensor  # [N, H, W, F], last layer of the trunk
+    things: Tensor  # float32 [N, H * W, S], spatial planes now, 0..1
     planes: Tensor  # uint8 [N, S, H, W], next spatial planes
     action_mask: Tensor  # bool [N, A], of the current state
 
@@ -73,51 +77,76 @@ class OutcomeHeads(nn.Module):
     """OutcomeInput -> Outcome."""
 
     kinds: Tensor
-    named_cells: Tensor
     place: Tensor
     has_cell: Tensor
+    reward_std: Tensor
 
     def __init__(self, spec: GeneratorSpec, size: NetworkSize, num_features: int) -> None:
         super().__init__()
         uniform, kinds, hidden = spec.num_uniform, spec.num_kinds, size.hidden
-        cells = torch.tensor(spec.cells)
-        # Only the cells that some action names are looked at.
-        named, place = torch.unique(cells.clamp_min(0), return_inverse=True)
-        self.register_buffer("kinds", torch.tensor(spec.kinds), persistent=False)
-        self.register_buffer("named_cells", named, persistent=False)
-        self.register_buffer("place", place, persistent=False)
-        self.register_buffer("has_cell", cells != NO_CELL, persistent=False)
+        of_actions, cells = torch.tensor(spec.kinds), torch.tensor(spec.cells)
+        has_cell = cells != NO_CELL
+        # Only the kinds of which some action names a cell look at cells.
+        named, place = torch.unique(torch.where(has_cell, of_actions, -1), return_inverse=True)
+        num_named = int((named >= 0).sum())
+        place = (cells * num_named + place - (named.numel() - num_named)).clamp_min(0)
+        self.register_buffer("kinds", of_actions, persistent=False)
+        self.register_buffer("place", place * has_cell, persistent=False)
+        self.register_buffer("has_cell", has_cell, persistent=False)
+        self.readout = BoardReadout(spec.num_spatial, size.readout, size.factors)
         self.values = ScalarTables(uniform, size.table_width)
         self.changes = ScalarTables(uniform, size.table_width)
-        self.enter = nn.Linear(num_features + 2 * uniform * (1 + size.table_width), hidden)
-        self.middle = nn.Linear(hidden, hidden)
+        # The mask's loss is far larger than the others: in layers of their own these learn faster.
+        num_seen = num_features + 2 * self.readout.num_sums + 2 * uniform * (1 + size.table_width)
+        self.enter = nn.Linear(num_seen, 2 * hidden)
+        self.middle = nn.ModuleList(nn.Linear(hidden, hidden) for _ in range(2))
         self.reward = nn.Linear(hidden, size.reward_bins)
         self.terminal = nn.Linear(hidden, 1)
+        # Bins are coarse for rewards of a thousandth of a win, which are sums over what changed.
+        self.fine = nn.Linear(hidden + 2 * self.readout.num_sums, 1)
+        nn.init.zeros_(self.fine.weight)
+        nn.init.zeros_(self.fine.bias)
+        self.register_buffer("reward_std", torch.ones(()))  # of the rewards learned from
         self.kind = nn.Linear(hidden, kinds)
         self.keep = nn.Parameter(torch.full((kinds,), 2.0))  # the copy gate: now legal, still legal
-        self.from_board = nn.Linear(size.channels, kinds) if bool(self.has_cell.any()) else None
-        self.from_planes = nn.Linear(spec.num_spatial, kinds) if self.from_board else None
+        self.from_board = nn.Linear(size.channels, num_named) if num_named else None
+        self.from_planes = nn.Linear(spec.num_spatial, num_named) if num_named else None
+        # What a cell allows depends on what stands there and on who would act (the unit under the
+        # cursor): the product of both.
+        self.query = nn.Linear(hidden, num_named * size.readout) if num_named else None
 
     def forward(self, seen: OutcomeInput) -> Outcome:
-        hidden = self._read_economy(seen)
+        things = flatten_board(seen.planes)
+        later = self.readout(things)
+        boards = compare(self.readout(seen.things), later)
+        of_value, of_mask = self._read(seen, boards)
+        fine = self.fine(torch.cat([of_value, boards], -1)).squeeze(-1)
         return Outcome(
-            self.reward(hidden), self.terminal(hidden).squeeze(-1), self._judge_mask(seen, hidden)
+            self.reward(of_value),
+            self.terminal(of_value).squeeze(-1),
+            self._judge_mask(seen, of_mask, things, later.cells),
+            FINE_REACH * self.reward_std * torch.tanh(fine),
         )
 
-    def _read_economy(self, seen: OutcomeInput) -> Tensor:
+    def _read(self, seen: OutcomeInput, boards: Tensor) -> list[Tensor]:
+        """Hidden layers [N, hidden]: of reward and end, and of the mask."""
         changes = seen.changes
         signed = torch.where(changes < NUM_VALUES // 2, changes, changes - NUM_VALUES)
         numbers = torch.cat([seen.scalars.float(), 4.0 * signed.float()], -1) / 255.0
         tables = [self.values(seen.scalars.long()), self.changes(changes)]
-        hidden = functional.relu(self.enter(torch.cat([seen.features, numbers, *tables], -1)))
-        return functional.relu(hidden + self.middle(hidden))
+        entered = self.enter(torch.cat([seen.features, boards, numbers, *tables], -1))
+        halves = functional.relu(entered).chunk(2, -1)
+        layers = zip(self.middle, halves, strict=True)
+        return [functional.relu(half + layer(half)) for layer, half in layers]
 
-    def _judge_mask(self, seen: OutcomeInput, hidden: Tensor) -> Tensor:
+    def _judge_mask(
+        self, seen: OutcomeInput, hidden: Tensor, things: Tensor, features: Tensor
+    ) -> Tensor:
         legal_now = seen.action_mask.to(hidden.dtype) * 2.0 - 1.0
         logits = self.kind(hidden)[:, self.kinds] + self.keep[self.kinds] * legal_now
-        if self.from_board is None or self.from_planes is None:
+        if self.from_board is None or self.from_planes is None or self.query is None:
             return cast(Tensor, logits)
-        planes = seen.planes.flatten(2)[:, :, self.named_cells].transpose(1, 2).to(hidden.dtype)
-        board = seen.board.flatten(1, 2)[:, self.named_cells]
-        of_cells = self.from_board(board) + self.from_planes(planes * (1.0 / PLANE_UNIT))
-        return cast(Tensor, logits + of_cells[:, self.place, self.kinds] * self.has_cell)
+        of_cells = self.from_board(seen.board.flatten(1, 2)) + self.from_planes(things) * PLANE_GAIN
+        query = self.query(hidden).view(hidden.shape[0], -1, features.shape[-1])
+        of_cells = (of_cells + features @ query.transpose(1, 2)).flatten(1)
+        return cast(Tensor, logits + of_cells[:, self.place] * self.has_cell)

@@ -12,17 +12,24 @@ from marl_cair.generative import GateConfig
 from marl_cair.generative.ensemble import Opinions
 from marl_cair.generative.gate import Acceptance, find_broken_structure, find_refusals, judge
 from marl_cair.generative.heldout import make_empty_transitions
-from marl_cair.generative.metrics import decide_mask, find_auc, find_calibration_error
+from marl_cair.generative.metrics import (
+    _find_marginal_nll,
+    decide_mask,
+    find_auc,
+    find_calibration_error,
+    find_doubtful_ends,
+)
 from tests.generative.plane_game import SPEC, TERRAIN, TOWER
 
 GOOD = {
     "cells/changed_f1": 0.9, "cells/error": 0.1, "cells/copy_error": 1.0,
     "cells/changed_share": 0.01, "cells/sampled_changed_share": 0.011,
     "likelihood/nll": 5.0, "likelihood/copy_nll": 30.0,
-    "uniform/mae": 1.0, "uniform/copy_mae": 9.0,
+    "uniform/mae": 1.0, "uniform/copy_mae": 9.0, "uniform/nll": 1.0, "uniform/copy_nll": 2.0,
     "reward/std": 0.1, "reward/mae": 0.01, "reward/explained": 0.95,
     "reward/num_rare": 40.0, "reward/rare_recall": 0.9,
-    "terminal/ece": 0.001, "terminal/num": 20.0, "terminal/auc": 0.99, "terminal/recall": 0.9,
+    "terminal/ece": 0.001, "terminal/num": 20.0, "terminal/auc": 0.99,
+    "terminal/overlooked": 0.1,
     "mask/accuracy": 0.999,
 }  # fmt: skip
 
@@ -48,8 +55,12 @@ def test_good_metrics_give_no_reason() -> None:
             "next-state negative log likelihood 25.000 is above 0.80 of the copy baseline's 30.000",
         ),
         (
-            {"uniform/mae": 6.0},
-            "uniform-plane error 6.000 is above 0.60 of the copy baseline's 9.000",
+            {"uniform/mae": 6.0, "uniform/nll": 1.9},
+            (
+                "uniform-plane error 6.000 is above 0.60 of the copy baseline's 9.000, and "
+                "uniform-plane negative log likelihood 1.900 is above 0.80 of the copy baseline's "
+                "2.000"
+            ),
         ),
         (
             {"reward/explained": 0.3},
@@ -58,7 +69,7 @@ def test_good_metrics_give_no_reason() -> None:
         ({"reward/rare_recall": 0.1}, "rare-reward recall 0.100 is below 0.600"),
         ({"terminal/ece": 0.1}, "terminal calibration error 0.100 is above 0.020"),
         ({"terminal/auc": 0.7}, "terminal AUC 0.700 is below 0.950"),
-        ({"terminal/recall": 0.2}, "terminal recall 0.200 is below 0.700"),
+        ({"terminal/overlooked": 0.4}, "share of overlooked ends 0.400 is above 0.300"),
         ({"mask/accuracy": 0.9}, "action mask accuracy 0.900 is below 0.980"),
         ({"reward/std": 0.0, "reward/mae": 0.2}, "reward error 0.200 is above 0.001"),
         (
@@ -71,7 +82,7 @@ def test_each_condition_alone_shuts_the_gate(changes: dict[str, float], reason: 
     assert judge({**GOOD, **changes}, GateConfig()) == (reason,)
 
 
-@pytest.mark.parametrize("name", ["reward/explained", "reward/rare_recall", "terminal/recall"])
+@pytest.mark.parametrize("name", ["reward/explained", "reward/rare_recall"])
 def test_an_open_gate_stays_open_through_scatter_but_not_beyond_its_slack(name: str) -> None:
     config = GateConfig(slack_when_open=0.5)
     between, below = {**GOOD, name: 0.4}, {**GOOD, name: 0.2}
@@ -81,6 +92,35 @@ def test_an_open_gate_stays_open_through_scatter_but_not_beyond_its_slack(name: 
     assert judge({**between, "terminal/auc": 0.9}, config.loosen()) != ()
 
 
+def test_uniform_planes_that_nobody_can_foresee_are_judged_by_their_odds() -> None:
+    assert judge({**GOOD, "uniform/mae": 9.0}, GateConfig()) == ()
+
+
+def test_overlooked_ends_have_slack_too() -> None:
+    config = GateConfig(slack_when_open=0.7)
+    assert judge({**GOOD, "terminal/overlooked": 0.4}, config.loosen()) == ()
+    assert judge({**GOOD, "terminal/overlooked": 0.6}, config.loosen()) != ()
+
+
+def test_marginal_baseline_of_a_clock_is_its_odds_of_stepping() -> None:
+    now = torch.arange(100, 200, dtype=torch.uint8)[:, None]
+    steps = (torch.arange(100) % 4 == 0)[:, None]
+    odds = torch.tensor(0.25)
+    entropy = -(odds * odds.log() + (1 - odds) * (1 - odds).log())
+    nll = _find_marginal_nll(now, now - steps.to(torch.uint8))
+    assert nll == pytest.approx(float(entropy), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("terminal", "in_doubt"),
+    [([0.05, 0.1], False), ([0.5, 0.45], True), ([0.9, 0.95], False), ([0.1, 0.9], True)],
+)
+def test_an_end_is_in_doubt_unless_all_members_are_sure(
+    terminal: list[float], in_doubt: bool
+) -> None:
+    assert bool(find_doubtful_ends(torch.tensor(terminal)[:, None], 0.8)[0]) is in_doubt
+
+
 @pytest.mark.parametrize("slack", [0.0, 1.1])
 def test_slack_is_a_share(slack: float) -> None:
     with pytest.raises(ValueError, match=f"slack_when_open is {slack}, expected a share above 0"):
@@ -88,7 +128,7 @@ def test_slack_is_a_share(slack: float) -> None:
 
 
 def test_few_ends_and_rare_rewards_do_not_shut_the_gate() -> None:
-    few = {"terminal/num": 3.0, "terminal/recall": 0.0, "reward/num_rare": 3.0,
+    few = {"terminal/num": 3.0, "terminal/overlooked": 1.0, "reward/num_rare": 3.0,
            "reward/rare_recall": 0.0}  # fmt: skip
     assert judge({**GOOD, **few}, GateConfig()) == ()
 
@@ -98,6 +138,7 @@ def make_opinions(**changes: Any) -> Opinions:
     fields: dict[str, torch.Tensor] = {
         "log_prob": torch.full((2, 1), -5.0),
         "worst_log_prob": torch.full((2, 1), -2.0),
+        "uniform_log_prob": torch.full((2, 1), -1.0),
         "reward": torch.zeros(2, 1),
         "reward_is_zero": torch.ones(2, 1),
         "terminal": torch.full((2, 1), 0.01),

@@ -1,0 +1,57 @@
+"""What stands on a board, counted: a small network at every cell, summed over the cells.
+
+Rewards and legal actions are often sums over things (health of all units, what carriers hold) or
+depend on the one thing that is marked (the unit under the cursor), wherever it stands. A pooled
+convolution trunk of the current board shows neither; equal weights on both boards make the change
+of a sum exact.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+SUM_UNIT = 0.1  # what one cell counts for in a sum, so that a dozen things are about 1
+CHANGE_UNIT = 2.0  # the same in a change: one thing more or less is an event
+
+
+class BoardFeatures(NamedTuple):
+    """K features of one board's cells, and D sums over its cells."""
+
+    cells: Tensor  # [N, H * W, K], 0 or more
+    sums: Tensor  # [N, D]
+
+
+class BoardReadout(nn.Module):
+    """Boards float32 [N, H * W, S] of values 0..1 -> BoardFeatures.
+
+    The sums are those of the planes and of their products with the first learned features
+    (bilinear pooling, Lin et al. 2015): "health of own archers" is a product of three planes, and
+    a network that must find it by sums of planes takes ten times as long.
+    """
+
+    def __init__(self, num_spatial: int, num_features: int, num_factors: int) -> None:
+        super().__init__()
+        self.num_factors = num_factors
+        self.num_sums = (num_factors + 1) * num_spatial
+        self.enter = nn.Linear(num_spatial, num_features)
+        self.leave = nn.Linear(num_features, num_features)
+
+    def forward(self, board: Tensor) -> BoardFeatures:
+        first = functional.relu(self.enter(board))
+        products = first[..., : self.num_factors].transpose(1, 2) @ board
+        sums = torch.cat([products.flatten(1), board.sum(1)], -1)
+        return BoardFeatures(functional.relu(self.leave(first)), sums)
+
+
+def compare(now: BoardFeatures, later: BoardFeatures) -> Tensor:
+    """Features [N, 2 D] of a transition: what stands there later, and what has changed."""
+    return torch.cat([later.sums * SUM_UNIT, (later.sums - now.sums) * CHANGE_UNIT], -1)
+
+
+def flatten_board(planes: Tensor) -> Tensor:
+    """Planes uint8 [N, S, H, W] as a readout takes them: float32 [N, H * W, S], 0..1."""
+    return planes.flatten(2).transpose(1, 2).contiguous().float().mul_(1.0 / 255.0)

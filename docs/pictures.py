@@ -65,7 +65,7 @@ def show(scene: Scene) -> NDArray[np.uint8]:
 def main() -> None:
     """Draw all scenes side by side."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=IMAGES / "deep_rts_scenarios.png")
+    parser.add_argument("--out", type=Path, default=IMAGES / "deep_rts.png")
     out = parser.parse_args().out
     figure, axes = plt.subplots(2, 3, figsize=(15, 10.6), layout="constrained")
     for axis, scene in zip(axes.flat, DEEP_RTS, strict=True):

@@ -85,6 +85,7 @@ class GameSpec:
         ticks_per_step: ticks of the game that one decision lasts.
         max_ticks: the time limit.
         reward_bound: no reward is larger than this in absolute value.
+        pays: what the rated reward of the scenario pays, in a few words.
         action_shape: () where a seat chooses one action in each decision. Else it chooses one of
             the A actions at each place of this shape: actions are [B, P, *action_shape], masks
             [B, P, *action_shape, A].
@@ -106,6 +107,7 @@ class GameSpec:
     ticks_per_step: int
     max_ticks: int
     reward_bound: float
+    pays: str
     action_shape: Shape = ()
     teams: tuple[int, ...] = ()
 

@@ -112,6 +112,10 @@ class Games(Mapping[str, "Game"]):
     def __len__(self) -> int:
         return len(self.modules)
 
+    def load_own(self) -> list[Game]:
+        """The games of this package."""
+        return [self[name] for name in _OWN]
+
     def load_all(self) -> dict[str, Game]:
         """All games that can be loaded; the others have warned."""
         loaded = {}

@@ -186,6 +186,17 @@ def test_games_as_json_lists_ids_shapes_and_actions(capsys):
     assert len(scenario["action_names"]) == scenario["num_actions"] == 185
 
 
+def test_games_as_text_and_as_a_table_tell_every_scenario(capsys):
+    for words in (["games"], ["games", "--markdown"]):
+        assert main(words) == 0
+        told = capsys.readouterr().out
+        for game in GAMES:
+            assert GAMES[game].title in told
+            assert all(name in told for name in GAMES[game].scenarios)
+        assert "planes 28x10x15" in told
+        assert "score / 100" in told
+
+
 def test_train_resume_evaluate_and_league_from_end_to_end(tmp_path, capsys):
     out = str(tmp_path / "run")
     assert main(["train", *SMALL, f"out={out}", "total_frames=1024"]) == 0

@@ -86,6 +86,7 @@ def make_spec(scenario):
         ticks_per_step=1,
         max_ticks=scenario.max_ticks,
         reward_bound=1.0,
+        pays="+1 win, -1 loss, and what is scored",
         teams=scenario.teams,
     )
 

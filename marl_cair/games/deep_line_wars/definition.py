@@ -61,6 +61,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
         max_ticks=scenario.max_ticks,
         # A win from far behind: 1 plus the whole potential gained at once.
         reward_bound=1.0 + (1.6 if scenario.reward == "shaped" else 0.0),
+        pays="+1 win, -1 loss",
     )
 
 

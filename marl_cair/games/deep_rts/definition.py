@@ -31,7 +31,7 @@ from marl_cair.games.deep_rts.planes import (
     SELECTED,
 )
 from marl_cair.games.deep_rts.rulebook import make_rules
-from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
+from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, PAYS, REWARDS, SCENARIOS, Scenario
 from marl_cair.games.deep_rts.state import World, allocate
 from marl_cair.games.deep_rts.tables import MAX_PLAYERS, PRODUCT_NAMES, RESOURCE_NAMES
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
@@ -77,6 +77,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
         ticks_per_step=scenario.ticks_per_step,
         max_ticks=scenario.max_ticks,
         reward_bound=_reward_bound(scenario),
+        pays=PAYS[scenario.goal].format(scenario.goal_amount),
         action_shape=(scenario.rows, scenario.columns) if scenario.actions == "grid" else (),
         teams=scenario.teams,
     )

@@ -34,6 +34,13 @@ GOALS = {
     "score": "the highest score when the time is over",
     "army": "train goal_amount soldiers",
 }
+PAYS = {
+    "conquest": "+1 last standing, -1 fallen",
+    "gold": "1 in all, for {} gold",
+    "lumber": "1 in all, for {} lumber",
+    "score": "score / 100",
+    "army": "1 in all, for {} soldiers",
+}
 MAPS_OF_A_SET = 64  # of a set of maps, one is drawn for each game
 
 

@@ -105,7 +105,7 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
             self._seeds.restart(seed)
         if seed is not None or not hasattr(self, "np_random"):
             # Ours draws nothing from it: wrappers do (SuperSuit's frame_skip).
-            self.np_random, _ = seeding.np_random(seed)
+            self.np_random, _ = seeding.np_random(None if seed is None else seed % 2**64)
         self.engine.reset(self._seeds.next())
         self.agents = list(self.possible_agents)
         return self._look()

@@ -25,7 +25,14 @@ QUICK_SCENARIOS = {
         "Teams-2v2-15x15-fog",
         "Economy-15x15",
         "LavaMaze-31x31",
-    )
+    ),
+    "deep_maze": (
+        "7x7-full_deterministic",
+        "9x9-sequence",
+        "9x9-timed_line_of_sight",
+        "15x15-race-3p-square",
+        "15x15-chase-3p-line_of_sight",
+    ),
 }
 ILLEGAL_SHARE = 0.05  # of chosen actions is not looked up in the mask
 GOLDEN_RATIO = 0.6180339887498949  # its multiples spread evenly over 0..1

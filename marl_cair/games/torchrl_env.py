@@ -214,7 +214,7 @@ class BatchedGameEnv(EnvBase):
 
 
 def _tell(values: NDArray[Any], only: NDArray[np.int64] | None) -> Tensor:
-    """A game's own numbers [B, P] as float32, of all worlds, or of some and zeros for the others."""
+    """A game's own numbers [B, P] as float32; of worlds that are left out, zeros."""
     told = torch.from_numpy(values.astype(np.float32))
     if only is not None:
         others = np.setdiff1d(np.arange(len(values)), only)

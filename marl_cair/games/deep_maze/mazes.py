@@ -63,8 +63,8 @@ def is_open_at(world: Any, rules: Any, row: int, column: int) -> bool:
 
 @compiled
 def grow_ways(world: Any, rules: Any) -> None:
-    """Randomised Prim (1957), from the first corner: a random lattice cell beside the ways is joined
-    to a random one of its neighbours among them, until all are.
+    """Randomised Prim (1957), from the first corner: a random lattice cell beside the ways is
+    joined to a random one of its neighbours among them, until all are.
     """
     world.walls[:] = WALL
     num_reached = open_lattice_cell(world, rules, 0, 0, 0)
@@ -154,7 +154,7 @@ def measure_distances(world: Any, rules: Any, goal: int) -> int:
         further = world.distance[cell] + 1
         for move in range(NUM_MOVES):
             beside = rules.neighbours[cell, move]
-            if beside < 0 or world.walls[beside] == WALL or world.distance[beside] >= 0:
+            if world.walls[beside] == WALL or world.distance[beside] >= 0:
                 continue
             world.distance[beside] = further
             world.order[num_open] = beside

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_maze.rulebook import CHASE, HUNTER, OUTSIDE
+from marl_cair.games.deep_maze.rulebook import CHASE, HUNTER
 from marl_cair.games.deep_maze.sight import knows, sees, sees_all
 from marl_cair.games.deep_maze.state import GOAL, IN_SIGHT, MAZE, OPEN, TICK, WALL, world_at
 from marl_cair.games.deep_maze.tables import ACTION_NAMES, MAX_PLAYERS, NUM_MOVES
@@ -75,13 +75,13 @@ _FIRST_OTHER = VECTOR_NAMES.index("other 1: in sight")
 _NUM_OF_OTHER = len(_NUMBERS_OF_OTHER)
 
 
-# --- who is seen -----------------------------------------------------------------------------------
+# --- who is seen ---------------------------------------------------------------------------------
 
 
 @compiled
 def is_mate(rules: Any, player: int, other: int) -> bool:
     """Whether two seats win together: those who are hunted in one chase."""
-    return bool(rules.contest == CHASE and player != HUNTER and other != HUNTER)
+    return bool(rules.contest == CHASE and HUNTER not in (player, other))
 
 
 @compiled
@@ -102,7 +102,7 @@ def time_left(world: Any, rules: Any) -> int:
     return int(max(0, rules.max_ticks - world.clock[TICK]))
 
 
-# --- planes ------------------------------------------------------------------------------------------
+# --- planes --------------------------------------------------------------------------------------
 
 
 @compiled
@@ -156,7 +156,7 @@ def see_planes(world: Any, rules: Any, player: int, out: Any) -> None:
     flat[TIME_LEFT] = FULL * time_left(world, rules) // rules.max_ticks
 
 
-# --- ids ---------------------------------------------------------------------------------------------
+# --- ids -----------------------------------------------------------------------------------------
 
 
 @compiled
@@ -179,18 +179,20 @@ def see_ids(world: Any, rules: Any, player: int, flat: Any) -> None:
     flat[world.cell[player]] = ID_SELF
 
 
-# --- numbers -----------------------------------------------------------------------------------------
+# --- numbers -------------------------------------------------------------------------------------
 
 
 @compiled
 def free_cells(world: Any, rules: Any, player: int, move: int) -> int:
     """How many known open cells lie straight ahead."""
-    cell = int(rules.neighbours[world.cell[player], move])
+    cell = int(world.cell[player])
     count = 0
-    while cell != OUTSIDE and world.walls[cell] == OPEN and knows(world, rules, player, cell):
-        cell = int(rules.neighbours[cell, move])
+    while True:
+        ahead = int(rules.neighbours[cell, move])
+        if ahead == cell or world.walls[ahead] != OPEN or not knows(world, rules, player, ahead):
+            return count
+        cell = ahead
         count += 1
-    return count
 
 
 @compiled
@@ -223,7 +225,7 @@ def see_vector(world: Any, rules: Any, player: int, out: Any) -> None:
         out[index + 3] = 0.0 if is_mate(rules, player, other) else 1.0
 
 
-# --- slices of worlds ----------------------------------------------------------------------------------
+# --- slices of worlds ----------------------------------------------------------------------------
 
 
 @compiled

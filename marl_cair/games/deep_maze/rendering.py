@@ -92,7 +92,7 @@ GRAY_WALL, GRAY_OPEN, GRAY_SELF, GRAY_GOAL, GRAY_RIVAL, GRAY_MATE = 50, 120, 200
 GRAY_REMEMBERED = 15
 
 
-# --- the board ---------------------------------------------------------------------------------------
+# --- the board -----------------------------------------------------------------------------------
 
 
 @compiled_compact
@@ -177,7 +177,7 @@ def paint_way(world: Any, rules: Any, player: int, colour: Any, image: Any) -> N
     while world.distance[cell] > 1:
         for move in range(NUM_MOVES):
             beside = int(rules.neighbours[cell, move])
-            if beside >= 0 and world.distance[beside] == world.distance[cell] - 1:
+            if world.distance[beside] == world.distance[cell] - 1:
                 cell = beside
                 break
         row, column = cell // rules.columns, cell % rules.columns
@@ -252,7 +252,7 @@ def paint_board(world: Any, rules: Any, viewer: int, image: Any) -> None:
         paint_player(world, rules, viewer, viewer, image)
 
 
-# --- the panel -----------------------------------------------------------------------------------------
+# --- the panel -----------------------------------------------------------------------------------
 
 
 @compiled_compact
@@ -300,7 +300,7 @@ def paint_picture(worlds: Any, rules: Any, index: int, viewer: int, image: Any) 
     paint(world_at(worlds, index), rules, viewer, image)
 
 
-# --- small pictures --------------------------------------------------------------------------------------
+# --- small pictures ------------------------------------------------------------------------------
 
 
 @compiled_compact
@@ -363,7 +363,7 @@ def paint_gray(world: Any, rules: Any, player: int, image: Any) -> None:
     gray_cell(image, rules, int(world.cell[player]), GRAY_SELF)
 
 
-# --- slices of worlds, and what people call ----------------------------------------------------------------
+# --- slices of worlds, and what people call ------------------------------------------------------
 
 
 @compiled_compact

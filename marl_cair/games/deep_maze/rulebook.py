@@ -16,6 +16,7 @@ from marl_cair.games.deep_maze.scenarios import (
     Scenario,
 )
 from marl_cair.games.deep_maze.tables import (
+    ACTION_NAMES,
     COLUMN_STEP,
     GROWTH_STEPS_PER_SIDE_CELL,
     NUM_MOVES,
@@ -30,13 +31,12 @@ RACE, CHASE = range(len(CONTESTS))
 CLASSIC, BEYOND_OPTIMAL, DISTANCE = range(len(REWARDS))
 
 HUNTER = 0  # the seat that hunts in a chase
-OUTSIDE = -1  # there is no cell
 
 
 class Rules(NamedTuple):
     """The constants of a scenario, handed to the kernels so that none is compiled in."""
 
-    neighbours: NDArray[np.int16]  # [cells, moves] the cell that a move leads to, or OUTSIDE
+    neighbours: NDArray[np.int16]  # [cells, actions] where an action leads; off the board: nowhere
     step_reward: NDArray[np.float64]  # [P] of each move that does not end the game
     fixed_seed: NDArray[np.uint64]  # [1] of the mazes that are the same in each game
     rows: int
@@ -91,9 +91,10 @@ def make_rules(scenario: Scenario) -> Rules:
 
 
 def _neighbour_table(rows: int, columns: int) -> NDArray[np.int16]:
-    """Where each move leads from each cell."""
-    row, column = np.divmod(np.arange(rows * columns), columns)
-    table = np.full((rows * columns, NUM_MOVES), OUTSIDE, np.int16)
+    """Where each action leads from each cell: nowhere for the no-op and moves off the board."""
+    cells = np.arange(rows * columns)
+    row, column = np.divmod(cells, columns)
+    table = np.repeat(cells.astype(np.int16)[:, None], len(ACTION_NAMES), axis=1)
     for move in range(NUM_MOVES):
         to_row, to_column = row + ROW_STEP[move], column + COLUMN_STEP[move]
         inside = (to_row >= 0) & (to_row < rows) & (to_column >= 0) & (to_column < columns)

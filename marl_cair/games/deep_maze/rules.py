@@ -14,10 +14,10 @@ from marl_cair.games.deep_maze.places import enter_maze, potential
 from marl_cair.games.deep_maze.rulebook import (
     BEYOND_OPTIMAL,
     CHASE,
+    CLASSIC,
     DISTANCE,
     FULL_SIGHT,
     HUNTER,
-    OUTSIDE,
 )
 from marl_cair.games.deep_maze.sight import look_around, open_eyes
 from marl_cair.games.deep_maze.state import (
@@ -32,7 +32,6 @@ from marl_cair.games.deep_maze.state import (
     TERMINATED,
     TICK,
     TRUNCATED,
-    WALL,
     WINNER,
     world_at,
 )
@@ -48,28 +47,19 @@ UNDECIDED = NO_WINNER
 
 
 @compiled
-def target_of(world: Any, rules: Any, player: int, action: int) -> int:
-    """The cell that a move leads to; OUTSIDE where there is none or a wall, or for a caught one."""
-    if world.is_caught[player] != 0:
-        return OUTSIDE
-    target = int(rules.neighbours[world.cell[player], action])
-    if target != OUTSIDE and world.walls[target] == WALL:
-        return OUTSIDE
-    return target
+def walk(world: Any, rules: Any, player: int, action: int, is_caught: bool) -> None:
+    """Go one cell; who goes into a wall stays, which is counted where it is against the mask.
 
-
-@compiled
-def walk(world: Any, rules: Any, player: int, action: int) -> None:
-    """Go one cell; who goes into a wall stays, which is counted where it is against the mask."""
-    if action == NOOP:
-        return
-    target = target_of(world, rules, player, action)
-    if target == OUTSIDE:
-        if rules.mask_walls != 0 or world.is_caught[player] != 0:
-            world.illegal[player] += 1
-        return
-    world.came_from[player] = world.cell[player]
-    world.cell[player] = target
+    Written without branches: which way a random player goes cannot be foreseen.
+    """
+    cell = int(world.cell[player])
+    target = int(rules.neighbours[cell, action])
+    is_free = (world.walls[target] == OPEN) & (target != cell) & (not is_caught)
+    is_against_mask = (action != NOOP) & (not is_free)
+    is_against_mask &= (rules.mask_walls != 0) | is_caught
+    world.illegal[player] += int(is_against_mask)
+    world.came_from[player] = cell if is_free else world.came_from[player]
+    world.cell[player] = target if is_free else cell
 
 
 @compiled
@@ -78,16 +68,6 @@ def is_met(world: Any, hunter_before: int, player: int, cell_before: int) -> boo
     if world.cell[player] == world.cell[HUNTER]:
         return True
     return bool(world.cell[player] == hunter_before and cell_before == world.cell[HUNTER])
-
-
-@compiled
-def judge_race(world: Any, rules: Any) -> int:
-    """The seat that has reached the goal, DRAW for several at once, or UNDECIDED."""
-    winner = UNDECIDED
-    for player in range(rules.num_players):
-        if world.cell[player] == world.clock[GOAL]:
-            winner = player if winner == UNDECIDED else DRAW
-    return winner
 
 
 @compiled
@@ -109,14 +89,7 @@ def judge_chase(world: Any, rules: Any, num_fled: int, num_fallen: int) -> int:
     return HUNTER + 1 if world.clock[TICK] >= rules.max_ticks else UNDECIDED
 
 
-# --- one world -------------------------------------------------------------------------------------
-
-
-@compiled
-def finish(world: Any, winner: int) -> None:
-    """The game is decided."""
-    world.clock[PHASE] = TERMINATED
-    world.clock[WINNER] = NO_WINNER if winner == DRAW else winner
+# --- one world -----------------------------------------------------------------------------------
 
 
 @compiled
@@ -128,13 +101,13 @@ def is_winner(rules: Any, player: int, winner: int) -> bool:
 
 
 @compiled
-def pay(world: Any, rules: Any, player: int, is_there: bool) -> float:
-    """The reward of a move without the potential; `is_there`: at the goal of a maze."""
+def pay(world: Any, rules: Any, player: int, is_next_maze: bool) -> float:
+    """The reward of a move without the potential; a goal that is not the last pays as the last."""
     if rules.reward == BEYOND_OPTIMAL:
         moves = int(world.clock[TICK] - world.clock[MAZE_START])
         return EXCESS_REWARD if moves > world.optimal[player] else 0.0
     if world.clock[PHASE] != TERMINATED:
-        return GOAL_REWARD if is_there else float(rules.step_reward[player])
+        return GOAL_REWARD if is_next_maze else float(rules.step_reward[player])
     winner = int(world.clock[WINNER])
     if winner == NO_WINNER:
         return 0.0
@@ -142,15 +115,15 @@ def pay(world: Any, rules: Any, player: int, is_there: bool) -> float:
 
 
 @compiled
-def play_chase(world: Any, rules: Any, actions: Any) -> None:
-    """Hunter and hunted move at once; then who was met is caught."""
+def play_chase(world: Any, rules: Any, actions: Any) -> int:
+    """Hunter and hunted move at once, and who was met is caught; the result as `judge_chase`."""
     hunter_before = int(world.cell[HUNTER])
-    walk(world, rules, HUNTER, actions[HUNTER])
+    walk(world, rules, HUNTER, actions[HUNTER], False)
     num_fled, num_fallen = 0, 0
     for player in range(HUNTER + 1, rules.num_players):
         cell_before = int(world.cell[player])
         was_caught = world.is_caught[player] != 0
-        walk(world, rules, player, actions[player])
+        walk(world, rules, player, actions[player], was_caught)
         if was_caught:
             continue
         is_caught = is_met(world, hunter_before, player, cell_before)
@@ -159,23 +132,18 @@ def play_chase(world: Any, rules: Any, actions: Any) -> None:
         if world.cell[player] == world.clock[GOAL]:
             num_fallen += int(is_caught)
             num_fled += int(not is_caught)
-    winner = judge_chase(world, rules, num_fled, num_fallen)
-    if winner != UNDECIDED:
-        finish(world, winner)
+    return judge_chase(world, rules, num_fled, num_fallen)
 
 
 @compiled
-def play_race(world: Any, rules: Any, actions: Any) -> bool:
-    """All move at once; True where the goal of a maze of a sequence, not the last, is reached."""
+def play_race(world: Any, rules: Any, actions: Any) -> int:
+    """All move at once: the seat that is at the goal, DRAW for several at once, or UNDECIDED."""
+    winner = UNDECIDED
     for player in range(rules.num_players):
-        walk(world, rules, player, actions[player])
-    winner = judge_race(world, rules)
-    if winner == UNDECIDED:
-        return False
-    if world.clock[MAZE] + 1 < rules.num_mazes:
-        return True
-    finish(world, winner)
-    return False
+        walk(world, rules, player, actions[player], False)
+        if world.cell[player] == world.clock[GOAL]:
+            winner = player if winner == UNDECIDED else DRAW
+    return winner
 
 
 @compiled
@@ -204,27 +172,41 @@ def gain_potential(world: Any, rules: Any, player: int) -> float:
 
 
 @compiled
+def settle(world: Any, rules: Any, winner: int, rewards: Any) -> None:
+    """The end of a maze or of the game, and rewards that depend on more than the move."""
+    is_next_maze = winner != UNDECIDED and world.clock[MAZE] + 1 < rules.num_mazes
+    if winner != UNDECIDED and not is_next_maze:
+        world.clock[PHASE] = TERMINATED
+        world.clock[WINNER] = NO_WINNER if winner == DRAW else winner
+    elif world.clock[TICK] >= rules.max_ticks:
+        world.clock[PHASE] = TRUNCATED
+    for player in range(rules.num_players):
+        paid = pay(world, rules, player, is_next_maze)
+        if rules.reward == DISTANCE and not is_next_maze:
+            paid += gain_potential(world, rules, player)
+        rewards[player] = paid
+    if is_next_maze:
+        enter_next_maze(world, rules, rewards)
+
+
+@compiled
 def step_world(world: Any, rules: Any, actions: Any, rewards: Any) -> None:
     """One move of every seat; writes the rewards of all."""
     if world.clock[PHASE] != RUNNING:
         rewards[:] = 0.0
         return
     world.clock[TICK] += 1
-    is_at_goal = False
     if rules.contest == CHASE:
-        play_chase(world, rules, actions)
+        winner = play_chase(world, rules, actions)
     else:
-        is_at_goal = play_race(world, rules, actions)
-    if world.clock[PHASE] == RUNNING and world.clock[TICK] >= rules.max_ticks:
-        world.clock[PHASE] = TRUNCATED
-    for player in range(rules.num_players):
-        paid = pay(world, rules, player, is_at_goal)
-        if rules.reward == DISTANCE and not is_at_goal:
-            paid += gain_potential(world, rules, player)
-        rewards[player] = paid
-    if is_at_goal:
-        enter_next_maze(world, rules, rewards)
-    elif rules.visibility != FULL_SIGHT:
+        winner = play_race(world, rules, actions)
+    is_plain = rules.reward == CLASSIC and world.clock[TICK] < rules.max_ticks
+    if winner == UNDECIDED and is_plain:
+        for player in range(rules.num_players):
+            rewards[player] = rules.step_reward[player]
+    else:
+        settle(world, rules, winner, rewards)
+    if rules.visibility != FULL_SIGHT:
         renew_sight(world, rules, actions)
 
 
@@ -262,12 +244,12 @@ def list_legal_actions(world: Any, rules: Any, player: int, out: Any) -> None:
         is_legal = can_move
         if can_move and rules.mask_walls != 0:
             target = int(rules.neighbours[cell, move])
-            is_legal = target != OUTSIDE and world.walls[target] == OPEN
+            is_legal = target != cell and world.walls[target] == OPEN
         out[move] = is_legal
     out[NOOP] = True
 
 
-# --- slices of worlds ------------------------------------------------------------------------------
+# --- slices of worlds ----------------------------------------------------------------------------
 
 
 @compiled

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_maze.rulebook import FULL_SIGHT, OUTSIDE, SQUARE
+from marl_cair.games.deep_maze.rulebook import FULL_SIGHT, SQUARE
 from marl_cair.games.deep_maze.state import IN_SIGHT, KNOWN, OPEN, TICK, WALL
 from marl_cair.games.deep_maze.tables import NUM_MOVES
 
@@ -71,12 +71,13 @@ def see_lines(world: Any, rules: Any, player: int, centre: int, bits: int) -> No
     """The straight ways from `centre`, up to `vision` cells or a wall, and the walls beside."""
     see_walls_beside(world, rules, player, centre, bits)
     for move in range(NUM_MOVES):
-        cell = int(rules.neighbours[centre, move])
+        cell = centre
         for _ in range(rules.vision):
-            if cell == OUTSIDE or world.walls[cell] != OPEN:
+            ahead = int(rules.neighbours[cell, move])
+            if ahead == cell or world.walls[ahead] != OPEN:
                 break
-            see_walls_beside(world, rules, player, cell, bits)
-            cell = int(rules.neighbours[cell, move])
+            see_walls_beside(world, rules, player, ahead, bits)
+            cell = ahead
 
 
 @compiled

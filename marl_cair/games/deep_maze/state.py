@@ -1,4 +1,4 @@
-"""The state of Deep Maze: struct of arrays, first axis B worlds. Cells are row * columns + column."""
+"""State of Deep Maze: struct of arrays, first axis B worlds; a cell is row * columns + column."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ def solve(table):
     while world.clock[MAZE] == maze and not table.engine.terminated[0]:
         cell = int(world.cell[0])
         for move, beside in enumerate(rules.neighbours[cell]):
-            if beside >= 0 and 0 <= world.distance[beside] < world.distance[cell]:
+            if 0 <= world.distance[beside] < world.distance[cell]:
                 table.engine.step(np.array([[move]]))
                 break
 

@@ -87,7 +87,7 @@ def test_legal_moves_move_and_illegal_ones_do_not():
                 break
 
 
-# --- the end -----------------------------------------------------------------------------------------
+# --- the end -------------------------------------------------------------------------------------
 
 
 def test_the_goal_ends_the_game_and_is_won():
@@ -125,7 +125,7 @@ def test_infos_tell_the_optimal_count_and_the_moves_made():
     assert info["step_count"].tolist() == [[3]]
 
 
-# --- rewards -------------------------------------------------------------------------------------------
+# --- rewards -------------------------------------------------------------------------------------
 
 
 def test_the_classic_reward_of_a_whole_game():
@@ -168,9 +168,7 @@ def test_distance_goes_on_through_a_sequence():
         while not (table.engine.terminated[0] or table.engine.truncated[0]):
             distance, cell = table.world.distance, int(table.world.cell[0])
             beside = table.engine._rules.neighbours[cell]
-            nearer = [
-                m for m, to in enumerate(beside) if to >= 0 and 0 <= distance[to] < distance[cell]
-            ]
+            nearer = [m for m, to in enumerate(beside) if 0 <= distance[to] < distance[cell]]
             move = nearer[0] if rng.random() < 0.9 else 4
             table.engine.step(np.array([[move]]))
             total += weight * float(table.engine.rewards[0, 0])
@@ -181,7 +179,7 @@ def test_distance_goes_on_through_a_sequence():
     assert total - sums["classic"][0] == pytest.approx(weight * end - start, abs=1e-5)
 
 
-# --- races ---------------------------------------------------------------------------------------------
+# --- races ---------------------------------------------------------------------------------------
 
 
 def test_the_first_at_the_goal_wins_the_race():

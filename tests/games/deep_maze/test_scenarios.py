@@ -50,8 +50,10 @@ def test_any_size_can_be_played(size, generator):
         ),
         (
             {"reward": "beyond_optimal", "num_players": 2},
-            "the reward beyond_optimal is for 1 player, num_players is 2; choose 'classic' or "
-            "'distance'",
+            (
+                "the reward beyond_optimal is for 1 player, num_players is 2; choose 'classic' or "
+                "'distance'"
+            ),
         ),
         (
             {"reward": "distance", "num_players": 2, "contest": "chase"},

@@ -39,7 +39,7 @@ def known_cells(table, player=0):
     return table.see("classic", player)[0] != ID_UNKNOWN
 
 
-# --- what is in sight ----------------------------------------------------------------------------------
+# --- what is in sight ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("vision", [1, 3, 20])
@@ -118,7 +118,7 @@ def test_the_cells_beside_a_seat_are_always_known_so_the_mask_tells_nothing_new(
                 assert (name in table.mask()) == (table.walls()[beside] == OPEN)
 
 
-# --- memory and preview --------------------------------------------------------------------------------
+# --- memory and preview --------------------------------------------------------------------------
 
 
 def test_what_was_in_sight_stays_known_but_not_in_sight():
@@ -156,7 +156,7 @@ def test_moves_that_lead_nowhere_use_up_the_preview():
     assert not known_cells(table).all()
 
 
-# --- nothing leaks ---------------------------------------------------------------------------------------
+# --- nothing leaks -------------------------------------------------------------------------------
 
 
 def change_unseen(table, player=0):
@@ -196,8 +196,8 @@ def test_others_are_seen_only_where_one_looks_now():
     world = table.world
     open_cells = np.flatnonzero(world.walls == OPEN)
     here = world.sight[0] & IN_SIGHT > 0
-    near = [cell for cell in open_cells if here[cell] and cell != world.cell[0]][0]
-    far = [cell for cell in open_cells if not here[cell]][0]
+    near = next(cell for cell in open_cells if here[cell] and cell != world.cell[0])
+    far = next(cell for cell in open_cells if not here[cell])
     for cell, expected in ((near, True), (far, False)):
         world.cell[1] = cell
         assert (table.see("planes")[5].sum() > 0) == expected

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games import make_engine
 from marl_cair.games.engine import BatchedEngine
+from marl_cair.lookup import find_by_name
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # without a screen
@@ -78,7 +79,7 @@ def show(scene: Scene, game: str) -> NDArray[np.uint8]:
 
 def draw_gallery(game: str) -> None:
     """Draw all scenes of a game side by side."""
-    scenes, inches, file = GALLERIES[game]
+    scenes, inches, file = find_by_name("gallery", game, GALLERIES)
     figure, axes = plt.subplots(2, 3, figsize=inches, layout="constrained")
     for axis, scene in zip(axes.flat, scenes, strict=True):
         axis.imshow(show(scene, game), interpolation="none")
@@ -91,7 +92,7 @@ def draw_gallery(game: str) -> None:
 def main() -> None:
     """Draw the pictures of the named games, or of all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("games", nargs="*", choices=[*GALLERIES, []], default=[])
+    parser.add_argument("games", nargs="*", help=f"of {', '.join(GALLERIES)} (default: all)")
     for game in parser.parse_args().games or GALLERIES:
         draw_gallery(game)
 

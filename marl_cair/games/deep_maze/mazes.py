@@ -8,16 +8,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_maze.rulebook import PRIM
-from marl_cair.games.deep_maze.state import MAZE_WORD, OPEN, WALL
+from marl_cair.games.deep_maze.state import MAZE_WORD, NO_WAY, OPEN, WALL
 from marl_cair.games.deep_maze.tables import COLUMN_STEP, NUM_MOVES, ROW_STEP
 from marl_cair.games.randomness import draw_below
 
 _REACHED = 2  # in walls while a maze is made: a lattice cell beside the ways, not yet one of them
-# One tuple for both: rules read tuples of numbers as constants.
 _STEPS = tuple(zip(ROW_STEP, COLUMN_STEP, strict=True))
 
 
@@ -30,13 +27,21 @@ def draw_maze(world: Any, rules: Any) -> None:
         grow_walls(world, rules)
 
 
-# --- prim: ways without loops -----------------------------------------------------------------
-
-
 @compiled
 def is_on_board(rules: Any, row: int, column: int) -> bool:
     """Whether there is such a cell."""
     return bool(0 <= row < rules.rows and 0 <= column < rules.columns)
+
+
+@compiled
+def is_open_at(world: Any, rules: Any, row: int, column: int) -> bool:
+    """Whether there is such a cell and it is open."""
+    if not is_on_board(rules, row, column):
+        return False
+    return bool(world.walls[row * rules.columns + column] == OPEN)
+
+
+# --- prim: ways without loops -----------------------------------------------------------------
 
 
 @compiled
@@ -53,12 +58,6 @@ def open_lattice_cell(world: Any, rules: Any, row: int, column: int, num_reached
             world.order[num_reached] = cell
             num_reached += 1
     return num_reached
-
-
-@compiled
-def is_open_at(world: Any, rules: Any, row: int, column: int) -> bool:
-    """Whether there is such a cell and it is part of the ways."""
-    return is_on_board(rules, row, column) and world.walls[row * rules.columns + column] == OPEN
 
 
 @compiled
@@ -105,12 +104,6 @@ def close_border(world: Any, rules: Any, last_row: int, last_column: int) -> Non
 
 
 @compiled
-def can_grow_to(world: Any, rules: Any, row: int, column: int) -> bool:
-    """Whether a wall may grow to a lattice point: on the board, and no wall yet."""
-    return is_on_board(rules, row, column) and world.walls[row * rules.columns + column] == OPEN
-
-
-@compiled
 def grow_walls(world: Any, rules: Any) -> None:
     """Walls begin at random lattice points and grow by two cells at each step, at random.
 
@@ -126,11 +119,11 @@ def grow_walls(world: Any, rules: Any) -> None:
         for _ in range(rules.growth_steps):
             num_free = 0
             for step in _STEPS:
-                num_free += int(can_grow_to(world, rules, row + 2 * step[0], column + 2 * step[1]))
+                num_free += int(is_open_at(world, rules, row + 2 * step[0], column + 2 * step[1]))
             if num_free == 0:
                 break
             step = _STEPS[draw_below(world.random, MAZE_WORD, NUM_MOVES)]
-            if can_grow_to(world, rules, row + 2 * step[0], column + 2 * step[1]):
+            if is_open_at(world, rules, row + 2 * step[0], column + 2 * step[1]):
                 world.walls[(row + step[0]) * rules.columns + column + step[1]] = WALL
                 row, column = row + 2 * step[0], column + 2 * step[1]
                 world.walls[row * rules.columns + column] = WALL
@@ -142,8 +135,8 @@ def grow_walls(world: Any, rules: Any) -> None:
 @compiled
 def measure_distances(world: Any, rules: Any, goal: int) -> int:
     """Moves from every open cell to the goal, breadth first; returns how many cells are open."""
-    world.distance[:] = np.int16(-1)
-    world.order[:] = np.int16(0)
+    world.distance[:] = NO_WAY
+    world.order[:] = 0
     world.distance[goal] = 0
     world.order[0] = goal
     num_open = 1

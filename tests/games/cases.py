@@ -96,6 +96,12 @@ DEFAULT_CASES = [case for case in SCENARIOS if case.scenario == GAMES[case.game]
 REPRESENTATIONS = list(_list_representations())
 
 
+def ticks_of(game: str, num_decisions: int, scenario: str | None = None) -> int:
+    """Ticks that so many decisions last."""
+    chosen = GAMES[game]
+    return num_decisions * chosen.make_spec(chosen.scenario(scenario)).ticks_per_step
+
+
 class Luck(NamedTuple):
     """Numbers in 0..1 from which players choose: the same whatever the batch around them is."""
 

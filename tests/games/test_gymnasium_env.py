@@ -14,10 +14,10 @@ import marl_cair
 from marl_cair.games import GAMES
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
 from marl_cair.lookup import UnknownNameError
-from tests.games.cases import REPRESENTATIONS, FirstLegalAgent, choose_action
+from tests.games.cases import REPRESENTATIONS, FirstLegalAgent, choose_action, ticks_of
 
 IDS = sorted(name for name in gymnasium.registry if name.startswith("marl_cair/"))
-MAX_TICKS = 80  # a game lasts so long, of which each decision takes ten
+MAX_DECISIONS = 8  # a game lasts at most so long
 NUM_WORLDS = 3
 FORMS = [{}, {"mask_in_observation": True}, {"vector": True}]
 
@@ -31,7 +31,8 @@ def seat_of(game: str, which: str) -> int:
 
 
 def make_single(game: str, **options: Any) -> GameEnv:
-    return GameEnv(game, opponent=FirstLegalAgent(), max_ticks=MAX_TICKS, **options)
+    max_ticks = ticks_of(game, MAX_DECISIONS)
+    return GameEnv(game, opponent=FirstLegalAgent(), max_ticks=max_ticks, **options)
 
 
 def make_vector(game: str, mode: AutoresetMode, **options: Any) -> GameVectorEnv:
@@ -40,7 +41,7 @@ def make_vector(game: str, mode: AutoresetMode, **options: Any) -> GameVectorEnv
         num_envs=NUM_WORLDS,
         opponent=FirstLegalAgent(),
         autoreset_mode=mode,
-        max_ticks=MAX_TICKS,
+        max_ticks=ticks_of(game, MAX_DECISIONS),
         **options,
     )
 
@@ -176,7 +177,7 @@ def test_vector_with_same_step_reset_equals_single_games(game_name, form):
                 seen, info = single.reset()
             assert_same(observations, seen, world)
             np.testing.assert_array_equal(infos["action_mask"][world], info["action_mask"])
-    assert num_ended == 3 * NUM_WORLDS
+    assert num_ended >= 3 * NUM_WORLDS
 
 
 @pytest.mark.parametrize("form", FORMS, ids=str)

@@ -1,4 +1,4 @@
-"""The pictures of scenarios in the documentation, drawn anew by `python docs/pictures.py`.
+"""The pictures of scenarios in the documentation, drawn anew by `python docs/pictures.py [game]`.
 
 Bots play, seeded; each picture is what a spectator or one seat sees after so many decisions.
 """
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games import make_engine
 from marl_cair.games.engine import BatchedEngine
+from marl_cair.lookup import find_by_name
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # without a screen
@@ -41,7 +42,21 @@ DEEP_RTS = (
 )
 
 
-def play(scene: Scene, game: str = "deep_rts") -> BatchedEngine:
+DEEP_MAZE = (
+    Scene("25x25-stochastic", ("oracle",), 9),
+    Scene("25x25-square", ("oracle",), 45, 0),
+    Scene("15x15-line_of_sight", ("wall_follower",), 32, 0),
+    Scene("25x25-loops", ("wall_follower",), 20),
+    Scene("15x15-race-4p", ("oracle", "wall_follower", "random", "oracle"), 4),
+    Scene("15x15-chase-4p", ("oracle", "oracle", "oracle", "wall_follower"), 3),
+)
+GALLERIES = {  # of each game: its scenes, the inches of the whole, and where it is kept
+    "deep_rts": (DEEP_RTS, (15, 10.6), "deep_rts.png"),
+    "deep_maze": (DEEP_MAZE, (15, 8.2), "deep_maze.png"),
+}
+
+
+def play(scene: Scene, game: str) -> BatchedEngine:
     """The scene's world after its decisions, or at its end."""
     engine = make_engine(game, scene.scenario)
     agents = [engine.game.bot(name, engine.scenario) for name in scene.bots]
@@ -57,22 +72,29 @@ def play(scene: Scene, game: str = "deep_rts") -> BatchedEngine:
     return engine
 
 
-def show(scene: Scene) -> NDArray[np.uint8]:
+def show(scene: Scene, game: str) -> NDArray[np.uint8]:
     """The picture of a scene."""
-    return play(scene).render(0, scene.seat)
+    return play(scene, game).render(0, scene.seat)
+
+
+def draw_gallery(game: str) -> None:
+    """Draw all scenes of a game side by side."""
+    scenes, inches, file = find_by_name("gallery", game, GALLERIES)
+    figure, axes = plt.subplots(2, 3, figsize=inches, layout="constrained")
+    for axis, scene in zip(axes.flat, scenes, strict=True):
+        axis.imshow(show(scene, game), interpolation="none")
+        axis.set_title(scene.scenario, fontsize=15)
+        axis.axis("off")
+    figure.savefig(IMAGES / file, dpi=90)
+    plt.close(figure)
 
 
 def main() -> None:
-    """Draw all scenes side by side."""
+    """Draw the pictures of the named games, or of all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=IMAGES / "deep_rts.png")
-    out = parser.parse_args().out
-    figure, axes = plt.subplots(2, 3, figsize=(15, 10.6), layout="constrained")
-    for axis, scene in zip(axes.flat, DEEP_RTS, strict=True):
-        axis.imshow(show(scene), interpolation="none")
-        axis.set_title(scene.scenario, fontsize=15)
-        axis.axis("off")
-    figure.savefig(out, dpi=90)
+    parser.add_argument("games", nargs="*", help=f"of {', '.join(GALLERIES)} (default: all)")
+    for game in parser.parse_args().games or GALLERIES:
+        draw_gallery(game)
 
 
 if __name__ == "__main__":

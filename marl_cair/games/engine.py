@@ -280,6 +280,10 @@ class BatchedEngine:
         """The full state of one world as a flat float32 vector [S], the same for all seats."""
         return self.game.public_state(self._worlds, world)
 
+    def info(self) -> dict[str, NDArray[Any]]:
+        """Numbers of each seat beside what it observes, by name, fresh arrays [B, P]."""
+        return {} if self.game.info is None else dict(self.game.info(self._worlds))
+
     def render(self, world: int = 0, player: int | None = None) -> NDArray[np.uint8]:
         """What a person sees of one world, uint8 [height, width, 3]; `player` gives a seat's view.
 

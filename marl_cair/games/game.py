@@ -153,6 +153,8 @@ class Game:
     rewards: Mapping[str, str]  # by name, what each pays; the first rates play
     public_state: Callable[[Any, int], NDArray[np.float32]]  # (worlds, world) -> full state [S]
     gymnasium_prefix: str  # "DeepLineWars" of "marl_cair/DeepLineWars-10x15-v0"
+    # World -> further numbers of each seat, by name [B, P]: environments give them as `infos`.
+    info: Callable[[Any], Mapping[str, NDArray[Any]]] | None = None
 
     @property
     def rated_reward(self) -> str:

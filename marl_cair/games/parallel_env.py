@@ -33,6 +33,7 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         mask_in_observation: observations become {"observation", "action_mask"}. The mask is always
             in `infos[agent]["action_mask"]` too, int8 as `action_space(agent).sample(mask)` takes
             it: [A], [*action_shape, A] where actions have a shape, or [G, C] in the factored form.
+            Beside it stand the game's own numbers, as `optimal_steps` of a maze (see `Game.info`).
         vector: observations become a dict with the float32 economy vector under "vector".
         max_cycles: time limit in decisions (default: the scenario's).
         action_form: "flat" (Discrete, or MultiDiscrete [*action_shape]), or "factored": actions
@@ -180,6 +181,7 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
     def _look(self) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         seen = look(self.engine, *self._seen_as)
         masks = self._form.shape_mask(self.engine.action_mask()[0])
+        numbers = self.engine.info()
         observations: dict[str, Any] = {}
         infos: dict[str, dict[str, Any]] = {}
         for seat, agent in enumerate(self.possible_agents):
@@ -189,7 +191,8 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
                 observations[agent] = {name: array[0, seat] for name, array in seen.items()}
             else:
                 observations[agent] = seen[0, seat]
-            infos[agent] = {"action_mask": masks[seat]}
+            told = {name: values[0, seat].item() for name, values in numbers.items()}
+            infos[agent] = {"action_mask": masks[seat], **told}
         return observations, infos
 
 

@@ -1,4 +1,5 @@
-"""The pictures of scenarios in the documentation, drawn anew by `python docs/pictures.py`.
+"""The pictures of scenarios in the documentation, drawn anew by `python docs/pictures.py`
+(`--game flappy_bird` draws that game's alone).
 
 Bots play, seeded; each picture is what a spectator or one seat sees after so many decisions.
 """
@@ -29,6 +30,8 @@ class Scene(NamedTuple):
     bots: tuple[str, ...]  # of the seats
     decisions: int
     seat: int | None = None  # None: the spectator
+    representation: str | None = None  # what the seat observes, in place of the picture
+    seed: int = 0
 
 
 DEEP_RTS = (
@@ -40,6 +43,29 @@ DEEP_RTS = (
     Scene("Teams-2v2-31x31", ("archers", "rusher", "turtle", "mixed"), 380),
 )
 
+FLAPPY_BIRD = (
+    Scene("classic", ("oracle",), 262),
+    Scene("hard", ("oracle",), 124),
+    Scene("storm", ("oracle",), 151, seed=2),
+    Scene("race-8", ("reflex", "oracle") * 4, 76, seed=5),
+    Scene("classic", ("oracle",), 262, 0, "gray"),
+)
+
+
+class Sheet(NamedTuple):
+    """Scenes of a game side by side."""
+
+    scenes: tuple[Scene, ...]
+    file: str
+    rows: int
+    size: tuple[float, float]  # inches
+
+
+SHEETS = {
+    "deep_rts": Sheet(DEEP_RTS, "deep_rts_scenarios.png", 2, (15, 10.6)),
+    "flappy_bird": Sheet(FLAPPY_BIRD, "flappy_bird_scenarios.png", 1, (15, 5.8)),
+}
+
 
 def play(scene: Scene, game: str = "deep_rts") -> BatchedEngine:
     """The scene's world after its decisions, or at its end."""
@@ -47,32 +73,50 @@ def play(scene: Scene, game: str = "deep_rts") -> BatchedEngine:
     agents = [engine.game.bot(name, engine.scenario) for name in scene.bots]
     for seat, agent in enumerate(agents):
         agent.seed(seat)
-    engine.reset(0)
+    engine.reset(scene.seed)
+    names = {agent.representation for agent in agents}
     for _ in range(scene.decisions):
-        seen, mask = engine.observe("planes"), engine.action_mask()
-        chosen = [agent.act(seen[:, seat], mask[:, seat])[0] for seat, agent in enumerate(agents)]
+        seen, mask = {name: engine.observe(name) for name in names}, engine.action_mask()
+        chosen = [
+            agent.act(seen[agent.representation][:, seat], mask[:, seat])[0]
+            for seat, agent in enumerate(agents)
+        ]
         engine.step(np.array([chosen]))
         if engine.terminated[0] or engine.truncated[0]:
             break
     return engine
 
 
-def show(scene: Scene) -> NDArray[np.uint8]:
+def show(scene: Scene, game: str = "deep_rts") -> NDArray[np.uint8]:
     """The picture of a scene."""
-    return play(scene).render(0, scene.seat)
+    engine = play(scene, game)
+    if scene.representation is None:
+        return engine.render(0, scene.seat)
+    return engine.observe(scene.representation)[0, scene.seat or 0, 0]
+
+
+def draw_sheet(game: str, sheet: Sheet, out: Path) -> None:
+    """Draw a game's scenes side by side."""
+    columns = len(sheet.scenes) // sheet.rows
+    figure, axes = plt.subplots(sheet.rows, columns, figsize=sheet.size, layout="constrained")
+    for axis, scene in zip(axes.flat, sheet.scenes, strict=True):
+        picture = show(scene, game)
+        aspect = "equal" if scene.representation is None else 512 / 288  # shown as it was shrunk
+        axis.imshow(picture, interpolation="none", aspect=aspect, cmap="gray", vmin=0, vmax=255)
+        axis.set_title(scene.representation or scene.scenario, fontsize=15)
+        axis.axis("off")
+    figure.savefig(out, dpi=90)
 
 
 def main() -> None:
-    """Draw all scenes side by side."""
+    """Draw all sheets, or one game's."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=IMAGES / "deep_rts_scenarios.png")
-    out = parser.parse_args().out
-    figure, axes = plt.subplots(2, 3, figsize=(15, 10.6), layout="constrained")
-    for axis, scene in zip(axes.flat, DEEP_RTS, strict=True):
-        axis.imshow(show(scene), interpolation="none")
-        axis.set_title(scene.scenario, fontsize=15)
-        axis.axis("off")
-    figure.savefig(out, dpi=90)
+    parser.add_argument("--game", choices=SHEETS, help="draw that game's alone")
+    parser.add_argument("--out", type=Path, default=IMAGES, help="folder")
+    options = parser.parse_args()
+    for game, sheet in SHEETS.items():
+        if options.game in (None, game):
+            draw_sheet(game, sheet, options.out / sheet.file)
 
 
 if __name__ == "__main__":

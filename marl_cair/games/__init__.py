@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "deep_line_wars": "marl_cair.games.deep_line_wars",
     "deep_rts": "marl_cair.games.deep_rts",
+    "flappy_bird": "marl_cair.games.flappy_bird",
 }
 
 

@@ -25,7 +25,8 @@ QUICK_SCENARIOS = {
         "Teams-2v2-15x15-fog",
         "Economy-15x15",
         "LavaMaze-31x31",
-    )
+    ),
+    "flappy_bird": ("classic", "race-4-windy"),
 }
 ILLEGAL_SHARE = 0.05  # of chosen actions is not looked up in the mask
 GOLDEN_RATIO = 0.6180339887498949  # its multiples spread evenly over 0..1

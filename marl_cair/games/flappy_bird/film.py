@@ -1,8 +1,8 @@
-"""The last four decisions as frames of a film: what a picture shows, a few numbers each.
+"""The last four decisions as frames of a film, from which past pictures can be painted again.
 
-Pictures are painted from frames, so that a stack of past pictures needs no past pixels: it depends
-on the state alone, and is the same after a restore and in any place of a batch. Frames are copies
-of the state's numbers; what is drawn is worked out when somebody looks.
+So a stack of pictures needs no past pixels: it depends on the state alone, and is the same after a
+restore and in any place of a batch. A frame holds little, since it is written at each decision:
+pipes move evenly, so where they were follows from where they are.
 """
 
 from __future__ import annotations
@@ -19,14 +19,11 @@ from marl_cair.games.flappy_bird.sprites import (
 from marl_cair.games.flappy_bird.state import (
     FLAPPED,
     FRAME_BIRDS,
-    FRAME_CRASH,
-    FRAME_GAP,
-    FRAME_MOTION,
-    FRAME_PIPE,
+    FRAME_FLIGHT,
     FRAME_TICK,
-    FRAME_VELOCITY,
     FRAME_WIND,
     FRAME_Y,
+    MOTION_BITS,
     NEVER,
     NUM_BIRD_NUMBERS,
     NUM_FRAMES,
@@ -34,80 +31,114 @@ from marl_cair.games.flappy_bird.state import (
 from marl_cair.games.flappy_bird.tables import (
     FLAP_VELOCITY,
     HUNDREDTHS,
-    NUM_PIPES,
     PIPE_WIDTH,
+    RENEWED_X_HUNDREDTHS,
 )
 
 HIDDEN = -1  # the look of a bird that is not drawn
 
 
 @compiled
-def write_frame(world: Any, rules: Any, index: int) -> None:
-    """Write what can be seen now into a frame of the film."""
-    frame = world.film[index]
-    for pipe in range(NUM_PIPES):
-        frame[FRAME_PIPE + pipe] = world.pipe_x[pipe]
-        frame[FRAME_GAP + pipe] = world.gap_top[pipe]
-    frame[FRAME_WIND] = world.wind[0]
+def write_frame(world: Any, num_players: int, place: int) -> None:
+    """Write what can be seen now into a place of the film."""
+    frame = world.film[place]
     frame[FRAME_TICK] = world.tick[0]
-    for player in range(rules.num_players):
+    frame[FRAME_WIND] = world.wind[0]
+    for player in range(num_players):
         first = FRAME_BIRDS + NUM_BIRD_NUMBERS * player
         frame[first + FRAME_Y] = world.bird_y[player]
-        frame[first + FRAME_VELOCITY] = world.velocity[player]
-        frame[first + FRAME_MOTION] = world.motion[player]
-        frame[first + FRAME_CRASH] = world.crash_tick[player]
+        flight = (int(world.velocity[player]) << MOTION_BITS) + int(world.motion[player])
+        frame[first + FRAME_FLIGHT] = flight
 
 
 @compiled
-def shoot_frame(world: Any, rules: Any) -> None:
+def shoot_frame(world: Any, num_players: int) -> None:
     """The newest frame takes the place of the oldest."""
-    index = (int(world.newest_frame[0]) + 1) & (NUM_FRAMES - 1)
-    world.newest_frame[0] = index
-    write_frame(world, rules, index)
+    place = (int(world.newest_frame[0]) + 1) & (NUM_FRAMES - 1)
+    world.newest_frame[0] = place
+    write_frame(world, num_players, place)
 
 
 @compiled
-def film_start(world: Any, rules: Any) -> None:
+def film_start(world: Any, num_players: int) -> None:
     """Before the first decision all frames show the start."""
     world.newest_frame[0] = 0
-    for index in range(NUM_FRAMES):
-        write_frame(world, rules, index)
+    for place in range(NUM_FRAMES):
+        write_frame(world, num_players, place)
 
 
-# --- reading a frame -----------------------------------------------------------------------------
+# --- looking at a frame --------------------------------------------------------------------------
 
 
 @compiled_compact
-def frame_index(world: Any, age: int) -> int:
+def frame_place(world: Any, age: int) -> int:
     """The place in the film of the frame of `age` decisions ago, 0..3."""
-    return int((world.newest_frame[0] + NUM_FRAMES - age) % NUM_FRAMES)
+    return (int(world.newest_frame[0]) + NUM_FRAMES - age) & (NUM_FRAMES - 1)
 
 
 @compiled_compact
-def pipe_left(frame: Any, pipe: int) -> int:
-    """A pipe's left edge, in whole pixels."""
-    return int(frame[FRAME_PIPE + pipe] // HUNDREDTHS - PIPE_WIDTH // 2)
+def past_x(world: Any, rules: Any, place: int, pipe: int) -> int:
+    """Where the pipe would have been if it had never come back: right of all, if it has."""
+    ticks_ago = int(world.tick[0]) - int(world.film[place, FRAME_TICK])
+    return int(world.pipe_x[pipe]) + rules.speed * ticks_ago
 
 
 @compiled_compact
-def scroll_of(frame: Any, rules: Any) -> int:
-    """Pixels that the ground has moved, as far as it can be seen."""
-    return int(int(frame[FRAME_TICK]) * rules.speed // HUNDREDTHS % GROUND_PERIOD)
+def has_come_back(world: Any, rules: Any, place: int, pipe: int) -> bool:
+    """Whether the frame is older than the pipe's present gap.
+
+    A pipe is at RENEWED_X when it comes back, and moves in that tick. At the start none has.
+    """
+    was_before = past_x(world, rules, place, pipe) >= RENEWED_X_HUNDREDTHS
+    return bool(was_before and world.former_x[pipe] < 0)
 
 
 @compiled_compact
-def bird_top(frame: Any, player: int) -> int:
-    """A bird's upper edge, in whole pixels."""
-    return int(frame[FRAME_BIRDS + NUM_BIRD_NUMBERS * player + FRAME_Y] // HUNDREDTHS)
+def pipe_left(world: Any, rules: Any, place: int, pipe: int) -> int:
+    """A pipe's left edge in a frame, in whole pixels."""
+    x = past_x(world, rules, place, pipe)
+    if has_come_back(world, rules, place, pipe):
+        x += int(world.former_x[pipe]) - RENEWED_X_HUNDREDTHS
+    return int(x // HUNDREDTHS - PIPE_WIDTH // 2)
 
 
 @compiled_compact
-def look_of(frame: Any, player: int) -> int:
+def gap_of(world: Any, rules: Any, place: int, pipe: int) -> int:
+    """The upper edge of a pipe's gap in a frame, in pixels."""
+    if has_come_back(world, rules, place, pipe):
+        return int(world.former_gap[pipe])
+    return int(world.gap_top[pipe])
+
+
+@compiled_compact
+def scroll_of(world: Any, rules: Any, place: int) -> int:
+    """Pixels that the ground has moved in a frame, as far as it can be seen."""
+    travelled = int(world.film[place, FRAME_TICK]) * rules.speed // HUNDREDTHS
+    return int(travelled % GROUND_PERIOD)
+
+
+@compiled_compact
+def wind_of(world: Any, place: int) -> int:
+    """Hundredths of a pixel per tick, downwards."""
+    return int(world.film[place, FRAME_WIND])
+
+
+@compiled_compact
+def bird_top(world: Any, place: int, player: int) -> int:
+    """A bird's upper edge in a frame, in whole pixels."""
+    y = int(world.film[place, FRAME_BIRDS + NUM_BIRD_NUMBERS * player + FRAME_Y])
+    return y // HUNDREDTHS
+
+
+@compiled_compact
+def look_of(world: Any, place: int, player: int) -> int:
     """How a bird looks: it tells the velocity in steps, and whether the bird has just flapped."""
-    first = FRAME_BIRDS + NUM_BIRD_NUMBERS * player
-    crashed = frame[first + FRAME_CRASH]
-    if crashed != NEVER:
-        return CRASHED_LOOK if crashed == frame[FRAME_TICK] else HIDDEN
-    if frame[first + FRAME_MOTION] == FLAPPED:
+    crashed, tick = int(world.crash_tick[player]), int(world.film[place, FRAME_TICK])
+    if crashed not in (NEVER, tick) and crashed < tick:
+        return HIDDEN
+    if crashed == tick:
+        return CRASHED_LOOK
+    flight = int(world.film[place, FRAME_BIRDS + NUM_BIRD_NUMBERS * player + FRAME_FLIGHT])
+    if flight & ((1 << MOTION_BITS) - 1) == FLAPPED:
         return PUSHING_LOOK
-    return int(LOOK_OF_SPEED[frame[first + FRAME_VELOCITY] // HUNDREDTHS - FLAP_VELOCITY])
+    return int(LOOK_OF_SPEED[(flight >> MOTION_BITS) // HUNDREDTHS - FLAP_VELOCITY])

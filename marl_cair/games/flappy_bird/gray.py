@@ -14,10 +14,12 @@ from marl_cair.games.flappy_bird.art import BODY, CAP, LINE
 from marl_cair.games.flappy_bird.film import (
     HIDDEN,
     bird_top,
-    frame_index,
+    frame_place,
+    gap_of,
     look_of,
     pipe_left,
     scroll_of,
+    wind_of,
 )
 from marl_cair.games.flappy_bird.rendering import (
     GAUGE_EDGE,
@@ -35,8 +37,6 @@ from marl_cair.games.flappy_bird.sprites import (
     CAP_LINE,
 )
 from marl_cair.games.flappy_bird.state import (
-    FRAME_GAP,
-    FRAME_WIND,
     NUM_FRAMES,
     world_at,
 )
@@ -94,15 +94,15 @@ def lay_end(
 
 
 @compiled_compact
-def lay_pipe(frame: Any, rules: Any, gray: Any, pipe: int, image: Any) -> None:
+def lay_pipe(world: Any, rules: Any, place: int, gray: Any, pipe: int, image: Any) -> None:
     """Both halves of a pipe."""
-    left = pipe_left(frame, pipe)
+    left = pipe_left(world, rules, place, pipe)
     if left >= SCREEN_WIDTH or left + PIPE_WIDTH <= 0:
         return
     side = image.shape[0]
     phase = left % gray.period
     column = left // gray.period * gray.period_columns + phase * side // SCREEN_WIDTH
-    top = int(frame[FRAME_GAP + pipe])
+    top = gap_of(world, rules, place, pipe)
     bottom = top + rules.pipe_gap
     upper = max(0, top - CAP_HEIGHT) * side // SCREEN_HEIGHT
     above_gap = (top * side - 1) // SCREEN_HEIGHT + 1
@@ -118,9 +118,9 @@ def lay_pipe(frame: Any, rules: Any, gray: Any, pipe: int, image: Any) -> None:
 
 
 @compiled_compact
-def lay_ground(frame: Any, rules: Any, gray: Any, image: Any) -> None:
+def lay_ground(phase: int, gray: Any, image: Any) -> None:
     """The ground; its first row shares its cells with what is above."""
-    side, phase, units = image.shape[0], scroll_of(frame, rules), gray.ground_units
+    side, units = image.shape[0], gray.ground_units
     for column in range(side):
         above = int(image[gray.ground_row, column]) * (SCREEN_HEIGHT - units)
         below = int(gray.ground[phase, 0, column]) * units
@@ -147,23 +147,21 @@ def lay_box(image: Any, top: int, left: int, height: int, width: int, luma: int)
 
 
 @compiled_compact
-def lay_gauge(frame: Any, image: Any) -> None:
+def lay_gauge(wind: int, image: Any) -> None:
     """The gauge of the wind."""
     lay_box(image, GAUGE_TOP, GAUGE_LEFT, GAUGE_HEIGHT, GAUGE_WIDTH, GAUGE_DARK_LUMA)
-    top, height = gauge_box(int(frame[FRAME_WIND]))
+    top, height = gauge_box(wind)
     if height > 0:
         width = GAUGE_WIDTH - 2 * GAUGE_EDGE
         lay_box(image, top, GAUGE_LEFT + GAUGE_EDGE, height, width, GAUGE_BRIGHT_LUMA)
 
 
 @compiled_compact
-def lay_bird(frame: Any, gray: Any, player: int, colour: int, image: Any) -> None:
-    """One bird, if it is to be seen."""
-    look = look_of(frame, player)
+def lay_bird(look: int, up: int, colour: int, gray: Any, image: Any) -> None:
+    """A bird whose canvas begins in pixel row `up`, if it is to be seen."""
     if look == HIDDEN:
         return
     side = image.shape[0]
-    up = bird_top(frame, player) - CANVAS_UP
     cover, light = gray.bird_cover[look], gray.bird_light[colour, look]
     first, last = max(0, up), min(SCREEN_HEIGHT, up + CANVAS)
     for row in range(first * side // SCREEN_HEIGHT, (last * side - 1) // SCREEN_HEIGHT + 1):
@@ -182,20 +180,22 @@ def lay_bird(frame: Any, gray: Any, player: int, colour: int, image: Any) -> Non
 
 
 @compiled_compact
-def paint_gray(frame: Any, rules: Any, gray: Any, viewer: int, image: Any) -> None:
-    """A frame as uint8 [S, S], S the side that `gray` was averaged for."""
+def paint_gray(world: Any, rules: Any, place: int, gray: Any, viewer: int, image: Any) -> None:
+    """A frame at `place` of the film as uint8 [S, S], S the side that `gray` was averaged for."""
     for row in range(gray.ground_row + 1):
         for column in range(image.shape[1]):
             image[row, column] = gray.sky[row, column]
     for pipe in range(NUM_PIPES):
-        lay_pipe(frame, rules, gray, pipe, image)
-    lay_ground(frame, rules, gray, image)
+        lay_pipe(world, rules, place, gray, pipe, image)
+    lay_ground(scroll_of(world, rules, place), gray, image)
     if rules.wind > 0:
-        lay_gauge(frame, image)
-    for player in range(rules.num_players):
-        if player != viewer:
-            lay_bird(frame, gray, player, colour_of(player, viewer), image)
-    lay_bird(frame, gray, viewer, 0, image)
+        lay_gauge(wind_of(world, place), image)
+    for nth in range(1, rules.num_players + 1):
+        # The viewer comes last, the others in the order of their seats.
+        player = viewer if nth == rules.num_players else nth - int(nth <= viewer)
+        look = look_of(world, place, player)
+        up = bird_top(world, place, player) - CANVAS_UP
+        lay_bird(look, up, colour_of(player, viewer), gray, image)
 
 
 # --- slices of worlds ------------------------------------------------------------------------
@@ -206,9 +206,9 @@ def observe_gray(worlds: Any, rules: Any, out: Any, first: int, last: int) -> No
     """Write every seat's small picture to out [B, P, 1, 84, 84]."""
     for index in range(first, last):
         world = world_at(worlds, index)
-        frame = world.film[frame_index(world, 0)]
+        place = frame_place(world, 0)
         for player in range(rules.num_players):
-            paint_gray(frame, rules, rules.art.gray_84, player, out[index, player, 0])
+            paint_gray(world, rules, place, rules.art.gray_84, player, out[index, player, 0])
 
 
 @compiled_compact
@@ -216,9 +216,9 @@ def observe_gray_80(worlds: Any, rules: Any, out: Any, first: int, last: int) ->
     """Write every seat's small picture in the thesis's size to out [B, P, 1, 80, 80]."""
     for index in range(first, last):
         world = world_at(worlds, index)
-        frame = world.film[frame_index(world, 0)]
+        place = frame_place(world, 0)
         for player in range(rules.num_players):
-            paint_gray(frame, rules, rules.art.gray_80, player, out[index, player, 0])
+            paint_gray(world, rules, place, rules.art.gray_80, player, out[index, player, 0])
 
 
 @compiled_compact
@@ -227,7 +227,7 @@ def observe_gray_stack(worlds: Any, rules: Any, out: Any, first: int, last: int)
     for index in range(first, last):
         world = world_at(worlds, index)
         for age in range(NUM_FRAMES):
-            frame = world.film[frame_index(world, age)]
+            place = frame_place(world, age)
             for player in range(rules.num_players):
                 image = out[index, player, NUM_FRAMES - 1 - age]
-                paint_gray(frame, rules, rules.art.gray_84, player, image)
+                paint_gray(world, rules, place, rules.art.gray_84, player, image)

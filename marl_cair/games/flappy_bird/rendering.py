@@ -17,10 +17,12 @@ from marl_cair.games.flappy_bird.art import BODY, CAP
 from marl_cair.games.flappy_bird.film import (
     HIDDEN,
     bird_top,
-    frame_index,
+    frame_place,
+    gap_of,
     look_of,
     pipe_left,
     scroll_of,
+    wind_of,
 )
 from marl_cair.games.flappy_bird.sprites import (
     BIRD_COLOURS,
@@ -31,8 +33,6 @@ from marl_cair.games.flappy_bird.sprites import (
     CAP_LINE,
 )
 from marl_cair.games.flappy_bird.state import (
-    FRAME_GAP,
-    FRAME_WIND,
     NEVER,
     World,
     world_at,
@@ -77,11 +77,11 @@ def gauge_box(wind: int) -> tuple[int, int]:
 
 
 @compiled_compact
-def paint_pipe(frame: Any, rules: Any, pipe: int, image: Any) -> None:
+def paint_pipe(world: Any, rules: Any, place: int, pipe: int, image: Any) -> None:
     """The upper and the lower half of a pipe, down to the ground."""
     art = rules.art
-    left = pipe_left(frame, pipe)
-    top = int(frame[FRAME_GAP + pipe])
+    left = pipe_left(world, rules, place, pipe)
+    top = gap_of(world, rules, place, pipe)
     bottom = top + rules.pipe_gap
     first, last = max(0, left), min(SCREEN_WIDTH, left + PIPE_WIDTH)
     for y in range(GROUND_TOP):
@@ -99,9 +99,9 @@ def paint_pipe(frame: Any, rules: Any, pipe: int, image: Any) -> None:
 
 
 @compiled_compact
-def paint_ground(frame: Any, rules: Any, image: Any) -> None:
+def paint_ground(world: Any, rules: Any, place: int, image: Any) -> None:
     """The ground, scrolled as the pipes are."""
-    phase = scroll_of(frame, rules)
+    phase = scroll_of(world, rules, place)
     for channel in range(3):
         for y in range(GROUND_TOP, SCREEN_HEIGHT):
             for x in range(SCREEN_WIDTH):
@@ -109,21 +109,21 @@ def paint_ground(frame: Any, rules: Any, image: Any) -> None:
 
 
 @compiled_compact
-def paint_gauge(frame: Any, image: Any) -> None:
+def paint_gauge(wind: int, image: Any) -> None:
     """The wind: the bar points where birds are blown."""
     fill_box(image, GAUGE_TOP, GAUGE_LEFT, GAUGE_HEIGHT, GAUGE_WIDTH, GAUGE_DARK)
-    top, height = gauge_box(int(frame[FRAME_WIND]))
+    top, height = gauge_box(wind)
     width = GAUGE_WIDTH - 2 * GAUGE_EDGE
     fill_box(image, top, GAUGE_LEFT + GAUGE_EDGE, height, width, GAUGE_BRIGHT)
 
 
 @compiled_compact
-def paint_bird(frame: Any, rules: Any, player: int, colour: int, image: Any) -> None:
+def paint_bird(world: Any, rules: Any, place: int, player: int, colour: int, image: Any) -> None:
     """One bird, if it is to be seen."""
-    look = look_of(frame, player)
+    look = look_of(world, place, player)
     if look == HIDDEN:
         return
-    up = bird_top(frame, player) - CANVAS_UP
+    up = bird_top(world, place, player) - CANVAS_UP
     for row in range(max(0, -up), min(CANVAS, SCREEN_HEIGHT - up)):
         for column in range(CANVAS):
             index = rules.art.bird[look, row, column]
@@ -134,22 +134,22 @@ def paint_bird(frame: Any, rules: Any, player: int, colour: int, image: Any) -> 
 
 
 @compiled_compact
-def paint(frame: Any, rules: Any, viewer: int, image: Any) -> None:
-    """The whole picture of a frame: image uint8 [3, 512, 288]."""
+def paint(world: Any, rules: Any, place: int, viewer: int, image: Any) -> None:
+    """The whole picture of a frame at `place` of the film: image uint8 [3, 512, 288]."""
     for channel in range(3):
         for y in range(GROUND_TOP):
             for x in range(SCREEN_WIDTH):
                 image[channel, y, x] = rules.art.sky[channel, y, x]
     for pipe in range(NUM_PIPES):
-        paint_pipe(frame, rules, pipe, image)
-    paint_ground(frame, rules, image)
+        paint_pipe(world, rules, place, pipe, image)
+    paint_ground(world, rules, place, image)
     if rules.wind > 0:
-        paint_gauge(frame, image)
+        paint_gauge(wind_of(world, place), image)
     for player in range(rules.num_players):
         if player != viewer:
-            paint_bird(frame, rules, player, colour_of(player, viewer), image)
+            paint_bird(world, rules, place, player, colour_of(player, viewer), image)
     if viewer != SPECTATOR:
-        paint_bird(frame, rules, viewer, 0, image)
+        paint_bird(world, rules, place, viewer, 0, image)
 
 
 @compiled_compact
@@ -182,16 +182,15 @@ def observe_image(worlds: Any, rules: Any, out: Any, first: int, last: int) -> N
     """Write every seat's picture to out [B, P, 3, 512, 288]."""
     for index in range(first, last):
         world = world_at(worlds, index)
-        frame = world.film[frame_index(world, 0)]
         for player in range(rules.num_players):
-            paint(frame, rules, player, out[index, player])
+            paint(world, rules, frame_place(world, 0), player, out[index, player])
 
 
 @compiled_compact
 def paint_world(worlds: Any, rules: Any, index: int, viewer: int, image: Any) -> None:
     """The picture of one world among many, with the score."""
     world = world_at(worlds, index)
-    paint(world.film[frame_index(world, 0)], rules, viewer, image)
+    paint(world, rules, frame_place(world, 0), viewer, image)
     paint_score(world, rules, viewer, image)
 
 

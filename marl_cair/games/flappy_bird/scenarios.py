@@ -12,6 +12,7 @@ from marl_cair.games.flappy_bird.tables import (
     MAX_GAP,
     MAX_PLAYERS,
     MAX_SPEED,
+    MAX_TICKS_PER_STEP,
     MAX_WIND,
     MIN_SPEED,
     PIPE_GAP,
@@ -52,6 +53,7 @@ class Scenario:
         check_whole_number("flappy_bird", self, "num_players", 1, MAX_PLAYERS)
         _check_tenths(self, "pipe_speed", MIN_SPEED, MAX_SPEED)
         _check_tenths(self, "wind", 0.0, MAX_WIND)
+        check_whole_number("flappy_bird", self, "ticks_per_step", 1, MAX_TICKS_PER_STEP)
         check_time("flappy_bird", self)
         find_by_name("flappy_bird reward", self.reward, REWARDS)
         self._check_gap()

@@ -66,9 +66,7 @@ NUM_LOOKS = len(_LOOKS)
 PUSHING_LOOK = 0
 CRASHED_LOOK = NUM_LOOKS - 1
 # By velocity in whole pixels per tick, from FLAP_VELOCITY (-8) to MAX_FALL (10).
-LOOK_OF_SPEED: NDArray[np.int8] = np.repeat(
-    np.array([1, 2, 3, 4, 5], np.int8), [4, 4, 4, 4, 3]
-)
+LOOK_OF_SPEED: NDArray[np.int8] = np.repeat(np.array([1, 2, 3, 4, 5], np.int8), [4, 4, 4, 4, 3])
 # The canvas of a turned bird, and its corner beside the upper left corner of the bird.
 CANVAS = 44
 CANVAS_LEFT = BIRD_X + BIRD_WIDTH // 2 - CANVAS // 2

@@ -20,13 +20,11 @@ GLIDING, FLAPPED, STARTING = range(3)  # a bird at its start flaps by itself in 
 NEVER = -1  # of crash_tick
 COURSE, GUSTS = range(2)  # random words: gaps, wind
 
-# A frame of the film: what a picture shows, for pictures of the past. The numbers are copies.
+# A frame of the film: what is needed beside the state to tell what a past picture showed.
 NUM_FRAMES = 4
-FRAME_PIPE, FRAME_GAP = 0, NUM_PIPES
-FRAME_WIND, FRAME_TICK = 2 * NUM_PIPES, 2 * NUM_PIPES + 1
-FRAME_BIRDS = 2 * NUM_PIPES + 2  # then for each bird:
-FRAME_Y, FRAME_VELOCITY, FRAME_MOTION, FRAME_CRASH = range(4)
-NUM_BIRD_NUMBERS = 4
+FRAME_TICK, FRAME_WIND, FRAME_BIRDS = range(3)  # then for each bird:
+FRAME_Y, FRAME_FLIGHT = range(2)  # its height; its velocity, the motion in the lowest two bits
+NUM_BIRD_NUMBERS, MOTION_BITS = 2, 2
 
 
 class World(NamedTuple):
@@ -41,6 +39,8 @@ class World(NamedTuple):
     random: NDArray[np.uint64]  # [B, 2] generator words of COURSE and GUSTS
     pipe_x: NDArray[np.int32]  # [B, 3] hundredths of a pixel
     gap_top: NDArray[np.int16]  # [B, 3] upper edge of each pipe's gap, pixels
+    former_x: NDArray[np.int32]  # [B, 3] where each pipe was before it came back last
+    former_gap: NDArray[np.int16]  # [B, 3] and the upper edge of its gap then
     wind: NDArray[np.int16]  # [B, 1] hundredths of a pixel per tick, downwards
     gust_ticks: NDArray[np.int16]  # [B, 1] ticks until the wind turns
     bird_y: NDArray[np.int32]  # [B, P] hundredths of a pixel
@@ -50,7 +50,7 @@ class World(NamedTuple):
     crash_tick: NDArray[np.int32]  # [B, P] ticks played when the bird crashed, or NEVER
     illegal: NDArray[np.int32]  # [B, P] illegal actions since reset
     newest_frame: NDArray[np.int8]  # [B, 1] of the film, a ring
-    film: NDArray[np.int32]  # [B, 4, 8 + 4 P] the last decisions' frames, see FRAME_...
+    film: NDArray[np.int32]  # [B, 4, 2 + 2 P] the last decisions' frames, see FRAME_...
 
 
 def allocate(scenario: Scenario, num_worlds: int) -> World:
@@ -67,6 +67,8 @@ def allocate(scenario: Scenario, num_worlds: int) -> World:
         random=zeros(np.uint64, 2),
         pipe_x=zeros(np.int32, NUM_PIPES),
         gap_top=zeros(np.int16, NUM_PIPES),
+        former_x=zeros(np.int32, NUM_PIPES),
+        former_gap=zeros(np.int16, NUM_PIPES),
         wind=zeros(np.int16, 1),
         gust_ticks=zeros(np.int16, 1),
         bird_y=zeros(np.int32, players),
@@ -90,6 +92,8 @@ def world_at(worlds: Any, index: int) -> Any:
         worlds.random[index],
         worlds.pipe_x[index],
         worlds.gap_top[index],
+        worlds.former_x[index],
+        worlds.former_gap[index],
         worlds.wind[index],
         worlds.gust_ticks[index],
         worlds.bird_y[index],

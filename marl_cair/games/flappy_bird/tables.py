@@ -51,3 +51,6 @@ MAX_SPEED = 12.0  # pixels per tick
 MIN_SPEED = 1.0
 MAX_GAP = 300
 MAX_PLAYERS = 8
+# With one flap in 20 ticks no bird keeps its height. With 12 of the fastest, a pipe that came back
+# within four decisions has done so once, as `film` needs.
+MAX_TICKS_PER_STEP = 12

@@ -184,7 +184,9 @@ def test_torchrls_frame_stack_gives_the_same_stack():
         seed=0,
         max_ticks=20,
     )
-    env = TransformedEnv(base, CatFrames(4, dim=-3, in_keys=[("player", "observation")], reset_key="_reset"))
+    env = TransformedEnv(
+        base, CatFrames(4, dim=-3, in_keys=[("player", "observation")], reset_key="_reset")
+    )
     state = env.reset()
     for step in range(30):
         seen = state["player"]

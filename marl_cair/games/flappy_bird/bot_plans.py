@@ -1,4 +1,4 @@
-"""The plans of the scripted birds, each a function of what one bird sees (`features`): no memory."""
+"""The plans of the scripted birds, functions of what one bird sees (`features`): no memory."""
 
 from __future__ import annotations
 

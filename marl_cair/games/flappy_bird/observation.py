@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from marl_cair.games.compiled import compiled
 from marl_cair.games.flappy_bird.state import GLIDING, NEVER, world_at
 from marl_cair.games.flappy_bird.tables import (

@@ -1,7 +1,7 @@
 """The state of Flappy Bird: struct of arrays, first axis B worlds.
 
-Positions are in hundredths of a pixel from the left and the top, velocities in hundredths of a pixel
-per tick, downwards positive. A bird's position is its upper left corner, a pipe's its middle.
+Positions are in hundredths of a pixel from the left and the top, velocities in hundredths per tick,
+downwards positive. A bird's position is its upper left corner, a pipe's its middle.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import marl_cair
 from marl_cair.games.flappy_bird.observation import (
     FEATURE_NAMES,
     FIRST_UNIFORM,
@@ -14,6 +15,7 @@ from marl_cair.games.flappy_bird.observation import (
     VECTOR_NAMES,
     WIND,
 )
+from marl_cair.games.parallel_env import GameParallelEnv
 from tests.games.flappy_bird.flight import FLAP, Flight
 
 pytestmark = pytest.mark.plain_python
@@ -143,3 +145,10 @@ def test_uniform_planes_hold_their_numbers():
     wind = 128 + 127 * int(flight.world.wind[0]) // 300
     assert values == [0, 255, wind, 0, 255 * 80 // 100]
     assert all((plane == value).all() for plane, value in zip(seen, values, strict=True))
+
+
+def test_environments_know_that_numbers_go_below_zero():
+    space = GameParallelEnv("flappy_bird", representation="vector").observation_space("player_0")
+    assert (space.low == -64).all()
+    spec = marl_cair.make_torchrl_env("flappy_bird", representation="features").observation_spec
+    assert (spec["player", "observation"].space.low == -1).all()

@@ -127,7 +127,7 @@ def test_only_people_see_the_score():
     assert not np.array_equal(flight.engine.render(0), picture)
 
 
-# --- the stack of the last four --------------------------------------------------------------------
+# --- the stack of the last four ------------------------------------------------------------------
 
 
 @pytest.mark.plain_python
@@ -174,7 +174,7 @@ def test_gymnasiums_frame_stack_gives_the_same_stack():
 
 @pytest.mark.plain_python
 def test_torchrls_frame_stack_gives_the_same_stack():
-    from torchrl.envs import CatFrames, TransformedEnv  # noqa: PLC0415  # torch is slow to load
+    from torchrl.envs import CatFrames, TransformedEnv  # torch is slow to load
 
     base = marl_cair.make_torchrl_env(
         "flappy_bird",

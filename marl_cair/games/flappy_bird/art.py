@@ -79,7 +79,8 @@ def overlaps(num_cells: int, num_pixels: int) -> NDArray[np.int64]:
     cells, pixels = np.arange(num_cells)[:, None], np.arange(num_pixels)[None, :]
     first = np.maximum(cells * num_pixels, pixels * num_cells)
     last = np.minimum((cells + 1) * num_pixels, (pixels + 1) * num_cells)
-    return np.maximum(0, last - first)
+    units: NDArray[np.int64] = np.maximum(0, last - first)
+    return units
 
 
 def area_means(luma: NDArray[np.int64], side: int) -> Pixels:

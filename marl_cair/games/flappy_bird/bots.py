@@ -13,8 +13,8 @@ from marl_cair.games.flappy_bird.bot_plans import (
     plan_oracle,
     plan_reflex,
 )
-from marl_cair.games.flappy_bird.rules import FLAP, NOOP
 from marl_cair.games.flappy_bird.scenarios import Scenario
+from marl_cair.games.flappy_bird.tables import FLAP, NOOP
 from marl_cair.games.game import Agent, GameSpec
 from marl_cair.games.scripted import ScriptedPlayer, choose_by_kind
 

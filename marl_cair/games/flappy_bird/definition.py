@@ -19,7 +19,7 @@ from marl_cair.games.flappy_bird.observation import (
 from marl_cair.games.flappy_bird.rulebook import make_rules, reward_bound
 from marl_cair.games.flappy_bird.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
 from marl_cair.games.flappy_bird.state import NUM_FRAMES, World, allocate
-from marl_cair.games.flappy_bird.tables import MAX_PLAYERS, SCREEN_HEIGHT, SCREEN_WIDTH
+from marl_cair.games.flappy_bird.tables import MAX_PLAYERS, NOOP, SCREEN_HEIGHT, SCREEN_WIDTH
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
 VERSION = "1"
@@ -36,7 +36,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
         action_groups=np.arange(len(_ACTION_NAMES), dtype=np.int16),
         action_group_names=_ACTION_NAMES,
         action_cells=np.full(len(_ACTION_NAMES), NO_CELL, np.int32),
-        noop_action=rules.NOOP,
+        noop_action=NOOP,
         representations=MappingProxyType(_representations()),
         static_planes=(),
         exclusive_planes=(),

@@ -73,7 +73,7 @@ def film_start(world: Any, num_players: int) -> None:
 @compiled_compact
 def frame_place(world: Any, age: int) -> int:
     """The place in the film of the frame of `age` decisions ago, 0..3."""
-    return (int(world.newest_frame[0]) + NUM_FRAMES - age) & (NUM_FRAMES - 1)
+    return int((world.newest_frame[0] + NUM_FRAMES - age) & (NUM_FRAMES - 1))
 
 
 @compiled_compact
@@ -134,10 +134,8 @@ def bird_top(world: Any, place: int, player: int) -> int:
 def look_of(world: Any, place: int, player: int) -> int:
     """How a bird looks: it tells the velocity in steps, and whether the bird has just flapped."""
     crashed, tick = int(world.crash_tick[player]), int(world.film[place, FRAME_TICK])
-    if crashed not in (NEVER, tick) and crashed < tick:
-        return HIDDEN
-    if crashed == tick:
-        return CRASHED_LOOK
+    if crashed != NEVER and crashed <= tick:
+        return CRASHED_LOOK if crashed == tick else HIDDEN
     flight = int(world.film[place, FRAME_BIRDS + NUM_BIRD_NUMBERS * player + FRAME_FLIGHT])
     if flight & ((1 << MOTION_BITS) - 1) == FLAPPED:
         return PUSHING_LOOK

@@ -29,6 +29,7 @@ from marl_cair.games.flappy_bird.tables import (
     BIRD_HEIGHT,
     BIRD_X,
     FIRST_PIPES_X,
+    FLAP,
     FLAP_IMPULSE,
     GRAVITY,
     GROUND_TOP_HUNDREDTHS,
@@ -36,6 +37,7 @@ from marl_cair.games.flappy_bird.tables import (
     GUST_TICKS_MIN,
     HUNDREDTHS,
     MAX_FALL,
+    NOOP,
     NUM_PIPES,
     PIPE_WIDTH,
     RENEW_BELOW_X,
@@ -46,7 +48,6 @@ from marl_cair.games.flappy_bird.tables import (
 from marl_cair.games.game import NO_WINNER
 from marl_cair.games.randomness import draw_below, mix
 
-NOOP, FLAP = range(2)
 NO_PIPE = -1
 
 _HALF_PIPE = PIPE_WIDTH // 2 * HUNDREDTHS

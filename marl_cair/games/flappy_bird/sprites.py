@@ -188,7 +188,8 @@ def sky() -> Pixels:
     paint(rows > 372 - waves, (122, 186, 150))
     bushes = np.abs(np.sin(columns / 13.0)) * 9 + np.abs(np.sin(columns / 7.0 + 1.0)) * 4
     paint(rows > 392 - bushes, (92, 160, 112))
-    return np.round(image).astype(np.uint8).transpose(2, 0, 1).copy()
+    painted: Pixels = np.round(image).astype(np.uint8).transpose(2, 0, 1).copy()
+    return painted
 
 
 def ground() -> Pixels:

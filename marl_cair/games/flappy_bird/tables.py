@@ -8,6 +8,8 @@ all of its numbers exactly.
 
 from __future__ import annotations
 
+NOOP, FLAP = range(2)  # the actions
+
 HUNDREDTHS = 100  # of a pixel: the unit of positions and speeds in the state
 TICKS_PER_SECOND = 30  # `allowed_fps`
 

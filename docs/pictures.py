@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -30,29 +30,66 @@ class Scene(NamedTuple):
     bots: tuple[str, ...]  # of the seats
     decisions: int
     seat: int | None = None  # None: the spectator
+    representation: str | None = None  # what the seat observes, in place of the picture
+    seed: int = 0
 
 
-DEEP_RTS = (
-    Scene("1v1-15x15", ("turtle", "rusher"), 260),
-    Scene("FFA-6-31x31", ("mixed", "rusher", "boomer", "archers", "turtle", "economist"), 420),
-    Scene("Skirmish-31x31-fog", ("rusher", "archers"), 45, 0),
-    Scene("LavaMaze-31x31", ("economist",), 60),
-    Scene("Economy-15x15", ("economist",), 400),
-    Scene("Teams-2v2-31x31", ("archers", "rusher", "turtle", "mixed"), 380),
-)
+class Gallery(NamedTuple):
+    """Scenes of a game side by side."""
+
+    rows: int
+    inches: tuple[float, float]
+    scenes: tuple[Scene, ...]
 
 
-DEEP_MAZE = (
-    Scene("25x25-stochastic", ("oracle",), 9),
-    Scene("25x25-square", ("oracle",), 45, 0),
-    Scene("15x15-line_of_sight", ("wall_follower",), 32, 0),
-    Scene("25x25-loops", ("wall_follower",), 20),
-    Scene("15x15-race-4p", ("oracle", "wall_follower", "random", "oracle"), 4),
-    Scene("15x15-chase-4p", ("oracle", "oracle", "oracle", "wall_follower"), 3),
-)
-GALLERIES = {  # of each game: its scenes, the inches of the whole, and where it is kept
-    "deep_rts": (DEEP_RTS, (15, 10.6), "deep_rts.png"),
-    "deep_maze": (DEEP_MAZE, (15, 8.2), "deep_maze.png"),
+GALLERIES = {
+    "deep_line_wars": Gallery(
+        1,
+        (15, 5.9),
+        (
+            Scene("10x15", ("turtle", "rusher"), 90),
+            Scene("10x15", ("counter", "zigzag"), 150),
+        ),
+    ),
+    "deep_rts": Gallery(
+        2,
+        (15, 10.6),
+        (
+            Scene("1v1-15x15", ("turtle", "rusher"), 260),
+            Scene(
+                "FFA-6-31x31",
+                ("mixed", "rusher", "boomer", "archers", "turtle", "economist"),
+                420,
+            ),
+            Scene("Skirmish-31x31-fog", ("rusher", "archers"), 45, 0),
+            Scene("LavaMaze-31x31", ("economist",), 60),
+            Scene("Economy-15x15", ("economist",), 400),
+            Scene("Teams-2v2-31x31", ("archers", "rusher", "turtle", "mixed"), 380),
+        ),
+    ),
+    "deep_maze": Gallery(
+        2,
+        (15, 8.2),
+        (
+            Scene("25x25-stochastic", ("oracle",), 9),
+            Scene("25x25-square", ("oracle",), 45, 0),
+            Scene("15x15-line_of_sight", ("wall_follower",), 32, 0),
+            Scene("25x25-loops", ("wall_follower",), 20),
+            Scene("15x15-race-4p", ("oracle", "wall_follower", "random", "oracle"), 4),
+            Scene("15x15-chase-4p", ("oracle", "oracle", "oracle", "wall_follower"), 3),
+        ),
+    ),
+    "flappy_bird": Gallery(
+        1,
+        (15, 5.8),
+        (
+            Scene("classic", ("oracle",), 262),
+            Scene("hard", ("oracle",), 124),
+            Scene("storm", ("oracle",), 151, seed=2),
+            Scene("race-8", ("reflex", "oracle") * 4, 76, seed=5),
+            Scene("classic", ("oracle",), 262, 0, "gray"),
+        ),
+    ),
 }
 
 
@@ -62,10 +99,14 @@ def play(scene: Scene, game: str) -> BatchedEngine:
     agents = [engine.game.bot(name, engine.scenario) for name in scene.bots]
     for seat, agent in enumerate(agents):
         agent.seed(seat)
-    engine.reset(0)
+    engine.reset(scene.seed)
+    names = {agent.representation for agent in agents}
     for _ in range(scene.decisions):
-        seen, mask = engine.observe("planes"), engine.action_mask()
-        chosen = [agent.act(seen[:, seat], mask[:, seat])[0] for seat, agent in enumerate(agents)]
+        seen, mask = {name: engine.observe(name) for name in names}, engine.action_mask()
+        chosen = [
+            agent.act(seen[agent.representation][:, seat], mask[:, seat])[0]
+            for seat, agent in enumerate(agents)
+        ]
         engine.step(np.array([chosen]))
         if engine.terminated[0] or engine.truncated[0]:
             break
@@ -74,18 +115,26 @@ def play(scene: Scene, game: str) -> BatchedEngine:
 
 def show(scene: Scene, game: str) -> NDArray[np.uint8]:
     """The picture of a scene."""
-    return play(scene, game).render(0, scene.seat)
+    engine = play(scene, game)
+    if scene.representation is None:
+        return engine.render(0, scene.seat)
+    return engine.observe(scene.representation)[0, scene.seat or 0, 0]
 
 
 def draw_gallery(game: str) -> None:
     """Draw all scenes of a game side by side."""
-    scenes, inches, file = find_by_name("gallery", game, GALLERIES)
-    figure, axes = plt.subplots(2, 3, figsize=inches, layout="constrained")
-    for axis, scene in zip(axes.flat, scenes, strict=True):
-        axis.imshow(show(scene, game), interpolation="none")
-        axis.set_title(scene.scenario, fontsize=15)
+    gallery = find_by_name("gallery", game, GALLERIES)
+    columns = len(gallery.scenes) // gallery.rows
+    figure, axes = plt.subplots(
+        gallery.rows, columns, figsize=gallery.inches, layout="constrained", squeeze=False
+    )
+    for axis, scene in zip(axes.flat, gallery.scenes, strict=True):
+        # A square observation of a game that is taller is shown as it was before it was shrunk.
+        shape: dict[str, Any] = {} if scene.representation is None else {"aspect": 512 / 288}
+        axis.imshow(show(scene, game), interpolation="none", cmap="gray", vmin=0, vmax=255, **shape)
+        axis.set_title(scene.representation or scene.scenario, fontsize=15)
         axis.axis("off")
-    figure.savefig(IMAGES / file, dpi=90)
+    figure.savefig(IMAGES / f"{game}.png", dpi=90)
     plt.close(figure)
 
 

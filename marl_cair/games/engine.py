@@ -121,11 +121,12 @@ class BatchedEngine:
                 f"bool [{self.num_worlds}] (worlds)"
             )
         self._run(self.game.reset, self._worlds, self._rules, seeds, mask)
-        self._outcome.rewards[mask] = 0.0
-        self._outcome.terminated[mask] = False
-        self._outcome.truncated[mask] = False
-        self._outcome.winner[mask] = NO_WINNER
-        self._outcome.eliminated[mask] = False
+        rows = np.flatnonzero(mask)  # of few games that end at a time, cheaper than the mask
+        self._outcome.rewards[rows] = 0.0
+        self._outcome.terminated[rows] = False
+        self._outcome.truncated[rows] = False
+        self._outcome.winner[rows] = NO_WINNER
+        self._outcome.eliminated[rows] = False
         self._has_started = True
 
     def step(self, actions: NDArray[Any]) -> None:

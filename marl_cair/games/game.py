@@ -47,12 +47,13 @@ class Representation:
         name: the same in every game (planes, classic, image, gray, vector, ...).
         shape: [C, H, W], or [V] of a vector.
         dtype: uint8 or float32.
-        high: the largest value; the smallest is 0.
+        high: the largest value.
         plane_names: one per channel (or per entry of a vector).
         num_uniform: the last `num_uniform` planes hold one value over the whole board each.
         observe: kernel (worlds, rules, out [B, P, *shape], first, last) that writes `out`; with a
             memory (worlds, rules, memory, out, first, last), and it writes what has changed.
         make_memory: num_worlds -> arrays [B, ...] that tell what an `out` holds, at first nothing.
+        low: the smallest value.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Representation:
     observe: Callable[..., None]
     num_uniform: int = 0
     make_memory: Callable[[int], Any] | None = None
+    low: float = 0
 
 
 @dataclass(frozen=True)

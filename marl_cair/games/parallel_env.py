@@ -257,7 +257,8 @@ def look(
 
 
 def _make_box(representation: Representation) -> spaces.Box:
-    return spaces.Box(0, representation.high, representation.shape, representation.dtype)
+    low, high = representation.low, representation.high
+    return spaces.Box(low, high, representation.shape, representation.dtype)
 
 
 def check_render_mode(game: str, render_mode: str | None) -> None:

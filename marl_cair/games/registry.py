@@ -21,6 +21,7 @@ _OWN = {
     "deep_line_wars": "marl_cair.games.deep_line_wars",
     "deep_rts": "marl_cair.games.deep_rts",
     "deep_maze": "marl_cair.games.deep_maze",
+    "flappy_bird": "marl_cair.games.flappy_bird",
 }
 _NAMES_OF_MODULE = ("SCENARIOS", "GYMNASIUM_PREFIX")  # beside GAME, which loads the rules
 _SCENARIO_NAME = re.compile(r"[A-Za-z0-9][\w.-]*")

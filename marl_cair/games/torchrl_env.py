@@ -117,7 +117,7 @@ class BatchedGameEnv(EnvBase):
         chosen = self.engine.representation(name)
         shape = (self.engine.num_worlds, self.engine.num_players, *chosen.shape)
         dtype = torch.uint8 if chosen.dtype is np.uint8 else torch.float32
-        return Bounded(0, chosen.high, shape=shape, dtype=dtype)
+        return Bounded(chosen.low, chosen.high, shape=shape, dtype=dtype)
 
     def _set_seed(self, seed: int | None) -> None:
         self.seeds.restart(seed)

@@ -33,6 +33,7 @@ QUICK_SCENARIOS = {
         "15x15-race-3p-square",
         "15x15-chase-3p-line_of_sight",
     ),
+    "flappy_bird": ("classic", "race-4-windy"),
 }
 ILLEGAL_SHARE = 0.05  # of chosen actions is not looked up in the mask
 GOLDEN_RATIO = 0.6180339887498949  # its multiples spread evenly over 0..1

@@ -111,10 +111,10 @@ def test_outcomes_begin_empty_and_are_written_in_place(engine):
 def test_reset_clears_the_outcome_of_its_worlds(game_name):
     engine = make_engine(game_name, num_worlds=2, max_ticks=100)
     engine.reset(np.zeros(2, np.uint64))
-    while not engine.truncated.all():
+    while not (engine.terminated | engine.truncated).all():
         engine.step(noops(engine))
     engine.reset(np.zeros(2, np.uint64), np.array([False, True]))
-    assert engine.truncated.tolist() == [True, False]
+    assert (engine.terminated | engine.truncated).tolist() == [True, False]
 
 
 def test_an_integer_seeds_a_single_world(game_name):

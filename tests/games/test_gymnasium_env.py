@@ -211,9 +211,10 @@ def test_same_step_ends_look_as_gymnasiums_own_vector_shows_them(game_name):
     shown = []
     for env in (ours, theirs):
         env.reset(seed=0)
-        truncated = np.zeros(NUM_WORLDS, np.bool_)
-        while not truncated.any():
-            *_, truncated, infos = env.step(np.zeros(NUM_WORLDS, np.int64))
+        ended = np.zeros(NUM_WORLDS, np.bool_)
+        while not ended.any():
+            *_, terminated, truncated, infos = env.step(np.zeros(NUM_WORLDS, np.int64))
+            ended = terminated | truncated
         shown.append(infos)
     own, reference = shown
     assert set(own) == set(reference)

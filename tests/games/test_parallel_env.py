@@ -113,19 +113,26 @@ def test_the_game_equals_the_engines(case):
     engine = case.engine(max_ticks=40 * env.engine.spec.ticks_per_step)
     observations, infos = env.reset(seed=3)
     engine.restore(env.engine.snapshot())
+    seats = {agent: seat for seat, agent in enumerate(env.possible_agents)}
+    live = env.agents
     for numbers in luck_for(env, 40):
+        if not env.agents:
+            break
+        live = env.agents
         seen, masks = engine.observe("planes")[0], engine.action_mask()[0]
-        for seat, agent in enumerate(env.possible_agents):
-            np.testing.assert_array_equal(observations[agent], seen[seat])
-            np.testing.assert_array_equal(infos[agent]["action_mask"], masks[seat])
+        for agent in live:
+            np.testing.assert_array_equal(observations[agent], seen[seats[agent]])
+            np.testing.assert_array_equal(infos[agent]["action_mask"], masks[seats[agent]])
         actions = choose(env, numbers)
         observations, rewards, terminations, truncations, infos = env.step(actions)
         engine.step(np.array([[actions[agent] for agent in env.possible_agents]]))
-        assert list(rewards.values()) == engine.rewards[0].tolist()
-        assert set(terminations.values()) == {bool(engine.terminated[0])}
+        for agent in live:
+            is_over = engine.terminated[0] | engine.eliminated[0, seats[agent]]
+            assert rewards[agent] == engine.rewards[0, seats[agent]]
+            assert terminations[agent] == bool(is_over)
         assert set(truncations.values()) == {bool(engine.truncated[0])}
     assert env.agents == []
-    assert set(infos) == set(observations) == set(env.possible_agents)
+    assert set(infos) == set(observations) == set(live)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2**63 + 5, -1])

@@ -23,6 +23,7 @@ from marl_cair.games.deep_maze.observation import (
 )
 from marl_cair.games.deep_maze.rulebook import make_rules
 from marl_cair.games.deep_maze.scenarios import (
+    DEFAULT_SCENARIO,
     GYMNASIUM_PREFIX,
     MAX_SIDE,
     REWARDS,
@@ -142,7 +143,7 @@ GAME = Game(
     summary="Find the shortest way to the goal of a maze, alone, in a race or chased.",
     player_range=(1, MAX_PLAYERS),
     scenarios=MappingProxyType(SCENARIOS),
-    default_scenario="9x9-stochastic",
+    default_scenario=DEFAULT_SCENARIO,
     make_rules=make_rules,
     make_spec=make_spec,
     allocate=allocate,

@@ -239,4 +239,6 @@ def _list_contests(size: int, board: Scenario) -> dict[str, Scenario]:
     return listed
 
 
-SCENARIOS = _list_scenarios()
+DEFAULT_SCENARIO = "9x9-stochastic"
+_LISTED = _list_scenarios()
+SCENARIOS = {DEFAULT_SCENARIO: _LISTED[DEFAULT_SCENARIO], **_LISTED}

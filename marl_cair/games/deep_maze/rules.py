@@ -168,7 +168,7 @@ def gain_potential(world: Any, rules: Any, player: int) -> float:
     if world.clock[PHASE] != TERMINATED:
         after = potential(world, rules, player)
     world.potential[player] = after
-    return rules.discount * after - before
+    return float(rules.discount * after - before)
 
 
 @compiled

@@ -286,4 +286,4 @@ def test_a_number_outside_is_refused_at_every_door(game_name):
     seat = len(env.agents) - 1
     message = f"{game_name}: the kind 1000 of player {seat} in world 0 is outside 0..{last}"
     with pytest.raises(ValueError, match=re.escape(message)):
-        env.step(dict.fromkeys(env.agents, [0, 0]) | {f"player_{seat}": [1000, 0]})
+        env.step(dict.fromkeys(env.agents, (0, 0)) | {f"player_{seat}": [1000, 0]})

@@ -133,8 +133,9 @@ def potential(world: Any, rules: Any, player: int) -> float:
     if rules.reward != DISTANCE:
         return 0.0
     moves = float(world.distance[world.cell[player]])
-    to_come = rules.num_mazes - 1 - int(world.clock[MAZE])
-    return float(-moves / (rules.rows + rules.columns) - to_come)
+    return float(
+        -moves / (rules.rows + rules.columns) - (rules.num_mazes - 1 - int(world.clock[MAZE]))
+    )
 
 
 @compiled

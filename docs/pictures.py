@@ -85,8 +85,8 @@ GALLERIES = {
         (
             Scene("classic", ("oracle",), 262),
             Scene("hard", ("oracle",), 124),
-            Scene("storm", ("oracle",), 151, seed=2),
-            Scene("race-8", ("reflex", "oracle") * 4, 76, seed=5),
+            Scene("storm", ("oracle",), 138, seed=3),
+            Scene("race-8", ("oracle", *["random"] * 7), 42, seed=5),
             Scene("classic", ("oracle",), 262, 0, "gray"),
         ),
     ),

@@ -106,7 +106,9 @@ def test_the_native_environment_equals_the_wrapped_one_for_a_whole_game(case):
         assert_equal(own, reference)
         own, reference = own["next"], reference["next"]
     mask = ("next", GROUP, "action_mask")
-    assert_equal(own, reference, except_for={mask})
+    # The wrapper ends the world with the first seat that is out, ours with the last.
+    only_some = set() if ended.all() else {("next", "done"), ("next", "terminated")}
+    assert_equal(own, reference, except_for={mask, *only_some})
     assert reference[mask][ended].all()
     np.testing.assert_array_equal(own[mask].numpy(), native.engine.action_mask())
     assert not own[mask].all()

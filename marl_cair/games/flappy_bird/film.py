@@ -80,7 +80,7 @@ def frame_place(world: Any, age: int) -> int:
 def past_x(world: Any, rules: Any, place: int, pipe: int) -> int:
     """Where the pipe would have been if it had never come back: right of all, if it has."""
     ticks_ago = int(world.tick[0]) - int(world.film[place, FRAME_TICK])
-    return int(int(world.pipe_x[pipe]) + rules.speed * ticks_ago)
+    return int(world.pipe_x[pipe] + rules.speed * ticks_ago)
 
 
 @compiled_compact

@@ -56,6 +56,7 @@ GAUGE_PIXELS = 14  # a pixel per tick of wind
 GAUGE_DARK, GAUGE_BRIGHT, INK = (
     np.array(colour, np.uint8) for colour in ((46, 54, 62), (250, 246, 230), (252, 252, 252))
 )
+DOTS_Y = 456  # on the ground, where no bird flies
 DOT_COLOURS = np.array(BIRD_COLOURS, np.uint8)
 
 
@@ -169,9 +170,9 @@ def paint_score(world: Any, rules: Any, viewer: int, image: Any) -> None:
     if rules.num_players > 1:
         for player in range(rules.num_players):
             x = SCREEN_WIDTH // 2 + 20 * player - 10 * (rules.num_players - 1)
-            fill_disc(image, 80, x, 8, GAUGE_DARK)
+            fill_disc(image, DOTS_Y, x, 8, GAUGE_DARK)
             if world.crash_tick[player] == NEVER:
-                fill_disc(image, 80, x, 6, DOT_COLOURS[colour_of(player, viewer)])
+                fill_disc(image, DOTS_Y, x, 6, DOT_COLOURS[colour_of(player, viewer)])
 
 
 # --- slices of worlds, and what people call ----------------------------------------------------

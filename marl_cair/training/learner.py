@@ -86,8 +86,10 @@ class Learner:
         """Mean over the batch of max over legal a of (Q(s, a) + margin where a is not the shown
         action) - Q(s, shown action), 0 for rows that show nothing.
         """
+        if not self.demonstration.bots:
+            return torch.zeros(())
         shown = batch["is_demonstration"].flatten()
-        if not self.demonstration.bots or not shown.any():
+        if not shown.any():
             return torch.zeros(())
         action = batch["action"][shown, None]
         values = self.network(batch["observation"][shown])

@@ -14,14 +14,9 @@ def pytest_addoption(parser):
     )
 
 
-def _is_duel(name: str) -> bool:
-    game = GAMES[name]
-    return game.make_spec(game.scenario()).num_players == 2
-
-
-@pytest.fixture(scope="module", params=filter(_is_duel, GAMES), ids=str)
+@pytest.fixture(scope="module", params=list(GAMES), ids=str)
 def game_name(request):
-    """Each game whose default scenario is for two: tests of doors name both seats."""
+    """Each game's name."""
     return request.param
 
 

@@ -75,6 +75,25 @@ def test_a_rule_is_kept_under_the_digest_of_its_game_and_a_helper_under_the_shar
     assert source_digest(DEEP_LINE_WARS) != source_digest()
 
 
+def test_the_rules_of_another_package_are_kept_under_the_digest_of_that_package(
+    tmp_path, monkeypatch
+):
+    """Numba alone would look at the file of the function and miss a helper beside it."""
+    package = tmp_path / "packages" / "strangers"
+    (package / "chess").mkdir(parents=True)
+    (package / "chess" / "rules.py").write_text(
+        "from marl_cair.games.compiled import compiled\n"
+        "@compiled\ndef add(a: int, b: int) -> int:\n    return a + b\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path / "packages")
+    code = "from strangers.chess.rules import add; print(add(1, 2), add.entry._cache.cache_path)"
+    total, folder = run_python(code, tmp_path, NUMBA_DISABLE_JIT="0")
+    assert total == "3"
+    assert folder.startswith(str(tmp_path / "ours" / source_digest(package)))
+    (package / "tables.py").write_text("COST = 50\n")
+    assert not folder.startswith(str(tmp_path / "ours" / source_digest(package)))
+
+
 def test_the_cache_lies_where_the_user_says(monkeypatch):
     monkeypatch.setenv("MARL_CAIR_CACHE", "/somewhere")
     assert cache_root() == Path("/somewhere")

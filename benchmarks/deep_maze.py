@@ -14,16 +14,13 @@ and 534 with its picture.
 from __future__ import annotations
 
 import argparse
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.engine import REPEATS, measure
+from benchmarks.engine import REPEATS, evaluate_plainly, measure
 from marl_cair.games import make_engine
 from marl_cair.games.deep_maze.state import GOAL
 from marl_cair.games.engine import BatchedEngine
@@ -111,15 +108,10 @@ def prepare_resets(size: int, num_worlds: int, options: dict[str, Any]) -> Calla
 
 
 def measure_plain_python(size: int) -> float:
-    """Moves per second of the rules without compiler, in a process of its own."""
-    code = (
-        f"from benchmarks.deep_maze import *;print(measure(prepare(WORKLOADS[0], {size}, 4), 0.5))"
+    """Moves per second of the rules without compiler."""
+    return evaluate_plainly(
+        "benchmarks.deep_maze", f"measure(prepare(WORKLOADS[0], {size}, 4), 0.5)"
     )
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
-    )
-    return float(done.stdout)
 
 
 def main() -> None:

@@ -10,15 +10,12 @@ even choices; a frame is a decision of one world and the picture that follows.
 from __future__ import annotations
 
 import argparse
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.engine import REPEATS, measure
+from benchmarks.engine import REPEATS, evaluate_plainly, measure
 from marl_cair.games import make_engine
 from marl_cair.games.randomness import episode_seeds
 
@@ -57,17 +54,10 @@ def make_round(
 
 
 def measure_plain_python() -> float:
-    """Ticks per second without the compiler, in a process of its own."""
-    code = (
-        "from benchmarks.engine import measure;"
-        "from benchmarks.flappy_bird import SELDOM, make_round;"
-        "import time; print(measure(make_round(1, SELDOM), 0.3, time.process_time))"
+    """Ticks per second of the rules without compiler."""
+    return evaluate_plainly(
+        "benchmarks.flappy_bird", "measure(make_round(1, SELDOM), 0.3, time.process_time)"
     )
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
-    )
-    return float(done.stdout)
 
 
 def main() -> None:

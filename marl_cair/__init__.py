@@ -79,8 +79,11 @@ def _register_with_gymnasium(environment_id: str, game: str, scenario: str) -> N
     )
 
 
-for _game, _module in GAMES.modules.items():
-    for _scenario in _module.SCENARIOS:
-        _register_with_gymnasium(
-            gymnasium_id(_module.GYMNASIUM_PREFIX, _scenario), _game, _scenario
-        )
+def _register_gymnasium_ids() -> None:
+    for game, module in GAMES.modules.items():
+        for scenario in module.SCENARIOS:
+            added = gymnasium_id(module.GYMNASIUM_PREFIX, scenario)
+            _register_with_gymnasium(added, game, scenario)
+
+
+_register_gymnasium_ids()

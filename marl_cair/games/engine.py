@@ -166,9 +166,8 @@ class BatchedEngine:
         self._check_out("observe", out, shape, chosen.dtype)
         if chosen.make_memory is None:
             self._run(chosen.observe, seen, self._rules, out)
-        elif (
-            worlds is None
-        ):  # to renew the engine's own array and copy it is less than to write all
+        elif worlds is None:
+            # To renew the engine's own array and copy it is less than to write all.
             np.copyto(out, self.observe_in_place(representation))
         else:
             self._run(chosen.observe, seen, self._rules, chosen.make_memory(len(seen[0])), out)
@@ -278,8 +277,12 @@ class BatchedEngine:
         self.restore(Snapshot(self.scenario, tuple(arrays[:count]), outcome))
 
     def public_state(self, world: int) -> NDArray[np.float32]:
-        """The full state of one world as a flat float32 vector [S], the same for all seats."""
-        return self.game.public_state(self._worlds, world)
+        """All state of one world as a flat float32 vector [S], the same for all seats, but for what
+        the game hides (`Game.hidden_fields`).
+        """
+        hidden, worlds = self.game.hidden_fields, self._worlds._asdict()
+        shown = [field[world].ravel() for name, field in worlds.items() if name not in hidden]
+        return np.concatenate(shown).astype(np.float32)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Numbers of each seat beside what it observes, by name, fresh arrays [B, P]."""

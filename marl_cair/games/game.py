@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -10,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.lookup import find_by_name
 
 NO_WINNER = -1
@@ -153,7 +153,7 @@ class Game:
     draw: Callable[..., NDArray[np.uint8]]  # (worlds, rules, world, player or None) -> RGB
     bots: Mapping[str, Callable[[Any, GameSpec], Agent]]
     rewards: Mapping[str, str]  # by name, what each pays; the first rates play
-    public_state: Callable[[Any, int], NDArray[np.float32]]  # (worlds, world) -> full state [S]
+    hidden_fields: tuple[str, ...]  # of World, that no state shows: random words, scratch
     gymnasium_prefix: str  # "DeepLineWars" of "marl_cair/DeepLineWars-10x15-v0"
     # World -> further numbers of each seat, by name [B, P]: environments give them as `infos`.
     info: Callable[[Any], Mapping[str, NDArray[Any]]] | None = None
@@ -173,10 +173,7 @@ class Game:
         chosen = find_by_name(
             f"{self.name} scenario", name or self.default_scenario, self.scenarios
         )
-        fields = {field.name: field for field in dataclasses.fields(chosen)}
-        for option in options:
-            find_by_name(f"{self.name} option", option, fields)
-        return dataclasses.replace(chosen, **options) if options else chosen
+        return change_scenario(self.name, chosen, options)
 
     def bot(self, name: str, scenario: Any) -> Agent:
         """A scripted opponent for `scenario`. Raises UnknownNameError with the nearest names."""

@@ -272,8 +272,8 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
             else:
                 final[world] = observations[world]
         told: dict[str, Any] = {}
-        for name in ("action_mask", *self.engine.info()):
-            told[name], told[f"_{name}"] = infos[name].copy(), ended.copy()
+        for name, values in infos.items():
+            told[name] = values & ended if name.startswith("_") else values.copy()
             told[name][~ended] = 0
         return {
             "final_obs": final,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 import warnings
 from collections.abc import Iterator, Mapping
@@ -11,6 +10,7 @@ from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.lookup import find_by_name
 
 if TYPE_CHECKING:
@@ -155,10 +155,7 @@ def add_scenario(game: str, name: str, base: str | None = None, **options: Any) 
     if name in scenarios:
         raise ValueError(f"{game} has a scenario {name!r} already: choose another name")
     chosen = find_by_name(f"{game} scenario", base or next(iter(scenarios)), scenarios)
-    fields = {field.name: field for field in dataclasses.fields(chosen)}
-    for option in options:
-        find_by_name(f"{game} option", option, fields)
-    scenarios[name] = dataclasses.replace(chosen, **options)
+    scenarios[name] = change_scenario(game, chosen, options)
     return gymnasium_id(module.GYMNASIUM_PREFIX, name)
 
 

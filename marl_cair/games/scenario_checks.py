@@ -2,10 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+from typing import Any, TypeVar
+
+from marl_cair.lookup import find_by_name
+
+Scenario = TypeVar("Scenario")
 
 MAX_TICKS_PER_STEP = 100
 MAX_TICKS = 1_000_000  # time limit of any game
+
+
+def change_scenario(game: str, scenario: Scenario, options: dict[str, Any]) -> Scenario:
+    """The scenario with other values of the fields that `options` name.
+
+    Raises:
+        UnknownNameError: no such field; names the nearest.
+        ValueError: a value is not allowed.
+    """
+    fields = {field.name: field for field in dataclasses.fields(scenario)}  # type: ignore[arg-type]
+    for option in options:
+        find_by_name(f"{game} option", option, fields)
+    return dataclasses.replace(scenario, **options) if options else scenario  # type: ignore[type-var]
 
 
 def check_whole_number(game: str, scenario: Any, field: str, low: int, high: int) -> None:

@@ -171,10 +171,6 @@ def draw(worlds, rules, world, player):
     return np.full((4, 4, 3), worlds.tick[world], np.uint8)
 
 
-def public_state(worlds, world):
-    return np.concatenate([field[world].ravel() for field in worlds]).astype(np.float32)
-
-
 class Bot:
     """Plays one action wherever it is legal; `random` any legal one, from its own generator."""
 
@@ -242,6 +238,6 @@ GAME = Game(
         "quitter": _make_bot("quitter", LEAVE),
         "finisher": _make_bot("finisher", FINISH),
     },
-    public_state=public_state,
+    hidden_fields=(),
     gymnasium_prefix="LastStanding",
 )

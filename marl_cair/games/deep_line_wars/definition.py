@@ -5,7 +5,6 @@ from __future__ import annotations
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from marl_cair.games.deep_line_wars import bots, observation, orders, rendering, rules
 from marl_cair.games.deep_line_wars.observation import (
@@ -24,7 +23,7 @@ from marl_cair.games.deep_line_wars.observation import (
 )
 from marl_cair.games.deep_line_wars.rulebook import make_rules
 from marl_cair.games.deep_line_wars.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
-from marl_cair.games.deep_line_wars.state import NUM_PLAYERS, World, allocate
+from marl_cair.games.deep_line_wars.state import NUM_PLAYERS, allocate
 from marl_cair.games.deep_line_wars.tables import NUM_TOWER_KINDS, TOWER_NAMES, UNIT_NAMES
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
@@ -126,12 +125,6 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
     return {representation.name: representation for representation in listed}
 
 
-def public_state(worlds: World, world: int) -> NDArray[np.float32]:
-    """All state of one world but the random words, as one float32 vector [S]."""
-    fields = [field[world].ravel() for name, field in worlds._asdict().items() if name != "random"]
-    return np.concatenate(fields).astype(np.float32)
-
-
 GAME = Game(
     name="deep_line_wars",
     title="Deep Line Wars",
@@ -149,6 +142,6 @@ GAME = Game(
     draw=rendering.draw,
     bots=MappingProxyType(bots.BOTS),
     rewards=MappingProxyType(REWARDS),
-    public_state=public_state,
+    hidden_fields=("random",),
     gymnasium_prefix=GYMNASIUM_PREFIX,
 )

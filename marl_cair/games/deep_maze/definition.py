@@ -128,14 +128,6 @@ def read_info(worlds: World) -> dict[str, NDArray[Any]]:
     }
 
 
-def public_state(worlds: World, world: int) -> NDArray[np.float32]:
-    """All state of one world but the random words and the scratch, as one float32 vector [S]."""
-    fields = [
-        field[world].ravel() for name, field in worlds._asdict().items() if name not in _HIDDEN
-    ]
-    return np.concatenate(fields).astype(np.float32)
-
-
 GAME = Game(
     name="deep_maze",
     title="Deep Maze",
@@ -153,7 +145,7 @@ GAME = Game(
     draw=rendering.draw,
     bots=MappingProxyType(bots.BOTS),
     rewards=MappingProxyType(REWARDS),
-    public_state=public_state,
+    hidden_fields=_HIDDEN,
     gymnasium_prefix=GYMNASIUM_PREFIX,
     info=read_info,
 )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from marl_cair.games.flappy_bird import bots, gray, observation, rendering, rules
 from marl_cair.games.flappy_bird.observation import (
@@ -18,7 +17,7 @@ from marl_cair.games.flappy_bird.observation import (
 )
 from marl_cair.games.flappy_bird.rulebook import make_rules, reward_bound
 from marl_cair.games.flappy_bird.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
-from marl_cair.games.flappy_bird.state import NUM_FRAMES, World, allocate
+from marl_cair.games.flappy_bird.state import NUM_FRAMES, allocate
 from marl_cair.games.flappy_bird.tables import MAX_PLAYERS, NOOP, SCREEN_HEIGHT, SCREEN_WIDTH
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
@@ -97,14 +96,6 @@ def _representations() -> dict[str, Representation]:
     return {representation.name: representation for representation in listed}
 
 
-def public_state(worlds: World, world: int) -> NDArray[np.float32]:
-    """All state of one world but the random words and the film, as one float32 vector [S]."""
-    fields = [
-        field[world].ravel() for name, field in worlds._asdict().items() if name not in _HIDDEN
-    ]
-    return np.concatenate(fields).astype(np.float32)
-
-
 GAME = Game(
     name="flappy_bird",
     title="Flappy Bird",
@@ -122,6 +113,6 @@ GAME = Game(
     draw=rendering.draw,
     bots=MappingProxyType(bots.BOTS),
     rewards=MappingProxyType(REWARDS),
-    public_state=public_state,
+    hidden_fields=_HIDDEN,
     gymnasium_prefix=GYMNASIUM_PREFIX,
 )

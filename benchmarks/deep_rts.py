@@ -6,16 +6,18 @@
 One thread, random actions of the `classic` space at each tick, resets included; best of 5. `rich`
 games start with a million of gold and lumber and food for 50 units, and end after 3,000 ticks.
 
-With --original, the C++ engine of Deep RTS plays the same workloads beside ours, one game at a time
-on its own maps of these sizes, and each row ends in our rate divided by its rate. "Planes" is there
-a copy of its state array at each tick; it has no masks. To make its executable from a clone
-(needs g++; on Debian `apt-get install libxtensor-dev nlohmann-json3-dev`):
+With --original, the C++ engine of Deep RTS (github.com/cair/deep-rts, which is not part of this
+project) plays the same workloads beside ours, one game at a time on its own maps of these sizes,
+and each row ends in our rate divided by its rate. "Planes" is there a copy of its state array at
+each tick; it has no masks. The executable is a driver of your own around your build. It takes
 
-    git clone https://github.com/cair/deep-rts /tmp/deep-rts
-    benchmarks/original_deep_rts/build.sh /tmp/deep-rts /tmp/deep_rts_original
+    --map FILE --players N --max-ticks N --seconds S [--rich] [--copy-state] [--processor-time]
 
-The executable reads its maps from that clone. On a machine that others use too, --processor-time
-counts the seconds that each side computed.
+does a random action of the 16 for each player at each tick, drawn before the clock starts, plays
+whole games, resets included, until the seconds are over, and prints as its last line
+{"ticks_per_second": ..., "most_units": ...}.
+
+On a machine that others use too, --processor-time counts the seconds that each side computed.
 """
 
 from __future__ import annotations
@@ -27,7 +29,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,6 +66,8 @@ class Workload:
     max_ticks: int = 10_000
     reads: str = ""  # "planes", or "planes and masks"
     num_worlds: int = 512  # fewer where their planes would not fit the processor's caches
+    actions: str = "classic"
+    legal: bool = False  # actions are drawn from the masks, at each tick; else drawn beforehand
 
     def make_engine(self, num_worlds: int) -> BatchedEngine:
         """The worlds."""
@@ -73,7 +79,7 @@ class Workload:
             num_players=self.num_players,
             preset=self.preset,
             max_ticks=self.max_ticks,
-            actions="classic",
+            actions=self.actions,
             ticks_per_step=1,
         )
 
@@ -94,15 +100,44 @@ WORKLOADS = (
 )
 
 
+def make_draw_legal() -> Callable[..., None]:
+    """`draw(mask bool [B, P, A], draws float [B, P], out [B, P])`: each seat's random legal action.
+
+    Each draw in [0, 1) chooses among that seat's legal actions, all equally likely.
+    """
+
+    @numba.njit
+    def draw(mask: NDArray[Any], draws: NDArray[Any], out: NDArray[Any]) -> None:
+        for world, seat in np.ndindex(draws.shape):
+            legal = mask[world, seat]
+            found = 0
+            for action in range(len(legal)):
+                found += legal[action]
+            wanted, found, action = int(draws[world, seat] * found), 0, -1
+            while found <= wanted:
+                action += 1
+                found += legal[action]
+            out[world, seat] = action
+
+    return draw
+
+
 def prepare(workload: Workload, num_worlds: int) -> tuple[Callable[[], int], Callable[[], int]]:
     """A round of play that returns its ticks, and the largest number of units seen so far."""
     engine = workload.make_engine(num_worlds)
     shape = (ACTION_SETS, num_worlds, engine.num_players)
     actions = np.random.default_rng(0).integers(engine.num_actions, size=shape, dtype=np.int32)
+    draws = np.random.default_rng(1).random(shape, dtype=np.float32)
     indices, episodes = np.arange(num_worlds), np.zeros(num_worlds, np.int64)
     engine.reset(episode_seeds(0, indices, episodes))
     mask = engine.action_mask()
+    draw_legal = make_draw_legal() if workload.legal else None
     most = 0
+
+    def choose(index: int) -> NDArray[np.int32]:
+        if draw_legal:
+            draw_legal(mask, draws[index], actions[index])
+        return actions[index]
 
     def step(chosen: NDArray[np.int32], restarted: NDArray[np.bool_]) -> None:
         engine.step(chosen)
@@ -114,13 +149,15 @@ def prepare(workload: Workload, num_worlds: int) -> tuple[Callable[[], int], Cal
     # One world after the other begins anew, so that games of all ages are measured at any time.
     starts = indices * workload.max_ticks // num_worlds
     for tick in range(workload.max_ticks):
-        step(actions[tick % ACTION_SETS], starts == tick)
+        step(choose(tick % ACTION_SETS), starts == tick)
+        if workload.legal:
+            engine.action_mask(out=mask)
     nobody = np.zeros(num_worlds, np.bool_)
 
     def play() -> int:
         nonlocal most
-        for chosen in actions:
-            step(chosen, nobody)
+        for index in range(ACTION_SETS):
+            step(choose(index), nobody)
             if workload.reads:
                 engine.observe_in_place("planes")
             if workload.reads == "planes and masks":
@@ -137,7 +174,7 @@ class OriginalError(Exception):
 
 @dataclass(frozen=True)
 class Original:
-    """The original engine: the executable that benchmarks/original_deep_rts/build.sh makes."""
+    """The original engine, by a driver that answers as this file's docstring says."""
 
     path: Path
     processor_time: bool
@@ -160,7 +197,7 @@ class Original:
             message = error.stderr.strip() or f"exit status {error.returncode}"
             raise OriginalError(f"{self.path} failed on {workload.name}: {message}") from error
         except (ValueError, KeyError, TypeError, IndexError) as error:
-            message = f"{self.path} did not answer with a rate; is it made by build.sh?"
+            message = f"{self.path} did not answer with a rate as `--help` asks for"
             raise OriginalError(message) from error
 
     def measure(self, workload: Workload, seconds: float) -> tuple[float, int]:
@@ -196,13 +233,15 @@ def print_table(options: argparse.Namespace) -> None:
 
 def main() -> None:
     """Read the options, measure and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--worlds", type=int, help="of every workload (default: its own number)")
     parser.add_argument("--seconds", type=float, default=1.0, help="of each repeat")
     parser.add_argument(
         "--processor-time", action="store_true", help="seconds computed, not passed"
     )
-    parser.add_argument("--original", type=Path, help="executable made by build.sh")
+    parser.add_argument("--original", type=Path, help="executable that plays the original engine")
     options = parser.parse_args()
     tables.PRESETS["rich"] = RICH
     try:

@@ -47,13 +47,15 @@ def measure(
 ) -> float:
     """Best rate of REPEATS: `play` does a round of work and returns how many units it was."""
     play()
-    best = 0.0
-    for _ in range(REPEATS):
-        units, start = 0, clock()
-        while clock() - start < seconds:
-            units += play()
-        best = max(best, units / (clock() - start))
-    return best
+    return max(measure_once(play, seconds, clock) for _ in range(REPEATS))
+
+
+def measure_once(play: Callable[[], int], seconds: float, clock: Callable[[], float]) -> float:
+    """Units of work per second of so many seconds."""
+    units, start = 0, clock()
+    while clock() - start < seconds:
+        units += play()
+    return units / (clock() - start)
 
 
 def measure_engine(game: str, scenario: str, worlds: int, seconds: float, by_kind: bool) -> float:
@@ -111,11 +113,17 @@ def measure_pettingzoo(game: str, scenario: str, seconds: float) -> float:
 
 
 def measure_plain_python(game: str, scenario: str) -> float:
-    """Ticks per second of the rules without compiler, in a process of its own."""
-    code = (
-        "from benchmarks.engine import measure_engine;"
-        f"print(measure_engine({game!r}, {scenario!r}, 1, 1.0, False))"
+    """Ticks per second of the rules without compiler."""
+    return evaluate_plainly(
+        "benchmarks.engine", f"measure_engine({game!r}, {scenario!r}, 1, 1.0, False)"
     )
+
+
+def evaluate_plainly(module: str, expression: str) -> float:
+    """The number that an expression of a module's names gives without the compiler, in a process
+    of its own.
+    """
+    code = f"from {module} import *; print({expression})"
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
@@ -132,7 +140,8 @@ def main() -> None:
     options = parser.parse_args()
     game, scenario, seconds = options.game, options.scenario, options.seconds
     plain = measure_plain_python(game, scenario)
-    ticks = marl_cair.make_engine(game, scenario).spec.ticks_per_step
+    spec = marl_cair.make_engine(game, scenario).spec
+    ticks = spec.ticks_per_step
     rows = [
         ("plain Python rules, 1 world", plain, "ticks/s"),
         (
@@ -158,7 +167,7 @@ def main() -> None:
     ]
     print(f"{game} {scenario}, {ticks} ticks a step, one thread, best of {REPEATS}")
     for name, rate, unit in rows:
-        scale = {"ticks/s": 1, "agent-steps/s": ticks / 2, "steps/s": ticks}[unit]
+        scale = {"ticks/s": 1, "agent-steps/s": ticks / spec.num_players, "steps/s": ticks}[unit]
         print(f"{name:50s} {rate:14,.0f} {unit:14s} {rate * scale / plain:9,.0f} x plain Python")
 
 

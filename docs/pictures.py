@@ -1,4 +1,4 @@
-"""The pictures of scenarios in the documentation, drawn anew by `python docs/pictures.py`.
+"""The pictures of scenarios in the documentation, drawn anew by `python docs/pictures.py [game]`.
 
 Bots play, seeded; each picture is what a spectator or one seat sees after so many decisions.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games import make_engine
 from marl_cair.games.engine import BatchedEngine
+from marl_cair.lookup import find_by_name
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # without a screen
@@ -29,50 +30,120 @@ class Scene(NamedTuple):
     bots: tuple[str, ...]  # of the seats
     decisions: int
     seat: int | None = None  # None: the spectator
+    representation: str | None = None  # what the seat observes, in place of the picture
+    seed: int = 0
 
 
-DEEP_RTS = (
-    Scene("1v1-15x15", ("turtle", "rusher"), 260),
-    Scene("FFA-6-31x31", ("mixed", "rusher", "boomer", "archers", "turtle", "economist"), 420),
-    Scene("Skirmish-31x31-fog", ("rusher", "archers"), 45, 0),
-    Scene("LavaMaze-31x31", ("economist",), 60),
-    Scene("Economy-15x15", ("economist",), 400),
-    Scene("Teams-2v2-31x31", ("archers", "rusher", "turtle", "mixed"), 380),
-)
+class Gallery(NamedTuple):
+    """Scenes of a game side by side."""
+
+    rows: int
+    inches: tuple[float, float]
+    scenes: tuple[Scene, ...]
 
 
-def play(scene: Scene, game: str = "deep_rts") -> BatchedEngine:
+GALLERIES = {
+    "deep_line_wars": Gallery(
+        1,
+        (15, 5.9),
+        (
+            Scene("10x15", ("turtle", "rusher"), 90),
+            Scene("10x15", ("counter", "zigzag"), 150),
+        ),
+    ),
+    "deep_rts": Gallery(
+        2,
+        (15, 10.6),
+        (
+            Scene("1v1-15x15", ("turtle", "rusher"), 260),
+            Scene(
+                "FFA-6-31x31",
+                ("mixed", "rusher", "boomer", "archers", "turtle", "economist"),
+                420,
+            ),
+            Scene("Skirmish-31x31-fog", ("rusher", "archers"), 45, 0),
+            Scene("LavaMaze-31x31", ("economist",), 60),
+            Scene("Economy-15x15", ("economist",), 400),
+            Scene("Teams-2v2-31x31", ("archers", "rusher", "turtle", "mixed"), 380),
+        ),
+    ),
+    "deep_maze": Gallery(
+        2,
+        (15, 8.2),
+        (
+            Scene("25x25-stochastic", ("oracle",), 9),
+            Scene("25x25-square", ("oracle",), 45, 0),
+            Scene("15x15-line_of_sight", ("wall_follower",), 32, 0),
+            Scene("25x25-loops", ("wall_follower",), 20),
+            Scene("15x15-race-4p", ("oracle", "wall_follower", "random", "oracle"), 4),
+            Scene("15x15-chase-4p", ("oracle", "oracle", "oracle", "wall_follower"), 3),
+        ),
+    ),
+    "flappy_bird": Gallery(
+        1,
+        (15, 5.8),
+        (
+            Scene("classic", ("oracle",), 262),
+            Scene("hard", ("oracle",), 124),
+            Scene("storm", ("oracle",), 138, seed=3),
+            Scene("race-8", ("oracle", *["random"] * 7), 42, seed=5),
+            Scene("classic", ("oracle",), 262, 0, "gray"),
+        ),
+    ),
+}
+
+
+def play(scene: Scene, game: str) -> BatchedEngine:
     """The scene's world after its decisions, or at its end."""
     engine = make_engine(game, scene.scenario)
     agents = [engine.game.bot(name, engine.scenario) for name in scene.bots]
     for seat, agent in enumerate(agents):
         agent.seed(seat)
-    engine.reset(0)
+    engine.reset(scene.seed)
+    names = {agent.representation for agent in agents}
     for _ in range(scene.decisions):
-        seen, mask = engine.observe("planes"), engine.action_mask()
-        chosen = [agent.act(seen[:, seat], mask[:, seat])[0] for seat, agent in enumerate(agents)]
+        seen, mask = {name: engine.observe(name) for name in names}, engine.action_mask()
+        chosen = [
+            agent.act(seen[agent.representation][:, seat], mask[:, seat])[0]
+            for seat, agent in enumerate(agents)
+        ]
         engine.step(np.array([chosen]))
         if engine.terminated[0] or engine.truncated[0]:
             break
     return engine
 
 
-def show(scene: Scene) -> NDArray[np.uint8]:
+def show(scene: Scene, game: str) -> NDArray[np.uint8]:
     """The picture of a scene."""
-    return play(scene).render(0, scene.seat)
+    engine = play(scene, game)
+    if scene.representation is None:
+        return engine.render(0, scene.seat)
+    return engine.observe(scene.representation)[0, scene.seat or 0, 0]
+
+
+def draw_gallery(game: str) -> None:
+    """Draw all scenes of a game side by side."""
+    gallery = find_by_name("gallery", game, GALLERIES)
+    columns = len(gallery.scenes) // gallery.rows
+    figure, axes = plt.subplots(
+        gallery.rows, columns, figsize=gallery.inches, layout="constrained", squeeze=False
+    )
+    for axis, scene in zip(axes.flat, gallery.scenes, strict=True):
+        # A square observation of a game that is taller is shown as it was before it was shrunk.
+        shape: dict[str, Any] = {} if scene.representation is None else {"aspect": 512 / 288}
+        axis.imshow(show(scene, game), interpolation="none", cmap="gray", vmin=0, vmax=255, **shape)
+        axis.set_title(scene.representation or scene.scenario, fontsize=15)
+        axis.axis("off")
+    figure.savefig(IMAGES / f"{game}.png", dpi=90)
+    plt.close(figure)
 
 
 def main() -> None:
-    """Draw all scenes side by side."""
+    """Draw the pictures of the named games, or of all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=IMAGES / "deep_rts_scenarios.png")
-    out = parser.parse_args().out
-    figure, axes = plt.subplots(2, 3, figsize=(15, 10.6), layout="constrained")
-    for axis, scene in zip(axes.flat, DEEP_RTS, strict=True):
-        axis.imshow(show(scene), interpolation="none")
-        axis.set_title(scene.scenario, fontsize=15)
-        axis.axis("off")
-    figure.savefig(out, dpi=90)
+    parser.add_argument("games", nargs="*", help=f"of {', '.join(GALLERIES)} (default: all)")
+    for game in parser.parse_args().games or GALLERIES:
+        draw_gallery(game)
 
 
 if __name__ == "__main__":

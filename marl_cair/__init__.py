@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from marl_cair.games import GAMES, game_modules, make_engine
+from marl_cair.games import GAMES, make_engine
+from marl_cair.games.registry import add_scenario, gymnasium_id
 
 if TYPE_CHECKING:
     from marl_cair.games.torchrl_env import BatchedGameEnv
@@ -18,7 +19,14 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-__all__ = ["GAMES", "__version__", "load_agent", "make_engine", "make_torchrl_env"]
+__all__ = [
+    "GAMES",
+    "__version__",
+    "load_agent",
+    "make_engine",
+    "make_torchrl_env",
+    "register_scenario",
+]
 
 
 def make_torchrl_env(
@@ -42,16 +50,40 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
+def register_scenario(game: str, name: str, base: str | None = None, **options: Any) -> str:
+    """Add a scenario of your own to a game, for this process; returns its Gymnasium id.
+
+    It is then known wherever a scenario is named: `parallel_env`, `make_engine`, training.
+
+    Args:
+        game: a name in GAMES.
+        name: letters, digits, `_`, `-` and `.`.
+        base: the scenario that `options` change (default: the game's first).
+        options: fields of the scenario, for example `map="maps/lake.txt"`.
+
+    Raises:
+        UnknownNameError: no such game, base or option; names the nearest.
+        ValueError: the name is taken or no name, or an option's value is not allowed.
+    """
+    added = add_scenario(game, name, base, **options)
+    _register_with_gymnasium(added, game, name)
+    return added
+
+
+def _register_with_gymnasium(environment_id: str, game: str, scenario: str) -> None:
+    gymnasium.register(
+        environment_id,
+        entry_point="marl_cair.games.gymnasium_env:GameEnv",
+        vector_entry_point="marl_cair.games.gymnasium_env:GameVectorEnv",
+        kwargs={"game": game, "scenario": scenario},
+    )
+
+
 def _register_gymnasium_ids() -> None:
-    for module in game_modules():
-        game = module.__name__.rpartition(".")[2]
+    for game, module in GAMES.modules.items():
         for scenario in module.SCENARIOS:
-            gymnasium.register(
-                f"marl_cair/{module.GYMNASIUM_PREFIX}-{scenario}-v0",
-                entry_point="marl_cair.games.gymnasium_env:GameEnv",
-                vector_entry_point="marl_cair.games.gymnasium_env:GameVectorEnv",
-                kwargs={"game": game, "scenario": scenario},
-            )
+            added = gymnasium_id(module.GYMNASIUM_PREFIX, scenario)
+            _register_with_gymnasium(added, game, scenario)
 
 
 _register_gymnasium_ids()

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from docs.tables import find_table
+from marl_cair.cli.games import format_markdown
+from marl_cair.games import GAMES
 from marl_cair.training.demo import DemoSettings, run_demo
 
 ROOT = Path(__file__).parents[1]
@@ -44,6 +47,19 @@ def test_the_programs_of_the_readme_run(program, demo):
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_the_table_of_scenarios_is_what_is_registered():
+    """`python docs/tables.py` writes it anew."""
+    games = GAMES.load_own()
+    table = format_markdown(games)
+    assert find_table((ROOT / "README.md").read_text("utf-8")) == table
+    for game in games:
+        assert (ROOT / f"docs/images/{game.name}.png").is_file()
+        assert (ROOT / f"marl_cair/games/{game.name}/README.md").is_file()
+        for name, scenario in game.scenarios.items():
+            assert name in table
+            assert game.make_spec(scenario).pays
 
 
 def test_pictures_that_the_readmes_show_are_there():

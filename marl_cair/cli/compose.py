@@ -22,6 +22,7 @@ from marl_cair.lookup import find_by_name
 from marl_cair.policies import NETWORKS
 from marl_cair.training.config import NO_GENERATOR, SELF_PLAY, TrainConfig
 from marl_cair.training.config_file import build_config, to_plain
+from marl_cair.training.recipes import RECIPES
 
 SHORTHANDS = {
     "scenario": "game.scenario",
@@ -32,6 +33,7 @@ SHORTHANDS = {
     "map": "game.options.map",
     "heldout_map": "evaluation.scenarios.heldout.map",
 }
+_RECIPE = "recipe"
 # Values by names of the user's own.
 _OPEN = ("game.options", "opponent.mixture", "opponent.warmup_mixture", "evaluation.scenarios")
 _ROOT = "marl_cair_train"
@@ -39,14 +41,17 @@ _ROOT = "marl_cair_train"
 
 def list_groups() -> dict[str, dict[str, dict[str, Any]]]:
     """Group -> choice -> the settings that the choice changes: `policy=capsule` and the like."""
-    bots = {name: None for game in GAMES for name in GAMES[game].bots}
+    games = GAMES.load_all()
+    bots = {name: None for game in games.values() for name in game.bots}
     opponents: dict[str, dict[str, Any]] = {name: {"mixture": {name: 1.0}} for name in bots}
     opponents["self_play"] = {"mixture": SELF_PLAY}
     opponents["latest"] = {"mixture": {"latest": 1.0}}
     opponents["pool"] = {"mixture": {"pool": 1.0}}
     opponents["scripted"] = {"mixture": {"scripted": 1.0}}
     return {
-        "game": {name: {"name": name, "scenario": GAMES[name].default_scenario} for name in GAMES},
+        "game": {
+            name: {"name": name, "scenario": game.default_scenario} for name, game in games.items()
+        },
         "policy": {name: {"body": name} for name in NETWORKS},
         "opponent": opponents,
         "generator": {name: {"name": name} for name in (*GENERATORS, NO_GENERATOR)},
@@ -60,6 +65,7 @@ def compose_config(words: Sequence[str]) -> TrainConfig:
         UnknownNameError: an option or choice that does not exist; names the nearest.
         ValueError: a word that is no `name=value`, or a value that is not allowed.
     """
+    words = expand_recipe(words)
     overrides = [_read_word(word) for word in words]
     _register()
     try:
@@ -73,6 +79,34 @@ def compose_config(words: Sequence[str]) -> TrainConfig:
     return build_config(values)
 
 
+def expand_recipe(words: Sequence[str]) -> list[str]:
+    """`recipe=NAME` gives way to the recipe's words, less those whose option or group is given.
+
+    Raises:
+        UnknownNameError: no such recipe; names the nearest.
+        ValueError: two recipes are named.
+    """
+    named = [word.partition("=")[2] for word in words if word.partition("=")[0] == _RECIPE]
+    rest = [word for word in words if word.partition("=")[0] != _RECIPE]
+    if not named:
+        return rest
+    if len(named) > 1:
+        raise ValueError(f"recipe={named[0]} and recipe={named[1]}: take one of them")
+    recipe = find_by_name("recipe", named[0], RECIPES)
+    given = {_full_name(word) for word in rest}
+    kept = [
+        word
+        for word in recipe.words
+        if not any(f"{_full_name(word)}.".startswith(f"{name}.") for name in given)
+    ]
+    return [*kept, *rest]
+
+
+def _full_name(word: str) -> str:
+    name = word.partition("=")[0].lstrip("+")
+    return SHORTHANDS.get(name, name)
+
+
 def read_value(word: str) -> Any:
     """The value of `name=value` as Hydra reads it. Raises ValueError where it cannot."""
     try:
@@ -83,10 +117,10 @@ def read_value(word: str) -> Any:
 
 def _read_word(word: str) -> str:
     """A word as Hydra takes it, its name checked."""
-    name, equals, value = word.partition("=")
+    _, equals, value = word.partition("=")
     if not equals:
         raise ValueError(f"{word!r} is no option: write name=value, for example seed=3")
-    name = SHORTHANDS.get(name.lstrip("+"), name.lstrip("+"))
+    name = _full_name(word)
     groups = list_groups()
     if name in groups:
         find_by_name(f"{name} (marl-cair train {name}=...)", value, groups[name])
@@ -95,7 +129,7 @@ def _read_word(word: str) -> str:
         if name == mapping or name.startswith(f"{mapping}."):
             return f"++{name}={value}"
     known = {option.path: None for option in list_options()} | dict.fromkeys(SHORTHANDS)
-    find_by_name("option", name, known | dict.fromkeys(groups))
+    find_by_name("option", name, known | dict.fromkeys([*groups, _RECIPE]))
     return f"{name}={value}"
 
 

@@ -1,4 +1,4 @@
-"""`marl-cair evaluate`: one agent against others, greedy, sparse reward, seats balanced.
+"""`marl-cair evaluate`: one agent against others, greedy, the rated reward, seats balanced.
 
 Where more than two play, the agent has one seat (or team) and each opponent all others.
 """
@@ -31,7 +31,7 @@ def run(arguments: Sequence[str]) -> int:
     if twice:
         raise ValueError(f"{', '.join(sorted(twice))} is given twice: name each opponent once")
     game, name, scenario_options = find_scenario([options.agent], options.game, options.scenario)
-    scenario = game.scenario(name, **{**scenario_options, "reward": "sparse"})
+    scenario = game.scenario(name, **{**scenario_options, "reward": game.rated_reward})
     num_teams = require_rivals(game, scenario)
     # Every map seed is played once in each seat: of more than two seats few divide a round number.
     num_games = options.games if num_teams == 2 else -(-options.games // num_teams) * num_teams

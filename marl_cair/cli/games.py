@@ -1,29 +1,46 @@
-"""`marl-cair games`: what there is to play, as text or JSON."""
+"""`marl-cair games`: what there is to play, as a list, as the README's table, or as JSON."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game, GameSpec
+from marl_cair.games.registry import gymnasium_id
+
+COLUMNS = ("game", "scenarios", "players", "actions", "representations", "reward", "picture")
+
+
+class Row(NamedTuple):
+    """Scenarios of a game that are alike in all that the other columns tell."""
+
+    scenarios: tuple[str, ...]
+    players: str
+    actions: str
+    representations: str
+    reward: str
 
 
 def run(arguments: Sequence[str]) -> int:
     """Print the list; returns the exit code."""
     parser = argparse.ArgumentParser("marl-cair games", description=__doc__)
-    parser.add_argument("--json", action="store_true", help="everything, for programs")
-    listed = {name: describe_game(GAMES[name]) for name in GAMES}
-    if parser.parse_args(arguments).json:
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="everything, for programs")
+    form.add_argument("--markdown", action="store_true", help="the table of the README")
+    chosen = parser.parse_args(arguments)
+    games = GAMES.load_all().values()
+    if chosen.json:
+        listed = {game.name: describe_game(game) for game in games}
         sys.stdout.write(json.dumps(listed, indent=2) + "\n")
     else:
-        sys.stdout.write("\n".join(_format(name, told) for name, told in listed.items()))
+        sys.stdout.write(format_markdown(games) if chosen.markdown else format_text(games))
     return EXIT_DONE
 
 
@@ -36,9 +53,10 @@ def describe_game(game: Game) -> dict[str, Any]:
         "players": list(game.player_range),
         "default_scenario": game.default_scenario,
         "bots": list(game.bots),
+        "rewards": dict(game.rewards),
         "scenarios": {
             name: {
-                "gymnasium_id": f"marl_cair/{game.gymnasium_prefix}-{name}-v0",
+                "gymnasium_id": gymnasium_id(game.gymnasium_prefix, name),
                 **_describe_spec(game.make_spec(scenario)),
             }
             for name, scenario in game.scenarios.items()
@@ -54,6 +72,7 @@ def _describe_spec(spec: GameSpec) -> dict[str, Any]:
         "action_groups": list(spec.action_group_names),
         "ticks_per_step": spec.ticks_per_step,
         "max_ticks": spec.max_ticks,
+        "pays": spec.pays,
         "representations": {
             seen.name: {"shape": list(seen.shape), "dtype": np.dtype(seen.dtype).name}
             for seen in spec.representations.values()
@@ -61,31 +80,65 @@ def _describe_spec(spec: GameSpec) -> dict[str, Any]:
     }
 
 
-def _count_players(fewest: int, most: int) -> str:
-    if fewest == most:
-        return "1 player" if most == 1 else f"{most} players"
-    return f"{fewest} to {most} players"
+def list_rows(game: Game) -> list[Row]:
+    """One row for scenarios that are alike, in the order of the first of each."""
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for name, scenario in game.scenarios.items():
+        spec = game.make_spec(scenario)
+        shown = ", ".join(
+            f"{seen.name} {'x'.join(map(str, seen.shape))}"
+            for seen in spec.representations.values()
+        )
+        told = (_tell_players(spec), str(spec.num_actions), shown, spec.pays)
+        alike.setdefault(told, []).append(name)
+    return [Row(tuple(names), *told) for told, names in alike.items()]
 
 
-def _format(name: str, told: dict[str, Any]) -> str:
-    players = _count_players(*told["players"])
+def _tell_players(spec: GameSpec) -> str:
+    sizes = np.bincount(spec.team_of_seat)
+    if 1 < len(sizes) < spec.num_players:
+        return f"{spec.num_players} ({' v '.join(map(str, sizes))})"
+    return str(spec.num_players)
+
+
+def format_markdown(games: Iterable[Game]) -> str:
+    """The table of all scenarios, with links as from the repository's root; an empty cell is as
+    the one above it.
+    """
+    lines = [f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|"]
+    for game in games:
+        page, picture = f"marl_cair/games/{game.name}/README.md", f"docs/images/{game.name}.png"
+        above: tuple[str, ...] = ("",) * len(COLUMNS)
+        for row in list_rows(game):
+            scenarios = ", ".join(row.scenarios)
+            cells = (f"[{game.title}]({page})", scenarios, *row[1:], f"[picture]({picture})")
+            pairs = zip(cells, above, strict=True)
+            shown = ["" if cell == last else cell for cell, last in pairs]
+            lines.append(f"| {' | '.join(shown)} |")
+            above = cells
+    return "\n".join(lines) + "\n"
+
+
+def format_text(games: Iterable[Game]) -> str:
+    """The same rows, one below the other, with what else there is to choose."""
+    return "\n".join(_format_game(game) for game in games)
+
+
+def _format_game(game: Game) -> str:
+    fewest, most = game.player_range
+    players = f"{fewest}" if fewest == most else f"{fewest} to {most}"
+    ids = gymnasium_id(game.gymnasium_prefix, "<scenario>")
     lines = [
-        f"{name}: {told['title']}, {players}, rules version {told['version']}",
-        f"  {told['summary']}",
-        f"  bots: {', '.join(told['bots'])}",
+        f"{game.name}: {game.title}, players: {players}, rules version {game.version}",
+        f"  {game.summary}",
+        f"  bots: {', '.join(game.bots)}",
+        f"  rewards: {', '.join(game.rewards)} (play is rated by the first)",
+        f"  default scenario: {game.default_scenario}; Gymnasium ids: {ids}",
     ]
-    for scenario, spec in told["scenarios"].items():
-        default = " (default)" if scenario == told["default_scenario"] else ""
-        players = _count_players(spec["num_players"], spec["num_players"])
-        lines.append(
-            f"  {scenario}{default}: {spec['gymnasium_id']}, {players}, "
-            f"{spec['num_actions']} actions"
-        )
-        shown = (
-            f"{seen} {part['dtype']} {part['shape']}"
-            for seen, part in spec["representations"].items()
-        )
-        lines.append(f"      {', '.join(shown)}")
-    first = next(iter(told["scenarios"].values()))
-    lines.append(f"  kinds of action: {', '.join(first['action_groups'])}")
+    for row in list_rows(game):
+        lines += [
+            f"  {', '.join(row.scenarios)}",
+            f"      players {row.players}; {row.actions} actions; reward: {row.reward}",
+            f"      {row.representations}",
+        ]
     return "\n".join(lines) + "\n"

@@ -70,7 +70,7 @@ def read_variants(game: Game, scenario: Any, words: Sequence[str]) -> dict[str, 
         name = "heldout.map" if name == HELDOUT_MAP else name
         variant, _, field = name.rpartition(".")
         if field == "reward":
-            raise ValueError(f"{word}: leave it out, matches are played with sparse reward")
+            raise ValueError(f"{word}: leave it out, matches are played with the rated reward")
         changes.setdefault(variant, {})[field] = read_value(word)
     read = {
         variant: read_options(game.name, scenario, values, variant or "option")

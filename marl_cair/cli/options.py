@@ -63,18 +63,19 @@ def read_comments(owner: type) -> dict[str, str]:
 
 def find_choices() -> dict[str, list[str]]:
     """Allowed names of the options that take one."""
-    games = list(GAMES)
-    scenarios = [name for game in games for name in GAMES[game].scenarios]
+    games = GAMES.load_all()
+    scenarios = [name for game in games.values() for name in game.scenarios]
     shown = {
         name: None
-        for game in games
-        for name in GAMES[game].make_spec(GAMES[game].scenario()).representations
+        for game in games.values()
+        for name in game.make_spec(game.scenario()).representations
     }
+    rewards = {name: None for game in games.values() for name in game.rewards}
     return {
-        "game.name": games,
+        "game.name": list(games),
         "game.scenario": scenarios,
         "game.representation": list(shown),
-        "game.reward": ["sparse", "shaped"],
+        "game.reward": list(rewards),
         "policy.body": list(NETWORKS),
         "policy.head": list(HEADS),
         "learner.target": list(TARGET_UPDATES),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 import sys
 from collections.abc import Sequence
 
@@ -12,6 +13,7 @@ from marl_cair.cli.options import find_choices, list_options
 from marl_cair.lookup import find_by_name
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import CONFIG_FILE, build_value, load_config
+from marl_cair.training.recipes import RECIPES
 from marl_cair.training.trainer import train
 
 FREE_ON_RESUME = {"total_frames": int, "max_minutes": float | None}
@@ -66,6 +68,9 @@ def describe_options() -> str:
         "groups (each sets several options at once):",
     ]
     lines += [f"  {group:10} {', '.join(names)}" for group, names in list_groups().items()]
+    lines += ["", "recipes (recipe=NAME; words beside it go before its own):"]
+    for name, recipe in RECIPES.items():
+        lines += [f"  {name}: {recipe.about}", f"      {' '.join(map(shlex.quote, recipe.words))}"]
     lines += ["", "shorthands: " + ", ".join(f"{a} = {b}" for a, b in SHORTHANDS.items())]
     lines += ["", f"options (a run's own are in <out>/{CONFIG_FILE}):"]
     for option in list_options():

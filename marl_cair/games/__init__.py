@@ -1,49 +1,15 @@
-"""The games. One line each; a game's rules are imported (and numba with them) when first used."""
+"""The games; their rules are imported (and numba with them) when first used."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from marl_cair.lookup import find_by_name
+from marl_cair.games.registry import GAMES, BrokenGameWarning, GameLoadError
 
 if TYPE_CHECKING:
     from marl_cair.games.engine import BatchedEngine
-    from marl_cair.games.game import Game
 
-_MODULES = {
-    "deep_line_wars": "marl_cair.games.deep_line_wars",
-    "deep_rts": "marl_cair.games.deep_rts",
-}
-
-
-class _Games(Mapping[str, "Game"]):
-    """The games by name, each loaded when it is asked for."""
-
-    def __getitem__(self, name: str) -> Game:
-        module = import_module(find_by_name("game", name, _MODULES))
-        game: Game = module.GAME
-        return game
-
-    def __contains__(self, name: object) -> bool:
-        return name in _MODULES
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(_MODULES)
-
-    def __len__(self) -> int:
-        return len(_MODULES)
-
-
-GAMES: Mapping[str, Game] = _Games()
-
-
-def game_modules() -> Iterator[ModuleType]:
-    """The games' packages, which know their scenarios without loading their rules."""
-    for path in _MODULES.values():
-        yield import_module(path)
+__all__ = ["GAMES", "BrokenGameWarning", "GameLoadError", "make_engine"]
 
 
 def make_engine(

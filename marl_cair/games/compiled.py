@@ -41,29 +41,37 @@ def cache_root() -> Path:
     return Path(base) / "marl_cair"
 
 
-def source_digest(game: str | None = None, folder: Path = _GAMES) -> str:
-    """Hex digest of the sources that `game` (None: no game) uses and of what else changes code."""
+def source_digest(own: Path | None = None, folder: Path = _GAMES) -> str:
+    """Hex digest of all that changes code: the shared sources in `folder`, and a game's own (a
+    folder or a file; None: no game).
+    """
     setting = f"numba {numba.__version__} boundscheck {_CONFIG.BOUNDSCHECK}"
     digest = hashlib.sha256(setting.encode())
-    sources = sorted(folder.glob("*.py"))
-    if game is not None:
-        sources += sorted((folder / game).rglob("*.py"))
-    for path in sources:
+    for path in sorted(folder.glob("*.py")):
         digest.update(str(path.relative_to(folder)).encode())
         digest.update(path.read_bytes())
+    if own is not None:
+        for path in sorted(own.rglob("*.py")) if own.is_dir() else [own]:
+            digest.update(str(path.relative_to(own.parent)).encode())
+            digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
 @cache
-def _cache_dir(game: str | None) -> str:
-    return str(cache_root() / source_digest(game))
+def _cache_dir(own: Path | None) -> str:
+    return str(cache_root() / source_digest(own))
 
 
-def _game_of(function: Callable[..., Any]) -> str | None:
-    """The game whose folder holds the function, None for what the games share."""
-    package, _, path = function.__module__.partition("marl_cair.games.")
-    game, _, file = path.partition(".")
-    return game if not package and file else None
+def _sources_of(function: Callable[..., Any]) -> Path | None:
+    """The folder of the game that the function is of, None for what the games share; outside our
+    package, the whole package (or the file) that holds it.
+    """
+    file = Path(function.__code__.co_filename)
+    top, *inner = function.__module__.split(".")
+    if top != __name__.partition(".")[0]:
+        depth = len(inner) + (file.stem == "__init__")
+        return file.parents[depth - 1] if depth else file
+    return _GAMES / inner[1] if inner[0] == _GAMES.name and len(inner) > 2 else None
 
 
 # No allocation and no exceptions: what a compiler for GPUs can take too.
@@ -128,7 +136,7 @@ class _Rule(CPUDispatcher):
         """The dispatcher that Python calls, with code of its own on disk."""
         users_folder = _CONFIG.CACHE_DIR
         # Numba reads the folder when it decorates. The user's own setting is put back at once.
-        _CONFIG.CACHE_DIR = _cache_dir(_game_of(self.py_func))
+        _CONFIG.CACHE_DIR = _cache_dir(_sources_of(self.py_func))
         try:
             return _NJIT(cache=True, **self._entry_options)(self.py_func)
         finally:

@@ -121,11 +121,12 @@ class BatchedEngine:
                 f"bool [{self.num_worlds}] (worlds)"
             )
         self._run(self.game.reset, self._worlds, self._rules, seeds, mask)
-        self._outcome.rewards[mask] = 0.0
-        self._outcome.terminated[mask] = False
-        self._outcome.truncated[mask] = False
-        self._outcome.winner[mask] = NO_WINNER
-        self._outcome.eliminated[mask] = False
+        rows = np.flatnonzero(mask)  # of few games that end at a time, cheaper than the mask
+        self._outcome.rewards[rows] = 0.0
+        self._outcome.terminated[rows] = False
+        self._outcome.truncated[rows] = False
+        self._outcome.winner[rows] = NO_WINNER
+        self._outcome.eliminated[rows] = False
         self._has_started = True
 
     def step(self, actions: NDArray[Any]) -> None:
@@ -165,9 +166,8 @@ class BatchedEngine:
         self._check_out("observe", out, shape, chosen.dtype)
         if chosen.make_memory is None:
             self._run(chosen.observe, seen, self._rules, out)
-        elif (
-            worlds is None
-        ):  # to renew the engine's own array and copy it is less than to write all
+        elif worlds is None:
+            # To renew the engine's own array and copy it is less than to write all.
             np.copyto(out, self.observe_in_place(representation))
         else:
             self._run(chosen.observe, seen, self._rules, chosen.make_memory(len(seen[0])), out)
@@ -277,8 +277,16 @@ class BatchedEngine:
         self.restore(Snapshot(self.scenario, tuple(arrays[:count]), outcome))
 
     def public_state(self, world: int) -> NDArray[np.float32]:
-        """The full state of one world as a flat float32 vector [S], the same for all seats."""
-        return self.game.public_state(self._worlds, world)
+        """All state of one world as a flat float32 vector [S], the same for all seats, but for what
+        the game hides (`Game.hidden_fields`).
+        """
+        hidden, worlds = self.game.hidden_fields, self._worlds._asdict()
+        shown = [field[world].ravel() for name, field in worlds.items() if name not in hidden]
+        return np.concatenate(shown).astype(np.float32)
+
+    def info(self) -> dict[str, NDArray[Any]]:
+        """Numbers of each seat beside what it observes, by name, fresh arrays [B, P]."""
+        return {} if self.game.info is None else dict(self.game.info(self._worlds))
 
     def render(self, world: int = 0, player: int | None = None) -> NDArray[np.uint8]:
         """What a person sees of one world, uint8 [height, width, 3]; `player` gives a seat's view.

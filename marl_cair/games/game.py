@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -10,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.lookup import find_by_name
 
 NO_WINNER = -1
@@ -47,12 +47,13 @@ class Representation:
         name: the same in every game (planes, classic, image, gray, vector, ...).
         shape: [C, H, W], or [V] of a vector.
         dtype: uint8 or float32.
-        high: the largest value; the smallest is 0.
+        high: the largest value.
         plane_names: one per channel (or per entry of a vector).
         num_uniform: the last `num_uniform` planes hold one value over the whole board each.
         observe: kernel (worlds, rules, out [B, P, *shape], first, last) that writes `out`; with a
             memory (worlds, rules, memory, out, first, last), and it writes what has changed.
         make_memory: num_worlds -> arrays [B, ...] that tell what an `out` holds, at first nothing.
+        low: the smallest value.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Representation:
     observe: Callable[..., None]
     num_uniform: int = 0
     make_memory: Callable[[int], Any] | None = None
+    low: float = 0
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,7 @@ class GameSpec:
         ticks_per_step: ticks of the game that one decision lasts.
         max_ticks: the time limit.
         reward_bound: no reward is larger than this in absolute value.
+        pays: what the rated reward of the scenario pays, in a few words.
         action_shape: () where a seat chooses one action in each decision. Else it chooses one of
             the A actions at each place of this shape: actions are [B, P, *action_shape], masks
             [B, P, *action_shape, A].
@@ -106,6 +109,7 @@ class GameSpec:
     ticks_per_step: int
     max_ticks: int
     reward_bound: float
+    pays: str
     action_shape: Shape = ()
     teams: tuple[int, ...] = ()
 
@@ -148,8 +152,16 @@ class Game:
     legal_actions: Callable[..., None]  # (worlds, rules, out [B, P, *action_shape, A], first, last)
     draw: Callable[..., NDArray[np.uint8]]  # (worlds, rules, world, player or None) -> RGB
     bots: Mapping[str, Callable[[Any, GameSpec], Agent]]
-    public_state: Callable[[Any, int], NDArray[np.float32]]  # (worlds, world) -> full state [S]
+    rewards: Mapping[str, str]  # by name, what each pays; the first rates play
+    hidden_fields: tuple[str, ...]  # of World, that no state shows: random words, scratch
     gymnasium_prefix: str  # "DeepLineWars" of "marl_cair/DeepLineWars-10x15-v0"
+    # World -> further numbers of each seat, by name [B, P]: environments give them as `infos`.
+    info: Callable[[Any], Mapping[str, NDArray[Any]]] | None = None
+
+    @property
+    def rated_reward(self) -> str:
+        """The reward that evaluations, matches and leagues use, whatever was learned from."""
+        return next(iter(self.rewards))
 
     def scenario(self, name: str | None = None, **options: Any) -> Any:
         """The named scenario, changed by `options` (fields of the scenario's dataclass).
@@ -161,10 +173,7 @@ class Game:
         chosen = find_by_name(
             f"{self.name} scenario", name or self.default_scenario, self.scenarios
         )
-        fields = {field.name: field for field in dataclasses.fields(chosen)}
-        for option in options:
-            find_by_name(f"{self.name} option", option, fields)
-        return dataclasses.replace(chosen, **options) if options else chosen
+        return change_scenario(self.name, chosen, options)
 
     def bot(self, name: str, scenario: Any) -> Agent:
         """A scripted opponent for `scenario`. Raises UnknownNameError with the nearest names."""

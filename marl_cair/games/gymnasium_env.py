@@ -60,6 +60,10 @@ class _LearnerSeat:
         """Worlds [B] whose game is over for the learner: decided, or its seat is out; fresh."""
         return self.engine.terminated | self.engine.eliminated[:, self.seat]
 
+    def numbers(self) -> dict[str, NDArray[Any]]:
+        """The game's own numbers of the learner's seat by name, fresh arrays [B]."""
+        return {name: values[:, self.seat] for name, values in self.engine.info().items()}
+
     def play(self, actions: NDArray[np.int64]) -> None:
         """One decision: the learner's actions [B, ...] in its form, the opponent's elsewhere.
 
@@ -95,7 +99,7 @@ class GameEnv(gymnasium.Env[Any, Any]):
         seat: the learner's.
         representation, render_mode, mask_in_observation, vector, action_form: as
             `GameParallelEnv`; the mask is always in `info["action_mask"]`, int8 [A] (or the shape
-            of the action form).
+            of the action form), and beside it the game's own numbers (`Game.info`).
     """
 
     # On the class: `gymnasium.make` reads it before there is an instance.
@@ -157,7 +161,8 @@ class GameEnv(gymnasium.Env[Any, Any]):
         else:
             observation = seen[0, seat]
         mask = self._table.form.shape_mask(self.engine.action_mask()[0, seat])
-        return observation, {"action_mask": mask}
+        told = {name: values[0].item() for name, values in self._table.numbers().items()}
+        return observation, {"action_mask": mask, **told}
 
 
 class GameVectorEnv(VectorEnv[Any, Any, Any]):
@@ -168,7 +173,8 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         autoreset_mode: NEXT_STEP (Gymnasium's default: the step after an end resets and ignores
             the action), SAME_STEP (the ending step returns the new game's observation and
             `infos["final_obs"]`), or DISABLED (`reset(options={"reset_mask": bool [B]})`).
-        others: as `GameEnv`. `infos["action_mask"]` is int8 [B, A] (or [B, ...] of the form).
+        others: as `GameEnv`. `infos["action_mask"]` is int8 [B, A] (or [B, ...] of the form); the
+            game's own numbers (`Game.info`) are [B].
     """
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
@@ -265,12 +271,14 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
                 final[world] = {name: array[world] for name, array in observations.items()}
             else:
                 final[world] = observations[world]
-        masks = infos["action_mask"].copy()
-        masks[~ended] = 0
+        told: dict[str, Any] = {}
+        for name, values in infos.items():
+            told[name] = values & ended if name.startswith("_") else values.copy()
+            told[name][~ended] = 0
         return {
             "final_obs": final,
             "_final_obs": ended.copy(),
-            "final_info": {"action_mask": masks, "_action_mask": ended.copy()},
+            "final_info": told,
             "_final_info": ended.copy(),
         }
 
@@ -286,5 +294,6 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         else:
             observations = seen[:, seat]
         masks = self._table.form.shape_mask(self.engine.action_mask()[:, seat])
-        present = np.ones(self.num_envs, np.bool_)
-        return observations, {"action_mask": masks, "_action_mask": present}
+        infos = {"action_mask": masks, **self._table.numbers()}
+        present = {f"_{name}": np.ones(self.num_envs, np.bool_) for name in infos}
+        return observations, infos | present

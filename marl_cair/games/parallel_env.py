@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec
@@ -32,6 +33,7 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         mask_in_observation: observations become {"observation", "action_mask"}. The mask is always
             in `infos[agent]["action_mask"]` too, int8 as `action_space(agent).sample(mask)` takes
             it: [A], [*action_shape, A] where actions have a shape, or [G, C] in the factored form.
+            Beside it stand the game's own numbers, as `optimal_steps` of a maze (see `Game.info`).
         vector: observations become a dict with the float32 economy vector under "vector".
         max_cycles: time limit in decisions (default: the scenario's).
         action_form: "flat" (Discrete, or MultiDiscrete [*action_shape]), or "factored": actions
@@ -102,6 +104,9 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         """
         if seed is not None:
             self._seeds.restart(seed)
+        if seed is not None or not hasattr(self, "np_random"):
+            # Ours draws nothing from it: wrappers do (SuperSuit's frame_skip).
+            self.np_random, _ = seeding.np_random(None if seed is None else seed % 2**64)
         self.engine.reset(self._seeds.next())
         self.agents = list(self.possible_agents)
         return self._look()
@@ -176,6 +181,7 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
     def _look(self) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         seen = look(self.engine, *self._seen_as)
         masks = self._form.shape_mask(self.engine.action_mask()[0])
+        numbers = self.engine.info()
         observations: dict[str, Any] = {}
         infos: dict[str, dict[str, Any]] = {}
         for seat, agent in enumerate(self.possible_agents):
@@ -185,7 +191,8 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
                 observations[agent] = {name: array[0, seat] for name, array in seen.items()}
             else:
                 observations[agent] = seen[0, seat]
-            infos[agent] = {"action_mask": masks[seat]}
+            told = {name: values[0, seat].item() for name, values in numbers.items()}
+            infos[agent] = {"action_mask": masks[seat], **told}
         return observations, infos
 
 
@@ -250,7 +257,8 @@ def look(
 
 
 def _make_box(representation: Representation) -> spaces.Box:
-    return spaces.Box(0, representation.high, representation.shape, representation.dtype)
+    low, high = representation.low, representation.high
+    return spaces.Box(low, high, representation.shape, representation.dtype)
 
 
 def check_render_mode(game: str, render_mode: str | None) -> None:

@@ -47,7 +47,8 @@ class BatchedGameEnv(EnvBase):
 
     Keys: ("player", "observation") [B, P, *shape], ("player", "action_mask") bool
     [B, P, *action_shape, A], ("player", "action") int64 [B, P, *action_shape],
-    ("player", "reward") float32 [B, P, 1], and done, terminated, truncated bool [B, 1] at the root
+    ("player", "reward") float32 [B, P, 1], ("player", "info", ...) float32 [B, P] where the game
+    has numbers of its own (`Game.info`), and done, terminated, truncated bool [B, 1] at the root
     and [B, P, 1] in the group. A seat that is out while others
     play on is terminated and done in the group from the step at which it goes out; the root says
     when the world is over, and by that alone TorchRL resets. A seat that is out is only to play the
@@ -87,6 +88,9 @@ class BatchedGameEnv(EnvBase):
         seen: dict[str, Any] = {
             key: self._make_observation_spec(name) for key, name in self._representations.items()
         }
+        if numbers := self.engine.info():
+            told = {name: Unbounded(seats, dtype=torch.float32) for name in numbers}
+            seen["info"] = Composite(told, shape=seats)
         actions, places = self.engine.num_actions, (*seats, *self.engine.spec.action_shape)
         seen["action_mask"] = Binary(actions, shape=(*places, actions), dtype=torch.bool)
         self.observation_spec = Composite({GROUP: Composite(seen, shape=seats)}, shape=(worlds,))
@@ -113,7 +117,7 @@ class BatchedGameEnv(EnvBase):
         chosen = self.engine.representation(name)
         shape = (self.engine.num_worlds, self.engine.num_players, *chosen.shape)
         dtype = torch.uint8 if chosen.dtype is np.uint8 else torch.float32
-        return Bounded(0, chosen.high, shape=shape, dtype=dtype)
+        return Bounded(chosen.low, chosen.high, shape=shape, dtype=dtype)
 
     def _set_seed(self, seed: int | None) -> None:
         self.seeds.restart(seed)
@@ -174,6 +178,9 @@ class BatchedGameEnv(EnvBase):
         places = (worlds, players, *engine.spec.action_shape)
         legal = self._pool.take((*places, engine.num_actions), np.bool_)
         seats["action_mask"] = _fill(legal, engine.action_mask, only)
+        if numbers := engine.info():
+            told = {name: _tell(values, only) for name, values in numbers.items()}
+            seats["info"] = TensorDict._new_unsafe(told, batch_size=torch.Size([worlds, players]))
         terminated = torch.from_numpy(engine.terminated).clone().unsqueeze(-1)
         truncated = torch.from_numpy(engine.truncated).clone().unsqueeze(-1)
         ended = {
@@ -204,6 +211,15 @@ class BatchedGameEnv(EnvBase):
         self.engine.load_state_dict(state["engine"])
         self.seeds.load_state_dict(state["seeds"])
         self.last = LastStep(**{name: np.array(value) for name, value in state["last"].items()})
+
+
+def _tell(values: NDArray[Any], only: NDArray[np.int64] | None) -> Tensor:
+    """A game's own numbers [B, P] as float32; of worlds that are left out, zeros."""
+    told = torch.from_numpy(values.astype(np.float32))
+    if only is not None:
+        others = np.setdiff1d(np.arange(len(values)), only)
+        told[others] = 0.0
+    return told
 
 
 def _fill(

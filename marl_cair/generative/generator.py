@@ -223,6 +223,7 @@ class CCDNGenerator:
         rows["next", "reward"] = opinions.reward.mean(0).clamp(low, high)[:, None]
         rows["next", "terminated"], rows["next", "done"] = terminated, terminated.clone()
         rows["is_generated"].fill_(True)
+        rows["is_demonstration"].fill_(False)
         rows["index"].fill_(NO_INDEX)
         rows["opponent"].fill_(NO_OPPONENT)
         return rows, opinions

@@ -175,7 +175,7 @@ class GateConfig:
     # Of the copy's: what others spend cannot be foreseen. Nor can a rounded clock, of which copying
     # is the best single guess whoever guesses (Deep RTS: it steps in two of five decisions): it is
     # also enough that the uniform planes alone keep to max_nll_ratio.
-    max_uniform_mae_ratio: float = 0.6
+    max_uniform_mae_ratio: float = 0.6  # of the copy's, unless the likelihood ratio holds
     min_reward_explained: float = 0.7  # of variance; few large rewards make it scatter by 0.1
     max_reward_mae_if_constant: float = 1e-3  # where rewards hardly vary: be near that constant
     min_terminals: int = 10  # with fewer held-out ends, recall cannot be told: make no ends
@@ -183,7 +183,7 @@ class GateConfig:
     # An end that would be made as a row that goes on bootstraps from a state that does not exist.
     # One in doubt is not counted: Deep RTS shows a clock at 0 for two decisions, of which one ends
     # the game, so nobody can recall half of such ends, and no such row is ever made.
-    max_terminal_overlooked: float = 0.3
+    max_terminal_overlooked: float = 0.3  # share of ends that would go on, doubtful ones apart
     max_terminal_ece: float = 0.02  # calibration error, about the base rate of ends in long games
     min_rare_rows: int = 10  # rare rewards: the same rule as for ends
     min_rare_recall: float = 0.6  # members agree on missing rewards, so agreement cannot show it

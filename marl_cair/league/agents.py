@@ -85,7 +85,7 @@ def find_scenario(
 
     The named game, else the one that a checkpoint was trained on, else a bot's ("game/bot"), else
     the first. The named scenario; else the one that the game's checkpoints were trained on, with
-    all its fields and the sparse reward; else the game's default.
+    all its fields and the rated reward; else the game's default.
 
     Raises:
         CheckpointError: a broken checkpoint; or no scenario is named and two checkpoints differ.
@@ -96,7 +96,7 @@ def find_scenario(
     named = [about.game for _, about in trained] + [name for name in prefixes if name in GAMES]
     game = find_by_name("game", game_name or next(iter([*named, *GAMES])), GAMES)
     seen = {
-        name: {"scenario": about.scenario, **about.scenario_options, "reward": "sparse"}
+        name: {"scenario": about.scenario, **about.scenario_options, "reward": game.rated_reward}
         for name, about in trained
         if about.game == game.name
     }

@@ -99,7 +99,7 @@ def run_league(
             settings; or its file cannot be written.
     """
     game = find_by_name("game", config.game, GAMES)
-    options = {**config.scenario_options, "reward": "sparse"}
+    options = {**config.scenario_options, "reward": game.rated_reward}
     scenario = game.scenario(config.scenario, **options)
     if (num_teams := require_rivals(game, scenario)) != 2:
         raise ValueError(

@@ -111,7 +111,7 @@ def play_match(
     seed: int,
     identities: tuple[str, str] | None = None,
 ) -> MatchResult:
-    """Play `num_games` games, equally many with `first` in each team, with sparse reward.
+    """Play `num_games` games, equally many with `first` in each team, with the rated reward.
 
     A longer match begins with the games of a shorter one, and between two teams the match of
     `second` against `first` holds the same games. `identities` as in `play_chunks`.

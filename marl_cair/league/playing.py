@@ -91,9 +91,10 @@ def map_seeds(seed: int, blocks: NDArray[np.int64]) -> NDArray[np.uint64]:
 def start_engine(
     game: Game, scenario: Any, seed: int, table: Table, chunks: Sequence[int]
 ) -> BatchedEngine:
-    """The games of `chunks`, with sparse reward, at their start."""
+    """The games of `chunks`, with the rated reward, at their start."""
     blocks = table.number_blocks(chunks)
-    engine = BatchedEngine(game, dataclasses.replace(scenario, reward="sparse"), len(blocks))
+    rated = dataclasses.replace(scenario, reward=game.rated_reward)
+    engine = BatchedEngine(game, rated, len(blocks))
     engine.reset(map_seeds(seed, blocks))
     return engine
 

@@ -1,7 +1,7 @@
 """Scenarios without rivals: agents play the same map seeds, each alone, and their scores compare.
 
-The score of a game is its return: the sum of the rewards of the sparse reward, which every game
-pays for its own goal (of several seats that play together, their mean).
+The score of a game is its return: the sum of the rated reward (`Game.rated_reward`), which pays
+for the game's own goal (of several seats that play together, their mean).
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def play_alone(
     seed: int,
     identity: str | None = None,
 ) -> SoloResult:
-    """Play `num_games` games with the agent in all seats, with sparse reward.
+    """Play `num_games` games with the agent in all seats, with the rated reward.
 
     Game k has the map seed of (seed, k), whoever plays. A longer series begins with the games of a
     shorter one. The agent draws by the seed and its identity (default: its name).

@@ -18,6 +18,7 @@ from marl_cair.replay.array_folder import load_arrays, save_arrays
 from marl_cair.replay.sampler import draw_integers
 from marl_cair.replay.transition import (
     EXPERIENCE_KEYS,
+    IS_DEMONSTRATION,
     IS_GENERATED,
     NEXT_DONE,
     NO_INDEX,
@@ -141,6 +142,7 @@ def make_transitions(drawn: Mapping[Key, torch.Tensor], is_generated: bool) -> T
     current = {key: value for key, value in drawn.items() if isinstance(key, str)}
     labels = {
         str(IS_GENERATED): torch.full((num_rows, 1), is_generated),
+        str(IS_DEMONSTRATION): torch.zeros(num_rows, 1, dtype=torch.bool),
         "opponent": torch.full((num_rows,), NO_OPPONENT, dtype=torch.int16),
         "index": torch.full((num_rows,), NO_INDEX, dtype=torch.int64),
     }

@@ -32,7 +32,8 @@ class Rollout:
     observation [T, S, *shape]; action_mask bool [T, S, A]; action int64 [T, S]; reward float32
     [T, S], the reward of the step; terminated, truncated bool [T, S] (both: terminated counts);
     learned bool [T, S]: steps to store, a stream that pauses without an end is not linked over the
-    gap; opponent int16 [T, S], who was met, NO_OPPONENT where nobody is known.
+    gap; demonstrated bool [T, S], whether a demonstrator chose the action; opponent int16 [T, S],
+    who was met, NO_OPPONENT where nobody is known.
     final_step int64 [K]: t * S + s of K truncated steps, each once; final_observation [K, *shape];
     final_action_mask bool [K, A]. Rows of steps that are not learned or are terminated are skipped.
     """
@@ -44,6 +45,7 @@ class Rollout:
     terminated: torch.Tensor
     truncated: torch.Tensor
     learned: torch.Tensor
+    demonstrated: torch.Tensor
     opponent: torch.Tensor
     final_step: torch.Tensor
     final_observation: torch.Tensor
@@ -73,6 +75,7 @@ def check_rollout(rollout: Rollout, spec: TransitionSpec) -> Steps:
         terminated=_as_array(rollout.terminated, num_steps),
         truncated=_as_array(rollout.truncated, num_steps),
         learned=_as_array(rollout.learned, num_steps),
+        demonstrated=_as_array(rollout.demonstrated, num_steps),
         opponent=_as_array(rollout.opponent, num_steps),
         final_row=_place_final_rows(rollout),
         final_observation=_as_bytes(rollout.final_observation, num_final, spec),
@@ -98,6 +101,7 @@ def _check_fields(rollout: Rollout, spec: TransitionSpec) -> None:
         "terminated": (torch.bool, per_step),
         "truncated": (torch.bool, per_step),
         "learned": (torch.bool, per_step),
+        "demonstrated": (torch.bool, per_step),
         "opponent": (torch.int16, per_step),
         "final_step": (torch.int64, per_final),
         "final_observation": (spec.observation_dtype, per_final + spec.observation_shape),

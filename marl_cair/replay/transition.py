@@ -19,6 +19,7 @@ NEXT_TERMINATED: Key = ("next", "terminated")
 NEXT_DONE: Key = ("next", "done")
 STEPS_TO_NEXT_OBS: Key = "steps_to_next_obs"
 IS_GENERATED: Key = "is_generated"
+IS_DEMONSTRATION: Key = "is_demonstration"
 OPPONENT: Key = "opponent"
 INDEX: Key = "index"
 
@@ -32,7 +33,13 @@ EXPERIENCE_KEYS: tuple[Key, ...] = (
     NEXT_TERMINATED,
     NEXT_DONE,
 )
-LABEL_KEYS: tuple[Key, ...] = (STEPS_TO_NEXT_OBS, IS_GENERATED, OPPONENT, INDEX)
+LABEL_KEYS: tuple[Key, ...] = (
+    STEPS_TO_NEXT_OBS,
+    IS_GENERATED,
+    IS_DEMONSTRATION,
+    OPPONENT,
+    INDEX,
+)
 TRANSITION_KEYS: tuple[Key, ...] = EXPERIENCE_KEYS + LABEL_KEYS
 
 NO_OPPONENT = -1  # the row met no opponent that is known by number
@@ -107,6 +114,7 @@ class TransitionSpec:
             NEXT_DONE: (torch.bool, (1,)),
             STEPS_TO_NEXT_OBS: (torch.int64, (1,)),
             IS_GENERATED: (torch.bool, (1,)),
+            IS_DEMONSTRATION: (torch.bool, (1,)),
             OPPONENT: (torch.int16, ()),
             INDEX: (torch.int64, ()),
         }

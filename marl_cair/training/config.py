@@ -39,7 +39,7 @@ class GameSettings:
     name: str = "deep_line_wars"  # which game is learned
     scenario: str = "10x15"  # board and rules
     representation: str = "planes"  # what the learner looks at
-    reward: str = "shaped"  # training reward; evaluation is always sparse
+    reward: str | None = None  # training reward; None: "shaped" where there is one, else the rated
     options: dict[str, Any] = field(default_factory=dict)  # fields of the scenario to change
 
     def __post_init__(self) -> None:
@@ -54,7 +54,7 @@ class GameSettings:
                 f"{self.name} with a method for such actions"
             )
         find_by_name(f"{self.name} representation", self.representation, spec.representations)
-        game.scenario(self.scenario, reward=self.reward)
+        game.scenario(self.scenario, reward=self.learned_reward)
         for name, owner in (("reward", "game.reward"), ("shaping_discount", "learner.gamma")):
             require(
                 name not in self.options,
@@ -62,6 +62,12 @@ class GameSettings:
                 self.options.get(name),
                 f"left out: set {owner}",
             )
+
+    @property
+    def learned_reward(self) -> str:
+        """What the learner is paid by; evaluations always use the game's rated reward."""
+        game = GAMES[self.name]
+        return self.reward or ("shaped" if "shaped" in game.rewards else game.rated_reward)
 
 
 @dataclass(frozen=True)
@@ -98,6 +104,27 @@ class OpponentSettings:
         """Those of `bots` that may be met, in their order: the others need not fit the scenario."""
         named = {**self.mixture, **self.warmup_mixture}
         return [bot for bot in bots if bot in named or SCRIPTED in named]
+
+
+@dataclass(frozen=True)
+class DemonstrationSettings:
+    """Games in which a bot plays the learner's seats, and the learner learns from what it does:
+    deep Q-learning from demonstrations (Hester et al. 2018).
+    """
+
+    bots: tuple[str, ...] = ()  # who shows how to play, one for each such game; (): nobody
+    share: float = 0.25  # of games
+    until_frames: int | None = None  # frames after which no such game begins; None: never
+    margin: float = 0.1  # by which the shown action is to be worth more than any other legal one
+    margin_weight: float = 1.0  # of that loss, beside the TD error's
+
+    def __post_init__(self) -> None:
+        require(0 <= self.share <= 1, "demonstration.share", self.share, "a share in 0..1")
+        frames = self.until_frames
+        require(frames is None or frames >= 0, "demonstration.until_frames", frames, "0 or more")
+        for name in ("margin", "margin_weight"):
+            value = getattr(self, name)
+            require(0 <= value < math.inf, f"demonstration.{name}", value, "0 or more")
 
 
 @dataclass(frozen=True)
@@ -208,7 +235,7 @@ class GeneratorSettings:
 
 @dataclass(frozen=True)
 class EvaluationSettings:
-    """Greedy games with sparse reward, while training: against bots, or alone where nobody else
+    """Greedy games with the rated reward, while training: against bots, or alone where nobody else
     plays.
     """
 
@@ -226,7 +253,7 @@ class EvaluationSettings:
             plain = re.fullmatch(r"[\w-]+", name) is not None
             require(plain, "evaluation.scenarios", name, "names of letters, digits, _ and -")
             place = f"evaluation.scenarios.{name}"
-            require("reward" not in options, place, options, "without reward: it is always sparse")
+            require("reward" not in options, place, options, "without reward: the game's own rates")
 
 
 @dataclass(frozen=True)
@@ -253,6 +280,7 @@ class TrainConfig:
     game: GameSettings = field(default_factory=GameSettings)
     policy: QNetworkConfig = field(default_factory=QNetworkConfig)
     opponent: OpponentSettings = field(default_factory=OpponentSettings)
+    demonstration: DemonstrationSettings = field(default_factory=DemonstrationSettings)
     collector: CollectorSettings = field(default_factory=CollectorSettings)
     exploration: ExplorationSettings = field(default_factory=ExplorationSettings)
     replay: ReplaySettings = field(default_factory=ReplaySettings)
@@ -276,7 +304,7 @@ class TrainConfig:
         for mixture in (self.opponent.mixture, self.opponent.warmup_mixture):
             for opponent in mixture:
                 find_by_name("opponent", opponent, known)
-        for bot in self.evaluation.bots:
+        for bot in (*self.evaluation.bots, *self.demonstration.bots):
             find_by_name(f"{self.game.name} bot", bot, bots)
 
     def evaluated_scenario(self, name: str) -> Any:

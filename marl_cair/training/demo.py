@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -122,7 +121,7 @@ def run_demo(settings: DemoSettings) -> Path:
     )
     tqdm.write(league.text)
     tqdm.write("[4/4] filming a game")
-    scenario = dataclasses.replace(GAMES[GAME].scenario(SCENARIO), reward="sparse")
+    scenario = GAMES[GAME].scenario(SCENARIO)
     best, rival = load_agent(agents[0], GAME, scenario), load_agent("counter", GAME, scenario)
     save_film(best, rival, GAMES[GAME], scenario, settings.seed, folder / "game.gif")
     return folder

@@ -14,7 +14,7 @@ from torchrl.modules import QValueActor
 from torchrl.objectives import DQNLoss, HardUpdate, SoftUpdate
 
 from marl_cair.policies.q_network import QNetwork
-from marl_cair.training.config import LearnerSettings
+from marl_cair.training.config import DemonstrationSettings, LearnerSettings
 
 # Of the averaged weights' warm-up: after n updates they average over no more than about n / 10.
 _AVERAGE_WARMUP = 10
@@ -31,8 +31,14 @@ class Learner:
     policy is steady. Collecting goes on with the newest weights.
     """
 
-    def __init__(self, network: QNetwork, settings: LearnerSettings) -> None:
+    def __init__(
+        self,
+        network: QNetwork,
+        settings: LearnerSettings,
+        demonstration: DemonstrationSettings | None = None,
+    ) -> None:
         self.network, self.settings = network, settings
+        self.demonstration = demonstration or DemonstrationSettings()
         actor = QValueActor(
             network,
             in_keys=["observation"],
@@ -61,7 +67,9 @@ class Learner:
 
     def update(self, batch: TensorDict) -> dict[str, Tensor | float]:
         """One gradient step on rows with the transition keys; returns scalars for the log."""
-        loss = self._loss(batch)["loss"]
+        td_loss = self._loss(batch)["loss"]
+        margin_loss = self._find_margin_loss(batch)
+        loss = td_loss + self.demonstration.margin_weight * margin_loss
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
         norm = torch.nn.utils.clip_grad_norm_(self._parameters, self.settings.max_grad_norm)
@@ -69,7 +77,28 @@ class Learner:
         self._target.step()
         self.updates += 1
         self._take_into_average()
-        return {"loss/all": loss.detach(), "grad_norm": norm, **self._split(batch)}
+        values = {"loss/all": td_loss.detach(), "grad_norm": norm, **self._split(batch)}
+        if self.demonstration.bots:
+            values["loss/margin"] = margin_loss.detach()
+        return values
+
+    def _find_margin_loss(self, batch: TensorDict) -> Tensor:
+        """Mean over the batch of max over legal a of (Q(s, a) + margin where a is not the shown
+        action) - Q(s, shown action), 0 for rows that show nothing.
+        """
+        if not self.demonstration.bots:
+            return torch.zeros(())
+        shown = batch["is_demonstration"].flatten()
+        if not shown.any():
+            return torch.zeros(())
+        action = batch["action"][shown, None]
+        values = self.network(batch["observation"][shown])
+        wanted = values.gather(1, action)
+        rivals = (values + self.demonstration.margin).scatter(1, action, wanted)
+        legal = batch["action_mask"][shown]
+        best = rivals.masked_fill(~legal, -torch.inf).amax(1, keepdim=True)
+        loss: Tensor = (best - wanted).sum() / len(shown)
+        return loss
 
     @torch.no_grad()
     def _take_into_average(self) -> None:

@@ -29,6 +29,7 @@ class Decisions(NamedTuple):
 
     actions: NDArray[np.int64]  # [B, P]
     owned: NDArray[np.bool_]  # [B, P] seats of the learner
+    shown: NDArray[np.bool_]  # [B, P] those of them that a demonstrator played
     out: NDArray[np.bool_]  # [B, P] seats that were out by then
     opponent: NDArray[np.int16]  # [B]
 
@@ -65,6 +66,7 @@ class EpisodeStatistics:
         self._results: dict[int, list[float]] = {}
         self._excess: list[float] = []
         self._reward_sums: list[float] = []
+        self._shown_sums: list[float] = []
         self._lengths: list[int] = []
         self._num_drawn = 0
         self._actions = np.zeros(int(self._groups.max()) + 1, np.int64)
@@ -87,18 +89,23 @@ class EpisodeStatistics:
         self._reward_sum += last.rewards
         self._discount *= self._gamma
         self._decisions += 1
-        kinds = self._groups[taken.actions[taken.owned & ~taken.out]]
+        own = taken.owned & ~taken.shown
+        kinds = self._groups[taken.actions[own & ~taken.out]]
         self._actions += np.bincount(kinds, minlength=len(self._actions))
         ended = np.flatnonzero(last.ended)
         points = share_points(last.winner[ended], taken.out[ended], self._teams)
         for world, of_teams in zip(ended.tolist(), points.tolist(), strict=True):
-            seats = np.flatnonzero(taken.owned[world])
+            shown = np.flatnonzero(taken.shown[world])
+            self._shown_sums += self._reward_sum[world, shown].tolist()
+            seats = np.flatnonzero(own[world])
+            if not len(seats):
+                continue
             excess = self._first_value[world, seats] - self._return[world, seats]
             self._excess += excess.tolist()
             self._reward_sums += self._reward_sum[world, seats].tolist()
             self._lengths.append(int(self._decisions[world]))
             self._num_drawn += int(last.winner[world] == NO_WINNER)
-            if len(seats) < len(self._teams):
+            if len(seats) < len(self._teams) and not len(shown):
                 results = self._results.setdefault(int(taken.opponent[world]), [])
                 results.append(of_teams[self._teams[seats[0]]])
 
@@ -110,6 +117,8 @@ class EpisodeStatistics:
             row["episodes/drawn"] = self._num_drawn / len(self._lengths)
             row["episodes/return"] = float(np.mean(self._reward_sums))
             row["q/overestimation"] = float(np.mean(self._excess))
+        if self._shown_sums:
+            row["demonstrations/return"] = float(np.mean(self._shown_sums))
         by_name: dict[str, list[float]] = {}
         for number, results in self._results.items():
             name = names[number] if number < FIRST_SNAPSHOT_ID else POOL
@@ -137,6 +146,7 @@ class EpisodeStatistics:
             "results": {number: list(values) for number, values in self._results.items()},
             "excess": list(self._excess),
             "reward_sums": list(self._reward_sums),
+            "shown_sums": list(self._shown_sums),
             "lengths": list(self._lengths),
             "num_drawn": self._num_drawn,
         }
@@ -150,6 +160,7 @@ class EpisodeStatistics:
         self._results = {number: list(values) for number, values in state["results"].items()}
         self._excess, self._lengths = list(state["excess"]), list(state["lengths"])
         self._reward_sums = list(state["reward_sums"])
+        self._shown_sums = list(state["shown_sums"])
         self._num_drawn = state["num_drawn"]
 
 

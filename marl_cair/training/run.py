@@ -41,6 +41,7 @@ from marl_cair.replay.mixed import MixedReplay
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.config import NO_GENERATOR, TrainConfig
 from marl_cair.training.config_file import save_config
+from marl_cair.training.demonstrations import Demonstrators
 from marl_cair.training.learner import Learner
 from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
 from marl_cair.training.opponents import OpponentBook
@@ -50,7 +51,7 @@ LATEST_FOLDER, BEST_FOLDER, SNAPSHOT_FOLDER = "latest", "best", "snapshots"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
 STATE_FILE, REPLAY_FOLDER = "state.pt", "replay"
 RUN_KIND = "training"
-_NUM_SEEDS = 9
+_NUM_SEEDS = 10
 _SPARE_BYTES = 64 << 20  # logs, agents, pictures
 
 
@@ -102,13 +103,17 @@ class TrainingRun:
         game = self.config.game
         self.game = GAMES[game.name]
         self.scenario = self.game.scenario(game.scenario, **game.options)
-        bots_look_at = {
+        demonstration, worlds = self.config.demonstration, self.config.collector.num_worlds
+        self.demonstrators = Demonstrators(
+            demonstration, self.game, self.scenario, worlds, self._seeds[9]
+        )
+        bots_look_at = self.demonstrators.representations | {
             self.game.bot(bot, self.scenario).representation
             for bot in self.config.opponent.choose_bots(self.game.bots)
         }
         options = dataclasses.asdict(self.scenario)
-        options["reward"] = game.reward
-        if game.reward == "shaped":
+        options["reward"] = game.learned_reward
+        if "shaping_discount" in options:
             options["shaping_discount"] = self.config.learner.gamma
         self.env = BatchedGameEnv(
             game.name,
@@ -191,7 +196,7 @@ class TrainingRun:
         network = make_q_network(
             config.policy, self.seen.shape, self.spec.num_actions, seed=self._seeds[4]
         )
-        self.learner = Learner(network, config.learner)
+        self.learner = Learner(network, config.learner, config.demonstration)
         exploration = MaskedEpsilonGreedy(self._seeds[5], self.spec.action_groups)
         self.actor = PolicyActor(network, "learner", self.seen.name, exploration)
         self.rated = PolicyActor(self.learner.average, "learner", self.seen.name)
@@ -209,7 +214,13 @@ class TrainingRun:
     def _make_collector(self) -> None:
         config = self.config
         self.router = SeatRouter(
-            self.env, self.actor, self.book, config.exploration, self.statistics, self._seeds[7]
+            self.env,
+            self.actor,
+            self.book,
+            self.demonstrators,
+            config.exploration,
+            self.statistics,
+            self._seeds[7],
         )
         untouched = self.router.export_state(), self.book.state_dict()
         self.collector = Collector(

@@ -15,6 +15,7 @@ from marl_cair.cli.train import describe_options
 from marl_cair.games import GAMES
 from marl_cair.lookup import UnknownNameError
 from marl_cair.training.config_file import load_config, save_config
+from marl_cair.training.recipes import RECIPES
 
 SMALL = (
     "scenario=11x11",
@@ -78,6 +79,25 @@ def test_a_mixture_takes_the_place_of_the_presets():
     assert config.opponent.mixture == {"latest": 0.5, "counter": 0.5}
 
 
+@pytest.mark.parametrize("name", RECIPES)
+def test_every_recipe_composes_and_is_listed_with_its_words(name):
+    config = compose_config([f"recipe={name}", "policy=capsule", "seed=7"])
+    assert config == compose_config([*RECIPES[name].words, "policy=capsule", "seed=7"])
+    assert config != compose_config(["policy=capsule", "seed=7"])
+    assert name in describe_options()
+    assert RECIPES[name].words[-1] in describe_options()
+
+
+def test_words_beside_a_recipe_go_before_its_own():
+    plain = compose_config(["recipe=deep_rts_duel"])
+    words = ["learner.gamma=0.9", "scenario=1v1-31x31", "opponent=self_play"]
+    config = compose_config([words[0], "recipe=deep_rts_duel", *words[1:]])
+    assert plain.learner.gamma != 0.9 == config.learner.gamma
+    assert (config.game.name, config.game.scenario) == ("deep_rts", "1v1-31x31")
+    assert config.opponent.mixture == compose_config(["opponent=self_play"]).opponent.mixture
+    assert config.demonstration == plain.demonstration
+
+
 def test_scenarios_to_be_rated_on_are_mappings_of_options(tmp_path):
     """Under names of the user's own; text that looks like a number stays text."""
     whole = ["evaluation.scenarios={old: {preset: 2017}, short: {max_ticks: 100}}"]
@@ -101,6 +121,8 @@ def test_configuration_survives_its_file(tmp_path):
     [
         (["learing_rate=1"], "nearest are 'learner.learning_rate'"),
         (["policy=capsul"], "nearest are 'capsule'"),
+        (["recipe=deep_rts_dule"], "nearest are 'deep_rts_duel'"),
+        (["recipe=deep_rts_duel", "recipe=deep_rts_economy"], "take one of them"),
         (["opponent=countr"], "nearest are 'counter'"),
         (["scenario=10x51"], "nearest are '10x15'"),
         (["preset=2016"], "nearest are '2018', '2017'"),
@@ -162,6 +184,17 @@ def test_games_as_json_lists_ids_shapes_and_actions(capsys):
     assert scenario["gymnasium_id"] == "marl_cair/DeepLineWars-10x15-v0"
     assert scenario["representations"]["planes"] == {"shape": [28, 10, 15], "dtype": "uint8"}
     assert len(scenario["action_names"]) == scenario["num_actions"] == 185
+
+
+def test_games_as_text_and_as_a_table_tell_every_scenario(capsys):
+    for words in (["games"], ["games", "--markdown"]):
+        assert main(words) == 0
+        told = capsys.readouterr().out
+        for game in GAMES:
+            assert GAMES[game].title in told
+            assert all(name in told for name in GAMES[game].scenarios)
+        assert "planes 28x10x15" in told
+        assert "score / 100" in told
 
 
 def test_train_resume_evaluate_and_league_from_end_to_end(tmp_path, capsys):

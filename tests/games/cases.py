@@ -25,7 +25,15 @@ QUICK_SCENARIOS = {
         "Teams-2v2-15x15-fog",
         "Economy-15x15",
         "LavaMaze-31x31",
-    )
+    ),
+    "deep_maze": (
+        "7x7-full_deterministic",
+        "9x9-sequence",
+        "9x9-timed_line_of_sight",
+        "15x15-race-3p-square",
+        "15x15-chase-3p-line_of_sight",
+    ),
+    "flappy_bird": ("classic", "race-4-windy"),
 }
 ILLEGAL_SHARE = 0.05  # of chosen actions is not looked up in the mask
 GOLDEN_RATIO = 0.6180339887498949  # its multiples spread evenly over 0..1
@@ -87,6 +95,12 @@ CASES = [
 ]
 DEFAULT_CASES = [case for case in SCENARIOS if case.scenario == GAMES[case.game].default_scenario]
 REPRESENTATIONS = list(_list_representations())
+
+
+def ticks_of(game: str, num_decisions: int, scenario: str | None = None) -> int:
+    """Ticks that so many decisions last."""
+    chosen = GAMES[game]
+    return num_decisions * chosen.make_spec(chosen.scenario(scenario)).ticks_per_step
 
 
 class Luck(NamedTuple):

@@ -9,6 +9,7 @@ without a winner.
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -85,6 +86,7 @@ def make_spec(scenario):
         ticks_per_step=1,
         max_ticks=scenario.max_ticks,
         reward_bound=1.0,
+        pays="+1 win, -1 loss, and what is scored",
         teams=scenario.teams,
     )
 
@@ -169,10 +171,6 @@ def draw(worlds, rules, world, player):
     return np.full((4, 4, 3), worlds.tick[world], np.uint8)
 
 
-def public_state(worlds, world):
-    return np.concatenate([field[world].ravel() for field in worlds]).astype(np.float32)
-
-
 class Bot:
     """Plays one action wherever it is legal; `random` any legal one, from its own generator."""
 
@@ -201,7 +199,7 @@ class Bot:
 
 def register(monkeypatch):
     """Make the game known by its name while a test runs."""
-    monkeypatch.setitem(games._MODULES, NAME, "tests.games.last_standing")
+    monkeypatch.setitem(games.GAMES.modules, NAME, sys.modules[__name__])
 
 
 def _make_bot(name: str, action: int | None) -> Any:
@@ -232,6 +230,7 @@ GAME = Game(
     step=step,
     legal_actions=legal_actions,
     draw=draw,
+    rewards={"sparse": "+1 win, -1 loss, and what is scored"},
     bots={
         "random": _make_bot("random", None),
         "idle": _make_bot("idle", NOOP),
@@ -239,6 +238,6 @@ GAME = Game(
         "quitter": _make_bot("quitter", LEAVE),
         "finisher": _make_bot("finisher", FINISH),
     },
-    public_state=public_state,
+    hidden_fields=(),
     gymnasium_prefix="LastStanding",
 )

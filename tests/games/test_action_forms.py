@@ -16,7 +16,7 @@ from marl_cair.games.game import NO_CELL
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
 from marl_cair.games.parallel_env import GameParallelEnv
 from marl_cair.lookup import UnknownNameError
-from tests.games.cases import FirstLegalAgent, Luck, choose_actions
+from tests.games.cases import FirstLegalAgent, Luck, choose_actions, ticks_of
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # it imports games of its own the old way
@@ -233,7 +233,7 @@ def test_a_vector_of_factored_games_is_the_flat_one(game_name):
     options = {
         "num_envs": 3,
         "opponent": FirstLegalAgent(),
-        "max_ticks": MAX_TICKS,
+        "max_ticks": ticks_of(game_name, 8),
         "autoreset_mode": AutoresetMode.SAME_STEP,
     }
     flat = GameVectorEnv(game_name, **options)
@@ -283,6 +283,7 @@ def test_a_number_outside_is_refused_at_every_door(game_name):
     env = make_parallel(game_name)
     env.reset(seed=0)
     last = make_engine(game_name).spec.action_groups.max()
-    message = f"{game_name}: the kind 1000 of player 1 in world 0 is outside 0..{last}"
+    seat = len(env.agents) - 1
+    message = f"{game_name}: the kind 1000 of player {seat} in world 0 is outside 0..{last}"
     with pytest.raises(ValueError, match=re.escape(message)):
-        env.step({"player_0": [0, 0], "player_1": [1000, 0]})
+        env.step(dict.fromkeys(env.agents, (0, 0)) | {f"player_{seat}": [1000, 0]})

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from marl_cair.games import compiled as compiled_module
+from marl_cair.games import deep_line_wars
 from marl_cair.games.compiled import (
     cache_root,
     compiled,
@@ -20,6 +21,8 @@ from marl_cair.games.compiled import (
 )
 from marl_cair.games.deep_line_wars.rules import step
 from marl_cair.games.randomness import mix
+
+DEEP_LINE_WARS = Path(deep_line_wars.__file__).parent
 
 
 @pytest.fixture
@@ -32,44 +35,63 @@ def sources(tmp_path) -> Path:
 
 
 def test_the_digest_is_the_same_for_the_same_sources(sources):
-    assert source_digest("game", sources) == source_digest("game", sources)
+    assert source_digest(sources / "game", sources) == source_digest(sources / "game", sources)
 
 
 def test_the_digest_changes_with_any_source_of_the_game_and_with_its_name(sources):
-    digests = {source_digest("game", sources)}
+    digests = {source_digest(sources / "game", sources)}
     (sources / "game" / "rules.py").write_text("b = 3\n")
-    digests.add(source_digest("game", sources))
+    digests.add(source_digest(sources / "game", sources))
     (sources / "game" / "rules.py").rename(sources / "game" / "combat.py")
-    digests.add(source_digest("game", sources))
+    digests.add(source_digest(sources / "game", sources))
     (sources / "game" / "more.py").write_text("")
-    digests.add(source_digest("game", sources))
+    digests.add(source_digest(sources / "game", sources))
     (sources / "engine.py").write_text("a = 2\n")
-    digests.add(source_digest("game", sources))
+    digests.add(source_digest(sources / "game", sources))
     assert len(digests) == 5
 
 
 def test_the_digest_ignores_other_games_and_files_that_are_not_python(sources):
-    before = source_digest("game", sources), source_digest(None, sources)
+    before = source_digest(sources / "game", sources), source_digest(None, sources)
     (sources / "game" / "README.md").write_text("words")
     (sources / "other" / "rules.py").write_text("b = 3\n")
-    assert (source_digest("game", sources), source_digest(None, sources)) == before
+    assert (source_digest(sources / "game", sources), source_digest(None, sources)) == before
 
 
 def test_the_digest_changes_with_the_bounds_check_and_the_version(sources, monkeypatch):
     monkeypatch.setattr(numba.config, "BOUNDSCHECK", None)
-    digests = {source_digest("game", sources)}
+    digests = {source_digest(sources / "game", sources)}
     monkeypatch.setattr(numba.config, "BOUNDSCHECK", 1)
-    digests.add(source_digest("game", sources))
+    digests.add(source_digest(sources / "game", sources))
     monkeypatch.setattr(numba, "__version__", "0.0.0")
-    digests.add(source_digest("game", sources))
+    digests.add(source_digest(sources / "game", sources))
     assert len(digests) == 3
 
 
 def test_a_rule_is_kept_under_the_digest_of_its_game_and_a_helper_under_the_shared_one():
-    for function, game in ((step, "deep_line_wars"), (mix, None)):
-        folder = str(cache_root() / source_digest(game))
+    for function, own in ((step, DEEP_LINE_WARS), (mix, None)):
+        folder = str(cache_root() / source_digest(own))
         assert function.entry._cache.cache_path.startswith(folder)
-    assert source_digest("deep_line_wars") != source_digest()
+    assert source_digest(DEEP_LINE_WARS) != source_digest()
+
+
+def test_the_rules_of_another_package_are_kept_under_the_digest_of_that_package(
+    tmp_path, monkeypatch
+):
+    """Numba alone would look at the file of the function and miss a helper beside it."""
+    package = tmp_path / "packages" / "strangers"
+    (package / "chess").mkdir(parents=True)
+    (package / "chess" / "rules.py").write_text(
+        "from marl_cair.games.compiled import compiled\n"
+        "@compiled\ndef add(a: int, b: int) -> int:\n    return a + b\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path / "packages")
+    code = "from strangers.chess.rules import add; print(add(1, 2), add.entry._cache.cache_path)"
+    total, folder = run_python(code, tmp_path, NUMBA_DISABLE_JIT="0")
+    assert total == "3"
+    assert folder.startswith(str(tmp_path / "ours" / source_digest(package)))
+    (package / "tables.py").write_text("COST = 50\n")
+    assert not folder.startswith(str(tmp_path / "ours" / source_digest(package)))
 
 
 def test_the_cache_lies_where_the_user_says(monkeypatch):
@@ -195,7 +217,7 @@ def test_compiled_code_is_kept_in_our_folder_and_not_in_the_users(tmp_path):
     printed = run_engine(tmp_path, NUMBA_DISABLE_JIT="0")
     assert printed == ["True", str(tmp_path / "users")]
     assert not (tmp_path / "users").exists()
-    rules = tmp_path / "ours" / source_digest("deep_line_wars")
+    rules = tmp_path / "ours" / source_digest(DEEP_LINE_WARS)
     assert any("reset" in path.name for path in rules.rglob("*.nbi"))
 
 

@@ -111,10 +111,10 @@ def test_outcomes_begin_empty_and_are_written_in_place(engine):
 def test_reset_clears_the_outcome_of_its_worlds(game_name):
     engine = make_engine(game_name, num_worlds=2, max_ticks=100)
     engine.reset(np.zeros(2, np.uint64))
-    while not engine.truncated.all():
+    while not (engine.terminated | engine.truncated).all():
         engine.step(noops(engine))
     engine.reset(np.zeros(2, np.uint64), np.array([False, True]))
-    assert engine.truncated.tolist() == [True, False]
+    assert (engine.terminated | engine.truncated).tolist() == [True, False]
 
 
 def test_an_integer_seeds_a_single_world(game_name):
@@ -228,26 +228,25 @@ def test_a_wrong_reset_mask_is_described(engine, mask, described):
 
 
 @pytest.mark.parametrize(
-    ("actions", "described"),
-    [
-        (np.zeros((2, 2), np.int32), "int32 [2, 2]"),
-        (np.zeros(3, np.int32), "int32 [3]"),
-        (np.zeros((3, 2)), "float64 [3, 2]"),
-        (np.zeros((3, 2), np.bool_), "bool [3, 2]"),
-    ],
+    ("shape", "dtype"),
+    [((2, 0), np.int32), ((3,), np.int32), ((3, 0), np.float64), ((3, 0), np.bool_)],
 )
-def test_actions_of_a_wrong_shape_or_type_are_described(engine, actions, described):
-    message = f"actions are {described}, they must be integers [3, 2] (worlds, players)"
-    with refuses(ValueError, message):
+def test_actions_of_a_wrong_shape_or_type_are_described(engine, shape, dtype):
+    """In `shape`, 0 stands for the number of players."""
+    players = engine.num_players
+    actions = np.zeros([size or players for size in shape], dtype)
+    described = f"{actions.dtype} {list(actions.shape)}"
+    expected = f"they must be integers [3, {players}] (worlds, players)"
+    with refuses(ValueError, f"actions are {described}, {expected}"):
         engine.step(actions)
 
 
 @pytest.mark.parametrize("action", [-1, 1_000_000, 2**32])
 def test_an_action_outside_the_space_names_world_and_player(engine, action):
     actions = noops(engine).astype(np.int64)
-    actions[2, 1] = action
-    before = engine.state_dict()
-    message = f"action {action} of player 1 in world 2 is outside 0..{engine.num_actions - 1}"
+    actions[2, -1] = action
+    before, last = engine.state_dict(), engine.num_players - 1
+    message = f"action {action} of player {last} in world 2 is outside 0..{engine.num_actions - 1}"
     with refuses(ValueError, message):
         engine.step(actions)
     for name, value in engine.state_dict().items():
@@ -293,7 +292,8 @@ def test_a_snapshot_of_another_number_of_worlds_is_refused(engine):
     with refuses(ValueError, "restore into the same scenario and as many worlds as were saved"):
         engine.restore(engine.snapshot([0, 1]))
     state, outcome = engine.snapshot().world, engine.snapshot([0]).outcome
-    with refuses(ValueError, "the saved rewards is float32 [1, 2], this engine needs float32"):
+    shape = [1, engine.num_players]
+    with refuses(ValueError, f"the saved rewards is float32 {shape}, this engine needs float32"):
         engine.restore(Snapshot(engine.scenario, state, outcome))
 
 
@@ -318,12 +318,13 @@ def test_a_state_dict_that_lacks_fields_is_refused(engine):
 def test_pictures_of_no_world_or_player_are_refused(engine):
     with refuses(ValueError, "world 3 does not exist, allowed are 0..2"):
         engine.render(3)
-    with refuses(ValueError, "player 2 does not exist, allowed are 0..1"):
-        engine.render(0, 2)
+    players = engine.num_players
+    with refuses(ValueError, f"player {players} does not exist, allowed are 0..{players - 1}"):
+        engine.render(0, players)
 
 
 def test_a_picture_is_an_rgb_array_of_one_world(engine):
-    for player in (None, 0, 1):
+    for player in (None, *range(engine.num_players)):
         picture = engine.render(1, player)
         assert picture.dtype == np.uint8
         assert picture.ndim == 3

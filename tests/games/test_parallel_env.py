@@ -2,7 +2,9 @@
 
 import re
 import warnings
+from functools import partial
 from importlib import import_module
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -101,7 +103,15 @@ def test_pettingzoo_accepts_the_pictures(game_name):
 
 
 def test_pettingzoo_finds_max_cycles_kept(game_name):
-    max_cycles_test(import_module(f"marl_cair.games.{game_name}"))
+    """Its unseeded random play lasts four steps; a maze must not be won in fewer."""
+    module = import_module(f"marl_cair.games.{game_name}")
+    options = {"places": "corners"} if game_name == "deep_maze" else {}
+    max_cycles_test(
+        SimpleNamespace(
+            parallel_env=partial(module.parallel_env, **options),
+            env=partial(module.env, **options),
+        )
+    )
 
 
 # --- our promises ----------------------------------------------------------------------------
@@ -113,19 +123,26 @@ def test_the_game_equals_the_engines(case):
     engine = case.engine(max_ticks=40 * env.engine.spec.ticks_per_step)
     observations, infos = env.reset(seed=3)
     engine.restore(env.engine.snapshot())
+    seats = {agent: seat for seat, agent in enumerate(env.possible_agents)}
+    live = env.agents
     for numbers in luck_for(env, 40):
+        if not env.agents:
+            break
+        live = env.agents
         seen, masks = engine.observe("planes")[0], engine.action_mask()[0]
-        for seat, agent in enumerate(env.possible_agents):
-            np.testing.assert_array_equal(observations[agent], seen[seat])
-            np.testing.assert_array_equal(infos[agent]["action_mask"], masks[seat])
+        for agent in live:
+            np.testing.assert_array_equal(observations[agent], seen[seats[agent]])
+            np.testing.assert_array_equal(infos[agent]["action_mask"], masks[seats[agent]])
         actions = choose(env, numbers)
         observations, rewards, terminations, truncations, infos = env.step(actions)
         engine.step(np.array([[actions[agent] for agent in env.possible_agents]]))
-        assert list(rewards.values()) == engine.rewards[0].tolist()
-        assert set(terminations.values()) == {bool(engine.terminated[0])}
+        for agent in live:
+            is_over = engine.terminated[0] | engine.eliminated[0, seats[agent]]
+            assert rewards[agent] == engine.rewards[0, seats[agent]]
+            assert terminations[agent] == bool(is_over)
         assert set(truncations.values()) == {bool(engine.truncated[0])}
     assert env.agents == []
-    assert set(infos) == set(observations) == set(env.possible_agents)
+    assert set(infos) == set(observations) == set(live)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2**63 + 5, -1])
@@ -188,10 +205,11 @@ def test_spaces_are_the_same_objects_at_every_call(game_name):
 def test_dict_forms_hold_what_was_asked_for(game_name):
     env = GameParallelEnv(game_name, mask_in_observation=True, vector=True)
     observations, infos = env.reset(seed=0)
-    seen = observations["player_1"]
+    seat, agent = len(env.agents) - 1, env.agents[-1]
+    seen = observations[agent]
     assert set(seen) == {"observation", "action_mask", "vector"}
-    np.testing.assert_array_equal(seen["action_mask"], infos["player_1"]["action_mask"])
-    np.testing.assert_array_equal(seen["vector"], env.engine.observe("vector")[0, 1])
+    np.testing.assert_array_equal(seen["action_mask"], infos[agent]["action_mask"])
+    np.testing.assert_array_equal(seen["vector"], env.engine.observe("vector")[0, seat])
 
 
 def test_the_mask_samples_legal_actions(game_name):
@@ -225,9 +243,11 @@ def test_an_illegal_action_is_counted_and_harmless(game_name):
     idle.reset(seed=0)
     idle.engine.restore(env.engine.snapshot())
     before, noop = env.engine.illegal_actions.copy(), env.engine.spec.noop_action
-    env.step({"player_0": int(illegal[0]), "player_1": noop})
-    idle.step({"player_0": noop, "player_1": noop})
-    assert (env.engine.illegal_actions - before).tolist() == [[1, 0]]
+    nothing = dict.fromkeys(env.agents, noop)
+    env.step(nothing | {"player_0": int(illegal[0])})
+    idle.step(nothing)
+    expected = [1] + [0] * (env.engine.num_players - 1)
+    assert (env.engine.illegal_actions - before).tolist() == [expected]
     np.testing.assert_array_equal(env.engine.observe("planes"), idle.engine.observe("planes"))
 
 
@@ -270,9 +290,9 @@ def test_a_step_before_reset_is_refused(game_name):
 def test_a_missing_action_is_named(game_name):
     env = GameParallelEnv(game_name)
     env.reset(seed=0)
-    message = f"{game_name}: step lacks the actions of player_1; give one for every agent"
+    message = f"{game_name}: step lacks the actions of {env.agents[-1]}; give one for every agent"
     with pytest.raises(ValueError, match=message):
-        env.step({"player_0": 0})
+        env.step(dict.fromkeys(env.agents[:-1], 0))
 
 
 @pytest.mark.parametrize("action", [-1, 10_000, 2**32, 2**40])
@@ -280,9 +300,10 @@ def test_an_action_outside_the_space_is_refused(game_name, action):
     env = GameParallelEnv(game_name)
     env.reset(seed=0)
     noop, last = env.engine.spec.noop_action, env.engine.num_actions - 1
-    message = f"action {action} of player 1 in world 0 is outside 0..{last}"
+    seat = len(env.agents) - 1
+    message = f"action {action} of player {seat} in world 0 is outside 0..{last}"
     with pytest.raises(ValueError, match=message):
-        env.step({"player_0": noop, "player_1": action})
+        env.step(dict.fromkeys(env.agents, noop) | {f"player_{seat}": action})
 
 
 def test_a_time_limit_below_one_decision_is_refused(game_name):
@@ -297,3 +318,16 @@ def test_every_game_opens_its_two_doors():
         turn_by_turn = module.env(render_mode=None)
         turn_by_turn.reset(seed=0)
         assert turn_by_turn.agent_selection == "player_0"
+
+
+def test_infos_hold_the_games_own_numbers_beside_the_mask(game_name):
+    env = GameParallelEnv(game_name)
+    _, infos = env.reset(seed=0)
+    *_, after = env.step(dict.fromkeys(env.agents, env.engine.spec.noop_action))
+    for info in (*infos.values(), *after.values()):
+        assert set(info) == {"action_mask", *env.engine.info()}
+    if game_name == "deep_maze":
+        optimal = int(env.engine.info()["optimal_steps"][0, 0])
+        assert infos["player_0"]["optimal_steps"] == optimal
+        assert (infos["player_0"]["step_count"], after["player_0"]["step_count"]) == (0, 1)
+        assert type(infos["player_0"]["optimal_steps"]) is int

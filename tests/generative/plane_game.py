@@ -184,6 +184,7 @@ def _pack(
             },
             "steps_to_next_obs": torch.ones(num, 1, dtype=torch.int64),
             "is_generated": torch.zeros(num, 1, dtype=torch.bool),
+            "is_demonstration": torch.zeros(num, 1, dtype=torch.bool),
             "opponent": torch.zeros(num, dtype=torch.int16),
             "index": torch.zeros(num, dtype=torch.int64),
         },

@@ -68,6 +68,7 @@ def play_randomly(engine: Any, num_steps: int) -> TensorDict:
             },
             "steps_to_next_obs": np.ones((NUM_WORLDS, 1), np.int64),
             "is_generated": np.zeros((NUM_WORLDS, 1), bool),
+            "is_demonstration": np.zeros((NUM_WORLDS, 1), bool),
             "opponent": np.zeros(NUM_WORLDS, np.int16),
             "index": worlds + NUM_WORLDS * len(steps),
         }

@@ -98,7 +98,7 @@ def test_heldout_map_is_short_for_the_heldout_variants_map():
     [
         (["scenario=ffa-3", "gian=3"], "unknown last_standing option 'gian': nearest are 'gain'"),
         (["scenario=ffa-3", "gain"], "'gain' is no option: write field=value"),
-        (["scenario=ffa-3", "reward=shaped"], "leave it out, matches are played with sparse"),
+        (["scenario=ffa-3", "reward=shaped"], "leave it out, matches are played with the rated"),
         (["scenario=ffa-3", "far.gain=many"], "far.gain is 'many', it must be a whole number"),
     ],
 )

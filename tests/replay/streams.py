@@ -33,6 +33,7 @@ def make_rollout(
         terminated=torch.from_numpy(rng.random(shape) < end_rate),
         truncated=torch.from_numpy(truncated),
         learned=torch.from_numpy(rng.random(shape) < learned_rate),
+        demonstrated=torch.from_numpy(rng.random(shape) < 0.2),
         opponent=torch.from_numpy(rng.integers(-1, 9, shape).astype(np.int16)),
         final_step=torch.from_numpy(final_step),
         final_observation=make_observations(rng, final_step.shape, spec),
@@ -135,7 +136,8 @@ class ListReplay:
             self.running[s] = Episode()
             self.episodes.append(self.running[s])
         episode = self.running[s]
-        names = ("observation", "action_mask", "action", "reward", "terminated", "opponent")
+        names = ("observation", "action_mask", "action", "reward", "terminated")
+        names += ("demonstrated", "opponent")
         step = {name: getattr(rollout, name)[t, s].clone() for name in names}
         slot = self.num_written % self.capacity
         episode.steps.append({**step, "entry": self.num_written})
@@ -193,5 +195,6 @@ class ListReplay:
             ("next", "done"): torch.tensor([is_end]),
             "steps_to_next_obs": torch.tensor([len(chain)]),
             "is_generated": torch.tensor([False]),
+            "is_demonstration": chain[0]["demonstrated"].reshape(1),
             "opponent": chain[0]["opponent"],
         }

@@ -73,7 +73,7 @@ def test_the_best_agent_is_chosen_by_the_training_scenario(tmp_path):
     ("scenarios", "message"),
     [
         ({"a/b": {}}, "names of letters, digits, _ and -"),
-        ({"a": {"reward": "sparse"}}, "without reward: it is always sparse"),
+        ({"a": {"reward": "sparse"}}, "without reward: the game's own rates"),
         ({"a": {"gian": 3}}, "unknown last_standing option 'gian'"),
     ],
 )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from marl_cair.games.deep_line_wars import bots, observation, orders, rendering, rules
 from marl_cair.games.deep_line_wars.observation import (
@@ -23,8 +22,8 @@ from marl_cair.games.deep_line_wars.observation import (
     VECTOR_NAMES,
 )
 from marl_cair.games.deep_line_wars.rulebook import make_rules
-from marl_cair.games.deep_line_wars.scenarios import GYMNASIUM_PREFIX, SCENARIOS, Scenario
-from marl_cair.games.deep_line_wars.state import NUM_PLAYERS, World, allocate
+from marl_cair.games.deep_line_wars.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
+from marl_cair.games.deep_line_wars.state import NUM_PLAYERS, allocate
 from marl_cair.games.deep_line_wars.tables import NUM_TOWER_KINDS, TOWER_NAMES, UNIT_NAMES
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
@@ -61,6 +60,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
         max_ticks=scenario.max_ticks,
         # A win from far behind: 1 plus the whole potential gained at once.
         reward_bound=1.0 + (1.6 if scenario.reward == "shaped" else 0.0),
+        pays="+1 win, -1 loss",
     )
 
 
@@ -125,12 +125,6 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
     return {representation.name: representation for representation in listed}
 
 
-def public_state(worlds: World, world: int) -> NDArray[np.float32]:
-    """All state of one world but the random words, as one float32 vector [S]."""
-    fields = [field[world].ravel() for name, field in worlds._asdict().items() if name != "random"]
-    return np.concatenate(fields).astype(np.float32)
-
-
 GAME = Game(
     name="deep_line_wars",
     title="Deep Line Wars",
@@ -147,6 +141,7 @@ GAME = Game(
     legal_actions=rules.legal_actions,
     draw=rendering.draw,
     bots=MappingProxyType(bots.BOTS),
-    public_state=public_state,
+    rewards=MappingProxyType(REWARDS),
+    hidden_fields=("random",),
     gymnasium_prefix=GYMNASIUM_PREFIX,
 )

@@ -5,6 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from marl_cair.games.deep_line_wars.tables import PRESETS, PROGRESS_PER_TILE
+from marl_cair.games.scenario_checks import (
+    check_shaping_discount,
+    check_time,
+    check_whole_number,
+)
 from marl_cair.lookup import find_by_name
 
 GYMNASIUM_PREFIX = "DeepLineWars"  # of the ids marl_cair/DeepLineWars-<scenario>-v0
@@ -34,24 +39,12 @@ class Scenario:
 
     def __post_init__(self) -> None:
         for field in ("rows", "columns"):
-            self._check_range(field, MIN_SIDE, MAX_SIDE)
-        self._check_range("ticks_per_step", 1, 100)
-        self._check_range("max_ticks", self.ticks_per_step, 1_000_000)
+            check_whole_number("deep_line_wars", self, field, MIN_SIDE, MAX_SIDE)
+        check_time("deep_line_wars", self)
         find_by_name("deep_line_wars preset", self.preset, PRESETS)
         find_by_name("deep_line_wars action space", self.actions, ACTION_SPACES)
         find_by_name("deep_line_wars reward", self.reward, REWARDS)
-        if not 0.0 < self.shaping_discount <= 1.0:
-            raise ValueError(
-                f"deep_line_wars: shaping_discount is {self.shaping_discount}, it must be above 0 "
-                "and at most 1 (the discount of the learner that uses the rewards)"
-            )
-
-    def _check_range(self, field: str, low: int, high: int) -> None:
-        value = getattr(self, field)
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise ValueError(
-                f"deep_line_wars: {field} is {value!r}, it must be a whole number in {low}..{high}"
-            )
+        check_shaping_discount("deep_line_wars", self)
 
     @property
     def build_columns(self) -> int:

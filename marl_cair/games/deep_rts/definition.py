@@ -6,7 +6,6 @@ from functools import partial
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from marl_cair.games.deep_rts import (
     bots,
@@ -31,8 +30,8 @@ from marl_cair.games.deep_rts.planes import (
     SELECTED,
 )
 from marl_cair.games.deep_rts.rulebook import make_rules
-from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, SCENARIOS, Scenario
-from marl_cair.games.deep_rts.state import World, allocate
+from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, PAYS, REWARDS, SCENARIOS, Scenario
+from marl_cair.games.deep_rts.state import allocate
 from marl_cair.games.deep_rts.tables import MAX_PLAYERS, PRODUCT_NAMES, RESOURCE_NAMES
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
@@ -77,6 +76,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
         ticks_per_step=scenario.ticks_per_step,
         max_ticks=scenario.max_ticks,
         reward_bound=_reward_bound(scenario),
+        pays=PAYS[scenario.goal].format(scenario.goal_amount),
         action_shape=(scenario.rows, scenario.columns) if scenario.actions == "grid" else (),
         teams=scenario.teams,
     )
@@ -168,14 +168,6 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
     return {representation.name: representation for representation in listed}
 
 
-def public_state(worlds: World, world: int) -> NDArray[np.float32]:
-    """All state of one world but the random word and the scratch, as one float32 vector [S]."""
-    fields = [
-        field[world].ravel() for name, field in worlds._asdict().items() if name not in _SCRATCH
-    ]
-    return np.concatenate(fields).astype(np.float32)
-
-
 GAME = Game(
     name="deep_rts",
     title="Deep RTS",
@@ -192,6 +184,7 @@ GAME = Game(
     legal_actions=masks.legal_actions,
     draw=rendering.draw,
     bots=MappingProxyType(bots.BOTS),
-    public_state=public_state,
+    rewards=MappingProxyType(REWARDS),
+    hidden_fields=_SCRATCH,
     gymnasium_prefix=GYMNASIUM_PREFIX,
 )

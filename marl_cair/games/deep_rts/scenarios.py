@@ -8,6 +8,11 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from marl_cair.games.deep_rts.tables import MAX_PLAYERS, MAX_UNITS, PRESETS
+from marl_cair.games.scenario_checks import (
+    check_shaping_discount,
+    check_time,
+    check_whole_number,
+)
 from marl_cair.lookup import find_by_name
 
 if TYPE_CHECKING:
@@ -28,6 +33,13 @@ GOALS = {
     "lumber": "bring in goal_amount lumber",
     "score": "the highest score when the time is over",
     "army": "train goal_amount soldiers",
+}
+PAYS = {
+    "conquest": "+1 last standing, -1 fallen",
+    "gold": "1 in all, for {} gold",
+    "lumber": "1 in all, for {} lumber",
+    "score": "score / 100",
+    "army": "1 in all, for {} soldiers",
 }
 MAPS_OF_A_SET = 64  # of a set of maps, one is drawn for each game
 
@@ -58,30 +70,18 @@ class Scenario:
     unit_capacity: int = 0  # units of a player; 0 = a quarter of the cells, at most 200
 
     def __post_init__(self) -> None:
-        self._check_range("num_players", 1, MAX_PLAYERS)
-        self._check_range("ticks_per_step", 1, 100)
-        self._check_range("max_ticks", self.ticks_per_step, 1_000_000)
-        self._check_range("tile_pixels", 1, 32)
-        self._check_range("unit_capacity", 0, MAX_UNITS)
-        self._check_range("goal_amount", 0, 1_000_000)
+        check_whole_number("deep_rts", self, "num_players", 1, MAX_PLAYERS)
+        check_time("deep_rts", self)
+        check_whole_number("deep_rts", self, "tile_pixels", 1, 32)
+        check_whole_number("deep_rts", self, "unit_capacity", 0, MAX_UNITS)
+        check_whole_number("deep_rts", self, "goal_amount", 0, 1_000_000)
         find_by_name("deep_rts preset", self.preset, PRESETS)
         find_by_name("deep_rts action space", self.actions, ACTION_SPACES)
         find_by_name("deep_rts reward", self.reward, REWARDS)
         find_by_name("deep_rts goal", self.goal, GOALS)
-        if not 0.0 < self.shaping_discount <= 1.0:
-            raise ValueError(
-                f"deep_rts: shaping_discount is {self.shaping_discount}, it must be above 0 and at "
-                "most 1 (the discount of the learner that uses the rewards)"
-            )
+        check_shaping_discount("deep_rts", self)
         self._check_goal()
         self._check_teams()
-
-    def _check_range(self, field: str, low: int, high: int) -> None:
-        value = getattr(self, field)
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise ValueError(
-                f"deep_rts: {field} is {value!r}, it must be a whole number in {low}..{high}"
-            )
 
     def _check_goal(self) -> None:
         if self.goal in ("gold", "lumber", "army") and self.goal_amount < 1:

@@ -1,0 +1,396 @@
+"""Pictures of a world of Deep Maze: for people, and as the observations `image` and `gray`.
+
+Only reads the state. A seat's own view shows itself in green and what it knows: dark where it never
+looked, dim where it does not look now. The spectator sees all, and dots on the shortest ways.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.compiled import compiled_compact
+from marl_cair.games.deep_maze.observation import is_mate, preview_left, sees_player, time_left
+from marl_cair.games.deep_maze.rulebook import CHASE, HUNTER
+from marl_cair.games.deep_maze.sight import knows, sees
+from marl_cair.games.deep_maze.state import (
+    EARLIER_OPTIMAL,
+    GOAL,
+    MAZE,
+    TICK,
+    WALL,
+    World,
+    world_at,
+)
+from marl_cair.games.deep_maze.tables import NUM_MOVES
+from marl_cair.games.drawing import (
+    draw_bar,
+    draw_number,
+    fill_box,
+    fill_disc,
+    shade_box,
+)
+
+IMAGE_WIDTH, IMAGE_HEIGHT = 640, 480
+GRAY_SIDE = 84
+GRAY_BAR = 4  # rows of the gray picture that show the time
+SPECTATOR = -1
+BOARD_SIDE, MARGIN, FRAME = 456, 8, 4  # pixels
+PANEL_LEFT = BOARD_SIDE + 2 * (MARGIN + FRAME)
+LEAST_SHADED = 6  # pixels along a cell from which on walls have an edge
+BACKGROUND, PANEL, INK, TRACK, FRAME_COLOUR, UNSEEN, FOG = (
+    np.array(colour, np.uint8)
+    for colour in (
+        (24, 26, 34),
+        (36, 39, 50),
+        (238, 240, 246),
+        (70, 75, 92),
+        (46, 52, 70),
+        (15, 16, 22),
+        (20, 22, 32),
+    )
+)
+WALL_TOP, WALL_FACE, FLOOR, FLOOR_2, GOAL_RED, GOAL_WHITE, POLE, WAY, DARK, WHITE = (
+    np.array(colour, np.uint8)
+    for colour in (
+        (92, 104, 138),
+        (62, 71, 98),
+        (244, 239, 226),
+        (236, 230, 214),
+        (214, 48, 49),
+        (255, 214, 208),
+        (60, 40, 40),
+        (255, 176, 59),
+        (26, 30, 38),
+        (255, 255, 255),
+    )
+)
+# Self (and seat 0 for the spectator), the others, and last the hunter of a chase.
+PLAYER_COLOURS: NDArray[np.uint8] = np.array(
+    [(39, 174, 96), (52, 120, 216), (155, 89, 182), (230, 145, 35), (176, 30, 62)], np.uint8
+)
+HUNTER_COLOUR = 4
+FOG_PERCENT = 52
+
+# Colours of the picture at cell scale: the original's, and two for those whom it did not have.
+CELL_OPEN, CELL_WALL, CELL_SELF, CELL_GOAL, CELL_UNKNOWN, CELL_RIVAL, CELL_MATE = (
+    np.array(colour, np.uint8)
+    for colour in (
+        (255, 255, 255),
+        (0, 0, 0),
+        (0, 255, 0),
+        (255, 0, 0),
+        (105, 105, 105),
+        (0, 0, 255),
+        (0, 200, 200),
+    )
+)
+# Levels of `gray`; what is remembered but not in sight is darker.
+GRAY_WALL, GRAY_OPEN, GRAY_SELF, GRAY_GOAL, GRAY_RIVAL, GRAY_MATE = 50, 120, 200, 255, 230, 175
+GRAY_REMEMBERED = 15
+
+
+# --- the board -----------------------------------------------------------------------------------
+
+
+@compiled_compact
+def edge(index: int, count: int, start: int) -> int:
+    """The first pixel of a row or column of the board, of `count`."""
+    return start + index * BOARD_SIDE // count
+
+
+@compiled_compact
+def board_rows(rules: Any) -> int:
+    """Cells along a side of the square that the board stands in the middle of."""
+    return int(max(rules.rows, rules.columns))
+
+
+@compiled_compact
+def cell_top(rules: Any, row: int) -> int:
+    """The first pixel row of a row of cells."""
+    side = board_rows(rules)
+    lead = (side - rules.rows) * BOARD_SIDE // (2 * side)
+    return edge(row, side, MARGIN + FRAME + lead)
+
+
+@compiled_compact
+def cell_left(rules: Any, column: int) -> int:
+    """The first pixel column of a column of cells."""
+    side = board_rows(rules)
+    lead = (side - rules.columns) * BOARD_SIDE // (2 * side)
+    return edge(column, side, MARGIN + FRAME + lead)
+
+
+@compiled_compact
+def shows_face(world: Any, rules: Any, viewer: int, cell: int) -> bool:
+    """Whether the front of a wall shows: there is no wall below it that the viewer knows."""
+    below = cell + rules.columns
+    if below >= world.walls.shape[0] or world.walls[below] != WALL:
+        return True
+    return viewer != SPECTATOR and not knows(world, rules, viewer, below)
+
+
+@compiled_compact
+def paint_cell(world: Any, rules: Any, viewer: int, cell: int, image: Any) -> None:
+    """Floor or wall as the viewer knows it, with a front edge where the floor begins below."""
+    row, column = cell // rules.columns, cell % rules.columns
+    top, left = cell_top(rules, row), cell_left(rules, column)
+    height, width = cell_top(rules, row + 1) - top, cell_left(rules, column + 1) - left
+    if viewer != SPECTATOR and not knows(world, rules, viewer, cell):
+        fill_box(image, top, left, height, width, UNSEEN)
+        return
+    if world.walls[cell] == WALL:
+        fill_box(image, top, left, height, width, WALL_TOP)
+        if height >= LEAST_SHADED and shows_face(world, rules, viewer, cell):
+            face = max(2, height // 4)
+            fill_box(image, top + height - face, left, face, width, WALL_FACE)
+    else:
+        fill_box(image, top, left, height, width, FLOOR if (row + column) % 2 == 0 else FLOOR_2)
+    if viewer != SPECTATOR and not sees(world, rules, viewer, cell):
+        shade_box(image, top, left, height, width, FOG, FOG_PERCENT)
+
+
+@compiled_compact
+def paint_goal(rules: Any, cell: int, image: Any) -> None:
+    """A flag on a red floor."""
+    row, column = cell // rules.columns, cell % rules.columns
+    top, left = cell_top(rules, row), cell_left(rules, column)
+    height, width = cell_top(rules, row + 1) - top, cell_left(rules, column + 1) - left
+    fill_box(image, top, left, height, width, GOAL_RED)
+    if height < 2 * LEAST_SHADED:
+        return
+    pole = max(1, width // 12)
+    x = left + width // 3
+    fill_box(image, top + height // 6, x, height - height // 3, pole, WHITE)
+    flag = height // 3
+    for line in range(flag):
+        length = (width // 2) * (flag - abs(2 * line - flag)) // flag
+        fill_box(image, top + height // 6 + line, x + pole, 1, length, GOAL_WHITE)
+
+
+@compiled_compact
+def paint_way(world: Any, rules: Any, player: int, colour: Any, image: Any) -> None:
+    """Dots on a shortest way of a seat to the goal."""
+    cell = int(world.cell[player])
+    while world.distance[cell] > 1:
+        for move in range(NUM_MOVES):
+            beside = int(rules.neighbours[cell, move])
+            if world.distance[beside] == world.distance[cell] - 1:
+                cell = beside
+                break
+        row, column = cell // rules.columns, cell % rules.columns
+        top, left = cell_top(rules, row), cell_left(rules, column)
+        size = cell_top(rules, row + 1) - top
+        fill_disc(image, top + size // 2, left + size // 2, max(1, size // 9), colour)
+
+
+@compiled_compact
+def player_colour(rules: Any, viewer: int, player: int) -> int:
+    """The row of PLAYER_COLOURS of a seat in a viewer's picture."""
+    if rules.contest == CHASE and player == HUNTER:
+        return HUNTER_COLOUR
+    return int((player - max(0, viewer)) % HUNTER_COLOUR)
+
+
+@compiled_compact
+def paint_player(world: Any, rules: Any, viewer: int, player: int, image: Any) -> None:
+    """A round figure that looks where it goes; the hunter frowns."""
+    cell, came_from = int(world.cell[player]), int(world.came_from[player])
+    row, column = cell // rules.columns, cell % rules.columns
+    top, left = cell_top(rules, row), cell_left(rules, column)
+    size = min(cell_top(rules, row + 1) - top, cell_left(rules, column + 1) - left)
+    y, x = top + size // 2, left + size // 2
+    radius = max(1, size * 2 // 5)
+    colour = PLAYER_COLOURS[player_colour(rules, viewer, player)]
+    if size < LEAST_SHADED:
+        fill_box(image, top, left, size, size, colour)
+        return
+    fill_disc(image, y, x, radius, DARK)
+    fill_disc(image, y, x, radius - max(1, size // 16), colour)
+    if size < 2 * LEAST_SHADED:
+        return
+    down, across = 0, 0
+    if came_from != cell:
+        down = row - came_from // rules.columns
+        across = column - came_from % rules.columns
+    apart, eye = max(1, radius * 2 // 5), max(1, radius // 4)
+    y_eyes = y + down * radius // 4 - (radius // 8)
+    for side in range(2):
+        x_eye = x + (2 * side - 1) * apart + across * radius // 4
+        fill_disc(image, y_eyes, x_eye, eye, WHITE)
+        fill_disc(
+            image, y_eyes + down * eye // 2, x_eye + across * eye // 2, max(1, eye // 2), DARK
+        )
+        if rules.contest == CHASE and player == HUNTER:
+            brow = max(1, eye // 2)
+            fill_box(image, y_eyes - eye - brow // 2, x_eye - eye, brow + 1, 2 * eye + 1, DARK)
+
+
+@compiled_compact
+def paint_board(world: Any, rules: Any, viewer: int, image: Any) -> None:
+    """Frame, cells, goal, ways and all seats that the viewer sees, itself on top."""
+    top, left = cell_top(rules, 0) - FRAME, cell_left(rules, 0) - FRAME
+    height = cell_top(rules, rules.rows) - top + FRAME
+    fill_box(image, top, left, height, cell_left(rules, rules.columns) - left + FRAME, FRAME_COLOUR)
+    for cell in range(world.walls.shape[0]):
+        paint_cell(world, rules, viewer, cell, image)
+    goal = int(world.clock[GOAL])
+    if viewer == SPECTATOR or knows(world, rules, viewer, goal):
+        paint_goal(rules, goal, image)
+    if viewer == SPECTATOR:
+        for player in range(rules.num_players):
+            if world.is_caught[player] == 0 and (rules.contest != CHASE or player != HUNTER):
+                paint_way(world, rules, player, WAY, image)
+    for player in range(rules.num_players - 1, -1, -1):
+        if player == viewer or world.is_caught[player] != 0:
+            continue
+        if viewer == SPECTATOR or sees_player(world, rules, viewer, player):
+            paint_player(world, rules, viewer, player, image)
+    if viewer != SPECTATOR:
+        paint_player(world, rules, viewer, viewer, image)
+
+
+# --- the panel -----------------------------------------------------------------------------------
+
+
+@compiled_compact
+def paint_panel(world: Any, rules: Any, viewer: int, image: Any) -> None:
+    """Moves made, the bars of time and preview, mazes of a sequence, and the seats in play.
+
+    The spectator's picture also tells the optimal moves of each seat, in its colour.
+    """
+    width = IMAGE_WIDTH - PANEL_LEFT - MARGIN
+    fill_box(image, MARGIN, PANEL_LEFT, IMAGE_HEIGHT - 2 * MARGIN, width, PANEL)
+    left, inner = PANEL_LEFT + 12, width - 24
+    draw_number(image, int(world.clock[TICK]), MARGIN + 14, left, 6, INK, False)
+    share = time_left(world, rules) / rules.max_ticks
+    draw_bar(image, MARGIN + 56, left, 8, inner, share, INK, TRACK)
+    if rules.preview_moves > 0:
+        share = preview_left(world, rules) / rules.preview_moves
+        draw_bar(image, MARGIN + 70, left, 8, inner, share, WAY, TRACK)
+    for maze in range(min(rules.num_mazes, inner // 12) if rules.num_mazes > 1 else 0):
+        colour = GOAL_RED if maze < world.clock[MAZE] else TRACK
+        fill_box(image, MARGIN + 84, left + 12 * maze, 9, 9, colour)
+    top = MARGIN + 108
+    for player in range(rules.num_players):
+        if viewer not in (SPECTATOR, player):
+            continue
+        is_caught = world.is_caught[player] != 0
+        colour = PLAYER_COLOURS[player_colour(rules, viewer, player)]
+        fill_disc(image, top + 12, left + 12, 12, TRACK if is_caught else colour)
+        if viewer == SPECTATOR:
+            optimal = int(world.optimal[player] + world.clock[EARLIER_OPTIMAL])
+            draw_number(image, optimal, top + 2, left + 36, 4, TRACK if is_caught else WAY, False)
+        top += 36
+
+
+@compiled_compact
+def paint(world: Any, rules: Any, viewer: int, image: Any) -> None:
+    """The whole picture: image uint8 [3, IMAGE_HEIGHT, IMAGE_WIDTH]."""
+    fill_box(image, 0, 0, IMAGE_HEIGHT, IMAGE_WIDTH, BACKGROUND)
+    paint_board(world, rules, viewer, image)
+    paint_panel(world, rules, viewer, image)
+
+
+@compiled_compact
+def paint_picture(worlds: Any, rules: Any, index: int, viewer: int, image: Any) -> None:
+    """`paint` of one world among many."""
+    paint(world_at(worlds, index), rules, viewer, image)
+
+
+# --- small pictures ------------------------------------------------------------------------------
+
+
+@compiled_compact
+def paint_cells(world: Any, rules: Any, player: int, image: Any) -> None:
+    """The board in the original's colours, `cell_pixels` along a cell."""
+    size = rules.cell_pixels
+    for cell in range(world.walls.shape[0]):
+        colour = CELL_WALL if world.walls[cell] == WALL else CELL_OPEN
+        if not knows(world, rules, player, cell):
+            colour = CELL_UNKNOWN
+        elif cell == world.clock[GOAL]:
+            colour = CELL_GOAL
+        row, column = cell // rules.columns, cell % rules.columns
+        fill_box(image, row * size, column * size, size, size, colour)
+    for turn in range(rules.num_players):
+        other = (player + 1 + turn) % rules.num_players  # the seat itself comes last
+        colour = CELL_MATE if is_mate(rules, player, other) else CELL_RIVAL
+        if other == player:
+            colour = CELL_SELF
+        elif not sees_player(world, rules, player, other):
+            continue
+        row, column = (
+            int(world.cell[other]) // rules.columns,
+            int(world.cell[other]) % rules.columns,
+        )
+        fill_box(image, row * size, column * size, size, size, colour)
+
+
+@compiled_compact
+def gray_cell(image: Any, rules: Any, cell: int, level: int) -> None:
+    """Fill the pixels of a cell; on boards of more cells than pixels at least one."""
+    row, column = cell // rules.columns, cell % rules.columns
+    height = GRAY_SIDE - GRAY_BAR
+    top = GRAY_BAR + row * height // rules.rows
+    bottom = max(top + 1, GRAY_BAR + (row + 1) * height // rules.rows)
+    left = column * GRAY_SIDE // rules.columns
+    right = max(left + 1, (column + 1) * GRAY_SIDE // rules.columns)
+    image[top:bottom, left:right] = level
+
+
+@compiled_compact
+def paint_gray(world: Any, rules: Any, player: int, image: Any) -> None:
+    """The small picture, uint8 [GRAY_SIDE, GRAY_SIDE]: a bar of the time left over the board."""
+    image[:] = 0
+    image[: GRAY_BAR - 1, : GRAY_SIDE * time_left(world, rules) // rules.max_ticks] = GRAY_OPEN
+    for cell in range(world.walls.shape[0]):
+        if not knows(world, rules, player, cell):
+            continue
+        level = GRAY_WALL if world.walls[cell] == WALL else GRAY_OPEN
+        if not sees(world, rules, player, cell):
+            level -= GRAY_REMEMBERED
+        gray_cell(image, rules, cell, level)
+    goal = int(world.clock[GOAL])
+    if knows(world, rules, player, goal):
+        gray_cell(image, rules, goal, GRAY_GOAL)
+    for other in range(rules.num_players):
+        if other != player and sees_player(world, rules, player, other):
+            level = GRAY_MATE if is_mate(rules, player, other) else GRAY_RIVAL
+            gray_cell(image, rules, int(world.cell[other]), level)
+    gray_cell(image, rules, int(world.cell[player]), GRAY_SELF)
+
+
+# --- slices of worlds, and what people call ------------------------------------------------------
+
+
+@compiled_compact
+def observe_image(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
+    """Write every seat's picture to out [B, P, 3, h, w]: 480 x 640, or rows and columns times
+    `cell_pixels`.
+    """
+    for index in range(first, last):
+        for player in range(rules.num_players):
+            if rules.cell_pixels > 0:
+                paint_cells(world_at(worlds, index), rules, player, out[index, player])
+            else:
+                paint(world_at(worlds, index), rules, player, out[index, player])
+
+
+@compiled_compact
+def observe_gray(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
+    """Write every seat's small picture to out [B, P, 1, GRAY_SIDE, GRAY_SIDE]."""
+    for index in range(first, last):
+        for player in range(rules.num_players):
+            paint_gray(world_at(worlds, index), rules, player, out[index, player, 0])
+
+
+def draw(worlds: World, rules: Any, world: int, player: int | None) -> NDArray[np.uint8]:
+    """The picture of one world, uint8 [IMAGE_HEIGHT, IMAGE_WIDTH, 3]: of a seat's own view, or the
+    spectator's (None).
+    """
+    image = np.zeros((3, IMAGE_HEIGHT, IMAGE_WIDTH), np.uint8)
+    paint_picture(worlds, rules, world, SPECTATOR if player is None else player, image)
+    return np.ascontiguousarray(image.transpose(1, 2, 0))

@@ -1,0 +1,112 @@
+"""The constants of a scenario, as the numbers and arrays that the compiled rules read."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.deep_maze.scenarios import (
+    CONTESTS,
+    GENERATORS,
+    MODES,
+    REWARDS,
+    VISIBILITIES,
+    Scenario,
+)
+from marl_cair.games.deep_maze.tables import (
+    ACTION_NAMES,
+    COLUMN_STEP,
+    GROWTH_STEPS_PER_SIDE_CELL,
+    NUM_MOVES,
+    ROW_STEP,
+    STEP_REWARD,
+)
+
+PRIM, GROWTH = range(len(GENERATORS))
+DETERMINISTIC, FULL_DETERMINISTIC, STOCHASTIC, SEQUENCE = range(len(MODES))
+FULL_SIGHT, SQUARE, LINE_OF_SIGHT = range(len(VISIBILITIES))
+RACE, CHASE = range(len(CONTESTS))
+CLASSIC, BEYOND_OPTIMAL, DISTANCE = range(len(REWARDS))
+
+HUNTER = 0  # the seat that hunts in a chase
+
+
+class Rules(NamedTuple):
+    """The constants of a scenario, handed to the kernels so that none is compiled in."""
+
+    neighbours: NDArray[np.int16]  # [cells, actions] where an action leads; off the board: nowhere
+    step_reward: NDArray[np.float64]  # [P] of each move that does not end the game
+    fixed_seed: NDArray[np.uint64]  # [1] of the mazes that are the same in each game
+    rows: int
+    columns: int
+    generator: int
+    growth_seeds: int  # walls that are begun
+    growth_steps: int  # tries to grow each of them by two cells
+    mode: int
+    num_mazes: int
+    in_corners: int  # 1: start and goal lie in opposite corners
+    visibility: int
+    vision: int  # cells
+    preview_moves: int
+    remembers: int
+    num_players: int
+    contest: int
+    reward: int
+    discount: float
+    mask_walls: int
+    cell_pixels: int
+    max_ticks: int
+
+
+def make_rules(scenario: Scenario) -> Rules:
+    """The numbers of `scenario`."""
+    return Rules(
+        neighbours=_neighbour_table(scenario.rows, scenario.columns),
+        step_reward=_step_rewards(scenario),
+        fixed_seed=np.array([scenario.maze_seed], np.uint64),
+        rows=scenario.rows,
+        columns=scenario.columns,
+        generator=list(GENERATORS).index(scenario.generator),
+        growth_seeds=int(scenario.density * (scenario.rows // 2) * (scenario.columns // 2)),
+        growth_steps=int(
+            scenario.complexity * GROWTH_STEPS_PER_SIDE_CELL * (scenario.rows + scenario.columns)
+        ),
+        mode=list(MODES).index(scenario.mode),
+        num_mazes=scenario.num_mazes,
+        in_corners=int(scenario.places == "corners"),
+        visibility=list(VISIBILITIES).index(scenario.visibility),
+        vision=scenario.vision,
+        preview_moves=scenario.preview_moves,
+        remembers=int(scenario.remembers),
+        num_players=scenario.num_players,
+        contest=CHASE if scenario.is_chase else RACE,
+        reward=list(REWARDS).index(scenario.reward),
+        discount=float(scenario.shaping_discount),
+        mask_walls=int(scenario.mask_walls),
+        cell_pixels=scenario.cell_pixels,
+        max_ticks=scenario.max_ticks,
+    )
+
+
+def _neighbour_table(rows: int, columns: int) -> NDArray[np.int16]:
+    """Where each action leads from each cell: nowhere for the no-op and moves off the board."""
+    cells = np.arange(rows * columns)
+    row, column = np.divmod(cells, columns)
+    table = np.repeat(cells.astype(np.int16)[:, None], len(ACTION_NAMES), axis=1)
+    for move in range(NUM_MOVES):
+        to_row, to_column = row + ROW_STEP[move], column + COLUMN_STEP[move]
+        inside = (to_row >= 0) & (to_row < rows) & (to_column >= 0) & (to_column < columns)
+        table[inside, move] = (to_row * columns + to_column)[inside]
+    return table
+
+
+def _step_rewards(scenario: Scenario) -> NDArray[np.float64]:
+    """Time costs everybody, but those who are hunted."""
+    paid = np.full(scenario.num_players, STEP_REWARD)
+    if scenario.reward == "beyond_optimal":
+        paid[:] = 0.0
+    if scenario.is_chase:
+        paid[HUNTER + 1 :] = 0.0
+    return paid

@@ -1,0 +1,39 @@
+"""Flappy Bird: flap through the gaps between pipes. One player, or a race of two to eight."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from marl_cair.games.flappy_bird.scenarios import GYMNASIUM_PREFIX, SCENARIOS
+
+if TYPE_CHECKING:
+    from pettingzoo import AECEnv
+
+    from marl_cair.games.game import Game
+    from marl_cair.games.parallel_env import GameParallelEnv
+
+    GAME: Game
+
+__all__ = ["GAME", "GYMNASIUM_PREFIX", "SCENARIOS", "env", "parallel_env"]
+
+
+def __getattr__(name: str) -> Game:
+    if name == "GAME":
+        from marl_cair.games.flappy_bird.definition import GAME  # noqa: PLC0415
+
+        return GAME
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def parallel_env(scenario: str = "classic", **options: Any) -> GameParallelEnv:
+    """One game as a PettingZoo ParallelEnv; options as `games.parallel_env.GameParallelEnv`."""
+    from marl_cair.games.parallel_env import make_parallel_env  # noqa: PLC0415
+
+    return make_parallel_env("flappy_bird", scenario, **options)
+
+
+def env(scenario: str = "classic", **options: Any) -> AECEnv[str, Any, Any]:
+    """The same game turn by turn (AEC), through PettingZoo's own conversion."""
+    from marl_cair.games.parallel_env import make_aec_env  # noqa: PLC0415
+
+    return make_aec_env("flappy_bird", scenario, **options)

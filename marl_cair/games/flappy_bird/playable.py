@@ -1,0 +1,104 @@
+"""Whether a scenario can be played at all: is there a sequence of flaps through its hardest course?
+
+All states that a bird can be in are followed tick by tick: for each velocity (and whether it
+flapped in the tick before) the heights are the bits of one whole number, so that a move of all of
+them is a shift. It needs neither NumPy nor the compiler, so that scenarios can be named at once.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+from marl_cair.games.flappy_bird.tables import (
+    BIRD_HEIGHT,
+    BIRD_X,
+    FIRST_PIPES_X,
+    FLAP_VELOCITY,
+    GRAVITY,
+    GROUND_TOP,
+    HUNDREDTHS,
+    MAX_FALL,
+    PIPE_WIDTH,
+    RENEW_BELOW_X,
+    RENEWED_X_HUNDREDTHS,
+    START_Y,
+    TOUCH_DEPTH,
+    gap_tops,
+)
+
+NUM_COURSE_PIPES = 6  # the spacing of the pipes repeats after three
+# Heights at which a bird is alive: 1..GROUND_TOP - BIRD_HEIGHT.
+_ALIVE = (1 << (GROUND_TOP - BIRD_HEIGHT + 1)) - 2
+
+# Found with the search below once and for all, so that most scenarios are named without it:
+# (speed and wind at most, gap at least).
+SURELY_PLAYABLE = ((400, 300, 96), (500, 300, 108), (500, 0, 80))
+
+Birds = dict[tuple[int, bool], int]  # heights by velocity and whether the last tick was a flap
+
+
+def is_playable(pipe_gap: int, speed: int, wind: int) -> bool:
+    """True if some sequence of flaps passes gaps that are by turns as high and as low as can be.
+
+    pipe_gap: pixels. speed, wind: hundredths of a pixel per tick; a wind is tried that blows
+    without an end upwards, and one downwards.
+    """
+    for most_speed, most_wind, least_gap in SURELY_PLAYABLE:
+        if speed <= most_speed and wind <= most_wind and pipe_gap >= least_gap:
+            return True
+    return search_course(pipe_gap, speed, wind)
+
+
+@cache
+def search_course(pipe_gap: int, speed: int, wind: int) -> bool:
+    """As `is_playable`, found by the search."""
+    pixels = -(-wind // HUNDREDTHS)
+    return all(
+        _passes_course(pipe_gap, speed, blow, first)
+        for first in (0, 1)
+        for blow in {-pixels, pixels}
+    )
+
+
+def _passes_course(pipe_gap: int, speed: int, blow: int, first: int) -> bool:
+    """Whether birds are left when all pipes are passed; gap `first` of the two extremes begins."""
+    edges = gap_tops(pipe_gap)
+    pipes = [(x * HUNDREDTHS, edges[(first + index) % 2]) for index, x in enumerate(FIRST_PIPES_X)]
+    birds: Birds = {(FLAP_VELOCITY, True): 1 << (START_Y + FLAP_VELOCITY)}
+    num_met = len(pipes)
+    while num_met < len(pipes) + NUM_COURSE_PIPES and birds:
+        for index, (x, _) in enumerate(pipes):
+            if x < RENEW_BELOW_X * HUNDREDTHS:
+                pipes[index] = (RENEWED_X_HUNDREDTHS, edges[(first + num_met) % 2])
+                num_met += 1
+        pipes = [(x - speed, top) for x, top in pipes]
+        birds = _keep(_move(birds, blow), _free_heights(pipes, pipe_gap))
+    return bool(birds)
+
+
+def _free_heights(pipes: list[tuple[int, int]], pipe_gap: int) -> int:
+    free = _ALIVE
+    for x, top in pipes:
+        left, right = x - PIPE_WIDTH // 2 * HUNDREDTHS, x + PIPE_WIDTH // 2 * HUNDREDTHS
+        if left < (BIRD_X + TOUCH_DEPTH) * HUNDREDTHS and right > BIRD_X * HUNDREDTHS:
+            free &= (1 << (top + pipe_gap - BIRD_HEIGHT + 1)) - (1 << (top + 1))
+    return free
+
+
+def _keep(birds: Birds, free: int) -> Birds:
+    return {motion: heights & free for motion, heights in birds.items() if heights & free}
+
+
+def _move(birds: Birds, blow: int) -> Birds:
+    """Every bird both glides and flaps."""
+    moved: Birds = {}
+    for (velocity, has_flapped), heights in birds.items():
+        if has_flapped:  # no gravity in this tick, and a flap only brakes
+            motions = ((velocity, False), (0, False))
+        else:
+            motions = ((min(MAX_FALL, velocity + GRAVITY), False), (FLAP_VELOCITY, True))
+        for motion in motions:
+            shift = motion[0] + blow
+            there = heights << shift if shift >= 0 else heights >> -shift
+            moved[motion] = moved.get(motion, 0) | there
+    return moved

@@ -1,0 +1,113 @@
+"""Named configurations of Flappy Bird: pipes, wind, players, time and reward."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from marl_cair.games.flappy_bird.playable import is_playable
+from marl_cair.games.flappy_bird.tables import (
+    BIRD_HEIGHT,
+    HUNDREDTHS,
+    MAX_GAP,
+    MAX_PLAYERS,
+    MAX_SPEED,
+    MAX_TICKS_PER_STEP,
+    MAX_WIND,
+    MIN_SPEED,
+    PIPE_GAP,
+    PIPE_SPEED,
+)
+from marl_cair.games.scenario_checks import check_time, check_whole_number
+from marl_cair.lookup import find_by_name
+
+GYMNASIUM_PREFIX = "FlappyBird"  # of the ids marl_cair/FlappyBird-<scenario>-v0
+
+REWARDS = {
+    "classic": "+1 a pipe, -5 at a crash",
+    "unit": "+1 a pipe, -1 at a crash",
+    "thesis": "0.1 a pipe",
+    "alive": "+1 a pipe, -1 at a crash, 0.1 a tick",
+    "sparse": "+1 to the last one flying, -1 at a crash",
+}
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Settings of one kind of game.
+
+    Raises:
+        ValueError: a value is outside what is allowed, or no sequence of flaps passes such pipes;
+            the message names field, value and range.
+    """
+
+    num_players: int = 1  # birds on the same pipes
+    pipe_gap: int = PIPE_GAP  # pixels between upper and lower pipe
+    pipe_speed: float = PIPE_SPEED  # pixels per tick, to a tenth
+    wind: float = 0.0  # pixels per tick that the strongest gust moves a bird, to a tenth
+    reward: str = "classic"  # see REWARDS
+    ticks_per_step: int = 1  # game ticks that one decision lasts; it flaps in the first
+    max_ticks: int = 6_000  # time limit: 200 seconds
+
+    def __post_init__(self) -> None:
+        check_whole_number("flappy_bird", self, "num_players", 1, MAX_PLAYERS)
+        _check_tenths(self, "pipe_speed", MIN_SPEED, MAX_SPEED)
+        _check_tenths(self, "wind", 0.0, MAX_WIND)
+        check_whole_number("flappy_bird", self, "ticks_per_step", 1, MAX_TICKS_PER_STEP)
+        check_time("flappy_bird", self)
+        find_by_name("flappy_bird reward", self.reward, REWARDS)
+        self._check_gap()
+
+    def _check_gap(self) -> None:
+        check_whole_number("flappy_bird", self, "pipe_gap", 0, MAX_GAP)
+        if self.pipe_gap <= BIRD_HEIGHT:
+            raise ValueError(
+                f"flappy_bird: pipe_gap is {self.pipe_gap}, but the bird is {BIRD_HEIGHT} pixels "
+                f"high: it must be a whole number in {BIRD_HEIGHT + 1}..{MAX_GAP}"
+            )
+        if not is_playable(self.pipe_gap, self.speed_hundredths, self.wind_hundredths):
+            raise ValueError(
+                f"flappy_bird: pipe_gap {self.pipe_gap}, pipe_speed {self.pipe_speed} and wind "
+                f"{self.wind} cannot be played: no sequence of flaps passes the highest gap after "
+                "the lowest; take a larger gap, slower pipes or less wind"
+            )
+
+    @property
+    def speed_hundredths(self) -> int:
+        """`pipe_speed` in hundredths of a pixel per tick."""
+        return round(self.pipe_speed * HUNDREDTHS)
+
+    @property
+    def wind_hundredths(self) -> int:
+        """`wind` in hundredths of a pixel per tick."""
+        return round(self.wind * HUNDREDTHS)
+
+
+def _check_tenths(scenario: Any, field: str, low: float, high: float) -> None:
+    """Raise ValueError unless the field is a number in low..high with at most one decimal."""
+    value = getattr(scenario, field)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not low <= value <= high or round(value * 10) / 10 != value:
+        raise ValueError(
+            f"flappy_bird: {field} is {value!r}, it must be in {low}..{high} pixels per tick, "
+            "with at most one decimal"
+        )
+
+
+_CLASSIC = Scenario()
+_EASY = Scenario(pipe_gap=140, pipe_speed=3.0)
+_HARD = Scenario(pipe_gap=90, pipe_speed=5.0)
+_WINDY = Scenario(pipe_gap=110, wind=1.5)
+
+SCENARIOS = {
+    "classic": _CLASSIC,
+    "easy": _EASY,
+    "hard": _HARD,
+    "windy": _WINDY,
+    "storm": Scenario(pipe_gap=120, pipe_speed=5.0, wind=2.5),
+    "race-2": replace(_CLASSIC, num_players=2),
+    "race-4": replace(_CLASSIC, num_players=4),
+    "race-8": replace(_CLASSIC, num_players=8),
+    "race-2-hard": replace(_HARD, num_players=2),
+    "race-4-windy": replace(_WINDY, num_players=4),
+}

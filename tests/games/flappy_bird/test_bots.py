@@ -1,0 +1,94 @@
+"""The scripted birds: how far each flies, from what it sees alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from marl_cair.games import make_engine
+from marl_cair.games.compiled import is_compiling
+from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.flappy_bird.bots import BOTS
+from marl_cair.games.randomness import episode_seeds
+
+
+def start(scenario: str, num_worlds: int, seed: int = 0, **options: int) -> BatchedEngine:
+    engine = make_engine("flappy_bird", scenario, num_worlds, **options)
+    worlds = np.arange(num_worlds)
+    engine.reset(episode_seeds(seed, worlds, np.zeros(num_worlds, np.int64)))
+    return engine
+
+
+def fly(engine: BatchedEngine, name: str, num_decisions: int) -> np.ndarray:
+    """Pipes passed by one bot in all seats [B, P]."""
+    bot = engine.game.bot(name, engine.scenario)
+    bot.seed(1)
+    rows = engine.num_worlds * engine.num_players
+    for _ in range(num_decisions):
+        seen = engine.observe(bot.representation).reshape(rows, -1)
+        chosen = bot.act(seen, engine.action_mask().reshape(rows, -1))
+        engine.step(chosen.reshape(engine.num_worlds, -1))
+        if (engine.terminated | engine.truncated).all():
+            break
+    assert not engine.illegal_actions.any()
+    return engine._worlds.pipes_passed.copy()
+
+
+def test_the_oracle_passes_a_thousand_classic_pipes():
+    engine = start("classic", 4, max_ticks=38_000)
+    assert (fly(engine, "oracle", 38_000) >= 1_000).all()
+    assert engine.truncated.all()
+
+
+@pytest.mark.plain_python
+def test_the_oracle_flies_a_while_in_plain_python():
+    engine = start("classic", 1, max_ticks=220)
+    assert fly(engine, "oracle", 220) == [[5]]
+    assert engine.truncated.all()
+
+
+@pytest.mark.parametrize("scenario", ["easy", "hard", "race-4"])
+def test_the_oracle_does_not_die_without_wind(scenario):
+    engine = start(scenario, 8, max_ticks=2_000)
+    fly(engine, "oracle", 2_000)
+    assert engine.truncated.all()
+    assert not engine.eliminated.any()
+
+
+def test_bots_are_as_strong_as_their_names():
+    passed = {name: fly(start("classic", 32, max_ticks=1_500), name, 1_500) for name in BOTS}
+    means = {name: counts.mean() for name, counts in passed.items()}
+    assert means["random"] < 0.5
+    assert 2 < means["reflex"] < 30
+    assert means["oracle"] > 38
+
+
+@pytest.mark.plain_python
+@pytest.mark.parametrize("name", BOTS)
+def test_a_bot_repeats_continues_and_answers_each_row_on_its_own(name):
+    engine = start("classic", 6)
+    fly(engine, "reflex", 40 if is_compiling() else 12)
+    seen, mask = engine.observe("features")[:, 0], engine.action_mask()[:, 0]
+
+    def bot(seed: int) -> object:
+        made = engine.game.bot(name, engine.scenario)
+        made.seed(seed)
+        return made
+
+    first, second = bot(5), bot(5)
+    together = first.act(seen, mask)
+    assert np.array_equal(second.act(seen, mask), together)
+    other = bot(9)
+    other.load_state_dict(first.state_dict())
+    assert np.array_equal(other.act(seen, mask), first.act(seen, mask))
+    if name != "random":
+        assert np.array_equal(bot(0).act(seen[::-1], mask[::-1])[::-1], together)
+
+
+@pytest.mark.plain_python
+def test_an_oracle_that_cannot_live_still_answers():
+    engine = start("classic", 1)
+    fly(engine, "oracle", 3)
+    engine._worlds.bird_y[:] = 38_400
+    fly(engine, "oracle", 1)
+    assert engine.terminated.all()

@@ -1,0 +1,175 @@
+"""Scenarios that users add, and games of installed packages, whole and broken."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+import marl_cair
+from marl_cair.games import GAMES
+from marl_cair.games.deep_line_wars import SCENARIOS, parallel_env
+from marl_cair.lookup import UnknownNameError
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def _scenarios_kept():
+    """What a test adds is gone after it."""
+    before = dict(SCENARIOS)
+    yield
+    for name in set(SCENARIOS) - set(before):
+        del SCENARIOS[name]
+        del gymnasium.registry[f"marl_cair/DeepLineWars-{name}-v0"]
+
+
+# --- scenarios -------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("_scenarios_kept")
+def test_a_users_scenario_is_known_wherever_one_is_named():
+    made = marl_cair.register_scenario("deep_line_wars", "rush-8x9", rows=8, columns=9)
+    assert made == "marl_cair/DeepLineWars-rush-8x9-v0"
+    assert GAMES["deep_line_wars"].scenario("rush-8x9").rows == 8
+    engine = marl_cair.make_engine("deep_line_wars", "rush-8x9", num_worlds=2)
+    assert engine.spec.representations["planes"].shape[1:] == (8, 9)
+    env = parallel_env("rush-8x9")
+    env.reset(seed=0)
+    assert env.observation_space("player_0").shape[1:] == (8, 9)
+    observation, _ = gymnasium.make(made).reset(seed=0)
+    assert np.shape(observation)[1:] == (8, 9)
+
+
+@pytest.mark.usefixtures("_scenarios_kept")
+def test_a_scenario_changes_the_one_it_is_based_on():
+    marl_cair.register_scenario("deep_line_wars", "old", base="11x11", preset="2017")
+    added = GAMES["deep_line_wars"].scenario("old")
+    assert added == GAMES["deep_line_wars"].scenario("11x11", preset="2017")
+    marl_cair.register_scenario("deep_line_wars", "first")
+    first = next(iter(SCENARIOS))
+    assert GAMES["deep_line_wars"].scenario("first") == GAMES["deep_line_wars"].scenario(first)
+
+
+@pytest.mark.usefixtures("_scenarios_kept")
+@pytest.mark.parametrize(
+    ("arguments", "options", "error", "message"),
+    [
+        (("deep_line_war", "a"), {}, UnknownNameError, "nearest are 'deep_line_wars'"),
+        (("deep_line_wars", "a", "10x51"), {}, UnknownNameError, "nearest are '10x15'"),
+        (("deep_line_wars", "a"), {"row": 8}, UnknownNameError, "nearest are 'rows'"),
+        (("deep_line_wars", "a"), {"rows": 3}, ValueError, "rows is 3, it must be a whole number"),
+        (("deep_line_wars", "10x15"), {}, ValueError, "has a scenario '10x15' already"),
+        (("deep_line_wars", "a b"), {}, ValueError, "'a b' is no name of a scenario"),
+        (("deep_line_wars", ""), {}, ValueError, "'' is no name of a scenario"),
+    ],
+)
+def test_what_cannot_be_registered_is_refused_and_changes_nothing(
+    arguments, options, error, message
+):
+    names, ids = list(SCENARIOS), set(gymnasium.registry)
+    with pytest.raises(error, match=message):
+        marl_cair.register_scenario(*arguments, **options)
+    assert (list(SCENARIOS), set(gymnasium.registry)) == (names, ids)
+
+
+def test_the_default_scenario_of_our_games_comes_first():
+    for game in GAMES.load_all().values():
+        assert next(iter(game.scenarios)) == game.default_scenario
+
+
+# --- games of other packages -----------------------------------------------------------------
+
+GAME_MODULE = """
+import dataclasses
+from tests.games import last_standing
+SCENARIOS = {name: last_standing.GAME.scenarios[name] for name in ("duel", "ffa-3")}
+GYMNASIUM_PREFIX = "Foreign"
+GAME = dataclasses.replace(
+    last_standing.GAME, name="foreign", scenarios=SCENARIOS, gymnasium_prefix="Foreign",
+    default_scenario="duel",
+)
+"""
+
+
+def install(folder, name, module, text):
+    """A package as pip leaves it: a module, and metadata with an entry point."""
+    (folder / f"{module}.py").write_text(text)
+    metadata = folder / f"{module}-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(f"[marl_cair.games]\n{name} = {module}\n")
+
+
+def run_python(folder, *arguments):
+    return subprocess.run(
+        [sys.executable, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}"},
+    )
+
+
+def list_games(folder):
+    """What `marl-cair games --json` tells, and what it warns of."""
+    done = run_python(folder, "-c", "from marl_cair.cli import main; main(['games', '--json'])")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout), done.stderr
+
+
+def test_a_package_adds_a_game_by_an_entry_point(tmp_path):
+    install(tmp_path, "foreign", "foreign_game", GAME_MODULE)
+    listed, warned = list_games(tmp_path)
+    assert set(listed) == set(GAMES) | {"foreign"}
+    assert list(listed["foreign"]["scenarios"]) == ["duel", "ffa-3"]
+    assert "BrokenGameWarning" not in warned
+    program = """
+import gymnasium, marl_cair
+engine = marl_cair.make_engine("foreign", "ffa-3", num_worlds=2)
+env = gymnasium.make("marl_cair/Foreign-duel-v0")
+env.reset(seed=0)
+print(engine.num_players, marl_cair.GAMES["foreign"].title)
+"""
+    done = run_python(tmp_path, "-c", program)
+    assert done.stdout.split("\n")[0] == "3 Last standing", done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "why"),
+    [
+        ("foreign", "import no_such_module_anywhere", "No module named 'no_such_module_anywhere'"),
+        ("foreign", "SCENARIOS = {}", "foreign_game has no GYMNASIUM_PREFIX"),
+        ("deep_rts", GAME_MODULE, "marl_cair.games.deep_rts has that name already"),
+        ("other", GAME_MODULE, "its GAME.name is 'foreign', the entry point's 'other'"),
+        (
+            "foreign",
+            "SCENARIOS = {}\nGYMNASIUM_PREFIX = 'F'\ndef __getattr__(name):\n    1 / 0",
+            "ZeroDivisionError",
+        ),
+    ],
+)
+def test_a_broken_package_is_told_and_keeps_no_other_game_from_loading(tmp_path, name, text, why):
+    install(tmp_path, name, "foreign_game", text)
+    listed, warned = list_games(tmp_path)
+    assert set(listed) == set(GAMES)
+    assert "BrokenGameWarning" in warned
+    assert f"the game '{name}' of foreign_game (foreign_game) cannot be loaded" in warned
+    assert why in warned
+    helped = run_python(
+        tmp_path, "-W", "ignore", "-c", "from marl_cair.cli import main; main(['train', '--help'])"
+    )
+    assert helped.returncode == 0
+    assert "deep_rts_duel" in helped.stdout
+    asked = run_python(
+        tmp_path, "-W", "ignore", "-c", f"import marl_cair; marl_cair.GAMES[{name!r}]"
+    )
+    if name in GAMES:
+        assert asked.returncode == 0
+    else:
+        assert f"GameLoadError: the game '{name}' of foreign_game" in asked.stderr

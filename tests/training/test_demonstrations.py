@@ -1,0 +1,217 @@
+"""Demonstrations: bots play some of the learner's games, which it learns from."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+from marl_cair.replay.transition import TransitionSpec
+from marl_cair.training.config import DemonstrationSettings, LearnerSettings, TrainConfig
+from marl_cair.training.learner import Learner
+from marl_cair.training.metrics import read_log
+from marl_cair.training.rollout import make_rollout
+from marl_cair.training.run import TrainingRun
+from marl_cair.training.trainer import train
+from tests.games import last_standing
+from tests.games.last_standing import NOOP
+from tests.replay.streams import make_transitions
+from tests.training.runs import digest, small, tiny
+from tests.training.test_seats import by_game, collect, count_by_hand, was_out
+
+
+@pytest.fixture(autouse=True)
+def _known(monkeypatch):
+    last_standing.register(monkeypatch)
+
+
+def shown_by(*bots, **settings):
+    return DemonstrationSettings(bots=bots, **settings)
+
+
+def make_run(tmp_path, scenario, mixture, demonstration):
+    return TrainingRun(small(tmp_path / "run", scenario, mixture, demonstration=demonstration))
+
+
+# --- who plays -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scenario", ["ffa-3", "duel", "teams", "alone"])
+def test_the_bot_plays_the_learners_team_for_whole_games_in_its_share_of_them(tmp_path, scenario):
+    run = make_run(tmp_path, scenario, {"random": 1.0}, shown_by("idle", share=0.4))
+    shares = []
+    for game in by_game(collect(run, 12)):
+        shown, learned = game["player", "demonstrated"], game["player", "learned"]
+        shares.append(bool(shown.any()))
+        assert torch.equal(shown, learned & shares[-1])
+        if shares[-1]:
+            assert (game["player", "action"][shown] == NOOP).all()  # all that `idle` does
+    assert len(shares) > 60
+    assert np.mean(shares) == pytest.approx(0.4, abs=0.15)
+
+
+def test_against_itself_one_team_is_shown_and_the_other_plays_on(tmp_path):
+    run = make_run(tmp_path, "teams", {"latest": 1.0}, shown_by("idle", share=1.0))
+    for game in by_game(collect(run)):
+        shown = game["player", "demonstrated"]
+        teams = {int(run.spec.team_of_seat[seat]) for seat in shown.any(0).nonzero().flatten()}
+        assert len(teams) == 1
+        assert torch.equal(game["player", "learned"], ~was_out(game))
+
+
+def test_several_bots_take_turns(tmp_path):
+    run = make_run(tmp_path, "duel", {"idle": 1.0}, shown_by("random", "scorer", share=1.0))
+    data = collect(run, 12)
+    asked = {bot.name: len(bot.rows) for bot in run.demonstrators.bots}
+    assert min(asked["random"], asked["scorer"]) > 100
+    assert torch.equal(data["player", "demonstrated"], data["player", "learned"])
+
+
+def test_no_game_is_shown_after_until_frames(tmp_path):
+    run = make_run(tmp_path, "duel", {"idle": 1.0}, shown_by("idle", share=1.0, until_frames=256))
+    shown = collect(run, 12)["player", "demonstrated"].any(-1)
+    begun = run.config.collector.num_worlds
+    assert shown[:, : 256 // begun].all()
+    assert not shown[:, -32:].any()
+
+
+# --- what is stored and counted --------------------------------------------------------------
+
+
+def test_replay_knows_which_actions_were_shown(tmp_path):
+    run = make_run(tmp_path, "duel", {"random": 1.0}, shown_by("idle", share=0.5))
+    batches = iter(run.collector)
+    rollouts = [make_rollout(next(batches), 1.0) for _ in range(6)]
+    for rollout in rollouts:
+        run.replay.real.extend_rollout(rollout)
+    rows = run.replay.real.sample(4_000)
+    shown = rows["is_demonstration"].squeeze(1)
+    stored = torch.cat([rollout.demonstrated[rollout.learned] for rollout in rollouts])
+    assert shown.float().mean() == pytest.approx(stored.float().mean().item(), abs=0.05)
+    assert (rows["action"][shown] == NOOP).all()
+    assert (rows["action"][~shown] != NOOP).any()
+    run.close()
+
+
+def test_shown_games_count_neither_as_the_learners_wins_nor_as_its_actions(tmp_path):
+    run = make_run(tmp_path, "duel", {"random": 1.0}, shown_by("scorer", share=0.5))
+    data = collect(run, 12)
+    run.router(data[:, -1]["next"])
+    whole = list(by_game(data))
+    own = [game for game in whole if not game["player", "demonstrated"].any()]
+    shown = [game for game in whole if game["player", "demonstrated"].any()]
+    row = run.statistics.report(run.book.names, run.spec.action_group_names)
+    points, returns = zip(*(_count(game, run) for game in own), strict=True)
+    assert row["episodes/finished"] == len(own) > 10
+    assert row["collect_win_rate/random"] == pytest.approx(np.mean(points))
+    assert row["episodes/return"] == pytest.approx(np.mean(returns), abs=1e-6)
+    seen = [_count(game, run)[1] for game in shown]
+    assert row["demonstrations/return"] == pytest.approx(np.mean(seen), abs=1e-6)
+    chosen = data["player", "learned"] & ~data["player", "demonstrated"]
+    share = (data["player", "action"][chosen] == NOOP).float().mean().item()
+    assert row["actions/" + run.spec.action_group_names[NOOP]] == pytest.approx(share)
+
+
+def _count(game, run):
+    points, returns = count_by_hand(game.unsqueeze(0), run.spec.team_of_seat)
+    return points[0], returns[0]
+
+
+# --- the loss --------------------------------------------------------------------------------
+
+
+def make_learner(**settings):
+    network = make_q_network(QNetworkConfig(hidden_width=8), (2, 8, 8), 3, seed=0)
+    optimiser = LearnerSettings(batch_size=4, learning_rate=0.01, average_decay=0.0)
+    return Learner(network, optimiser, shown_by("random", **settings))
+
+
+def make_batch(num_shown):
+    rows = make_transitions(np.random.default_rng(0), 4, TransitionSpec((2, 8, 8), 3))
+    rows["steps_to_next_obs"] = torch.ones(4, 1, dtype=torch.int64)
+    rows["is_generated"] = torch.zeros(4, 1, dtype=torch.bool)
+    rows["is_demonstration"] = torch.arange(4)[:, None] < num_shown
+    return rows
+
+
+def test_the_margin_loss_is_the_formula_over_legal_actions():
+    learner = make_learner(margin=0.3)
+    batch = make_batch(3)
+    values = learner.network(batch["observation"]).detach()
+    wanted = 0.0
+    for row in range(3):
+        shown = int(batch["action"][row])
+        rivals = [
+            float(values[row, action]) + (0.0 if action == shown else 0.3)
+            for action in batch["action_mask"][row].nonzero().flatten().tolist()
+        ]
+        wanted += max(rivals) - float(values[row, shown])
+    assert float(learner.update(batch)["loss/margin"]) == pytest.approx(wanted / 4, abs=1e-6)
+
+
+def test_the_margin_is_learned_for_shown_rows_and_only_for_them():
+    learner = make_learner(margin=0.5, margin_weight=10.0)
+    batch = make_batch(2)
+    batch["action_mask"][:] = True
+    batch["action"][:] = torch.tensor([0, 2, 0, 2])
+    for _ in range(300):
+        learner.update(batch)
+    values = learner.network(batch["observation"]).detach()
+    for row, action in ((0, 0), (1, 2)):
+        others = [value for index, value in enumerate(values[row]) if index != action]
+        assert values[row, action] > max(others) + 0.4
+
+
+def test_without_demonstrators_flagged_rows_change_nothing():
+    plain, flagged = make_batch(0), make_batch(4)
+    losses = []
+    for batch in (plain, flagged):
+        learner = make_learner()
+        learner.demonstration = DemonstrationSettings()
+        losses.append(float(learner.update(batch)["loss/all"]))
+        assert learner.demonstration.bots == ()
+    assert losses[0] == losses[1]
+
+
+# --- whole runs ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scenario", ["teams", "alone"])
+def test_a_resumed_run_with_demonstrations_equals_one_that_was_never_stopped(tmp_path, scenario):
+    demonstration = shown_by("random", "scorer", share=0.5)
+    whole = small(tmp_path / "whole", scenario, demonstration=demonstration)
+    train(whole, show_progress=False)
+    parts = dataclasses.replace(whole, out=str(tmp_path / "parts"))
+    train(dataclasses.replace(parts, total_frames=384), show_progress=False)
+    train(parts, resume=True, show_progress=False)
+    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
+    logs = [read_log(tmp_path / name / "log.csv") for name in ("whole", "parts")]
+    assert any("loss/margin" in row for row in logs[0])
+    assert logs[0][-1]["updates"] == logs[1][-1]["updates"] > 0
+
+
+def test_bots_that_look_at_other_planes_than_the_learner_can_show(tmp_path):
+    """Deep Line Wars's bots look at planes, whatever the learner sees."""
+    config = tiny(tmp_path / "a", 512, demonstration=shown_by("counter", share=1.0))
+    game = dataclasses.replace(config.game, representation="vector")
+    policy = QNetworkConfig(body="mlp", hidden_width=16)
+    config = dataclasses.replace(config, game=game, policy=policy, synthetic_fraction=0.0)
+    run = TrainingRun(config)
+    data = next(iter(run.collector))
+    assert data["player", "demonstrated"].any()
+    run.close()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"bots": ("rushre",)}, "rushre"),
+        ({"bots": ("counter",), "share": 1.5}, "demonstration.share is 1.5, it must be a share"),
+        ({"bots": ("counter",), "margin": -0.1}, "demonstration.margin is -0.1, it must be 0 or"),
+        ({"until_frames": -1}, "demonstration.until_frames is -1, it must be 0 or more"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        TrainConfig(demonstration=DemonstrationSettings(**changes))

@@ -30,7 +30,6 @@ from marl_cair.generative.economy import EconomyChain, ScalarTables, apply_chang
 from marl_cair.generative.outcome import Outcome, OutcomeHeads, OutcomeInput, RewardBins
 from marl_cair.generative.readout import SUM_UNIT, NearReadout, flatten_board
 from marl_cair.generative.settings import NO_CELL, GeneratorSpec, NetworkSize
-from marl_cair.generative.steps import StepTable
 
 READOUT_CHANNELS = 8
 COPY_BIAS = 3.0  # logit of "keeps its value" before training: almost every cell does
@@ -62,6 +61,7 @@ class CCDN(nn.Module):
     cells: Tensor
     moving: Tensor
     event_of_plane: Tensor
+    step_results: Tensor  # uint8 [P, K + 1, 256]
 
     def __init__(self, spec: GeneratorSpec, size: NetworkSize) -> None:
         super().__init__()
@@ -89,11 +89,12 @@ class CCDN(nn.Module):
         self.readout = nn.Linear(READOUT_CHANNELS * spec.num_rows * spec.num_columns, hidden)
         # Heads.
         num_context = 2 * channels + 2 * hidden
-        self.near = NearReadout(spec.num_spatial, spec.num_rows, size.near_factors)
+        self.near = NearReadout(spec.num_spatial, size.near_factors)
         num_outlook = 2 * hidden + self.near.num_sums
         self.economy = EconomyChain(num_outlook, uniform, size.economy_hidden)
         self.film_economy = nn.Linear(size.economy_hidden, 2 * channels)
-        self.steps = StepTable(len(spec.moving_planes), size.steps)
+        steps = torch.arange(256, dtype=torch.uint8).repeat(len(spec.moving_planes), size.steps + 1, 1)
+        self.register_buffer("step_results", steps)  # of `StepTable`, which the ensemble counts
         self.outputs_per_cell = count_outputs(len(size.shifts), size.steps)
         self.cell_head = nn.Linear(channels, len(spec.moving_planes) * self.outputs_per_cell)
         # What was bought is known for the whole board, where it appears only for each place: added
@@ -134,13 +135,8 @@ class CCDN(nn.Module):
         board = second * (1.0 + film[2]) + film[3]
         places = functional.relu(self.readout(functional.relu(self.narrow(board)).flatten(1)))
         context = torch.cat([_pool(board), places, means], -1)
-        outlook = torch.cat([places, means, self.near(things)], -1)
+        outlook = torch.cat([places, means, self.near(spatial)], -1)
         return Encoding(board, context, outlook, things, spatial[:, self.moving], scalars)
-
-    def count_steps(self, observation: Tensor, following: Tensor) -> None:
-        """Take note of the steps that values take in real transitions."""
-        moving = self.moving
-        self.steps.count(observation[:, moving], following[:, moving], self.size.shifts)
 
     def split(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Spatial planes [N, S, H, W] and scalars [N, U] of an observation."""
@@ -176,7 +172,7 @@ class CCDN(nn.Module):
         if places is None:
             outputs = self.cell_head(features).view(num, area, -1) + of_planes[:, None]
             outputs = outputs.view(num, area, -1, planes).permute(2, 0, 3, 1)
-            candidates = gather_candidates(encoding.planes, shifts, None, self.steps.results)
+            candidates = gather_candidates(encoding.planes, shifts, self.step_results)
         else:
             image, place = places // area, places % area
             outputs = self.cell_head(features.index_select(0, places))
@@ -184,7 +180,7 @@ class CCDN(nn.Module):
             outputs = outputs.view(places.numel(), -1, planes).transpose(0, 1)
             flat = (image[:, None] * planes + torch.arange(planes)) * area + place[:, None]
             candidates = gather_candidates(
-                encoding.planes, shifts, flat.flatten(), self.steps.results
+                encoding.planes, shifts, self.step_results, flat.flatten()
             )
         return build_distribution(outputs.reshape(self.outputs_per_cell, -1), candidates)
 

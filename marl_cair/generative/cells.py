@@ -2,9 +2,8 @@
 
 A cell of a plane keeps its value, takes that of a neighbour (things walk), takes a step that is
 usual in its plane (`steps.py`), empties, fills, or takes a new value (damage). So its next value is
-a mixture of point masses at the candidate values [own, neighbours..., steps..., 0, 255] and one
-logistic that is rounded to 0..255. Copying is thus exact and a
-moved thing keeps its exact value (the copy gate of CCDN v2, extended to neighbours).
+a mixture of point masses at the candidate values [own, neighbours..., steps..., 0, 255] and one logistic that is rounded to 0..255. Copying is thus
+exact and a moved thing keeps its exact value (the copy gate of CCDN v2, extended to neighbours).
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+NUM_VALUES = 256
 MAX_VALUE = 255.0
 FLOOR_SHARE = 1e-4  # of the mass is uniform over 0..255, so that no likelihood is 0
 MIN_LOG_SCALE, MAX_LOG_SCALE = -2.0, 5.0  # of the logistic, in units of plane values
@@ -38,7 +38,7 @@ class CellDistribution(NamedTuple):
         return CellDistribution(*(part[..., chosen] for part in self))
 
 
-def count_outputs(num_shifts: int, num_steps: int = 0) -> int:
+def count_outputs(num_shifts: int, num_steps: int) -> int:
     """How many network outputs one cell of one plane takes: weights, mean, log scale."""
     return num_shifts + num_steps + 3 + 1 + 2
 
@@ -59,43 +59,49 @@ def build_distribution(outputs: Tensor, candidates: Tensor) -> CellDistribution:
 def gather_candidates(
     planes: Tensor,
     shifts: tuple[tuple[int, int], ...],
+    step_results: Tensor,
     flat: Tensor | None = None,
-    steps: Tensor | None = None,
 ) -> Tensor:
     """Candidate values of cells: [own, one per shift, one per step, 0, 255], beyond the board 0.
 
     planes: uint8 [N, P, H, W]; flat: int64 [M] into its N*P*H*W cells, None for all.
-    steps: uint8 [P, K + 1, 256], results of K steps of the own value, and of one that values take
-        which come from a neighbour (`StepTable.results`).
+    step_results: uint8 [P, K + 1, 256], results of K steps of the own value, and of the one that
+        values take which come from a neighbour (`StepTable.results`).
     Returns float32 [K', M]. Shift (dr, dc) gives the value from (row - dr, column - dc).
     """
     rows, columns = planes.shape[2:]
-    own = planes.flatten() if flat is None else planes.flatten()[flat]
-    stepped: list[Tensor] = []
-    coming = planes
-    if steps is not None:
-        first = torch.arange(steps.shape[0])[:, None, None] * steps[0].numel()
-        results = steps.flatten()
-        now = planes + first
-        coming = results[now + (steps.shape[1] - 1) * steps.shape[2]]
-        chosen = now.flatten() if flat is None else now.flatten()[flat]
-        stepped = [results[chosen + k * steps.shape[2]] for k in range(steps.shape[1] - 1)]
     reach = max((max(abs(dr), abs(dc)) for dr, dc in shifts), default=0)
-    padded = functional.pad(coming, (reach, reach, reach, reach))
+    padded = functional.pad(_arrive(planes, step_results[:, -1]), (reach, reach, reach, reach))
+    own = planes.flatten()
+    of_plane = torch.arange(planes.shape[1]) * step_results[0].numel()
     if flat is None:
+        places = (planes + of_plane[:, None, None]).flatten()
         near = [
             padded[..., reach - dr : reach - dr + rows, reach - dc : reach - dc + columns].flatten()
             for dr, dc in shifts
         ]
     else:
+        own = own[flat]
+        places = own + of_plane[flat // (rows * columns) % planes.shape[1]]
         wide = columns + 2 * reach
         column, line = flat % columns, flat // columns
         row, image = line % rows, line // rows
         start = (image * (rows + 2 * reach) + row + reach) * wide + column + reach
         values = padded.flatten()
         near = [values[start - (dr * wide + dc)] for dr, dc in shifts]
-    ends = [torch.full_like(own, 0), torch.full_like(own, 255)]
+    results, num_steps = step_results.flatten(), step_results.shape[1] - 1
+    stepped = [results[places + step * NUM_VALUES] for step in range(num_steps)]
+    ends = [torch.full_like(own, 0), torch.full_like(own, NUM_VALUES - 1)]
     return torch.stack([own, *near, *stepped, *ends]).float()
+
+
+def _arrive(planes: Tensor, results: Tensor) -> Tensor:
+    """Planes uint8 [N, P, H, W] after the steps [P, 256] that values take which come to a cell."""
+    stepping = (results != torch.arange(NUM_VALUES)).any(-1).nonzero().squeeze(-1)
+    arrived = planes.clone()
+    for plane in stepping.tolist():
+        arrived[:, plane] = results[plane][planes[:, plane].long()]
+    return arrived
 
 
 def find_log_prob(cells: CellDistribution, values: Tensor) -> Tensor:

@@ -14,6 +14,7 @@ from marl_cair.generative.cells import find_log_prob
 from marl_cair.generative.economy import find_changes
 from marl_cair.generative.loss import RareCorrection, find_losses
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
+from marl_cair.generative.steps import StepTable
 
 SEED_STRIDE = 1_000_003  # members' seeds lie apart, also for neighbouring generator seeds
 WARMUP_UPDATES = 30  # of each member
@@ -52,7 +53,16 @@ class Ensemble:
         # Opinions and proposals come from moving averages of the weights: at a constant learning
         # rate they are as good as the members themselves with several times the updates.
         self.averages = copy.deepcopy(self.members)
+        self.steps = StepTable(len(spec.moving_planes), config.size.steps)
         self.num_updates = 0
+
+    def count_steps(self, rows: TensorDict) -> None:
+        """Take note of the steps that values take in real transitions."""
+        moving = self.members[0].moving
+        now, later = rows["observation"][:, moving], rows["next", "observation"][:, moving]
+        self.steps.count(now, later, self.config.size.shifts)
+        for network in (*self.members, *self.averages):
+            network.step_results.copy_(self.steps.results)
 
     def train(
         self, rows: TensorDict, correction: RareCorrection, generator: torch.Generator
@@ -63,8 +73,6 @@ class Ensemble:
         stride = self.config.quiet_stride
         offset = int(torch.randint(stride, (), generator=generator))
         network.outcome.reward_std.fill_(correction.reward_variance**0.5)
-        some = rows[::2]
-        network.count_steps(some["observation"], some["next", "observation"])
         losses = find_losses(network, rows, correction, stride, offset)
         total = torch.stack(list(losses.values())).sum()
         optimizer.zero_grad(set_to_none=True)
@@ -91,8 +99,7 @@ class Ensemble:
         share = max(MIN_AVERAGE_SHARE, 9.0 / (self.num_updates // len(self.members) + 9.0))
         average, network = self.averages[member], self.members[member]
         torch._foreach_lerp_(list(average.parameters()), list(network.parameters()), share)
-        for target, source in zip(average.buffers(), network.buffers(), strict=True):
-            target.copy_(source)
+        average.outcome.reward_std.copy_(network.outcome.reward_std)
 
     @torch.no_grad()
     def propose(
@@ -123,6 +130,7 @@ class Ensemble:
         return {
             "members": [network.state_dict() for network in self.members],
             "averages": [network.state_dict() for network in self.averages],
+            "steps": self.steps.state_dict(),
             "optimizers": [optimizer.state_dict() for optimizer in self.optimizers],
             "num_updates": self.num_updates,
         }
@@ -138,6 +146,7 @@ class Ensemble:
             network.load_state_dict(saved)
         for network, saved in zip(self.averages, state["averages"], strict=True):
             network.load_state_dict(saved)
+        self.steps.load_state_dict(state["steps"])
         for optimizer, saved in zip(self.optimizers, state["optimizers"], strict=True):
             optimizer.load_state_dict(saved)
         self.num_updates = state["num_updates"]

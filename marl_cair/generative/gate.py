@@ -104,15 +104,17 @@ def _judge_next_state(metrics: Mapping[str, float], config: GateConfig) -> list[
 
 
 def _judge_reward(metrics: Mapping[str, float], config: GateConfig) -> list[str]:
-    if metrics["reward/std"] < config.max_reward_mae_if_constant:
-        return _require_most(
+    reasons = []
+    if metrics.get("reward/std", 0.0) >= config.max_reward_mae_if_constant:
+        reasons += _require_least(
+            "explained share of reward variance",
+            metrics["reward/explained"],
+            config.min_reward_explained,
+        )
+    elif "reward/mae" in metrics:
+        reasons += _require_most(
             "reward error", metrics["reward/mae"], config.max_reward_mae_if_constant
         )
-    reasons = _require_least(
-        "explained share of reward variance",
-        metrics["reward/explained"],
-        config.min_reward_explained,
-    )
     if metrics["reward/num_rare"] >= config.min_rare_rows:
         reasons += _require_least(
             "rare-reward recall", metrics["reward/rare_recall"], config.min_rare_recall

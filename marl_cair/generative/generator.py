@@ -25,6 +25,7 @@ from marl_cair.generative.rare import RareCounts
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.replay.transition import NO_INDEX, NO_OPPONENT, check_transitions
 
+COUNTED_STRIDE = 8  # one in so many rows shows enough of which steps are usual
 _TRAINING, _GENERATING, _EVALUATING = range(3)
 
 
@@ -72,7 +73,7 @@ class CCDNGenerator:
         self.last_report: GateReport | None = None
         self.last_generation: dict[str, float] = {}
         bins = RewardBins(spec.reward_range, config.size.reward_bins)
-        self._counts = RareCounts(bins, config.rare_bin_share)
+        self._counts = RareCounts(bins, config.rare_reward_share)
         self._heldout = TransitionRing(spec, config.heldout_capacity)
         self._rare_heldout = TransitionRing(spec, config.heldout_capacity // 4)
         self._rare = TransitionRing(spec, config.rare_capacity)
@@ -93,6 +94,7 @@ class CCDNGenerator:
         rare = self._counts.count(batch)
         self._rare_heldout.add(batch[heldout & rare])
         self._rare.add(batch[~heldout & rare])
+        self.ensemble.count_steps(batch[~heldout][::COUNTED_STRIDE])
 
     def update(self, batch: TensorDict) -> dict[str, float]:
         """One optimiser step of one member, in turn, on `batch` less its held-out rows.

@@ -19,7 +19,7 @@ class RareCorrection(NamedTuple):
 
     row_weights: Tensor  # [N], true density over batch density, for the next-state heads
     reward_log_odds: Tensor  # [bins], log(share in batch / true share), added to logits in training
-    reward_variance: float  # of real rewards
+    reward_variance: float  # of real rewards where the episode goes on
     terminal_log_odds: float  # the same for ends: log odds in batch - true log odds
 
 
@@ -47,10 +47,11 @@ def find_losses(
     reward_target = network.bins.spread(rewards)
     reward_logits = outcome.reward + correction.reward_log_odds
     terminal_logits = outcome.terminal + correction.terminal_log_odds
-    reward_square = (reward_error.square() * correction.row_weights).mean()
+    terminated = rows["next", "terminated"].squeeze(-1).float()
+    # What an end pays is a hundred times what a step pays; the bins alone learn it.
+    reward_square = (reward_error.square() * correction.row_weights * (1.0 - terminated)).mean()
     # Before rewards vary their variance is tiny: nothing else would be learned from such batches.
     reward_scale = (reward_square.detach() / MAX_REWARD_LOSS).clamp_min(correction.reward_variance)
-    terminated = rows["next", "terminated"].squeeze(-1).float()
     # A finished world's mask means nothing, so its rows do not teach the mask head.
     mask_nll = functional.binary_cross_entropy_with_logits(
         outcome.mask, rows["next", "action_mask"].float(), reduction="none"

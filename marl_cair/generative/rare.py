@@ -11,24 +11,25 @@ from torch import Tensor
 from marl_cair.generative.loss import RareCorrection
 from marl_cair.generative.outcome import RewardBins
 
-MIN_VARIANCE = 1e-6  # of rewards: below, an error of 0.001 costs as much as one standard deviation
+MIN_VARIANCE = 1e-6  # of shaping rewards: below, an error of 0.001 costs as much as one standard deviation
 
 
 class RareCounts:
     """Running counts of rewards (by bin) and ends, of all real training rows and the rare ones.
 
-    A row is rare if it ends the episode or if its reward's bin holds less than `bin_share` of all
-    rows so far. So where rewards are sparse every reward is rare, and where they are shaped (nearly
-    every row pays something) the large ones are.
+    A row is rare if it ends the episode or if its reward is among the seldom ones that together
+    make up less than `rare_share` of all rows so far. So where rewards are sparse every reward is
+    rare, and where they are shaped (nearly every row pays something) the large ones are; shaping
+    rewards spread over many bins, each of which is seldom, must not crowd out the ends.
     """
 
-    def __init__(self, bins: RewardBins, bin_share: float) -> None:
+    def __init__(self, bins: RewardBins, rare_share: float) -> None:
         self.bins = bins
-        self.bin_share = bin_share
+        self.rare_share = rare_share
         num = bins.centres.numel()
         self.all_rewards = torch.zeros(num, dtype=torch.float64)
         self.rare_rewards = torch.zeros(num, dtype=torch.float64)
-        self.sum_reward = 0.0
+        self.sum_reward = 0.0  # these two of rows that go on
         self.sum_square = 0.0
         self.all_ends = 0.0
         self.rare_ends = 0.0
@@ -42,8 +43,9 @@ class RareCounts:
         spread = self.bins.spread(rewards).double()
         self.all_rewards += spread.sum(0)
         self.num_rows += rewards.numel()
-        self.sum_reward += float(rewards.double().sum())
-        self.sum_square += float(rewards.double().square().sum())
+        going_on = rewards[~ends].double()
+        self.sum_reward += float(going_on.sum())
+        self.sum_square += float(going_on.square().sum())
         self.all_ends += float(ends.sum())
         rare: Tensor = ends | self.is_rare_reward(rewards)
         self.rare_rewards += spread[rare].sum(0)
@@ -52,10 +54,11 @@ class RareCounts:
         return rare
 
     def is_rare_reward(self, rewards: Tensor) -> Tensor:
-        """Whether the bins nearest to the rewards [N] are seldom seen, bool [N]."""
-        nearest = self.bins.spread(rewards).argmax(-1)
-        rare: Tensor = self.all_rewards[nearest] < self.bin_share * self.num_rows
-        return rare
+        """Whether the bins nearest to the rewards [N] are among the seldom ones, bool [N]."""
+        counts, order = self.all_rewards.sort()
+        rare = torch.zeros_like(order, dtype=torch.bool)
+        rare[order] = counts.cumsum(0) < self.rare_share * self.num_rows
+        return rare[self.bins.spread(rewards).argmax(-1)]
 
     def correct(self, is_from_rare: Tensor, is_rare: Tensor) -> RareCorrection:
         """The correction for a batch.
@@ -74,8 +77,9 @@ class RareCounts:
         true_end = (self.all_ends + 0.5) / (self.num_rows + 1.0)
         rare_end = (self.rare_ends + 0.5) / (self.num_rare + 1.0)
         drawn_end = (1.0 - share) * true_end + share * rare_end
-        mean = self.sum_reward / max(self.num_rows, 1.0)
-        variance = max(self.sum_square / max(self.num_rows, 1.0) - mean**2, MIN_VARIANCE)
+        num_going_on = max(self.num_rows - self.all_ends, 1.0)
+        mean = self.sum_reward / num_going_on
+        variance = max(self.sum_square / num_going_on - mean**2, MIN_VARIANCE)
         terminal = torch.tensor([drawn_end, true_end]).clamp(1e-6, 1.0 - 1e-6).logit()
         shift = float(terminal[0] - terminal[1])
         return RareCorrection(weights, log_odds.float(), variance, shift)

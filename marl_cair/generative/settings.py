@@ -155,10 +155,6 @@ class NetworkSize:
         (0, -1),
         (1, 0),
         (-1, 0),
-        (1, 1),
-        (1, -1),
-        (-1, 1),
-        (-1, -1),
     )
     steps: int = 6  # of each plane's own values that are candidates, the commonest ones
 
@@ -226,7 +222,7 @@ class GeneratorConfig:
     economy_learning_rate: float = 1e-2  # its features are counts, which seldom differ from 0
     max_grad_norm: float = 100.0  # far above the usual: clipping every step would bias odds
     rare_share: float = 0.25  # of each training batch: rows with a rare reward or an end
-    rare_bin_share: float = 0.02  # a reward is rare if its bin holds less than this of all rows
+    rare_reward_share: float = 0.02  # of all rows, which the seldom rewards make up together
     rare_capacity: int = 2048  # transitions
     heldout_share: float = 0.1  # of real transitions, by hash of their index
     heldout_capacity: int = 1024  # transitions

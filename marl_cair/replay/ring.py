@@ -33,12 +33,12 @@ class Ring(NamedTuple):
     demonstrated: NDArray[np.bool_]  # the action was chosen by a demonstrator
     opponent: NDArray[np.int16]
     successor: NDArray[np.int64]  # slot of the stream's next entry, or NO_ENTRY
-    sampleable: NDArray[np.bool_]  # terminated, or has a successor; never true for a tail
+    sampleable: NDArray[np.bool_]  # has a successor; never true for a tail
     counters: NDArray[np.int64]  # [2]: NUM_WRITTEN, NUM_SAMPLEABLE
 
 
 class Steps(NamedTuple):
-    """A rollout of T * S steps, time first, with the final observations of truncated steps."""
+    """A rollout of T * S steps, time first, with the final observations of steps that end."""
 
     observation: NDArray[np.uint8]  # [T * S, C * H * W * itemsize]
     action_mask: NDArray[np.bool_]  # [T * S, A]
@@ -83,11 +83,11 @@ def find_fault(steps: Steps, board_bytes: int, num_cells: int) -> tuple[int, int
             return LEGAL_FAULT, k
         if not has_uniform_planes(steps.observation[k], board_bytes, num_cells):
             return UNIFORM_FAULT, k
-        if steps.truncated[k] and not steps.terminated[k]:
+        if steps.truncated[k] or steps.terminated[k]:
             row = steps.final_row[k]
             if row == NO_ENTRY:
                 return TAIL_FAULT, k
-            if not steps.final_action_mask[row].any():
+            if not steps.terminated[k] and not steps.final_action_mask[row].any():
                 return MASK_FAULT, k
             if not has_uniform_planes(steps.final_observation[row], board_bytes, num_cells):
                 return UNIFORM_FAULT, k
@@ -128,19 +128,15 @@ def append_steps(
         slot = write_entry(ring, steps.observation[k], steps.action_mask[k], board_bytes, num_cells)
         link_entries(ring, open_ends[stream], slot)
         slots[k] = slot
-        terminated = steps.terminated[k]
-        truncated = steps.truncated[k] and not terminated
+        done = steps.terminated[k] or steps.truncated[k]
         ring.action[slot] = steps.action[k]
         ring.reward[slot] = steps.reward[k]
         ring.demonstrated[slot] = steps.demonstrated[k]
         ring.opponent[slot] = steps.opponent[k]
-        ring.terminated[slot] = terminated
-        ring.done[slot] = terminated or truncated
-        open_ends[stream] = NO_ENTRY if terminated or truncated else number
-        if terminated:
-            ring.sampleable[slot] = True
-            ring.counters[NUM_SAMPLEABLE] += 1
-        if truncated:
+        ring.terminated[slot] = steps.terminated[k]
+        ring.done[slot] = done
+        open_ends[stream] = NO_ENTRY if done else number
+        if done:
             row = steps.final_row[k]
             observation, mask = steps.final_observation[row], steps.final_action_mask[row]
             tail = write_entry(ring, observation, mask, board_bytes, num_cells)
@@ -219,7 +215,7 @@ def gather_transitions(
             last = following
             total += discounts[num_steps] * float(ring.reward[last])
             num_steps += 1
-        reached = last if ring.terminated[last] else ring.successor[last]
+        reached = ring.successor[last]
         rows.action[n] = ring.action[first]
         rows.next_reward[n] = total
         rows.next_terminated[n] = ring.terminated[last]

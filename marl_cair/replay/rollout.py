@@ -27,15 +27,16 @@ class Rollout:
 
     Observations are those that the action was chosen on. The one after the last step is not given:
     it comes with the next rollout, as the first observation of the same stream. Only of a step that
-    is truncated is the true final observation needed, in rows that `final_step` points from.
+    ends its episode is the true final observation needed, in rows that `final_step` points from.
 
     observation [T, S, *shape]; action_mask bool [T, S, A]; action int64 [T, S]; reward float32
     [T, S], the reward of the step; terminated, truncated bool [T, S] (both: terminated counts);
     learned bool [T, S]: steps to store, a stream that pauses without an end is not linked over the
     gap; demonstrated bool [T, S], whether a demonstrator chose the action; opponent int16 [T, S],
     who was met, NO_OPPONENT where nobody is known.
-    final_step int64 [K]: t * S + s of K truncated steps, each once; final_observation [K, *shape];
-    final_action_mask bool [K, A]. Rows of steps that are not learned or are terminated are skipped.
+    final_step int64 [K]: t * S + s of K terminated or truncated steps, each once;
+    final_observation [K, *shape]; final_action_mask bool [K, A], after a terminated step it may
+    allow nothing. Rows of steps that are not learned are skipped.
     """
 
     observation: torch.Tensor
@@ -61,7 +62,7 @@ def check_rollout(rollout: Rollout, spec: TransitionSpec) -> Steps:
     """Return the rollout as flat arrays (views where it is contiguous) for `append_steps`.
 
     Raises ValueError for a field of wrong dtype or shape, an action that is outside the space or
-    illegal, a plane that should be uniform and is not, and a truncated step without its final
+    illegal, a plane that should be uniform and is not, and a step that ends without its final
     observation.
     """
     _check_fields(rollout, spec)
@@ -137,11 +138,11 @@ def _place_final_rows(rollout: Rollout) -> NDArray[np.int64]:
         raise ValueError(
             f"rollout.final_step holds {wrong}, expected t * S + s in 0..{num_steps - 1}"
         )
-    truncated = rollout.truncated.reshape(-1).numpy()[final_step]
-    if not truncated.all():
+    ends = (rollout.truncated | rollout.terminated).reshape(-1).numpy()[final_step]
+    if not ends.all():
         raise ValueError(
-            f"rollout.final_step holds {final_step[~truncated][0]}, a step that is not truncated: "
-            "give final observations of truncated steps only"
+            f"rollout.final_step holds {final_step[~ends][0]}, a step that is neither terminated "
+            "nor truncated: give final observations of ends only"
         )
     final_row[final_step] = np.arange(len(final_step))
     if np.count_nonzero(final_row != NO_ENTRY) != len(final_step):
@@ -157,7 +158,7 @@ def _describe_fault(fault: int, steps: Steps, step: int, spec: TransitionSpec) -
         legal = np.flatnonzero(steps.action_mask[step]).tolist()
         return f"action {action} is not legal by its action_mask; legal are {legal}"
     if fault == TAIL_FAULT:
-        return "is truncated but has no final observation: add it to final_step"
+        return "ends its episode but has no final observation: add it to final_step"
     if fault == MASK_FAULT:
         return "final_action_mask allows no action: allow at least the no-op"
     return (  # UNIFORM_FAULT

@@ -2,7 +2,7 @@
 
 A transition is put together when it is sampled: its next observation is the observation of the
 stream's following step, and an n-step return walks along the chain of steps. The newest step of a
-running stream has no next observation yet and cannot be sampled; a truncated episode ends in one
+running stream has no next observation yet and cannot be sampled; an episode ends in one
 more entry, a tail, that holds only its final observation and cannot be sampled either.
 """
 
@@ -183,8 +183,7 @@ class EpisodeStorage(Storage):
 
         Keys, dtypes and shapes are those of `TransitionSpec.fields`, but "index", which the buffer
         adds. The reward is the sum of gamma^k r_k over up to n_steps steps: fewer where the episode
-        ends or its next steps are not there yet; steps_to_next_obs tells how many. The next
-        observation and mask of a terminated transition are copies of those of its last step.
+        ends or its next steps are not there yet; steps_to_next_obs tells how many.
         Raises IndexError for a slot that is not sampleable.
         """
         return self._gather(index, self._discounts)
@@ -322,7 +321,7 @@ class EpisodeStorage(Storage):
         for name in _SAVED_FIELDS:
             getattr(self._ring, name)[:size] = arrays[name]
         ring = self._ring
-        ring.sampleable[:size] = ring.terminated[:size] | (ring.successor[:size] != NO_ENTRY)
+        ring.sampleable[:size] = ring.successor[:size] != NO_ENTRY
         ring.counters[NUM_WRITTEN] = facts["num_written"]
         ring.counters[NUM_SAMPLEABLE] = np.count_nonzero(ring.sampleable[:size])
         open_ends = arrays.get("open_ends")

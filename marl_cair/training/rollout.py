@@ -10,15 +10,16 @@ from marl_cair.replay.rollout import Rollout
 
 
 def make_rollout(data: TensorDictBase, reward_scale: float) -> Rollout:
-    """Streams are seats of worlds, s = b * P + p; only truncated ends carry a next observation.
+    """Streams are seats of worlds, s = b * P + p; only ends carry a next observation.
 
     The step at which a seat goes out is terminated for that seat, and no later one is learned.
     """
     group, following = data[GROUP], data["next", GROUP]
     terminated = _by_time(following["terminated"]).squeeze(-1)
     truncated = _by_time(following["truncated"]).squeeze(-1) & ~terminated
+    # What terminated steps lead to is of no value to Q-learning, but the generator learns ends.
     learned = _by_time(group["learned"])
-    final_step = (truncated & learned).flatten().nonzero().squeeze(1)
+    final_step = ((terminated | truncated) & learned).flatten().nonzero().squeeze(1)
     num_streams = learned.shape[1]
     time, stream = final_step // num_streams, final_step % num_streams
     players = group["action"].shape[-1]

@@ -18,13 +18,14 @@ from marl_cair.generative.cells import (
 )
 
 SHIFTS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+NO_STEPS = torch.arange(256, dtype=torch.uint8).repeat(2, 1, 1)  # of two planes
 
 
 def make_cells(num: int, seed: int) -> CellDistribution:
     generator = torch.Generator().manual_seed(seed)
     planes = torch.randint(0, 3, (num, 1, 3, 3), generator=generator).to(torch.uint8) * 64
-    candidates = gather_candidates(planes, SHIFTS, torch.arange(num) * 9 + 4)
-    outputs = torch.randn(count_outputs(len(SHIFTS)), num, generator=generator)
+    candidates = gather_candidates(planes, SHIFTS, NO_STEPS[:1], torch.arange(num) * 9 + 4)
+    outputs = torch.randn(count_outputs(len(SHIFTS), 0), num, generator=generator)
     return build_distribution(outputs, candidates)
 
 
@@ -62,21 +63,22 @@ def test_mode_is_the_value_of_largest_mass_where_it_is_likely() -> None:
 def test_candidates_are_own_shifted_empty_and_full() -> None:
     planes = torch.arange(1, 13, dtype=torch.uint8).view(1, 1, 3, 4)
     # Row 1, column 2 holds 7: from the left 6, right 8, above 3, below 11.
-    candidates = gather_candidates(planes, SHIFTS, torch.tensor([6]))
+    candidates = gather_candidates(planes, SHIFTS, NO_STEPS[:1], torch.tensor([6]))
     assert candidates[:, 0].tolist() == [7, 6, 8, 3, 11, 0, 255]
 
 
 def test_candidates_beyond_the_board_are_empty() -> None:
     planes = torch.full((1, 1, 2, 2), 9, dtype=torch.uint8)
-    assert gather_candidates(planes, SHIFTS, torch.tensor([0]))[:, 0].tolist() == [
+    assert gather_candidates(planes, SHIFTS, NO_STEPS[:1], torch.tensor([0]))[:, 0].tolist() == [
         9, 0, 9, 0, 9, 0, 255,
     ]  # fmt: skip
 
 
 def test_candidates_of_all_cells_equal_those_of_chosen_cells() -> None:
     planes = torch.randint(0, 256, (3, 2, 4, 5), dtype=torch.uint8)
-    everywhere = gather_candidates(planes, ((0, 2), (-1, 1)))
-    chosen = gather_candidates(planes, ((0, 2), (-1, 1)), torch.arange(planes.numel()))
+    everywhere = gather_candidates(planes, ((0, 2), (-1, 1)), NO_STEPS)
+    cells = torch.arange(planes.numel())
+    chosen = gather_candidates(planes, ((0, 2), (-1, 1)), NO_STEPS, cells)
     assert torch.equal(everywhere, chosen)
 
 

@@ -133,6 +133,12 @@ def test_few_ends_and_rare_rewards_do_not_shut_the_gate() -> None:
     assert judge({**GOOD, **few}, GateConfig()) == ()
 
 
+def test_what_ends_pay_is_judged_where_nothing_else_pays() -> None:
+    constant = {"reward/std": 0.0, "reward/mae": 0.0, "reward/rare_recall": 0.1}
+    reason = "rare-reward recall 0.100 is below 0.600"
+    assert judge({**GOOD, **constant}, GateConfig()) == (reason,)
+
+
 def make_opinions(**changes: Any) -> Opinions:
     """Two members that agree on one ordinary row."""
     fields: dict[str, torch.Tensor] = {

@@ -54,7 +54,7 @@ def test_empty_stays_empty_and_unseen_steps_change_nothing() -> None:
 
 def test_what_walks_in_has_its_own_step() -> None:
     now, later = draw_boards(8, torch.Generator().manual_seed(1))
-    candidates = gather_candidates(now, SHIFTS, None, count(20).results)
+    candidates = gather_candidates(now, SHIFTS, count(20).results)
     assert candidates.shape[0] == 1 + len(SHIFTS) + 3 + 2
     arrived = (later[:, WALKER] > 0).flatten()
     from_left = candidates[1].view(8, 2, -1)[:, WALKER].flatten()
@@ -74,17 +74,17 @@ def test_slots_change_hands_only_for_a_step_that_is_twice_as_common() -> None:
 def test_candidates_with_steps_are_the_same_for_chosen_cells() -> None:
     now, _ = draw_boards(4, torch.Generator().manual_seed(2))
     results = count(20).results
-    chosen = gather_candidates(now, SHIFTS, torch.arange(now.numel()), results)
-    assert torch.equal(chosen, gather_candidates(now, SHIFTS, None, results))
+    chosen = gather_candidates(now, SHIFTS, results, torch.arange(now.numel()))
+    assert torch.equal(chosen, gather_candidates(now, SHIFTS, results))
 
 
 def test_near_readout_sees_two_cells_far_and_not_three() -> None:
-    readout = NearReadout(num_spatial=2, num_rows=1, num_factors=1)
+    readout = NearReadout(num_spatial=2, num_factors=1)
     with torch.no_grad():  # the factor: something of plane 1 within two cells
         readout.enter.weight.copy_(torch.tensor([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]))
         readout.enter.bias.zero_()
-    board = torch.zeros(2, 8, 2)
-    board[:, 0, 0] = 1.0
-    board[0, 2, 1] = board[1, 3, 1] = 1.0
-    sums = readout(board).view(2, 1, 2).expm1()
+    planes = torch.zeros(2, 2, 1, 8, dtype=torch.uint8)
+    planes[:, 0, 0, 0] = 255
+    planes[0, 1, 0, 2] = planes[1, 1, 0, 3] = 255
+    sums = readout(planes).view(2, 1, 2).expm1()
     torch.testing.assert_close(sums[:, 0], torch.tensor([[1.0, 1.0], [0.0, 1.0]]))

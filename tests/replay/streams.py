@@ -22,15 +22,15 @@ def make_rollout(
 ) -> Rollout:
     """Make random legal steps; `end_rate` of them terminate and as many are truncated."""
     shape = (num_steps, num_streams)
-    truncated = rng.random(shape) < end_rate
-    final_step = np.flatnonzero(truncated)
+    truncated, terminated = (rng.random(shape) < end_rate for _ in range(2))
+    final_step = np.flatnonzero(truncated | terminated)
     mask = make_masks(rng, (*shape,), spec)
     return Rollout(
         observation=make_observations(rng, shape, spec),
         action_mask=mask,
         action=torch.from_numpy(np.argmax(rng.random(mask.shape) * mask.numpy(), axis=-1)),
         reward=torch.from_numpy(rng.normal(size=shape).astype(np.float32)),
-        terminated=torch.from_numpy(rng.random(shape) < end_rate),
+        terminated=torch.from_numpy(terminated),
         truncated=torch.from_numpy(truncated),
         learned=torch.from_numpy(rng.random(shape) < learned_rate),
         demonstrated=torch.from_numpy(rng.random(shape) < 0.2),
@@ -103,7 +103,7 @@ class Episode:
     """Consecutive stored steps of one stream, and how they ended."""
 
     steps: list[dict[str, Any]] = field(default_factory=list)
-    final: tuple[torch.Tensor, torch.Tensor] | None = None  # of a truncated episode
+    final: tuple[torch.Tensor, torch.Tensor] | None = None  # what its last step led to
     is_over: bool = False
 
 
@@ -142,9 +142,7 @@ class ListReplay:
         slot = self.num_written % self.capacity
         episode.steps.append({**step, "entry": self.num_written})
         self.num_written += 1
-        if rollout.terminated[t, s]:
-            episode.is_over = True
-        elif rollout.truncated[t, s]:
+        if rollout.terminated[t, s] or rollout.truncated[t, s]:
             row = rollout.final_step.tolist().index(t * rollout.num_streams + s)
             episode.final = (rollout.final_observation[row], rollout.final_action_mask[row])
             episode.is_over = True
@@ -175,9 +173,7 @@ class ListReplay:
         last = position + len(chain) - 1
         is_end = last == len(episode.steps) - 1
         terminated = bool(chain[-1]["terminated"])
-        if terminated:
-            reached = (chain[-1]["observation"], chain[-1]["action_mask"])
-        elif is_end:
+        if is_end:
             assert episode.final is not None
             reached = episode.final
         else:

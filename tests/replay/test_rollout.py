@@ -71,11 +71,11 @@ FAULTS = {
     ),
     "no final": (
         no_finals,
-        r"t=2, stream 1: is truncated but has no final observation: add it to final_step",
+        r"t=2, stream 1: ends its episode but has no final observation: add it to final_step",
     ),
     "final of a running step": (
         lambda: {"final_step": torch.tensor([4])},
-        r"final_step holds 4, a step that is not truncated",
+        r"final_step holds 4, a step that is neither terminated nor truncated",
     ),
     "final outside": (
         lambda: {"final_step": torch.tensor([8])},
@@ -92,6 +92,17 @@ FAULTS = {
     ),
     "flat": (lambda: {"action": torch.zeros(8, dtype=torch.int64)}, r"shape \[8\], expected \[T"),
 }
+
+
+def test_after_a_terminated_step_no_action_need_be_legal():
+    rollout = make_sound_rollout()
+    changes = {
+        "terminated": rollout.truncated,
+        "final_action_mask": torch.zeros_like(rollout.final_action_mask),
+    }
+    storage = EpisodeStorage(SMALL, 20)
+    slots = storage.append(Rollout(**{**vars(rollout), **changes}))
+    assert not storage.get(slots[5:6])["next", "action_mask"].any()
 
 
 @pytest.mark.parametrize("name", FAULTS)

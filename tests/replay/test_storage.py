@@ -22,14 +22,14 @@ def make_steps(
     rollout = make_rollout(
         np.random.default_rng(0), len(rewards), 1, spec, end_rate=0.0, learned_rate=1.1
     )
-    is_final = torch.tensor(truncated)
+    is_final = torch.tensor(truncated) | torch.tensor(terminated)
     final_step = is_final.nonzero().flatten()
     return Rollout(
         **{
             **vars(rollout),
             "reward": torch.tensor(rewards).unsqueeze(1),
             "terminated": torch.tensor(terminated).unsqueeze(1),
-            "truncated": is_final.unsqueeze(1),
+            "truncated": torch.tensor(truncated).unsqueeze(1),
             "final_step": final_step,
             "final_observation": rollout.observation[final_step, 0] ^ 255,
             "final_action_mask": ~rollout.action_mask[final_step, 0],
@@ -83,7 +83,7 @@ def test_a_successor_is_always_newer_and_still_there(seed, capacity):
         storage.append(make_rollout(rng, int(rng.integers(0, 8)), 3, end_rate=0.1))
         newest = storage.num_written - 1
         ages = (newest - np.arange(capacity)) % capacity  # 0: the newest entry
-        slots = np.flatnonzero(storage._ring.sampleable & ~storage._ring.terminated)
+        slots = np.flatnonzero(storage._ring.sampleable)
         successors = storage._ring.successor[slots]
         assert (ages[successors] < ages[slots]).all()
         assert (ages[slots] < storage.num_written).all()
@@ -105,20 +105,20 @@ def test_an_n_step_reward_is_the_exact_discounted_sum():
     assert rows["steps_to_next_obs"].flatten().tolist() == [3, 3, 2, 1]
 
 
-def test_a_chain_stops_at_termination_and_repeats_the_last_observation():
+def test_a_chain_stops_at_termination_and_reaches_its_final_observation():
     storage = EpisodeStorage(SMALL, 10, n_steps=3, gamma=0.5)
     steps = make_steps(
         [1.0, 2.0, 4.0, 8.0], terminated=[False, True, False, False], truncated=[False] * 4
     )
     storage.append(steps)
-    rows = storage.get([0, 1, 2])
+    rows = storage.get([0, 1, 3])  # slot 2 is the tail
     assert rows["next", "reward"].flatten().tolist() == [2.0, 2.0, 4.0]
     assert rows["steps_to_next_obs"].flatten().tolist() == [2, 1, 1]
     assert rows["next", "terminated"].flatten().tolist() == [True, True, False]
     assert rows["next", "done"].flatten().tolist() == [True, True, False]
     for row in (0, 1):
-        assert torch.equal(rows["next", "observation"][row], steps.observation[1, 0])
-        assert torch.equal(rows["next", "action_mask"][row], steps.action_mask[1, 0])
+        assert torch.equal(rows["next", "observation"][row], steps.final_observation[0])
+        assert torch.equal(rows["next", "action_mask"][row], steps.final_action_mask[0])
 
 
 def test_a_truncated_step_is_done_but_not_terminated_and_reaches_its_final_observation():
@@ -135,11 +135,11 @@ def test_a_truncated_step_is_done_but_not_terminated_and_reaches_its_final_obser
         assert torch.equal(rows["next", "action_mask"][row], steps.final_action_mask[0])
 
 
-def test_a_step_both_terminated_and_truncated_counts_as_terminated_without_a_tail():
+def test_a_step_both_terminated_and_truncated_counts_as_terminated():
     storage = EpisodeStorage(SMALL, 10)
     steps = make_steps([1.0], terminated=[True], truncated=[True])
     storage.append(steps)
-    assert storage.num_written == 1
+    assert storage.num_written == 2
     assert storage.get([0])["next", "terminated"].item()
 
 

@@ -93,7 +93,9 @@ class CCDN(nn.Module):
         num_outlook = 2 * hidden + self.near.num_sums
         self.economy = EconomyChain(num_outlook, uniform, size.economy_hidden)
         self.film_economy = nn.Linear(size.economy_hidden, 2 * channels)
-        steps = torch.arange(256, dtype=torch.uint8).repeat(len(spec.moving_planes), size.steps + 1, 1)
+        steps = torch.arange(256, dtype=torch.uint8).repeat(
+            len(spec.moving_planes), size.steps + 1, 1
+        )
         self.register_buffer("step_results", steps)  # of `StepTable`, which the ensemble counts
         self.outputs_per_cell = count_outputs(len(size.shifts), size.steps)
         self.cell_head = nn.Linear(channels, len(spec.moving_planes) * self.outputs_per_cell)

@@ -2,8 +2,9 @@
 
 A cell of a plane keeps its value, takes that of a neighbour (things walk), takes a step that is
 usual in its plane (`steps.py`), empties, fills, or takes a new value (damage). So its next value is
-a mixture of point masses at the candidate values [own, neighbours..., steps..., 0, 255] and one logistic that is rounded to 0..255. Copying is thus
-exact and a moved thing keeps its exact value (the copy gate of CCDN v2, extended to neighbours).
+a mixture of point masses at the candidate values [own, neighbours..., steps..., 0, 255] and one
+logistic that is rounded to 0..255. Copying is thus exact and a moved thing keeps its exact value
+(the copy gate of CCDN v2, extended to neighbours).
 """
 
 from __future__ import annotations

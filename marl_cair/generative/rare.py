@@ -11,7 +11,7 @@ from torch import Tensor
 from marl_cair.generative.loss import RareCorrection
 from marl_cair.generative.outcome import RewardBins
 
-MIN_VARIANCE = 1e-6  # of shaping rewards: below, an error of 0.001 costs as much as one standard deviation
+MIN_VARIANCE = 1e-6  # of rewards: below, an error of 0.001 costs as much as one standard deviation
 
 
 class RareCounts:

@@ -6,6 +6,8 @@ their results are candidates of the cells' mixture; when each is taken is learne
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -14,6 +16,15 @@ NUM_VALUES = 256
 NUM_DIFFERENCES = 2 * NUM_VALUES - 1
 SMALLEST_ROUNDED = 8  # steps from here on may differ by 1 from value to value (25.5 of a clock)
 MIN_COUNT = 3  # of a step, before it gets a slot
+IN_PLACE, ON_ARRIVAL = range(2)
+
+
+class Moves(NamedTuple):
+    """M values that changed: int64 [M] each."""
+
+    plane: Tensor
+    before: Tensor
+    after: Tensor
 
 
 class StepTable(nn.Module):
@@ -24,7 +35,7 @@ class StepTable(nn.Module):
     has learned when this step is taken.
     """
 
-    seen: Tensor  # int64 [2, P, differences], steps in place and on arrival
+    seen: Tensor  # int64 [2, P, differences], IN_PLACE and ON_ARRIVAL
     slots: Tensor  # int64 [P, K + 1], 0 where empty
     rounding: Tensor  # int64 [P, K + 1, 256, 3], how far results lie from the slot's step
     results: Tensor  # uint8 [P, K + 1, 256], the value after the step; 0 stays 0
@@ -44,37 +55,24 @@ class StepTable(nn.Module):
 
     @torch.no_grad()
     def count(self, planes: Tensor, later: Tensor, shifts: tuple[tuple[int, int], ...]) -> None:
-        """Count the steps between boards uint8 [N, P, H, W]."""
-        image, plane, row, column = ((planes != later) & (later > 0)).nonzero().T
-        own, value = planes[image, plane, row, column].long(), later[image, plane, row, column]
-        value = value.long()
-        stays = own > 0
-        moves = [(plane[stays], own[stays], value[stays])]
-        reach = max((max(abs(dr), abs(dc)) for dr, dc in shifts), default=0)
-        padded = functional.pad(planes, (reach, reach, reach, reach))
-        image, plane, row, column = (part[~stays] for part in (image, plane, row, column))
-        arrived: list[tuple[Tensor, Tensor, Tensor]] = []
-        for dr, dc in shifts:
-            near = padded[image, plane, row + reach - dr, column + reach - dc].long()
-            found = near > 0
-            arrived.append((plane[found], near[found], value[~stays][found]))
-        if arrived:
-            of_plane, before, after = (torch.cat(part) for part in zip(*arrived, strict=True))
-            moves.append((of_plane, before, after))
-        for kind, (of_plane, before, after) in enumerate(moves):
-            places = of_plane * NUM_DIFFERENCES + after - before + NUM_VALUES - 1
+        """Count the steps between boards uint8 [N, P, H, W].
+
+        Shift (dr, dc): a value may come from (row - dr, column - dc).
+        """
+        for kind, moves in enumerate(_find_moves(planes, later, shifts)):
+            places = moves.plane * NUM_DIFFERENCES + moves.after - moves.before + NUM_VALUES - 1
             length = self.num_planes * NUM_DIFFERENCES
             self.seen[kind] += torch.bincount(places, minlength=length).view(self.num_planes, -1)
-        self._fill_slots(self.seen[0], slice(0, self.num_steps))
-        if arrived:
-            self._fill_slots(self.seen[1], slice(self.num_steps, None))
-        for kind, (of_plane, before, after) in enumerate(moves):
-            which = slice(0, self.num_steps) if kind == 0 else slice(self.num_steps, None)
-            self._count_rounding(of_plane, before, after, which)
+            self._fill_slots(kind)
+            self._count_rounding(kind, moves)
         self._find_results()
 
-    def _fill_slots(self, seen: Tensor, which: slice) -> None:
-        slots = self.slots[:, which]
+    def _slots_of(self, kind: int) -> slice:
+        return slice(self.num_steps) if kind == IN_PLACE else slice(self.num_steps, None)
+
+    def _fill_slots(self, kind: int) -> None:
+        """Give the weakest slot of each plane to the commonest step without one, if it is due."""
+        slots, seen = self.slots[:, self._slots_of(kind)], self.seen[kind]
         if not slots.shape[1]:
             return
         near = 2 * seen  # so that the middle of three wins
@@ -83,7 +81,7 @@ class StepTable(nn.Module):
         counts = torch.where(self.is_rounded, near, 2 * seen)
         places = slots + NUM_VALUES - 1
         of_slots = counts.gather(1, places)
-        if not which.start:  # on arrival an empty slot stands for the value as it was
+        if kind == IN_PLACE:  # on arrival an empty slot stands for the value as it was
             of_slots = of_slots.masked_fill(slots == 0, 0)
         # What a slot stands for already, rounded or not, is no newcomer.
         for offset in (-2, -1, 0, 1, 2):
@@ -94,16 +92,17 @@ class StepTable(nn.Module):
         weakest, slot = of_slots.min(1)
         wins = (best > 2 * weakest) & (best >= 2 * MIN_COUNT)
         planes = wins.nonzero().squeeze(-1)
-        slot = slot[planes] + which.start
-        self.slots[planes, slot] = step[planes] - (NUM_VALUES - 1)
-        self.rounding[planes, slot] = 0
+        slot = slot[planes]
+        slots[planes, slot] = step[planes] - (NUM_VALUES - 1)
+        self.rounding[:, self._slots_of(kind)][planes, slot] = 0
 
-    def _count_rounding(self, plane: Tensor, before: Tensor, after: Tensor, which: slice) -> None:
-        steps = self.slots[:, which][plane]
-        off = (after - before)[:, None] - steps
+    def _count_rounding(self, kind: int, moves: Moves) -> None:
+        steps = self.slots[:, self._slots_of(kind)][moves.plane]
+        off = (moves.after - moves.before)[:, None] - steps
         row, slot = ((off.abs() <= 1) & (steps.abs() >= SMALLEST_ROUNDED)).nonzero().T
-        place = plane[row], slot + (which.start or 0), before[row], off[row, slot] + 1
-        self.rounding.index_put_(place, torch.ones_like(row), accumulate=True)
+        place = moves.plane[row], slot, moves.before[row], off[row, slot] + 1
+        rounding = self.rounding[:, self._slots_of(kind)]
+        rounding.index_put_(place, torch.ones_like(row), accumulate=True)
 
     def _find_results(self) -> None:
         values = torch.arange(NUM_VALUES)
@@ -113,3 +112,23 @@ class StepTable(nn.Module):
         results = torch.where(self.slots[..., None] == 0, values, results)
         results[..., 0] = 0
         self.results.copy_(results)
+
+
+def _find_moves(
+    planes: Tensor, later: Tensor, shifts: tuple[tuple[int, int], ...]
+) -> tuple[Moves, Moves]:
+    """The moves in place, and those that may have come to an empty cell from a neighbour."""
+    image, plane, row, column = ((planes != later) & (later > 0)).nonzero().T
+    own, after = (board[image, plane, row, column].long() for board in (planes, later))
+    stays = own > 0
+    reach = max((max(abs(dr), abs(dc)) for dr, dc in shifts), default=0)
+    padded = functional.pad(planes, (reach, reach, reach, reach))
+    sources = [
+        padded[image, plane, row + reach - dr, column + reach - dc].long() * ~stays
+        for dr, dc in shifts
+    ]
+    before = torch.cat([own[:0], *sources])
+    came = before > 0
+    plane_came, after_came = (part.repeat(len(shifts))[came] for part in (plane, after))
+    in_place = Moves(plane[stays], own[stays], after[stays])
+    return in_place, Moves(plane_came, before[came], after_came)

@@ -23,7 +23,7 @@ from marl_cair.replay.transition import TransitionSpec
 class ReplayConfig:
     """Settings of the replay of real transitions."""
 
-    capacity_transitions: int = 1_000_000  # entries of the ring; each end of an episode takes one more
+    capacity_transitions: int = 1_000_000  # entries of the ring: steps, and ends of episodes
     batch_size: int = 32  # transitions per sample
     n_steps: int = 1  # steps of a return
     gamma: float = 0.99  # discount per step

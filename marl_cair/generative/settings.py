@@ -185,6 +185,7 @@ class GateConfig:
     min_rare_recall: float = 0.6  # members agree on missing rewards, so agreement cannot show it
     min_mask_accuracy: float = 0.98  # of entries: a wrong entry shifts a max over many actions
     slack_when_open: float = 0.7  # of shares found or explained, which scatter by 0.1
+    small_slack_when_open: float = 0.9  # of all cells and uniform planes, which scatter by 0.03
     evaluation_rows: int = 512  # held-out rows measured at a time; half tune the acceptance
     tail: float = 0.03  # share of real rows that each likelihood test may turn away
     max_reward_spread: float = 1.0  # of members, in standard deviations of real rewards
@@ -193,10 +194,10 @@ class GateConfig:
     def __post_init__(self) -> None:
         if not 0.0 < self.tail < 0.5:
             raise ValueError(f"tail is {self.tail}, expected a share above 0 and below 0.5")
-        if not 0.0 < self.slack_when_open <= 1.0:
-            raise ValueError(
-                f"slack_when_open is {self.slack_when_open}, expected a share above 0, at most 1"
-            )
+        for name in ("slack_when_open", "small_slack_when_open"):
+            slack = getattr(self, name)
+            if not 0.0 < slack <= 1.0:
+                raise ValueError(f"{name} is {slack}, expected a share above 0, at most 1")
         if not 0.5 <= self.certain_terminal < 1.0:
             raise ValueError(
                 f"certain_terminal is {self.certain_terminal}, expected 0.5 up to below 1"
@@ -204,12 +205,16 @@ class GateConfig:
 
     def loosen(self) -> GateConfig:
         """What an open gate must keep to: without slack, scatter would open and shut it in turn."""
+        large, small = self.slack_when_open, self.small_slack_when_open
         return replace(
             self,
-            min_reward_explained=self.slack_when_open * self.min_reward_explained,
-            max_terminal_overlooked=1.0
-            - self.slack_when_open * (1.0 - self.max_terminal_overlooked),
-            min_rare_recall=self.slack_when_open * self.min_rare_recall,
+            min_changed_f1=small * self.min_changed_f1,
+            max_cell_error_ratio=1.0 - small * (1.0 - self.max_cell_error_ratio),
+            max_nll_ratio=1.0 - small * (1.0 - self.max_nll_ratio),
+            max_uniform_mae_ratio=1.0 - small * (1.0 - self.max_uniform_mae_ratio),
+            min_reward_explained=large * self.min_reward_explained,
+            max_terminal_overlooked=1.0 - large * (1.0 - self.max_terminal_overlooked),
+            min_rare_recall=large * self.min_rare_recall,
         )
 
 

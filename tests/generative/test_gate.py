@@ -92,6 +92,26 @@ def test_an_open_gate_stays_open_through_scatter_but_not_beyond_its_slack(name: 
     assert judge({**between, "terminal/auc": 0.9}, config.loosen()) != ()
 
 
+@pytest.mark.parametrize(
+    ("between", "beyond"),
+    [
+        ({"cells/changed_f1": 0.55}, {"cells/changed_f1": 0.53}),
+        ({"cells/error": 0.72}, {"cells/error": 0.74}),
+        ({"likelihood/nll": 24.4}, {"likelihood/nll": 24.8}),
+        (
+            {"uniform/mae": 5.7, "uniform/nll": 1.63},
+            {"uniform/mae": 5.8, "uniform/nll": 1.65},
+        ),
+    ],
+)
+def test_an_open_gate_has_little_slack_where_little_scatters(
+    between: dict[str, float], beyond: dict[str, float]
+) -> None:
+    assert judge({**GOOD, **between}, GateConfig()) != ()
+    assert judge({**GOOD, **between}, GateConfig().loosen()) == ()
+    assert judge({**GOOD, **beyond}, GateConfig().loosen()) != ()
+
+
 def test_uniform_planes_that_nobody_can_foresee_are_judged_by_their_odds() -> None:
     assert judge({**GOOD, "uniform/mae": 9.0}, GateConfig()) == ()
 
@@ -121,10 +141,11 @@ def test_an_end_is_in_doubt_unless_all_members_are_sure(
     assert bool(find_doubtful_ends(torch.tensor(terminal)[:, None], 0.8)[0]) is in_doubt
 
 
+@pytest.mark.parametrize("name", ["slack_when_open", "small_slack_when_open"])
 @pytest.mark.parametrize("slack", [0.0, 1.1])
-def test_slack_is_a_share(slack: float) -> None:
-    with pytest.raises(ValueError, match=f"slack_when_open is {slack}, expected a share above 0"):
-        GateConfig(slack_when_open=slack)
+def test_slack_is_a_share(name: str, slack: float) -> None:
+    with pytest.raises(ValueError, match=f"^{name} is {slack}, expected a share above 0"):
+        GateConfig(**{name: slack})
 
 
 def test_few_ends_and_rare_rewards_do_not_shut_the_gate() -> None:

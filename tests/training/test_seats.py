@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from marl_cair.replay.transition import NO_OPPONENT
-from marl_cair.training.config import LearnerSettings
+from marl_cair.training.config import LearnerSettings, ReplaySettings
 from marl_cair.training.metrics import read_log
 from marl_cair.training.opponents import LATEST_ID
 from marl_cair.training.rollout import make_rollout
@@ -140,7 +140,8 @@ def test_the_step_at_which_a_seat_goes_out_is_terminal_and_its_last(tmp_path, sc
 def test_returns_of_a_seat_that_goes_out_end_with_its_last_reward(tmp_path, n_steps):
     """Seats score 0.01 to 0.09 a step; who leaves is paid -1 once, and nothing of it follows."""
     learner = LearnerSettings(batch_size=16, n_steps=n_steps, gamma=0.5)
-    run = make_run(tmp_path, "ffa-4", {"latest": 1.0}, learner=learner)
+    replay = ReplaySettings(6_000, 300, min_transitions=64)  # holds all steps and ends
+    run = make_run(tmp_path, "ffa-4", {"latest": 1.0}, learner=learner, replay=replay)
     batches = iter(run.collector)
     num_learned = 0
     for _ in range(6):
@@ -156,6 +157,7 @@ def test_returns_of_a_seat_that_goes_out_end_with_its_last_reward(tmp_path, n_st
     leaving = (rows["action"] == LEAVE) & (rows["steps_to_next_obs"].squeeze(1) == 1)
     assert leaving.sum() > 50
     assert rows["next", "terminated"].squeeze(1)[rows["action"] == LEAVE].all()
+    assert (rows["next", "observation"][rows["action"] == LEAVE][:, 1, 0, 0] == 1).all()
     paid = rows["next", "reward"].squeeze(1)[rows["action"] == LEAVE]
     assert set(paid.unique().tolist()) <= {-1.0, 0.0}  # 0: all left who were left
     assert (rows["steps_to_next_obs"] > 1).any() == (n_steps > 1)

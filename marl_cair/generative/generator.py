@@ -132,7 +132,7 @@ class CCDNGenerator:
         rows = self._heldout.sample(gate.evaluation_rows, generator)
         rare = self._rare_heldout.select(torch.arange(self._rare_heldout.num_rows))
         held = examine(self.ensemble, rows, rare, generator)
-        metrics = measure(held, self.spec, gate.certain_terminal)
+        metrics = measure(held, self.spec, self._counts, gate.certain_terminal)
         half = rows.shape[0] // 2
         acceptance = tune_acceptance(held.select(slice(None, half)), gate)
         checked = held.select(slice(half, None))

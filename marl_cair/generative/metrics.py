@@ -10,6 +10,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.generative.ensemble import Ensemble, Opinions
+from marl_cair.generative.rare import RareCounts
 from marl_cair.generative.settings import GeneratorSpec
 
 NUM_CALIBRATION_BINS = 10
@@ -47,17 +48,20 @@ def examine(
     )
 
 
-def measure(held: HeldOut, spec: GeneratorSpec, certain_terminal: float) -> dict[str, float]:
+def measure(
+    held: HeldOut, spec: GeneratorSpec, counts: RareCounts, certain_terminal: float
+) -> dict[str, float]:
     """All metrics by name. One that cannot be told from these rows is missing.
 
-    certain_terminal: of GateConfig; rows whose end is in doubt are never used.
+    counts: tells which rewards are rare, and how rare. certain_terminal: of GateConfig; rows whose
+    end is in doubt are never used.
     """
     in_doubt = find_doubtful_ends(held.rare_opinions.terminal, certain_terminal)
     return {
         **_measure_cells(held, spec),
         **_measure_uniform(held, spec),
         **_measure_likelihood(held, spec),
-        **_measure_reward(held, in_doubt),
+        **_measure_reward(held, counts, in_doubt),
         **_measure_terminal(held, in_doubt),
         **_measure_mask(held, spec),
     }
@@ -145,23 +149,55 @@ def _find_marginal_nll(now: Tensor, real: Tensor) -> float:
     return float(total + torch.stack(options).min()) / now.shape[0]
 
 
-def _measure_reward(held: HeldOut, in_doubt: Tensor) -> dict[str, float]:
-    """Errors of rewards where the episode goes on; what ends pay is judged with the rare rewards.
+class RewardSample(NamedTuple):
+    """Real rewards [N] after which the episode goes on, what was guessed, and weights of sum 1."""
 
-    One end in five hundred rows has more variance than all shaping: found or not, it would decide.
+    real: Tensor
+    guess: Tensor
+    weights: Tensor
+
+    def average(self, values: Tensor) -> float:
+        return float((values.double() * self.weights).sum())
+
+
+def _sample_rewards(held: HeldOut, counts: RareCounts) -> RewardSample:
+    """Stratified: the rare rewards, of which a few decide all variance, are those of `rare_rows`
+    with their share of all rows as weight; among `rows` there would be one or none of the largest.
+
+    Ends are left out: one in five hundred rows, found or not, would decide. What they pay is judged
+    with the rare rewards.
     """
-    goes_on = ~held.rows["next", "terminated"].squeeze(-1)
+    strata: list[tuple[Tensor, Tensor]] = []
+    for rows, opinions, wanted in (
+        (held.rows, held.opinions, False),
+        (held.rare_rows, held.rare_opinions, True),
+    ):
+        rewards = rows["next", "reward"].squeeze(-1)
+        chosen = ~rows["next", "terminated"].squeeze(-1)
+        chosen &= counts.is_rare_reward(rewards) == wanted
+        strata.append((rewards[chosen], opinions.reward.mean(0)[chosen]))
+    shares = [1.0 - counts.rare_reward_odds, counts.rare_reward_odds]
+    weights = [
+        torch.full((real.numel(),), share / max(real.numel(), 1), dtype=torch.float64)
+        for share, (real, _) in zip(shares, strata, strict=True)
+    ]
+    joined = torch.cat(weights)
+    real, guess = (torch.cat(part) for part in zip(*strata, strict=True))
+    return RewardSample(real, guess, joined / joined.sum().clamp_min(1e-12))
+
+
+def _measure_reward(held: HeldOut, counts: RareCounts, in_doubt: Tensor) -> dict[str, float]:
     rewards = held.rows["next", "reward"].squeeze(-1)
-    real = rewards[goes_on]
-    error = held.opinions.reward.mean(0)[goes_on] - real
+    sample = _sample_rewards(held, counts)
     metrics = {"reward/num_rare": float((~in_doubt).sum())}
-    if real.numel():
-        metrics["reward/mae"] = float(error.abs().mean())
-        metrics["reward/std"] = float(real.std(correction=0))
-        metrics["reward/constant_mae"] = float((real - real.median()).abs().mean())
-        variance = float(real.var(correction=0))
+    if sample.real.numel():
+        error, mean = sample.guess - sample.real, sample.average(sample.real)
+        variance = sample.average((sample.real - mean).square())
+        metrics["reward/mae"] = sample.average(error.abs())
+        metrics["reward/std"] = variance**0.5
+        metrics["reward/constant_mae"] = sample.average((sample.real - rewards.median()).abs())
         if variance > 0.0:
-            metrics["reward/explained"] = 1.0 - float((error**2).mean()) / variance
+            metrics["reward/explained"] = 1.0 - sample.average(error.square()) / variance
     auc = find_auc(1.0 - held.opinions.reward_is_zero.mean(0), rewards != 0.0)
     if auc is not None:
         metrics["reward/nonzero_auc"] = auc

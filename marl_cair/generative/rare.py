@@ -60,6 +60,12 @@ class RareCounts:
         rare[order] = counts.cumsum(0) < self.rare_share * self.num_rows
         return rare[self.bins.spread(rewards).argmax(-1)]
 
+    @property
+    def rare_reward_odds(self) -> float:
+        """Share of rows with a rare reward among those after which the episode goes on."""
+        rare = self.num_rare - self.rare_ends
+        return rare / max(self.num_rows - self.all_ends, 1.0)
+
     def correct(self, is_from_rare: Tensor, is_rare: Tensor) -> RareCorrection:
         """The correction for a batch.
 

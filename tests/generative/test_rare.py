@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
 from tensordict import TensorDict
 
@@ -44,15 +45,37 @@ def test_the_variance_that_is_corrected_for_is_of_rows_that_go_on() -> None:
     torch.testing.assert_close(torch.tensor(variance), torch.tensor(0.01))
 
 
+def measure_rewards(
+    rows: TensorDict, rare_rows: TensorDict, counted: TensorDict
+) -> dict[str, float]:
+    """What an untrained ensemble is said to know of the rewards."""
+    counts = RareCounts(RewardBins(SPEC.reward_range, 63), SHARE)
+    counts.count(counted)
+    ensemble = Ensemble(SPEC, GeneratorConfig())
+    held = examine(ensemble, rows, rare_rows, torch.Generator().manual_seed(0))
+    return measure(held, SPEC, counts, 0.8)
+
+
 def test_what_ends_pay_does_not_change_the_explained_share(real_rows: TensorDict) -> None:
     ended = real_rows["next", "terminated"].squeeze(-1)
     rows = torch.cat([real_rows[~ended][:100], real_rows[ended][:4]]).clone()
     assert ended.sum() >= 4
     rows["next", "reward"][:100:3] = 0.1
-    ensemble = Ensemble(SPEC, GeneratorConfig())
     explained = []
     for pay in (0.0, 1.0):
         rows["next", "reward"][100:] = pay
-        held = examine(ensemble, rows, rows[100:], torch.Generator().manual_seed(0))
-        explained.append(measure(held, SPEC, 0.8)["reward/explained"])
+        explained.append(measure_rewards(rows, rows[100:], rows)["reward/explained"])
     assert explained[0] == explained[1]
+
+
+def test_rare_rewards_count_by_their_share_of_all_rows(real_rows: TensorDict) -> None:
+    """Whether two or none of a hundred rows have them, the variance is that of all rows."""
+    going_on = real_rows[~real_rows["next", "terminated"].squeeze(-1)][:300].clone()
+    going_on["next", "reward"].zero_()
+    going_on["next", "reward"][:3] = 0.5
+    rare = going_on[:3]
+    stds = [
+        measure_rewards(rows, rare, going_on)["reward/std"] for rows in (going_on, going_on[3:])
+    ]
+    expected = float(going_on["next", "reward"].double().std(correction=0))
+    assert stds == [pytest.approx(expected), pytest.approx(expected)]

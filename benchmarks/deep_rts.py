@@ -43,6 +43,7 @@ from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.randomness import episode_seeds
 
 ACTION_SETS = 256
+BLOCK = 64  # actions
 ORIGINAL_MAPS = {
     "15x15-2p-crossing": "15x15-2p-ffa-Cresal.json",
     "31x31-6p-frontier": "31x31-6p-ffa-Thelor.json",
@@ -107,17 +108,30 @@ def make_draw_legal() -> Callable[..., None]:
     """
 
     @numba.njit
+    def count(legal: NDArray[Any]) -> int:
+        found = 0
+        for action in range(len(legal)):
+            found += legal[action]
+        return found
+
+    @numba.njit
+    def choose(legal: NDArray[Any], draw: float) -> int:
+        before, action = int(draw * count(legal)), 0  # legal ones before the chosen one
+        # Whole blocks first: the compiler counts many actions at once.
+        here = count(legal[:BLOCK])
+        while here <= before:
+            before -= here
+            action += BLOCK
+            here = count(legal[action : action + BLOCK])
+        while before > 0 or not legal[action]:
+            before -= int(legal[action])
+            action += 1
+        return action
+
+    @numba.njit
     def draw(mask: NDArray[Any], draws: NDArray[Any], out: NDArray[Any]) -> None:
         for world, seat in np.ndindex(draws.shape):
-            legal = mask[world, seat]
-            found = 0
-            for action in range(len(legal)):
-                found += legal[action]
-            wanted, found, action = int(draws[world, seat] * found), 0, -1
-            while found <= wanted:
-                action += 1
-                found += legal[action]
-            out[world, seat] = action
+            out[world, seat] = choose(mask[world, seat], draws[world, seat])
 
     return draw
 

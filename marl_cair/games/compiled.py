@@ -25,6 +25,7 @@ from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NativeLowering
+from numba.core.typing.typeof import Purpose, typeof
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -104,6 +105,19 @@ def compiled_compact(function: Function) -> Function:
 def is_compiling() -> bool:
     """False where NUMBA_DISABLE_JIT makes every rule plain Python."""
     return not _CONFIG.DISABLE_JIT
+
+
+def settled(kernel: Callable[..., None], *arguments: Any) -> Callable[..., None]:
+    """`kernel` for arguments of these types alone, which it does not look at again.
+
+    To look at the types of all arrays of worlds and rules takes ten times as long as to hand them
+    over. The caller answers for them: other types, or arrays that are laid out in another way,
+    would be taken for what these are.
+    """
+    if not isinstance(kernel, _Rule):
+        return kernel
+    types = tuple(typeof(argument, Purpose.argument) for argument in arguments)
+    return cast("Callable[..., None]", kernel.entry.compile(types))
 
 
 def _compile(function: Function, **options: Any) -> Function:

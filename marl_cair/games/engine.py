@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.announcing import announced
-from marl_cair.games.compiled import is_compiling
+from marl_cair.games.compiled import is_compiling, settled
 from marl_cair.games.engine_checks import check_actions, check_seeds
 from marl_cair.games.game import NO_WINNER, Game, GameSpec, Representation
 from marl_cair.lookup import find_by_name
@@ -70,6 +70,7 @@ class BatchedEngine:
         )
         self._pool = ThreadPoolExecutor(self.num_threads) if self.num_threads > 1 else None
         self._has_started = False
+        self._kernels: dict[tuple[Callable[..., None], str], Callable[..., None]] = {}
         self._in_place: dict[str, tuple[tuple[Any, ...], NDArray[Any]]] = {}
 
     @property
@@ -120,6 +121,7 @@ class BatchedEngine:
                 f"{self.game.name}: the reset mask is {mask.dtype} {list(mask.shape)}, it must be "
                 f"bool [{self.num_worlds}] (worlds)"
             )
+        seeds, mask = np.ascontiguousarray(seeds), np.ascontiguousarray(mask)
         self._run(self.game.reset, self._worlds, self._rules, seeds, mask)
         rows = np.flatnonzero(mask)  # of few games that end at a time, cheaper than the mask
         self._outcome.rewards[rows] = 0.0
@@ -165,12 +167,13 @@ class BatchedEngine:
             out = np.empty(shape, chosen.dtype)
         self._check_out("observe", out, shape, chosen.dtype)
         if chosen.make_memory is None:
-            self._run(chosen.observe, seen, self._rules, out)
+            self._run(chosen.observe, seen, self._rules, out, kind=representation)
         elif worlds is None:
             # To renew the engine's own array and copy it is less than to write all.
             np.copyto(out, self.observe_in_place(representation))
         else:
-            self._run(chosen.observe, seen, self._rules, chosen.make_memory(len(seen[0])), out)
+            memory = chosen.make_memory(len(seen[0]))
+            self._run(chosen.observe, seen, self._rules, memory, out, kind=representation)
         return out
 
     def observe_in_place(self, representation: str) -> NDArray[Any]:
@@ -191,7 +194,7 @@ class BatchedEngine:
             view.flags.writeable = False
             self._in_place[representation] = (*memory, out), view
         written, view = self._in_place[representation]
-        self._run(chosen.observe, self._worlds, self._rules, *written)
+        self._run(chosen.observe, self._worlds, self._rules, *written, kind=representation)
         return view
 
     def action_mask(
@@ -306,14 +309,18 @@ class BatchedEngine:
 
     # --- inside ----------------------------------------------------------------------------
 
-    def _run(self, kernel: Callable[..., None], worlds: Any, *arguments: Any) -> None:
-        """Run a kernel over `worlds`, in slices on the threads when there are any."""
-        if kernel not in _kernels_in_use:
+    def _run(
+        self, kernel: Callable[..., None], worlds: Any, *arguments: Any, kind: str = ""
+    ) -> None:
+        """Run a kernel over `worlds`, in slices on the threads when there are any.
+
+        kind: tells apart calls of one kernel whose arguments differ in type.
+        """
+        key = kernel, kind
+        if key not in self._kernels:
             with announced(self.game.name):
-                self._run_slices(kernel, worlds, *arguments)
-            _kernels_in_use.add(kernel)
-        else:
-            self._run_slices(kernel, worlds, *arguments)
+                self._kernels[key] = settled(kernel, worlds, *arguments, 0, 0)
+        self._run_slices(self._kernels[key], worlds, *arguments)
 
     def _run_slices(self, kernel: Callable[..., None], worlds: Any, *arguments: Any) -> None:
         count = len(worlds[0])
@@ -335,10 +342,10 @@ class BatchedEngine:
     def _check_out(
         self, method: str, out: NDArray[Any], shape: tuple[int, ...], dtype: Any
     ) -> None:
-        if out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
+        if out.shape != shape or out.dtype != dtype or not out.flags.carray:
             raise ValueError(
                 f"{self.game.name}: {method} cannot write to {out.dtype} {list(out.shape)}, `out` "
-                f"must be contiguous {np.dtype(dtype).name} {list(shape)}"
+                f"must be contiguous {np.dtype(dtype).name} {list(shape)} that can be written to"
             )
 
     def _check_saved(
@@ -361,6 +368,3 @@ class BatchedEngine:
                 f"0..{self.num_worlds - 1}"
             )
         return rows.astype(np.int64)
-
-
-_kernels_in_use: set[Callable[..., None]] = set()

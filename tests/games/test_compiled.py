@@ -17,6 +17,7 @@ from marl_cair.games.compiled import (
     compiled,
     compiled_compact,
     is_compiling,
+    settled,
     source_digest,
 )
 from marl_cair.games.deep_line_wars.rules import step
@@ -255,3 +256,16 @@ def test_bounds_are_checked_when_asked_for_whatever_was_cached_before(tmp_path):
         for setting in ("0", "1", "0")
     ]
     assert printed == [["unnoticed"], ["raised"], ["unnoticed"]]
+
+
+def test_a_settled_rule_does_the_same():
+    numbers = np.array([2.0, 4.0, 6.0])
+    settled(halve_all, numbers)(numbers)
+    assert numbers.tolist() == [1.0, 2.5, 4.0]
+
+
+def test_what_is_no_rule_is_settled_as_it_is():
+    def double(numbers):
+        numbers *= 2
+
+    assert settled(double, np.ones(2)) is double

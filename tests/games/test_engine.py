@@ -266,6 +266,22 @@ def test_an_output_array_that_does_not_fit_is_described(engine):
     message = f"action_mask cannot write to bool {described}, `out` must be contiguous bool"
     with refuses(ValueError, message):
         engine.action_mask(out=masks)
+    view = engine.action_mask()
+    view.flags.writeable = False
+    with refuses(ValueError, f"contiguous bool {list(view.shape)} that can be written to"):
+        engine.action_mask(out=view)
+
+
+def test_seeds_and_masks_need_not_lie_side_by_side(game_name):
+    """Kernels take all arrays for contiguous ones."""
+    plain, spread = make_engine(game_name, num_worlds=3), make_engine(game_name, num_worlds=3)
+    seeds, mask = np.arange(6, dtype=np.uint64), np.array([1, 0, 0, 0, 1, 0], bool)
+    for engine, given in ((plain, seeds[::2].copy()), (spread, seeds[::2])):
+        engine.reset(given)
+    plain.reset(seeds[1::2].copy(), mask[::2].copy())
+    spread.reset(seeds[1::2], mask[::2])
+    for name, value in spread.state_dict().items():
+        np.testing.assert_array_equal(value, plain.state_dict()[name])
 
 
 @pytest.mark.parametrize(

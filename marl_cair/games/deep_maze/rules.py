@@ -50,16 +50,18 @@ UNDECIDED = NO_WINNER
 def walk(world: Any, rules: Any, player: int, action: int, is_caught: bool) -> None:
     """Go one cell; who goes into a wall stays, which is counted where it is against the mask.
 
-    Written without branches: which way a random player goes cannot be foreseen.
+    Reckoned without branches: which way a random player goes cannot be foreseen. 1 for a wall is a
+    number here, not an answer, of which the compiler would make a branch.
     """
     cell = int(world.cell[player])
     target = int(rules.neighbours[cell, action])
-    is_free = (world.walls[target] == OPEN) & (target != cell) & (not is_caught)
-    is_against_mask = (action != NOOP) & (not is_free)
+    stays = int(world.walls[target]) | int(target == cell) | int(is_caught)
+    is_against_mask = (action != NOOP) & (stays != 0)
     is_against_mask &= (rules.mask_walls != 0) | is_caught
     world.illegal[player] += int(is_against_mask)
-    world.came_from[player] = cell if is_free else world.came_from[player]
-    world.cell[player] = target if is_free else cell
+    moves = 1 - stays
+    world.came_from[player] += (cell - world.came_from[player]) * moves
+    world.cell[player] += (target - cell) * moves
 
 
 @compiled

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_rts.board import is_building
+from marl_cair.games.deep_rts.board import is_building, known_tile, sees
 from marl_cair.games.deep_rts.building import can_cancel, can_produce
 from marl_cair.games.deep_rts.classic_orders import (
     CLASSIC_ATTACK,
@@ -41,7 +41,13 @@ from marl_cair.games.deep_rts.rulebook import (
     KIND_HALF_SIZE,
     SEAT_FRAME,
 )
-from marl_cair.games.deep_rts.sights import CAN_ADVANCE, CAN_RALLY, kind_of_place, order_at
+from marl_cair.games.deep_rts.sights import (
+    CAN_ADVANCE,
+    CAN_RALLY,
+    order_to,
+    place_of_tile,
+    place_of_unit,
+)
 from marl_cair.games.deep_rts.state import (
     CURSOR,
     IS_ALIVE,
@@ -49,48 +55,96 @@ from marl_cair.games.deep_rts.state import (
     NO_ORDER,
     NO_UNIT,
     NUM_UNITS,
+    TILE,
     UNIT_CELL,
     UNIT_KIND,
+    UNKNOWN,
     world_at,
 )
-from marl_cair.games.deep_rts.tables import NUM_PRODUCTS
+from marl_cair.games.deep_rts.tables import MAX_PRODUCTS, NUM_TILE_KINDS
+
+
+@compiled
+def may_go_to(world: Any, rules: Any, unit: int, place: int, occupant: int) -> bool:
+    """True where a unit walks to such a place, or sends there whom it trains."""
+    if is_building(world, unit):
+        return bool(CAN_RALLY[place])
+    return order_to(world, rules, unit, place, occupant) != NO_ORDER
+
+
+@compiled
+def list_ground(
+    world: Any, rules: Any, player: int, frame: int, tiles: int, out: Any, first: int
+) -> None:
+    """What the ground of each cell of the own view allows. tiles: bits of the kinds that do; what
+    is unknown always does.
+    """
+    if rules.fog == 0:
+        for own in range(rules.rows * rules.columns):
+            tile = int(world.board[TILE, rules.world_cell[frame, own]])
+            out[first + own] = tiles >> tile & 1 != 0
+        return
+    for own in range(rules.rows * rules.columns):
+        tile = known_tile(world, rules, player, int(rules.world_cell[frame, own]))
+        out[first + own] = tile == UNKNOWN or tiles >> tile & 1 != 0
+
+
+@compiled
+def list_cells_of(
+    world: Any, rules: Any, player: int, frame: int, unit: int, is_legal: bool, out: Any, first: int
+) -> None:
+    """What a unit allows in the cells that it covers, as far as the player sees them."""
+    half = int(rules.kinds[world.units[unit, UNIT_KIND], KIND_HALF_SIZE])
+    for rows in range(-half, half + 1):
+        for columns in range(-half, half + 1):
+            cell = int(world.units[unit, UNIT_CELL] + rows * rules.stride + columns)
+            if sees(world, rules, player, cell):
+                out[first + rules.own_cell[frame, cell]] = is_legal
+
+
+@compiled
+def list_ways(world: Any, rules: Any, player: int, frame: int, unit: int, out: Any) -> None:
+    """Go to and advance to, for each cell: first the ground, then those who stand on it.
+
+    They are few, so that nothing is asked twice of the many free cells.
+    """
+    if is_building(world, unit) and not can_rally(world, rules, unit):
+        return
+    fights = is_soldier(world.units[unit, UNIT_KIND])
+    first_advance = FIRST_CELL + int(rules.rows * rules.columns)
+    go, advance = 0, 0
+    for tile in range(NUM_TILE_KINDS):
+        place = place_of_tile(rules, tile)
+        go |= int(may_go_to(world, rules, unit, place, NO_UNIT)) << tile
+        advance |= int(CAN_ADVANCE[place]) << tile
+    list_ground(world, rules, player, frame, go, out, FIRST_CELL)
+    if fights:
+        list_ground(world, rules, player, frame, advance, out, first_advance)
+    for owner in range(rules.num_players):
+        for index in range(world.players[owner, NUM_UNITS]):
+            other = int(world.roster[owner, index])
+            if not is_selectable(world, other):
+                continue
+            place = place_of_unit(world, rules, player, other)
+            is_legal = may_go_to(world, rules, unit, place, other)
+            list_cells_of(world, rules, player, frame, other, is_legal, out, FIRST_CELL)
+            if fights:
+                is_legal = bool(CAN_ADVANCE[place])
+                list_cells_of(world, rules, player, frame, other, is_legal, out, first_advance)
 
 
 @compiled
 def list_cell_orders(world: Any, rules: Any, player: int, out: Any) -> None:
     """Go to, advance to, select: for each cell of the own view."""
-    frame = rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME]
-    size = rules.rows * rules.columns
+    frame = int(rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME])
     unit = int(world.players[player, CURSOR])
     if unit != NO_UNIT:
-        walks = not is_building(world, unit)
-        rallies = not walks and can_rally(world, rules, unit)
-        fights = is_soldier(world.units[unit, UNIT_KIND])
-        here = world.units[unit, UNIT_CELL]
-        for own in range(size):
-            cell = int(rules.world_cell[frame, own])
-            if walks:
-                go = order_at(world, rules, player, unit, cell) != NO_ORDER
-                out[FIRST_CELL + own] = go
-            elif rallies:
-                out[FIRST_CELL + own] = CAN_RALLY[kind_of_place(world, rules, player, cell)]
-            if fights and cell != here:
-                place = kind_of_place(world, rules, player, cell)
-                out[FIRST_CELL + size + own] = CAN_ADVANCE[place]
+        list_ways(world, rules, player, frame, unit, out)
+    first_selection = FIRST_CELL + 2 * int(rules.rows * rules.columns)
     for place in range(world.players[player, NUM_UNITS]):
         other = int(world.roster[player, place])
         if other != unit and is_selectable(world, other):
-            list_selection(world, rules, frame, other, out, FIRST_CELL + 2 * size)
-
-
-@compiled
-def list_selection(world: Any, rules: Any, frame: int, unit: int, out: Any, first: int) -> None:
-    """Every cell that a unit covers selects it."""
-    half = int(rules.kinds[world.units[unit, UNIT_KIND], KIND_HALF_SIZE])
-    for rows in range(-half, half + 1):
-        for columns in range(-half, half + 1):
-            cell = world.units[unit, UNIT_CELL] + rows * rules.stride + columns
-            out[first + rules.own_cell[frame, cell]] = True
+            list_cells_of(world, rules, player, frame, other, True, out, first_selection)
 
 
 @compiled
@@ -104,8 +158,10 @@ def list_unit_actions(world: Any, rules: Any, player: int, out: Any) -> None:
     if unit != NO_UNIT:
         out[STOP] = may_stop(world, unit)
         out[CANCEL] = can_cancel(world, unit)
-        for product in range(NUM_PRODUCTS):
-            out[FIRST_PRODUCT + product] = can_produce(world, rules, player, unit, product)
+        for slot in range(MAX_PRODUCTS):
+            product = int(rules.products[world.units[unit, UNIT_KIND], slot])
+            if can_produce(world, rules, player, unit, product):
+                out[FIRST_PRODUCT + product] = True
     list_cell_orders(world, rules, player, out)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled, compiled_copy
 from marl_cair.games.deep_rts.board import (
@@ -51,6 +52,10 @@ _STEP_BITS = np.uint64(3)
 _STEP_MASK = np.uint64(7)
 _WORD_MASK = np.uint64(2**63 - 1)
 _LAST_SEARCH = 32_000
+# The lowest of the directions in a set of bits, by the set.
+LOWEST_BIT: NDArray[np.int8] = np.array(
+    [(bits & -bits).bit_length() - 1 for bits in range(1 << NUM_DIRECTIONS)], np.int8
+)
 
 
 @compiled_copy
@@ -153,6 +158,18 @@ def resource_beside(world: Any, rules: Any, frame: int, cell: int, resource: int
 
 
 @compiled
+def unreached_around(world: Any, rules: Any, frame: int, cell: int, number: int) -> int:
+    """Bits of the own directions in which the search has not been yet: most lead back, and a look
+    at all eight at once costs less than eight decisions that the processor cannot foresee.
+    """
+    directions = 0
+    for own in range(NUM_DIRECTIONS):
+        beyond = cell + rules.own_offset[frame, own]
+        directions |= int(world.board[REACHED, beyond] != number) << own
+    return directions
+
+
+@compiled
 def search(
     world: Any, rules: Any, unit: int, goal: int, half: int, reach: int, resource: int
 ) -> int:
@@ -171,11 +188,12 @@ def search(
     while head < tail:
         cell = int(world.board[FRONTIER, head])
         head += 1
-        for own in range(NUM_DIRECTIONS):
+        ahead = unreached_around(world, rules, frame, cell, number)
+        while ahead != 0:
+            own = int(LOWEST_BIT[ahead])
+            ahead &= ahead - 1
             direction = int(rules.own_direction[frame, own])
-            beyond = int(cell + rules.offset[direction])
-            if world.board[REACHED, beyond] == number:
-                continue
+            beyond = int(cell + rules.own_offset[frame, own])
             if not may_enter(world, rules, unit, beyond, goal, reach):
                 world.board[REACHED, beyond] = number
                 continue

@@ -90,6 +90,7 @@ class Rules(NamedTuple):
     cells: NDArray[np.int16]  # [N, NUM_CELL_COLUMNS]
     offset: NDArray[np.int32]  # [NUM_DIRECTIONS] to the neighbouring cell
     own_direction: NDArray[np.int8]  # [NUM_FRAMES, NUM_DIRECTIONS] own -> direction on the board
+    own_offset: NDArray[np.int32]  # [NUM_FRAMES, NUM_DIRECTIONS] own -> to the neighbouring cell
     world_cell: NDArray[np.int16]  # [NUM_FRAMES, D] own row * columns + column -> cell
     own_cell: NDArray[np.int16]  # [NUM_FRAMES, N] cell -> own row * columns + column
     own_place: NDArray[np.int16]  # [NUM_FRAMES, N, 2] cell -> own row and column
@@ -134,13 +135,16 @@ def make_rules(scenario: Scenario) -> Rules:
     stride = columns + 2
     row_of, column_of = np.divmod(np.arange((rows + 2) * stride), stride)
     world_cell, own_cell = _own_views(rows, columns)
+    offset = np.array(ROW_STEP, np.int32) * stride + np.array(COLUMN_STEP, np.int32)
+    own_direction = _own_directions()
     return Rules(
         **_unit_numbers(preset, scenario),
         **_product_numbers(preset),
         **_map_numbers(scenario),
         cells=np.stack([row_of - 1, column_of - 1], axis=-1).astype(np.int16),
-        offset=np.array(ROW_STEP, np.int32) * stride + np.array(COLUMN_STEP, np.int32),
-        own_direction=_own_directions(),
+        offset=offset,
+        own_direction=own_direction,
+        own_offset=offset[own_direction],
         world_cell=world_cell,
         own_cell=own_cell,
         own_place=np.stack(np.divmod(own_cell, columns), axis=-1).astype(np.int16),

@@ -3,6 +3,8 @@
 Order of a tick (the README lists the same words): meet, renew, blow, fly, scroll, judge. A flap is
 given at the first tick of a decision. As in PyGame Learning Environment, birds and pipes are
 judged where the last tick has left them, so a bird that crashes moves once more.
+
+Who flaps and where the pipes are cannot be foreseen, so both are reckoned without branches.
 """
 
 from __future__ import annotations
@@ -64,20 +66,20 @@ _LOWEST_Y = GROUND_TOP_HUNDREDTHS - BIRD_HEIGHT * HUNDREDTHS
 @compiled
 def touching_pipe(world: Any) -> int:
     """The pipe between whose edges the birds are, NO_PIPE where there is none."""
-    for pipe in range(NUM_PIPES):
-        if TOUCH_FROM < world.pipe_x[pipe] < TOUCH_TO:
-            return pipe
-    return NO_PIPE
+    touching = NO_PIPE
+    for pipe in range(NUM_PIPES - 1, -1, -1):
+        is_there = (world.pipe_x[pipe] > TOUCH_FROM) & (world.pipe_x[pipe] < TOUCH_TO)
+        touching = pipe if is_there else touching
+    return touching
 
 
 @compiled
 def free_heights(world: Any, rules: Any, pipe: int) -> tuple[int, int]:
     """Heights y between which birds live: above the first < y <= the second."""
-    highest, lowest = 0, _LOWEST_Y - 1
-    if pipe != NO_PIPE:
-        highest = int(world.gap_top[pipe]) * HUNDREDTHS
-        lowest = min(lowest, highest + (rules.pipe_gap - BIRD_HEIGHT) * HUNDREDTHS)
-    return highest, lowest
+    gap_top = int(world.gap_top[max(pipe, 0)]) * HUNDREDTHS
+    highest = gap_top if pipe != NO_PIPE else 0
+    depth = (rules.pipe_gap - BIRD_HEIGHT) * HUNDREDTHS if pipe != NO_PIPE else _LOWEST_Y - 1
+    return highest, min(_LOWEST_Y - 1, highest + depth)
 
 
 @compiled
@@ -133,16 +135,12 @@ def fly(world: Any, player: int, flaps: bool) -> None:
     A flap sets the velocity to 0; gravity and the impulse follow. The tick after an impulse is
     without gravity, and a flap in it only brakes: PLE spreads an impulse over 1/30 s.
     """
-    velocity = int(world.velocity[player])
-    if flaps:
-        velocity = 0
-    if world.motion[player] == FLAPPED:
-        world.motion[player] = GLIDING
-    else:
-        velocity = min(velocity + GRAVITY * HUNDREDTHS, MAX_FALL * HUNDREDTHS)
-        if flaps or world.motion[player] == STARTING:
-            velocity -= FLAP_IMPULSE * HUNDREDTHS
-            world.motion[player] = FLAPPED
+    was_pushed = world.motion[player] == FLAPPED
+    is_pushed = (not was_pushed) & (flaps | (world.motion[player] == STARTING))
+    velocity = int(world.velocity[player]) * int(not flaps)
+    velocity += GRAVITY * HUNDREDTHS * int(not was_pushed)
+    velocity = min(velocity, MAX_FALL * HUNDREDTHS) - FLAP_IMPULSE * HUNDREDTHS * int(is_pushed)
+    world.motion[player] = FLAPPED if is_pushed else GLIDING
     world.velocity[player] = velocity
     world.bird_y[player] += velocity + int(world.wind[0])
 
@@ -215,8 +213,8 @@ def step_world(
     if world.phase[0] != RUNNING:
         return
     for player in range(num_players):
-        if actions[player] == FLAP and not can_flap(world, player):
-            world.illegal[player] += 1
+        is_illegal = (actions[player] == FLAP) & (not can_flap(world, player))
+        world.illegal[player] += int(is_illegal)
     for tick in range(num_ticks):
         play_tick(world, rules, num_players, actions, tick == 0, rewards)
         if world.phase[0] != RUNNING:

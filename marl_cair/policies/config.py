@@ -33,6 +33,7 @@ class QNetworkConfig:
     head: str = "dueling"  # from features to action values
     hidden_width: int | None = None  # features between body and head: conv, mlp 256; capsule 128
     action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
+    distances: bool = False  # distances over the board too: for ways longer than kernels reach
     capsule: CapsuleSizes = field(default_factory=CapsuleSizes)
 
     def __post_init__(self) -> None:

@@ -152,7 +152,7 @@ def make_parser() -> argparse.ArgumentParser:
         nargs="+",
         default=[],
         metavar="FIELD=VALUE",
-        help="fields of the scenario to change, for example max_ticks=40000",
+        help="fields of the scenario to change, for example max_ticks=40000 (default: none)",
     )
     add_match_options(parser, 500, "against each", "agent", "a bot")
     parser.add_argument("--out", help="CSV file to write the table to (default: none is written)")

@@ -6,7 +6,7 @@ Propagation does (Nardelli et al. 2019); costs are summed here, so that a step m
 difference near and far.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import torch
@@ -19,6 +19,7 @@ FARTHEST = 4.0  # distances are cut here
 # A usual learning rate soon tells a wall, which must cost more than any way around it, from an
 # open cell, and soon moves the eyes.
 LOG_COST_SCALE, READ_SCALE = 32.0, 10.0
+OBSTACLE_LOG_COST = 5.0  # at first, beside that of other cells: 148 of their steps
 LOWEST_COST, HIGHEST_COST = 1e-3, 20.0  # less would be lost in rounding: ways could lead in circles
 
 
@@ -27,13 +28,23 @@ class DistanceMaps(nn.Module):
 
     nearness_m(x) = max(FARTHEST * (plane_m(x) - 1), max over the four neighbours y of
     nearness_m(y) - cost(x)): minus the cost of the cheapest way from x to a cell where plane m is
-    on. The cost of a cell is read from its planes. The features are what is seen at the cells of
-    each plane (softmax attention, at first on the plane itself): planes, nearness, and which
-    neighbour leads to each plane.
+    on. The features are what is seen at the cells of each plane (softmax attention, at first on the
+    plane itself): planes, nearness, and which neighbour leads to each plane.
+
+    The cost of a cell is read from its planes, by weights that are learned. Who learns by trial
+    comes to the end of few ways, from which they could be: `obstacle_planes` tells what blocks.
     """
 
-    def __init__(self, num_planes: int, num_rows: int, num_columns: int, num_features: int) -> None:
+    def __init__(
+        self, shape: tuple[int, int, int], num_features: int, obstacle_planes: Sequence[int]
+    ) -> None:
         super().__init__()
+        num_planes, num_rows, num_columns = shape
+        if wrong := [plane for plane in obstacle_planes if not 0 <= plane < num_planes]:
+            raise ValueError(
+                f"obstacle_planes names plane {wrong[0]}, but the observation has the planes "
+                f"0..{num_planes - 1}"
+            )
         self.usual_cost = 1.0 / (num_rows + num_columns)
         self.log_cost = nn.Conv2d(num_planes, 1, 1)
         self.eyes = nn.Conv2d(num_planes, num_planes, 1)
@@ -42,6 +53,7 @@ class DistanceMaps(nn.Module):
         with torch.no_grad():
             for weight in (*self.log_cost.parameters(), *self.eyes.parameters()):
                 weight.zero_()
+            self.log_cost.weight[:, list(obstacle_planes)] = OBSTACLE_LOG_COST / LOG_COST_SCALE
             self.eyes.weight[:, :, 0, 0] = torch.eye(num_planes)
 
     def forward(self, planes: Tensor) -> tuple[Tensor, Tensor]:

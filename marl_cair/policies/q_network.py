@@ -38,7 +38,9 @@ class QNetwork(nn.Module):
         seen = self.observation_shape
         if config.distances:
             board = require_planes("distances", seen)
-            self.distances = DistanceMaps(*board, config.resolve_hidden_width())
+            self.distances = DistanceMaps(
+                board, config.resolve_hidden_width(), config.obstacle_planes
+            )
             seen = (2 * board[0], *board[1:])
         self.body = make_body(seen, config)
         self.head = HEADS[config.head](

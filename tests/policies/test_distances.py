@@ -89,7 +89,7 @@ def test_gradients_are_those_of_finite_differences():
 
 
 def test_values_do_not_depend_on_who_else_is_in_the_batch():
-    maps = DistanceMaps(3, 9, 9, 16)
+    maps = DistanceMaps((3, 9, 9), 16, ())
     planes = (torch.rand(70, 3, 9, 9, generator=torch.Generator().manual_seed(2)) > 0.7).float()
     planes[1, 2] = 0.0
     with torch.no_grad():
@@ -105,6 +105,29 @@ def test_every_weight_of_a_network_with_distances_gets_a_gradient(body):
     network(planes).square().sum().backward()
     assert all(weight.grad is not None for weight in network.parameters())
     assert network.distances.log_cost.weight.grad.abs().min() > 0
+
+
+def test_obstacles_are_walked_around_before_anything_is_learned():
+    planes, _ = read_maze(MAZE)
+    maps = DistanceMaps((3, 3, 5), 16, obstacle_planes=(0,))
+    with torch.no_grad():
+        cost = maps.find_costs(planes)
+        nearness = measure_nearness(planes, cost)
+    assert nearness[0, 1, 2, 4].item() == pytest.approx(
+        -10 / 8
+    )  # ten steps of 1 / (rows + columns)
+
+
+def test_an_obstacle_must_be_a_plane():
+    with pytest.raises(ValueError, match=r"obstacle_planes names plane 3, .* the planes 0\.\.2"):
+        make_q_network(QNetworkConfig(distances=True, obstacle_planes=(3,)), (3, 9, 9), 5, seed=0)
+    with pytest.raises(ValueError, match="but distances is False"):
+        QNetworkConfig(obstacle_planes=(0,))
+
+
+def test_the_configuration_survives_a_checkpoint():
+    config = QNetworkConfig(distances=True, obstacle_planes=(0, 2))
+    assert QNetworkConfig.from_dict({**config.to_dict(), "obstacle_planes": [0, 2]}) == config
 
 
 def test_a_vector_has_no_distances():

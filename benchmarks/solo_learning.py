@@ -34,6 +34,8 @@ from marl_cair.training.evaluation import LEARNER
 from marl_cair.training.metrics import RunLog, read_log
 from marl_cair.training.run import BEST_FOLDER
 
+ENDLESS = ("total_frames=1000000000", "checkpoint.include_replay=false")  # the clock ends it
+
 
 class Task(NamedTuple):
     """What a recipe is rated by."""
@@ -157,7 +159,7 @@ def main() -> None:
         for network, seed in ((network, seed) for network in networks for seed in options.seeds):
             run = out / f"{task.recipe}-{network}-{seed}"
             fixed = [f"recipe={task.recipe}", f"policy={network}", f"seed={seed}"]
-            train(run, options.minutes, [*fixed, *words])
+            train(run, options.minutes, [*fixed, *ENDLESS, *words])
             runs.setdefault(task, {})[f"{network}, seed {seed}"] = run
             rated = rate(run, task, options.games or task.games)
             decisions = read_description(run / BEST_FOLDER).frames

@@ -18,7 +18,7 @@ import csv
 import io
 import sys
 from collections.abc import Mapping, Sequence
-from itertools import accumulate, cycle
+from itertools import cycle
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -92,7 +92,7 @@ def read_statistic(row: Mapping[str, str], statistic: str) -> tuple[float, float
 
 
 def draw(runs: Mapping[Task, Mapping[str, Path]], path: Path) -> None:
-    """Two panels for each task, over minutes: share of games that ended, and its number."""
+    """Two panels for each task, over decisions: share of games that ended, and its number."""
     figure = Figure(figsize=(4.4 * len(runs), 6.6), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(2, len(runs), squeeze=False)
@@ -101,12 +101,14 @@ def draw(runs: Mapping[Task, Mapping[str, Path]], path: Path) -> None:
             panel = panels[row, column]
             for style, (label, folder) in zip(cycle(_styles()), folders.items(), strict=False):
                 panel.plot(*_curve(folder, name), **style, label=label, marker=".", linewidth=1)
-            panel.set(xlabel="minutes of training", ylabel=name.replace("_", " ") + ", mean")
+            panel.set(xlabel="decisions (thousands)", ylabel=name.replace("_", " ") + ", mean")
             panel.spines[["top", "right"]].set_visible(False)
             panel.grid(alpha=0.25)
         panels[0, column].set(title=task.recipe, ylim=(-0.03, 1.03), ylabel="ended before its time")
         panels[1, column].set_yscale("symlog")
         panels[1, column].set_ylim(bottom=0)
+        for panel in panels[:, column]:
+            panel.set_xlim(left=0)
         panels[0, column].legend(fontsize=7)
     with atomic_path(path) as unfinished:
         figure.savefig(unfinished, dpi=130)
@@ -117,14 +119,9 @@ def _styles() -> list[dict[str, Any]]:
 
 
 def _curve(folder: Path, name: str) -> tuple[list[float], list[float]]:
-    rows = read_log(folder / RunLog.FILE)
-    spent = accumulate(
-        sum(value for key, value in row.items() if key.startswith("seconds/")) / 60.0
-        for row in rows
-    )
     key = f"{name}/{LEARNER}"
-    points = [(minutes, row[key]) for minutes, row in zip(spent, rows, strict=True) if key in row]
-    return [minutes for minutes, _ in points], [value for _, value in points]
+    rows = [row for row in read_log(folder / RunLog.FILE) if key in row]
+    return [row["frames"] / 1_000 for row in rows], [row[key] for row in rows]
 
 
 def make_table(rows: Sequence[Sequence[object]]) -> str:

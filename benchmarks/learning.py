@@ -60,7 +60,7 @@ def train(run: Path, minutes: float, words: list[str]) -> None:
     if (run / CONFIG_FILE).exists():
         command = [f"resume={run}", f"max_minutes={left}"]
     else:
-        command = [f"out={run}", f"max_minutes={left}", *RECIPE, *words]
+        command = [f"out={run}", f"max_minutes={left}", *words]
     if code := marl_cair(["train", *command]):
         sys.exit(code)
     write_atomically(run / FINISHED_FILE, "")
@@ -94,7 +94,7 @@ def main() -> None:
             run = options.out / f"{network}-{seed}"
             fixed = [f"policy={network}", f"seed={seed}"]
             fixed.append(f"evaluation.bots=[{','.join(options.against)}]")
-            train(run, options.minutes, [*fixed, *words])
+            train(run, options.minutes, [*RECIPE, *fixed, *words])
             decisions = read_description(run / BEST_FOLDER).frames
             minutes = f"{trained_minutes(run):.1f}"
             for line in rate(run, options.against, options.games):

@@ -38,3 +38,23 @@ def test_the_table_is_made_once_and_shown_again(tmp_path):
         assert (
             f"| `{row['opponent']}` | 8 | {row['won']} % [{row['low']}, {row['high']}] |" in table
         )
+
+
+def test_recipes_of_one_player_are_trained_rated_and_drawn(tmp_path):
+    options = ["--game", "deep_maze", "--recipes", "deep_maze_9x9", "--networks", "conv"]
+    options += ["--seeds", "3", "--games", "8", "--out", str(tmp_path)]
+    words = [word for word in SHORT if not word.startswith(("scenario", "max_ticks"))]
+    command = [sys.executable, "-m", "benchmarks.solo_learning", *options, *words, "max_ticks=40"]
+    tables = []
+    for _ in range(2):
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        tables.append(done.stdout[done.stdout.index("| recipe") :])
+    assert tables[0] == tables[1]
+    assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
+    with (tmp_path / "results.csv").open(newline="") as file:
+        ended, extra = csv.DictReader(file)
+    assert (ended["number"], extra["number"]) == ("ended", "extra_steps")
+    for row in (ended, extra):
+        assert (row["recipe"], row["seed"], row["games"]) == ("deep_maze_9x9", "3", "8")
+        assert float(row["low"]) <= float(row["value"]) <= float(row["high"])

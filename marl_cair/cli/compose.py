@@ -93,13 +93,24 @@ def expand_recipe(words: Sequence[str]) -> list[str]:
     if len(named) > 1:
         raise ValueError(f"recipe={named[0]} and recipe={named[1]}: take one of them")
     recipe = find_by_name("recipe", named[0], RECIPES)
-    given = {_full_name(word) for word in rest}
+    given = {name for word in rest for name in _find_set_options(word)}
+    chosen = {_full_name(word) for word in rest}
     kept = [
         word
         for word in recipe.words
-        if not any(f"{_full_name(word)}.".startswith(f"{name}.") for name in given)
+        if _full_name(word) not in chosen
+        and not any(f"{_full_name(word)}.".startswith(f"{name}.") for name in given)
     ]
     return [*kept, *rest]
+
+
+def _find_set_options(word: str) -> list[str]:
+    """The options that a word sets: of a group, those that its choice changes."""
+    name, choice = _full_name(word), word.partition("=")[2]
+    groups = list_groups()
+    if name not in groups:
+        return [name]
+    return [f"{name}.{option}" for option in groups[name].get(choice, ())]
 
 
 def _full_name(word: str) -> str:

@@ -1,25 +1,36 @@
 """`marl-cair evaluate`: one agent against others, greedy, the rated reward, seats balanced.
 
-Where more than two play, the agent has one seat (or team) and each opponent all others.
+Where more than two play, the agent has one seat (or team) and each opponent all others. Where there
+are no rivals, agent and opponents play the same map seeds, each alone.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import dataclasses
 import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from marl_cair.cli import EXIT_DONE
+from marl_cair.cli.compose import read_value
 from marl_cair.cli.match_options import add_match_options
 from marl_cair.files import write_atomically
+from marl_cair.games.game import Game
 from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
+from marl_cair.league.intervals import mean_interval, median_interval, win_rate_interval
 from marl_cair.league.match import MatchResult, play_match, require_rivals
-from marl_cair.league.ratings import win_rate_interval
+from marl_cair.league.solo import play_alone
+from marl_cair.training.config_file import read_options
 
 COLUMNS = ("opponent", "games", "wins", "draws", "losses", "win_rate", "low", "high")
+_OF_MEDIAN = ("median", "median_low", "median_high")
+ALONE_COLUMNS = ("agent", "number", "games", "mean", "low", "high", *_OF_MEDIAN)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -32,6 +43,25 @@ def run(arguments: Sequence[str]) -> int:
         raise ValueError(f"{', '.join(sorted(twice))} is given twice: name each opponent once")
     game, name, scenario_options = find_scenario([options.agent], options.game, options.scenario)
     scenario = game.scenario(name, **{**scenario_options, "reward": game.rated_reward})
+    changes = {word.partition("=")[0]: read_value(word) for word in options.option}
+    scenario = dataclasses.replace(
+        scenario, **read_options(game.name, scenario, changes, "--option")
+    )
+    columns: tuple[str, ...]
+    if game.make_spec(scenario).num_teams == 1:
+        columns, rows = ALONE_COLUMNS, _rate_alone(options, game, name, scenario)
+    else:
+        columns, rows = COLUMNS, _rate_against(options, game, name, scenario)
+    if options.out:
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([columns, *rows])
+        write_atomically(options.out, text.getvalue())
+    return EXIT_DONE
+
+
+def _rate_against(
+    options: argparse.Namespace, game: Game, name: str, scenario: Any
+) -> list[tuple[object, ...]]:
     num_teams = require_rivals(game, scenario)
     # Every map seed is played once in each seat: of more than two seats few divide a round number.
     num_games = options.games if num_teams == 2 else -(-options.games // num_teams) * num_teams
@@ -43,18 +73,45 @@ def run(arguments: Sequence[str]) -> int:
         f"{options.agent} on {game.name} {name}: share of games won{fair}, draws are not wins\n"
         f"{'against':{width}} {'games':>6} {'won':>6} {'drawn':>6} {'lost':>6}  win rate\n"
     )
-    rows = []
+    rows: list[tuple[object, ...]] = []
     for source, opponent in zip(options.against, opponents, strict=True):
         identities = find_fingerprint(agent, game), find_fingerprint(opponent, game)
         match = play_match(agent, opponent, game, scenario, num_games, options.seed, identities)
         sys.stdout.write(format_row(source, match, width))
         sys.stdout.flush()
         rows.append((source, match.games, match.wins, match.draws, match.losses, *_shares(match)))
-    if options.out:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
-        write_atomically(options.out, text.getvalue())
-    return EXIT_DONE
+    return rows
+
+
+def _rate_alone(
+    options: argparse.Namespace, game: Game, name: str, scenario: Any
+) -> list[tuple[object, ...]]:
+    sources = [options.agent, *options.against]
+    agents = [load_agent(source, game.name, scenario) for source in sources]
+    sys.stdout.write(f"{game.name} {name}: {options.games} games, each alone, 95 % intervals\n")
+    rows: list[tuple[object, ...]] = []
+    for source, agent in zip(sources, agents, strict=True):
+        identity = find_fingerprint(agent, game)
+        result = play_alone(agent, game, scenario, options.games, options.seed, identity)
+        low, high = win_rate_interval(result.ended, 0, result.games)
+        share = result.ended / result.games
+        sys.stdout.write(f"{source}: {share:.1%} [{low:.1%}, {high:.1%}] ended before their time\n")
+        rows.append((source, "ended", result.games, *_digits(share, low, high), "", "", ""))
+        for number, values in {"score": result.scores, **result.numbers}.items():
+            mean = float(values.mean()), *mean_interval(values)
+            median = float(np.median(values)), *median_interval(values)
+            sys.stdout.write(f"  {number}: {_format(*mean)}, median {_format(*median)}\n")
+            rows.append((source, number, result.games, *_digits(*mean), *_digits(*median)))
+        sys.stdout.flush()
+    return rows
+
+
+def _format(value: float, low: float, high: float) -> str:
+    return f"{value:.2f} [{low:.2f}, {high:.2f}]"
+
+
+def _digits(*values: float) -> tuple[str, ...]:
+    return tuple(f"{value:.4f}" for value in values)
 
 
 def format_row(source: str, match: MatchResult, width: int) -> str:
@@ -86,9 +143,16 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--against",
-        nargs="+",
+        nargs="*",
         default=["random"],
-        help="one or more bots or folders of checkpoints (default: random)",
+        help="bots or folders of checkpoints (default: random)",
+    )
+    parser.add_argument(
+        "--option",
+        nargs="+",
+        default=[],
+        metavar="FIELD=VALUE",
+        help="fields of the scenario to change, for example max_ticks=40000 (default: none)",
     )
     add_match_options(parser, 500, "against each", "agent", "a bot")
     parser.add_argument("--out", help="CSV file to write the table to (default: none is written)")

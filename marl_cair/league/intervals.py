@@ -1,4 +1,4 @@
-"""Intervals: Wilson's of a share of points, for draws and blocks of games; Student's of a mean."""
+"""Intervals of a share of points (Wilson's, for draws and blocks of games), a mean and a median."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
+from scipy.stats import binom
 
 CONFIDENCE = 0.95
 _Z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2.0)
@@ -61,6 +62,24 @@ def mean_interval(values: NDArray[np.float64]) -> tuple[float, float]:
     spread = float(values.std(ddof=1)) / math.sqrt(len(values))
     half = float(stdtrit(len(values) - 1, 0.5 + CONFIDENCE / 2.0)) * spread
     return mean - half, mean + half
+
+
+def median_interval(values: NDArray[np.float64]) -> tuple[float, float]:
+    """95 % interval of the median of independent values [K], whatever their distribution: two of
+    them, between which the median lies unless too many tosses of a coin fall alike.
+
+    From fewer than 6 values nothing is known: then it reaches from -inf to inf.
+
+    Raises:
+        ValueError: no values.
+    """
+    if not len(values):
+        raise ValueError("there are no values: an interval needs one or more")
+    rank = int(binom.ppf((1.0 - CONFIDENCE) / 2.0, len(values), 0.5))
+    if rank < 1:
+        return -math.inf, math.inf
+    ordered = np.sort(values)
+    return float(ordered[rank - 1]), float(ordered[-rank])
 
 
 def _wilson(mean: float, num: int, spread: float, certain_share: float) -> tuple[float, float]:

@@ -6,12 +6,14 @@ for the game's own goal (of several seats that play together, their mean).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.intervals import mean_interval
 from marl_cair.league.playing import CHUNKS_AT_ONCE, Places, Seating, Table, play_out, start_engine
@@ -28,6 +30,9 @@ class SoloGame:
     is_truncated: bool
     decisions: int
     fingerprint: str  # of all actions: equal games have equal ones
+    numbers: Mapping[str, float] = field(
+        default_factory=dict
+    )  # `Game.info` at its end, seats' mean
 
 
 class Estimate(NamedTuple):
@@ -57,6 +62,17 @@ class SoloResult:
     def estimate(self) -> Estimate:
         """The mean score."""
         return _estimate(self.scores)
+
+    @property
+    def ended(self) -> int:
+        """Games that ended before their time."""
+        return sum(not result.is_truncated for result in self.results)
+
+    @property
+    def numbers(self) -> dict[str, NDArray[np.float64]]:
+        """The game's own numbers at the end of each game, float64 [games] by name."""
+        names = self.results[0].numbers
+        return {name: np.array([result.numbers[name] for result in self.results]) for name in names}
 
     @property
     def distinct_games(self) -> int:
@@ -102,10 +118,20 @@ def play_alone(
             ended.truncated.tolist(),
             ended.decisions.tolist(),
             ended.fingerprints,
+            _read_numbers(engine),
             strict=True,
         )
         results += [SoloGame(*row) for row in rows]
     return SoloResult(tuple(results[:num_games]))
+
+
+def _read_numbers(engine: BatchedEngine) -> list[dict[str, float]]:
+    """The game's own numbers of each world, means over its seats."""
+    means = {name: values.mean(1).tolist() for name, values in engine.info().items()}
+    return [
+        {name: values[world] for name, values in means.items()}
+        for world in range(engine.num_worlds)
+    ]
 
 
 def compare(first: SoloResult, second: SoloResult) -> Estimate:

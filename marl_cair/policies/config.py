@@ -33,6 +33,8 @@ class QNetworkConfig:
     head: str = "dueling"  # from features to action values
     hidden_width: int | None = None  # features between body and head: conv, mlp 256; capsule 128
     action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
+    distances: bool = False  # distances over the board too: for ways longer than kernels reach
+    obstacle_planes: tuple[int, ...] = ()  # of `distances`: planes that block ways, to begin with
     capsule: CapsuleSizes = field(default_factory=CapsuleSizes)
 
     def __post_init__(self) -> None:
@@ -42,6 +44,12 @@ class QNetworkConfig:
             _require_at_least(1, "hidden_width", self.hidden_width)
         if self.action_embedding is not None:
             _require_at_least(0, "action_embedding", self.action_embedding)
+        object.__setattr__(self, "obstacle_planes", tuple(self.obstacle_planes))
+        if self.obstacle_planes and not self.distances:
+            raise ValueError(
+                f"obstacle_planes is {list(self.obstacle_planes)}, but distances is False: set it "
+                "to True, or leave obstacle_planes empty"
+            )
         if self.head != "dueling" and self.action_embedding:
             raise ValueError(
                 f"action_embedding is {self.action_embedding}, but head {self.head!r} has none: "

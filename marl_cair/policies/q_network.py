@@ -8,7 +8,9 @@ from torch import Tensor, nn
 
 from marl_cair import policies
 from marl_cair.lookup import find_by_name
+from marl_cair.policies.body import require_planes
 from marl_cair.policies.config import CapsuleSizes, QNetworkConfig
+from marl_cair.policies.distances import DistanceMaps
 from marl_cair.policies.heads import HEADS
 
 __all__ = ["CapsuleSizes", "QNetwork", "QNetworkConfig", "make_q_network"]
@@ -31,9 +33,16 @@ class QNetwork(nn.Module):
         self.config = config
         self.observation_shape = tuple(int(size) for size in observation_shape)
         self.num_actions = num_actions
-        self.body = find_by_name("network", config.body, policies.NETWORKS)(
-            self.observation_shape, config
-        )
+        make_body = find_by_name("network", config.body, policies.NETWORKS)
+        self.distances: DistanceMaps | None = None
+        seen = self.observation_shape
+        if config.distances:
+            board = require_planes("distances", seen)
+            self.distances = DistanceMaps(
+                board, config.resolve_hidden_width(), config.obstacle_planes
+            )
+            seen = (2 * board[0], *board[1:])
+        self.body = make_body(seen, config)
         self.head = HEADS[config.head](
             self.body.num_features, num_actions, config.resolve_action_embedding()
         )
@@ -53,8 +62,17 @@ class QNetwork(nn.Module):
             )
         batch_shape = observation.shape[:-num_axes]
         rows = observation.reshape(-1, *self.observation_shape)
-        values: Tensor = self.head(self.body(_to_float(rows)))
+        values: Tensor = self.head(self._find_features(_to_float(rows)))
         return values.float().reshape(*batch_shape, self.num_actions)
+
+    def _find_features(self, observation: Tensor) -> Tensor:
+        features: Tensor
+        if self.distances is None:
+            features = self.body(observation)
+            return features
+        planes, read = self.distances(observation)
+        features = read + self.body(planes)
+        return features
 
 
 def make_q_network(

@@ -74,10 +74,13 @@ def evaluate_alone(
     agent: Agent, game: Game, scenario: Any, bots: tuple[str, ...], num_games: int, seed: int
 ) -> tuple[list[float], dict[str, float]]:
     """The mean return of the agent, that of each bot on the same map seeds, and by how much the
-    agent's is larger, by log name with 95 % intervals.
+    agent's is larger, by log name with 95 % intervals; of the agent also the share of games that
+    ended before their time, and the means of the game's own numbers.
     """
     own = play_alone(agent, game, scenario, num_games, seed)
     row = _tell(f"return/{LEARNER}", own.estimate)
+    row[f"ended/{LEARNER}"] = own.ended / own.games
+    row |= {f"{name}/{LEARNER}": float(values.mean()) for name, values in own.numbers.items()}
     for name in bots:
         other = play_alone(game.bot(name, scenario), game, scenario, num_games, seed)
         row |= _tell(f"return/{name}", other.estimate)

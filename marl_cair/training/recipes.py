@@ -12,6 +12,57 @@ class Recipe(NamedTuple):
     words: tuple[str, ...]
 
 
+# The way to a goal may be longer than any stack of kernels reaches, so the networks measure
+# distances; plane 0 is walls.
+_MAZE = (
+    "game=deep_maze",
+    "policy.distances=true",
+    "policy.obstacle_planes=[0]",
+    "game.reward=distance",
+    "exploration.anneal_frames=15000",
+    "learner.learning_rate=1e-3",
+    "learner.n_steps=3",
+    "learner.frames_per_update=32",
+    "learner.double=false",
+    "collector.num_worlds=64",
+    "replay.min_transitions=2000",
+    "generator.frames_per_update=128",
+    "evaluation.bots=[oracle]",
+    "checkpoint.every_frames=1000000",
+)
+
+# A move too many costs a fiftieth, which is lost in what a new network says by chance: the oracle
+# shows every second game, and rewards are scaled.
+_LARGE_MAZE = (
+    "learner.gamma=0.99",
+    "learner.reward_scale=5",
+    "learner.batch_size=32",
+    "demonstration.bots=[oracle]",
+    "demonstration.share=0.5",
+    "demonstration.margin=0.2",
+    "evaluation.every_frames=10240",
+    "evaluation.games=16",
+)
+
+# A crash is the end of some seconds' flight: what is later than that need not be foreseen. The
+# oracle does not die: in longer games it would soon play in all worlds, and nobody would err.
+_FLAPPY = (
+    "max_ticks=2000",
+    "learner.gamma=0.97",
+    "learner.double=false",
+    "learner.frames_per_update=32",
+    "demonstration.bots=[oracle]",
+    "demonstration.share=0.1",
+    "demonstration.margin=0.05",
+    "exploration.epsilon_start=0.1",
+    "exploration.epsilon_end=0.002",
+    "exploration.anneal_frames=100000",
+    "collector.num_worlds=64",
+    "evaluation.bots=[reflex]",
+    "evaluation.every_frames=50000",
+    "checkpoint.every_frames=1000000",
+)
+
 RECIPES = {
     # A game lasts up to 1,000 decisions: at a discount of 0.99 its end is worth nothing at first,
     # and the shaping cancels out of every choice once learned: nothing is left to choose by.
@@ -37,6 +88,60 @@ RECIPES = {
             "evaluation.every_frames=25000",
             "evaluation.games=16",
             "evaluation.bots=[random,economist]",
+        ),
+    ),
+    "deep_maze_9x9": Recipe(
+        "Deep Maze 9x9, a new maze in each game: the shortest way",
+        (
+            *_MAZE,
+            "scenario=9x9-stochastic",
+            "learner.gamma=0.96",
+            "learner.batch_size=64",
+            "evaluation.every_frames=10240",
+            "evaluation.games=200",
+        ),
+    ),
+    "deep_maze_25x25_fixed": Recipe(
+        "Deep Maze 25x25, one maze, any start and goal: the shortest way",
+        (
+            *_MAZE,
+            "scenario=25x25-deterministic",
+            *_LARGE_MAZE,
+        ),
+    ),
+    "deep_maze_25x25": Recipe(
+        "Deep Maze 25x25, a new maze in each game: the shortest way",
+        (
+            *_MAZE,
+            "scenario=25x25-stochastic",
+            *_LARGE_MAZE,
+        ),
+    ),
+    "flappy_bird_features": Recipe(
+        "Flappy Bird from numbers: flies on for a thousand pipes",
+        (
+            "game=flappy_bird",
+            "representation=features",
+            "policy.body=mlp",
+            "game.reward=alive",
+            *_FLAPPY,
+            "generator=none",
+            "learner.batch_size=256",
+            "replay.capacity_transitions=500000",
+            "evaluation.games=32",
+        ),
+    ),
+    "flappy_bird_gray": Recipe(
+        "Flappy Bird from four grey frames: flies on for a hundred pipes",
+        (
+            "game=flappy_bird",
+            "representation=gray_stack",
+            "game.reward=alive",
+            *_FLAPPY,
+            "generator=none",
+            "learner.batch_size=32",
+            "replay.capacity_transitions=50000",
+            "evaluation.games=16",
         ),
     ),
 }

@@ -82,7 +82,8 @@ def test_a_mixture_takes_the_place_of_the_presets():
 @pytest.mark.parametrize("name", RECIPES)
 def test_every_recipe_composes_and_is_listed_with_its_words(name):
     config = compose_config([f"recipe={name}", "policy=capsule", "seed=7"])
-    assert config == compose_config([*RECIPES[name].words, "policy=capsule", "seed=7"])
+    words = [word for word in RECIPES[name].words if not word.startswith("policy.body=")]
+    assert config == compose_config([*words, "policy=capsule", "seed=7"])
     assert config != compose_config(["policy=capsule", "seed=7"])
     assert name in describe_options()
     assert RECIPES[name].words[-1] in describe_options()
@@ -96,6 +97,14 @@ def test_words_beside_a_recipe_go_before_its_own():
     assert (config.game.name, config.game.scenario) == ("deep_rts", "1v1-31x31")
     assert config.opponent.mixture == compose_config(["opponent=self_play"]).opponent.mixture
     assert config.demonstration == plain.demonstration
+
+
+def test_a_choice_beside_a_recipe_replaces_only_what_it_sets():
+    config = compose_config(["recipe=deep_maze_9x9", "policy=capsule", "generator=none"])
+    assert (config.policy.body, config.policy.distances) == ("capsule", True)
+    assert config.generator.name == "none"
+    assert config.generator.frames_per_update != compose_config([]).generator.frames_per_update
+    assert compose_config(["recipe=flappy_bird_gray", "policy=capsule"]).game.reward == "alive"
 
 
 def test_scenarios_to_be_rated_on_are_mappings_of_options(tmp_path):

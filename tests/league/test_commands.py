@@ -50,6 +50,29 @@ def test_bad_input_is_refused_in_one_line(tmp_path, capsys, words, message):
     assert not (tmp_path / "league").exists()
 
 
+def test_who_plays_alone_is_rated_by_score_and_by_the_numbers_of_the_game(tmp_path, capsys):
+    table = tmp_path / "table.csv"
+    words = ["deep_maze/oracle", "--against", "random", "--games", "12", "--out", str(table)]
+    assert main(["evaluate", *words, "--option", "max_ticks=8"]) == 0
+    with table.open(newline="") as file:
+        rows = {(row["agent"], row["number"]): row for row in csv.DictReader(file)}
+    numbers = ["ended", "score", "optimal_steps", "step_count", "extra_steps"]
+    agents = ["deep_maze/oracle", "random"]
+    assert list(rows) == [(agent, number) for agent in agents for number in numbers]
+    own = {number: float(rows["deep_maze/oracle", number]["mean"]) for number in numbers}
+    assert 0 < own["ended"] < 1  # some goals are more than eight moves away
+    assert own["extra_steps"] == 0
+    assert own["ended"] > float(rows["random", "ended"]["mean"])
+    steps = rows["deep_maze/oracle", "step_count"]
+    assert float(steps["median_low"]) <= float(steps["median"]) <= float(steps["median_high"]) == 8
+    assert f"{own['ended']:.1%} [" in capsys.readouterr().out
+
+
+def test_a_field_that_the_scenario_does_not_have_is_refused(capsys):
+    assert main(["evaluate", "deep_maze/oracle", "--option", "max_tick=8"]) == 2
+    assert "nearest are 'max_ticks'" in capsys.readouterr().err
+
+
 def test_a_folder_of_another_league_is_refused(tmp_path, capsys):
     out = ["--out", str(tmp_path / "league")]
     assert main(["league", *BOTS, *out]) == 0

@@ -5,7 +5,12 @@ import pytest
 from scipy import stats
 from scipy.stats import binomtest
 
-from marl_cair.league.intervals import block_interval, mean_interval, win_rate_interval
+from marl_cair.league.intervals import (
+    block_interval,
+    mean_interval,
+    median_interval,
+    win_rate_interval,
+)
 
 
 def test_wilson_interval_of_497_wins_in_500_games():
@@ -75,3 +80,17 @@ def test_the_interval_of_a_mean_is_students():
     assert mean_interval(np.full(5, 0.25)) == (0.25, 0.25)
     with pytest.raises(ValueError, match="there are no values"):
         mean_interval(np.array([]))
+
+
+def test_the_interval_of_a_median_covers_the_truth_of_skewed_values():
+    rng = np.random.default_rng(0)
+    samples = rng.exponential(size=(2_000, 101))
+    inside = [low <= np.log(2.0) <= high for low, high in map(median_interval, samples)]
+    assert 0.94 < np.mean(inside) < 0.98
+
+
+def test_the_median_of_few_values_is_not_known():
+    assert median_interval(np.arange(5.0)) == (-np.inf, np.inf)
+    assert median_interval(np.arange(6.0)) == (0.0, 5.0)
+    with pytest.raises(ValueError, match="no values"):
+        median_interval(np.array([]))

@@ -120,11 +120,15 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
 
 
 def read_info(worlds: World) -> dict[str, NDArray[Any]]:
-    """Of every seat [B, P]: the optimal moves of the mazes entered so far, and the moves made."""
+    """Of every seat [B, P]: the optimal moves of the mazes entered so far, the moves made, and by
+    how many they are more.
+    """
     moves = np.repeat(worlds.clock[:, [TICK]], worlds.optimal.shape[1], axis=1)
+    optimal = worlds.optimal + worlds.clock[:, [EARLIER_OPTIMAL]]
     return {
-        "optimal_steps": worlds.optimal + worlds.clock[:, [EARLIER_OPTIMAL]],
+        "optimal_steps": optimal,
         "step_count": moves,
+        "extra_steps": np.maximum(moves - optimal, 0),
     }
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from marl_cair.games.flappy_bird import bots, gray, observation, rendering, rules
 from marl_cair.games.flappy_bird.observation import (
@@ -17,7 +19,7 @@ from marl_cair.games.flappy_bird.observation import (
 )
 from marl_cair.games.flappy_bird.rulebook import make_rules, reward_bound
 from marl_cair.games.flappy_bird.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
-from marl_cair.games.flappy_bird.state import NUM_FRAMES, allocate
+from marl_cair.games.flappy_bird.state import NUM_FRAMES, World, allocate
 from marl_cair.games.flappy_bird.tables import MAX_PLAYERS, NOOP, SCREEN_HEIGHT, SCREEN_WIDTH
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
@@ -96,6 +98,11 @@ def _representations() -> dict[str, Representation]:
     return {representation.name: representation for representation in listed}
 
 
+def read_info(worlds: World) -> dict[str, NDArray[Any]]:
+    """Of every seat [B, P]: the pipes passed so far."""
+    return {"pipes_passed": worlds.pipes_passed}
+
+
 GAME = Game(
     name="flappy_bird",
     title="Flappy Bird",
@@ -115,4 +122,5 @@ GAME = Game(
     rewards=MappingProxyType(REWARDS),
     hidden_fields=_HIDDEN,
     gymnasium_prefix=GYMNASIUM_PREFIX,
+    info=read_info,
 )

@@ -97,7 +97,7 @@ RECIPES = {
             "scenario=9x9-stochastic",
             "learner.gamma=0.96",
             "learner.batch_size=64",
-            "evaluation.every_frames=10240",
+            "evaluation.every_frames=20480",
             "evaluation.games=200",
         ),
     ),

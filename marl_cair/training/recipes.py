@@ -45,14 +45,14 @@ _LARGE_MAZE = (
 )
 
 # A crash is the end of some seconds' flight: what is later than that need not be foreseen. The
-# oracle does not die: in longer games it would soon play in all worlds, and nobody would err.
+# oracle does not die: if it went on, it would soon play in all worlds, and nobody would err.
 _FLAPPY = (
-    "max_ticks=2000",
+    "max_ticks=1000",
     "learner.gamma=0.97",
     "learner.double=false",
     "learner.frames_per_update=32",
     "demonstration.bots=[oracle]",
-    "demonstration.share=0.1",
+    "demonstration.until_frames=5000",
     "demonstration.margin=0.05",
     "exploration.epsilon_start=0.1",
     "exploration.epsilon_end=0.002",
@@ -97,7 +97,7 @@ RECIPES = {
             "scenario=9x9-stochastic",
             "learner.gamma=0.96",
             "learner.batch_size=64",
-            "evaluation.every_frames=10240",
+            "evaluation.every_frames=20480",
             "evaluation.games=200",
         ),
     ),

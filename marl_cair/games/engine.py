@@ -73,6 +73,10 @@ class BatchedEngine:
         self._kernels: dict[tuple[Callable[..., None], str], Callable[..., None]] = {}
         self._in_place: dict[str, tuple[tuple[Any, ...], NDArray[Any]]] = {}
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy in another process needs: machine code stays here, and is settled anew."""
+        return {**self.__dict__, "_kernels": {}}
+
     @property
     def rewards(self) -> NDArray[np.float32]:
         """View of the rewards of the last step, [B, P]; overwritten by the next."""

@@ -4,6 +4,7 @@ import dataclasses
 import re
 import sys
 
+import cloudpickle
 import numpy as np
 import pytest
 
@@ -353,3 +354,11 @@ def test_importing_the_package_loads_no_rules_and_unknown_attributes_are_named()
         marl_cair.nothing  # noqa: B018
     with refuses(AttributeError, "has no attribute 'nothing'"):
         marl_cair.games.deep_line_wars.nothing  # noqa: B018
+
+
+def test_an_engine_that_has_played_goes_on_in_another_process_as_here(engine):
+    """Vector environments send it there."""
+    play(engine, Luck.draw(3, 3, engine.num_players))
+    there = cloudpickle.loads(cloudpickle.dumps(engine))
+    luck = Luck.draw(3, 3, engine.num_players, seed=1)
+    assert play(there, luck) == play(engine, luck)

@@ -74,8 +74,10 @@ class BatchedEngine:
         self._in_place: dict[str, tuple[tuple[Any, ...], NDArray[Any]]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy in another process needs: machine code stays here, and is settled anew."""
-        return {**self.__dict__, "_kernels": {}}
+        """What a copy in another process needs: machine code stays here, and observations in place,
+        of which it would get arrays and views that no longer share memory, are made anew there.
+        """
+        return {**self.__dict__, "_kernels": {}, "_in_place": {}}
 
     @property
     def rewards(self) -> NDArray[np.float32]:

@@ -123,6 +123,9 @@ def test_infos_tell_the_optimal_count_and_the_moves_made():
     info = table.engine.info()
     assert info["optimal_steps"].tolist() == [[4]]
     assert info["step_count"].tolist() == [[3]]
+    assert info["extra_steps"].tolist() == [[0]]
+    table.walk("noop noop")
+    assert table.engine.info()["extra_steps"].tolist() == [[1]]
 
 
 # --- rewards -------------------------------------------------------------------------------------

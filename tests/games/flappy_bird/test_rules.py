@@ -193,6 +193,7 @@ def test_each_pipe_is_passed_once_at_any_speed(speed):
         flight.play()
     # The first is passed after 257 pixels, then one for every 144 and more.
     assert flight.world.pipes_passed[0] in (5, 6)
+    assert flight.engine.info()["pipes_passed"].tolist() == [[flight.world.pipes_passed[0]]]
 
 
 def test_a_decision_of_several_ticks_flaps_once_and_sums_the_pay():

@@ -125,7 +125,8 @@ def test_evaluate_plays_games_of_many_in_whole_blocks(capsys):
     assert row[5:8] == ["100.0%", "[75.8%,", "100.0%]"]
 
 
-def test_evaluate_leaves_what_one_plays_alone_to_match(capsys):
-    told = tell(capsys, "evaluate", "idle", "--scenario", "alone", code=2)
-    assert "this scenario has one team" in told
-    assert "marl-cair match" in told
+def test_evaluate_rates_each_apart_where_one_plays_alone(capsys):
+    told = tell(capsys, "evaluate", "idle", "--scenario", "alone", "--games", "20")
+    assert "alone: 20 games, each alone" in told
+    assert "idle: 0.0% [0.0%, 16.1%] ended before their time" in told
+    assert "random: 100.0% [83.9%, 100.0%] ended before their time" in told

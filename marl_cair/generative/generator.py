@@ -21,7 +21,7 @@ from marl_cair.generative.gate import (
 from marl_cair.generative.heldout import TransitionRing, is_heldout, make_empty_transitions
 from marl_cair.generative.metrics import decide_mask, examine, measure
 from marl_cair.generative.outcome import RewardBins
-from marl_cair.generative.rare import RareCounts
+from marl_cair.generative.rare import RareCounts, Stratum
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.replay.transition import NO_INDEX, NO_OPPONENT, check_transitions
 
@@ -75,8 +75,11 @@ class CCDNGenerator:
         bins = RewardBins(spec.reward_range, config.size.reward_bins)
         self._counts = RareCounts(bins, config.rare_reward_share)
         self._heldout = TransitionRing(spec, config.heldout_capacity)
-        self._rare_heldout = TransitionRing(spec, config.heldout_capacity // 4)
-        self._rare = TransitionRing(spec, config.rare_capacity)
+        self._rare_heldout = TransitionRing(spec, config.heldout_capacity // 8)
+        self._rare = {
+            stratum: TransitionRing(spec, config.rare_capacity // 2)
+            for stratum in (Stratum.RARE_REWARD, Stratum.END)
+        }
         self._generators = [
             torch.Generator().manual_seed(config.seed * 7919 + use) for use in range(3)
         ]
@@ -91,33 +94,47 @@ class CCDNGenerator:
         self._check_real(batch)
         heldout = is_heldout(batch["index"], self.config.heldout_share, self.config.seed)
         self._heldout.add(batch[heldout])
-        rare = self._counts.count(batch)
-        self._rare_heldout.add(batch[heldout & rare])
-        self._rare.add(batch[~heldout & rare])
+        strata = self._counts.count(batch)
+        self._rare_heldout.add(batch[heldout & (strata != Stratum.COMMON)])
+        for stratum, ring in self._rare.items():
+            ring.add(batch[~heldout & (strata == stratum)])
         self.ensemble.count_steps(batch[~heldout][::COUNTED_STRIDE])
 
     def update(self, batch: TensorDict) -> dict[str, float]:
         """One optimiser step of one member, in turn, on `batch` less its held-out rows.
 
-        A share `rare_share` of the rows is replaced by rare rows that `observe` set aside.
+        A share `rare_share` of the rows is replaced by rows that `observe` set aside, one half
+        with rare rewards and one half ends; where there are too few of one, the other fills in.
         Returns mean losses in nats per row. Raises ValueError as `observe` does.
         """
         self._check_real(batch)
         heldout = is_heldout(batch["index"], self.config.heldout_share, self.config.seed)
         learnable = batch[~heldout]
         generator = self._generators[_TRAINING]
-        wanted = min(round(self.config.rare_share * batch.shape[0]), self._rare.num_rows)
-        rare = self._rare.sample(wanted, generator)
-        common = learnable[: max(0, batch.shape[0] - rare.shape[0])]
-        if not common.shape[0] + rare.shape[0]:
+        rare = self._draw_rare(round(self.config.rare_share * batch.shape[0]), generator)
+        num_rare = sum(rows.shape[0] for rows in rare.values())
+        common = learnable[: max(0, batch.shape[0] - num_rare)]
+        if not common.shape[0] + num_rare:
             return {}
-        rows: TensorDict = common
-        if rare.shape[0]:
-            rows = cast(TensorDict, torch.cat([common.select(*rare.keys()), rare]))
-        is_from_rare = torch.arange(rows.shape[0]) >= common.shape[0]
+        parts = {Stratum.COMMON: common, **rare}
+        keys = rare[Stratum.END].keys()
+        rows = cast(TensorDict, torch.cat([part.select(*keys) for part in parts.values()]))
+        drawn_from = torch.cat(
+            [torch.full((part.shape[0],), int(stratum)) for stratum, part in parts.items()]
+        )
         rewards, ends = rows["next", "reward"].squeeze(-1), rows["next", "terminated"].squeeze(-1)
-        is_rare = is_from_rare | ends | self._counts.is_rare_reward(rewards)
-        return self.ensemble.train(rows, self._counts.correct(is_from_rare, is_rare), generator)
+        strata = self._counts.find_strata(rewards, ends)
+        # What was seldom when it was set aside may be common by now; it counts as it was drawn.
+        strata = torch.where(drawn_from == Stratum.COMMON, strata, drawn_from)
+        return self.ensemble.train(rows, self._counts.correct(drawn_from, strata), generator)
+
+    def _draw_rare(self, num: int, generator: torch.Generator) -> dict[Stratum, TensorDict]:
+        rare, ends = self._rare[Stratum.RARE_REWARD], self._rare[Stratum.END]
+        num_ends = min(ends.num_rows, num - min(rare.num_rows, num // 2))
+        return {
+            Stratum.RARE_REWARD: rare.sample(num - num_ends, generator),
+            Stratum.END: ends.sample(num_ends, generator),
+        }
 
     def evaluate(self) -> GateReport:
         """Measure on held-out real rows: one half tunes the acceptance, the other checks it."""
@@ -180,7 +197,7 @@ class CCDNGenerator:
             "counts": self._counts.state_dict(),
             "heldout": self._heldout.state_dict(),
             "rare_heldout": self._rare_heldout.state_dict(),
-            "rare": self._rare.state_dict(),
+            "rare": {stratum.name: ring.state_dict() for stratum, ring in self._rare.items()},
             "generators": [generator.get_state() for generator in self._generators],
             "report": report,
         }
@@ -194,7 +211,8 @@ class CCDNGenerator:
         self._counts.load_state_dict(state["counts"])
         self._heldout.load_state_dict(state["heldout"])
         self._rare_heldout.load_state_dict(state["rare_heldout"])
-        self._rare.load_state_dict(state["rare"])
+        for stratum, ring in self._rare.items():
+            ring.load_state_dict(state["rare"][stratum.name])
         for generator, saved in zip(self._generators, state["generators"], strict=True):
             generator.set_state(saved)
         saved_report = state["report"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import Any
 
 import torch
@@ -14,13 +15,21 @@ from marl_cair.generative.outcome import RewardBins
 MIN_VARIANCE = 1e-6  # of rewards: below, an error of 0.001 costs as much as one standard deviation
 
 
-class RareCounts:
-    """Running counts of rewards (by bin) and ends, of all real training rows and the rare ones.
+class Stratum(IntEnum):
+    """Kinds of rows, by how they are drawn for training."""
 
-    A row is rare if it ends the episode or if its reward is among the seldom ones that together
-    make up less than `rare_share` of all rows so far. So where rewards are sparse every reward is
-    rare, and where they are shaped (nearly every row pays something) the large ones are; shaping
-    rewards spread over many bins, each of which is seldom, must not crowd out the ends.
+    COMMON = 0
+    RARE_REWARD = 1  # and the episode goes on
+    END = 2
+
+
+class RareCounts:
+    """Running counts of all real rows and of their rewards (by bin), by stratum.
+
+    A reward is rare if it is among the seldom ones that together make up less than `rare_share`
+    of all rows so far. So where rewards are sparse every reward is rare, and where they are shaped
+    (nearly every row pays something) the large ones are. Ends are a stratum of their own: a long
+    episode has one, which would be lost among the rare rewards.
     """
 
     def __init__(self, bins: RewardBins, rare_share: float) -> None:
@@ -28,90 +37,80 @@ class RareCounts:
         self.rare_share = rare_share
         num = bins.centres.numel()
         self.all_rewards = torch.zeros(num, dtype=torch.float64)
-        self.rare_rewards = torch.zeros(num, dtype=torch.float64)
+        self.rewards = torch.zeros(len(Stratum), num, dtype=torch.float64)
+        self.num_rows = torch.zeros(len(Stratum), dtype=torch.float64)
         self.sum_reward = 0.0  # these two of rows that go on
         self.sum_square = 0.0
-        self.all_ends = 0.0
-        self.rare_ends = 0.0
-        self.num_rows = 0.0
-        self.num_rare = 0.0
 
     def count(self, rows: TensorDict) -> Tensor:
-        """Count real rows; returns which of them are rare, bool [N]."""
+        """Count real rows; returns the stratum of each, int64 [N]."""
         rewards = rows["next", "reward"].squeeze(-1)
         ends = rows["next", "terminated"].squeeze(-1)
         spread = self.bins.spread(rewards).double()
         self.all_rewards += spread.sum(0)
-        self.num_rows += rewards.numel()
+        strata = self.find_strata(rewards, ends)
+        self.rewards.index_add_(0, strata, spread)
+        self.num_rows += torch.bincount(strata, minlength=len(Stratum))
         going_on = rewards[~ends].double()
         self.sum_reward += float(going_on.sum())
         self.sum_square += float(going_on.square().sum())
-        self.all_ends += float(ends.sum())
-        rare: Tensor = ends | self.is_rare_reward(rewards)
-        self.rare_rewards += spread[rare].sum(0)
-        self.num_rare += float(rare.sum())
-        self.rare_ends += float(ends.sum())
-        return rare
+        return strata
+
+    def find_strata(self, rewards: Tensor, ends: Tensor) -> Tensor:
+        """The stratum of rows with rewards [N] and ends (bool [N]) by the counts so far."""
+        strata = self.is_rare_reward(rewards) * Stratum.RARE_REWARD
+        return torch.where(ends, int(Stratum.END), strata)
 
     def is_rare_reward(self, rewards: Tensor) -> Tensor:
         """Whether the bins nearest to the rewards [N] are among the seldom ones, bool [N]."""
         counts, order = self.all_rewards.sort()
         rare = torch.zeros_like(order, dtype=torch.bool)
-        rare[order] = counts.cumsum(0) < self.rare_share * self.num_rows
+        rare[order] = counts.cumsum(0) < self.rare_share * self.all_rewards.sum()
         return rare[self.bins.spread(rewards).argmax(-1)]
 
     @property
     def rare_reward_odds(self) -> float:
         """Share of rows with a rare reward among those after which the episode goes on."""
-        rare = self.num_rare - self.rare_ends
-        return rare / max(self.num_rows - self.all_ends, 1.0)
+        going_on = self.num_rows[: Stratum.END]
+        return float(going_on[Stratum.RARE_REWARD] / going_on.sum().clamp_min(1.0))
 
-    def correct(self, is_from_rare: Tensor, is_rare: Tensor) -> RareCorrection:
+    def correct(self, drawn_from: Tensor, strata: Tensor) -> RareCorrection:
         """The correction for a batch.
 
-        is_from_rare: bool [N], drawn from the rare ring; is_rare: bool [N], rare rows of either
-        origin.
+        drawn_from: int64 [N], the stratum that a row was drawn from, COMMON where it was drawn
+        from all rows; strata: int64 [N], the stratum that it belongs to.
         """
-        share = float(is_from_rare.float().mean())
-        rare_odds = max(self.num_rare, 1.0) / max(self.num_rows, 1.0)
-        # Density of a rare (of any other) row in this batch, relative to the truth.
-        boosted = (1.0 - share) + share / rare_odds
-        weights = torch.where(is_rare, 1.0 / boosted, 1.0 / max(1.0 - share, 1e-3))
-        true = self.all_rewards / max(self.num_rows, 1.0)
-        drawn = (1.0 - share) * true + share * self.rare_rewards / max(self.num_rare, 1.0)
+        shares = torch.bincount(drawn_from, minlength=len(Stratum)).double()
+        shares /= shares.sum().clamp_min(1.0)
+        evenly = float(shares[Stratum.COMMON])  # share of the rows drawn from all
+        extra = shares.clone()
+        extra[Stratum.COMMON] = 0.0
+        num_rows = self.num_rows.sum().clamp_min(1.0)
+        odds = self.num_rows.clamp_min(1.0) / num_rows
+        density = (evenly + extra / odds).clamp_min(1e-3)  # in this batch, relative to the truth
+        true = self.all_rewards / num_rows
+        of_strata = self.rewards / self.num_rows.clamp_min(1.0)[:, None]
+        drawn = evenly * true + (extra[:, None] * of_strata).sum(0)
         log_odds = torch.where(true > 0.0, (drawn / true.clamp_min(1e-12)).log(), 0.0)
-        true_end = (self.all_ends + 0.5) / (self.num_rows + 1.0)
-        rare_end = (self.rare_ends + 0.5) / (self.num_rare + 1.0)
-        drawn_end = (1.0 - share) * true_end + share * rare_end
-        num_going_on = max(self.num_rows - self.all_ends, 1.0)
+        true_end = (self.num_rows[Stratum.END] + 0.5) / (num_rows + 1.0)
+        ends = torch.stack([evenly * true_end + extra[Stratum.END], true_end])
+        ends = ends.clamp(1e-6, 1.0 - 1e-6).logit()
+        num_going_on = float(self.num_rows[: Stratum.END].sum().clamp_min(1.0))
         mean = self.sum_reward / num_going_on
         variance = max(self.sum_square / num_going_on - mean**2, MIN_VARIANCE)
-        terminal = torch.tensor([drawn_end, true_end]).clamp(1e-6, 1.0 - 1e-6).logit()
-        shift = float(terminal[0] - terminal[1])
-        return RareCorrection(weights, log_odds.float(), variance, shift)
+        weights = (1.0 / density).float()[strata]
+        return RareCorrection(weights, log_odds.float(), variance, float(ends[0] - ends[1]))
 
     def state_dict(self) -> dict[str, Any]:
         return {
             "all_rewards": self.all_rewards.clone(),
-            "rare_rewards": self.rare_rewards.clone(),
-            "numbers": [
-                self.sum_reward,
-                self.sum_square,
-                self.all_ends,
-                self.rare_ends,
-                self.num_rows,
-                self.num_rare,
-            ],
+            "rewards": self.rewards.clone(),
+            "num_rows": self.num_rows.clone(),
+            "sums": [self.sum_reward, self.sum_square],
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self.all_rewards = state["all_rewards"].clone()
-        self.rare_rewards = state["rare_rewards"].clone()
-        (
-            self.sum_reward,
-            self.sum_square,
-            self.all_ends,
-            self.rare_ends,
-            self.num_rows,
-            self.num_rare,
-        ) = state["numbers"]
+        self.rewards = state["rewards"].clone()
+        self.num_rows = state["num_rows"].clone()
+        self.sum_reward, self.sum_square = state["sums"]

@@ -226,11 +226,11 @@ class GeneratorConfig:
     learning_rate: float = 3e-3  # of Adam
     economy_learning_rate: float = 1e-2  # its features are counts, which seldom differ from 0
     max_grad_norm: float = 100.0  # far above the usual: clipping every step would bias odds
-    rare_share: float = 0.25  # of each training batch: rows with a rare reward or an end
+    rare_share: float = 0.25  # of each training batch: half rare rewards, half ends
     rare_reward_share: float = 0.02  # of all rows, which the seldom rewards make up together
-    rare_capacity: int = 2048  # transitions
+    rare_capacity: int = 2048  # transitions, half with rare rewards, half ends
     heldout_share: float = 0.1  # of real transitions, by hash of their index
-    heldout_capacity: int = 1024  # transitions
+    heldout_capacity: int = 4096  # transitions; worlds in step would show but a part of their games
     counterfactual_share: float = 0.5  # of generated rows take another legal action
     max_rounds: int = 4  # of proposals in one call, if many are turned away
     quiet_stride: int = 16  # one in so many quiet cells is trained on (weight 16)

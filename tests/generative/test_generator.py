@@ -230,15 +230,16 @@ def test_held_out_rows_are_never_trained_on(real_rows: TensorDict) -> None:
 def test_observed_held_out_rows_do_not_reach_the_rare_ring(real_rows: TensorDict) -> None:
     generator = train(real_rows, real_rows, 0)
     state = generator.state_dict()
-    for ring, expected in (("heldout", True), ("rare_heldout", True), ("rare", False)):
-        index = state[ring]["rows"]["index"]
+    rings = [(state["heldout"], True), (state["rare_heldout"], True)]
+    rings += [(state["rare"]["END"], False)]
+    for ring, expected in rings:
+        index = ring["rows"]["index"]
         assert index.numel() > 10
         assert (is_heldout(index, SMALL.heldout_share, SMALL.seed) == expected).all()
 
 
-def test_rare_rows_fill_their_share_of_a_batch(real_rows: TensorDict) -> None:
-    generator = train(real_rows, real_rows, 0)
-    common = real_rows[real_rows["next", "reward"].squeeze(-1) == 0.0]
+def show_batch(generator: CCDNGenerator, batch: TensorDict) -> TensorDict:
+    """The rows that the networks learn from when `batch` is drawn from replay."""
     seen: list[TensorDict] = []
     original = generator.ensemble.train
 
@@ -247,8 +248,33 @@ def test_rare_rows_fill_their_share_of_a_batch(real_rows: TensorDict) -> None:
         return original(rows, *rest)
 
     generator.ensemble.train = spy  # type: ignore[method-assign]
-    generator.update(common[:64])
-    assert int((seen[0]["next", "reward"] != 0.0).sum()) == 16
+    generator.update(batch)
+    return seen[0]
+
+
+def test_rare_rows_fill_their_share_of_a_batch(real_rows: TensorDict) -> None:
+    generator = train(real_rows, real_rows, 0)
+    common = real_rows[real_rows["next", "reward"].squeeze(-1) == 0.0]
+    assert int((show_batch(generator, common[:64])["next", "reward"] != 0.0).sum()) == 16
+
+
+@pytest.mark.parametrize(("num_rewards", "num_ends"), [(40, 8), (3, 13), (0, 16)])
+def test_ends_are_half_of_the_rare_rows(
+    real_rows: TensorDict, num_rewards: int, num_ends: int
+) -> None:
+    """However many more rare rewards there are; where these are too few, ends fill their place."""
+    going_on = ~real_rows["next", "terminated"].squeeze(-1)
+    common = real_rows[going_on & (real_rows["next", "reward"].squeeze(-1) == 0.0)][:4000]
+    rewarded = common[:num_rewards].clone()
+    rewarded["next", "reward"].fill_(0.5)
+    shown = torch.cat([common, real_rows[~going_on][:20], rewarded])
+    index = torch.arange(2 * len(shown))
+    shown["index"] = index[~is_heldout(index, SMALL.heldout_share, SMALL.seed)][: len(shown)]
+    generator = CCDNGenerator(SMALL, SPEC)
+    generator.observe(shown)
+    rows = show_batch(generator, shown[:64])
+    assert int(rows["next", "terminated"].sum()) == num_ends
+    assert int((rows["next", "reward"] == 0.5).sum()) == 16 - num_ends
 
 
 # --- errors -----------------------------------------------------------------------------------

@@ -40,9 +40,32 @@ def test_the_variance_that_is_corrected_for_is_of_rows_that_go_on() -> None:
     rows = make_rewards(torch.tensor([0.1, -0.1] * 50 + [1.0]))
     rows["next", "terminated"][-1] = True
     counts.count(rows)
-    nothing = torch.zeros(4, dtype=torch.bool)
+    nothing = torch.zeros(4, dtype=torch.int64)
     variance = counts.correct(nothing, nothing).reward_variance
     torch.testing.assert_close(torch.tensor(variance), torch.tensor(0.01))
+
+
+def test_a_batch_with_many_rare_rows_stands_for_all_rows() -> None:
+    counts = RareCounts(RewardBins((-1.0, 1.0), 3), 0.06)
+    rows = make_rewards(torch.tensor([0.0] * 950 + [1.0] * 40 + [-1.0] * 10))
+    rows["next", "terminated"][-10:] = True
+    strata = counts.count(rows)
+    assert torch.bincount(strata).tolist() == [950, 40, 10]
+    half = torch.cat([torch.arange(0, 950, 2), torch.arange(950, 1000, 2)])  # as an even draw
+    boosted = torch.cat([torch.arange(950, 990), torch.arange(950, 960), torch.arange(990, 1000)])
+    drawn = torch.cat([half, boosted])
+    drawn_from = torch.cat([torch.zeros(500), torch.full((50,), 1), torch.full((10,), 2)]).long()
+    correction = counts.correct(drawn_from, strata[drawn])
+
+    weighed = torch.zeros(3).index_add_(0, strata[drawn], correction.row_weights) / len(drawn)
+    torch.testing.assert_close(weighed, torch.tensor([0.95, 0.04, 0.01]))
+    rewards = rows["next", "reward"][drawn].squeeze(-1)
+    share = counts.bins.spread(rewards).mean(0)
+    torch.testing.assert_close(
+        correction.reward_log_odds.exp() * torch.tensor([0.01, 0.95, 0.04]), share
+    )
+    ends = torch.tensor([15 / 560, 0.01]).logit()
+    assert correction.terminal_log_odds == pytest.approx(float(ends[0] - ends[1]), abs=0.05)
 
 
 def measure_rewards(

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 NUM_VALUES = 256
+NUM_DIFFERENCES = 2 * NUM_VALUES - 1
 STAY_BIAS = 3.0  # logit of "no change" before training
 
 
@@ -37,10 +38,13 @@ class EconomyChain(nn.Module):
     """Context [N, D] -> distribution of the changes [N, U] of the uniform planes, in order."""
 
     start: Tensor
+    is_seen: Tensor  # bool [U, 511], the differences -255..255 that planes have made
 
     def __init__(self, context: int, num_uniform: int, hidden: int) -> None:
         super().__init__()
         self.num_uniform = num_uniform
+        # Nothing is known yet, so nothing is ruled out.
+        self.register_buffer("is_seen", torch.ones(num_uniform, NUM_DIFFERENCES).bool())
         self.hidden = hidden
         # Not nn.Linear, which warns where a game has no uniform plane.
         self.enter = nn.Parameter(torch.randn(num_uniform * hidden, context) * context**-0.5)
@@ -57,6 +61,23 @@ class EconomyChain(nn.Module):
     def embed_changes(self, changes: Tensor) -> Tensor:
         """Embed changes int64 [N, U] in 0..255 -> [N, U, hidden]."""
         return functional.embedding(changes + self.start, self.change_weight)
+
+    def note_differences(self, now: Tensor, later: Tensor) -> None:
+        """Take note of what real scalars uint8 [N, U] have become."""
+        if bool(self.is_seen.all()):
+            self.is_seen.zero_()
+            self.is_seen[:, NUM_VALUES - 1] = True  # no difference
+        differences = later.long() - now.long() + NUM_VALUES - 1
+        self.is_seen.T[differences, torch.arange(self.num_uniform)] = True
+
+    def _find_possible(self, now: Tensor) -> Tensor:
+        """For scalars uint8 [N, U], which changes are differences that have been seen: bool
+        [U, N, 256]. A change of -10 is right for a purse of 100; to one of 5 it would add 246.
+        """
+        values = now.T.long()[..., None]
+        after = (values + torch.arange(NUM_VALUES)) % NUM_VALUES
+        differences = (after - values + NUM_VALUES - 1).flatten(1)
+        return self.is_seen.gather(1, differences).view(after.shape)
 
     def _start(self, context: Tensor, now: Tensor) -> Tensor:
         states = functional.linear(context, self.enter, self.enter_bias)
@@ -75,13 +96,18 @@ class EconomyChain(nn.Module):
         return -nll.view(self.num_uniform, -1).T
 
     def decode(self, context: Tensor, now: Tensor, generator: torch.Generator | None) -> Tensor:
-        """Changes int64 [N, U]: sampled, or the likeliest where `generator` is None."""
+        """Changes int64 [N, U]: sampled, or the likeliest where `generator` is None.
+
+        Differences that no real transition has shown (see `note_differences`) are left out.
+        """
         states = self._start(context, now)
+        impossible = ~self._find_possible(now)
         known = context.new_zeros(context.shape[0], self.hidden)
         changes = context.new_zeros(context.shape[0], self.num_uniform, dtype=torch.int64)
         for plane in range(self.num_uniform):
             hidden = functional.relu(states[:, plane] + known)
             logits = hidden @ self.leave[plane] + self.leave_bias[plane]
+            logits = logits.masked_fill(impossible[plane], -torch.inf)
             if generator is None:
                 change = logits.argmax(-1)
             else:

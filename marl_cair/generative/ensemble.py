@@ -19,6 +19,7 @@ from marl_cair.generative.steps import StepTable
 SEED_STRIDE = 1_000_003  # members' seeds lie apart, also for neighbouring generator seeds
 WARMUP_UPDATES = 30  # of each member
 MIN_AVERAGE_SHARE = 0.005  # of the newest weights in the average
+COUNTED_STRIDE = 8  # one in so many rows shows enough of which steps are usual on the board
 CHUNK_ROWS = 16  # of boards at a time: what is computed for each cell then stays in the cache
 
 
@@ -59,11 +60,15 @@ class Ensemble:
 
     def count_steps(self, rows: TensorDict) -> None:
         """Take note of the steps that values take in real transitions."""
-        moving = self.members[0].moving
-        now, later = rows["observation"][:, moving], rows["next", "observation"][:, moving]
-        self.steps.count(now, later, self.config.size.shifts)
+        now, later = rows["observation"], rows["next", "observation"]
+        moving, counted = self.members[0].moving, slice(None, None, COUNTED_STRIDE)
+        self.steps.count(
+            now[counted][:, moving], later[counted][:, moving], self.config.size.shifts
+        )
+        scalars = [self.members[0].split(planes)[1] for planes in (now, later)]
         for network in (*self.members, *self.averages):
             network.step_results.copy_(self.steps.results)
+            network.economy.note_differences(*scalars)
 
     def train(
         self, rows: TensorDict, correction: RareCorrection, generator: torch.Generator

@@ -98,7 +98,7 @@ def _judge_next_state(metrics: Mapping[str, float], config: GateConfig) -> list[
         )
         # The likeliest value of what changes less often than not is no change, however well its
         # odds are known; those are judged by likelihood then.
-        if missed and unlikely:
+        if missed and unlikely and metrics["uniform/far"] > config.max_uniform_far:
             reasons += [f"{missed[0]}, and {unlikely[0]}"]
     return reasons
 

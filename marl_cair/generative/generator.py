@@ -25,7 +25,6 @@ from marl_cair.generative.rare import RareCounts, Stratum
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.replay.transition import NO_INDEX, NO_OPPONENT, check_transitions
 
-COUNTED_STRIDE = 8  # one in so many rows shows enough of which steps are usual
 _TRAINING, _GENERATING, _EVALUATING = range(3)
 
 
@@ -98,7 +97,7 @@ class CCDNGenerator:
         self._rare_heldout.add(batch[heldout & (strata != Stratum.COMMON)])
         for stratum, ring in self._rare.items():
             ring.add(batch[~heldout & (strata == stratum)])
-        self.ensemble.count_steps(batch[~heldout][::COUNTED_STRIDE])
+        self.ensemble.count_steps(batch[~heldout])
 
     def update(self, batch: TensorDict) -> dict[str, float]:
         """One optimiser step of one member, in turn, on `batch` less its held-out rows.

@@ -103,6 +103,7 @@ def _measure_uniform(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
         "uniform/copy_mae": _find_error(now, real),
         "uniform/mae": _find_error(guess, real),
         "uniform/sampled_mae": _find_error(sample, real),
+        "uniform/far": _share(((guess.int() - real.int()).abs() > 1).any(-1)),
         "uniform/nll": _mix(held.opinions.uniform_log_prob),
         "uniform/copy_nll": sum(
             _find_marginal_nll(now[:, place], real[:, place]) for place in range(spec.num_uniform)

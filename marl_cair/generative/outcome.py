@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from marl_cair.generative.economy import NUM_VALUES, ScalarTables
-from marl_cair.generative.readout import BoardReadout, compare, flatten_board
+from marl_cair.generative.readout import BoardReadout, SideReadout, compare, flatten_board
 from marl_cair.generative.settings import NO_CELL, GeneratorSpec, NetworkSize
 
 PLANE_GAIN = 4.0  # of the mask head's planes: a quarter of the full value counts as 1
@@ -99,6 +99,10 @@ class OutcomeHeads(nn.Module):
         # The mask's loss is far larger than the others: in layers of their own these learn faster.
         num_seen = num_features + 2 * self.readout.num_sums + 2 * uniform * (1 + size.table_width)
         self.enter = nn.Linear(num_seen, 2 * hidden)
+        self.sides = SideReadout(
+            spec.num_rows, spec.num_columns, spec.num_spatial, size.side_features
+        )
+        self.enter_sides = nn.Linear(self.sides.num_seen, 2 * hidden, bias=False)
         self.middle = nn.ModuleList(nn.Linear(hidden, hidden) for _ in range(2))
         self.reward = nn.Linear(hidden, size.reward_bins)
         self.terminal = nn.Linear(hidden, 1)
@@ -119,7 +123,7 @@ class OutcomeHeads(nn.Module):
         things = flatten_board(seen.planes)
         later = self.readout(things)
         boards = compare(self.readout(seen.things), later)
-        of_value, of_mask = self._read(seen, boards)
+        of_value, of_mask = self._read(seen, boards, self.sides(things))
         fine = self.fine(torch.cat([of_value, boards], -1)).squeeze(-1)
         return Outcome(
             self.reward(of_value),
@@ -128,14 +132,14 @@ class OutcomeHeads(nn.Module):
             FINE_REACH * self.reward_std * torch.tanh(fine),
         )
 
-    def _read(self, seen: OutcomeInput, boards: Tensor) -> list[Tensor]:
+    def _read(self, seen: OutcomeInput, boards: Tensor, sides: Tensor) -> list[Tensor]:
         """Hidden layers [N, hidden]: of reward and end, and of the mask."""
         changes = seen.changes
         signed = torch.where(changes < NUM_VALUES // 2, changes, changes - NUM_VALUES)
         numbers = torch.cat([seen.scalars.float(), 4.0 * signed.float()], -1) / 255.0
         tables = [self.values(seen.scalars.long()), self.changes(changes)]
         entered = self.enter(torch.cat([seen.features, boards, numbers, *tables], -1))
-        halves = functional.relu(entered).chunk(2, -1)
+        halves = functional.relu(entered + self.enter_sides(sides)).chunk(2, -1)
         layers = zip(self.middle, halves, strict=True)
         return [functional.relu(half + layer(half)) for layer, half in layers]
 

@@ -15,6 +15,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 SUM_UNIT = 0.1  # what one cell counts for in a sum, so that a dozen things are about 1
+SIDES = tuple((row, column) for row in (-1, 0, 1) for column in (-1, 0, 1))
+GAZE = 12.0  # logit of a cell where the plane is full: more than all of a thousand other cells
 CHANGE_UNIT = 2.0  # the same in a change: one thing more or less is an event
 
 
@@ -68,6 +70,38 @@ class NearReadout(nn.Module):
         # One arrival must count beside hundreds of cells of ground.
         sums = factors @ seen[:, : planes.shape[1]].transpose(1, 2)
         return sums.flatten(1).log1p()
+
+
+class SideReadout(nn.Module):
+    """Boards float32 [N, H * W, S] of values 0..1 -> numbers [N, D]: what surrounds what.
+
+    Each plane has an eye, which rests on the cells where the plane is on (softmax attention, at
+    first on the plane itself) and sees learned features of these and of the eight cells around
+    each: "a wall above the walker" is one such number, wherever the walker stands. Sums over the
+    board, as in `BoardReadout`, lose it among hundreds of other walls.
+    """
+
+    def __init__(
+        self, num_rows: int, num_columns: int, num_spatial: int, num_features: int
+    ) -> None:
+        super().__init__()
+        self.shape = num_rows, num_columns
+        self.num_seen = len(SIDES) * num_features * num_spatial
+        self.eyes = nn.Linear(num_spatial, num_spatial, bias=False)
+        nn.init.eye_(self.eyes.weight)
+        self.enter = nn.Linear(num_spatial, num_features)
+
+    def forward(self, board: Tensor) -> Tensor:
+        gaze = (GAZE * self.eyes(board)).softmax(1)
+        features = self.enter(board).transpose(1, 2).reshape(len(board), -1, *self.shape)
+        features = functional.pad(features, (1, 1, 1, 1))
+        rows, columns = self.shape
+        around = [
+            features[..., 1 + row : 1 + row + rows, 1 + column : 1 + column + columns]
+            for row, column in SIDES
+        ]
+        seen: Tensor = torch.cat(around, 1).flatten(2) @ gaze
+        return seen.flatten(1)
 
 
 def _spread(planes: Tensor) -> Tensor:

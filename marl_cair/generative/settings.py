@@ -149,6 +149,7 @@ class NetworkSize:
     economy_hidden: int = 32  # for each uniform plane
     table_width: int = 8  # learned numbers for each value of each uniform plane
     action_embedding: int = 16  # learned numbers for each action
+    side_features: int = 4  # of each cell, which are seen around the cells where a plane is on
     reward_bins: int = 63  # odd, so that one bin is exactly 0
     shifts: tuple[tuple[int, int], ...] = (  # (row, column) offsets a value may come from
         (0, 1),
@@ -172,6 +173,9 @@ class GateConfig:
     # is the best single guess whoever guesses (Deep RTS: it steps in two of five decisions): it is
     # also enough that the uniform planes alone keep to max_nll_ratio.
     max_uniform_mae_ratio: float = 0.6  # of the copy's, unless the likelihood ratio holds
+    # Where a rounded clock is all that changes, nobody can be better than its odds, which the copy
+    # has; then it is enough to be within one level in nearly all rows.
+    max_uniform_far: float = 0.01  # share of rows with a plane off by 2 or more of 255
     min_reward_explained: float = 0.7  # of variance; few large rewards make it scatter by 0.1
     max_reward_mae_if_constant: float = 1e-3  # where rewards hardly vary: be near that constant
     min_terminals: int = 10  # with fewer held-out ends, recall cannot be told: make no ends

@@ -13,12 +13,12 @@ class Recipe(NamedTuple):
 
 
 # The way to a goal may be longer than any stack of kernels reaches, so the networks measure
-# distances; plane 0 is walls.
+# distances; plane 0 is walls. The reward is `classic`: what `distance` pays the generator cannot
+# know, which sees no distances.
 _MAZE = (
     "game=deep_maze",
     "policy.distances=true",
     "policy.obstacle_planes=[0]",
-    "game.reward=distance",
     "exploration.anneal_frames=15000",
     "learner.learning_rate=1e-3",
     "learner.n_steps=3",
@@ -26,7 +26,7 @@ _MAZE = (
     "learner.double=false",
     "collector.num_worlds=64",
     "replay.min_transitions=2000",
-    "generator.frames_per_update=128",
+    "generator.evaluate_every_frames=10000",
     "evaluation.bots=[oracle]",
     "checkpoint.every_frames=1000000",
 )

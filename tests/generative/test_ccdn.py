@@ -123,3 +123,24 @@ def test_target_cell_reaches_the_prediction(real_rows: TensorDict) -> None:
     other = network.encode(board, torch.tensor([3, NUM_ACTIONS - 1])).board
     assert torch.equal(same[0], same[1])
     assert not torch.equal(other[0], other[1])
+
+
+def test_a_sample_makes_only_differences_that_have_been_seen() -> None:
+    """A change of -10, learned from full purses, must not fill an empty one by 246."""
+    torch.manual_seed(0)
+    chain = EconomyChain(context=3, num_uniform=2, hidden=8)
+    context = torch.zeros(400, 3)
+    now = torch.full((400, 2), 5, dtype=torch.uint8)
+    with torch.no_grad():
+        chain.leave_bias[:, :, (0 - 10) % 256] = 3.0
+    everything = chain.decode(context, now, torch.Generator().manual_seed(0))
+    assert (everything == 246).any()  # nothing is ruled out before anything was seen
+    before = torch.tensor([[100, 100], [90, 0], [7, 8]], dtype=torch.uint8)
+    after = torch.tensor([[90, 100], [90, 255], [9, 8]], dtype=torch.uint8)
+    chain.note_differences(before, after)
+    for generator in (torch.Generator().manual_seed(0), None):
+        changes = chain.decode(context, now, generator)
+        assert set(changes[:, 0].tolist()) <= {0, 2}
+        assert set(changes[:, 1].tolist()) == {0}
+    wraps = chain.decode(context, torch.zeros_like(now), torch.Generator().manual_seed(0))
+    assert set(wraps[:, 1].tolist()) <= {0, 255}  # a clock that starts anew was seen

@@ -26,6 +26,7 @@ GOOD = {
     "cells/changed_share": 0.01, "cells/sampled_changed_share": 0.011,
     "likelihood/nll": 5.0, "likelihood/copy_nll": 30.0,
     "uniform/mae": 1.0, "uniform/copy_mae": 9.0, "uniform/nll": 1.0, "uniform/copy_nll": 2.0,
+    "uniform/far": 0.5,
     "reward/std": 0.1, "reward/mae": 0.01, "reward/explained": 0.95,
     "reward/num_rare": 40.0, "reward/rare_recall": 0.9,
     "terminal/ece": 0.001, "terminal/num": 20.0, "terminal/auc": 0.99,
@@ -110,6 +111,13 @@ def test_an_open_gate_has_little_slack_where_little_scatters(
     assert judge({**GOOD, **between}, GateConfig()) != ()
     assert judge({**GOOD, **between}, GateConfig().loosen()) == ()
     assert judge({**GOOD, **beyond}, GateConfig().loosen()) != ()
+
+
+@pytest.mark.parametrize(("far", "passes"), [(0.01, True), (0.02, False)])
+def test_a_rounded_clock_alone_does_not_shut_the_gate(far: float, passes: bool) -> None:
+    clock = {"uniform/mae": 0.07, "uniform/copy_mae": 0.07, "uniform/nll": 0.6}
+    metrics = {**GOOD, **clock, "uniform/copy_nll": 0.6, "uniform/far": far}
+    assert (judge(metrics, GateConfig()) == ()) == passes
 
 
 def test_uniform_planes_that_nobody_can_foresee_are_judged_by_their_odds() -> None:

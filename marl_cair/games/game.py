@@ -47,24 +47,32 @@ class Representation:
         name: the same in every game (planes, classic, image, gray, vector, ...).
         shape: [C, H, W], or [V] of a vector.
         dtype: uint8 or float32.
-        high: the largest value.
+        high: the largest value, or of a vector one for each entry.
         plane_names: one per channel (or per entry of a vector).
         num_uniform: the last `num_uniform` planes hold one value over the whole board each.
         observe: kernel (worlds, rules, out [B, P, *shape], first, last) that writes `out`; with a
             memory (worlds, rules, memory, out, first, last), and it writes what has changed.
         make_memory: num_worlds -> arrays [B, ...] that tell what an `out` holds, at first nothing.
-        low: the smallest value.
+        low: the smallest value, or of a vector one for each entry.
     """
 
     name: str
     shape: Shape
     dtype: type[np.uint8 | np.float32]
-    high: float
+    high: float | tuple[float, ...]
     plane_names: tuple[str, ...]
     observe: Callable[..., None]
     num_uniform: int = 0
     make_memory: Callable[[int], Any] | None = None
-    low: float = 0
+    low: float | tuple[float, ...] = 0
+
+    def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """The smallest and the largest values, both of the observation's shape and dtype."""
+        low, high = (
+            np.broadcast_to(np.asarray(bound, self.dtype), self.shape)
+            for bound in (self.low, self.high)
+        )
+        return low, high
 
 
 @dataclass(frozen=True)

@@ -257,7 +257,7 @@ def look(
 
 
 def _make_box(representation: Representation) -> spaces.Box:
-    low, high = representation.low, representation.high
+    low, high = representation.bounds()
     return spaces.Box(low, high, representation.shape, representation.dtype)
 
 

@@ -117,7 +117,8 @@ class BatchedGameEnv(EnvBase):
         chosen = self.engine.representation(name)
         shape = (self.engine.num_worlds, self.engine.num_players, *chosen.shape)
         dtype = torch.uint8 if chosen.dtype is np.uint8 else torch.float32
-        return Bounded(chosen.low, chosen.high, shape=shape, dtype=dtype)
+        low, high = (torch.from_numpy(bound.copy()).expand(shape) for bound in chosen.bounds())
+        return Bounded(low, high, shape=shape, dtype=dtype)
 
     def _set_seed(self, seed: int | None) -> None:
         self.seeds.restart(seed)

@@ -32,12 +32,15 @@ class Generator(Protocol):
     """Learns from real one-step transitions and makes artificial ones.
 
     All TensorDicts have the keys of `marl_cair.replay.transition` and batch size [N].
-    `last_report` is the newest GateReport, None before the first `evaluate`; `last_generation`
-    holds numbers of the last `generate` for the log, "acceptance" among them.
     """
 
-    last_report: GateReport | None
-    last_generation: dict[str, float]
+    @property
+    def last_report(self) -> GateReport | None:
+        """Of the newest `evaluate`, None before the first."""
+
+    @property
+    def last_generation(self) -> dict[str, float]:
+        """Numbers of the last `generate` for the log, "acceptance" among them."""
 
     def observe(self, batch: TensorDict) -> None:
         """Take note of new real transitions: held-out rows for the gate, rare rows for training."""

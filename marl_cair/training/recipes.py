@@ -125,7 +125,7 @@ RECIPES = {
             "policy.body=mlp",
             "game.reward=alive",
             *_FLAPPY,
-            "generator=none",
+            "generator.evaluate_every_frames=10000",
             "learner.batch_size=256",
             "replay.capacity_transitions=500000",
             "evaluation.games=32",

@@ -30,18 +30,16 @@ from marl_cair.files import (
 )
 from marl_cair.games import GAMES
 from marl_cair.games.torchrl_env import BatchedGameEnv
-from marl_cair.generative import GENERATORS
-from marl_cair.generative.generator import Generator
-from marl_cair.generative.settings import GeneratorSpec
 from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
 from marl_cair.policies.q_network import make_q_network
 from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
 from marl_cair.replay.generated import GeneratedReplay
 from marl_cair.replay.mixed import MixedReplay
 from marl_cair.replay.transition import TransitionSpec
-from marl_cair.training.config import NO_GENERATOR, TrainConfig
+from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import save_config
 from marl_cair.training.demonstrations import Demonstrators
+from marl_cair.training.generators import make_generator
 from marl_cair.training.learner import Learner
 from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
 from marl_cair.training.opponents import OpponentBook
@@ -153,33 +151,7 @@ class TrainingRun:
             config.learner.batch_size,
             generated_open=False,
         )
-        self.generator = self._make_generator()
-
-    def _make_generator(self) -> Generator | None:
-        config, settings = self.config, self.config.generator
-        if settings.name == NO_GENERATOR or config.synthetic_fraction == 0:
-            return None
-        if self.seen.dtype is not np.uint8 or self.seen.num_uniform == 0:
-            raise ValueError(
-                f"the generator {settings.name!r} works on `planes`, not on "
-                f"{self.seen.name!r}: set generator.name={NO_GENERATOR} or synthetic_fraction=0"
-            )
-        bound = self.spec.reward_bound * config.learner.reward_scale
-        spec = GeneratorSpec(
-            observation_shape=(self.seen.shape[0], self.seen.shape[1], self.seen.shape[2]),
-            num_actions=self.spec.num_actions,
-            num_uniform=self.seen.num_uniform,
-            noop_action=self.spec.noop_action,
-            action_kinds=self.spec.action_groups.tolist(),
-            action_cells=self.spec.action_cells.tolist(),
-            reward_range=(-bound, bound),
-            static_planes=self.spec.static_planes,
-            exclusive_plane_groups=self.spec.exclusive_planes,
-            event_plane_groups=self.spec.event_planes,
-        )
-        model = dataclasses.replace(settings.model, seed=self._seeds[3])
-        generator: Generator = GENERATORS[settings.name](model, spec)
-        return generator
+        self.generator = make_generator(self.config, self.seen, self.spec, self._seeds[3])
 
     def _claim_folder(self, resume: bool) -> None:
         real = self.replay.real

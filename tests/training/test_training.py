@@ -306,11 +306,10 @@ def test_bad_settings_are_refused(make, message):
         make()
 
 
-def test_the_generator_needs_planes(tmp_path):
-    settings = GameSettings(scenario="11x11", representation="vector")
-    policy = QNetworkConfig(body="mlp")
-    with pytest.raises(ValueError, match="works on `planes`, not on 'vector'"):
-        TrainingRun(tiny(tmp_path / "a", game=settings, policy=policy))
+def test_the_generator_needs_planes_or_a_vector(tmp_path):
+    settings = GameSettings(scenario="11x11", representation="gray")
+    with pytest.raises(ValueError, match="works on `planes` and on vectors, not on 'gray'"):
+        TrainingRun(tiny(tmp_path / "a", game=settings))
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no limit on the size of files")

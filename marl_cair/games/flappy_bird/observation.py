@@ -35,7 +35,9 @@ VECTOR_NAMES = (
     "upper edge of its gap",
     "lower edge of its gap",
 )
-VECTOR_LOW, VECTOR_HIGH = -64.0, 1_024.0  # pixels; no number comes near
+# Pixels. What lies nearer than the number says is known better where it is stored in bytes.
+VECTOR_LOW = (-64.0, -12.0, *(0.0, 0.0, 0.0) * 2)
+VECTOR_HIGH = (512.0, 12.0, 400.0, 512.0, 512.0, 600.0, 512.0, 512.0)
 
 FEATURE_NAMES = (
     "bird y",
@@ -60,7 +62,8 @@ FEATURE_NAMES = (
     OTHERS_FLYING,
     TIME_LEFT,
 ) = range(len(FEATURE_NAMES))
-FEATURE_LOW, FEATURE_HIGH = -1.0, 3.0
+FEATURE_LOW = (-0.125, -1.2, 0.0, -1.0, *(0.0, 0.0, 0.0) * 2, 0.0, 0.0)
+FEATURE_HIGH = (1.0, 1.2, 1.0, 1.0, 1.4, 1.0, 1.0, 2.1, 1.0, 1.0, 1.0, 1.0)
 
 CELL = 16  # pixels along a cell of the planes
 ROWS, COLUMNS = SCREEN_HEIGHT // CELL, SCREEN_WIDTH // CELL

@@ -1,0 +1,60 @@
+"""The generator of a training run, made for what its agents see."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from marl_cair.games.game import GameSpec, Representation
+from marl_cair.generative import GENERATORS
+from marl_cair.generative.generator import Generator
+from marl_cair.generative.settings import GeneratorSpec
+from marl_cair.generative.vectors import VectorCodec, VectorGenerator
+from marl_cair.training.config import NO_GENERATOR, TrainConfig
+
+
+def make_generator(
+    config: TrainConfig, seen: Representation, spec: GameSpec, seed: int
+) -> Generator | None:
+    """The generator that `config` names, or None where it wants no generated transitions.
+
+    Raises:
+        ValueError: agents see neither planes nor a vector.
+    """
+    settings = config.generator
+    if settings.name == NO_GENERATOR or config.synthetic_fraction == 0:
+        return None
+    make = GENERATORS[settings.name]
+    model = dataclasses.replace(settings.model, seed=seed)
+    bound = spec.reward_bound * config.learner.reward_scale
+    if len(seen.shape) == 1:
+        low, high = (bounds.tolist() for bounds in seen.bounds())
+        codec = VectorCodec(low, high)
+        of_vector = GeneratorSpec(
+            observation_shape=codec.shape,
+            num_actions=spec.num_actions,
+            num_uniform=len(low),
+            noop_action=spec.noop_action,
+            action_kinds=spec.action_groups.tolist(),
+            reward_range=(-bound, bound),
+        )
+        return VectorGenerator(make(model, of_vector), codec)
+    if seen.dtype is not np.uint8 or seen.num_uniform == 0:
+        raise ValueError(
+            f"the generator {settings.name!r} works on `planes` and on vectors, not on "
+            f"{seen.name!r}: set generator.name={NO_GENERATOR} or synthetic_fraction=0"
+        )
+    of_planes = GeneratorSpec(
+        observation_shape=(seen.shape[0], seen.shape[1], seen.shape[2]),
+        num_actions=spec.num_actions,
+        num_uniform=seen.num_uniform,
+        noop_action=spec.noop_action,
+        action_kinds=spec.action_groups.tolist(),
+        action_cells=spec.action_cells.tolist(),
+        reward_range=(-bound, bound),
+        static_planes=spec.static_planes,
+        exclusive_plane_groups=spec.exclusive_planes,
+        event_plane_groups=spec.event_planes,
+    )
+    return make(model, of_planes)

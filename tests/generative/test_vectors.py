@@ -1,0 +1,120 @@
+"""A generator that learns from vectors: what is lost in bytes, and a small world that it learns."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec, NetworkSize
+from marl_cair.generative.vectors import VectorCodec, VectorGenerator
+from marl_cair.replay.transition import NO_OPPONENT, TransitionSpec, check_transitions
+
+LOW, HIGH = (-1.0, 0.0), (1.0, 10.0)
+SPEC = TransitionSpec((2,), num_actions=2, observation_dtype=torch.float32)
+
+
+def make_rows(num: int, first: int, generator: torch.Generator) -> TensorDict:
+    """A ball that falls by half a unit and can be thrown up by two: it pays where it is high and
+    the game is over at the ground.
+    """
+    now = torch.rand(num, 2, generator=generator) * torch.tensor([2.0, 10.0]) + torch.tensor(LOW)
+    action = torch.randint(2, (num,), generator=generator)
+    height = (now[:, 1] - 0.5 + 2.5 * action).clamp(0.0, 10.0)
+    later = torch.stack([now[:, 0], height], 1)
+    ended = height <= 0.0
+    ones = torch.ones(num, 2, dtype=torch.bool)
+    no = torch.zeros(num, 1, dtype=torch.bool)
+    following = {
+        "observation": later,
+        "action_mask": ones,
+        "reward": (height > 5.0).float()[:, None],
+        "terminated": ended[:, None],
+        "done": ended[:, None],
+    }
+    return TensorDict(
+        {
+            "observation": now,
+            "action_mask": ones,
+            "action": action,
+            "next": TensorDict(following, [num]),
+            "steps_to_next_obs": torch.ones(num, 1, dtype=torch.int64),
+            "is_generated": no,
+            "is_demonstration": no,
+            "opponent": torch.full((num,), NO_OPPONENT, dtype=torch.int16),
+            "index": first + torch.arange(num),
+        },
+        [num],
+    )
+
+
+def make_generator() -> VectorGenerator:
+    codec = VectorCodec(LOW, HIGH)
+    spec = GeneratorSpec(codec.shape, 2, num_uniform=2, noop_action=0, reward_range=(-1.0, 1.0))
+    size = NetworkSize(channels=4, hidden=32)
+    return VectorGenerator(CCDNGenerator(GeneratorConfig(num_members=1, size=size), spec), codec)
+
+
+def test_a_vector_comes_back_to_within_half_a_level() -> None:
+    codec = VectorCodec(LOW, HIGH)
+    vectors = make_rows(500, 0, torch.Generator().manual_seed(0))["observation"]
+    planes = codec.encode(vectors)
+    assert planes.shape == (500, *codec.shape)
+    assert planes.dtype == torch.uint8
+    assert (planes[:, 0] == 0).all()
+    error = (codec.decode(planes) - vectors).abs().amax(0)
+    assert (error <= torch.tensor([2.0, 10.0]) / 510 * 1.0001).all()
+    assert torch.equal(codec.encode(codec.decode(planes)), planes)
+    outside = torch.tensor([[-7.0, 99.0]])
+    torch.testing.assert_close(codec.decode(codec.encode(outside)), torch.tensor([[-1.0, 10.0]]))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "message"),
+    [
+        ((0.0,), (1.0, 1.0), "low has 1 bounds, high 2"),
+        ((0.0, 1.0), (1.0, 1.0), r"entry 1 is said to lie in 1.0..1.0: both bounds must be finite"),
+        ((-float("inf"),), (1.0,), "entry 0 is said to lie in -inf..1.0"),
+    ],
+)
+def test_bounds_that_hold_nothing_are_refused(
+    low: tuple[float, ...], high: tuple[float, ...], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        VectorCodec(low, high)
+
+
+def test_a_falling_ball_is_learned_and_made() -> None:
+    draws = torch.Generator().manual_seed(1)
+    generator = make_generator()
+    rows = make_rows(6000, 0, draws)
+    generator.observe(rows)
+    empty = generator.generate(rows[:5], 10)
+    assert len(empty) == 0  # nothing before the gate has looked
+    for _ in range(500):
+        generator.update(rows[torch.randint(6000, (128,), generator=draws)])
+    report = generator.evaluate()
+    assert report.passed, report.reasons
+    assert generator.last_report == report
+    made = generator.generate(rows[:500], 200)
+    check_transitions(made, SPEC)
+    assert len(made) > 100
+    assert generator.last_generation["acceptance"] > 0.3
+    fallen = made["next", "observation"][:, 1] - made["observation"][:, 1]
+    expected = (-0.5 + 2.5 * made["action"]).float()
+    free = (made["observation"][:, 1] > 0.6) & (made["observation"][:, 1] < 7.9)
+    error = (fallen - expected)[free].abs()
+    assert error.mean() < 0.1
+    torch.testing.assert_close(
+        made["next", "observation"][:, 0], made["observation"][:, 0], atol=0.02, rtol=0.0
+    )
+
+
+def test_the_state_goes_on_with_the_same_bits() -> None:
+    draws = torch.Generator().manual_seed(2)
+    rows = make_rows(1000, 0, draws)
+    one, other = make_generator(), make_generator()
+    one.observe(rows)
+    one.update(rows[:64])
+    other.load_state_dict(one.state_dict())
+    assert one.update(rows[64:128]) == other.update(rows[64:128])

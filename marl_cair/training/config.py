@@ -219,7 +219,10 @@ class GeneratorSettings:
     batch_size: int = 64  # real transitions of its own update
     frames_per_update: int = 64  # frames collected for each of its updates
     evaluate_every_frames: int = 25_000  # frames between two looks at the gate
-    rows_per_refill: int = 1_000  # transitions generated after each passed evaluation
+    # While the gate is open. At these numbers a generated row is learned from as often as a real
+    # one: a fifth of each batch, out of a fifth of all rows that come in.
+    refill_every_frames: int = 4_000
+    rows_per_refill: int = 1_000  # transitions
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:
@@ -228,6 +231,7 @@ class GeneratorSettings:
             "batch_size",
             "frames_per_update",
             "evaluate_every_frames",
+            "refill_every_frames",
             "rows_per_refill",
         ):
             require(getattr(self, name) >= 1, f"generator.{name}", getattr(self, name), "1 or more")

@@ -144,23 +144,31 @@ def _generate(run: TrainingRun, before: int) -> None:
         run.means.add({f"generator/{name}": value for name, value in losses.items()})
     if _is_due(before, run.frames, settings.evaluate_every_frames):
         _measure_generator(run, generator)
+        _refill(run, generator)
+    elif _is_due(before, run.frames, settings.refill_every_frames):
+        _refill(run, generator)
 
 
 def _measure_generator(run: TrainingRun, generator: Generator) -> None:
     report = generator.evaluate()
     run.gate_is_open = report.passed
-    rows = run.config.generator.rows_per_refill
-    if report.passed:
-        made = generator.generate(run.replay.real.sample_single_steps(rows), rows)
-        if len(made):
-            run.replay.generated.extend(made)
-        run.means.add({"generator/generated_rows": float(len(made))})
     run.replay.generated_open = report.passed
     values = {f"gate/{name}": value for name, value in report.metrics.items()}
     run.means.add({"gate/passed": float(report.passed), **values})
     reasons = "; ".join(report.reasons)
     text = "open" if report.passed else f"shut, batches are all real: {reasons}"
     _tell(run, "gate", f"the generator's gate is {text}")
+
+
+def _refill(run: TrainingRun, generator: Generator) -> None:
+    """Generate new transitions while the gate is open."""
+    if not run.gate_is_open:
+        return
+    rows = run.config.generator.rows_per_refill
+    made = generator.generate(run.replay.real.sample_single_steps(rows), rows)
+    if len(made):
+        run.replay.generated.extend(made)
+    run.means.add({"generator/generated_rows": float(len(made))})
 
 
 def _tell(run: TrainingRun, tag: str, text: str) -> None:

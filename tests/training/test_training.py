@@ -12,6 +12,7 @@ import torch
 
 from marl_cair.checkpoint import CheckpointError, load_network
 from marl_cair.files import OutputFolderError
+from marl_cair.generative.gate import GateReport
 from marl_cair.league.agents import load_agent
 from marl_cair.league.match import play_match
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
@@ -97,6 +98,31 @@ def test_generated_rows_are_a_fifth_of_each_batch_only_while_the_gate_is_open(tm
         assert batch.shape[0] == 20
         assert int(batch["is_generated"].sum()) == 4
         assert torch.isfinite(torch.as_tensor(run.learner.update(batch)["loss/all"]))
+    run.close()
+
+
+def test_new_rows_are_generated_at_intervals_while_the_gate_is_open(tmp_path, monkeypatch):
+    from marl_cair.training.metrics import Timers
+    from marl_cair.training.trainer import iterate
+
+    settings = GeneratorSettings(evaluate_every_frames=512, refill_every_frames=128)
+    run = TrainingRun(tiny(tmp_path / "a", generator=settings))
+    looks = iter([True, True, False])
+    made = []
+
+    def look():
+        return GateReport(next(looks), ())
+
+    def generate(starts, num_rows):
+        made.append(run.frames)
+        return starts[:0]
+
+    monkeypatch.setattr(run.generator, "evaluate", look)
+    monkeypatch.setattr(run.generator, "generate", generate)
+    steps = iterate(run, Timers())
+    while run.frames < 2000:
+        next(steps)
+    assert made == list(range(512, 1536, 128))
     run.close()
 
 

@@ -120,7 +120,7 @@ def test_new_rows_are_generated_at_intervals_while_the_gate_is_open(tmp_path, mo
     monkeypatch.setattr(run.generator, "evaluate", look)
     monkeypatch.setattr(run.generator, "generate", generate)
     steps = iterate(run, Timers())
-    while run.frames < 2000:
+    while run.frames < 1_920:
         next(steps)
     assert made == list(range(512, 1536, 128))
     run.close()

@@ -1,10 +1,9 @@
-"""`run_league`: a seat-balanced round-robin of any agents, rated with intervals."""
+"""`run_league`: seat-balanced games of any agents, stored in one file, rated with intervals."""
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,23 +14,16 @@ from tqdm import tqdm
 
 from marl_cair.files import claim_output_folder
 from marl_cair.games import GAMES
-from marl_cair.games.game import Agent, Game
-from marl_cair.league.agents import find_fingerprint, is_checkpoint, load_agent
-from marl_cair.league.match import (
-    BLOCKS_PER_CHUNK,
-    GAMES_PER_BLOCK,
-    GAMES_PER_CHUNK,
-    MatchResult,
-    play_chunks,
-    require_rivals,
-)
-from marl_cair.league.playing import CHUNKS_AT_ONCE
+from marl_cair.games.game import Game
+from marl_cair.league.agents import describe_agent, find_fingerprint, is_checkpoint, load_agent
+from marl_cair.league.arena import Arena, Load, Rules
+from marl_cair.league.blocks import Entrant
+from marl_cair.league.match import require_rivals
 from marl_cair.league.ratings import Games, Rating, rate
 from marl_cair.league.report import describe_league, make_table, write_report
-from marl_cair.league.store import LeagueStore
+from marl_cair.league.schedule import Job, schedule_meetings
+from marl_cair.league.store import STORE_FILE, LeagueStore, StoredGames
 from marl_cair.lookup import find_by_name
-
-STORE_FILE = "league.sqlite"
 
 
 @dataclass(frozen=True)
@@ -42,25 +34,30 @@ class LeagueConfig:
         ValueError: fewer than two agents, one named twice, or a number that is not allowed.
     """
 
-    agents: tuple[str, ...]  # checkpoint folders and bot names
+    agents: tuple[str, ...]  # checkpoint folders, bot names, module:function
     game: str = "deep_line_wars"
     scenario: str = "10x15"
     scenario_options: Mapping[str, Any] = field(default_factory=dict)  # fields of it to change
-    games_per_pair: int = 40  # even: each map seed is played in both seats
+    games_per_pair: int = 40  # even between two teams: each map seed is played in both seats
     seed: int = 0
     out: str = "runs/league"
+    ladder: tuple[str, ...] = ()  # further agents, that do not play each other anew
+    seating: str = ""  # "ring" or "all", see `blocks.make_design`; "": all of up to three teams
+    workers: int = 1  # processes that play; results do not depend on it
 
     def __post_init__(self) -> None:
-        if len(self.agents) < 2:
-            raise ValueError(f"agents are {list(self.agents)}, a league needs two or more")
-        twice = sorted({name for name in self.agents if self.agents.count(name) > 1})
+        everyone = [*self.agents, *self.ladder]
+        if len(everyone) < 2:
+            raise ValueError(f"agents are {everyone}, a league needs two or more")
+        twice = sorted({name for name in everyone if everyone.count(name) > 1})
         if twice:
             raise ValueError(f"{', '.join(twice)} is given twice: name each agent once")
-        if self.games_per_pair < GAMES_PER_BLOCK or self.games_per_pair % GAMES_PER_BLOCK:
-            raise ValueError(
-                f"games_per_pair (--games) is {self.games_per_pair}, it must be even and 2 or "
-                "more: every map seed is played once in each seat"
-            )
+        for name, value in (
+            ("games_per_pair (--games)", self.games_per_pair),
+            ("workers", self.workers),
+        ):
+            if value < 1:
+                raise ValueError(f"{name} is {value}, it must be 1 or more")
 
 
 @dataclass(frozen=True)
@@ -72,70 +69,77 @@ class LeagueResult:
     folder: Path
 
 
-@dataclass(frozen=True)
-class Entrant:
-    """An agent of the league; `fingerprint` tells its weights (a bot's rules version) apart."""
-
-    name: str
-    fingerprint: str
-    agent: Agent
-
-
 def run_league(
     config: LeagueConfig,
-    load: Callable[..., Agent] = load_agent,
+    load: Load = load_agent,
     show_progress: bool = True,
 ) -> LeagueResult:
     """Play what is not yet stored in `<out>/league.sqlite`, rate all agents, write the report.
 
     The same agents, seed and number of games give the same tables, in whatever order the agents are
-    given, however often the league was interrupted, and whether it had fewer games or other agents
-    before.
+    given, with any number of workers, however often the league was interrupted, and whether it had
+    fewer games before. Between two teams it may have had other agents before, too.
 
     Raises:
-        CheckpointError, UnknownNameError: an agent cannot be loaded; before any game.
-        ValueError: two of the agents are one and the same, or the scenario has not two teams.
+        CheckpointError, ForeignAgentError, UnknownNameError: an agent cannot be loaded; before any
+            game.
+        ValueError: two of the agents are one and the same, the scenario has but one team, or the
+            number of games does not fit.
         OutputFolderError, LeagueStoreError: the folder holds something else, or a league of other
             settings; or its file cannot be written.
     """
     game = find_by_name("game", config.game, GAMES)
     options = {**config.scenario_options, "reward": game.rated_reward}
-    scenario = game.scenario(config.scenario, **options)
-    if (num_teams := require_rivals(game, scenario)) != 2:
-        raise ValueError(
-            f"{game.name} {config.scenario} has {num_teams} teams: a league is of games between "
-            "two; compare two agents by `marl-cair match`"
-        )
-    entrants = _load_entrants(config, game, scenario, load)
+    rules = _find_rules(config, game, game.scenario(config.scenario, **options))
+    entrants = _load_entrants(config, game, rules.scenario, load)
     folder = Path(config.out)
     settings = {
         "game": game.name,
         "game_version": game.version,
-        "scenario": dataclasses.asdict(scenario),
+        "scenario": dataclasses.asdict(rules.scenario),
         "seed": config.seed,
     }
     claim_output_folder(folder, "league", settings, resume=True)
-    store = LeagueStore(folder / STORE_FILE, settings)
+    teams = game.make_spec(rules.scenario).team_of_seat.tolist()
+    more = {"seating": rules.seating, "team_of_seat": teams}
+    store = LeagueStore(folder / STORE_FILE, {**settings, **more})
     try:
-        matches = _play_all(config, game, scenario, entrants, store, show_progress)
+        games, ids = _play_all(config, rules, entrants, store, load, show_progress)
     finally:
         store.close()
     names = [entrant.name for entrant in entrants]
-    games, distinct = _collect(matches, len(entrants))
-    ratings = rate(names, games, config.seed)
-    table = make_table(names, games, ratings, distinct)
+    rows, distinct = _as_pairs(games, ids)
+    ratings = rate(names, rows, config.seed)
+    table = make_table(names, rows, ratings, distinct)
     text = describe_league(table)
     write_report(folder, table, text)
     return LeagueResult(tuple(ratings), text, folder)
 
 
-def _load_entrants(
-    config: LeagueConfig, game: Game, scenario: Any, load: Callable[..., Agent]
-) -> list[Entrant]:
+def _find_rules(config: LeagueConfig, game: Game, scenario: Any) -> Rules:
+    if (num_teams := require_rivals(game, scenario)) != 2:
+        raise ValueError(
+            f"{game.name} {config.scenario} has {num_teams} teams: a league is of games between "
+            "two; compare two agents by `marl-cair match`"
+        )
+    rules = Rules(
+        game, scenario, config.seed, config.seating or ("all" if num_teams < 4 else "ring")
+    )
+    size = rules.games_per_block
+    if num_teams == 2 and config.games_per_pair % size:
+        raise ValueError(
+            f"games_per_pair (--games) is {config.games_per_pair}, it must be even: every map seed "
+            "is played once in each seat"
+        )
+    return rules
+
+
+def _load_entrants(config: LeagueConfig, game: Game, scenario: Any, load: Load) -> list[Entrant]:
     """All agents by short, unique names, in the order of those names."""
     sources: dict[str, str] = {}
     entrants = []
-    for source, name in zip(config.agents, _short_names(config.agents, game), strict=True):
+    everyone = (*config.agents, *config.ladder)
+    for source, name in zip(everyone, _short_names(everyone, game), strict=True):
         agent = load(source, game=game.name, scenario=scenario)
         fingerprint = find_fingerprint(agent, game)
         if fingerprint in sources:
@@ -143,7 +147,7 @@ def _load_entrants(
                 f"{sources[fingerprint]} and {source} are the same agent: name it once"
             )
         sources[fingerprint] = source
-        entrants.append(Entrant(name, fingerprint, agent))
+        entrants.append(Entrant(name, fingerprint, agent, source))
     return sorted(entrants, key=lambda entrant: entrant.name)
 
 
@@ -167,53 +171,60 @@ def _short_names(sources: Sequence[str], game: Game) -> list[str]:
 
 def _play_all(
     config: LeagueConfig,
-    game: Game,
-    scenario: Any,
+    rules: Rules,
     entrants: list[Entrant],
     store: LeagueStore,
+    load: Load,
     show_progress: bool,
-) -> dict[tuple[int, int], MatchResult]:
-    """The games of each pair of entrants (indices), the pair in the order of fingerprints."""
-    numbers = [store.add_agent(entrant.name, entrant.fingerprint) for entrant in entrants]
-    # A pair is stored one way round, whatever the agents are called today.
-    places = sorted(range(len(entrants)), key=lambda place: entrants[place].fingerprint)
-    pairs = list(itertools.combinations(places, 2))
-    chunks = range(-(-config.games_per_pair // GAMES_PER_CHUNK))
-    matches = {}
-    with tqdm(
-        total=len(pairs) * config.games_per_pair, unit=" games", disable=not show_progress
-    ) as bar:
-        for pair in pairs:
-            one, two = (entrants[place] for place in pair)
-            bar.set_postfix_str(f"{one.name} v {two.name}")
-            first, second = (numbers[place] for place in pair)
-            stored = store.read_match(first, second).results
-            held = {result.block // BLOCKS_PER_CHUNK for result in stored}
-            missing = [chunk for chunk in chunks if chunk not in held]
-            for start in range(0, len(missing), CHUNKS_AT_ONCE):
-                match = play_chunks(
-                    one.agent,
-                    two.agent,
-                    game,
-                    scenario,
-                    config.seed,
-                    missing[start : start + CHUNKS_AT_ONCE],
-                    (one.fingerprint, two.fingerprint),
-                )
-                store.add_match(first, second, match)
-            results = store.read_match(first, second).results[: config.games_per_pair]
-            matches[pair] = MatchResult(results)
-            bar.update(config.games_per_pair)
-    return matches
+) -> tuple[StoredGames, list[int]]:
+    """The games to rate, and the ids of the entrants in the store."""
+    # Numbered by fingerprint: a line-up is the same whatever its agents are called today.
+    numbered = sorted(entrants, key=lambda entrant: entrant.fingerprint)
+    ids = [store.add_agent(describe_agent(one.name, one.agent, rules.game)) for one in numbered]
+    arena = Arena(rules, numbered, ids, store, config.workers, load)
+    jobs = schedule_meetings(
+        len(numbered),
+        rules.num_teams,
+        config.games_per_pair,
+        rules.games_per_chunk,
+        frozenset(n for n, one in enumerate(numbered) if one.source in config.ladder),
+    )
+    total = len(jobs) * rules.games_per_chunk
+    with tqdm(total=total, unit=" games", disable=not show_progress) as bar:
+        arena.play(jobs, bar)
+    id_of = {one.fingerprint: number for one, number in zip(numbered, ids, strict=True)}
+    return _choose_games(config, rules, ids, jobs, store), [id_of[e.fingerprint] for e in entrants]
 
 
-def _collect(
-    matches: Mapping[tuple[int, int], MatchResult], num_agents: int
-) -> tuple[Games, NDArray[np.int64]]:
-    """Games [N, 4] of `rate`, and the number of distinct games of each pair, [n, n]."""
-    rows: list[tuple[int, int, int, float]] = []
-    distinct = np.zeros((num_agents, num_agents), np.int64)
-    for (first, second), match in matches.items():
-        rows += [(first, second, result.block, result.score) for result in match.results]
-        distinct[first, second] = distinct[second, first] = match.distinct_games
-    return np.array(rows, np.float64), distinct
+def _choose_games(
+    config: LeagueConfig, rules: Rules, ids: Sequence[int], jobs: Sequence[Job], store: LeagueStore
+) -> StoredGames:
+    """The games of these agents that the jobs name; beside a ladder all that are stored."""
+    games = store.read_games()
+    is_ours = np.asarray(np.isin(games.agents, ids).all(axis=1), np.bool_)
+    if not config.ladder:
+        size = rules.blocks_per_chunk
+        ends: dict[tuple[int, ...], int] = {}
+        for line_up, chunk in jobs:
+            key = tuple(sorted(ids[number] for number in line_up))
+            ends[key] = max(ends.get(key, 0), (chunk + 1) * size)
+        if rules.num_teams == 2:  # to the game; chunks are played whole
+            ends = dict.fromkeys(ends, config.games_per_pair // rules.games_per_block)
+        keys = map(tuple, np.sort(games.agents, axis=1).tolist())
+        limits = np.array([ends.get(key, 0) for key in keys], np.int64)
+        is_ours = is_ours & (games.numbers < limits)
+    return games.select(is_ours)
+
+
+def _as_pairs(games: StoredGames, ids: Sequence[int]) -> tuple[Games, NDArray[np.int64]]:
+    """Games [N, 4] of `rate` between two teams, and the distinct games of each pair, [n, n]."""
+    places = {number: place for place, number in enumerate(ids)}
+    agents = np.array([[places[one] for one in row] for row in games.agents.tolist()], np.int64)
+    agents = agents.reshape(-1, 2)
+    first, second = agents.min(1), agents.max(1)
+    scores = np.where(agents[:, 0] == first, games.points[:, 0], games.points[:, 1])
+    counted = ~games.is_repeat
+    distinct = np.zeros((len(ids), len(ids)), np.int64)
+    np.add.at(distinct, (first[counted], second[counted]), 1)
+    rows = np.column_stack((first, second, games.numbers, scores)).astype(np.float64)
+    return rows, distinct + distinct.T

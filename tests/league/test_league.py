@@ -43,8 +43,9 @@ def read(folder):
 def read_games(folder):
     """All stored games by the agents' fingerprints."""
     query = (
-        "SELECT a.fingerprint, b.fingerprint, block, first_seat, winner, g.fingerprint FROM game g "
-        "JOIN agent a ON a.id = first JOIN agent b ON b.id = second ORDER BY 1, 2, 3, 4"
+        "SELECT b.number, g.number, trajectory, decisions, t.team, a.fingerprint, t.points "
+        "FROM team t JOIN game g ON g.id = t.game JOIN block b ON b.id = g.block "
+        "JOIN agent a ON a.id = t.agent ORDER BY trajectory, b.number, g.number, t.team"
     )
     # Read-only: opening it otherwise would make the file before the league does.
     database = sqlite3.connect(f"file:{folder / 'league.sqlite'}?mode=ro", uri=True)
@@ -197,12 +198,16 @@ def test_an_unknown_agent_stops_the_league_before_any_game(tmp_path):
         ({"agents": ("random",)}, "a league needs two or more"),
         ({"agents": ("random", "random")}, "random is given twice"),
         ({"games_per_pair": 3}, r"games_per_pair \(--games\) is 3, it must be even"),
-        ({"games_per_pair": 0}, r"games_per_pair \(--games\) is 0, it must be even and 2 or more"),
+        ({"games_per_pair": 0}, r"games_per_pair \(--games\) is 0, it must be 1 or more"),
+        ({"workers": 0}, "workers is 0, it must be 1 or more"),
+        ({"agents": ("random",), "ladder": ("random",)}, "random is given twice"),
+        ({"agents": (), "ladder": ("random", "turtle")}, "all agents are on the ladder"),
+        ({"seating": "square"}, "seating is 'square', it must be one of ring, all"),
     ],
 )
 def test_bad_settings_are_refused(tmp_path, changes, message):
     with pytest.raises(ValueError, match=message):
-        make_config(tmp_path, **changes)
+        play(tmp_path / "league", **changes)
 
 
 class TestCheckpoints:

@@ -16,8 +16,8 @@ from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.match_options import add_match_options
 from marl_cair.files import write_atomically
 from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
+from marl_cair.league.intervals import win_rate_interval
 from marl_cair.league.match import MatchResult, play_match, require_rivals
-from marl_cair.league.ratings import win_rate_interval
 
 COLUMNS = ("opponent", "games", "wins", "draws", "losses", "win_rate", "low", "high")
 
@@ -63,6 +63,8 @@ def format_row(source: str, match: MatchResult, width: int) -> str:
     repeats = ""
     if match.distinct_games < match.games:
         repeats = f"  (only {match.distinct_games} games differ: the interval is too narrow)"
+    if match.forfeits:
+        repeats += f"  ({len(match.forfeits)} games were forfeited: {match.forfeits[0]})"
     return (
         f"{source:{width}} {match.games:>6} {match.wins:>6} {match.draws:>6} {match.losses:>6}  "
         f"{share} [{low}, {high}]{repeats}\n"

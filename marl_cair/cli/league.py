@@ -12,10 +12,12 @@ from marl_cair.cli.match_options import add_match_options
 from marl_cair.league.agents import find_scenario
 from marl_cair.league.blocks import SEATINGS
 from marl_cair.league.export import FORMATS, QUERIES, export_league
-from marl_cair.league.league import LeagueConfig, run_league
+from marl_cair.league.league import LeagueConfig, LeagueResult, report_stored, run_league
 from marl_cair.league.store import STORE_FILE, LeagueStore
 
 DEFAULT_OUT = "runs/league"
+GAMES_PER_PAIR = 40
+MOST_GAMES_PER_PAIR = 2_000  # of the adaptive schedule
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -25,23 +27,42 @@ def run(arguments: Sequence[str]) -> int:
     options = make_parser().parse_args(arguments)
     everyone = [*options.agents, *options.ladder]
     game, scenario, scenario_options = find_scenario(everyone, options.game, options.scenario)
+    is_adaptive = options.ci > 0.0 or options.time
+    games = (
+        options.games
+        if options.games is not None
+        else (MOST_GAMES_PER_PAIR if is_adaptive else GAMES_PER_PAIR)
+    )
     result = run_league(
         LeagueConfig(
             agents=tuple(options.agents),
             game=game.name,
             scenario=scenario,
             scenario_options=scenario_options,
-            games_per_pair=options.games,
+            games_per_pair=games,
             seed=options.seed,
             out=options.out,
             ladder=tuple(options.ladder),
             seating=options.seating,
             workers=options.workers,
+            half_width_elo=options.ci,
+            max_seconds=read_seconds(options.time),
         )
     )
+    return _tell(result)
+
+
+def report(arguments: Sequence[str]) -> int:
+    """Ratings of all stored games; plays nothing."""
+    parser = argparse.ArgumentParser("marl-cair league report", description=report.__doc__)
+    _add_folder(parser)
+    return _tell(report_stored(Path(parser.parse_args(arguments).out)))
+
+
+def _tell(result: LeagueResult) -> int:
     sys.stdout.write(
-        f"{result.text}\nladder.txt, ladder.csv, winrates.csv, league.png and league.pdf are in "
-        f"{result.folder}\n"
+        f"{result.text}\nladder.txt, league.png, league.pdf, ladder.csv, differences.csv and "
+        f"winrates.csv are in {result.folder}\n"
     )
     return EXIT_DONE
 
@@ -96,7 +117,11 @@ def export(arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
-SUBCOMMANDS: dict[str, Callable[[Sequence[str]], int]] = {"status": tell_status, "export": export}
+SUBCOMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
+    "report": report,
+    "status": tell_status,
+    "export": export,
+}
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -105,8 +130,9 @@ def make_parser() -> argparse.ArgumentParser:
         "marl-cair league",
         description=f"{__doc__} The same command again goes on where it stopped, and with more "
         "games or agents plays only what is new.",
-        epilog="`marl-cair league status FOLDER` tells what is stored, `marl-cair league export "
-        f"FOLDER` writes it ({', '.join(QUERIES)}) as CSV, JSON or Parquet.",
+        epilog="`marl-cair league report FOLDER` rates all that is stored, `league status FOLDER` "
+        f"tells what that is, `league export FOLDER` writes it ({', '.join(QUERIES)}) as CSV, JSON "
+        "or Parquet.",
     )
     parser.add_argument(
         "agents",
@@ -115,7 +141,8 @@ def make_parser() -> argparse.ArgumentParser:
         "them), and functions that make an agent (module:function, called with scenario and "
         "spec); `random` is rated 0 where it takes part",
     )
-    add_match_options(parser, 40, "of each pair", "first checkpoint", "bots alone")
+    add_match_options(parser, GAMES_PER_PAIR, "of each pair", "first checkpoint", "bots alone")
+    parser.set_defaults(games=None)
     parser.add_argument(
         "--ladder",
         nargs="+",
@@ -132,6 +159,19 @@ def make_parser() -> argparse.ArgumentParser:
         "rotations of a random ring (default: all for two and three, ring for more)",
     )
     parser.add_argument(
+        "--ci",
+        type=float,
+        default=0.0,
+        metavar="ELO",
+        help="play where it tells most until every 95 %% interval is ELO or less either way; "
+        f"--games is then the most for a pair, if not given {MOST_GAMES_PER_PAIR} (default: no)",
+    )
+    parser.add_argument(
+        "--time",
+        default="",
+        help="as --ci, until so much time is over, for example 90s, 10m or 2h (default: no)",
+    )
+    parser.add_argument(
         "--workers",
         type=int,
         default=1,
@@ -144,6 +184,16 @@ def make_parser() -> argparse.ArgumentParser:
         "(default: %(default)s)",
     )
     return parser
+
+
+def read_seconds(text: str) -> float:
+    """Seconds of "90s", "10m" or "2h", 0 of "". Raises ValueError for other words."""
+    if not text:
+        return 0.0
+    try:
+        return float(text[:-1]) * {"s": 1.0, "m": 60.0, "h": 3600.0}[text[-1]]
+    except (KeyError, ValueError) as error:
+        raise ValueError(f"--time is {text!r}, it must be a number with s, m or h") from error
 
 
 def _add_folder(parser: argparse.ArgumentParser) -> None:

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from marl_cair.files import claim_output_folder
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game
+from marl_cair.league.adaptive import Played, Target, play_adaptively
 from marl_cair.league.agents import describe_agent, find_fingerprint, is_checkpoint, load_agent
 from marl_cair.league.arena import Arena, Load, Rules
 from marl_cair.league.blocks import Entrant
 from marl_cair.league.match import require_rivals
-from marl_cair.league.ratings import Games, Rating, rate
+from marl_cair.league.ratings import Games, Rating, describe_method, rate
 from marl_cair.league.report import describe_league, make_table, write_report
 from marl_cair.league.schedule import Job, schedule_meetings
 from marl_cair.league.store import STORE_FILE, LeagueStore, StoredGames
@@ -44,6 +47,8 @@ class LeagueConfig:
     ladder: tuple[str, ...] = ()  # further agents, that do not play each other anew
     seating: str = ""  # "ring" or "all", see `blocks.make_design`; "": all of up to three teams
     workers: int = 1  # processes that play; results do not depend on it
+    half_width_elo: float = 0.0  # above 0: play on until no 95 % interval is wider either way
+    max_seconds: float = 0.0  # above 0: choose no further games then
 
     def __post_init__(self) -> None:
         everyone = [*self.agents, *self.ladder]
@@ -104,29 +109,16 @@ def run_league(
     more = {"seating": rules.seating, "team_of_seat": teams}
     store = LeagueStore(folder / STORE_FILE, {**settings, **more})
     try:
-        games, ids = _play_all(config, rules, entrants, store, load, show_progress)
+        return _play_and_rate(config, rules, entrants, store, load, show_progress)
     finally:
         store.close()
-    names = [entrant.name for entrant in entrants]
-    rows, distinct = _as_pairs(games, ids)
-    ratings = rate(names, rows, config.seed)
-    table = make_table(names, rows, ratings, distinct)
-    text = describe_league(table)
-    write_report(folder, table, text)
-    return LeagueResult(tuple(ratings), text, folder)
 
 
 def _find_rules(config: LeagueConfig, game: Game, scenario: Any) -> Rules:
-    if (num_teams := require_rivals(game, scenario)) != 2:
-        raise ValueError(
-            f"{game.name} {config.scenario} has {num_teams} teams: a league is of games between "
-            "two; compare two agents by `marl-cair match`"
-        )
-    rules = Rules(
-        game, scenario, config.seed, config.seating or ("all" if num_teams < 4 else "ring")
-    )
-    size = rules.games_per_block
-    if num_teams == 2 and config.games_per_pair % size:
+    num_teams = require_rivals(game, scenario)
+    seating = config.seating or ("all" if num_teams < 4 else "ring")
+    rules = Rules(game, scenario, config.seed, seating)
+    if num_teams == 2 and config.games_per_pair % rules.games_per_block:
         raise ValueError(
             f"games_per_pair (--games) is {config.games_per_pair}, it must be even: every map seed "
             "is played once in each seat"
@@ -169,62 +161,158 @@ def _short_names(sources: Sequence[str], game: Game) -> list[str]:
     return [bots.get(source, source) for source in sources]
 
 
-def _play_all(
+def _play_and_rate(
     config: LeagueConfig,
     rules: Rules,
     entrants: list[Entrant],
     store: LeagueStore,
     load: Load,
     show_progress: bool,
-) -> tuple[StoredGames, list[int]]:
-    """The games to rate, and the ids of the entrants in the store."""
+) -> LeagueResult:
     # Numbered by fingerprint: a line-up is the same whatever its agents are called today.
     numbered = sorted(entrants, key=lambda entrant: entrant.fingerprint)
     ids = [store.add_agent(describe_agent(one.name, one.agent, rules.game)) for one in numbered]
     arena = Arena(rules, numbered, ids, store, config.workers, load)
-    jobs = schedule_meetings(
-        len(numbered),
-        rules.num_teams,
-        config.games_per_pair,
-        rules.games_per_chunk,
-        frozenset(n for n, one in enumerate(numbered) if one.source in config.ladder),
-    )
-    total = len(jobs) * rules.games_per_chunk
-    with tqdm(total=total, unit=" games", disable=not show_progress) as bar:
-        arena.play(jobs, bar)
+    ladder = frozenset(n for n, one in enumerate(numbered) if one.source in config.ladder)
+    jobs = _play_jobs(config, rules, arena, store, ladder, show_progress)
+    is_adaptive = config.half_width_elo > 0.0 or config.max_seconds > 0.0
+    stored = store.read_games()
+    if config.ladder:  # what it has played before counts too
+        stored = stored.select(np.asarray(np.isin(stored.agents, ids).all(axis=1), np.bool_))
+    else:
+        exact = rules.num_teams == 2 and not is_adaptive
+        end = config.games_per_pair // rules.games_per_block if exact else None
+        stored = _choose_games(rules, ids, jobs, stored, end)
     id_of = {one.fingerprint: number for one, number in zip(numbered, ids, strict=True)}
-    return _choose_games(config, rules, ids, jobs, store), [id_of[e.fingerprint] for e in entrants]
+    return rate_and_report(
+        store,
+        stored,
+        {id_of[entrant.fingerprint]: entrant.name for entrant in entrants},
+        config.seed,
+        Path(config.out),
+    )
+
+
+def _play_jobs(
+    config: LeagueConfig,
+    rules: Rules,
+    arena: Arena,
+    store: LeagueStore,
+    ladder: frozenset[int],
+    show_progress: bool,
+) -> list[Job]:
+    """Play what the schedule says; returns its jobs."""
+    num_agents, size = len(arena.entrants), rules.games_per_chunk
+    with tqdm(unit=" games", disable=not show_progress) as bar:
+        if config.half_width_elo <= 0.0 and config.max_seconds <= 0.0:
+            jobs = schedule_meetings(
+                num_agents, rules.num_teams, config.games_per_pair, size, ladder
+            )
+            bar.total = len(jobs) * size
+            arena.play(jobs, bar)
+            return jobs
+        end = time.monotonic() + (config.max_seconds or math.inf)
+        done = 0
+
+        def play(jobs: Sequence[Job]) -> Played:
+            nonlocal done
+            arena.play(jobs[done:], bar)
+            done = len(jobs)
+            return _as_played(_choose_games(rules, arena.ids, jobs, store.read_games()), arena.ids)
+
+        return play_adaptively(
+            num_agents,
+            rules.num_teams,
+            rules.blocks_per_chunk,
+            size,
+            Target(config.half_width_elo, config.games_per_pair, lambda: time.monotonic() > end),
+            play,
+            ladder,
+        )
+
+
+def _as_played(stored: StoredGames, ids: Sequence[int]) -> Played:
+    """The games with agents by their numbers in the league."""
+    games = _number_agents(stored, ids)
+    return Played(games, np.sort(games.agents, axis=1), stored.numbers)
+
+
+def _number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
+    """The games with agents by their places in `ids`."""
+    place = {number: at for at, number in enumerate(ids)}
+    agents = np.array([[place[one] for one in row] for row in stored.agents.tolist()], np.int64)
+    return Games(
+        agents.reshape(stored.agents.shape),
+        stored.points,
+        stored.ranks,
+        stored.blocks,
+        stored.is_repeat,
+    )
+
+
+def rate_and_report(
+    store: LeagueStore, stored: StoredGames, names: Mapping[int, str], seed: int, folder: Path
+) -> LeagueResult:
+    """Rate stored games of the agents `names` (by id), keep the ratings, write the report.
+
+    Raises:
+        ValueError: no games, or agents that no games compare.
+    """
+    ids, called = list(names), list(names.values())
+    games = _number_agents(stored, ids)
+    ladder = rate(called, games, seed)
+    store.add_ratings(
+        describe_method(seed),
+        games.digest(called),
+        int((~games.is_repeat).sum()),
+        [
+            (
+                ids[called.index(r.name)],
+                *(r.elo, r.low, r.high, r.bound, r.group, r.probability_first, r.games, r.score),
+            )
+            for r in ladder.ratings
+        ],
+    )
+    forfeits = Counter(reason for reason in stored.reasons if reason)
+    table = make_table(called, games, ladder, sorted(forfeits.items()))
+    text = describe_league(table)
+    write_report(folder, table, text)
+    return LeagueResult(ladder.ratings, text, folder)
+
+
+def report_stored(folder: Path) -> LeagueResult:
+    """Rate all stored games of the league in `folder` and write its report; plays nothing.
+
+    Raises:
+        LeagueStoreError: no league file, or one that cannot be read.
+        ValueError: no games, or agents that no games compare.
+    """
+    store = LeagueStore(folder / STORE_FILE)
+    try:
+        stored = store.read_games()
+        played = set(stored.agents.ravel().tolist())
+        agents = {n: agent.name for n, agent in store.read_agents().items() if n in played}
+        if len(set(agents.values())) < len(agents):  # an agent that was trained on under its name
+            agents = {n: f"{name} ({n})" for n, name in agents.items()}
+        names = dict(sorted(agents.items(), key=lambda item: item[1]))
+        return rate_and_report(store, stored, names, int(store.settings["seed"]), folder)
+    finally:
+        store.close()
 
 
 def _choose_games(
-    config: LeagueConfig, rules: Rules, ids: Sequence[int], jobs: Sequence[Job], store: LeagueStore
+    rules: Rules,
+    ids: Sequence[int],
+    jobs: Sequence[Job],
+    games: StoredGames,
+    end: int | None = None,
 ) -> StoredGames:
-    """The games of these agents that the jobs name; beside a ladder all that are stored."""
-    games = store.read_games()
-    is_ours = np.asarray(np.isin(games.agents, ids).all(axis=1), np.bool_)
-    if not config.ladder:
-        size = rules.blocks_per_chunk
-        ends: dict[tuple[int, ...], int] = {}
-        for line_up, chunk in jobs:
-            key = tuple(sorted(ids[number] for number in line_up))
-            ends[key] = max(ends.get(key, 0), (chunk + 1) * size)
-        if rules.num_teams == 2:  # to the game; chunks are played whole
-            ends = dict.fromkeys(ends, config.games_per_pair // rules.games_per_block)
-        keys = map(tuple, np.sort(games.agents, axis=1).tolist())
-        limits = np.array([ends.get(key, 0) for key in keys], np.int64)
-        is_ours = is_ours & (games.numbers < limits)
-    return games.select(is_ours)
-
-
-def _as_pairs(games: StoredGames, ids: Sequence[int]) -> tuple[Games, NDArray[np.int64]]:
-    """Games [N, 4] of `rate` between two teams, and the distinct games of each pair, [n, n]."""
-    places = {number: place for place, number in enumerate(ids)}
-    agents = np.array([[places[one] for one in row] for row in games.agents.tolist()], np.int64)
-    agents = agents.reshape(-1, 2)
-    first, second = agents.min(1), agents.max(1)
-    scores = np.where(agents[:, 0] == first, games.points[:, 0], games.points[:, 1])
-    counted = ~games.is_repeat
-    distinct = np.zeros((len(ids), len(ids)), np.int64)
-    np.add.at(distinct, (first[counted], second[counted]), 1)
-    rows = np.column_stack((first, second, games.numbers, scores)).astype(np.float64)
-    return rows, distinct + distinct.T
+    """The games of the jobs, of each line-up to the block `end`: chunks are played whole."""
+    ends: dict[tuple[int, ...], int] = {}
+    for line_up, chunk in jobs:
+        key = tuple(sorted(ids[number] for number in line_up))
+        last = (chunk + 1) * rules.blocks_per_chunk
+        ends[key] = max(ends.get(key, 0), last if end is None else min(end, last))
+    keys = map(tuple, np.sort(games.agents, axis=1).tolist())
+    limits = np.array([ends.get(key, 0) for key in keys], np.int64)
+    return games.select(games.numbers < limits)

@@ -1,9 +1,9 @@
 """Bradley-Terry and Plackett-Luce in one: the likelihood of finishing orders, and its maximum.
 
-A game of T teams is a sequence of choices: the best of all, the best of the rest, ... (Luce 1959,
+A game of T teams is a sequence of choices: the best of all, the best of the rest, ... (Luce 1959;
 Plackett 1975, "The analysis of permutations"). The chance to be chosen from a set is in proportion
 to exp(rating of the agent + advantage of the team's seat). Of two teams this is Bradley-Terry.
-Teams that finish together count as the mean of the log-likelihoods of all their orders, so that a draw of
+Teams that finish together count as the mean of the log-likelihoods of all their orders: a draw of
 two is half a win of each. What has a closed form for two (choix) has none with seat advantages: so
 Newton's method finds the maximum, and choix is what the tests compare it with.
 """
@@ -28,6 +28,7 @@ SEAT_PRIOR_ELO = 400.0  # of seat advantages about 0
 MAX_STEP = 2.0  # logits: Newton's steps are cut to this
 NEWTON_TOLERANCE, CHORD_TOLERANCE = 1e-8, 1e-3  # logits
 MAX_NEWTON_STEPS, MAX_CHORD_STEPS = 200, 15
+MAX_NUMBERS = 2_000_000  # in an array of resamples that are fitted at once
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Rankings:
     @property
     def num_teams(self) -> int:
         """T."""
-        return self.agents.shape[1]
+        return int(self.agents.shape[1])
 
 
 def split_ranking(
@@ -113,7 +114,7 @@ class Likelihood:
         starts = np.arange(0, columns.size + 1, 2)
         shape = (agents.size, self.num_parameters)
         self._design = csr_array((np.ones(columns.size), columns.ravel(), starts), shape=shape)
-        self._columns = columns.reshape(len(unique), -1)
+        self._columns = columns.reshape(len(unique), 2 * num_teams)
         precision = np.full(self.num_parameters, (ELO_PER_LOGIT / PRIOR_ELO) ** 2)
         precision[num_agents:] = (ELO_PER_LOGIT / SEAT_PRIOR_ELO) ** 2
         self._precision = precision
@@ -158,21 +159,39 @@ class Likelihood:
     def refit(
         self, start: NDArray[np.float64], block_weights: NDArray[np.float64], factor: Any
     ) -> NDArray[np.float64]:
-        """As `fit`, to CHORD_TOLERANCE, from `start` and with the `factor` of `factorise` there.
+        """As `fit` for S weightings [S, K] at once, to CHORD_TOLERANCE: [S, n + T].
 
-        One curvature for all steps: cheap where the maximum is near, which it is for resampled
-        blocks; where it is not, `fit` takes over.
+        From `start`, with the `factor` of `factorise` there: one curvature for all steps is cheap
+        where the maximum is near, which it is for resampled blocks; where it is not, `fit` takes
+        over.
         """
+        points = np.tile(start, (len(block_weights), 1))
+        size = max(1, MAX_NUMBERS // max(1, self._is_member.size))
+        for first in range(0, len(points), size):
+            part = slice(first, first + size)
+            points[part] = self._refit_part(points[part], block_weights[part], factor)
+        return points
+
+    def _refit_part(
+        self, points: NDArray[np.float64], block_weights: NDArray[np.float64], factor: Any
+    ) -> NDArray[np.float64]:
         chosen, weights = block_weights @ self._chosen, block_weights @ self._weights
-        point = start.copy()
+        is_left = np.ones(len(points), np.bool_)
         for _ in range(MAX_CHORD_STEPS):
-            step = cho_solve(factor, self._climb(point, chosen, weights, self._share(point)))
-            point += step
-            if not (size := float(np.abs(step).max())) <= MAX_STEP:
+            left = np.flatnonzero(is_left)
+            if not len(left):
                 break
-            if size < CHORD_TOLERANCE:
-                return point
-        return self.fit(block_weights)
+            shares = self._share(points[left])
+            rise = self._climb(points[left], chosen[left], weights[left], shares)
+            step = cho_solve(factor, rise.T).T
+            points[left] += step
+            size = np.abs(step).max(1)
+            is_left[left] = ~(size < CHORD_TOLERANCE)
+            if not (size <= MAX_STEP).all():
+                break
+        for sample in np.flatnonzero(is_left).tolist():
+            points[sample] = self.fit(block_weights[sample])
+        return points
 
     def find_curvature(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """The observed information with the prior's, [n + T, n + T], with every block once."""
@@ -182,22 +201,24 @@ class Likelihood:
         """The curvature at `point`, as `refit` takes it."""
         return cho_factor(self.find_curvature(point))
 
-    def _share(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The chance of each place of each set to be chosen from it, [sets, T]."""
-        strength = (self._design @ point).reshape(self._is_member.shape)
+    def _share(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The chance of each place of each set to be chosen from it: [..., P] -> [..., sets, T]."""
+        strength = (self._design @ points.T).T.reshape(*points.shape[:-1], *self._is_member.shape)
         strength = np.where(self._is_member, strength, -np.inf)
-        odds = np.exp(strength - strength.max(1, keepdims=True))
-        return np.asarray(odds / odds.sum(1, keepdims=True), np.float64)
+        odds = np.exp(strength - strength.max(-1, keepdims=True))
+        return np.asarray(odds / odds.sum(-1, keepdims=True), np.float64)
 
     def _climb(
         self,
-        point: NDArray[np.float64],
+        points: NDArray[np.float64],
         chosen: NDArray[np.float64],
         weights: NDArray[np.float64],
         shares: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        expected = (weights[:, None] * shares).ravel() @ self._design
-        return np.asarray(chosen - expected - self._precision * point, np.float64)
+        """The gradient: points [..., P], chosen [..., P], weights [..., sets] -> [..., P]."""
+        mass = (weights[..., None] * shares).reshape(*points.shape[:-1], -1)
+        expected = (self._design.T @ mass.T).T
+        return np.asarray(chosen - expected - self._precision * points, np.float64)
 
     def _curve(
         self, weights: NDArray[np.float64], shares: NDArray[np.float64]

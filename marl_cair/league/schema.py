@@ -135,6 +135,11 @@ def migrate(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
 
 def _migrate_2(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
     """Version 2 had two teams in a row of `game`, and knew neither kinds nor forfeits."""
+    if "team_of_seat" not in settings:
+        raise SchemaError(
+            "has schema version 2, which does not say which seats play together: give the command "
+            "that played it (`marl-cair league ...`) once more, which brings it up"
+        )
     meta = read_meta(database)
     agents = database.execute("SELECT id, fingerprint, name FROM agent").fetchall()
     games = database.execute(

@@ -49,7 +49,7 @@ class StoredGames:
         line_ups: int64 [N], equal for games of one line-up.
         is_repeat: bool [N], whether the game is the same, move by move, as one before it in which
             the same agents have played the same teams.
-        is_forfeit: bool [N].
+        reasons: of forfeits, N, "" where there is none.
         trajectories: N hashes.
     """
 
@@ -60,7 +60,7 @@ class StoredGames:
     numbers: NDArray[np.int64]
     line_ups: NDArray[np.int64]
     is_repeat: NDArray[np.bool_]
-    is_forfeit: NDArray[np.bool_]
+    reasons: tuple[str, ...]
     trajectories: tuple[str, ...]
 
     def select(self, which: NDArray[Any]) -> StoredGames:
@@ -71,7 +71,11 @@ class StoredGames:
             if isinstance(value, np.ndarray)
         }
         kept = np.arange(len(self.trajectories))[which].tolist()
-        return StoredGames(**arrays, trajectories=tuple(self.trajectories[at] for at in kept))
+        return StoredGames(
+            **arrays,
+            reasons=tuple(self.reasons[at] for at in kept),
+            trajectories=tuple(self.trajectories[at] for at in kept),
+        )
 
 
 class LeagueStore:
@@ -241,7 +245,7 @@ class LeagueStore:
         """All games, sorted by the agents' fingerprints, so that their order tells no history."""
         with self._named_errors():
             rows = self._database.execute(
-                "SELECT b.line_up, b.number, g.number, g.trajectory, g.status, t.agent, t.points, "
+                "SELECT b.line_up, b.number, g.number, g.trajectory, g.reason, t.agent, t.points, "
                 "t.rank FROM team t JOIN game g ON g.id = t.game JOIN block b ON b.id = g.block "
                 "ORDER BY t.game, t.team"
             ).fetchall()
@@ -265,7 +269,7 @@ class LeagueStore:
             numbers=np.array([part[0][1] for part in parts], np.int64),
             line_ups=line_ups,
             is_repeat=_find_repeats(agents, trajectories),
-            is_forfeit=np.array([part[0][4] == "forfeit" for part in parts], np.bool_),
+            reasons=tuple(str(part[0][4]) for part in parts),
             trajectories=trajectories,
         )
 

@@ -83,7 +83,7 @@ def test_what_is_stored_comes_back(store):
     assert games.points.tolist() == [[1.0, 0.0]] * 2
     assert games.ranks.tolist() == [[1.0, 2.0]] * 2
     assert (games.numbers.tolist(), games.blocks.tolist()) == ([0, 0], [0, 0])
-    assert not games.is_forfeit.any()
+    assert games.reasons == ("", "")
     assert store.read_blocks() == {tuple(ids): {0}}
 
 
@@ -127,7 +127,7 @@ def test_forfeits_are_kept_with_their_reason(store):
     ids = add(store, games=())
     lost = {"forfeited": (False, True), "reason": "b crashed in act: KeyError: 3"}
     store.add_games(ids, [played(0, 0, **lost), played(0, 1)])
-    assert store.read_games().is_forfeit.tolist() == [True, False]
+    assert store.read_games().reasons == ("b crashed in act: KeyError: 3", "")
     assert store.read_forfeits() == [("b crashed in act: KeyError: 3", 1)]
 
 
@@ -225,8 +225,8 @@ def test_a_file_of_version_2_is_brought_up(path):
 
 def test_a_migration_that_fails_leaves_the_old_file(path):
     make_version_2(path)
-    with pytest.raises(KeyError):  # older files do not say which seats play together
-        LeagueStore(path, {})
+    with pytest.raises(LeagueStoreError, match="give the command that played it .* once more"):
+        LeagueStore(path)
     database = sqlite3.connect(path)
     assert database.execute("SELECT count(*) FROM game").fetchone() == (3,)
     assert database.execute("SELECT value FROM meta WHERE key = 'schema_version'").fetchone() == (

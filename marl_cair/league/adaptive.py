@@ -96,13 +96,11 @@ def choose_round(
     rating = point[:num_agents]
     chance = 1.0 / (1.0 + np.exp(rating[None, :] - rating[:, None]))
     told = chance * (1.0 - chance)  # by a game of two, in 1 / logits squared
-    has_interval = np.zeros(num_agents, np.bool_)
-    for group in find_groups(above):
-        has_interval[group] = len(group) > 1
+    groups = find_groups(above)
     jobs: list[Job] = []
     while len(jobs) < JOBS_PER_ROUND:
-        half_widths, gaps = _measure(curvature, num_agents)
-        half_widths[~has_interval | ~may_play.any(1)] = 0.0
+        half_widths, gaps = _measure(curvature, num_agents, groups)
+        half_widths[~may_play.any(1)] = 0.0
         widest = int(half_widths.argmax())
         if half_widths[widest] <= SAFETY * target.half_width_elo:
             return jobs
@@ -125,15 +123,19 @@ def choose_round(
 
 
 def _measure(
-    curvature: NDArray[np.float64], num_agents: int
+    curvature: NDArray[np.float64], num_agents: int, groups: Sequence[Sequence[int]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Half-widths [n] in Elo against the mean of all, and variances [n, n] of differences."""
+    """Half-widths [n] in Elo against the mean of the group, and variances [n, n] of differences."""
     covariance = np.linalg.inv(curvature)[:num_agents, :num_agents]
-    # Centred: else the spread of the mean, which no game tells, would be in every rating.
-    covariance = covariance - covariance.mean(0) - covariance.mean(1)[:, None] + covariance.mean()
-    spread = np.maximum(covariance.diagonal(), 0.0)
+    spread = covariance.diagonal()
     gaps = spread[:, None] + spread - 2.0 * covariance
-    return ELO_PER_LOGIT * Z * np.sqrt(spread), gaps
+    half_widths = np.zeros(num_agents)
+    for group in groups:
+        own = covariance[np.ix_(group, group)]
+        # Centred: else the spread of the mean, which no game tells, would be in every rating.
+        centred = own.diagonal() - 2.0 * own.mean(1) + own.mean()
+        half_widths[group] = ELO_PER_LOGIT * Z * np.sqrt(np.maximum(centred, 0.0))
+    return half_widths, gaps
 
 
 def _count_chunks(played: Played, blocks_per_chunk: int) -> Counter[tuple[int, ...]]:

@@ -189,8 +189,26 @@ class Likelihood:
             is_left[left] = ~(size < CHORD_TOLERANCE)
             if not (size <= MAX_STEP).all():
                 break
-        for sample in np.flatnonzero(is_left).tolist():
-            points[sample] = self.fit(block_weights[sample])
+        left = np.flatnonzero(is_left)
+        size = max(1, MAX_NUMBERS // max(1, self._columns.size * self._columns.shape[1]))
+        for first in range(0, len(left), size):
+            part = left[first : first + size]
+            points[part] = self._climb_carefully(chosen[part], weights[part])
+        return points
+
+    def _climb_carefully(
+        self, chosen: NDArray[np.float64], weights: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Newton's method for S weightings: chosen [S, n + T], weights [S, sets] -> [S, n + T]."""
+        points = np.zeros(chosen.shape)
+        for _ in range(MAX_NEWTON_STEPS):
+            shares = self._share(points)
+            rise = self._climb(points, chosen, weights, shares)
+            steps = np.linalg.solve(self._curve_each(weights, shares), rise[..., None])[..., 0]
+            size = np.abs(steps).max(1, keepdims=True)
+            points += steps * np.minimum(1.0, MAX_STEP / np.maximum(size, 1e-300))
+            if (size < CHORD_TOLERANCE).all():
+                break
         return points
 
     def find_curvature(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -219,6 +237,20 @@ class Likelihood:
         mass = (weights[..., None] * shares).reshape(*points.shape[:-1], -1)
         expected = (self._design.T @ mass.T).T
         return np.asarray(chosen - expected - self._precision * points, np.float64)
+
+    def _curve_each(
+        self, weights: NDArray[np.float64], shares: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """As `_curve` for S weightings, without sparse matrices: [S, n + T, n + T]."""
+        num_samples, size = len(weights), self.num_parameters
+        twice = np.repeat(shares, 2, axis=2)  # for the rating, and for the advantage
+        place = np.arange(twice.shape[2]) // 2
+        own = twice[..., None] * (place[:, None] == place)
+        told = weights[..., None, None] * (own - twice[..., None] * twice[..., None, :])
+        cells = self._columns[:, :, None] * size + self._columns[:, None, :]
+        cells = np.arange(num_samples)[:, None, None, None] * size**2 + cells
+        curves = np.bincount(cells.ravel(), told.ravel(), num_samples * size**2)
+        return np.asarray(curves.reshape(-1, size, size) + np.diag(self._precision), np.float64)
 
     def _curve(
         self, weights: NDArray[np.float64], shares: NDArray[np.float64]

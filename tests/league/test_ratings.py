@@ -137,10 +137,11 @@ class TestLikelihood:
         assert quick[1] == pytest.approx(point, abs=2e-3)
 
     def test_a_resample_that_lies_far_off_is_fitted_with_care(self):
-        games = from_rows([*sweep(0, 1), *[(1, 0, 99, 1.0)] * 2])
-        model = Likelihood(2, [Rankings(games.agents, games.ranks, games.blocks)])
-        point = model.fit(np.ones(21))
-        weights = np.eye(21)[[0, 20]] * 21
+        games = from_rows([*sweep(0, 1), *sweep(1, 2, 6), *[(1, 0, 99, 1.0), (2, 1, 99, 1.0)] * 2])
+        model = Likelihood(3, [Rankings(games.agents, games.ranks, games.blocks)])
+        num = model.num_blocks
+        point = model.fit(np.ones(num))
+        weights = np.vstack((np.eye(num)[[0, num - 1]] * num, np.ones((1, num))))
         quick = model.refit(point, weights, model.factorise(point))
         assert quick == pytest.approx(np.stack([model.fit(row) for row in weights]), abs=2e-3)
 

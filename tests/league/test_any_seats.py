@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from marl_cair.cli import main
 from marl_cair.games.game import NO_WINNER
 from marl_cair.league.intervals import block_interval, mean_interval
 from marl_cair.league.league import LeagueConfig, report_stored, run_league
@@ -326,3 +327,31 @@ class TestLeague:
         assert short.ratings == long.ratings
         assert {rating.games for rating in long.ratings} == {2}
         assert "78 of 80" in long.text
+
+    def test_the_command_tells_rates_and_exports_what_is_stored(self, tmp_path, capsys):
+        folder = str(tmp_path / "a")
+        words = ["league", "random", "scorer", "idle", "--game", last_standing.NAME]
+        assert main([*words, "--scenario", "ffa-3", "--games", "6", "--out", folder]) == 0
+        ladder = capsys.readouterr().out.splitlines()[:5]
+        assert main(["league", "status", folder]) == 0
+        told = capsys.readouterr().out
+        assert "3 agents, 6 games in 1 blocks" in told
+        assert "idle: 6 games; bot, scripted" in told
+        assert main(["league", "report", folder]) == 0
+        assert capsys.readouterr().out.splitlines()[:5] == ladder
+        assert main(["league", "export", folder, "--format", "json"]) == 0
+        assert len(list((tmp_path / "a" / "export").glob("*.json"))) == 4
+        assert main(["league", "status", str(tmp_path / "b")]) == 2
+        assert "is not there: give the folder of a league" in capsys.readouterr().err
+
+    @pytest.mark.parametrize("words", [["--time", "10"], ["--time", "m"], ["--workers", "0"]])
+    def test_bad_words_are_refused_before_any_game(self, tmp_path, words):
+        folder = tmp_path / "a"
+        league = ["league", "random", "idle", "--game", last_standing.NAME, "--out", str(folder)]
+        assert main([*league, *words]) == 2
+        assert not folder.exists()
+
+    def test_the_adaptive_command_stops(self, tmp_path, capsys):
+        words = ["league", "random", "scorer", "--game", last_standing.NAME, "--scenario", "duel"]
+        assert main([*words, "--ci", "150", "--games", "64", "--out", str(tmp_path / "a")]) == 0
+        assert "What a seat adds to a rating" in capsys.readouterr().out

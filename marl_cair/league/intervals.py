@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 from scipy.stats import binom
 
 CONFIDENCE = 0.95
-_Z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2.0)
+Z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2.0)
 
 
 def win_rate_interval(wins: int, draws: int, games: int) -> tuple[float, float]:
@@ -29,7 +29,9 @@ def win_rate_interval(wins: int, draws: int, games: int) -> tuple[float, float]:
     return _wilson(mean, games, spread, certain_share=1.0)
 
 
-def block_interval(scores: NDArray[np.float64], games_per_block: int = 2) -> tuple[float, float]:
+def block_interval(
+    scores: NDArray[np.float64], games_per_block: float = 2.0
+) -> tuple[float, float]:
     """95 % interval of the mean of block scores [K], each the mean of the games of a map seed.
 
     The variance is that between blocks: draws and opposite results within a block narrow the
@@ -99,7 +101,7 @@ def _wilson(mean: float, num: int, spread: float, certain_share: float) -> tuple
     if largest > 0.0:
         # One coin toss more than was seen: draws throughout do not show that nothing else occurs.
         share = (spread / largest + 1.0) / (num + 1.0)
-    z_squared = _Z**2 * share / num
+    z_squared = Z**2 * share / num
     centre = (mean + z_squared / 2.0) / (1.0 + z_squared)
     half = math.sqrt(z_squared * (largest + z_squared / 4.0)) / (1.0 + z_squared)
     # The mean lies inside but for rounding.

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import cached_property
 from multiprocessing import get_context
 from typing import Any, NamedTuple
 
@@ -85,7 +86,7 @@ class Rules:
 
 
 class Arena:
-    """Plays and stores what the league file does not hold yet.
+    """Plays and stores what the league file does not hold yet; to be closed in the end.
 
     Args:
         rules: of the league.
@@ -107,14 +108,18 @@ class Arena:
     ) -> None:
         self.rules, self.entrants, self.ids = rules, entrants, ids
         self._store, self._num_workers = store, num_workers
-        sources = [entrant.source for entrant in entrants]
-        self._arguments = rules.game.name, rules.scenario, rules.seed, rules.seating, sources, load
+        self._pool: ProcessPoolExecutor | None = None
+        prints = {entrant.source: entrant.fingerprint for entrant in entrants}
+        self._workshop = _Workshop(
+            rules.game.name, rules.scenario, rules.seed, rules.seating, prints, load
+        )
 
     def play(self, jobs: Sequence[Job], bar: tqdm[Any]) -> None:
         """Play those jobs whose blocks are not stored; `bar` counts the games of all.
 
         Raises:
-            OSError: a worker process has died; what was stored before stays.
+            OSError: a worker process has died, or has found another agent where one of these was
+                loaded from; what was stored before stays.
         """
         batches = list(self._find_missing(jobs))
         left = sum(len(batch.chunks) for batch in batches)
@@ -141,22 +146,24 @@ class Arena:
                 line_up = [self.entrants[number] for number in batch.line_up]
                 yield batch, self.rules.play(line_up, batch.chunks)
             return
-        # Spawned, not forked: torch and numba hold threads.
-        with ProcessPoolExecutor(
-            min(self._num_workers, len(batches)),
-            get_context("spawn"),
-            _start_worker,
-            self._arguments,
-        ) as pool:
-            try:
-                yield from _collect(pool, batches)
-            except BrokenProcessPool as error:
-                raise OSError(
-                    f"a worker process has died ({error}): see whether memory is short, or give "
-                    "--workers 1; the same command goes on"
-                ) from error
-            finally:
-                pool.shutdown(wait=True, cancel_futures=True)
+        if self._pool is None:  # kept for later jobs: a worker takes seconds to start
+            # Spawned, not forked: torch and numba hold threads.
+            context = get_context("spawn")
+            self._pool = ProcessPoolExecutor(
+                self._num_workers, context, _start_worker, (self._workshop,)
+            )
+        try:
+            yield from _collect(self._pool, batches)
+        except BrokenProcessPool as error:
+            raise OSError(
+                f"a worker process has died ({error}): see whether memory is short, or give "
+                "--workers 1; the same command goes on"
+            ) from error
+
+    def close(self) -> None:
+        """End the worker processes, after the batches that they are at."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _collect(
@@ -169,19 +176,44 @@ def _collect(
         yield futures[future], future.result()
 
 
-# What a worker process plays with; set once when it starts, as it can be handed no argument later.
-_workshop: list[tuple[Rules, list[Entrant]]] = []
+@dataclass(frozen=True)
+class _Workshop:
+    """What a worker process plays with: agents are loaded at the first batch."""
+
+    game_name: str
+    scenario: Any
+    seed: int
+    seating: str
+    prints: Mapping[str, str]  # fingerprints by source, in the order of the entrants' numbers
+    load: Load
+
+    @cached_property
+    def rules(self) -> Rules:
+        return Rules(GAMES[self.game_name], self.scenario, self.seed, self.seating)
+
+    @cached_property
+    def entrants(self) -> list[Entrant]:
+        entrants = []
+        for source, fingerprint in self.prints.items():
+            agent = self.load(source, game=self.game_name, scenario=self.scenario)
+            if find_fingerprint(agent, self.rules.game) != fingerprint:
+                raise OSError(
+                    f"{source} changed while the league was starting its workers: name no "
+                    "checkpoint that is being trained, or give --workers 1; the same command goes "
+                    "on"
+                )
+            entrants.append(Entrant("", fingerprint, agent, source))
+        return entrants
 
 
-def _start_worker(
-    game_name: str, scenario: Any, seed: int, seating: str, sources: Sequence[str], load: Load
-) -> None:
-    rules = Rules(GAMES[game_name], scenario, seed, seating)
-    agents = [load(source, game=game_name, scenario=scenario) for source in sources]
-    entrants = [Entrant("", find_fingerprint(agent, rules.game), agent) for agent in agents]
-    _workshop[:] = [(rules, entrants)]
+_workshops: list[_Workshop] = []  # of this worker: it can be handed one only when it starts
+
+
+def _start_worker(workshop: _Workshop) -> None:
+    _workshops[:] = [workshop]
 
 
 def _play_in_worker(batch: Batch) -> list[PlayedGame]:
-    ((rules, entrants),) = _workshop
-    return rules.play([entrants[number] for number in batch.line_up], batch.chunks)
+    workshop = _workshops[0]
+    line_up = [workshop.entrants[number] for number in batch.line_up]
+    return workshop.rules.play(line_up, batch.chunks)

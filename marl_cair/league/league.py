@@ -7,6 +7,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -172,9 +173,9 @@ def _play_and_rate(
     # Numbered by fingerprint: a line-up is the same whatever its agents are called today.
     numbered = sorted(entrants, key=lambda entrant: entrant.fingerprint)
     ids = [store.add_agent(describe_agent(one.name, one.agent, rules.game)) for one in numbered]
-    arena = Arena(rules, numbered, ids, store, config.workers, load)
     ladder = frozenset(n for n, one in enumerate(numbered) if one.source in config.ladder)
-    jobs = _play_jobs(config, rules, arena, store, ladder, show_progress)
+    with closing(Arena(rules, numbered, ids, store, config.workers, load)) as arena:
+        jobs = _play_jobs(config, rules, arena, store, ladder, show_progress)
     is_adaptive = config.half_width_elo > 0.0 or config.max_seconds > 0.0
     stored = store.read_games()
     if config.ladder:  # what it has played before counts too

@@ -111,7 +111,7 @@ def play_out(
     returns = np.zeros(shape)
     out_since = np.full(shape, STILL_IN)
     forfeits: dict[tuple[int, int], str] = {}
-    _add_boards(digests, engine)
+    _add_boards(digests, engine, np.ones(engine.num_worlds, np.bool_))
     for actions, running, out, given_up in play(engine, chunks, seatings, seed):
         ended_now = [world for world, _ in given_up]
         is_told = running.copy()  # also to games that end here by a forfeit
@@ -123,18 +123,20 @@ def play_out(
         forfeits |= given_up
         for world in np.flatnonzero(running).tolist():
             digests[world].update(actions[world].tobytes())
-    _add_boards(digests, engine)
     winner = engine.winner.copy()
     forfeited = np.zeros((engine.num_worlds, int(teams.max()) + 1), np.bool_)
     reasons = [""] * engine.num_worlds
-    for (world, seat), reason in forfeits.items():
+    for (world, seat), reason in sorted(forfeits.items()):
         forfeited[world, teams[seat]] = True
         reasons[world] = reasons[world] or reason
-        digests[world].update(f"{seat} {reason}".encode())
+        digests[world].update(f"forfeit {seat}".encode())
+    is_whole = np.asarray(~forfeited.any(axis=1), np.bool_)
+    # After a forfeit the world has gone on for as long as others have: what it shows tells nothing.
+    _add_boards(digests, engine, is_whole)
     _end_forfeited(winner, out_since, forfeited, teams)
     return Ended(
         winner,
-        engine.truncated.copy(),
+        engine.truncated & is_whole,
         share_points(winner, out_since != STILL_IN, teams),
         rank_teams(winner, out_since, teams),
         returns,
@@ -204,11 +206,11 @@ def _end_forfeited(
             winner[world] = np.flatnonzero(teams == left[0])[0]
 
 
-def _add_boards(digests: Sequence[Any], engine: BatchedEngine) -> None:
-    """Add what all seats see: games on maps that look different are different games."""
+def _add_boards(digests: Sequence[Any], engine: BatchedEngine, which: NDArray[np.bool_]) -> None:
+    """Add what all seats of worlds `which` [G] see: games on maps that look different differ."""
     boards = engine.observe(next(iter(engine.spec.representations)))
-    for world, digest in enumerate(digests):
-        digest.update(np.ascontiguousarray(boards[world]).tobytes())
+    for world in np.flatnonzero(which).tolist():
+        digests[world].update(np.ascontiguousarray(boards[world]).tobytes())
 
 
 def _start_streams(seating: Seating, seed: int, chunks: Sequence[Chunk]) -> list[dict[str, Any]]:

@@ -129,6 +129,25 @@ def test_an_agent_that_crashed_once_stays_out_of_that_chunk_only():
     assert (len(match.forfeits), match.wins) == (8, 8)
 
 
+def test_a_forfeited_game_is_the_same_beside_longer_ones():
+    """Chunk 0 ends with the crash; played together with others its worlds go on being stepped."""
+    calls = []
+
+    def act(observation, mask):
+        calls.append(len(mask))
+        if len(calls) == 1:
+            raise ValueError("warming up")
+        return np.full(len(mask), NOOP)
+
+    alone = play(act, num_games=8).results
+    calls.clear()
+    beside = play(act, num_games=16).results
+    assert [result.decisions for result in beside[:8]] == [0] * 8
+    assert max(result.decisions for result in beside[8:]) > 0
+    assert not any(result.is_truncated for result in beside[:8])
+    assert alone == beside[:8]
+
+
 class TestLoading:
     @pytest.fixture(autouse=True)
     def _known(self, monkeypatch, tmp_path):

@@ -20,7 +20,13 @@ from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.store import LeagueStoreError
 from marl_cair.lookup import UnknownNameError
-from tests.league.players import GAME, FailingAgent, InterruptedLeagueError, save_network
+from tests.league.players import (
+    GAME,
+    FailingAgent,
+    InterruptedLeagueError,
+    load_changed,
+    save_network,
+)
 
 ROOT = Path(__file__).parents[2]
 TABLES = ("ladder.csv", "winrates.csv", "differences.csv", "ladder.txt")
@@ -155,6 +161,13 @@ def test_the_number_of_workers_changes_nothing(tmp_path, changes):
     play(tmp_path / "b", **{"games_per_pair": 40, **changes})
     assert read(tmp_path / "a") == read(tmp_path / "b")
     assert read_games(tmp_path / "a") == read_games(tmp_path / "b")
+
+
+def test_an_agent_that_is_another_in_the_workers_is_refused(tmp_path):
+    config = make_config(tmp_path / "a", agents=("random", "rusher", "turtle"), workers=2)
+    with pytest.raises(OSError, match=r"^rusher changed while the league was starting its work"):
+        run_league(config, load_changed, show_progress=False)
+    assert read_games(tmp_path / "a") == []
 
 
 def _count_games(folder):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.checkpoint import AgentDescription
-from marl_cair.games.game import Game
+from marl_cair.games.game import Agent, Game
 from marl_cair.league.agent_wrapper import wrap_agent
 from marl_cair.league.intervals import win_rate_interval
 from marl_cair.league.opponents import (
@@ -75,7 +75,7 @@ class OpponentBook:
         self._options = SamplerOptions(settings.delta, settings.recency, settings.pfsp_power)
         if not self.is_alone:
             for name in settings.choose_bots(game.bots):
-                self.pool.add(BOT, game.bot(name, scenario), seed)
+                self.pool.add(BOT, _make_bot(game, name, scenario), seed)
             for name, source in settings.agents.items():
                 agent = wrap_agent(name, source, game, scenario, representation)
                 self.pool.add(FOREIGN, agent, seed)
@@ -195,6 +195,15 @@ class OpponentBook:
         period, phase = state["drawn_for"]
         self._drawn_for = (period, phase)
         self._last_snapshot_frames = state["last_snapshot_frames"]
+
+
+def _make_bot(game: Game, name: str, scenario: Any) -> Agent:
+    try:
+        return game.bot(name, scenario)
+    except ValueError as error:
+        raise ValueError(
+            f"{error}; or leave {name!r} (and `bots`, which are all) out of opponent.mixture"
+        ) from error
 
 
 def export_rng(rng: np.random.Generator) -> str:

@@ -38,7 +38,7 @@ class Member:
         kind: BOT, FOREIGN or SNAPSHOT.
         frames: how long the learner had been trained when it was frozen; 0 of all others.
         fingerprint: of a snapshot's network, `league.agents.find_fingerprint`; else empty.
-        met: what the learner had to show against each other member when it was frozen.
+        met: what the learner had to show against each other member shortly before it was frozen.
         is_retired: whether it is drawn no more.
     """
 
@@ -204,8 +204,8 @@ class Pool:
     def payoff(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Scores to expect in 0..1 of row against column, float64 [K, K]; 1/2 is even.
 
-        Between a snapshot and who was there before it, what the learner had to show when it was
-        frozen, exploration included; 1/2 where they have not met.
+        Between a snapshot and who was there before it, what the learner had to show shortly before
+        it was frozen, exploration included; 1/2 where they have not met.
         """
         payoff = np.full((len(numbers), len(numbers)), EVEN)
         places = {number: place for place, number in enumerate(numbers)}

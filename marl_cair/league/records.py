@@ -74,6 +74,10 @@ class WinRecords:
         """Games against `number` in all, none faded."""
         return self._counts.get(number, 0)
 
+    def clear(self) -> None:
+        """Forget everything booked."""
+        self._faded, self._counts = {}, {}
+
     def state_dict(self) -> dict[str, Any]:
         """Everything booked, as plain data."""
         return {"faded": dict(self._faded), "counts": dict(self._counts)}

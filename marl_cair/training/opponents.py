@@ -69,6 +69,8 @@ class OpponentBook:
         self.settings = settings
         self.is_alone = game.make_spec(scenario).num_teams == 1
         self.records = WinRecords(settings.half_life_frames, settings.prior_games)
+        # Of a snapshot only what it played itself, nearly: older games are those of other policies.
+        self._since_snapshot = WinRecords(settings.half_life_frames, settings.prior_games)
         self.pool = Pool(
             folder, game, scenario, representation, settings.pool_capacity, settings.prior_games
         )
@@ -136,6 +138,7 @@ class OpponentBook:
         """Book the outcomes of games that ended at `frames` to those who played them."""
         for opponent, score, _ in meetings:
             self.records.book(opponent, score, frames)
+            self._since_snapshot.book(opponent, score, frames)
 
     def beats_the_best(self, frames: int) -> bool:
         """Whether the learner's win rate against the pool's best snapshot is above 1/2 by the
@@ -154,9 +157,11 @@ class OpponentBook:
         """Freeze a copy of the learner, and draw who plays from now on."""
         frames = about.frames
         met = {
-            kept.number: self.records.evidence(kept.number, frames) for kept in self.pool.members
+            kept.number: self._since_snapshot.evidence(kept.number, frames)
+            for kept in self.pool.members
         }
         member = self.pool.add_snapshot(network, about, met)
+        self._since_snapshot.clear()
         self._last_snapshot_frames = frames
         self._drawn_for = (-1, -1)
         return member
@@ -179,6 +184,7 @@ class OpponentBook:
             "rng": export_rng(self._rng),
             "pool": self.pool.state_dict(),
             "records": self.records.state_dict(),
+            "since_snapshot": self._since_snapshot.state_dict(),
             "numbers": list(self._numbers),
             "probabilities": list(self._probabilities),
             "drawn_for": self._drawn_for,
@@ -190,6 +196,7 @@ class OpponentBook:
         import_rng(self._rng, state["rng"])
         self.pool.load_state_dict(state["pool"])
         self.records.load_state_dict(state["records"])
+        self._since_snapshot.load_state_dict(state["since_snapshot"])
         self._numbers = list(state["numbers"])
         self._probabilities = list(state["probabilities"])
         period, phase = state["drawn_for"]

@@ -2,6 +2,7 @@
 
 What they get wrong costs them the game and nothing else: a crash, or an answer of a wrong shape,
 forfeits the games that they were asked about, an illegal action the game that it was meant for.
+In training, where nobody could win by that, it ends the run (`require_answers`).
 There is no time limit: an agent that never answers stops the league, which goes on when started
 again without it.
 """
@@ -18,13 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.game import GameSpec
+from marl_cair.games.game import Agent, GameSpec
 from marl_cair.league.playing import FORFEIT
 from marl_cair.lookup import find_by_name
 
 
 class ForeignAgentError(ValueError):
-    """A foreign agent that cannot be found or made."""
+    """A foreign agent that cannot be found or made, or gives up where it must not."""
 
 
 class ForeignAgent:
@@ -103,6 +104,16 @@ class ForeignAgent:
             told = " ".join(str(error).split())[:200]
             self._broken = f"crashed in {method}: {type(error).__name__}: {told}"
             return None
+
+
+def require_answers(agent: Agent, actions: NDArray[np.int64]) -> None:
+    """Raise ForeignAgentError where the agent has forfeited one of `actions` [N, ...]."""
+    if (actions == FORFEIT).any():
+        told = getattr(agent, "failure", "gave up")
+        raise ForeignAgentError(
+            f"opponent {agent.name} {told}: mend it, or leave it out of opponent.mixture and "
+            "opponent.agents"
+        )
 
 
 def load_foreign(source: str, scenario: Any, spec: GameSpec) -> ForeignAgent:

@@ -14,10 +14,11 @@ CONFIDENCE = 0.95
 Z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2.0)
 
 
-def win_rate_interval(wins: int, draws: int, games: int) -> tuple[float, float]:
+def win_rate_interval(wins: float, draws: float, games: float) -> tuple[float, float]:
     """95 % interval of the share of points (a draw is half a point) of independent games.
 
     Wilson's score interval with the trinomial variance; without draws it is plain Wilson.
+    Counts may be broken, where older games weigh less.
 
     Raises:
         ValueError: no games, or more wins and draws than games.
@@ -84,7 +85,7 @@ def median_interval(values: NDArray[np.float64]) -> tuple[float, float]:
     return float(ordered[rank - 1]), float(ordered[-rank])
 
 
-def _wilson(mean: float, num: int, spread: float, certain_share: float) -> tuple[float, float]:
+def _wilson(mean: float, num: float, spread: float, certain_share: float) -> tuple[float, float]:
     """Wilson's interval (1927) of `num` values in 0..1 at their effective number.
 
     The effective number is that of coin tosses whose mean varies as much (Dean and Pagano 2015,

@@ -235,9 +235,8 @@ def make_cheater(scenario, spec):
 
 def test_an_agent_of_others_that_cannot_play_ends_the_run_with_its_reason(tmp_path):
     agents = {"mine": "users_module:make_cheater"}
-    run = make_run(tmp_path, "duel", {"mine": 1.0}, agents=agents)
     with pytest.raises(ForeignAgentError, match="^opponent mine played the illegal action 99: me"):
-        collect(run, 2)
+        make_run(tmp_path, "duel", {"mine": 1.0}, agents=agents)  # the collector tries it at once
 
 
 def test_a_checkpoint_is_an_opponent_by_its_name(tmp_path):

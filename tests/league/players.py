@@ -38,6 +38,20 @@ class FailingAgent:
         self.agent.load_state_dict(state)
 
 
+class FirstLegal:
+    """Somebody's own agent: the first legal action."""
+
+    representation = "vector"
+
+    def act(self, observation, action_mask):
+        return action_mask.argmax(1)
+
+
+def make_first_legal(scenario, spec):
+    """As `module:function` of a league."""
+    return FirstLegal()
+
+
 def load_changed(source, **options):
     """As `load_agent`, but in worker processes the rusher is another agent."""
     is_worker = parent_process() is not None

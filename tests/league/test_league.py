@@ -259,6 +259,14 @@ class TestCheckpoints:
         }
         assert read_games(tmp_path / "league") == before
 
+    def test_networks_and_agents_of_others_play_the_same_games_in_workers(self, tmp_path):
+        networks = [save_network(tmp_path / name, seed=len(name)) for name in ("one", "three")]
+        agents = ("random", "tests.league.players:make_first_legal", *networks)
+        play(tmp_path / "a", agents=agents, workers=2, games_per_pair=16)
+        play(tmp_path / "b", agents=agents, games_per_pair=16)
+        assert read(tmp_path / "a") == read(tmp_path / "b")
+        assert read_games(tmp_path / "a") == read_games(tmp_path / "b")
+
     def test_other_weights_play_their_own_games(self, tmp_path):
         one = save_network(tmp_path / "a" / "latest", seed=1)
         play(tmp_path / "league", agents=("random", one))

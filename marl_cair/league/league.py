@@ -64,6 +64,12 @@ class LeagueConfig:
         ):
             if value < 1:
                 raise ValueError(f"{name} is {value}, it must be 1 or more")
+        for name, limit in (
+            ("half_width_elo (--ci)", self.half_width_elo),
+            ("max_seconds (--time)", self.max_seconds),
+        ):
+            if not 0.0 <= limit < math.inf:  # NaN too
+                raise ValueError(f"{name} is {limit}, it must be a finite number, 0 or more")
 
 
 @dataclass(frozen=True)

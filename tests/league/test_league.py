@@ -227,6 +227,8 @@ def test_an_unknown_agent_stops_the_league_before_any_game(tmp_path):
         ({"games_per_pair": 3}, r"games_per_pair \(--games\) is 3, it must be even"),
         ({"games_per_pair": 0}, r"games_per_pair \(--games\) is 0, it must be 1 or more"),
         ({"workers": 0}, "workers is 0, it must be 1 or more"),
+        ({"half_width_elo": -5.0}, r"half_width_elo \(--ci\) is -5.0, it must be a finite number"),
+        ({"max_seconds": float("nan")}, r"max_seconds \(--time\) is nan, it must be a finite"),
         ({"agents": ("random",), "ladder": ("random",)}, "random is given twice"),
         ({"agents": (), "ladder": ("random", "turtle")}, "all agents are on the ladder"),
         ({"seating": "square"}, "seating is 'square', it must be one of ring, all"),

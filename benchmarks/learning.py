@@ -27,7 +27,7 @@ from marl_cair.training.metrics import RunLog, read_log
 from marl_cair.training.run import BEST_FOLDER
 
 RECIPE = (
-    "opponent.mixture={latest:0.3,pool:0.1,scripted:0.25,counter:0.25,random:0.1}",
+    "opponent.mixture={latest:0.3,uniform:0.1,bots:0.25,counter:0.25,random:0.1}",
     "opponent.snapshot_every_frames=50000",
     "evaluation.every_frames=25000",
     "evaluation.games=100",

@@ -45,7 +45,7 @@ GAMES_DOORS: dict[str, set[str]] = {
     "pettingzoo": {"parallel_env.py"},
     "gymnasium": {"gymnasium_env.py", "parallel_env.py"},
 }
-OPTIONAL = {"pygame"}
+OPTIONAL = {"pygame", "pyarrow"}
 # Imported when used: each alone takes longer than `import marl_cair` may (0.3 s).
 NOT_AT_IMPORT = [*sorted(TORCH), "numba", "matplotlib.pyplot", "scipy.stats", "pygame", "hydra"]
 
@@ -217,9 +217,10 @@ def test_every_imported_library_is_declared(path):
 
 
 def declared_modules() -> set[str]:
-    """Import names of what pyproject.toml names as needed or as needed for playing."""
+    """Import names of what pyproject.toml names as needed, or as needed for an extra of users."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    requirements = project["dependencies"] + project["optional-dependencies"]["play"]
+    extras = project["optional-dependencies"]
+    requirements = project["dependencies"] + extras["play"] + extras["parquet"]
     names = {re.match(r"[\w.-]+", requirement).group() for requirement in requirements}
     renamed = {"hydra-core": "hydra", "pillow": "PIL", "pygame-ce": "pygame"}
     return {renamed.get(name, name) for name in names}

@@ -11,7 +11,7 @@ from pathlib import Path
 import marl_cair
 from marl_cair.lookup import find_by_name
 
-HOURS = ("learning",)  # benchmarks that run for hours, only when they are named
+HOURS = ("learning", "opponents")  # benchmarks that run for hours, only when they are named
 
 
 def run(arguments: Sequence[str]) -> int:

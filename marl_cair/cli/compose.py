@@ -18,6 +18,7 @@ from omegaconf.errors import OmegaConfBaseException
 from marl_cair.cli.options import list_options
 from marl_cair.games import GAMES
 from marl_cair.generative import GENERATORS
+from marl_cair.league.opponents import SAMPLERS
 from marl_cair.lookup import find_by_name
 from marl_cair.policies import NETWORKS
 from marl_cair.training.config import NO_GENERATOR, SELF_PLAY, TrainConfig
@@ -35,7 +36,13 @@ SHORTHANDS = {
 }
 _RECIPE = "recipe"
 # Values by names of the user's own.
-_OPEN = ("game.options", "opponent.mixture", "opponent.warmup_mixture", "evaluation.scenarios")
+_OPEN = (
+    "game.options",
+    "opponent.mixture",
+    "opponent.warmup_mixture",
+    "opponent.agents",
+    "evaluation.scenarios",
+)
 _ROOT = "marl_cair_train"
 
 
@@ -43,11 +50,9 @@ def list_groups() -> dict[str, dict[str, dict[str, Any]]]:
     """Group -> choice -> the settings that the choice changes: `policy=capsule` and the like."""
     games = GAMES.load_all()
     bots = {name: None for game in games.values() for name in game.bots}
-    opponents: dict[str, dict[str, Any]] = {name: {"mixture": {name: 1.0}} for name in bots}
-    opponents["self_play"] = {"mixture": SELF_PLAY}
-    opponents["latest"] = {"mixture": {"latest": 1.0}}
-    opponents["pool"] = {"mixture": {"pool": 1.0}}
-    opponents["scripted"] = {"mixture": {"scripted": 1.0}}
+    opponents: dict[str, dict[str, Any]] = {"self_play": {"mixture": SELF_PLAY}}
+    for name in (*SAMPLERS, *bots):
+        opponents[name] = {"mixture": {name: 1.0}}
     return {
         "game": {
             name: {"name": name, "scenario": game.default_scenario} for name, game in games.items()

@@ -120,6 +120,8 @@ def format_row(source: str, match: MatchResult, width: int) -> str:
     repeats = ""
     if match.distinct_games < match.games:
         repeats = f"  (only {match.distinct_games} games differ: the interval is too narrow)"
+    if match.forfeits:
+        repeats += f"  ({len(match.forfeits)} games were forfeited: {match.forfeits[0]})"
     return (
         f"{source:{width}} {match.games:>6} {match.wins:>6} {match.draws:>6} {match.losses:>6}  "
         f"{share} [{low}, {high}]{repeats}\n"

@@ -1,37 +1,127 @@
-"""`marl-cair league`: any agents, one round-robin, ratings with intervals."""
+"""`marl-cair league`: any agents, seat-balanced games, ratings with intervals."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.match_options import add_match_options
 from marl_cair.league.agents import find_scenario
-from marl_cair.league.league import LeagueConfig, run_league
+from marl_cair.league.blocks import SEATINGS
+from marl_cair.league.export import FORMATS, QUERIES, export_league
+from marl_cair.league.league import LeagueConfig, LeagueResult, report_stored, run_league
+from marl_cair.league.store import STORE_FILE, LeagueStore
+
+DEFAULT_OUT = "runs/league"
+GAMES_PER_PAIR = 40
+MOST_GAMES_PER_PAIR = 2_000  # of the adaptive schedule
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Play and print ladder and matrix; returns the exit code."""
+    """Play and print ladder and matrix, or what a sub-command says; returns the exit code."""
+    if arguments and arguments[0] in SUBCOMMANDS:
+        return SUBCOMMANDS[arguments[0]](arguments[1:])
     options = make_parser().parse_args(arguments)
-    game, scenario, scenario_options = find_scenario(options.agents, options.game, options.scenario)
+    everyone = [*options.agents, *options.ladder]
+    game, scenario, scenario_options = find_scenario(everyone, options.game, options.scenario)
+    is_adaptive = options.ci > 0.0 or options.time
+    games = (
+        options.games
+        if options.games is not None
+        else (MOST_GAMES_PER_PAIR if is_adaptive else GAMES_PER_PAIR)
+    )
     result = run_league(
         LeagueConfig(
             agents=tuple(options.agents),
             game=game.name,
             scenario=scenario,
             scenario_options=scenario_options,
-            games_per_pair=options.games,
+            games_per_pair=games,
             seed=options.seed,
             out=options.out,
+            ladder=tuple(options.ladder),
+            seating=options.seating,
+            workers=options.workers,
+            half_width_elo=options.ci,
+            max_seconds=read_seconds(options.time),
         )
     )
+    return _tell(result)
+
+
+def report(arguments: Sequence[str]) -> int:
+    """Ratings of all stored games; plays nothing."""
+    parser = argparse.ArgumentParser("marl-cair league report", description=report.__doc__)
+    _add_folder(parser)
+    return _tell(report_stored(Path(parser.parse_args(arguments).out)))
+
+
+def _tell(result: LeagueResult) -> int:
     sys.stdout.write(
-        f"{result.text}\nladder.txt, ladder.csv, winrates.csv, league.png and league.pdf are in "
-        f"{result.folder}\n"
+        f"{result.text}\nladder.txt, league.png, league.pdf, ladder.csv, differences.csv and "
+        f"winrates.csv are in {result.folder}\n"
     )
     return EXIT_DONE
+
+
+def tell_status(arguments: Sequence[str]) -> int:
+    """What a league file holds; also while the league is played."""
+    parser = argparse.ArgumentParser("marl-cair league status", description=tell_status.__doc__)
+    _add_folder(parser)
+    store = LeagueStore(Path(parser.parse_args(arguments).out) / STORE_FILE)
+    try:
+        games, agents = store.read_games(), store.read_agents()
+        held = {key: store.settings[key] for key in ("game", "game_version", "seed", "seating")}
+        lines = [", ".join(f"{key} {value}" for key, value in held.items())]
+        lines.append(
+            f"{len(agents)} agents, {len(games.agents)} games in {len(set(games.blocks.tolist()))} "
+            f"blocks, {int(games.is_repeat.sum())} of them repeats of another"
+        )
+        for number, agent in agents.items():
+            played = int((games.agents == number).any(axis=1).sum())
+            lines.append(
+                f"  {agent.name}: {played} games; {agent.kind}, {agent.evaluation_policy}, "
+                f"{agent.fingerprint}"
+            )
+        lines += [f"  forfeits, {count}: {reason}" for reason, count in store.read_forfeits()]
+    finally:
+        store.close()
+    sys.stdout.write("\n".join(lines) + "\n")
+    return EXIT_DONE
+
+
+def export(arguments: Sequence[str]) -> int:
+    """The tables of a league file for other programs."""
+    parser = argparse.ArgumentParser("marl-cair league export", description=export.__doc__)
+    _add_folder(parser)
+    parser.add_argument(
+        "--format",
+        default="csv",
+        choices=list(FORMATS),
+        help="parquet needs pyarrow: pip install 'marl_cair[parquet]' (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--to", help="folder to write to (default: `export` in the folder of the league)"
+    )
+    options = parser.parse_args(arguments)
+    store = LeagueStore(Path(options.out) / STORE_FILE)
+    try:
+        folder = Path(options.to or Path(options.out) / "export")
+        paths = export_league(store, folder, options.format)
+    finally:
+        store.close()
+    sys.stdout.write(f"{', '.join(path.name for path in paths)} are in {folder}\n")
+    return EXIT_DONE
+
+
+SUBCOMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
+    "report": report,
+    "status": tell_status,
+    "export": export,
+}
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -40,18 +130,73 @@ def make_parser() -> argparse.ArgumentParser:
         "marl-cair league",
         description=f"{__doc__} The same command again goes on where it stopped, and with more "
         "games or agents plays only what is new.",
+        epilog="`marl-cair league report FOLDER` rates all that is stored, `league status FOLDER` "
+        f"tells what that is, `league export FOLDER` writes it ({', '.join(QUERIES)}) as CSV, JSON "
+        "or Parquet.",
     )
     parser.add_argument(
         "agents",
         nargs="+",
-        help="two or more: folders of checkpoints (runs/a/latest) and bots (`marl-cair games` "
-        "lists them); `random` is rated 0 where it takes part",
+        help="two or more: folders of checkpoints (runs/a/latest), bots (`marl-cair games` lists "
+        "them), and functions that make an agent (module:function, called with scenario and "
+        "spec); `random` is rated 0 where it takes part",
     )
-    add_match_options(parser, 40, "of each pair", "first checkpoint", "bots alone")
+    add_match_options(parser, GAMES_PER_PAIR, "of each pair", "first checkpoint", "bots alone")
+    parser.set_defaults(games=None)
+    parser.add_argument(
+        "--ladder",
+        nargs="+",
+        default=[],
+        metavar="AGENT",
+        help="further agents that the others play, but that do not play each other anew; what is "
+        "stored of their games counts (default: nobody)",
+    )
+    parser.add_argument(
+        "--seating",
+        default="",
+        choices=SEATINGS,
+        help="how a map seed is played by more than three: in all orders of the seats, or in the "
+        "rotations of a random ring (default: all for two and three, ring for more)",
+    )
+    parser.add_argument(
+        "--ci",
+        type=float,
+        default=0.0,
+        metavar="ELO",
+        help="play where it tells most until every 95 %% interval is ELO or less either way; "
+        f"--games is then the most for a pair, if not given {MOST_GAMES_PER_PAIR} (default: no)",
+    )
+    parser.add_argument(
+        "--time",
+        default="",
+        help="as --ci, until so much time is over, for example 90s, 10m or 2h (default: no)",
+    )
+    parser.add_argument(
+        "--workers",
+        type=int,
+        default=1,
+        help="processes that play; the results do not depend on it (default: %(default)s)",
+    )
     parser.add_argument(
         "--out",
-        default="runs/league",
+        default=DEFAULT_OUT,
         help="folder of results and report; one of another seed, game or scenario is refused "
         "(default: %(default)s)",
     )
     return parser
+
+
+def read_seconds(text: str) -> float:
+    """Seconds of "90s", "10m" or "2h", 0 of "". Raises ValueError for other words."""
+    if not text:
+        return 0.0
+    try:
+        return float(text[:-1]) * {"s": 1.0, "m": 60.0, "h": 3600.0}[text[-1]]
+    except (KeyError, ValueError) as error:
+        raise ValueError(f"--time is {text!r}, it must be a number with s, m or h") from error
+
+
+def _add_folder(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "out", nargs="?", default=DEFAULT_OUT, help="folder of the league (default: %(default)s)"
+    )

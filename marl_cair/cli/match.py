@@ -19,11 +19,17 @@ from marl_cair.cli.match_options import add_match_options
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
 from marl_cair.league.match import play_match
+from marl_cair.league.sequential import (
+    ERROR_RATE,
+    SequentialTest,
+    find_elo,
+    play_sequentially,
+)
 from marl_cair.league.solo import Estimate, SoloResult, compare, play_alone
 from marl_cair.training.config_file import read_options
 
 HELDOUT_MAP = "heldout_map"  # short for heldout.map
-_PARSER_OPTIONS = ("game", "scenario", "games", "seed")
+_PARSER_OPTIONS = ("game", "scenario", "games", "seed", "sprt")
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -37,8 +43,13 @@ def run(arguments: Sequence[str]) -> int:
     for number, (label, scenario) in enumerate(variants.items()):
         agents = load_agent(first, game.name, scenario), load_agent(second, game.name, scenario)
         has_rivals = game.make_spec(scenario).num_teams > 1
-        tell = compare_rivals if has_rivals else compare_scores
-        head, line, verdict = tell(agents, game, scenario, options.games, options.seed)
+        if options.sprt:
+            test = read_test(options.sprt, has_rivals)
+            told = decide_rivals(agents, game, scenario, test, options.max_games, options.seed)
+        else:
+            tell = compare_rivals if has_rivals else compare_scores
+            told = tell(agents, game, scenario, options.games, options.seed)
+        head, line, verdict = told
         if number == 0:
             sys.stdout.write(f"A = {first}, B = {second} on {game.name} {name}\n")
         sys.stdout.write(f"{label or name:{width}}  {head}\n{'':{width}}  {line}\n")
@@ -104,8 +115,68 @@ def compare_rivals(
     return (
         f"A in one {place}, B in {others}: {num_games // num_teams} map seeds, once in each",
         f"A won {match.wins}, drew {match.draws}, lost {match.losses}: {points}, {fair} is fair",
-        verdict + _warn_of_repeats(match.games, match.distinct_games),
+        verdict
+        + _warn_of_repeats(match.games, match.distinct_games)
+        + _warn_of_forfeits(match.forfeits),
     )
+
+
+def read_test(text: str, has_rivals: bool) -> SequentialTest:
+    """The test that `--sprt` names. Raises ValueError for other words, or where nobody rivals."""
+    try:
+        lower, higher = map(float, text.split(","))
+    except ValueError as error:
+        raise ValueError(
+            f"--sprt is {text!r}, it must be two numbers of Elo, for example 0,20"
+        ) from error
+    if not has_rivals:
+        raise ValueError("--sprt needs rivals: where each plays alone, leave it out")
+    return SequentialTest(lower, higher)
+
+
+def decide_rivals(
+    agents: tuple[Agent, Agent],
+    game: Game,
+    scenario: Any,
+    test: SequentialTest,
+    max_games: int,
+    seed: int,
+) -> tuple[str, str, str]:
+    """What is played, the numbers, and the verdict, a line each."""
+    result = play_sequentially(
+        agents, game, scenario, test, max_games, seed, _identify(agents, game)
+    )
+    match, numbers = result.match, (test.lower, test.higher)
+    low, high = match.interval()
+    ends = [_format_elo(share, match.num_teams) for share in (match.score, low, high)]
+    verdicts = {
+        "higher": "A is stronger than B: {1:g} Elo is likelier than {0:g}",
+        "lower": "No such gain: {0:g} Elo is likelier than {1:g}",
+        "undecided": f"Undecided between {{0:g}} and {{1:g}} Elo after {max_games} games",
+        "repeats": "Undecided: from here on all games are repeats of others, move by move",
+    }
+    head = (
+        f"sequential test on map seeds, {test.lower:g} against {test.higher:g} Elo, at most "
+        f"{ERROR_RATE:.0%} wrong either way: {match.games} games"
+    )
+    line = (
+        f"A won {match.wins}, drew {match.draws}, lost {match.losses}: {ends[0]} Elo "
+        f"[{ends[1]}, {ends[2]}], which the stopping exaggerates"
+    )
+    verdict = (
+        f"{verdicts[result.verdict].format(*numbers)} (log-likelihood ratio {result.ratio:+.2f}, "
+        f"limits {-test.limit:+.2f} and {test.limit:+.2f})."
+    )
+    return head, line, verdict + _warn_of_forfeits(match.forfeits)
+
+
+def _format_elo(score: float, num_teams: int) -> str:
+    elo = find_elo(score, num_teams)
+    return ("beyond all limits" if elo is None else f"{elo:+.0f}") if score else "below all limits"
+
+
+def _warn_of_forfeits(forfeits: Sequence[str]) -> str:
+    return f" {len(forfeits)} games were forfeited: {forfeits[0]}." if forfeits else ""
 
 
 def compare_scores(
@@ -169,4 +240,17 @@ def make_parser() -> argparse.ArgumentParser:
         f"{HELDOUT_MAP}=... is short for heldout.map=...",
     )
     add_match_options(parser, 100, "of each variant", "first checkpoint", "bots alone")
+    parser.add_argument(
+        "--sprt",
+        default="",
+        metavar="ELO0,ELO1",
+        help="play until it is clear whether A is ELO0 or ELO1 above B, for example 0,20: the "
+        "sequential probability ratio test on map seeds; --games does not count then (default: no)",
+    )
+    parser.add_argument(
+        "--max-games",
+        type=int,
+        default=20_000,
+        help="at which --sprt gives up (default: %(default)s)",
+    )
     return parser

@@ -19,7 +19,7 @@ def add_match_options(
         "--games",
         type=int,
         default=games,
-        help=f"games {games_of}, as many in each seat (default: %(default)s)",
+        help=f"games {games_of}, as many in each seat (default: {games})",
     )
     parser.add_argument(
         "--seed",

@@ -13,6 +13,8 @@ from marl_cair.checkpoint import AgentDescription, CheckpointError, load_network
 from marl_cair.files import find_folder
 from marl_cair.games import GAMES
 from marl_cair.games.game import Agent, Game
+from marl_cair.league.foreign import ForeignAgent, load_foreign
+from marl_cair.league.store import AgentRecord
 from marl_cair.lookup import find_by_name
 from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
 
@@ -27,7 +29,8 @@ def load_agent(
 
     Args:
         source: a checkpoint's folder, or a bot as "deep_line_wars/rusher" (just "rusher" where
-            `game` is given). A folder that exists is taken before a bot's name.
+            `game` is given), or "module:function" of anybody's (see `league.foreign`). A folder
+            that exists is taken before a bot's name.
         game: the game that it is to play; a checkpoint of another game is refused.
         scenario: a scenario (or its name) that it is to play; None: the one that it was trained
             on, or the game's default.
@@ -35,11 +38,16 @@ def load_agent(
 
     Raises:
         CheckpointError: no checkpoint, a broken one, or one that does not fit game or scenario.
+        ForeignAgentError: foreign code that cannot be found or fails.
         UnknownNameError: no such bot or game; names the nearest.
     """
     path = Path(source)
     if is_checkpoint(source):
         return _load_checkpoint(path, game, scenario, epsilon)
+    if is_foreign(source):
+        owning = find_by_name("game", game or next(iter(GAMES)), GAMES)
+        chosen = _find_played(owning, scenario)
+        return load_foreign(str(source), chosen, owning.make_spec(chosen))
     named_game, _, bot = str(source).rpartition("/")
     owner = named_game or game
     if owner is not None and owner in GAMES:
@@ -51,7 +59,7 @@ def load_agent(
         raise CheckpointError(f"{source} is a file: give the folder of the checkpoint")
     raise CheckpointError(
         f"{source} is neither a folder with a checkpoint nor a bot; bots are named "
-        "<game>/<bot>, for example deep_line_wars/rusher"
+        "<game>/<bot>, for example deep_line_wars/rusher, agents of your own module:function"
     )
 
 
@@ -60,11 +68,34 @@ def is_checkpoint(source: str | os.PathLike[str]) -> bool:
     return find_folder(source).is_dir()
 
 
+def is_foreign(source: str | os.PathLike[str]) -> bool:
+    """Whether `source` names a function that makes an agent."""
+    module, colon, name = str(source).partition(":")
+    return bool(colon) and name.isidentifier() and all(map(str.isidentifier, module.split(".")))
+
+
+def describe_agent(name: str, agent: Agent, game: Game) -> AgentRecord:
+    """What a league file keeps of an agent that it calls `name`."""
+    kind, policy = "bot", "scripted"
+    configuration: dict[str, Any] = {"representation": agent.representation}
+    if isinstance(agent, PolicyActor):
+        kind = "network"
+        policy = f"epsilon-greedy {agent.epsilon:g}" if agent.epsilon else "greedy"
+        configuration["network"] = agent.network.config.to_dict()
+    elif isinstance(agent, ForeignAgent):
+        kind, policy = "foreign", "its own"
+    fingerprint = find_fingerprint(agent, game)
+    about = json.dumps(configuration, sort_keys=True)
+    return AgentRecord(fingerprint, name, kind, policy, game.version, about)
+
+
 def find_fingerprint(agent: Agent, game: Game) -> str:
     """What tells an agent apart, under whatever name or path: its rules, or its network's weights.
 
     Of a network all that its actions depend on is hashed, as it was loaded.
     """
+    if isinstance(agent, ForeignAgent):
+        return agent.fingerprint
     if not isinstance(agent, PolicyActor):
         return f"{game.name} {game.version} {agent.name}"
     network = agent.network
@@ -117,9 +148,14 @@ def _tell_difference(own: dict[str, Any], other: dict[str, Any]) -> str:
 
 
 def _make_bot(factory: Any, game: Game, scenario: Any) -> Agent:
-    chosen = game.scenario(scenario) if scenario is None or isinstance(scenario, str) else scenario
+    chosen = _find_played(game, scenario)
     bot: Agent = factory(chosen, game.make_spec(chosen))
     return bot
+
+
+def _find_played(game: Game, scenario: Any) -> Any:
+    is_named = scenario is None or isinstance(scenario, str)
+    return game.scenario(scenario) if is_named else scenario
 
 
 def _load_checkpoint(path: Path, game: str | None, scenario: Any, epsilon: float) -> Agent:

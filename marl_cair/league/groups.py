@@ -59,11 +59,11 @@ def require_comparison(names: Sequence[str], points: NDArray[np.float64], refere
 
 
 def find_gap(
-    upper: NDArray[np.float64], lower: NDArray[np.float64], counts: NDArray[np.int64]
+    upper: NDArray[np.float64], lower: NDArray[np.float64], counts: NDArray[np.float64]
 ) -> float:
     """Elo to add to `upper` [n] to be as far above `lower` [m] as a clean sweep shows at least.
 
-    counts int [n, m]: games of each upper agent against each lower one, all won by the upper. With
+    counts [n, m]: games of each upper agent against each lower one, all won by the upper. With
     that distance such a sweep of independent games has the probability SWEEP_PROBABILITY. After
     few games it is negative: one lost game shows little.
     """

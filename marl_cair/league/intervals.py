@@ -11,13 +11,14 @@ from scipy.special import stdtrit
 from scipy.stats import binom
 
 CONFIDENCE = 0.95
-_Z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2.0)
+Z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2.0)
 
 
-def win_rate_interval(wins: int, draws: int, games: int) -> tuple[float, float]:
+def win_rate_interval(wins: float, draws: float, games: float) -> tuple[float, float]:
     """95 % interval of the share of points (a draw is half a point) of independent games.
 
     Wilson's score interval with the trinomial variance; without draws it is plain Wilson.
+    Counts may be broken, where older games weigh less.
 
     Raises:
         ValueError: no games, or more wins and draws than games.
@@ -29,7 +30,9 @@ def win_rate_interval(wins: int, draws: int, games: int) -> tuple[float, float]:
     return _wilson(mean, games, spread, certain_share=1.0)
 
 
-def block_interval(scores: NDArray[np.float64], games_per_block: int = 2) -> tuple[float, float]:
+def block_interval(
+    scores: NDArray[np.float64], games_per_block: float = 2.0
+) -> tuple[float, float]:
     """95 % interval of the mean of block scores [K], each the mean of the games of a map seed.
 
     The variance is that between blocks: draws and opposite results within a block narrow the
@@ -82,7 +85,7 @@ def median_interval(values: NDArray[np.float64]) -> tuple[float, float]:
     return float(ordered[rank - 1]), float(ordered[-rank])
 
 
-def _wilson(mean: float, num: int, spread: float, certain_share: float) -> tuple[float, float]:
+def _wilson(mean: float, num: float, spread: float, certain_share: float) -> tuple[float, float]:
     """Wilson's interval (1927) of `num` values in 0..1 at their effective number.
 
     The effective number is that of coin tosses whose mean varies as much (Dean and Pagano 2015,
@@ -99,7 +102,7 @@ def _wilson(mean: float, num: int, spread: float, certain_share: float) -> tuple
     if largest > 0.0:
         # One coin toss more than was seen: draws throughout do not show that nothing else occurs.
         share = (spread / largest + 1.0) / (num + 1.0)
-    z_squared = _Z**2 * share / num
+    z_squared = Z**2 * share / num
     centre = (mean + z_squared / 2.0) / (1.0 + z_squared)
     half = math.sqrt(z_squared * (largest + z_squared / 4.0)) / (1.0 + z_squared)
     # The mean lies inside but for rounding.

@@ -1,37 +1,33 @@
-"""`run_league`: a seat-balanced round-robin of any agents, rated with intervals."""
+"""`run_league`: seat-balanced games of any agents, stored in one file, rated with intervals."""
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
-from collections.abc import Callable, Mapping, Sequence
+import math
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from marl_cair.files import claim_output_folder
 from marl_cair.games import GAMES
-from marl_cair.games.game import Agent, Game
-from marl_cair.league.agents import find_fingerprint, is_checkpoint, load_agent
-from marl_cair.league.match import (
-    BLOCKS_PER_CHUNK,
-    GAMES_PER_BLOCK,
-    GAMES_PER_CHUNK,
-    MatchResult,
-    play_chunks,
-    require_rivals,
-)
-from marl_cair.league.playing import CHUNKS_AT_ONCE
-from marl_cair.league.ratings import Games, Rating, rate
+from marl_cair.games.game import Game
+from marl_cair.league.adaptive import Played, Target, play_adaptively
+from marl_cair.league.agents import describe_agent, find_fingerprint, is_checkpoint, load_agent
+from marl_cair.league.arena import Arena, Load, Rules
+from marl_cair.league.blocks import Entrant
+from marl_cair.league.match import require_rivals
+from marl_cair.league.ratings import Games, Rating, describe_method, rate
 from marl_cair.league.report import describe_league, make_table, write_report
-from marl_cair.league.store import LeagueStore
+from marl_cair.league.schedule import Job, schedule_meetings
+from marl_cair.league.store import STORE_FILE, LeagueStore, StoredGames
 from marl_cair.lookup import find_by_name
-
-STORE_FILE = "league.sqlite"
 
 
 @dataclass(frozen=True)
@@ -42,25 +38,38 @@ class LeagueConfig:
         ValueError: fewer than two agents, one named twice, or a number that is not allowed.
     """
 
-    agents: tuple[str, ...]  # checkpoint folders and bot names
+    agents: tuple[str, ...]  # checkpoint folders, bot names, module:function
     game: str = "deep_line_wars"
     scenario: str = "10x15"
     scenario_options: Mapping[str, Any] = field(default_factory=dict)  # fields of it to change
-    games_per_pair: int = 40  # even: each map seed is played in both seats
+    games_per_pair: int = 40  # even between two teams: each map seed is played in both seats
     seed: int = 0
     out: str = "runs/league"
+    ladder: tuple[str, ...] = ()  # further agents, that do not play each other anew
+    seating: str = ""  # "ring" or "all", see `blocks.make_design`; "": all of up to three teams
+    workers: int = 1  # processes that play; results do not depend on it
+    half_width_elo: float = 0.0  # above 0: play on until no 95 % interval is wider either way
+    max_seconds: float = 0.0  # above 0: choose no further games then
 
     def __post_init__(self) -> None:
-        if len(self.agents) < 2:
-            raise ValueError(f"agents are {list(self.agents)}, a league needs two or more")
-        twice = sorted({name for name in self.agents if self.agents.count(name) > 1})
+        everyone = [*self.agents, *self.ladder]
+        if len(everyone) < 2:
+            raise ValueError(f"agents are {everyone}, a league needs two or more")
+        twice = sorted({name for name in everyone if everyone.count(name) > 1})
         if twice:
             raise ValueError(f"{', '.join(twice)} is given twice: name each agent once")
-        if self.games_per_pair < GAMES_PER_BLOCK or self.games_per_pair % GAMES_PER_BLOCK:
-            raise ValueError(
-                f"games_per_pair (--games) is {self.games_per_pair}, it must be even and 2 or "
-                "more: every map seed is played once in each seat"
-            )
+        for name, value in (
+            ("games_per_pair (--games)", self.games_per_pair),
+            ("workers", self.workers),
+        ):
+            if value < 1:
+                raise ValueError(f"{name} is {value}, it must be 1 or more")
+        for name, limit in (
+            ("half_width_elo (--ci)", self.half_width_elo),
+            ("max_seconds (--time)", self.max_seconds),
+        ):
+            if not 0.0 <= limit < math.inf:  # NaN too
+                raise ValueError(f"{name} is {limit}, it must be a finite number, 0 or more")
 
 
 @dataclass(frozen=True)
@@ -72,70 +81,64 @@ class LeagueResult:
     folder: Path
 
 
-@dataclass(frozen=True)
-class Entrant:
-    """An agent of the league; `fingerprint` tells its weights (a bot's rules version) apart."""
-
-    name: str
-    fingerprint: str
-    agent: Agent
-
-
 def run_league(
     config: LeagueConfig,
-    load: Callable[..., Agent] = load_agent,
+    load: Load = load_agent,
     show_progress: bool = True,
 ) -> LeagueResult:
     """Play what is not yet stored in `<out>/league.sqlite`, rate all agents, write the report.
 
     The same agents, seed and number of games give the same tables, in whatever order the agents are
-    given, however often the league was interrupted, and whether it had fewer games or other agents
-    before.
+    given, with any number of workers, however often the league was interrupted, and whether it had
+    fewer games before. Between two teams it may have had other agents before, too.
 
     Raises:
-        CheckpointError, UnknownNameError: an agent cannot be loaded; before any game.
-        ValueError: two of the agents are one and the same, or the scenario has not two teams.
+        CheckpointError, ForeignAgentError, UnknownNameError: an agent cannot be loaded; before any
+            game.
+        ValueError: two of the agents are one and the same, the scenario has but one team, or the
+            number of games does not fit.
         OutputFolderError, LeagueStoreError: the folder holds something else, or a league of other
             settings; or its file cannot be written.
     """
     game = find_by_name("game", config.game, GAMES)
     options = {**config.scenario_options, "reward": game.rated_reward}
-    scenario = game.scenario(config.scenario, **options)
-    if (num_teams := require_rivals(game, scenario)) != 2:
-        raise ValueError(
-            f"{game.name} {config.scenario} has {num_teams} teams: a league is of games between "
-            "two; compare two agents by `marl-cair match`"
-        )
-    entrants = _load_entrants(config, game, scenario, load)
+    rules = _find_rules(config, game, game.scenario(config.scenario, **options))
+    entrants = _load_entrants(config, game, rules.scenario, load)
     folder = Path(config.out)
     settings = {
         "game": game.name,
         "game_version": game.version,
-        "scenario": dataclasses.asdict(scenario),
+        "scenario": dataclasses.asdict(rules.scenario),
         "seed": config.seed,
     }
     claim_output_folder(folder, "league", settings, resume=True)
-    store = LeagueStore(folder / STORE_FILE, settings)
+    teams = game.make_spec(rules.scenario).team_of_seat.tolist()
+    more = {"seating": rules.seating, "team_of_seat": teams}
+    store = LeagueStore(folder / STORE_FILE, {**settings, **more})
     try:
-        matches = _play_all(config, game, scenario, entrants, store, show_progress)
+        return _play_and_rate(config, rules, entrants, store, load, show_progress)
     finally:
         store.close()
-    names = [entrant.name for entrant in entrants]
-    games, distinct = _collect(matches, len(entrants))
-    ratings = rate(names, games, config.seed)
-    table = make_table(names, games, ratings, distinct)
-    text = describe_league(table)
-    write_report(folder, table, text)
-    return LeagueResult(tuple(ratings), text, folder)
 
 
-def _load_entrants(
-    config: LeagueConfig, game: Game, scenario: Any, load: Callable[..., Agent]
-) -> list[Entrant]:
+def _find_rules(config: LeagueConfig, game: Game, scenario: Any) -> Rules:
+    num_teams = require_rivals(game, scenario)
+    seating = config.seating or ("all" if num_teams < 4 else "ring")
+    rules = Rules(game, scenario, config.seed, seating)
+    if num_teams == 2 and config.games_per_pair % rules.games_per_block:
+        raise ValueError(
+            f"games_per_pair (--games) is {config.games_per_pair}, it must be even: every map seed "
+            "is played once in each seat"
+        )
+    return rules
+
+
+def _load_entrants(config: LeagueConfig, game: Game, scenario: Any, load: Load) -> list[Entrant]:
     """All agents by short, unique names, in the order of those names."""
     sources: dict[str, str] = {}
     entrants = []
-    for source, name in zip(config.agents, _short_names(config.agents, game), strict=True):
+    everyone = (*config.agents, *config.ladder)
+    for source, name in zip(everyone, _short_names(everyone, game), strict=True):
         agent = load(source, game=game.name, scenario=scenario)
         fingerprint = find_fingerprint(agent, game)
         if fingerprint in sources:
@@ -143,7 +146,7 @@ def _load_entrants(
                 f"{sources[fingerprint]} and {source} are the same agent: name it once"
             )
         sources[fingerprint] = source
-        entrants.append(Entrant(name, fingerprint, agent))
+        entrants.append(Entrant(name, fingerprint, agent, source))
     return sorted(entrants, key=lambda entrant: entrant.name)
 
 
@@ -165,55 +168,158 @@ def _short_names(sources: Sequence[str], game: Game) -> list[str]:
     return [bots.get(source, source) for source in sources]
 
 
-def _play_all(
+def _play_and_rate(
     config: LeagueConfig,
-    game: Game,
-    scenario: Any,
+    rules: Rules,
     entrants: list[Entrant],
     store: LeagueStore,
+    load: Load,
     show_progress: bool,
-) -> dict[tuple[int, int], MatchResult]:
-    """The games of each pair of entrants (indices), the pair in the order of fingerprints."""
-    numbers = [store.add_agent(entrant.name, entrant.fingerprint) for entrant in entrants]
-    # A pair is stored one way round, whatever the agents are called today.
-    places = sorted(range(len(entrants)), key=lambda place: entrants[place].fingerprint)
-    pairs = list(itertools.combinations(places, 2))
-    chunks = range(-(-config.games_per_pair // GAMES_PER_CHUNK))
-    matches = {}
-    with tqdm(
-        total=len(pairs) * config.games_per_pair, unit=" games", disable=not show_progress
-    ) as bar:
-        for pair in pairs:
-            one, two = (entrants[place] for place in pair)
-            bar.set_postfix_str(f"{one.name} v {two.name}")
-            first, second = (numbers[place] for place in pair)
-            stored = store.read_match(first, second).results
-            held = {result.block // BLOCKS_PER_CHUNK for result in stored}
-            missing = [chunk for chunk in chunks if chunk not in held]
-            for start in range(0, len(missing), CHUNKS_AT_ONCE):
-                match = play_chunks(
-                    one.agent,
-                    two.agent,
-                    game,
-                    scenario,
-                    config.seed,
-                    missing[start : start + CHUNKS_AT_ONCE],
-                    (one.fingerprint, two.fingerprint),
-                )
-                store.add_match(first, second, match)
-            results = store.read_match(first, second).results[: config.games_per_pair]
-            matches[pair] = MatchResult(results)
-            bar.update(config.games_per_pair)
-    return matches
+) -> LeagueResult:
+    # Numbered by fingerprint: a line-up is the same whatever its agents are called today.
+    numbered = sorted(entrants, key=lambda entrant: entrant.fingerprint)
+    ids = [store.add_agent(describe_agent(one.name, one.agent, rules.game)) for one in numbered]
+    ladder = frozenset(n for n, one in enumerate(numbered) if one.source in config.ladder)
+    with closing(Arena(rules, numbered, ids, store, config.workers, load)) as arena:
+        jobs = _play_jobs(config, rules, arena, store, ladder, show_progress)
+    is_adaptive = config.half_width_elo > 0.0 or config.max_seconds > 0.0
+    stored = store.read_games()
+    if config.ladder:  # what it has played before counts too
+        stored = stored.select(np.asarray(np.isin(stored.agents, ids).all(axis=1), np.bool_))
+    else:
+        exact = rules.num_teams == 2 and not is_adaptive
+        end = config.games_per_pair // rules.games_per_block if exact else None
+        stored = _choose_games(rules, ids, jobs, stored, end)
+    id_of = {one.fingerprint: number for one, number in zip(numbered, ids, strict=True)}
+    return rate_and_report(
+        store,
+        stored,
+        {id_of[entrant.fingerprint]: entrant.name for entrant in entrants},
+        config.seed,
+        Path(config.out),
+    )
 
 
-def _collect(
-    matches: Mapping[tuple[int, int], MatchResult], num_agents: int
-) -> tuple[Games, NDArray[np.int64]]:
-    """Games [N, 4] of `rate`, and the number of distinct games of each pair, [n, n]."""
-    rows: list[tuple[int, int, int, float]] = []
-    distinct = np.zeros((num_agents, num_agents), np.int64)
-    for (first, second), match in matches.items():
-        rows += [(first, second, result.block, result.score) for result in match.results]
-        distinct[first, second] = distinct[second, first] = match.distinct_games
-    return np.array(rows, np.float64), distinct
+def _play_jobs(
+    config: LeagueConfig,
+    rules: Rules,
+    arena: Arena,
+    store: LeagueStore,
+    ladder: frozenset[int],
+    show_progress: bool,
+) -> list[Job]:
+    """Play what the schedule says; returns its jobs."""
+    num_agents, size = len(arena.entrants), rules.games_per_chunk
+    with tqdm(unit=" games", disable=not show_progress) as bar:
+        if config.half_width_elo <= 0.0 and config.max_seconds <= 0.0:
+            jobs = schedule_meetings(
+                num_agents, rules.num_teams, config.games_per_pair, size, ladder
+            )
+            bar.total = len(jobs) * size
+            arena.play(jobs, bar)
+            return jobs
+        end = time.monotonic() + (config.max_seconds or math.inf)
+        done = 0
+
+        def play(jobs: Sequence[Job]) -> Played:
+            nonlocal done
+            arena.play(jobs[done:], bar)
+            done = len(jobs)
+            return _as_played(_choose_games(rules, arena.ids, jobs, store.read_games()), arena.ids)
+
+        return play_adaptively(
+            num_agents,
+            rules.num_teams,
+            rules.blocks_per_chunk,
+            size,
+            Target(config.half_width_elo, config.games_per_pair, lambda: time.monotonic() > end),
+            play,
+            ladder,
+        )
+
+
+def _as_played(stored: StoredGames, ids: Sequence[int]) -> Played:
+    """The games with agents by their numbers in the league."""
+    games = _number_agents(stored, ids)
+    return Played(games, np.sort(games.agents, axis=1), stored.numbers)
+
+
+def _number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
+    """The games with agents by their places in `ids`."""
+    place = {number: at for at, number in enumerate(ids)}
+    agents = np.array([[place[one] for one in row] for row in stored.agents.tolist()], np.int64)
+    return Games(
+        agents.reshape(stored.agents.shape),
+        stored.points,
+        stored.ranks,
+        stored.blocks,
+        stored.is_repeat,
+    )
+
+
+def rate_and_report(
+    store: LeagueStore, stored: StoredGames, names: Mapping[int, str], seed: int, folder: Path
+) -> LeagueResult:
+    """Rate stored games of the agents `names` (by id), keep the ratings, write the report.
+
+    Raises:
+        ValueError: no games, or agents that no games compare.
+    """
+    ids, called = list(names), list(names.values())
+    games = _number_agents(stored, ids)
+    ladder = rate(called, games, seed)
+    store.add_ratings(
+        describe_method(seed),
+        games.digest(called),
+        int((~games.is_repeat).sum()),
+        [
+            (
+                ids[called.index(r.name)],
+                *(r.elo, r.low, r.high, r.bound, r.group, r.probability_first, r.games, r.score),
+            )
+            for r in ladder.ratings
+        ],
+    )
+    forfeits = Counter(reason for reason in stored.reasons if reason)
+    table = make_table(called, games, ladder, sorted(forfeits.items()))
+    text = describe_league(table)
+    write_report(folder, table, text)
+    return LeagueResult(ladder.ratings, text, folder)
+
+
+def report_stored(folder: Path) -> LeagueResult:
+    """Rate all stored games of the league in `folder` and write its report; plays nothing.
+
+    Raises:
+        LeagueStoreError: no league file, or one that cannot be read.
+        ValueError: no games, or agents that no games compare.
+    """
+    store = LeagueStore(folder / STORE_FILE)
+    try:
+        stored = store.read_games()
+        played = set(stored.agents.ravel().tolist())
+        agents = {n: agent.name for n, agent in store.read_agents().items() if n in played}
+        if len(set(agents.values())) < len(agents):  # an agent that was trained on under its name
+            agents = {n: f"{name} ({n})" for n, name in agents.items()}
+        names = dict(sorted(agents.items(), key=lambda item: item[1]))
+        return rate_and_report(store, stored, names, int(store.settings["seed"]), folder)
+    finally:
+        store.close()
+
+
+def _choose_games(
+    rules: Rules,
+    ids: Sequence[int],
+    jobs: Sequence[Job],
+    games: StoredGames,
+    end: int | None = None,
+) -> StoredGames:
+    """The games of the jobs, of each line-up to the block `end`: chunks are played whole."""
+    ends: dict[tuple[int, ...], int] = {}
+    for line_up, chunk in jobs:
+        key = tuple(sorted(ids[number] for number in line_up))
+        last = (chunk + 1) * rules.blocks_per_chunk
+        ends[key] = max(ends.get(key, 0), last if end is None else min(end, last))
+    keys = map(tuple, np.sort(games.agents, axis=1).tolist())
+    limits = np.array([ends.get(key, 0) for key in keys], np.int64)
+    return games.select(games.numbers < limits)

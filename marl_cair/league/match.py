@@ -15,21 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import NO_WINNER, Agent, Game
-from marl_cair.games.standings import share_points
+from marl_cair.league.blocks import Design, Entrant, make_chunk, play_blocks, seat_line_up
 from marl_cair.league.intervals import block_interval
-from marl_cair.league.playing import (
-    CHUNKS_AT_ONCE,
-    Places,
-    Seating,
-    Table,
-    play,
-    play_out,
-    start_engine,
-)
+from marl_cair.league.playing import Seating, play, start_engine
 
-GAMES_PER_BLOCK = 2  # of a match between two teams
 BLOCKS_PER_CHUNK = 4
-GAMES_PER_CHUNK = GAMES_PER_BLOCK * BLOCKS_PER_CHUNK
 
 
 @dataclass(frozen=True)
@@ -41,8 +31,9 @@ class GameResult:
     winner: int  # first seat of the winning team, or NO_WINNER for a draw or the time limit
     is_truncated: bool
     decisions: int
-    fingerprint: str  # of all actions: equal games have equal ones
+    fingerprint: str  # `PlayedGame.trajectory`: games that are the same have equal ones
     draw_score: float = 0.5  # of the first agent if nobody wins: see `games.standings`
+    forfeit: str = ""  # why an agent has lost it without playing on
 
     @property
     def score(self) -> float:
@@ -98,8 +89,13 @@ class MatchResult:
 
     @property
     def distinct_games(self) -> int:
-        """Games that differ in an action: agents without randomness repeat themselves."""
+        """Games that differ in a board or an action: agents without randomness repeat theirs."""
         return len({result.fingerprint for result in self.results})
+
+    @property
+    def forfeits(self) -> tuple[str, ...]:
+        """Why games were forfeited, one reason for each."""
+        return tuple(result.forfeit for result in self.results if result.forfeit)
 
 
 def play_match(
@@ -127,11 +123,8 @@ def play_match(
             f"{'seat' if num_teams == game.make_spec(scenario).num_players else 'team'}"
         )
     chunks = range(-(-num_games // (num_teams * BLOCKS_PER_CHUNK)))
-    results: list[GameResult] = []
-    for start in chunks[::CHUNKS_AT_ONCE]:
-        part = chunks[start : start + CHUNKS_AT_ONCE]
-        results += play_chunks(first, second, game, scenario, seed, part, identities).results
-    return MatchResult(tuple(results[:num_games]), num_teams)
+    match = play_chunks(first, second, game, scenario, seed, chunks, identities)
+    return MatchResult(match.results[:num_games], num_teams)
 
 
 def play_chunks(
@@ -143,7 +136,7 @@ def play_chunks(
     chunks: Sequence[int],
     identities: tuple[str, str] | None = None,
 ) -> MatchResult:
-    """Play whole chunks, all on one engine; which of them are played together changes no game.
+    """Play whole chunks; which of them are played together changes no game.
 
     Chunk c holds the blocks c * BLOCKS_PER_CHUNK onwards. Block k has the map seed of (seed, k),
     whoever plays: all pairs meet the same maps. Each agent has its own random stream in each chunk,
@@ -153,35 +146,33 @@ def play_chunks(
         ValueError: no chunk, or a scenario with but one team.
     """
     num_teams = require_rivals(game, scenario)
-    if not len(chunks):
-        raise ValueError("no chunks are given: name at least one to play")
     teams = game.make_spec(scenario).team_of_seat
-    table = _make_table(teams)
-    engine = start_engine(game, scenario, seed, table, chunks)
-    ended = play_out(engine, table, _seat((first, second), identities), seed, chunks)
-    points = share_points(ended.winner, ended.was_out, teams)
     first_seats = np.unique(teams, return_index=True)[1]
-    blocks = table.number_blocks(chunks)
+    played = play_blocks(
+        _seat((first, second), identities),
+        game,
+        scenario,
+        seed,
+        chunks,
+        _one_against_all(num_teams),
+        BLOCKS_PER_CHUNK,
+    )
     return MatchResult(
         tuple(
             GameResult(
-                block=int(blocks[world]),
-                first_seat=int(first_seats[world % num_teams]),
-                winner=int(ended.winner[world]),
-                is_truncated=bool(ended.truncated[world]),
-                decisions=int(ended.decisions[world]),
-                fingerprint=ended.fingerprints[world],
-                draw_score=_find_draw_score(ended.winner[world], points[world], world % num_teams),
+                block=one.block,
+                first_seat=int(first_seats[one.number]),
+                winner=NO_WINNER if one.winner < 0 else int(first_seats[one.winner]),
+                is_truncated=one.is_truncated,
+                decisions=one.decisions,
+                fingerprint=one.trajectory,
+                draw_score=one.points[one.number] if one.winner < 0 else 0.5,
+                forfeit=one.reason,
             )
-            for world in range(len(blocks))
+            for one in played
         ),
         num_teams,
     )
-
-
-def _find_draw_score(winner: int, points: NDArray[np.float64], team: int) -> float:
-    """What the draw was worth to the team, 0.5 as a matter of form where somebody has won."""
-    return float(points[team]) if winner == NO_WINNER else 0.5
 
 
 def record_game(
@@ -194,10 +185,11 @@ def record_game(
     Raises:
         ValueError: a scenario with but one team.
     """
-    require_rivals(game, scenario)
-    table = _make_table(game.make_spec(scenario).team_of_seat)
-    engine = start_engine(game, scenario, seed, table, (0,))
-    steps = play(engine, table, _seat((first, second), None), seed, (0,))
+    num_teams = require_rivals(game, scenario)
+    teams = game.make_spec(scenario).team_of_seat
+    chunk = make_chunk(0, _one_against_all(num_teams), BLOCKS_PER_CHUNK, teams)
+    engine = start_engine(game, scenario, seed, (chunk,))
+    steps = play(engine, (chunk,), _seat((first, second), None), seed)
     return np.array([step.actions[0].copy() for step in steps if step.running[0]], np.int32)
 
 
@@ -212,28 +204,12 @@ def require_rivals(game: Game, scenario: Any) -> int:
     return num_teams
 
 
-def _make_table(teams: NDArray[np.int64]) -> Table:
-    """Game g of a chunk is of block g // T and has the first agent in team g % T.
-
-    Both agents are shown their seats by block and own team: so a match between two teams is the
-    same from both sides.
-    """
-    num_teams = int(teams.max()) + 1
-    games = np.arange(num_teams * BLOCKS_PER_CHUNK)
-    game, seat = (grid.ravel() for grid in np.meshgrid(games, np.arange(len(teams)), indexing="ij"))
-    order = np.lexsort((seat, game, teams[seat], game // num_teams))
-    game, seat = game[order], seat[order]
-    is_first = teams[seat] == game % num_teams
-    return Table(
-        games // num_teams,
-        (Places(game[is_first], seat[is_first]), Places(game[~is_first], seat[~is_first])),
-    )
+def _one_against_all(num_teams: int) -> Design:
+    """Game g of a block has the first agent in team g, the second in all others."""
+    entries = 1 - np.eye(num_teams, dtype=np.int64)
+    return lambda block: entries
 
 
-def _seat(
-    agents: tuple[Agent, Agent], identities: tuple[str, str] | None
-) -> tuple[Seating, Seating]:
+def _seat(agents: tuple[Agent, Agent], identities: tuple[str, str] | None) -> tuple[Seating, ...]:
     own, rival = identities or (agents[0].name, agents[1].name)
-    if own == rival:  # two copies of one agent do not share their draws
-        own, rival = f"{own} (first)", f"{rival} (second)"
-    return Seating(agents[0], (own, rival)), Seating(agents[1], (rival, own))
+    return seat_line_up([Entrant(own, own, agents[0]), Entrant(rival, rival, agents[1])])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -51,19 +50,25 @@ def _caption(table: LeagueTable) -> str:
             "mean between the lines.\nOrange: a bound, the whole group may lie further along the "
             "arrow."
         )
-    if any(math.isinf(rating.low) or math.isinf(rating.high) for rating in ratings):
+    if any(rating.open_low or rating.open_high for rating in ratings):
         lines.append("Bars that reach the edge: too few points to limit the rating on that side.")
     return "\n".join(lines)
 
 
 def _draw_ladder(panel: Any, table: LeagueTable) -> None:
     ratings = table.ratings
-    ends = [x for r in ratings for x in (r.low, r.elo, r.high) if math.isfinite(x)]
+    ends = [
+        x
+        for r in ratings
+        for x, is_open in ((r.low, r.open_low), (r.elo, False), (r.high, r.open_high))
+        if not is_open
+    ]
     span = max(ends) - min(ends) or 1.0
     left, right = min(ends) - 0.1 * span, max(ends) + 0.1 * span
     for place, rating in enumerate(ratings):
         colour = BOUND_COLOUR if rating.is_bound else DOT_COLOUR
-        low, high = np.clip((rating.low, rating.high), left, right)
+        low = left if rating.open_low else rating.low
+        high = right if rating.open_high else rating.high
         panel.plot((low, high), (place, place), color=colour, linewidth=1.6, solid_capstyle="butt")
         panel.plot(rating.elo, place, "o", color=colour, markersize=4)
         if rating.is_bound:
@@ -106,6 +111,7 @@ def _draw_matrix(panel: Any, table: LeagueTable) -> None:
     panel.set_yticks(np.arange(len(table.names) + 1) - 0.5, minor=True)
     panel.grid(which="minor", color="white", linewidth=0.8)
     number = int(table.counts.max())
-    panel.set_title(f"Score of row against column, % ({number} games a pair)", fontsize=8.0)
+    what = "Score of row against column" if table.num_teams == 2 else "Row came in above column"
+    panel.set_title(f"{what}, % (up to {number} games a pair)", fontsize=8.0)
     panel.spines[:].set_visible(False)
     panel.tick_params(which="both", length=0)

@@ -17,10 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.engine import BatchedEngine
-from marl_cair.games.game import Agent, Game
+from marl_cair.games.game import NO_WINNER, Agent, Game
 from marl_cair.games.randomness import episode_seeds
+from marl_cair.games.standings import share_points
+from marl_cair.league.ranks import STILL_IN, rank_teams
 
 CHUNKS_AT_ONCE = 16  # on one engine, for speed alone: the worlds of an engine are independent
+FORFEIT = -1  # in place of an action: see `league.foreign`
 
 
 class Places(NamedTuple):
@@ -31,14 +34,16 @@ class Places(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Table:
-    """Who plays where in each chunk of a match.
+class Chunk:
+    """Who plays where in G games that are played together.
 
     Attributes:
-        blocks: int64 [G], the block within the chunk that each of its G games belongs to.
-        places: of each agent.
+        number: of the chunk in its match.
+        blocks: int64 [G], the block of the match that each game belongs to.
+        places: of each entry.
     """
 
+    number: int
     blocks: NDArray[np.int64]
     places: tuple[Places, ...]
 
@@ -46,15 +51,6 @@ class Table:
     def num_games(self) -> int:
         """G."""
         return len(self.blocks)
-
-    @property
-    def num_blocks(self) -> int:
-        """Blocks of a chunk."""
-        return int(self.blocks[-1]) + 1
-
-    def number_blocks(self, chunks: Sequence[int]) -> NDArray[np.int64]:
-        """The block of each game of `chunks`, int64 [len(chunks) * G]."""
-        return (np.asarray(chunks)[:, None] * self.num_blocks + self.blocks).ravel()
 
 
 class Seating(NamedTuple):
@@ -65,22 +61,26 @@ class Seating(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """How G games ended."""
+    """How G games of P seats and T teams ended."""
 
     winner: NDArray[np.int8]  # [G] seat, or NO_WINNER
     truncated: NDArray[np.bool_]  # [G]
-    was_out: NDArray[np.bool_]  # [G, P] seats that were out before the last decision
+    points: NDArray[np.float64]  # [G, T], see `standings.share_points`
+    ranks: NDArray[np.float64]  # [G, T], see `standings.rank_teams`
     returns: NDArray[np.float64]  # [G, P] sums of rewards
     decisions: NDArray[np.int64]  # [G]
-    fingerprints: tuple[str, ...]  # of all actions: equal games have equal ones
+    trajectories: tuple[str, ...]  # equal for games that are the same from first to last board
+    forfeited: NDArray[np.bool_]  # [G, T]
+    reasons: tuple[str, ...]  # why a team has forfeited, "" where none has
 
 
 class Step(NamedTuple):
-    """One decision of G games; `actions` and `out` are not changed later."""
+    """One decision of G games; no array is changed later."""
 
     actions: NDArray[np.int32]  # [G, P]
-    running: NDArray[np.bool_]  # [G], before the decision
+    running: NDArray[np.bool_]  # [G], before the decision, of games that no seat forfeits in it
     out: NDArray[np.bool_]  # [G, P], before the decision
+    forfeits: dict[tuple[int, int], str]  # (game, seat) -> why it forfeits in this decision
 
 
 def map_seeds(seed: int, blocks: NDArray[np.int64]) -> NDArray[np.uint64]:
@@ -88,11 +88,9 @@ def map_seeds(seed: int, blocks: NDArray[np.int64]) -> NDArray[np.uint64]:
     return episode_seeds(seed, blocks, np.zeros(len(blocks), np.int64))
 
 
-def start_engine(
-    game: Game, scenario: Any, seed: int, table: Table, chunks: Sequence[int]
-) -> BatchedEngine:
+def start_engine(game: Game, scenario: Any, seed: int, chunks: Sequence[Chunk]) -> BatchedEngine:
     """The games of `chunks`, with the rated reward, at their start."""
-    blocks = table.number_blocks(chunks)
+    blocks = np.concatenate([chunk.blocks for chunk in chunks])
     rated = dataclasses.replace(scenario, reward=game.rated_reward)
     engine = BatchedEngine(game, rated, len(blocks))
     engine.reset(map_seeds(seed, blocks))
@@ -100,39 +98,57 @@ def start_engine(
 
 
 def play_out(
-    engine: BatchedEngine,
-    table: Table,
-    seatings: Sequence[Seating],
-    seed: int,
-    chunks: Sequence[int],
+    engine: BatchedEngine, chunks: Sequence[Chunk], seatings: Sequence[Seating], seed: int
 ) -> Ended:
-    """Play all games of `chunks` to their ends, on the engine of `start_engine`."""
+    """Play all games of `chunks` to their ends, on the engine of `start_engine`.
+
+    A seat that forfeits ends its game: its team has lost, all teams that have not are left.
+    """
+    teams = engine.spec.team_of_seat
+    shape = engine.num_worlds, engine.num_players
     digests = [hashlib.blake2b(digest_size=8) for _ in range(engine.num_worlds)]
     decisions = np.zeros(engine.num_worlds, np.int64)
-    returns = np.zeros((engine.num_worlds, engine.num_players))
-    was_out = np.zeros((engine.num_worlds, engine.num_players), np.bool_)
-    for actions, running, out in play(engine, table, seatings, seed, chunks):
+    returns = np.zeros(shape)
+    out_since = np.full(shape, STILL_IN)
+    forfeits: dict[tuple[int, int], str] = {}
+    _add_boards(digests, engine, np.ones(engine.num_worlds, np.bool_))
+    for actions, running, out, given_up in play(engine, chunks, seatings, seed):
+        ended_now = [world for world, _ in given_up]
+        is_told = running.copy()  # also to games that end here by a forfeit
+        is_told[ended_now] = True
+        newly_out = is_told[:, None] & out & (out_since == STILL_IN)
+        out_since[newly_out] = np.broadcast_to(decisions[:, None], shape)[newly_out]
         decisions += running
         returns[running] += engine.rewards[running]
-        was_out[running] = out[running]
+        forfeits |= given_up
         for world in np.flatnonzero(running).tolist():
             digests[world].update(actions[world].tobytes())
+    winner = engine.winner.copy()
+    forfeited = np.zeros((engine.num_worlds, int(teams.max()) + 1), np.bool_)
+    reasons = [""] * engine.num_worlds
+    for (world, seat), reason in sorted(forfeits.items()):
+        forfeited[world, teams[seat]] = True
+        reasons[world] = reasons[world] or reason
+        digests[world].update(f"forfeit {seat}".encode())
+    is_whole = np.asarray(~forfeited.any(axis=1), np.bool_)
+    # After a forfeit the world has gone on for as long as others have: what it shows tells nothing.
+    _add_boards(digests, engine, is_whole)
+    _end_forfeited(winner, out_since, forfeited, teams)
     return Ended(
-        engine.winner.copy(),
-        engine.truncated.copy(),
-        was_out,
+        winner,
+        engine.truncated & is_whole,
+        share_points(winner, out_since != STILL_IN, teams),
+        rank_teams(winner, out_since, teams),
         returns,
         decisions,
         tuple(digest.hexdigest() for digest in digests),
+        forfeited,
+        tuple(reasons),
     )
 
 
 def play(
-    engine: BatchedEngine,
-    table: Table,
-    seatings: Sequence[Seating],
-    seed: int,
-    chunks: Sequence[int],
+    engine: BatchedEngine, chunks: Sequence[Chunk], seatings: Sequence[Seating], seed: int
 ) -> Iterator[Step]:
     """Step until all games have ended; yields after each step.
 
@@ -141,32 +157,67 @@ def play(
     """
     streams = [_start_streams(seating, seed, chunks) for seating in seatings]
     names = {seating.agent.representation for seating in seatings}
-    size = table.num_games
-    while (running := ~(engine.terminated | engine.truncated)).any():
+    starts = np.cumsum([0, *(chunk.num_games for chunk in chunks)])
+    stopped = np.zeros(engine.num_worlds, np.bool_)  # by a forfeit
+    while (running := ~(engine.terminated | engine.truncated | stopped)).any():
         masks = engine.action_mask()
         seen = {name: engine.observe(name) for name in names}
         out = engine.eliminated.copy()
         shape = (engine.num_worlds, engine.num_players, *engine.spec.action_shape)
         actions = np.full(shape, engine.spec.noop_action, np.int32)
-        for (agent, _), places, states in zip(seatings, table.places, streams, strict=True):
-            for chunk, state in enumerate(states):
-                worlds = chunk * size + places.game
-                acts = running[worlds] & ~out[worlds, places.seat]
+        forfeits: dict[tuple[int, int], str] = {}
+        for entry, ((agent, _), states) in enumerate(zip(seatings, streams, strict=True)):
+            for place, (chunk, state) in enumerate(zip(chunks, states, strict=True)):
+                games, seats = chunk.places[entry]
+                worlds = starts[place] + games
+                acts = running[worlds] & ~out[worlds, seats]
                 if not acts.any():
                     continue
-                at = worlds[acts], places.seat[acts]
+                at = worlds[acts], seats[acts]
                 agent.load_state_dict(state)
-                actions[at] = agent.act(seen[agent.representation][at], masks[at])
-                states[chunk] = agent.state_dict()
+                chosen = agent.act(seen[agent.representation][at], masks[at])
+                states[place] = agent.state_dict()
+                if (given_up := (chosen.reshape(len(chosen), -1) == FORFEIT).any(1)).any():
+                    reason = f"{agent.name} {getattr(agent, 'failure', 'gave up')}"
+                    lost = np.stack(at, 1)[given_up].tolist()
+                    forfeits |= dict.fromkeys(map(tuple, lost), reason)
+                    chosen = np.where(chosen == FORFEIT, engine.spec.noop_action, chosen)
+                actions[at] = chosen
+        stopped[[world for world, _ in forfeits]] = True
         engine.step(actions)
-        yield Step(actions, running, out)
+        yield Step(actions, running & ~stopped, out, forfeits)
 
 
-def _start_streams(seating: Seating, seed: int, chunks: Sequence[int]) -> list[dict[str, Any]]:
+def _end_forfeited(
+    winner: NDArray[np.int8],
+    out_since: NDArray[np.int64],
+    forfeited: NDArray[np.bool_],
+    teams: NDArray[np.int64],
+) -> None:
+    """Change winner [G] and out_since [G, P] of games in which teams [G, T] have forfeited."""
+    for world in np.flatnonzero(forfeited.any(1)).tolist():
+        winner[world] = NO_WINNER
+        still_in = np.unique(teams[out_since[world] == STILL_IN])
+        left = still_in[~forfeited[world, still_in]]
+        if len(left) == 0:  # all who were left gave up at once: a draw between them
+            continue
+        out_since[world, forfeited[world, teams]] = -1  # below whoever went out by the rules
+        if len(left) == 1:
+            winner[world] = np.flatnonzero(teams == left[0])[0]
+
+
+def _add_boards(digests: Sequence[Any], engine: BatchedEngine, which: NDArray[np.bool_]) -> None:
+    """Add what all seats of worlds `which` [G] see: games on maps that look different differ."""
+    boards = engine.observe(next(iter(engine.spec.representations)))
+    for world in np.flatnonzero(which).tolist():
+        digests[world].update(np.ascontiguousarray(boards[world]).tobytes())
+
+
+def _start_streams(seating: Seating, seed: int, chunks: Sequence[Chunk]) -> list[dict[str, Any]]:
     """The state of an agent's random generator at the start of each chunk."""
     streams = []
     for chunk in chunks:
-        text = "\0".join((str(seed), str(chunk), *seating.names))
+        text = "\0".join((str(seed), str(chunk.number), *seating.names))
         digest = hashlib.blake2b(text.encode(), digest_size=8).digest()
         seating.agent.seed(int.from_bytes(digest, "big") >> 1)  # torch takes 63 bits
         streams.append(seating.agent.state_dict())

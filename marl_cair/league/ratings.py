@@ -1,15 +1,17 @@
-"""Ratings from stored results: Bradley-Terry by choix on the Elo scale, intervals by bootstrap."""
+"""Ratings from stored games: one likelihood for pairs and free-for-alls, intervals by bootstrap."""
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
-import choix
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from marl_cair.league.groups import (
     ELO_PER_LOGIT,
@@ -18,16 +20,55 @@ from marl_cair.league.groups import (
     require_comparison,
     split_core,
 )
-from marl_cair.league.intervals import CONFIDENCE, win_rate_interval
-
-__all__ = ["ANCHOR", "ELO_PER_LOGIT", "Games", "Rating", "rate", "score_matrix"]
-__all__ += ["win_rate_interval"]
+from marl_cair.league.intervals import CONFIDENCE
+from marl_cair.league.likelihood import (
+    MAX_NUMBERS,
+    PRIOR_ELO,
+    SEAT_PRIOR_ELO,
+    Likelihood,
+    Rankings,
+)
 
 NUM_BOOTSTRAPS = 500
 ANCHOR = "random"  # rated 0 where it takes part
+TAIL = (1.0 - CONFIDENCE) / 2.0
 
-# One row for each game: first agent, second agent, block, score of the first.
-Games = NDArray[np.float64]
+
+@dataclass(frozen=True)
+class Games:
+    """N games of T teams, as `StoredGames` has them; agents by place in a list of names.
+
+    Attributes:
+        agents: int64 [N, T].
+        points, ranks: float64 [N, T].
+        blocks: int64 [N], equal for the games of a block: what is resampled.
+        is_repeat: bool [N], games that are the same as another and are not counted.
+    """
+
+    agents: NDArray[np.int64]
+    points: NDArray[np.float64]
+    ranks: NDArray[np.float64]
+    blocks: NDArray[np.int64]
+    is_repeat: NDArray[np.bool_]
+
+    def count_once(self) -> Games:
+        """Without repeats; blocks are numbered anew, without gaps."""
+        kept = ~self.is_repeat
+        _, blocks = np.unique(self.blocks[kept], return_inverse=True)
+        return Games(
+            self.agents[kept],
+            self.points[kept],
+            self.ranks[kept],
+            blocks.ravel().astype(np.int64),
+            self.is_repeat[kept],
+        )
+
+    def digest(self, names: Sequence[str]) -> str:
+        """A hash of all that ratings depend on."""
+        digest = hashlib.blake2b("\0".join(names).encode(), digest_size=16)
+        for array in (self.agents, self.ranks, self.blocks):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
 
 
 @dataclass(frozen=True)
@@ -36,14 +77,17 @@ class Rating:
 
     Attributes:
         name: of the agent.
-        elo: maximum-likelihood rating; where `bound` is set, the bound.
-        low, high: 95 % interval against the mean of the agent's group; infinite where results
-            leave that end open, both equal to `elo` in a group of one.
+        elo: maximum-posterior rating; where `bound` is set, the bound.
+        low, high: 95 % interval against the mean of the agent's group, both equal to `elo` in a
+            group of one.
+        open_low, open_high: that end is where the prior has put it: in more than 2.5 % of the
+            resamples no point limits the rating on that side.
         games, score: number of games, and share of points in them.
         bound: "lower" where the agent's group lost no point to the group of the zero of the scale,
             neither itself nor through others: its ratings may all be larger by one unknown number.
             "upper" where it never took one: they may all be smaller. "" in the group of the zero.
         group: of agents that took points off each other, directly or through others; 0 is the best.
+        probability_first: share of the resamples in which it is the best of all.
     """
 
     name: str
@@ -54,6 +98,9 @@ class Rating:
     score: float
     bound: Literal["", "lower", "upper"]
     group: int
+    probability_first: float = 0.0
+    open_low: bool = False
+    open_high: bool = False
 
     @property
     def is_bound(self) -> bool:
@@ -61,57 +108,114 @@ class Rating:
         return self.bound != ""
 
 
-def rate(names: Sequence[str], games: Games, seed: int = 0) -> list[Rating]:
-    """Ratings of all agents, best first.
+@dataclass(frozen=True)
+class Estimate:
+    """A number of Elo with its 95 % interval."""
 
-    games: [N, 4] rows of (first, second, block, score of the first), agents by index in `names`.
-    `random` is 0 where it takes part, else the mean of the largest group. The bootstrap draws whole
-    blocks (a map seed, both seats) within each pair, never single games.
+    elo: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Ratings of n agents, best first, and what else the same games show.
+
+    Attributes:
+        ratings: n.
+        differences: [n][n], the row's agent less the column's, None where they are of different
+            groups; the interval is of the difference itself, narrower than two ratings' suggest.
+        seats: what each team's seats add to a rating, against the mean of all teams.
+    """
+
+    ratings: tuple[Rating, ...]
+    differences: tuple[tuple[Estimate | None, ...], ...]
+    seats: tuple[Estimate, ...]
+
+
+def describe_method(seed: int) -> dict[str, Any]:
+    """What ratings depend on beside the games, as plain data."""
+    return {
+        "method": "Plackett-Luce, maximum posterior; of two teams Bradley-Terry, draws as halves",
+        "prior_elo": PRIOR_ELO,
+        "seat_prior_elo": SEAT_PRIOR_ELO,
+        "bootstraps": NUM_BOOTSTRAPS,
+        "confidence": CONFIDENCE,
+        "seed": seed,
+    }
+
+
+def rate(names: Sequence[str], games: Games, seed: int = 0) -> Ladder:
+    """Ratings of all agents: a function of the games alone, whatever their order.
+
+    `random` is 0 where it takes part, else the mean of the largest group. Ratings have a normal
+    prior of standard deviation PRIOR_ELO about the mean of their group, seat advantages one of
+    SEAT_PRIOR_ELO about 0. The bootstrap draws whole blocks (a map seed in all its seatings), never
+    single games. Repeats are not counted.
 
     Raises:
-        ValueError: agents that no chain of games compares with the others; names them.
+        ValueError: no games, or agents that no chain of games compares with the others; names them.
     """
-    points, counts = score_matrix(len(names), games)
-    groups = find_groups(points)
+    games = _sort(games.count_once())
+    if not len(games.agents):
+        raise ValueError("there are no games to rate: play some first")
+    above, meetings = count_pairs(len(names), games)
+    groups = find_groups(above)
     home = _find_home(names, groups)
-    require_comparison(names, points, groups[home][0])
-    elo = _place_groups(groups, home, points, counts)
+    require_comparison(names, above, groups[home][0])
+    model = Likelihood(len(names), [_restrict(games, group) for group in groups])
+    samples = _Samples(model, games, groups, above, np.random.default_rng(seed))
+    elo = _place_groups(groups, home, ELO_PER_LOGIT * samples.point[: len(names)], meetings)
     if ANCHOR in names:
         elo -= elo[names.index(ANCHOR)]
-    low, high = elo.copy(), elo.copy()
-    rng = np.random.default_rng(seed)
-    for group in groups:
-        if len(group) > 1:
-            low[group], high[group] = _bootstrap(group, games, elo[group], rng)
-    ratings = []
-    for place, group in enumerate(groups):
-        for index in group:
-            num = int(counts[index].sum())
-            ratings.append(
-                Rating(
-                    names[index],
-                    float(elo[index]),
-                    float(low[index]),
-                    float(high[index]),
-                    num,
-                    float(points[index].sum() / num) if num else math.nan,
-                    "lower" if place > home else "upper" if place < home else "",
-                    len(groups) - 1 - place,
-                )
-            )
-    return sorted(ratings, key=lambda rating: (rating.group, -rating.elo, rating.name))
+    return samples.make_ladder(names, elo, groups, home, games)
 
 
-def score_matrix(num_agents: int, games: Games) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Points and numbers of games of each agent (row) against each other (column)."""
-    points = np.zeros((num_agents, num_agents))
-    counts = np.zeros((num_agents, num_agents), np.int64)
-    first, second = games[:, 0].astype(int), games[:, 1].astype(int)
-    np.add.at(points, (first, second), games[:, 3])
-    np.add.at(points, (second, first), 1.0 - games[:, 3])
-    np.add.at(counts, (first, second), 1)
-    np.add.at(counts, (second, first), 1)
-    return points, counts
+def count_pairs(num_agents: int, games: Games) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """How often the row's agent came in above the column's, a tie as half; and games of both.
+
+    A game of more than two counts in `meetings` as one for all its pairs together.
+    """
+    above, meetings = np.zeros((2, num_agents, num_agents))
+    num_teams = games.agents.shape[1]
+    share = 2.0 / (num_teams * (num_teams - 1))
+    for one in range(num_teams):
+        for two in range(num_teams):
+            own, other = games.agents[:, one], games.agents[:, two]
+            rivals = own != other
+            wins = (1.0 + np.sign(games.ranks[:, two] - games.ranks[:, one])) / 2.0
+            np.add.at(above, (own[rivals], other[rivals]), wins[rivals])
+            np.add.at(meetings, (own[rivals], other[rivals]), share)
+    return above, meetings
+
+
+def _sort(games: Games) -> Games:
+    """Games and blocks in the order of what was played in them: nothing tells when it was."""
+    rows = np.column_stack((games.agents, games.ranks))
+    order = np.lexsort((*rows.T[::-1], games.blocks))
+    keys: dict[int, list[bytes]] = {}
+    for place in order.tolist():
+        keys.setdefault(int(games.blocks[place]), []).append(rows[place].tobytes())
+    number = {block: n for n, block in enumerate(sorted(keys, key=lambda block: keys[block]))}
+    blocks = np.array([number[block] for block in games.blocks[order].tolist()], np.int64)
+    order = order[np.argsort(blocks, kind="stable")]
+    return Games(
+        games.agents[order],
+        games.points[order],
+        games.ranks[order],
+        np.sort(blocks),
+        games.is_repeat[order],
+    )
+
+
+def _restrict(games: Games, group: Sequence[int]) -> Rankings:
+    """The finishing orders within a group: Plackett-Luce holds for the rest of a ranking too."""
+    is_inside = np.isin(games.agents, group)
+    is_inside &= is_inside.sum(axis=1, keepdims=True) > 1
+    above = is_inside[:, None, :] & (games.ranks[:, None, :] < games.ranks[:, :, None])
+    level = is_inside[:, None, :] & (games.ranks[:, None, :] == games.ranks[:, :, None])
+    ranks = np.where(is_inside, above.sum(2) + (level.sum(2) + 1.0) / 2.0, 0.0)
+    return Rankings(games.agents, ranks, games.blocks)
 
 
 def _find_home(names: Sequence[str], groups: Sequence[Sequence[int]]) -> int:
@@ -125,66 +229,160 @@ def _find_home(names: Sequence[str], groups: Sequence[Sequence[int]]) -> int:
 def _place_groups(
     groups: Sequence[list[int]],
     home: int,
-    points: NDArray[np.float64],
-    counts: NDArray[np.int64],
+    fitted: NDArray[np.float64],
+    meetings: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Elo [agents]: the home group's mean is 0, the others lie as far away as is sure."""
-    elo = np.zeros(len(points))
+    elo = fitted.copy()
     for group in groups:
-        elo[group] = _fit(points[np.ix_(group, group)])
+        elo[group] -= elo[group].mean()
     placed = list(groups[home])
     for group in groups[home + 1 :]:
-        elo[group] += find_gap(elo[group], elo[placed], counts[np.ix_(group, placed)])
+        elo[group] += find_gap(elo[group], elo[placed], meetings[np.ix_(group, placed)])
         placed += group
     for group in reversed(groups[:home]):
-        elo[group] -= find_gap(elo[placed], elo[group], counts[np.ix_(placed, group)])
+        elo[group] -= find_gap(elo[placed], elo[group], meetings[np.ix_(placed, group)])
         placed += group
     return elo
 
 
-def _fit(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Elo [n], centred on 0, of the largest likelihood within one group; points [n, n]."""
-    if len(points) == 1:
-        return np.zeros(1)
-    logits = choix.ilsr_pairwise_dense(points, max_iter=1_000, tol=1e-6)
-    return ELO_PER_LOGIT * np.asarray(logits, np.float64)
+class _Samples:
+    """The fit, and fits to resampled blocks: Elo [S, n] and [S, T], centred by group and team."""
+
+    def __init__(
+        self,
+        model: Likelihood,
+        games: Games,
+        groups: Sequence[list[int]],
+        above: NDArray[np.float64],
+        rng: np.random.Generator,
+    ) -> None:
+        num_agents, num_blocks = len(above), model.num_blocks
+        self.point = model.fit(np.ones(num_blocks))
+        factor = model.factorise(self.point)
+        pairs = _pair_blocks(num_agents, games)
+        points = np.empty((NUM_BOOTSTRAPS, model.num_parameters))
+        counted = np.empty((NUM_BOOTSTRAPS, num_agents**2))
+        size = max(1, MAX_NUMBERS // num_blocks)
+        for first in range(0, NUM_BOOTSTRAPS, size):
+            part = slice(first, min(first + size, NUM_BOOTSTRAPS))
+            drawn = rng.integers(num_blocks, size=(part.stop - first, num_blocks))
+            weights = np.stack([np.bincount(row, minlength=num_blocks) for row in drawn])
+            points[part] = model.refit(self.point, weights.astype(np.float64), factor)
+            counted[part] = weights @ pairs
+        points *= ELO_PER_LOGIT
+        self.fitted, self.seats = points[:, :num_agents], points[:, num_agents:]
+        for group in groups:
+            self.fitted[:, group] -= self.fitted[:, group].mean(1, keepdims=True)
+        self.seats -= self.seats.mean(1, keepdims=True)
+        self.open_high, self.open_low = np.zeros((2, num_agents))
+        self._note_open(groups, above, counted)
+
+    def _note_open(
+        self,
+        groups: Sequence[list[int]],
+        above: NDArray[np.float64],
+        samples: NDArray[np.float64],
+    ) -> None:
+        """Count who has left the largest part of its group upwards, and who downwards.
+
+        samples [S, n * n]: `above` of each resample.
+        """
+        # Where every arrow between two agents is still there, no group has fallen apart.
+        has_lost = (samples <= 0.0)[:, above.ravel() > 0.0].any(axis=1)
+        for sample in samples[has_lost]:
+            pairs = sample.reshape(above.shape)
+            parts = connected_components(pairs > 0.0, directed=True, connection="strong")[0]
+            if parts == len(groups):
+                continue
+            for group in groups:
+                core, is_above = split_core(pairs[np.ix_(group, group)])
+                self.open_high[group] += ~core & is_above
+                self.open_low[group] += ~core & ~is_above
+
+    def make_ladder(
+        self,
+        names: Sequence[str],
+        elo: NDArray[np.float64],
+        groups: Sequence[list[int]],
+        home: int,
+        games: Games,
+    ) -> Ladder:
+        """The ladder with the ratings `elo` [n], 0 at the zero of the scale."""
+        best = self._find_best(groups[-1], len(names))
+        ratings = []
+        for place, group in enumerate(groups):
+            mean = elo[group].mean()
+            for index in group:
+                low, high = _find_ends(mean + self.fitted[:, index], elo[index])
+                played = games.agents == index
+                num = int(played.any(axis=1).sum())
+                entries = int(played.sum())
+                ratings.append(
+                    Rating(
+                        names[index],
+                        float(elo[index]),
+                        low,
+                        high,
+                        num,
+                        float(games.points[played].sum() / entries) if entries else math.nan,
+                        "lower" if place > home else "upper" if place < home else "",
+                        len(groups) - 1 - place,
+                        float(best[index]),
+                        bool(self.open_low[index] > TAIL * NUM_BOOTSTRAPS),
+                        bool(self.open_high[index] > TAIL * NUM_BOOTSTRAPS),
+                    )
+                )
+        ratings.sort(key=lambda rating: (rating.group, -rating.elo, rating.name))
+        return Ladder(tuple(ratings), self._compare(names, ratings, elo), self._rate_seats())
+
+    def _find_best(self, top: Sequence[int], num_agents: int) -> NDArray[np.float64]:
+        """Share of the samples in which each agent is first; equal ones share the place."""
+        is_first = np.zeros((NUM_BOOTSTRAPS, num_agents))
+        inside = self.fitted[:, top]
+        is_first[:, top] = inside >= inside.max(1, keepdims=True) - 1e-6
+        return np.asarray((is_first / is_first.sum(1, keepdims=True)).mean(0), np.float64)
+
+    def _compare(
+        self, names: Sequence[str], ratings: Sequence[Rating], elo: NDArray[np.float64]
+    ) -> tuple[tuple[Estimate | None, ...], ...]:
+        order = [list(names).index(rating.name) for rating in ratings]
+        rows = []
+        for own, one in zip(ratings, order, strict=True):
+            gaps = self.fitted[:, [one]] - self.fitted[:, order]
+            ends = np.quantile(gaps, (TAIL, 1.0 - TAIL), axis=0)
+            row: list[Estimate | None] = []
+            for at, (other, two) in enumerate(zip(ratings, order, strict=True)):
+                gap = float(elo[one] - elo[two])
+                low, high = min(float(ends[0, at]), gap), max(float(ends[1, at]), gap)
+                row.append(Estimate(gap, low, high) if own.group == other.group else None)
+            rows.append(tuple(row))
+        return tuple(rows)
+
+    def _rate_seats(self) -> tuple[Estimate, ...]:
+        point = ELO_PER_LOGIT * self.point[self.fitted.shape[1] :]
+        point = point - point.mean()
+        return tuple(
+            Estimate(float(value), *_find_ends(self.seats[:, team], float(value)))
+            for team, value in enumerate(point)
+        )
 
 
-def _bootstrap(
-    group: Sequence[int], games: Games, elo: NDArray[np.float64], rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Ends [n], [n] of the percentile intervals of a group's ratings `elo` [n].
-
-    In a sample where the group falls apart, who left its largest part is above or below all limits.
-    """
-    samples = np.empty((NUM_BOOTSTRAPS, len(group)))
-    pairs = _group_blocks(group, games)
-    for sample in samples:
-        points = np.zeros((len(group), len(group)))
-        for first, second, blocks in pairs:
-            won, played = blocks[rng.integers(len(blocks), size=len(blocks))].sum(0)
-            points[first, second] += won
-            points[second, first] += played - won
-        core, is_above = split_core(points)
-        fitted = _fit(points[np.ix_(core, core)])
-        sample[core] = fitted + (elo[core] - fitted).mean()
-        sample[~core] = np.where(is_above[~core], np.inf, -np.inf)
-    tail = 100.0 * (1.0 - CONFIDENCE) / 2.0
-    # No interpolation: between a number and infinity there is nothing.
-    low, high = np.percentile(samples, (tail, 100.0 - tail), axis=0, method="inverted_cdf")
-    return np.minimum(low, elo), np.maximum(high, elo)
+def _find_ends(samples: NDArray[np.float64], value: float) -> tuple[float, float]:
+    low, high = np.quantile(samples, (TAIL, 1.0 - TAIL))
+    return min(float(low), float(value)), max(float(high), float(value))
 
 
-def _group_blocks(group: Sequence[int], games: Games) -> list[tuple[int, int, NDArray[np.float64]]]:
-    """Each pair within a group, by place in it: points of the first and games by block, [K, 2]."""
-    places = {agent: place for place, agent in enumerate(group)}
-    inside = games[np.isin(games[:, :2], group).all(1)]
-    keys, block_of_game = np.unique(inside[:, :3], axis=0, return_inverse=True)
-    blocks = np.zeros((len(keys), 2))
-    np.add.at(blocks[:, 0], block_of_game.ravel(), inside[:, 3])
-    np.add.at(blocks[:, 1], block_of_game.ravel(), 1.0)
-    pairs, pair_of_block = np.unique(keys[:, :2], axis=0, return_inverse=True)
-    return [
-        (places[int(first)], places[int(second)], blocks[pair_of_block.ravel() == number])
-        for number, (first, second) in enumerate(pairs)
-    ]
+def _pair_blocks(num_agents: int, games: Games) -> csr_array:
+    """Whether the pair's first came in above its second, or level, [blocks, n * n]."""
+    num_teams = games.agents.shape[1]
+    rows, columns = [], []
+    for one in range(num_teams):
+        for two in range(num_teams):
+            own, other = games.agents[:, one], games.agents[:, two]
+            took = np.flatnonzero((own != other) & (games.ranks[:, one] <= games.ranks[:, two]))
+            rows.append(games.blocks[took])
+            columns.append(own[took] * num_agents + other[took])
+    row, column = np.concatenate(rows), np.concatenate(columns)
+    shape = int(games.blocks.max()) + 1, num_agents**2
+    return csr_array((np.ones(len(row)), (row, column)), shape=shape)

@@ -8,7 +8,7 @@ import math
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,15 @@ from numpy.typing import NDArray
 from marl_cair.files import write_atomically
 from marl_cair.league.groups import SWEEP_PROBABILITY
 from marl_cair.league.intervals import block_interval
-from marl_cair.league.ratings import ANCHOR, Games, Rating, score_matrix
+from marl_cair.league.likelihood import PRIOR_ELO
+from marl_cair.league.ratings import ANCHOR, Estimate, Games, Ladder, Rating
 
 BOUND_SIGNS = {"": "", "lower": ">=", "upper": "<="}
 CAVEAT = (
     "Intervals (95 %) of ratings are against the mean of all agents (of the group, where a line\n"
-    "parts groups), by resampling map seeds. They are about these very agents on these games and\n"
-    "say nothing of how another training run would turn out."
+    "parts groups), by resampling map seeds; `first` is how often an agent came first in them.\n"
+    f"Prior: normal, standard deviation {PRIOR_ELO:.0f} Elo about that mean. All is about these\n"
+    "very agents and games and says nothing of how another training run would turn out."
 )
 LINE_WIDTH = 100
 
@@ -33,12 +35,19 @@ LINE_WIDTH = 100
 class LeagueTable:
     """All that a report shows of n agents, best first."""
 
-    ratings: tuple[Rating, ...]  # n
-    points: NDArray[np.float64]  # [n, n], of the row's agent against the column's
-    counts: NDArray[np.int64]  # [n, n] games
-    distinct: NDArray[np.int64]  # [n, n] games that differ in an action
-    low: NDArray[np.float64]  # [n, n] 95 % interval of the share of points; NaN without games
+    ladder: Ladder
+    points: NDArray[np.float64]  # [n, n], how often the row came in above the column, ties half
+    counts: NDArray[np.int64]  # [n, n] games of both
+    repeats: NDArray[np.int64]  # [n, n] games of both that are not counted: the same as another
+    low: NDArray[np.float64]  # [n, n] 95 % interval of points / counts; NaN without games
     high: NDArray[np.float64]
+    forfeits: tuple[tuple[str, int], ...]  # reasons, and in how many games
+    num_teams: int
+
+    @property
+    def ratings(self) -> tuple[Rating, ...]:
+        """Best first."""
+        return self.ladder.ratings
 
     @property
     def names(self) -> list[str]:
@@ -54,71 +63,102 @@ class LeagueTable:
 
 
 def make_table(
-    names: Sequence[str], games: Games, ratings: Sequence[Rating], distinct: NDArray[np.int64]
+    names: Sequence[str],
+    games: Games,
+    ladder: Ladder,
+    forfeits: Sequence[tuple[str, int]] = (),
 ) -> LeagueTable:
-    """The table of `ratings`; games [N, 4] as in `rate`, agents there and in `distinct` [n, n] by
-    index in `names`.
-    """
-    order = [list(names).index(rating.name) for rating in ratings]
-    grid = np.ix_(order, order)
-    points, counts = score_matrix(len(names), games)
-    low = np.full((len(names), len(names)), math.nan)
-    high = low.copy()
-    place = np.argsort(order)
-    for first, second, scores in _block_scores(games):
-        row, column = place[first], place[second]
-        low[row, column], high[row, column] = block_interval(scores)
-        low[column, row], high[column, row] = 1.0 - high[row, column], 1.0 - low[row, column]
-    return LeagueTable(tuple(ratings), points[grid], counts[grid], distinct[grid], low, high)
+    """The table of `ladder`; games as in `rate`, agents there by index in `names`."""
+    place = np.argsort([list(names).index(rating.name) for rating in ladder.ratings])
+    size = len(names)
+    points, low, high = np.zeros((3, size, size))
+    counts, repeats = np.zeros((2, size, size), np.int64)
+    low[:], high[:] = math.nan, math.nan
+    for first, second, blocks, scores, is_repeat in _split_pairs(games):
+        row, column = int(place[first]), int(place[second])
+        kept = scores[~is_repeat]
+        _, block_of_game, sizes = np.unique(
+            blocks[~is_repeat], return_inverse=True, return_counts=True
+        )
+        means = np.bincount(block_of_game.ravel(), kept) / sizes
+        ends = block_interval(means, len(kept) / len(sizes))
+        for own, other, won, (least, most) in (
+            (row, column, kept.sum(), ends),
+            (column, row, len(kept) - kept.sum(), (1.0 - ends[1], 1.0 - ends[0])),
+        ):
+            points[own, other], counts[own, other] = won, len(kept)
+            low[own, other], high[own, other] = least, most
+            repeats[own, other] = is_repeat.sum()
+    return LeagueTable(
+        ladder, points, counts, repeats, low, high, tuple(forfeits), games.agents.shape[1]
+    )
 
 
-def _block_scores(games: Games) -> Iterator[tuple[int, int, NDArray[np.float64]]]:
-    """The first agent's mean score in each block, [K], of each pair."""
-    for first, second in np.unique(games[:, :2], axis=0).astype(int).tolist():
-        own = games[(games[:, 0] == first) & (games[:, 1] == second)]
-        _, block_of_game, sizes = np.unique(own[:, 2], return_inverse=True, return_counts=True)
-        yield first, second, np.bincount(block_of_game, own[:, 3]) / sizes
+def _split_pairs(games: Games) -> Iterator[tuple[int, int, Any, Any, Any]]:
+    """First and second agent of each pair; block, score of the first and repeat of each game."""
+    parts = []
+    for one, two in combinations(range(games.agents.shape[1]), 2):
+        own, other = games.agents[:, one], games.agents[:, two]
+        score = (1.0 + np.sign(games.ranks[:, two] - games.ranks[:, one])) / 2.0
+        score = np.where(own < other, score, 1.0 - score)
+        pair = np.minimum(own, other), np.maximum(own, other)
+        columns = np.column_stack((*pair, games.blocks, score, games.is_repeat))
+        parts.append(columns[own != other])
+    rows = np.concatenate(parts)
+    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
+    starts = np.flatnonzero(np.any(np.diff(rows[:, :2], axis=0, prepend=-1.0) != 0.0, axis=1))
+    for part in np.split(rows, starts[1:]):
+        first, second = part[0, :2].astype(int).tolist()
+        yield first, second, part[:, 2], part[:, 3], part[:, 4].astype(np.bool_)
 
 
 def describe_league(table: LeagueTable) -> str:
-    """Ladder, matrix and a sentence for each pair of neighbours, as text; ASCII but for names."""
+    """Ladder, matrix, differences and what is amiss, as text; ASCII but for names."""
     parts = [
         _describe_ladder(table),
         *_explain_bounds(table.ratings),
         _describe_matrix(table),
-        _compare_neighbours(table),
+        _compare_pairs(table),
+        _describe_seats(table),
         *_warn_of_repeats(table),
+        *_tell_forfeits(table),
         CAVEAT,
     ]
     return "\n\n".join(parts) + "\n"
 
 
 def write_report(folder: Path, table: LeagueTable, text: str) -> None:
-    """Write ladder.txt, ladder.csv, winrates.csv, league.png and .pdf to `folder`, each whole."""
+    """Write ladder.txt, league.png, .pdf and three CSV files to `folder`, each whole."""
     from marl_cair.league.picture import draw_league  # noqa: PLC0415  # matplotlib only from here
 
     write_atomically(folder / "ladder.txt", text)
     write_atomically(folder / "ladder.csv", _ladder_csv(table.ratings))
     write_atomically(folder / "winrates.csv", _matrix_csv(table))
+    write_atomically(folder / "differences.csv", _differences_csv(table))
     for name in ("league.png", "league.pdf"):
         draw_league(folder / name, table)
 
 
 def _describe_ladder(table: LeagueTable) -> str:
     width = max(len("agent"), *map(len, table.names))
+    head = f"{'':>3} {'agent':{width}} {'Elo':>9} {'95 % v the mean':>18}"
     lines = [
         f"Ladder (Elo, {table.zero})",
-        f"{'':>3} {'agent':{width}} {'Elo':>9} {'95 % v the mean':>18} {'score':>7} {'games':>6}",
+        f"{head} {'first':>6} {'score':>7} {'games':>6}",
     ]
     for place, rating in enumerate(table.ratings, start=1):
         if place > 1 and rating.group != table.ratings[place - 2].group:
-            lines.append("    " + "-" * (width + 44))
+            lines.append("    " + "-" * (width + 51))
         elo = f"{BOUND_SIGNS[rating.bound]} {rating.elo:+.0f}"
         alone = rating.low == rating.high
-        interval = "" if alone else f"[{rating.low:+.0f}, {rating.high:+.0f}]"
+        ends = (
+            f"{'<' if rating.open_low else ''}{rating.low:+.0f}",
+            f"{'>' if rating.open_high else ''}{rating.high:+.0f}",
+        )
+        interval = "" if alone else f"[{', '.join(ends)}]"
         lines.append(
             f"{place:>3} {rating.name:{width}} {elo:>9} {interval:>18} "
-            f"{rating.score:7.1%} {rating.games:>6}"
+            f"{rating.probability_first:6.0%} {rating.score:7.1%} {rating.games:>6}"
         )
     return "\n".join(lines)
 
@@ -133,10 +173,11 @@ def _explain_bounds(ratings: Sequence[Rating]) -> list[str]:
             "ratings may all be larger (smaller) by the same unknown number. Shown is the smallest "
             f"distance at which so clean a sweep has a chance of {SWEEP_PROBABILITY:.1%}."
         )
-    if any(math.isinf(rating.low) or math.isinf(rating.high) for rating in ratings):
+    if any(rating.open_low or rating.open_high for rating in ratings):
         told.append(
-            "inf: that agent's distance to the others rests on a few single games (in more than "
-            "2.5 % of the resamples it took no point off them, or they none off it): play more."
+            "< and >: an end that only the prior holds, as that agent's distance to the others "
+            "rests on a few single games (in more than 2.5 % of the resamples it took no point off "
+            "them, or they none off it): play more."
         )
     return [textwrap.fill(text, LINE_WIDTH) for text in told]
 
@@ -144,7 +185,8 @@ def _explain_bounds(ratings: Sequence[Rating]) -> list[str]:
 def _describe_matrix(table: LeagueTable) -> str:
     width = max(map(len, table.names))
     head = " " * (width + 4) + "".join(f"{place + 1:>6}" for place in range(len(table.names)))
-    lines = [f"Score of the row's agent in %, draws count half\n{head}"]
+    what = "Score of the row's agent" if table.num_teams == 2 else "Row came in above column"
+    lines = [f"{what} in %, draws count half\n{head}"]
     for row, name in enumerate(table.names):
         cells = [
             f"{100.0 * points / count:6.1f}" if count else "     -"
@@ -154,55 +196,72 @@ def _describe_matrix(table: LeagueTable) -> str:
     return "\n".join(lines)
 
 
-def _compare_neighbours(table: LeagueTable) -> str:
-    lines = []
-    for above, below in pairwise(range(len(table.names))):
-        number = int(table.counts[above, below])
-        if not number:
-            continue
-        low, high = table.low[above, below], table.high[above, below]
-        better, worse = table.names[above], table.names[below]
-        if low > 0.5:
-            verdict = f"{better} is stronger"
-        elif high < 0.5:
-            verdict = f"{worse} wins their games although it is rated lower"
-        else:
-            verdict = "they cannot be told apart"
-        share = table.points[above, below] / number
-        lines.append(
-            f"{better} v {worse}: {share:.1%} of the points in {number} games "
-            f"[{low:.1%}, {high:.1%}]: {verdict}."
-        )
+def _compare_pairs(table: LeagueTable) -> str:
+    """A sentence for each pair of neighbours, and for others that cannot be told apart."""
+    lines = ["Differences (Elo, 95 %)"]
+    for above, below in combinations(range(len(table.names)), 2):
+        gap = table.ladder.differences[above][below]
+        if below == above + 1 or (gap is not None and gap.low <= 0.0):
+            lines.append(compare_in_words(table.ratings[above], table.ratings[below], gap))
     return "\n".join(lines)
+
+
+def compare_in_words(above: Rating, below: Rating, gap: Estimate | None) -> str:
+    """Who of the two is stronger, and by how much; `above` has the higher rating."""
+    if gap is None:
+        return (
+            f"{above.name} is stronger than {below.name}: {above.elo - below.elo:+.0f} or more "
+            "(no point went the other way)"
+        )
+    numbers = f"{gap.elo:+.0f} [{gap.low:+.0f}, {gap.high:+.0f}]"
+    if gap.low > 0.0:
+        return f"{above.name} is stronger than {below.name}: {numbers}"
+    return f"{above.name} and {below.name} cannot be told apart: {numbers}"
+
+
+def _describe_seats(table: LeagueTable) -> str:
+    seats = "seat" if table.num_teams == 2 else "team"
+    told = ", ".join(
+        f"{seats} {number} {seat.elo:+.0f} [{seat.low:+.0f}, {seat.high:+.0f}]"
+        for number, seat in enumerate(table.ladder.seats, start=1)
+    )
+    return textwrap.fill(f"What a {seats} adds to a rating (Elo, 95 %): {told}", LINE_WIDTH)
 
 
 def _warn_of_repeats(table: LeagueTable) -> list[str]:
     """Which pairs played some games more than once; nothing where none did."""
     repeats = [
-        f"{table.names[row]} v {table.names[column]} {table.distinct[row, column]} of "
-        f"{table.counts[row, column]}"
-        for row, column in np.argwhere(np.triu(table.distinct < table.counts)).tolist()
+        f"{table.names[row]} v {table.names[column]} {table.repeats[row, column]} of "
+        f"{table.repeats[row, column] + table.counts[row, column]}"
+        for row, column in np.argwhere(np.triu(table.repeats) > 0).tolist()
     ]
     if not repeats:
         return []
     text = (
-        "Games that differ, where a pair repeated some move by move (their intervals are too "
-        f"narrow): {', '.join(repeats)}."
+        "Games that were the same as another, move by move and in the same seats, and are not "
+        f"counted: {', '.join(repeats)}."
     )
     return [textwrap.fill(text, LINE_WIDTH)]
 
 
+def _tell_forfeits(table: LeagueTable) -> list[str]:
+    lines = [f"  {count}: {reason}" for reason, count in table.forfeits]
+    return ["\n".join(["Games forfeited, which count as lost", *lines])] if lines else []
+
+
 def _ladder_csv(ratings: Sequence[Rating]) -> str:
     return _as_csv(
-        ("agent", "elo", "low", "high", "bound", "group", "score", "games"),
+        ("agent", "elo", "low", "high", "open", "bound", "group", "first", "score", "games"),
         [
             (
                 r.name,
                 f"{r.elo:.2f}",
                 f"{r.low:.2f}",
                 f"{r.high:.2f}",
+                " ".join(end for end in ("low", "high") if getattr(r, f"open_{end}")),
                 r.bound,
                 r.group,
+                f"{r.probability_first:.3f}",
                 f"{r.score:.4f}",
                 r.games,
             )
@@ -226,11 +285,23 @@ def _matrix_csv(table: LeagueTable) -> str:
                 table.names[column],
                 *(f"{value:.4f}" for value in numbers),
                 number,
-                table.distinct[row, column],
+                table.repeats[row, column],
             )
         )
-    header = ("agent", "opponent", "score", "low", "high", "games", "distinct_games")
+    header = ("agent", "opponent", "score", "low", "high", "games", "repeated_games")
     return _as_csv(header, rows)
+
+
+def _differences_csv(table: LeagueTable) -> str:
+    rows = []
+    for row, column in np.argwhere(~np.eye(len(table.names), dtype=np.bool_)).tolist():
+        gap = table.ladder.differences[row][column]
+        own, other = table.ratings[row], table.ratings[column]
+        elo = own.elo - other.elo
+        ends = ("", "") if gap is None else (f"{gap.low:.2f}", f"{gap.high:.2f}")
+        bound = "" if gap else "lower" if elo > 0.0 else "upper"
+        rows.append((own.name, other.name, f"{elo:.2f}", *ends, bound))
+    return _as_csv(("agent", "opponent", "elo", "low", "high", "bound"), rows)
 
 
 def _as_csv(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.intervals import mean_interval
-from marl_cair.league.playing import CHUNKS_AT_ONCE, Places, Seating, Table, play_out, start_engine
+from marl_cair.league.playing import CHUNKS_AT_ONCE, Chunk, Places, Seating, play_out, start_engine
 
 GAMES_PER_CHUNK = 8
 
@@ -29,7 +29,7 @@ class SoloGame:
     score: float  # sum of its rewards
     is_truncated: bool
     decisions: int
-    fingerprint: str  # of all actions: equal games have equal ones
+    fingerprint: str  # of boards and actions: games that are the same have equal ones
     numbers: Mapping[str, float] = field(
         default_factory=dict
     )  # `Game.info` at its end, seats' mean
@@ -76,7 +76,7 @@ class SoloResult:
 
     @property
     def distinct_games(self) -> int:
-        """Games that differ in an action: agents without randomness repeat themselves."""
+        """Games that differ in a board or an action: agents without randomness repeat theirs."""
         return len({result.fingerprint for result in self.results})
 
 
@@ -104,20 +104,27 @@ def play_alone(
         )
     if num_games < 1:
         raise ValueError(f"num_games is {num_games}, it must be 1 or more")
-    table = _make_table(spec.num_players)
-    seating = (Seating(agent, (identity or agent.name,)),)
-    chunks = range(-(-num_games // GAMES_PER_CHUNK))
+    seatings = (Seating(agent, (identity or agent.name,)),)
+    numbers = range(-(-num_games // GAMES_PER_CHUNK))
     results: list[SoloGame] = []
-    for start in chunks[::CHUNKS_AT_ONCE]:
-        part = chunks[start : start + CHUNKS_AT_ONCE]
-        engine = start_engine(game, scenario, seed, table, part)
-        ended = play_out(engine, table, seating, seed, part)
+    for start in numbers[::CHUNKS_AT_ONCE]:
+        part = [
+            _make_chunk(number, spec.num_players)
+            for number in numbers[start : start + CHUNKS_AT_ONCE]
+        ]
+        engine = start_engine(game, scenario, seed, part)
+        ended = play_out(engine, part, seatings, seed)
+        if any(ended.reasons):
+            raise ValueError(
+                f"{next(filter(None, ended.reasons))}: alone there is nobody to forfeit a game to; "
+                "mend the agent"
+            )
         rows = zip(
-            table.number_blocks(part).tolist(),
+            np.concatenate([chunk.blocks for chunk in part]).tolist(),
             ended.returns.mean(1).tolist(),
             ended.truncated.tolist(),
             ended.decisions.tolist(),
-            ended.fingerprints,
+            ended.trajectories,
             _read_numbers(engine),
             strict=True,
         )
@@ -151,7 +158,8 @@ def _estimate(values: NDArray[np.float64]) -> Estimate:
     return Estimate(float(values.mean()), *mean_interval(values))
 
 
-def _make_table(num_players: int) -> Table:
+def _make_chunk(number: int, num_players: int) -> Chunk:
     games = np.arange(GAMES_PER_CHUNK)
     seats = np.tile(np.arange(num_players), GAMES_PER_CHUNK)
-    return Table(games, (Places(np.repeat(games, num_players), seats),))
+    blocks = number * GAMES_PER_CHUNK + games
+    return Chunk(number, blocks, (Places(np.repeat(games, num_players), seats),))

@@ -2,61 +2,136 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from marl_cair.league.match import GameResult, MatchResult
+import numpy as np
+from numpy.typing import NDArray
 
-SCHEMA_VERSION = 2
+from marl_cair.league.blocks import PlayedGame
+from marl_cair.league.schema import SchemaError, create_tables, migrate, read_meta
+
+STORE_FILE = "league.sqlite"
 BUSY_SECONDS = 60.0  # to wait for another program that holds the file
-_SCHEMA = """
-CREATE TABLE IF NOT EXISTS meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS agent (
-    id INTEGER PRIMARY KEY, fingerprint TEXT UNIQUE NOT NULL, name TEXT NOT NULL
-);
-CREATE TABLE IF NOT EXISTS game (
-    first INTEGER NOT NULL REFERENCES agent, second INTEGER NOT NULL REFERENCES agent,
-    block INTEGER NOT NULL, first_seat INTEGER NOT NULL,
-    winner INTEGER NOT NULL, is_truncated INTEGER NOT NULL, decisions INTEGER NOT NULL,
-    fingerprint TEXT NOT NULL,
-    PRIMARY KEY (first, second, block, first_seat)
-) WITHOUT ROWID;
-"""
-_COLUMNS = "block, first_seat, winner, is_truncated, decisions, fingerprint"
 
 
 class LeagueStoreError(ValueError):
     """A league file that is broken, cannot be written, or is of other settings."""
 
 
-class LeagueStore:
-    """The league file at `path`, made if it is not there.
+@dataclass(frozen=True)
+class AgentRecord:
+    """What a league file says of an agent, as text; see `league.schema`."""
 
-    settings: what results depend on beside the agents (game, rules version, scenario, seed) as
-    plain data; a file of other settings is refused.
+    fingerprint: str
+    name: str
+    kind: str
+    evaluation_policy: str
+    rules_version: str
+    configuration: str  # JSON
 
-    Raises:
-        LeagueStoreError: no league file, or one of other settings; says which. Each method raises
-            it where the file cannot be read or written.
+
+@dataclass(frozen=True)
+class StoredGames:
+    """N games of T teams, by line-up, block and game; the same for the same games.
+
+    Attributes:
+        agents: int64 [N, T], the id of the agent that has played each team.
+        points, ranks: float64 [N, T], as in `PlayedGame`.
+        blocks: int64 [N], equal for games of one block and line-up.
+        numbers: int64 [N], the number of the block within its line-up.
+        line_ups: int64 [N], equal for games of one line-up.
+        is_repeat: bool [N], whether the game is the same, move by move, as one before it in which
+            the same agents have played the same teams.
+        reasons: of forfeits, N, "" where there is none.
+        trajectories: N hashes.
     """
 
-    def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
+    agents: NDArray[np.int64]
+    points: NDArray[np.float64]
+    ranks: NDArray[np.float64]
+    blocks: NDArray[np.int64]
+    numbers: NDArray[np.int64]
+    line_ups: NDArray[np.int64]
+    is_repeat: NDArray[np.bool_]
+    reasons: tuple[str, ...]
+    trajectories: tuple[str, ...]
+
+    def select(self, which: NDArray[Any]) -> StoredGames:
+        """The games of an index or a mask [N]; a repeat stays one."""
+        arrays = {
+            name: value[which]
+            for name, value in vars(self).items()
+            if isinstance(value, np.ndarray)
+        }
+        kept = np.arange(len(self.trajectories))[which].tolist()
+        return StoredGames(
+            **arrays,
+            reasons=tuple(self.reasons[at] for at in kept),
+            trajectories=tuple(self.trajectories[at] for at in kept),
+        )
+
+
+class LeagueStore:
+    """The league file at `path`, made if it is not there; a file of an older version is brought up.
+
+    settings: what results depend on beside the agents (game, rules version, scenario, seed,
+    seating, team of each seat) as plain data; a file of other settings is refused. None: whatever
+    the file holds, which must be there.
+
+    Raises:
+        LeagueStoreError: no league file, one of a newer version, a damaged one, or one of other
+            settings; says which. Each method raises it where the file cannot be read or written.
+    """
+
+    def __init__(self, path: Path, settings: Mapping[str, Any] | None = None) -> None:
+        if settings is None and not path.is_file():
+            raise LeagueStoreError(
+                f"{path} is not there: give the folder of a league (`marl-cair league ... --out`)"
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
         self._path = path
         with self._named_errors():
-            self._database = sqlite3.connect(path, timeout=BUSY_SECONDS)
-            self._database.execute("PRAGMA journal_mode = WAL")
-            self._database.executescript(_SCHEMA)
-            self._check_settings({"schema_version": SCHEMA_VERSION, **settings})
+            self._database = sqlite3.connect(path, timeout=BUSY_SECONDS, isolation_level=None)
+            try:
+                self.settings = self._open(settings)
+            except BaseException:
+                self._database.close()
+                raise
+
+    def _open(self, settings: Mapping[str, Any] | None) -> dict[str, Any]:
+        (state,) = self._database.execute("PRAGMA quick_check(1)").fetchone()
+        if state != "ok":
+            raise sqlite3.DatabaseError(state)
+        self._database.execute("PRAGMA journal_mode = WAL")
+        self._database.execute("PRAGMA synchronous = NORMAL")
+        self._database.execute("PRAGMA foreign_keys = ON")
+        with self._transaction():
+            held = read_meta(self._database)
+            if not held:
+                if settings is None:
+                    raise SchemaError("holds no league")
+                create_tables(self._database, settings)
+                held = read_meta(self._database)
+            else:
+                if settings is not None:
+                    self._check_settings(held, settings)
+                migrate(self._database, settings or {})
+                held = read_meta(self._database)
+        return held
 
     @contextmanager
     def _named_errors(self) -> Iterator[None]:
         try:
             yield
+        except SchemaError as error:
+            raise LeagueStoreError(f"{self._path} {error}") from error
         except sqlite3.OperationalError as error:
             raise LeagueStoreError(
                 f"{self._path} cannot be read or written ({error}): see whether the disk is full "
@@ -67,69 +142,190 @@ class LeagueStore:
                 f"{self._path} is no league file, or is damaged ({error}): give another folder"
             ) from error
 
-    def _check_settings(self, settings: Mapping[str, Any]) -> None:
-        wanted = {key: json.dumps(value, sort_keys=True) for key, value in settings.items()}
-        held = dict(self._database.execute("SELECT key, value FROM meta"))
-        if not held:
-            with self._database:
-                self._database.executemany("INSERT INTO meta VALUES (?, ?)", wanted.items())
-            return
-        for key in sorted(wanted.keys() | held.keys()):
-            if held.get(key) != wanted.get(key):
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """All or nothing; the lock is taken at the start, so that no other writer comes between."""
+        self._database.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+        except BaseException:
+            self._database.execute("ROLLBACK")
+            raise
+        self._database.execute("COMMIT")
+
+    def _check_settings(self, held: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
+        wanted = json.loads(json.dumps(settings))  # as JSON gives it back: tuples as lists
+        for key in sorted(wanted):
+            if key in held and held[key] != wanted[key]:
                 raise LeagueStoreError(
-                    f"{self._path} holds a league with {key} = {held.get(key)}, this one has "
-                    f"{wanted.get(key)}: their results cannot be mixed; give another folder"
+                    f"{self._path} holds a league with {key} = {json.dumps(held[key])}, this one "
+                    f"has {json.dumps(wanted[key])}: their results cannot be mixed; give another "
+                    "folder"
                 )
 
-    def add_agent(self, name: str, fingerprint: str) -> int:
-        """The number of the agent with this fingerprint; `name` is only what it is called now."""
-        with self._named_errors(), self._database:
+    def add_agent(self, agent: AgentRecord) -> int:
+        """The id of the agent with this fingerprint; what else it says is only what holds now."""
+        row = vars(agent)
+        columns, values = ", ".join(row), ", ".join(f":{name}" for name in row)
+        changes = ", ".join(f"{name} = excluded.{name}" for name in row)
+        with self._named_errors(), self._transaction():
             self._database.execute(
-                "INSERT INTO agent (fingerprint, name) VALUES (?, ?) "
-                "ON CONFLICT (fingerprint) DO UPDATE SET name = excluded.name",
-                (fingerprint, name),
+                f"INSERT INTO agent ({columns}) VALUES ({values}) "  # noqa: S608  # field names
+                f"ON CONFLICT (fingerprint) DO UPDATE SET {changes}",
+                row,
             )
             query = "SELECT id FROM agent WHERE fingerprint = ?"
-            (number,) = self._database.execute(query, (fingerprint,)).fetchone()
+            (number,) = self._database.execute(query, (agent.fingerprint,)).fetchone()
         return int(number)
 
-    def add_match(self, first: int, second: int, match: MatchResult) -> None:
-        """Keep all games of a match in one transaction; games that are there already stay."""
-        rows = [
-            (
-                first,
-                second,
-                result.block,
-                result.first_seat,
-                result.winner,
-                result.is_truncated,
-                result.decisions,
-                result.fingerprint,
-            )
-            for result in match.results
-        ]
-        with self._named_errors(), self._database:
-            self._database.executemany(
-                f"INSERT OR IGNORE INTO game (first, second, {_COLUMNS}) "  # noqa: S608  # constant
-                "VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-                rows,
-            )
-
-    def read_match(self, first: int, second: int) -> MatchResult:
-        """The stored games of a pair in this order, by block and seat."""
-        query = (
-            f"SELECT {_COLUMNS} FROM game "  # noqa: S608  # a constant of this file
-            "WHERE first = ? AND second = ? ORDER BY block, first_seat"
-        )
+    def read_agents(self) -> dict[int, AgentRecord]:
+        """All agents by id."""
         with self._named_errors():
-            rows = self._database.execute(query, (first, second)).fetchall()
-        return MatchResult(
-            tuple(
-                GameResult(block, seat, winner, bool(truncated), decisions, fingerprint)
-                for block, seat, winner, truncated, decisions, fingerprint in rows
-            )
+            rows = self._database.execute(
+                "SELECT id, fingerprint, name, kind, evaluation_policy, rules_version, "
+                "configuration FROM agent ORDER BY id"
+            ).fetchall()
+        return {int(number): AgentRecord(*about) for number, *about in rows}
+
+    def add_games(self, line_up: Sequence[int], games: Iterable[PlayedGame]) -> None:
+        """Keep games of whole blocks in one transaction; blocks that are there already stay.
+
+        line_up: the agents' ids, by entry.
+        """
+        key = " ".join(map(str, line_up))
+        blocks: dict[int, int | None] = {}
+        with self._named_errors(), self._transaction():
+            for game in games:
+                if game.block not in blocks:
+                    blocks[game.block] = self._add_block(key, game)
+                block = blocks[game.block]
+                if block is not None:
+                    self._add_game(line_up, block, game)
+
+    def _add_block(self, line_up: str, game: PlayedGame) -> int | None:
+        cursor = self._database.execute(
+            "INSERT OR IGNORE INTO block (line_up, number, map_seed) VALUES (?, ?, ?)",
+            (line_up, game.block, str(game.map_seed)),
         )
+        return cursor.lastrowid if cursor.rowcount else None
+
+    def _add_game(self, line_up: Sequence[int], block: int, game: PlayedGame) -> None:
+        number = self._database.execute(
+            "INSERT INTO game (block, number, status, is_truncated, decisions, trajectory, reason) "
+            "VALUES (?, ?, ?, ?, ?, ?, ?)",
+            (
+                block,
+                game.number,
+                "forfeit" if any(game.forfeited) else "played",
+                game.is_truncated,
+                game.decisions,
+                game.trajectory,
+                game.reason,
+            ),
+        ).lastrowid
+        self._database.executemany(
+            "INSERT INTO team VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+            [
+                (number, team, entry, line_up[entry], points, rank, team == game.winner, gave_up)
+                for team, (entry, points, rank, gave_up) in enumerate(
+                    zip(game.entries, game.points, game.ranks, game.forfeited, strict=True)
+                )
+            ],
+        )
+
+    def read_blocks(self) -> dict[tuple[int, ...], set[int]]:
+        """The numbers of the stored blocks of each line-up."""
+        held: dict[tuple[int, ...], set[int]] = {}
+        with self._named_errors():
+            for line_up, number in self._database.execute("SELECT line_up, number FROM block"):
+                held.setdefault(tuple(map(int, line_up.split())), set()).add(number)
+        return held
+
+    def read_games(self) -> StoredGames:
+        """All games, sorted by the agents' fingerprints, so that their order tells no history."""
+        with self._named_errors():
+            rows = self._database.execute(
+                "SELECT b.line_up, b.number, g.number, g.trajectory, g.reason, t.agent, t.points, "
+                "t.rank FROM team t JOIN game g ON g.id = t.game JOIN block b ON b.id = g.block "
+                "ORDER BY t.game, t.team"
+            ).fetchall()
+        num_teams = len(set(self.settings["team_of_seat"]))
+        prints = {number: agent.fingerprint for number, agent in self.read_agents().items()}
+        names = {
+            text: tuple(prints[int(word)] for word in text.split()) for text in {r[0] for r in rows}
+        }
+        firsts = range(0, len(rows), num_teams)
+        order = sorted(firsts, key=lambda at: (names[rows[at][0]], rows[at][1], rows[at][2]))
+        shape = len(order), num_teams
+        parts = [[rows[at + team] for team in range(num_teams)] for at in order]
+        agents = np.array([[row[5] for row in part] for part in parts], np.int64).reshape(shape)
+        line_ups = _number([part[0][0] for part in parts])
+        trajectories = tuple(str(part[0][3]) for part in parts)
+        return StoredGames(
+            agents=agents,
+            points=np.array([[r[6] for r in part] for part in parts], np.float64).reshape(shape),
+            ranks=np.array([[r[7] for r in part] for part in parts], np.float64).reshape(shape),
+            blocks=_number([part[0][:2] for part in parts]),
+            numbers=np.array([part[0][1] for part in parts], np.int64),
+            line_ups=line_ups,
+            is_repeat=_find_repeats(agents, trajectories),
+            reasons=tuple(str(part[0][4]) for part in parts),
+            trajectories=trajectories,
+        )
+
+    def read_forfeits(self) -> list[tuple[str, int]]:
+        """Why games were forfeited, and how many for that reason."""
+        with self._named_errors():
+            return self._database.execute(
+                "SELECT reason, count(*) FROM game WHERE status = 'forfeit' GROUP BY reason "
+                "ORDER BY reason"
+            ).fetchall()
+
+    def read_rows(self, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
+        """Names of the columns, and the rows."""
+        with self._named_errors():
+            cursor = self._database.execute(query)
+            return [column[0] for column in cursor.description], cursor.fetchall()
+
+    def add_ratings(
+        self,
+        parameters: Mapping[str, Any],
+        games_hash: str,
+        num_games: int,
+        rows: Iterable[tuple[Any, ...]],
+    ) -> None:
+        """Keep a rating run, once for the same games and parameters; rows as table `rating`."""
+        with self._named_errors(), self._transaction():
+            cursor = self._database.execute(
+                "INSERT OR IGNORE INTO rating_run (created_at, parameters, games_hash, num_games) "
+                "VALUES (?, ?, ?, ?)",
+                (
+                    datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+                    json.dumps(parameters, sort_keys=True),
+                    games_hash,
+                    num_games,
+                ),
+            )
+            if cursor.rowcount:
+                self._database.executemany(
+                    "INSERT INTO rating VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                    [(cursor.lastrowid, *row) for row in rows],
+                )
 
     def close(self) -> None:
         """Close the file."""
         self._database.close()
+
+
+def _number(keys: Sequence[Any]) -> NDArray[np.int64]:
+    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    return np.array([numbers[key] for key in keys], np.int64)
+
+
+def _find_repeats(agents: NDArray[np.int64], trajectories: Sequence[str]) -> NDArray[np.bool_]:
+    seen: set[tuple[tuple[int, ...], str]] = set()
+    is_repeat = np.zeros(len(trajectories), np.bool_)
+    for place, key in enumerate(zip(map(tuple, agents.tolist()), trajectories, strict=True)):
+        is_repeat[place] = key in seen
+        seen.add(key)
+    return is_repeat

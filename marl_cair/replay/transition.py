@@ -42,7 +42,7 @@ LABEL_KEYS: tuple[Key, ...] = (
 )
 TRANSITION_KEYS: tuple[Key, ...] = EXPERIENCE_KEYS + LABEL_KEYS
 
-NO_OPPONENT = -1  # the row met no opponent that is known by number
+NO_OPPONENT = -1  # the row met nobody that is known by number, or several
 NO_INDEX = -1  # the row lies in no ring of real transitions
 
 

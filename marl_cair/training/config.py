@@ -7,20 +7,24 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from marl_cair.games import GAMES
 from marl_cair.generative import GENERATORS
 from marl_cair.generative.settings import GeneratorConfig
+from marl_cair.league.opponents import SAMPLERS
 from marl_cair.lookup import find_by_name
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.replay.mixed import MAX_FRACTION
 
-LATEST, POOL, SCRIPTED = "latest", "pool", "scripted"
-# Bots stay in self-play: who meets only itself forgets how simpler play is beaten.
-SELF_PLAY = {LATEST: 0.3, POOL: 0.1, SCRIPTED: 0.5, "random": 0.1}
+# Half its newest self, half what it must not forget, after AlphaStar and OpenAI Five. That it is
+# the best is not shown: `python -m benchmarks.opponents` compares.
+SELF_PLAY = {"latest": 0.5, "pfsp": 0.35, "uniform": 0.1, "bots": 0.05}
+# What runs from before samplers called them.
+RENAMED_OPPONENTS = {"pool": "uniform", "scripted": "bots"}
+RENAMED_OPTIONS = {"pool_recency": "recency"}
 NO_GENERATOR = "none"
 TARGET_UPDATES = ("soft", "hard")
 LOSSES = ("smooth_l1", "l2")
@@ -72,22 +76,38 @@ class GameSettings:
 
 @dataclass(frozen=True)
 class OpponentSettings:
-    """Who plays the other teams, where there are any. Names in a mixture are bots, `latest` (the
-    newest self; it learns from all seats), `pool` (own snapshots) or `scripted` (all bots, evenly);
-    values are weights.
+    """Who plays the other teams, where there are any; each rival team draws its own.
+
+    Names in a mixture are bots, `agents`, or samplers (`league.opponents.SAMPLERS`): `latest` (the
+    newest self; it learns from those seats too), `bots` (all, evenly), and of the pool, which is
+    snapshots and `agents`, `uniform`, `delta_uniform`, `recent`, `pfsp`, `pfsp_variance`,
+    `pfsp_easy` and `nash`. Values are weights.
     """
 
     mixture: dict[str, float] = field(  # weights by name of who is met
-        default_factory=lambda: {"random": 1.0}
+        default_factory=lambda: dict(SELF_PLAY)
     )
     warmup_frames: int = 0  # frames until `mixture` takes the place of `warmup_mixture`
     warmup_mixture: dict[str, float] = field(  # weights by name of who is met first
         default_factory=lambda: {"random": 1.0}
     )
+    agents: dict[str, str] = (
+        field(  # others by name: a checkpoint's folder, or package.module:function
+            default_factory=dict
+        )
+    )
     snapshot_every_frames: int = 100_000  # frames between two snapshots for the pool
-    pool_capacity: int = 32  # snapshots kept for play, evenly spread over the run
-    pool_active: int = 4  # snapshots that play at one time
-    pool_recency: float = 0.0  # 0: every snapshot alike; else weight exp(-recency * age), age 0..1
+    snapshot_margin: float | None = (
+        0.1  # one more where the best is surely beaten by it; None: never
+    )
+    pool_capacity: int = 32  # snapshots kept for play, spread over the run; Nash's support stays
+    pool_active: int = 4  # draws from the snapshots that play at one time
+    redraw_every_frames: int = 10_000  # frames after which those are drawn anew
+    delta: float = 0.5  # share of the pool, the oldest, that `delta_uniform` leaves out
+    recency: float = 3.0  # of `recent`: weight exp(-recency * age), age 0..1
+    pfsp_power: float = 2.0  # of `pfsp`, (1 - win rate) ** power, and `pfsp_easy`
+    half_life_frames: int = 100_000  # frames after which a game counts half in a win rate
+    prior_games: float = 2.0  # even games that every win rate starts from
 
     def __post_init__(self) -> None:
         for name, mixture in (("mixture", self.mixture), ("warmup_mixture", self.warmup_mixture)):
@@ -95,15 +115,41 @@ class OpponentSettings:
             for opponent, weight in mixture.items():
                 require(0 <= weight < math.inf, f"opponent.{name}.{opponent}", weight, "0 or more")
             require(sum(mixture.values()) > 0, f"opponent.{name}", mixture, "above 0 in sum")
-        require(self.warmup_frames >= 0, "opponent.warmup_frames", self.warmup_frames, "0 or more")
+        for name in ("warmup_frames", "recency", "pfsp_power"):
+            require(getattr(self, name) >= 0, f"opponent.{name}", getattr(self, name), "0 or more")
         for name in ("snapshot_every_frames", "pool_capacity", "pool_active"):
             require(getattr(self, name) >= 1, f"opponent.{name}", getattr(self, name), "1 or more")
-        require(self.pool_recency >= 0, "opponent.pool_recency", self.pool_recency, "0 or more")
+        for name in ("redraw_every_frames", "half_life_frames"):
+            require(getattr(self, name) >= 1, f"opponent.{name}", getattr(self, name), "1 or more")
+        require(self.prior_games > 0, "opponent.prior_games", self.prior_games, "above 0")
+        require(0 <= self.delta < 1, "opponent.delta", self.delta, "0 or more, below 1")
+        margin = self.snapshot_margin
+        allowed = "0 or more, below 0.5, or null"
+        require(margin is None or 0 <= margin < 0.5, "opponent.snapshot_margin", margin, allowed)
+        for name in self.agents:
+            plain = re.fullmatch(r"\w+", name) is not None and name not in SAMPLERS
+            allowed = f"names of letters, digits and _, none of {', '.join(SAMPLERS)}"
+            require(plain, "opponent.agents", name, allowed)
 
-    def choose_bots(self, bots: Iterable[str]) -> list[str]:
-        """Those of `bots` that may be met, in their order: the others need not fit the scenario."""
-        named = {**self.mixture, **self.warmup_mixture}
-        return [bot for bot in bots if bot in named or SCRIPTED in named]
+    def find_names(self) -> set[str]:
+        """Names that have a weight above 0 at any time."""
+        first = self.warmup_mixture if self.warmup_frames else {}
+        return {name for name, weight in [*self.mixture.items(), *first.items()] if weight > 0}
+
+    def check_names(self, bots: Mapping[str, Any]) -> None:
+        """Raise ValueError where a mixture names nobody, or an agent is called as a bot."""
+        for name in self.agents:
+            allowed = f"another name than the game's bots have: {', '.join(bots)}"
+            require(name not in bots, "opponent.agents", name, allowed)
+        for place, mixture in (
+            ("mixture", self.mixture),
+            ("warmup_mixture", self.warmup_mixture),
+        ):
+            for name in mixture:
+                renamed = RENAMED_OPPONENTS.get(name)
+                allowed = f"called {renamed!r} now"
+                require(renamed is None, f"opponent.{place}", name, allowed)
+                find_by_name("opponent", name, {**bots, **self.agents, **SAMPLERS})
 
 
 @dataclass(frozen=True)
@@ -304,10 +350,7 @@ class TrainConfig:
         require(minutes is None or minutes > 0, "max_minutes", minutes, "above 0")
         self._check_scenarios()
         bots = GAMES[self.game.name].bots
-        known = {**bots, LATEST: None, POOL: None, SCRIPTED: None}
-        for mixture in (self.opponent.mixture, self.opponent.warmup_mixture):
-            for opponent in mixture:
-                find_by_name("opponent", opponent, known)
+        self.opponent.check_names(bots)
         for bot in (*self.evaluation.bots, *self.demonstration.bots):
             find_by_name(f"{self.game.name} bot", bot, bots)
 

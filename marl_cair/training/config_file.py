@@ -16,7 +16,13 @@ from omegaconf import OmegaConf
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
 from marl_cair.lookup import find_by_name
-from marl_cair.training.config import EvaluationSettings, GameSettings, TrainConfig
+from marl_cair.training.config import (
+    RENAMED_OPTIONS,
+    EvaluationSettings,
+    GameSettings,
+    OpponentSettings,
+    TrainConfig,
+)
 
 CONFIG_FILE = "config.yaml"
 
@@ -79,6 +85,11 @@ def build_value(kind: Any, value: Any, path: str = "") -> Any:
 def _build_group(kind: Any, values: Mapping[str, Any], inside: str) -> Any:
     hints = typing.get_type_hints(kind)
     for name in values:
+        if name in RENAMED_OPTIONS and kind is OpponentSettings:
+            raise ValueError(
+                f"{inside}{name} is called {inside}{RENAMED_OPTIONS[name]} now; a run of a "
+                "marl_cair from before cannot be resumed, its agents play on"
+            )
         find_by_name("option", name, hints)
     built = {name: build_value(hints[name], values[name], inside + name) for name in values}
     if kind is GameSettings:

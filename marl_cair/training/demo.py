@@ -15,7 +15,6 @@ from marl_cair.league.film import save_film
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.training.config import (
-    SELF_PLAY,
     CheckpointSettings,
     CollectorSettings,
     EvaluationSettings,
@@ -32,6 +31,8 @@ from marl_cair.training.trainer import train
 FINISHED_FILE = "finished.txt"  # in the folder of a run that a later call need not go on with
 GAME, SCENARIO = "deep_line_wars", "10x15"
 NETWORKS = ("conv", "capsule")
+# More of the bots than the default has: in minutes they teach more than a pool of beginners does.
+MIXTURE = {"latest": 0.3, "uniform": 0.1, "bots": 0.5, "random": 0.1}
 NEXT = """
 Look at   {out}/league/league.png   the ladder with 95 % intervals, and who beats whom
           {out}/curves.png          learning curves, generator, actions
@@ -76,7 +77,7 @@ def make_config(settings: DemoSettings, network: str) -> TrainConfig:
         total_frames=settings.frames,
         max_minutes=settings.max_minutes,
         policy=QNetworkConfig(body=network),
-        opponent=OpponentSettings(SELF_PLAY, warmup_frames=warmup, snapshot_every_frames=every),
+        opponent=OpponentSettings(MIXTURE, warmup, {"random": 1.0}, snapshot_every_frames=every),
         collector=CollectorSettings(num_worlds=settings.num_worlds),
         exploration=ExplorationSettings(anneal_frames=max(1, settings.frames * 3 // 10)),
         replay=ReplaySettings(

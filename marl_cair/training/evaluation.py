@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.game import Agent, Game
+from marl_cair.league.intervals import win_rate_interval
 from marl_cair.league.match import play_match
-from marl_cair.league.ratings import win_rate_interval
 from marl_cair.league.solo import Estimate, compare, play_alone
 from marl_cair.training.config import TrainConfig
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,8 +20,7 @@ from marl_cair.files import write_atomically
 from marl_cair.games.game import NO_WINNER, GameSpec
 from marl_cair.games.standings import share_points
 from marl_cair.games.torchrl_env import LastStep
-from marl_cair.training.config import POOL
-from marl_cair.training.opponents import FIRST_SNAPSHOT_ID
+from marl_cair.training.opponents import Meeting
 
 
 class Decisions(NamedTuple):
@@ -31,7 +30,29 @@ class Decisions(NamedTuple):
     owned: NDArray[np.bool_]  # [B, P] seats of the learner
     shown: NDArray[np.bool_]  # [B, P] those of them that a demonstrator played
     out: NDArray[np.bool_]  # [B, P] seats that were out by then
-    opponent: NDArray[np.int16]  # [B]
+    team: NDArray[np.int64]  # [B] the learner's
+    opponent: NDArray[np.int16]  # [B, P] who plays the seat; of the learner's team LATEST_ID
+
+
+def find_meetings(
+    taken: Decisions, last: LastStep, team_of_seat: NDArray[np.int64]
+) -> list[Meeting]:
+    """The learner beside each rival team of the games that have just ended.
+
+    Teams that the learner plays too are no rivals, and games in which a demonstrator played for it
+    are not its own.
+    """
+    meetings = []
+    ended = np.flatnonzero(last.ended & ~taken.shown.any(1))
+    points = share_points(last.winner[ended], taken.out[ended], team_of_seat)
+    first_seats = np.unique(team_of_seat, return_index=True)[1].tolist()
+    for world, of_teams in zip(ended.tolist(), points.tolist(), strict=True):
+        own = of_teams[taken.team[world]]
+        for team, seat in enumerate(first_seats):
+            opponent = int(taken.opponent[world, seat])
+            if not taken.owned[world, seat]:
+                meetings.append(Meeting(opponent, (1.0 + own - of_teams[team]) / 2.0, own))
+    return meetings
 
 
 class EpisodeStatistics:
@@ -39,8 +60,9 @@ class EpisodeStatistics:
 
     The overestimation of a game is the learner's highest legal value at the first decision less the
     discounted return that it then realised, exploration included, both in scaled rewards. The
-    return that is reported is the plain sum of a seat's rewards. The win rate is the mean of the
-    points of the learner's team: `games.standings.share_points`; fair is 1 / teams.
+    return that is reported is the plain sum of a seat's rewards. The win rate against an opponent
+    is the mean of the points of the learner's team over the rival teams that it played:
+    `games.standings.share_points`; fair is 1 / teams.
 
     Args:
         num_worlds: B.
@@ -54,7 +76,7 @@ class EpisodeStatistics:
     ) -> None:
         seats = (num_worlds, spec.num_players)
         self._gamma, self._reward_scale = gamma, reward_scale
-        self._groups, self._teams = spec.action_groups, spec.team_of_seat
+        self._groups = spec.action_groups
         self._first_value = np.zeros(seats)
         self._return = np.zeros(seats)
         self._reward_sum = np.zeros(seats)
@@ -83,8 +105,8 @@ class EpisodeStatistics:
         self._discount[starting] = 1.0
         self._decisions[starting] = 0
 
-    def note_step(self, taken: Decisions, last: LastStep) -> None:
-        """One decision of all worlds, and what it brought."""
+    def note_step(self, taken: Decisions, last: LastStep, meetings: Iterable[Meeting]) -> None:
+        """One decision of all worlds, and what it brought; `meetings` as `find_meetings` tells."""
         self._return += self._discount * self._reward_scale * last.rewards
         self._reward_sum += last.rewards
         self._discount *= self._gamma
@@ -92,9 +114,9 @@ class EpisodeStatistics:
         own = taken.owned & ~taken.shown
         kinds = self._groups[taken.actions[own & ~taken.out]]
         self._actions += np.bincount(kinds, minlength=len(self._actions))
-        ended = np.flatnonzero(last.ended)
-        points = share_points(last.winner[ended], taken.out[ended], self._teams)
-        for world, of_teams in zip(ended.tolist(), points.tolist(), strict=True):
+        for met in meetings:
+            self._results.setdefault(met.opponent, []).append(met.points)
+        for world in np.flatnonzero(last.ended).tolist():
             shown = np.flatnonzero(taken.shown[world])
             self._shown_sums += self._reward_sum[world, shown].tolist()
             seats = np.flatnonzero(own[world])
@@ -105,12 +127,9 @@ class EpisodeStatistics:
             self._reward_sums += self._reward_sum[world, seats].tolist()
             self._lengths.append(int(self._decisions[world]))
             self._num_drawn += int(last.winner[world] == NO_WINNER)
-            if len(seats) < len(self._teams) and not len(shown):
-                results = self._results.setdefault(int(taken.opponent[world]), [])
-                results.append(of_teams[self._teams[seats[0]]])
 
-    def report(self, names: Mapping[int, str], group_names: tuple[str, ...]) -> dict[str, float]:
-        """Means since the last report, by log name; forgets them."""
+    def report(self, name: Callable[[int], str], group_names: tuple[str, ...]) -> dict[str, float]:
+        """Means since the last report, by log name; forgets them. `name` is of a number."""
         row: dict[str, float] = {"episodes/finished": len(self._lengths)}
         if self._lengths:
             row["episodes/decisions"] = float(np.mean(self._lengths))
@@ -121,13 +140,12 @@ class EpisodeStatistics:
             row["demonstrations/return"] = float(np.mean(self._shown_sums))
         by_name: dict[str, list[float]] = {}
         for number, results in self._results.items():
-            name = names[number] if number < FIRST_SNAPSHOT_ID else POOL
-            by_name.setdefault(name, []).extend(results)
-        for name, results in by_name.items():
-            row[f"collect_win_rate/{name}"] = float(np.mean(results))
+            by_name.setdefault(name(number), []).extend(results)
+        for opponent, results in by_name.items():
+            row[f"collect_win_rate/{opponent}"] = float(np.mean(results))
         total = max(1, int(self._actions.sum()))
-        for name, count in zip(group_names, self._actions.tolist(), strict=True):
-            row[f"actions/{name}"] = count / total
+        for kind, count in zip(group_names, self._actions.tolist(), strict=True):
+            row[f"actions/{kind}"] = count / total
         self._clear()
         return row
 

@@ -1,44 +1,61 @@
-"""Who plays the other teams: an opponent for each world, drawn anew when its game begins."""
+"""Who plays the other teams: opponents of each world, drawn anew when its game begins."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from copy import deepcopy
+from collections.abc import Collection, Iterable, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from marl_cair.checkpoint import AgentDescription
 from marl_cair.games.game import Agent, Game
-from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
+from marl_cair.league.agents import load_agent
+from marl_cair.league.intervals import win_rate_interval
+from marl_cair.league.opponents import (
+    BOTS,
+    SamplerOptions,
+    draw_evenly,
+    mix,
+    read_standings,
+)
+from marl_cair.league.pool import BOT, FOREIGN, SNAPSHOT, Member, Pool
+from marl_cair.league.records import EVEN, WinRecords
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.replay.transition import NO_OPPONENT
-from marl_cair.training.config import LATEST, POOL, SCRIPTED, OpponentSettings
+from marl_cair.training.config import OpponentSettings
 
-LATEST_ID = 0  # the learner itself; bots follow from 1, snapshots from FIRST_SNAPSHOT_ID
-FIRST_SNAPSHOT_ID = 1_000
+SNAPSHOTS = "pool"  # how the log calls all of them together
+# A margin that is kept up earns no more snapshots than this share of those by the clock allows.
+_SOONEST_SNAPSHOT = 0.25
 
 
-class Snapshot(NamedTuple):
-    """A frozen copy of the learner."""
+class Meeting(NamedTuple):
+    """One opponent's team in a finished game of the learner."""
 
-    opponent_id: int
-    frames: int
-    agent: PolicyActor
+    opponent: int
+    score: float  # the learner's team beside that one: 1 ahead, 0 behind, 1/2 level
+    points: float  # of the learner's team in the whole game
 
 
 class OpponentBook:
-    """All opponents of a run by number, and the draw of one.
+    """All opponents of a run by number, what the learner has won against each, and the draws.
+
+    `latest`, bots and foreign agents are drawn game by game. Of the snapshots a line-up plays for
+    a while (`pool_active` draws, as each forward pass costs the same however few games it serves),
+    drawn anew every `redraw_every_frames` and with each snapshot, when the win rates are read too.
 
     Where all seats are of one team (one-player scenarios) there is nobody to meet: every draw is
     NO_OPPONENT, whatever the settings say.
 
     Args:
-        settings: weights and pool.
-        game, scenario: for the bots.
+        settings: mixture, samplers and pool.
+        game, scenario: that are played.
         representation: what snapshots look at.
-        seed: of the draws.
+        folder: of the snapshots.
+        seed: of the draws, the bots and the foreign agents.
     """
 
     def __init__(
@@ -47,120 +64,168 @@ class OpponentBook:
         game: Game,
         scenario: Any,
         representation: str,
+        folder: Path,
         seed: int,
     ) -> None:
         self.settings = settings
-        self._representation = representation
-        spec = game.make_spec(scenario)
-        self._groups, self._is_alone = spec.action_groups, spec.num_teams == 1
-        self.bots: dict[int, Agent] = {}
-        self.names: dict[int, str] = {LATEST_ID: LATEST}
-        needed = set() if self._is_alone else set(settings.choose_bots(game.bots))
-        for number, name in enumerate(game.bots, start=1):
-            self.names[number] = name
-            if name in needed:
-                self.bots[number] = game.bot(name, scenario)
-                self.bots[number].seed(seed + number)
-        self.snapshots: list[Snapshot] = []
-        self.retired: list[Snapshot] = []  # out of the pool, with games still to finish
-        self.active: list[int] = []  # numbers of the snapshots that play now
-        self.num_snapshots = 0
+        self.is_alone = game.make_spec(scenario).num_teams == 1
+        self.records = WinRecords(settings.half_life_frames, settings.prior_games)
+        # Of a snapshot only what it played itself, nearly: older games are those of other policies.
+        self._since_snapshot = WinRecords(settings.half_life_frames, settings.prior_games)
+        self.pool = Pool(
+            folder, game, scenario, representation, settings.pool_capacity, settings.prior_games
+        )
+        self._options = SamplerOptions(settings.delta, settings.recency, settings.pfsp_power)
+        if not self.is_alone:
+            for bot in make_bots(settings.find_names(), game, scenario):
+                self.pool.add(BOT, bot, seed)
+            for name, source in settings.agents.items():
+                agent = load_agent(source, game.name, scenario)
+                agent.name = name
+                self.pool.add(FOREIGN, agent, seed)
+        self._numbers: list[int] = []  # who is drawn now, and how often
+        self._probabilities: list[float] = []
+        self._drawn_for = (-1, -1)  # period and phase that the line-up is of
+        self._last_snapshot_frames = 0
         self._rng = np.random.default_rng(seed)
 
-    def agent(self, opponent_id: int) -> Agent:
-        """The opponent with that number (not LATEST_ID, which is the learner, or NO_OPPONENT)."""
-        if opponent_id in self.bots:
-            return self.bots[opponent_id]
-        everyone = (*self.snapshots, *self.retired)
-        return next(kept.agent for kept in everyone if kept.opponent_id == opponent_id)
+    @property
+    def representations(self) -> set[str]:
+        """What bots and foreign agents look at."""
+        members = (kept for kept in self.pool.members if kept.kind != SNAPSHOT)
+        return {self.pool.agent(member.number).representation for member in members}
+
+    @property
+    def line_up(self) -> list[int]:
+        """Numbers that are drawn now."""
+        return sorted(set(self._numbers))
+
+    def name(self, number: int) -> str:
+        """How the log calls a member of the pool: snapshots have one name together."""
+        return SNAPSHOTS if self.pool.is_snapshot(number) else self.pool.name(number)
+
+    # --- draws -------------------------------------------------------------------------------
 
     def draw(self, count: int, frames: int) -> NDArray[np.int16]:
-        """Opponents for `count` games that begin now, int16 [count]."""
-        if self._is_alone:
+        """Opponents for `count` teams whose games begin now, int16 [count]."""
+        if self.is_alone:
             return np.full(count, NO_OPPONENT, np.int16)
-        warming = frames < self.settings.warmup_frames
-        mixture = self.settings.warmup_mixture if warming else self.settings.mixture
-        names = list(mixture)
-        weights = np.array([mixture[name] for name in names])
-        chosen = self._rng.choice(len(names), count, p=weights / weights.sum())
-        return np.array([self._draw_from(names[index]) for index in chosen], np.int16)
+        phase = int(frames >= self.settings.warmup_frames)
+        now = (frames // self.settings.redraw_every_frames, phase)
+        if now != self._drawn_for:
+            self._draw_line_up(frames)
+            self._drawn_for = now
+        drawn = self._rng.choice(self._numbers, count, p=self._probabilities)
+        return np.asarray(drawn, np.int16)
 
-    def _draw_from(self, source: str) -> int:
-        if source == LATEST:
-            return LATEST_ID
-        if source == SCRIPTED:
-            return int(self._rng.choice(list(self.bots)))
-        if source == POOL:
-            # Before the first snapshot the newest self stands in.
-            return int(self._rng.choice(self.active)) if self.active else LATEST_ID
-        return next(number for number, name in self.names.items() if name == source)
+    def _draw_line_up(self, frames: int) -> None:
+        is_warm = frames >= self.settings.warmup_frames
+        mixture = self.settings.mixture if is_warm else self.settings.warmup_mixture
+        standings = read_standings(self.pool, self.records, frames)
+        probabilities = mix(mixture, standings, self._options)
+        snapshots = np.array([self.pool.is_snapshot(int(n)) for n in standings.numbers])
+        direct = np.flatnonzero(~snapshots & (probabilities > 0))
+        self._numbers = standings.numbers[direct].tolist()
+        self._probabilities = probabilities[direct].tolist()
+        share = float(probabilities[snapshots].sum())
+        if share > 0:
+            numbers, weights = standings.numbers[snapshots].tolist(), probabilities[snapshots]
+            slots = self.settings.pool_active
+            self._numbers += draw_evenly(self._rng, numbers, weights, slots)
+            self._probabilities += [share / slots] * slots
 
-    def add_snapshot(self, network: QNetwork, frames: int) -> None:
-        """Freeze a copy of the learner, thin the pool, and draw who plays from now on."""
-        number = FIRST_SNAPSHOT_ID + self.num_snapshots
-        self.num_snapshots += 1
-        self.snapshots.append(self._freeze(network, number, frames))
-        if len(self.snapshots) > self.settings.pool_capacity:
-            # The one that leaves the smallest gap goes: the history stays evenly covered.
-            frames_of = np.array([kept.frames for kept in self.snapshots])
-            gaps = frames_of[2:] - frames_of[:-2]
-            self.retired.append(self.snapshots.pop(1 + int(gaps.argmin()) if len(gaps) else 0))
-        self._draw_active()
+    # --- outcomes ----------------------------------------------------------------------------
+
+    def note(self, meetings: Iterable[Meeting], frames: int) -> None:
+        """Book the outcomes of games that ended at `frames` to those who played them."""
+        for opponent, score, _ in meetings:
+            self.records.book(opponent, score, frames)
+            self._since_snapshot.book(opponent, score, frames)
+
+    def beats_the_best(self, frames: int) -> bool:
+        """Whether the learner's win rate against the pool's best snapshot is above 1/2 by the
+        margin, with 97.5 % confidence, and the last snapshot is not of just now.
+        """
+        margin, best = self.settings.snapshot_margin, self.pool.best_snapshot()
+        soonest = _SOONEST_SNAPSHOT * self.settings.snapshot_every_frames
+        if margin is None or best is None or frames - self._last_snapshot_frames < soonest:
+            return False
+        points, games = self.records.evidence(best.number, frames)
+        return games >= 1.0 and win_rate_interval(points, 0.0, games)[0] > EVEN + margin
+
+    # --- the pool ----------------------------------------------------------------------------
+
+    def add_snapshot(self, network: QNetwork, about: AgentDescription) -> Member:
+        """Freeze a copy of the learner, and draw who plays from now on."""
+        frames = about.frames
+        met = {
+            kept.number: self._since_snapshot.evidence(kept.number, frames)
+            for kept in self.pool.members
+        }
+        member = self.pool.add_snapshot(network, about, met)
+        self._since_snapshot.clear()
+        self._last_snapshot_frames = frames
+        self._drawn_for = (-1, -1)
+        return member
 
     def forget_unused(self, in_play: NDArray[np.int16]) -> None:
-        """Drop snapshots that have left the pool and whose last games are over."""
-        self.retired = [kept for kept in self.retired if kept.opponent_id in in_play]
+        """Let go of the networks of snapshots that neither play nor can be drawn."""
+        self.pool.release({*self._numbers, *np.unique(in_play).tolist()})
 
-    def _freeze(self, network: QNetwork, number: int, frames: int) -> Snapshot:
-        frozen = deepcopy(network).eval().requires_grad_(False)
-        exploration = MaskedEpsilonGreedy(seed=number, action_groups=self._groups)
-        agent = PolicyActor(frozen, f"snapshot-{frames}", self._representation, exploration)
-        self.names[number] = agent.name
-        return Snapshot(number, frames, agent)
-
-    def _draw_active(self) -> None:
-        ages = np.linspace(1.0, 0.0, len(self.snapshots))
-        weights = np.exp(-self.settings.pool_recency * ages)
-        count = min(self.settings.pool_active, len(self.snapshots))
-        numbers = [snapshot.opponent_id for snapshot in self.snapshots]
-        chosen = self._rng.choice(numbers, count, replace=False, p=weights / weights.sum())
-        self.active = sorted(int(number) for number in chosen)
+    def report(self, frames: int) -> dict[str, float]:
+        """The pool's size, and the learner's lowest win rate in it, by log name."""
+        snapshots = self.pool.snapshots
+        if not snapshots:
+            return {}
+        lowest = min(self.records.estimate(kept.number, frames) for kept in snapshots)
+        return {"pool/snapshots": float(len(snapshots)), "pool/lowest_win_rate": lowest}
 
     def state_dict(self) -> dict[str, Any]:
-        """Draws, pool and the bots' generators, as tensors and plain data."""
+        """Draws, pool, records and random generators, as tensors and plain data."""
         return {
             "rng": export_rng(self._rng),
-            "bots": {number: bot.state_dict() for number, bot in self.bots.items()},
-            "snapshots": [_export_snapshot(kept) for kept in self.snapshots],
-            "retired": [_export_snapshot(kept) for kept in self.retired],
-            "active": list(self.active),
-            "num_snapshots": self.num_snapshots,
+            "pool": self.pool.state_dict(),
+            "records": self.records.state_dict(),
+            "since_snapshot": self._since_snapshot.state_dict(),
+            "numbers": list(self._numbers),
+            "probabilities": list(self._probabilities),
+            "drawn_for": self._drawn_for,
+            "last_snapshot_frames": self._last_snapshot_frames,
         }
 
-    def load_state_dict(self, state: Mapping[str, Any], network: QNetwork) -> None:
-        """Continue from `state_dict`; `network` gives the snapshots their architecture."""
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from `state_dict`."""
         import_rng(self._rng, state["rng"])
-        for number, saved in state["bots"].items():
-            self.bots[number].load_state_dict(saved)
-        self.snapshots = [self._import_snapshot(saved, network) for saved in state["snapshots"]]
-        self.retired = [self._import_snapshot(saved, network) for saved in state["retired"]]
-        self.active = list(state["active"])
-        self.num_snapshots = state["num_snapshots"]
-
-    def _import_snapshot(self, saved: Mapping[str, Any], network: QNetwork) -> Snapshot:
-        snapshot = self._freeze(network, saved["number"], saved["frames"])
-        snapshot.agent.network.load_state_dict(saved["weights"])
-        snapshot.agent.load_state_dict(saved["agent"])
-        return snapshot
+        self.pool.load_state_dict(state["pool"])
+        self.records.load_state_dict(state["records"])
+        self._since_snapshot.load_state_dict(state["since_snapshot"])
+        self._numbers = list(state["numbers"])
+        self._probabilities = list(state["probabilities"])
+        period, phase = state["drawn_for"]
+        self._drawn_for = (period, phase)
+        self._last_snapshot_frames = state["last_snapshot_frames"]
 
 
-def _export_snapshot(snapshot: Snapshot) -> dict[str, Any]:
-    return {
-        "number": snapshot.opponent_id,
-        "frames": snapshot.frames,
-        "weights": dict(snapshot.agent.network.state_dict()),
-        "agent": snapshot.agent.state_dict(),
-    }
+def make_bots(names: Collection[str], game: Game, scenario: Any) -> list[Agent]:
+    """The bots among `names`; where `bots` is one of them, all that can play the scenario.
+
+    Raises:
+        ValueError: a bot that is named cannot play it, or none can.
+    """
+    made: list[Agent] = []
+    refused: ValueError | None = None
+    for name in game.bots:
+        if name not in names and BOTS not in names:
+            continue
+        try:
+            made.append(game.bot(name, scenario))
+        except ValueError as error:
+            if name in names:
+                raise ValueError(f"{error}; or leave {name!r} out of opponent.mixture") from error
+            refused = error
+    if refused and not made:
+        raise ValueError(f"{refused}; or leave {BOTS!r} out of opponent.mixture") from refused
+    return made
 
 
 def export_rng(rng: np.random.Generator) -> str:

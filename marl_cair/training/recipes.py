@@ -74,7 +74,7 @@ RECIPES = {
             "learner.gamma=0.997",
             "learner.n_steps=16",
             "demonstration.bots=[mixed,rusher]",
-            "opponent.mixture={random: 0.4, scripted: 0.4, latest: 0.2}",
+            "opponent.mixture={random: 0.4, bots: 0.4, latest: 0.2}",
             "evaluation.every_frames=25000",
             "evaluation.bots=[random,mixed]",
         ),

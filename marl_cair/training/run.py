@@ -105,10 +105,15 @@ class TrainingRun:
         self.demonstrators = Demonstrators(
             demonstration, self.game, self.scenario, worlds, self._seeds[9]
         )
-        bots_look_at = self.demonstrators.representations | {
-            self.game.bot(bot, self.scenario).representation
-            for bot in self.config.opponent.choose_bots(self.game.bots)
-        }
+        self.book = OpponentBook(
+            self.config.opponent,
+            self.game,
+            self.scenario,
+            game.representation,
+            self.folder / SNAPSHOT_FOLDER,
+            self._seeds[6],
+        )
+        others_look_at = self.demonstrators.representations | self.book.representations
         options = dataclasses.asdict(self.scenario)
         options["reward"] = game.learned_reward
         if "shaping_discount" in options:
@@ -118,7 +123,7 @@ class TrainingRun:
             game.scenario,
             self.config.collector.num_worlds,
             representation=game.representation,
-            extra_representations=tuple(sorted(bots_look_at - {game.representation})),
+            extra_representations=tuple(sorted(others_look_at - {game.representation})),
             num_threads=self.config.collector.num_threads,
             seed=self._seeds[0],
             **options,
@@ -172,9 +177,6 @@ class TrainingRun:
         exploration = MaskedEpsilonGreedy(self._seeds[5], self.spec.action_groups)
         self.actor = PolicyActor(network, "learner", self.seen.name, exploration)
         self.rated = PolicyActor(self.learner.average, "learner", self.seen.name)
-        self.book = OpponentBook(
-            config.opponent, self.game, self.scenario, self.seen.name, self._seeds[6]
-        )
         self.statistics = EpisodeStatistics(
             config.collector.num_worlds,
             self.spec,
@@ -205,7 +207,7 @@ class TrainingRun:
         )
         # The collector tries its policy once when it is made: no draw of that may count.
         self.router.import_state(untouched[0])
-        self.book.load_state_dict(untouched[1], self.learner.network)
+        self.book.load_state_dict(untouched[1])
 
     # --- on disk -----------------------------------------------------------------------------
 
@@ -239,11 +241,9 @@ class TrainingRun:
             write_atomically(self.folder / BEST_SCORE_FILE, json.dumps(score) + "\n")
 
     def add_snapshot(self) -> None:
-        """Freeze the learner for the pool, and keep it as an agent on disk."""
-        self.book.add_snapshot(self.learner.average, self.frames)
-        folder = self.folder / SNAPSHOT_FOLDER / f"frames_{self.frames:010d}"
+        """Freeze the learner for the pool, as an agent on disk."""
         about = dataclasses.replace(self.describe_agent(), name=f"{self.folder.name}@{self.frames}")
-        save_agent(folder, self.learner.average, about)
+        self.book.add_snapshot(self.learner.average, about)
 
     def save_state(self) -> None:
         """Write all that a resumed run needs to `<out>/resume`, whole or not at all."""
@@ -288,7 +288,9 @@ class TrainingRun:
             self.best_score = max(self.best_score, float(json.loads(kept.read_text("utf-8"))))
         self.gate_is_open = state["gate_is_open"]
         self.learner.load_state_dict(state["learner"])
-        self.book.load_state_dict(state["book"], self.learner.network)
+        self.book.load_state_dict(state["book"])
+        # Snapshots that the run had taken after this state was saved are none yet.
+        self.book.pool.save_index()
         self.router.import_state(state["router"])
         self.statistics.import_state(state["statistics"])
         self.means.import_state(state["means"])

@@ -14,20 +14,24 @@ from torch import Tensor
 
 from marl_cair.games.game import Agent
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
+from marl_cair.league.foreign import require_answers
+from marl_cair.league.opponents import LATEST_ID
 from marl_cair.policies.actor import PolicyActor
+from marl_cair.replay.transition import NO_OPPONENT
 from marl_cair.training.config import ExplorationSettings
 from marl_cair.training.demonstrations import NOBODY, Demonstrators
-from marl_cair.training.metrics import Decisions, EpisodeStatistics
-from marl_cair.training.opponents import LATEST_ID, OpponentBook, export_rng, import_rng
+from marl_cair.training.metrics import Decisions, EpisodeStatistics, find_meetings
+from marl_cair.training.opponents import OpponentBook, export_rng, import_rng
 
 
 class SeatRouter(TensorDictModuleBase):
     """Chooses the actions of all seats [B, P].
 
-    When a game begins its opponent is drawn from the book and the learner's team evenly; both hold
-    until the game ends. The learner plays all seats of its team (one, where everybody plays for
-    itself), the opponent all others; against `latest`, and where there is but one team, the learner
-    plays and learns from every seat. A seat that is out is nobody's: its action is the no-op.
+    When a game begins the learner's team is drawn evenly, and an opponent from the book for each
+    rival team: a team acts as one, and where everybody plays for itself that is one draw for each
+    seat. All hold until the game ends. The learner plays all seats of its team and those of
+    `latest`, and learns from them; where there is but one team it plays every seat. A seat that is
+    out is nobody's: its action is the no-op.
 
     Args:
         env: the worlds; its episode counts tell when a game begins.
@@ -66,7 +70,8 @@ class SeatRouter(TensorDictModuleBase):
         self.__dict__["actor"] = actor
         self._rng = np.random.default_rng(seed)
         self.frames = 0
-        self.opponent = np.full(worlds, LATEST_ID, np.int16)
+        self.opponent = np.full((worlds, self._players), LATEST_ID, np.int16)  # who plays the seat
+        self._met = np.full(worlds, NO_OPPONENT, np.int16)
         self._team = np.zeros(worlds, np.int64)
         self._episode = np.full(worlds, -1, np.int64)
         self._owned = np.zeros((worlds, self._players), np.bool_)
@@ -80,13 +85,15 @@ class SeatRouter(TensorDictModuleBase):
         return self._exploration.epsilon_at(self.frames)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write ("player", "action") int64, "learned" bool and "opponent" int16, each [B, P]."""
+        """Write ("player", "action") int64, "learned" bool and "opponent" int16, each [B, P].
+
+        "opponent" is the one that is met, NO_OPPONENT where there are several or none.
+        """
         group = tensordict.get(GROUP)
         if self.frames:
-            taken = Decisions(self._actions, self._owned, self._shown, self._out, self.opponent)
-            self._statistics.note_step(taken, self._env.last)
+            self._note_step()
         starting = self._start_new_games()
-        self._owned = self._find_owned()
+        self._owned = self.opponent == LATEST_ID
         self._out = group.get("done").squeeze(-1).numpy().copy()
         self._shown = self._find_shown()
         learned = self._owned & ~self._out
@@ -106,28 +113,36 @@ class SeatRouter(TensorDictModuleBase):
         group.set("action", actions)
         group.set("learned", torch.from_numpy(learned))
         group.set("demonstrated", torch.from_numpy(learned & self._shown))
-        met = torch.from_numpy(self.opponent).unsqueeze(1).expand(-1, self._players)
+        met = torch.from_numpy(self._met).unsqueeze(1).expand(-1, self._players)
         group.set("opponent", met.contiguous())
         self.frames += len(self.opponent)
         return tensordict
+
+    def _note_step(self) -> None:
+        """Tell what the last decision brought, and book games that it ended to who played them."""
+        taken = Decisions(
+            self._actions, self._owned, self._shown, self._out, self._team, self.opponent
+        )
+        meetings = find_meetings(taken, self._env.last, self._teams)
+        self._statistics.note_step(taken, self._env.last, meetings)
+        self._book.note(meetings, self.frames)
 
     def _start_new_games(self) -> NDArray[np.bool_]:
         """Draw opponent and team of the worlds [B] whose game has just begun; returns which."""
         starting: NDArray[np.bool_] = self._env.seeds.episodes != self._episode
         count = int(starting.sum())
         if count:
-            self.opponent[starting] = self._book.draw(count, self.frames)
-            self._team[starting] = self._rng.integers(0, int(self._teams.max()) + 1, count)
+            num_teams = int(self._teams.max()) + 1
+            teams = self._rng.integers(0, num_teams, count)
+            drawn = self._book.draw(count * num_teams, self.frames).reshape(count, num_teams)
+            self._team[starting] = teams
+            self._met[starting] = find_met(drawn, teams)
+            drawn[np.arange(count), teams] = LATEST_ID
+            self.opponent[starting] = drawn[:, self._teams]
             self._episode = self._env.seeds.episodes.copy()
             self._book.forget_unused(self.opponent)
             self._demonstrators.draw(starting, self.frames)
         return starting
-
-    def _find_owned(self) -> NDArray[np.bool_]:
-        """The learner's seats [B, P], whether they are still in or not."""
-        owned: NDArray[np.bool_] = self._team[:, None] == self._teams
-        owned |= self.opponent[:, None] == LATEST_ID
-        return owned
 
     def _find_shown(self) -> NDArray[np.bool_]:
         """The seats [B, P] that a demonstrator plays: against `latest`, those of one team."""
@@ -145,16 +160,20 @@ class SeatRouter(TensorDictModuleBase):
     def _act(
         self, agent: Agent, rows: Tensor, group: TensorDictBase, mask: Tensor, actions: Tensor
     ) -> None:
-        """Let `agent` choose the actions of `rows` bool [B, P]."""
+        """Let `agent` choose the actions of `rows` bool [B, P].
+
+        Raises ForeignAgentError where it cannot.
+        """
         seen = group.get(self._env.key_of(agent.representation))
-        chosen = agent.act(seen[rows].numpy(), mask[rows].numpy())
-        actions[rows] = torch.from_numpy(np.asarray(chosen, np.int64))
+        chosen = np.asarray(agent.act(seen[rows].numpy(), mask[rows].numpy()), np.int64)
+        require_answers(agent, chosen)
+        actions[rows] = torch.from_numpy(chosen)
 
     def _play_opponents(self, group: TensorDictBase, mask: Tensor, actions: Tensor) -> None:
         theirs = ~self._owned & ~self._out
-        for number in np.unique(self.opponent[theirs.any(1)]).tolist():
-            agent = self._book.agent(number)
-            rows = torch.from_numpy(theirs & (self.opponent[:, None] == number))
+        for number in np.unique(self.opponent[theirs]).tolist():
+            agent = self._book.pool.agent(number)
+            rows = torch.from_numpy(theirs & (self.opponent == number))
             self._act(agent, rows, group, mask, actions)
 
     def export_state(self) -> dict[str, Any]:
@@ -163,6 +182,7 @@ class SeatRouter(TensorDictModuleBase):
         return {
             "frames": self.frames,
             "opponent": torch.from_numpy(self.opponent.copy()),
+            "met": torch.from_numpy(self._met.copy()),
             "team": torch.from_numpy(self._team.copy()),
             "episode": torch.from_numpy(self._episode.copy()),
             "owned": torch.from_numpy(self._owned.copy()),
@@ -178,6 +198,7 @@ class SeatRouter(TensorDictModuleBase):
         """Continue from `export_state`."""
         self.frames = state["frames"]
         self.opponent = state["opponent"].numpy().copy()
+        self._met = state["met"].numpy().copy()
         self._team = state["team"].numpy().copy()
         self._episode = state["episode"].numpy().copy()
         self._owned = state["owned"].numpy().copy()
@@ -188,3 +209,17 @@ class SeatRouter(TensorDictModuleBase):
         import_rng(self._rng, state["rng"])
         actor: PolicyActor = self.__dict__["actor"]
         actor.load_state_dict(state["exploration"])
+
+
+def find_met(drawn: NDArray[np.int16], teams: NDArray[np.int64]) -> NDArray[np.int16]:
+    """The one opponent of all rival teams, int16 [N], NO_OPPONENT where there are several or none.
+
+    drawn: int16 [N, teams], who was drawn for each. teams: int64 [N], the learner's.
+    """
+    num_teams = drawn.shape[1]
+    if num_teams == 1:
+        return drawn[:, 0].copy()
+    rivals = drawn[np.arange(num_teams) != teams[:, None]].reshape(len(drawn), num_teams - 1)
+    same = (rivals == rivals[:, :1]).all(1)
+    met: NDArray[np.int16] = np.where(same, rivals[:, 0], np.int16(NO_OPPONENT))
+    return met

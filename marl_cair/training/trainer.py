@@ -182,7 +182,8 @@ def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
     """Snapshot and evaluate when due, and write a row of the log; empty between rows."""
     config = run.config
     row: dict[str, float] = {}
-    if _is_due(before, run.frames, config.opponent.snapshot_every_frames):
+    is_due = _is_due(before, run.frames, config.opponent.snapshot_every_frames)
+    if is_due or run.book.beats_the_best(run.frames):
         run.add_snapshot()
     if _is_due(before, run.frames, config.evaluation.every_frames):
         with timers.measure("evaluate"):
@@ -194,7 +195,8 @@ def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
 
 def _write_row(run: TrainingRun, row: dict[str, float], timers: Timers) -> dict[str, float]:
     """Add what was measured since the last row, and log it."""
-    row |= run.statistics.report(run.book.names, run.spec.action_group_names)
+    row |= run.statistics.report(run.book.name, run.spec.action_group_names)
+    row |= run.book.report(run.frames)
     row |= run.means.report() | timers.report(run.frames - run.log.frames)
     row |= {"epsilon": run.router.epsilon, "updates": float(run.learner.updates)}
     row["replay/transitions"] = float(len(run.replay.real))

@@ -13,6 +13,7 @@ from marl_cair.cli.compose import compose_config, list_groups
 from marl_cair.cli.options import list_options
 from marl_cair.cli.train import describe_options
 from marl_cair.games import GAMES
+from marl_cair.league.opponents import SAMPLERS
 from marl_cair.lookup import UnknownNameError
 from marl_cair.training.config_file import load_config, save_config
 from marl_cair.training.recipes import RECIPES
@@ -36,8 +37,7 @@ def test_the_issues_example_composes():
     words = "game=deep_line_wars policy=capsule opponent=self_play synthetic_fraction=0.2 seed=3"
     config = compose_config(words.split())
     assert (config.policy.body, config.synthetic_fraction, config.seed) == ("capsule", 0.2, 3)
-    assert {"latest", "pool", "scripted"} <= set(config.opponent.mixture)
-    assert set(config.opponent.mixture) == {"latest", "pool", "scripted", "random"}
+    assert config.opponent.mixture == {"latest": 0.5, "pfsp": 0.35, "uniform": 0.1, "bots": 0.05}
 
 
 def test_no_words_give_the_defaults():
@@ -55,7 +55,7 @@ def test_every_choice_of_a_group_composes(group):
 @pytest.mark.parametrize("game", GAMES)
 def test_every_bot_and_every_way_of_self_play_is_an_opponent(game):
     bots = set(GAMES[game].bots)
-    others = {"self_play", "latest", "pool", "scripted"}
+    others = {"self_play", *SAMPLERS}
     foreign = {bot for name in GAMES for bot in GAMES[name].bots} - bots
     assert set(list_groups()["opponent"]) == bots | others | foreign
     for choice in bots | others:

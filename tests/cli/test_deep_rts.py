@@ -49,7 +49,7 @@ def test_map_sets_are_named_for_training_and_beside_it():
             {"win_rate/random", "win_rate/random@heldout", "win_rate/random@heldout/low"},
         ),
         ("FFA-3-15x15", ["opponent=self_play"], {"win_rate/random", "fair_share/learner"}),
-        ("FFA-6-15x15", ["opponent=scripted"], {"win_rate/random", "fair_share/learner"}),
+        ("FFA-6-15x15", ["opponent=bots"], {"win_rate/random", "fair_share/learner"}),
         ("Teams-2v2-15x15", ["opponent=self_play"], {"win_rate/random", "episodes/return"}),
         ("Economy-15x15", [], {"return/learner", "return/random", "return_gain/random"}),
         ("FFA-4-15x15", ["actions=classic", "opponent=latest"], {"win_rate/random"}),

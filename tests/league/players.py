@@ -1,9 +1,11 @@
 """Agents for the tests: a failing one, and checkpoints of untrained networks."""
 
 import dataclasses
+from multiprocessing import parent_process
 
 from marl_cair.checkpoint import AgentDescription, save_agent
 from marl_cair.games import GAMES
+from marl_cair.league.agents import load_agent
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 
 GAME = GAMES["deep_line_wars"]
@@ -34,6 +36,26 @@ class FailingAgent:
 
     def load_state_dict(self, state):
         self.agent.load_state_dict(state)
+
+
+class FirstLegal:
+    """Somebody's own agent: the first legal action."""
+
+    representation = "vector"
+
+    def act(self, observation, action_mask):
+        return action_mask.argmax(1)
+
+
+def make_first_legal(scenario, spec):
+    """As `module:function` of a league."""
+    return FirstLegal()
+
+
+def load_changed(source, **options):
+    """As `load_agent`, but in worker processes the rusher is another agent."""
+    is_worker = parent_process() is not None
+    return load_agent("zigzag" if is_worker and source == "rusher" else source, **options)
 
 
 def save_network(folder, name="net", seed=0, game=GAME.name, **options):

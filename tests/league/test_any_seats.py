@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
+from marl_cair.cli import main
 from marl_cair.games.game import NO_WINNER
 from marl_cair.league.intervals import block_interval, mean_interval
-from marl_cair.league.league import LeagueConfig, run_league
+from marl_cair.league.league import LeagueConfig, report_stored, run_league
 from marl_cair.league.match import GameResult, MatchResult, play_chunks, play_match, record_game
 from marl_cair.league.playing import map_seeds
 from marl_cair.league.solo import compare, play_alone
+from marl_cair.league.store import LeagueStore, LeagueStoreError
 from tests.games import last_standing
 from tests.games.last_standing import FINISH, GAME, NOOP
 
@@ -214,7 +216,11 @@ def test_a_longer_solo_series_begins_with_a_shorter_one():
     longer = play_solo("random", 150).results
     assert play_solo("random", 11).results == longer[:11]
     assert longer != play_solo("random", 150, seed=4).results
-    assert play_solo("idle", 20).distinct_games == 1
+
+
+def test_games_that_look_the_same_from_first_to_last_are_one_game():
+    assert play_solo("idle", 20, gain=0).distinct_games == 1
+    assert play_solo("idle", 20).distinct_games > 5  # each map shows its own gain
 
 
 def test_scores_of_different_seeds_are_not_compared():
@@ -234,21 +240,118 @@ def test_what_cannot_be_played_alone_is_refused(scenario, num_games, message):
 # --- the league --------------------------------------------------------------------------------
 
 
-def test_a_league_is_of_two_teams(tmp_path, monkeypatch):
+def play_league(folder, *agents, scenario="ffa-4", **changes):
+    config = LeagueConfig(agents, last_standing.NAME, scenario, out=str(folder), **changes)
+    return run_league(config, show_progress=False)
+
+
+@pytest.fixture
+def _known(monkeypatch):
     last_standing.register(monkeypatch)
-    for scenario, message in (("ffa-3", "has 3 teams: a league is of ga"), ("alone", "one team")):
-        config = LeagueConfig(
-            ("idle", "quitter"), last_standing.NAME, scenario, out=str(tmp_path / scenario)
+
+
+@pytest.mark.usefixtures("_known")
+class TestLeague:
+    def test_who_plays_alone_is_in_no_league(self, tmp_path):
+        with pytest.raises(ValueError, match="this scenario has one team"):
+            play_league(tmp_path / "a", "idle", "quitter", scenario="alone")
+        assert not (tmp_path / "a").exists()
+
+    def test_teams_are_rated(self, tmp_path):
+        result = play_league(
+            tmp_path, "idle", "quitter", "scorer", scenario="teams", games_per_pair=4
         )
-        with pytest.raises(ValueError, match=message):
-            run_league(config, show_progress=False)
-        assert not (tmp_path / scenario).exists()
-    config = LeagueConfig(
-        ("idle", "quitter", "scorer"),
-        last_standing.NAME,
-        "teams",
-        games_per_pair=4,
-        out=str(tmp_path / "teams"),
-    )
-    result = run_league(config, show_progress=False)
-    assert [rating.name for rating in result.ratings][-1] == "quitter"
+        assert [rating.name for rating in result.ratings][-1] == "quitter"
+
+    def test_a_free_for_all_is_rated_by_the_order_in_which_agents_went_out(self, tmp_path):
+        names = ("idle", "quitter", "scorer", "finisher", "random")
+        result = play_league(tmp_path, *names, games_per_pair=6)
+        order = [rating.name for rating in result.ratings]
+        assert order[0] == "finisher"
+        assert order.index("idle") < order.index("quitter")
+        assert "team 4" in result.text
+        assert "Row came in above column" in result.text
+
+    @pytest.mark.parametrize("agents", [("random", "idle"), ("random", "idle", "scorer")])
+    def test_fewer_agents_than_seats_play_more_than_one(self, tmp_path, agents):
+        result = play_league(tmp_path, *agents, scenario="ffa-4", games_per_pair=12)
+        assert {rating.name for rating in result.ratings} == set(agents)
+        assert all(rating.games >= 12 for rating in result.ratings)
+
+    @pytest.mark.parametrize("scenario", ["ffa-3", "ffa-4", "ffa-8", "uneven"])
+    def test_a_league_of_many_that_grows_is_a_fresh_one_of_its_size(self, tmp_path, scenario):
+        names = ("random", "scorer", "finisher", "idle")
+        for games in (3, 10):
+            grown = play_league(tmp_path / "a", *names, scenario=scenario, games_per_pair=games)
+        fresh = play_league(tmp_path / "b", *names[::-1], scenario=scenario, games_per_pair=games)
+        assert grown.text == fresh.text
+
+    def test_each_map_seed_is_played_by_everybody_in_every_seat(self, tmp_path):
+        for seating, games in (("ring", 4), ("all", 24)):
+            folder = tmp_path / seating
+            play_league(
+                folder, "idle", "random", "scorer", "finisher", games_per_pair=4, seating=seating
+            )
+            stored = LeagueStore(folder / "league.sqlite").read_games()
+            for block in np.unique(stored.blocks):
+                seated = stored.agents[stored.blocks == block]
+                assert len(seated) == games
+                for seat in range(4):
+                    assert set(np.bincount(seated[:, seat])[1:]) == {games // 4}
+
+    def test_a_league_of_another_seating_is_refused(self, tmp_path):
+        play_league(tmp_path, "idle", "random", games_per_pair=4)
+        with pytest.raises(
+            LeagueStoreError, match="a league with seating = .ring.*cannot be mixed"
+        ):
+            play_league(tmp_path, "idle", "random", games_per_pair=4, seating="all")
+
+    def test_newcomers_play_a_ladder_that_is_not_played_again(self, tmp_path):
+        play_league(tmp_path, "random", "idle", "scorer", scenario="duel", games_per_pair=8)
+        result = play_league(
+            tmp_path,
+            "finisher",
+            ladder=("random", "idle", "scorer"),
+            scenario="duel",
+            games_per_pair=16,
+        )
+        games = {rating.name: rating.games for rating in result.ratings}
+        assert games["finisher"] <= 48
+        assert games["random"] <= 8 + 8 + 16
+        assert report_stored(tmp_path).ratings == result.ratings
+
+    def test_repeats_are_counted_once(self, tmp_path):
+        changes = {"scenario": "duel", "scenario_options": {"gain": 0}}
+        short = play_league(tmp_path / "a", "idle", "scorer", games_per_pair=8, **changes)
+        long = play_league(tmp_path / "b", "idle", "scorer", games_per_pair=80, **changes)
+        assert short.ratings == long.ratings
+        assert {rating.games for rating in long.ratings} == {2}
+        assert "78 of 80" in long.text
+
+    def test_the_command_tells_rates_and_exports_what_is_stored(self, tmp_path, capsys):
+        folder = str(tmp_path / "a")
+        words = ["league", "random", "scorer", "idle", "--game", last_standing.NAME]
+        assert main([*words, "--scenario", "ffa-3", "--games", "6", "--out", folder]) == 0
+        ladder = capsys.readouterr().out.splitlines()[:5]
+        assert main(["league", "status", folder]) == 0
+        told = capsys.readouterr().out
+        assert "3 agents, 6 games in 1 blocks" in told
+        assert "idle: 6 games; bot, scripted" in told
+        assert main(["league", "report", folder]) == 0
+        assert capsys.readouterr().out.splitlines()[:5] == ladder
+        assert main(["league", "export", folder, "--format", "json"]) == 0
+        assert len(list((tmp_path / "a" / "export").glob("*.json"))) == 4
+        assert main(["league", "status", str(tmp_path / "b")]) == 2
+        assert "is not there: give the folder of a league" in capsys.readouterr().err
+
+    @pytest.mark.parametrize("words", [["--time", "10"], ["--time", "m"], ["--workers", "0"]])
+    def test_bad_words_are_refused_before_any_game(self, tmp_path, words):
+        folder = tmp_path / "a"
+        league = ["league", "random", "idle", "--game", last_standing.NAME, "--out", str(folder)]
+        assert main([*league, *words]) == 2
+        assert not folder.exists()
+
+    def test_the_adaptive_command_stops(self, tmp_path, capsys):
+        words = ["league", "random", "scorer", "--game", last_standing.NAME, "--scenario", "duel"]
+        assert main([*words, "--ci", "150", "--games", "64", "--out", str(tmp_path / "a")]) == 0
+        assert "What a seat adds to a rating" in capsys.readouterr().out

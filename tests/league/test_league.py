@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -19,10 +20,16 @@ from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.store import LeagueStoreError
 from marl_cair.lookup import UnknownNameError
-from tests.league.players import GAME, FailingAgent, InterruptedLeagueError, save_network
+from tests.league.players import (
+    GAME,
+    FailingAgent,
+    InterruptedLeagueError,
+    load_changed,
+    save_network,
+)
 
 ROOT = Path(__file__).parents[2]
-TABLES = ("ladder.csv", "winrates.csv", "ladder.txt")
+TABLES = ("ladder.csv", "winrates.csv", "differences.csv", "ladder.txt")
 
 
 def make_config(folder, **changes):
@@ -43,8 +50,9 @@ def read(folder):
 def read_games(folder):
     """All stored games by the agents' fingerprints."""
     query = (
-        "SELECT a.fingerprint, b.fingerprint, block, first_seat, winner, g.fingerprint FROM game g "
-        "JOIN agent a ON a.id = first JOIN agent b ON b.id = second ORDER BY 1, 2, 3, 4"
+        "SELECT b.number, g.number, trajectory, decisions, t.team, a.fingerprint, t.points "
+        "FROM team t JOIN game g ON g.id = t.game JOIN block b ON b.id = g.block "
+        "JOIN agent a ON a.id = t.agent ORDER BY trajectory, b.number, g.number, t.team"
     )
     # Read-only: opening it otherwise would make the file before the league does.
     database = sqlite3.connect(f"file:{folder / 'league.sqlite'}?mode=ro", uri=True)
@@ -117,36 +125,56 @@ def test_an_interrupted_league_goes_on_to_the_same_tables(tmp_path, calls):
     assert read(tmp_path / "a") == read(tmp_path / "b")
 
 
-def test_a_killed_league_goes_on_to_the_same_tables(tmp_path):
+def test_a_league_that_is_killed_again_and_again_goes_on_to_the_same_tables(tmp_path):
     words = ["league", "random", "economist", "turtle", "--scenario", "11x11", "--games", "400"]
     words += ["--out", str(tmp_path / "a")]
     code = f"import sys; from marl_cair.cli import main; sys.exit(main({words!r}))"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    moments = np.random.default_rng(time.time_ns()).uniform(0.0, 0.4, 3).tolist()
 
     def start():
         return subprocess.Popen(
             [sys.executable, "-c", code], env=environment, stderr=subprocess.PIPE, text=True
         )
 
-    process = start()
-    while not _has_games(tmp_path / "a"):
-        assert process.poll() is None, process.stderr.read()
-        time.sleep(0.005)
-    process.kill()
-    process.communicate()
-    assert not (tmp_path / "a" / "ladder.txt").exists()
+    held = 0
+    for moment in moments:
+        process = start()
+        while process.poll() is None and _count_games(tmp_path / "a") <= held:
+            time.sleep(0.005)
+        time.sleep(moment)
+        process.kill()
+        process.communicate()
+        held = _count_games(tmp_path / "a")
+        assert held % 8 == 0, moments  # whole chunks
     again = start()
     _, told = again.communicate()
-    assert again.returncode == 0, told
+    assert again.returncode == 0, (moments, told)
     play(tmp_path / "b", games_per_pair=400)
+    assert read(tmp_path / "a") == read(tmp_path / "b"), moments
+    assert read_games(tmp_path / "a") == read_games(tmp_path / "b"), moments
+
+
+@pytest.mark.parametrize("changes", [{}, {"half_width_elo": 120.0, "games_per_pair": 60}])
+def test_the_number_of_workers_changes_nothing(tmp_path, changes):
+    play(tmp_path / "a", workers=2, **{"games_per_pair": 40, **changes})
+    play(tmp_path / "b", **{"games_per_pair": 40, **changes})
     assert read(tmp_path / "a") == read(tmp_path / "b")
+    assert read_games(tmp_path / "a") == read_games(tmp_path / "b")
 
 
-def _has_games(folder):
+def test_an_agent_that_is_another_in_the_workers_is_refused(tmp_path):
+    config = make_config(tmp_path / "a", agents=("random", "rusher", "turtle"), workers=2)
+    with pytest.raises(OSError, match=r"^rusher changed while the league was starting its work"):
+        run_league(config, load_changed, show_progress=False)
+    assert read_games(tmp_path / "a") == []
+
+
+def _count_games(folder):
     try:
-        return bool(read_games(folder))
+        return len(read_games(folder)) // 2
     except sqlite3.OperationalError:  # not there yet, or without tables
-        return False
+        return 0
 
 
 def test_a_league_of_other_settings_is_not_mixed_in(tmp_path):
@@ -197,12 +225,18 @@ def test_an_unknown_agent_stops_the_league_before_any_game(tmp_path):
         ({"agents": ("random",)}, "a league needs two or more"),
         ({"agents": ("random", "random")}, "random is given twice"),
         ({"games_per_pair": 3}, r"games_per_pair \(--games\) is 3, it must be even"),
-        ({"games_per_pair": 0}, r"games_per_pair \(--games\) is 0, it must be even and 2 or more"),
+        ({"games_per_pair": 0}, r"games_per_pair \(--games\) is 0, it must be 1 or more"),
+        ({"workers": 0}, "workers is 0, it must be 1 or more"),
+        ({"half_width_elo": -5.0}, r"half_width_elo \(--ci\) is -5.0, it must be a finite number"),
+        ({"max_seconds": float("nan")}, r"max_seconds \(--time\) is nan, it must be a finite"),
+        ({"agents": ("random",), "ladder": ("random",)}, "random is given twice"),
+        ({"agents": (), "ladder": ("random", "turtle")}, "all agents are on the ladder"),
+        ({"seating": "square"}, "seating is 'square', it must be one of ring, all"),
     ],
 )
 def test_bad_settings_are_refused(tmp_path, changes, message):
     with pytest.raises(ValueError, match=message):
-        make_config(tmp_path, **changes)
+        play(tmp_path / "league", **changes)
 
 
 class TestCheckpoints:
@@ -226,6 +260,14 @@ class TestCheckpoints:
             "zz",
         }
         assert read_games(tmp_path / "league") == before
+
+    def test_networks_and_agents_of_others_play_the_same_games_in_workers(self, tmp_path):
+        networks = [save_network(tmp_path / name, seed=len(name)) for name in ("one", "three")]
+        agents = ("random", "tests.league.players:make_first_legal", *networks)
+        play(tmp_path / "a", agents=agents, workers=2, games_per_pair=16)
+        play(tmp_path / "b", agents=agents, games_per_pair=16)
+        assert read(tmp_path / "a") == read(tmp_path / "b")
+        assert read_games(tmp_path / "a") == read_games(tmp_path / "b")
 
     def test_other_weights_play_their_own_games(self, tmp_path):
         one = save_network(tmp_path / "a" / "latest", seed=1)

@@ -21,7 +21,7 @@ def tell(capsys, *words, code=0):
 
 
 def test_a_match_of_many_stands_beside_the_fair_share(capsys):
-    told = tell(capsys, "match", "finisher", "idle", "scenario=ffa-3", "games=10")
+    told = tell(capsys, "match", "finisher", "idle", "scenario=ffa-3", "games=10", "gain=0")
     assert told.splitlines() == [
         "A = finisher, B = idle on last_standing ffa-3",
         "ffa-3  A in one seat, B in the other 2: 4 map seeds, once in each",

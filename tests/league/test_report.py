@@ -7,21 +7,27 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from marl_cair.league.ratings import rate
+from marl_cair.league.ratings import Games, rate
 from marl_cair.league.report import describe_league, make_table, write_report
 
 NAMES = ["turtle", "economist", "rusher", "random"]
 EDGES = {(0, 1): 25, (0, 2): 40, (0, 3): 40, (1, 2): 40, (1, 3): 40, (2, 3): 30}
 
 
-def make(results=EDGES, names=NAMES, distinct=40, draws=0):
+def make(results=EDGES, names=NAMES, repeats=0, draws=0, forfeits=()):
+    """40 games of each pair, half of them in each seat; the last `repeats` are not counted."""
     rows = []
-    for (first, second), wins in results.items():
+    for number, ((first, second), wins) in enumerate(results.items()):
         scores = [1.0] * wins + [0.5] * draws + [0.0] * (40 - wins - draws)
-        rows += [(first, second, game // 2, score) for game, score in enumerate(scores)]
-    games = np.array(rows)
-    size = len(names)
-    return make_table(names, games, rate(names, games), np.full((size, size), distinct))
+        for game, score in enumerate(scores):
+            agents, ranks = (first, second), (2.0 - score, 1.0 + score)
+            turn = -1 if game % 2 else 1
+            rows.append(
+                (agents[::turn], ranks[::turn], 20 * number + game // 2, game >= 40 - repeats)
+            )
+    agents, ranks, blocks, is_repeat = (np.array(column) for column in zip(*rows, strict=True))
+    games = Games(agents, 2.0 - ranks, ranks, blocks, is_repeat)
+    return make_table(names, games, rate(names, games), forfeits)
 
 
 def read_cells(folder, name):
@@ -61,8 +67,41 @@ def test_half_points_reach_the_intervals(tmp_path):
 
 
 def test_repeated_games_are_told():
-    assert "rusher v random 2 of 40" in describe_league(make(distinct=2)).replace("\n", " ")
-    assert "Games that differ" not in describe_league(make())
+    text = describe_league(make(dict.fromkeys(EDGES, 25), repeats=6)).replace("\n", " ")
+    assert "rusher v random 6 of 40" in text
+    assert "move by move" not in describe_league(make())
+
+
+def test_forfeits_are_told_with_their_reasons():
+    told = describe_league(make(forfeits=(("mine crashed in act: KeyError: 3", 4),)))
+    assert "Games forfeited, which count as lost\n  4: mine crashed in act: KeyError: 3" in told
+    assert "forfeited" not in describe_league(make())
+
+
+def test_differences_are_told_in_words():
+    text = describe_league(make({**dict.fromkeys(EDGES, 30), (0, 1): 20}))
+    assert "turtle and economist cannot be told apart: +0 [-" in text or (
+        "economist and turtle cannot be told apart: +0 [-" in text
+    )
+    assert "is stronger than rusher: +" in text
+    assert "or more (no point went the other way)" in describe_league(make())
+
+
+def test_differences_of_all_pairs_are_written(tmp_path):
+    write_report(tmp_path, make(), "")
+    rows = {(r["agent"], r["opponent"]): r for r in read_cells(tmp_path, "differences.csv")}
+    assert len(rows) == 12
+    assert rows["turtle", "random"]["bound"] == "lower"
+    assert rows["random", "turtle"]["bound"] == "upper"
+    assert float(rows["turtle", "economist"]["elo"]) == -float(rows["economist", "turtle"]["elo"])
+
+
+def test_no_number_of_the_report_is_infinite():
+    table = make({(0, 1): 39, (0, 2): 40, (1, 2): 20}, ["a", "b", "random"])
+    text = describe_league(table)
+    assert "inf" not in text
+    assert ">+" in text  # an end that only the prior holds
+    assert "an end that only the prior holds" in text.replace("\n", " ")
 
 
 @pytest.mark.parametrize("results", [EDGES, dict.fromkeys(EDGES, 40)])

@@ -32,7 +32,7 @@ def tiny(folder, frames=2_560, **changes):
         policy=QNetworkConfig(hidden_width=32),
         game=GameSettings(scenario="11x11", options={"max_ticks": 300}),
         opponent=OpponentSettings(
-            {"latest": 0.3, "pool": 0.4, "counter": 0.3},
+            {"latest": 0.3, "uniform": 0.2, "pfsp": 0.2, "counter": 0.3},
             warmup_frames=256,
             snapshot_every_frames=512,
             pool_capacity=2,
@@ -58,7 +58,7 @@ def small(folder, scenario, mixture=None, frames=768, **changes):
         policy=QNetworkConfig(hidden_width=8),
         game=GameSettings("last_standing", scenario, reward="sparse"),
         opponent=OpponentSettings(
-            mixture or {"latest": 0.3, "random": 0.4, "pool": 0.3}, snapshot_every_frames=256
+            mixture or {"latest": 0.3, "random": 0.4, "uniform": 0.3}, snapshot_every_frames=256
         ),
         collector=CollectorSettings(num_worlds=8, steps_per_batch=16),
         exploration=ExplorationSettings(anneal_frames=NEVER),

@@ -101,7 +101,7 @@ def test_shown_games_count_neither_as_the_learners_wins_nor_as_its_actions(tmp_p
     whole = list(by_game(data))
     own = [game for game in whole if not game["player", "demonstrated"].any()]
     shown = [game for game in whole if game["player", "demonstrated"].any()]
-    row = run.statistics.report(run.book.names, run.spec.action_group_names)
+    row = run.statistics.report(run.book.name, run.spec.action_group_names)
     points, returns = zip(*(_count(game, run) for game in own), strict=True)
     assert row["episodes/finished"] == len(own) > 10
     assert row["collect_win_rate/random"] == pytest.approx(np.mean(points))

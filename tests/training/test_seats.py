@@ -1,13 +1,16 @@
 """Seats in training: teams, seats that are out, nobody to meet; on the test game and its bots."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
 
+from marl_cair.league.opponents import LATEST_ID
 from marl_cair.replay.transition import NO_OPPONENT
 from marl_cair.training.config import LearnerSettings, ReplaySettings
 from marl_cair.training.metrics import read_log
-from marl_cair.training.opponents import LATEST_ID
+from marl_cair.training.opponents import make_bots
 from marl_cair.training.rollout import make_rollout
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
@@ -77,7 +80,8 @@ def test_against_itself_the_learner_plays_every_seat_that_is_in(tmp_path, scenar
 
 def test_a_seat_that_is_out_plays_the_no_op_and_nobody_is_asked_for_it(tmp_path):
     run = make_run(tmp_path, "ffa-4", {"random": 1.0})
-    (bot,) = run.book.bots.values()
+    (member,) = run.book.pool.members
+    bot = run.book.pool.agent(member.number)
     data = collect(run)
     out = data["player", "done"].squeeze(-1)
     assert out.any()
@@ -88,8 +92,8 @@ def test_a_seat_that_is_out_plays_the_no_op_and_nobody_is_asked_for_it(tmp_path)
 
 @pytest.mark.parametrize("scenario", ["alone", "together"])
 def test_without_rivals_the_learner_plays_alone_whatever_the_mixture(tmp_path, scenario, capsys):
-    run = make_run(tmp_path, scenario, {"random": 0.5, "pool": 0.5})
-    assert run.book.bots == {}
+    run = make_run(tmp_path, scenario, {"random": 0.5, "uniform": 0.5})
+    assert run.book.pool.members == []
     data = collect(run)
     assert data["player", "learned"].all()
     assert (data["player", "opponent"] == NO_OPPONENT).all()
@@ -105,9 +109,14 @@ def test_bots_that_are_not_met_need_not_fit_the_scenario(tmp_path, monkeypatch):
 
     monkeypatch.setitem(GAME.bots, "scorer", refuse)
     make_run(tmp_path / "a", "ffa-3", {"latest": 1.0}).close()
-    for name in ("scorer", "scripted"):
-        with pytest.raises(ValueError, match="the bot cannot play this"):
-            make_run(tmp_path / name, "ffa-3", {name: 1.0})
+    with pytest.raises(ValueError, match="cannot play this; or leave 'scorer' out of opponent.mix"):
+        make_run(tmp_path / "b", "ffa-3", {"scorer": 1.0, "bots": 1.0})
+    run = make_run(tmp_path / "c", "ffa-3", {"bots": 1.0})
+    assert {member.name for member in run.book.pool.members} == set(GAME.bots) - {"scorer"}
+    run.close()
+    without_players = dataclasses.replace(GAME, bots={"scorer": refuse})
+    with pytest.raises(ValueError, match="cannot play this; or leave 'bots' out of opponent.mixtu"):
+        make_bots({"bots"}, without_players, GAME.scenario("ffa-3"))
 
 
 # --- what is stored --------------------------------------------------------------------------
@@ -215,7 +224,7 @@ def test_win_rates_are_the_points_of_the_learners_team(tmp_path, scenario):
     data = collect(run)
     run.router(data[:, -1]["next"])  # the statistics hear of a step with the next
     points, returns = count_by_hand(data, teams)
-    row = run.statistics.report(run.book.names, run.spec.action_group_names)
+    row = run.statistics.report(run.book.name, run.spec.action_group_names)
     assert row["episodes/finished"] == len(points) > 30
     assert row["collect_win_rate/random"] == pytest.approx(np.mean(points))
     assert row["episodes/return"] == pytest.approx(np.mean(returns), abs=1e-6)
@@ -225,7 +234,7 @@ def test_only_decisions_of_the_learners_seats_that_are_in_count_as_actions(tmp_p
     run = make_run(tmp_path, "ffa-4", {"scorer": 1.0})
     data = collect(run)
     run.router(data[:, -1]["next"])
-    row = run.statistics.report(run.book.names, run.spec.action_group_names)
+    row = run.statistics.report(run.book.name, run.spec.action_group_names)
     chosen = data["player", "action"][data["player", "learned"]]
     for action, name in enumerate(GAME.make_spec(run.scenario).action_group_names):
         expected = (chosen == action).float().mean().item()
@@ -237,7 +246,7 @@ def test_without_rivals_returns_are_reported_and_no_win_rates(tmp_path):
     data = collect(run)
     run.router(data[:, -1]["next"])
     _, returns = count_by_hand(data, run.spec.team_of_seat)
-    row = run.statistics.report(run.book.names, run.spec.action_group_names)
+    row = run.statistics.report(run.book.name, run.spec.action_group_names)
     assert row["episodes/return"] == pytest.approx(np.mean(returns), abs=1e-6)
     assert not any(name.startswith("collect_win_rate") for name in row)
 

@@ -29,11 +29,10 @@ from marl_cair.training.config import (
     ReplaySettings,
     TrainConfig,
 )
-from marl_cair.training.config_file import load_config
+from marl_cair.training.config_file import build_config, load_config
 from marl_cair.training.evaluation import evaluate_against_bots
 from marl_cair.training.learner import Learner
 from marl_cair.training.metrics import read_log
-from marl_cair.training.opponents import FIRST_SNAPSHOT_ID, LATEST_ID, OpponentBook
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
 from tests.replay.streams import make_transitions
@@ -152,42 +151,6 @@ def test_an_opponent_stays_for_the_whole_game(tmp_path):
     run.close()
 
 
-def make_pool(**settings):
-    """An empty pool, and a small network to freeze into it."""
-    scenario = GAME.scenario("11x11")
-    spec = GAME.make_spec(scenario)
-    shape = spec.representations["planes"].shape
-    network = make_q_network(QNetworkConfig(hidden_width=8), shape, spec.num_actions, seed=0)
-    settings = OpponentSettings({"pool": 1.0}, **settings)
-    return OpponentBook(settings, GAME, scenario, "planes", seed=0), network
-
-
-def test_the_pool_is_thinned_and_keeps_those_still_in_play():
-    book, network = make_pool(pool_capacity=3, pool_active=2)
-    assert book.draw(4, 0).tolist() == [LATEST_ID] * 4
-    for frames in (10, 20, 30, 40):
-        book.add_snapshot(network, frames)
-    assert [kept.frames for kept in book.snapshots] == [10, 30, 40]
-    assert book.agent(FIRST_SNAPSHOT_ID + 1).name == "snapshot-20"
-    book.forget_unused(np.array([FIRST_SNAPSHOT_ID], np.int16))
-    assert book.retired == []
-    assert set(book.draw(50, 0).tolist()) == set(book.active)
-    assert len(book.active) == 2
-
-
-def test_the_pool_covers_the_whole_run_evenly(monkeypatch):
-    """No gap is more than 2.5 times what equal gaps would be, however long the run."""
-    monkeypatch.setattr("marl_cair.training.opponents.deepcopy", lambda network: network)
-    book, network = make_pool(pool_capacity=8, pool_active=1)
-    for number in range(1, 200):
-        book.add_snapshot(network, 50_000 * number + number % 3)
-        book.forget_unused(np.array([], np.int16))
-        at = [kept.frames for kept in book.snapshots]
-        if number > 8:
-            assert (at[0], at[-1]) == (50_001, 50_000 * number + number % 3)
-            assert max(np.diff(at)) <= 2.5 * (at[-1] - at[0]) / 7
-
-
 def test_gradients_reach_every_parameter_of_both_networks(tmp_path):
     for body in ("conv", "capsule"):
         run = TrainingRun(tiny(tmp_path / body, policy=QNetworkConfig(body=body)))
@@ -277,6 +240,7 @@ def test_the_learner_beats_random_on_a_small_board(tmp_path):
         synthetic_fraction=0.0,
         policy=QNetworkConfig(hidden_width=64),
         game=GameSettings(options={"rows": 8, "columns": 9}),
+        opponent=OpponentSettings({"random": 1.0}),
         collector=CollectorSettings(num_worlds=32, steps_per_batch=16),
         exploration=ExplorationSettings(anneal_frames=12_000),
         learner=LearnerSettings(batch_size=64, frames_per_update=16, learning_rate=1e-3),
@@ -311,14 +275,35 @@ def test_the_log_holds_both_kinds_of_loss_and_the_action_shares(tmp_path):
         (lambda: OpponentSettings({}), "one or more weights"),
         (lambda: OpponentSettings({"random": -1.0}), "it must be 0 or more"),
         (lambda: TrainConfig(opponent=OpponentSettings({"conter": 1.0})), "nearest are 'counter'"),
+        (
+            lambda: TrainConfig(opponent=OpponentSettings({"pool": 1.0})),
+            "opponent.mixture is 'pool', it must be called 'uniform' now",
+        ),
+        (
+            lambda: TrainConfig(opponent=OpponentSettings(warmup_mixture={"scripted": 1.0})),
+            "opponent.warmup_mixture is 'scripted', it must be called 'bots' now",
+        ),
+        (
+            lambda: build_config({"opponent": {"pool_recency": 3.0}}),
+            "opponent.pool_recency is called opponent.recency now; a run of a marl_cair from bef",
+        ),
         (lambda: LearnerSettings(gamma=1.5), "learner.gamma is 1.5"),
         (lambda: LearnerSettings(target="sof"), "nearest are 'soft'"),
         (lambda: ReplaySettings(10, min_transitions=20), "it must be 20 or more"),
         (lambda: GeneratorSettings(name="gan"), "unknown generator 'gan'"),
         (lambda: EvaluationSettings(games=0), "evaluation.games is 0, it must be 1 or more"),
         (lambda: TrainConfig(torch_threads=0), "torch_threads is 0, it must be 1 or more"),
-        (lambda: OpponentSettings({"pool": float("inf")}), "it must be 0 or more"),
+        (lambda: OpponentSettings({"uniform": float("inf")}), "it must be 0 or more"),
         (lambda: OpponentSettings(warmup_frames=-5), "opponent.warmup_frames is -5"),
+        (lambda: OpponentSettings(delta=1.0), "opponent.delta is 1.0, it must be 0 or more, below"),
+        (lambda: OpponentSettings(half_life_frames=0), "opponent.half_life_frames is 0"),
+        (lambda: OpponentSettings(snapshot_margin=0.5), "opponent.snapshot_margin is 0.5"),
+        (lambda: OpponentSettings(prior_games=0), "opponent.prior_games is 0"),
+        (lambda: OpponentSettings(agents={"pfsp": "a:b"}), "opponent.agents is 'pfsp'"),
+        (
+            lambda: TrainConfig(opponent=OpponentSettings(agents={"counter": "a:b"})),
+            "opponent.agents is 'counter', it must be another name than the game's bots have",
+        ),
         (lambda: GameSettings(options={"reward": "sparse"}), "left out: set game.reward"),
         (lambda: GameSettings(options={"shaping_discount": 0.9}), "left out: set learner.gamma"),
         (

@@ -1,0 +1,104 @@
+"""The maximum-entropy Nash equilibrium of a symmetric zero-sum game of two players."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog, minimize
+from scipy.special import logsumexp, softmax
+
+_TOLERANCE = 1e-9  # of a game's largest payoff
+
+
+def exploitability(payoff: NDArray[np.float64], mixture: NDArray[np.float64]) -> float:
+    """What the best row gains against `mixture` [K] in the antisymmetric `payoff` [K, K]."""
+    return float((payoff @ mixture).max()) if len(mixture) else 0.0
+
+
+def maximum_entropy_nash(payoff: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The mixture [K] that no row beats, of all such the one of the highest entropy: it is unique.
+
+    payoff: float64 [K, K], what row gains against column, antisymmetric (less what is given for an
+    even game). Balduzzi et al. 2018, "Re-evaluating evaluation". Linear programs find which rows
+    play in some equilibrium; the mixture of highest entropy then has the form
+    softmax(payoff @ multipliers) over them, and is found by minimising its dual.
+
+    Raises:
+        ValueError: not square, not antisymmetric, or not finite.
+    """
+    _check(payoff)
+    scale = float(np.abs(payoff).max()) if len(payoff) else 0.0
+    if scale == 0.0:
+        return np.full(len(payoff), 1.0 / max(1, len(payoff)))
+    matrix = payoff / scale
+    inner = _find_inner_equilibrium(matrix)
+    support = np.flatnonzero(inner > 1e-7)
+    spread = _spread_over(matrix, support)
+    # Where the dual does not converge, the mean of the programs' corners is an equilibrium too.
+    return spread if exploitability(matrix, spread) <= 1e-6 else inner
+
+
+def _check(payoff: NDArray[np.float64]) -> None:
+    if payoff.ndim != 2 or payoff.shape[0] != payoff.shape[1]:
+        raise ValueError(f"payoffs have shape {list(payoff.shape)}, they must be [K, K]")
+    if not np.isfinite(payoff).all():
+        raise ValueError("payoffs must be finite numbers")
+    if not np.allclose(payoff, -payoff.T, atol=1e-8):
+        raise ValueError(
+            "payoffs are not antisymmetric (what row gains, column loses): subtract what is given "
+            "for an even game"
+        )
+
+
+def _find_inner_equilibrium(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """An equilibrium [K] in which every row plays that plays in any: the mean of those in which
+    each row in turn plays as much as it can.
+    """
+    size = len(matrix)
+    corners = []
+    seen = np.zeros(size, np.bool_)
+    for row in range(size):
+        if seen[row]:
+            continue
+        aim = np.zeros(size)
+        aim[row] = -1.0
+        found = linprog(
+            aim,
+            A_ub=matrix,
+            b_ub=np.full(size, _TOLERANCE),
+            A_eq=np.ones((1, size)),
+            b_eq=[1.0],
+            method="highs",
+        )
+        if found.status != 0:
+            raise ArithmeticError(f"the linear program of row {row} failed: {found.message}")
+        corner = np.maximum(found.x, 0.0)
+        corners.append(corner / corner.sum())
+        seen |= corner > 1e-7
+    mean = np.mean(corners, axis=0)
+    inner: NDArray[np.float64] = mean / mean.sum()
+    return inner
+
+
+def _spread_over(matrix: NDArray[np.float64], support: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Highest entropy over `support` where its rows gain 0 and no other row gains: the dual, whose
+    gradient is what the rows gain.
+    """
+    columns = matrix[:, support]
+    bounds = [(None if row in set(support.tolist()) else 0.0, None) for row in range(len(matrix))]
+
+    def dual(multipliers: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        logits = -multipliers @ columns
+        return float(logsumexp(logits)), -columns @ softmax(logits)
+
+    found = minimize(
+        dual,
+        np.zeros(len(matrix)),
+        jac=True,
+        bounds=bounds,
+        method="L-BFGS-B",
+        options={"maxiter": 5_000, "maxfun": 20_000, "ftol": 0.0, "gtol": 1e-10},
+    )
+    mixture = np.zeros(len(matrix))
+    mixture[support] = softmax(-found.x @ columns)
+    return mixture

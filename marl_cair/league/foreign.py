@@ -1,0 +1,144 @@
+"""Agents of other people: any object with `act`, named `package.module:function`.
+
+What they get wrong costs them the game and nothing else: a crash, or an answer of a wrong shape,
+forfeits the games that they were asked about, an illegal action the game that it was meant for.
+In training, where nobody could win by that, it ends the run (`require_answers`).
+There is no time limit: an agent that never answers stops the league, which goes on when started
+again without it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.game import Agent, GameSpec
+from marl_cair.league.playing import FORFEIT
+from marl_cair.lookup import find_by_name
+
+
+class ForeignAgentError(ValueError):
+    """A foreign agent that cannot be found or made, or gives up where it must not."""
+
+
+class ForeignAgent:
+    """An object with `act(observation, action_mask)` as an agent that may forfeit.
+
+    `act` gives FORFEIT in each row that it loses, and `failure` says why. The object may have
+    `name`, `representation` (default: the game's first), and, to be repeatable where it draws at
+    random, `seed`, `state_dict` and `load_state_dict` (see `games.game.Agent`).
+
+    Args:
+        agent: the object.
+        source: what it is called where it has no `name`.
+        spec: of the scenario that it is to play.
+        fingerprint: of its code.
+
+    Raises:
+        ForeignAgentError: it has no `act`; UnknownNameError: the game has no such representation.
+    """
+
+    def __init__(self, agent: Any, source: str, spec: GameSpec, fingerprint: str) -> None:
+        if not callable(getattr(agent, "act", None)):
+            raise ForeignAgentError(
+                f"{source} gave {type(agent).__name__} without `act(observation, action_mask)`: "
+                "see marl_cair.games.game.Agent"
+            )
+        self.name = str(getattr(agent, "name", source))
+        first = next(iter(spec.representations))
+        self.representation = str(getattr(agent, "representation", first))
+        find_by_name(f"representation of {source}", self.representation, spec.representations)
+        self.fingerprint = fingerprint
+        self.failure = ""
+        self._agent, self._shape, self._broken = agent, spec.action_shape, ""
+
+    def seed(self, seed: int) -> None:
+        self._broken = ""
+        if hasattr(self._agent, "seed"):
+            self._try("seed", seed)
+
+    def state_dict(self) -> dict[str, Any]:
+        held = self._try("state_dict") if hasattr(self._agent, "state_dict") else None
+        return {"agent": held, "broken": self._broken}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self._broken = state["broken"]
+        if not self._broken and hasattr(self._agent, "load_state_dict"):
+            self._try("load_state_dict", state["agent"])
+
+    def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+        lost = np.full((len(action_mask), *self._shape), FORFEIT, np.int64)
+        answer = None if self._broken else self._try("act", observation.copy(), action_mask.copy())
+        self.failure = self._broken
+        if self._broken:
+            return lost
+        try:
+            actions = np.asarray(answer)
+        except ValueError:  # rows of different lengths
+            actions = np.array(None)
+        if actions.shape != lost.shape or not np.issubdtype(actions.dtype, np.integer):
+            self.failure = (
+                f"answered {actions.dtype} of shape {list(actions.shape)}, asked for whole numbers "
+                f"of shape {list(lost.shape)}"
+            )
+            return lost
+        num_actions = action_mask.shape[-1]
+        is_known = (actions >= 0) & (actions < num_actions)
+        chosen = np.where(is_known, actions, 0).astype(np.int64)
+        is_legal = is_known & np.take_along_axis(action_mask, chosen[..., None], -1)[..., 0]
+        if not is_legal.all():
+            self.failure = f"played the illegal action {actions[~is_legal].flat[0]}"
+        return np.where(is_legal, chosen, FORFEIT)
+
+    def _try(self, method: str, *arguments: Any) -> Any:
+        try:
+            return getattr(self._agent, method)(*arguments)
+        except Exception as error:  # noqa: BLE001  # whatever foreign code raises
+            told = " ".join(str(error).split())[:200]
+            self._broken = f"crashed in {method}: {type(error).__name__}: {told}"
+            return None
+
+
+def require_answers(agent: Agent, actions: NDArray[np.int64]) -> None:
+    """Raise ForeignAgentError where the agent has forfeited one of `actions` [N, ...]."""
+    if (actions == FORFEIT).any():
+        told = getattr(agent, "failure", "gave up")
+        raise ForeignAgentError(
+            f"opponent {agent.name} {told}: mend it, or leave it out of opponent.mixture and "
+            "opponent.agents"
+        )
+
+
+def load_foreign(source: str, scenario: Any, spec: GameSpec) -> ForeignAgent:
+    """The agent that `package.module:function` makes when called with (scenario, spec).
+
+    The module is looked for where Python looks, and in the current folder. The fingerprint is of
+    the source of the module and the name: of another version the games are another agent's.
+
+    Raises:
+        ForeignAgentError: no such module or function, or making the agent has failed.
+    """
+    module_name, _, name = source.partition(":")
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)
+    try:
+        module = import_module(module_name)
+        make: Callable[[Any, GameSpec], Any] = getattr(module, name)
+        agent = make(scenario, spec)
+    except Exception as error:
+        raise ForeignAgentError(
+            f"{source} cannot be made ({type(error).__name__}: {error}): give module:function, "
+            "called with (scenario, spec), of a module that Python finds"
+        ) from error
+    file = getattr(module, "__file__", None)
+    code = Path(file).read_bytes() if file else b""
+    digest = hashlib.blake2b(source.encode() + b"\0" + code, digest_size=16)
+    return ForeignAgent(agent, source, spec, f"foreign {digest.hexdigest()}")

@@ -1,0 +1,322 @@
+"""`Pool`: the frozen opponents of a run by number: bots, foreign agents, snapshots on disk."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.checkpoint import AgentDescription, CheckpointError, load_network, save_agent
+from marl_cair.files import recover_folder, write_atomically
+from marl_cair.games.game import Agent, Game
+from marl_cair.league.agents import find_fingerprint
+from marl_cair.league.equilibrium import maximum_entropy_nash
+from marl_cair.league.records import EVEN, Evidence
+from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
+from marl_cair.policies.q_network import QNetwork
+
+BOT, FOREIGN, SNAPSHOT = "bot", "foreign", "snapshot"
+# Number 0 is the learner itself.
+FIRST_NUMBERS = {BOT: 1, FOREIGN: 500, SNAPSHOT: 1_000}
+INDEX_FILE = "pool.json"
+_FORMAT_VERSION = 1
+_SUPPORT = 0.01  # share of the Nash mixture from which on a snapshot is needed in it
+
+
+@dataclass(frozen=True)
+class Member:
+    """One frozen opponent.
+
+    Attributes:
+        number: by which games, records and the index know it.
+        name: of a bot, a foreign agent, or a snapshot's folder within the pool's.
+        kind: BOT, FOREIGN or SNAPSHOT.
+        frames: how long the learner had been trained when it was frozen; 0 of all others.
+        fingerprint: of a snapshot's network, `league.agents.find_fingerprint`; else empty.
+        met: what the learner had to show against each other member shortly before it was frozen.
+        is_retired: whether it is drawn no more.
+    """
+
+    number: int
+    name: str
+    kind: str
+    frames: int = 0
+    fingerprint: str = ""
+    met: Mapping[int, Evidence] = field(default_factory=dict)
+    is_retired: bool = False
+
+
+class Pool:
+    """Frozen opponents; snapshots lie as agents in `folder`, beside the index `pool.json`.
+
+    A snapshot is written whole before the index names it, the index whole before it takes the place
+    of the old one: after a crash at any moment the folder holds the pool before or after the
+    change, and perhaps a snapshot that the index does not name yet. A network is read when it is
+    first asked for, and refused if it is not the one that was frozen.
+
+    Where more than `capacity` snapshots play, one retires (`choose_retired`); its folder stays, as
+    an agent for leagues, and for a run that goes on from before. Bots and foreign agents stay.
+
+    Args:
+        folder: made with the first snapshot.
+        game, scenario: that is played.
+        representation: what snapshots look at.
+        capacity: most snapshots in play.
+        prior_games: even games that each estimate of `payoff` starts from.
+
+    Raises:
+        ValueError: no capacity.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        game: Game,
+        scenario: Any,
+        representation: str,
+        capacity: int,
+        prior_games: float = 2.0,
+    ) -> None:
+        if capacity < 1:
+            raise ValueError(f"the pool's capacity is {capacity}, it must be 1 or more")
+        self.folder, self.capacity = folder, capacity
+        self._game, self._prior_games = game, prior_games
+        self._representation = representation
+        self._groups = game.make_spec(scenario).action_groups
+        self._members: dict[int, Member] = {}
+        self._agents: dict[int, Agent] = {}  # bots, foreign agents, and the snapshots in use
+
+    # --- who is in it ------------------------------------------------------------------------
+
+    @property
+    def members(self) -> list[Member]:
+        """All that can be drawn: bots, foreign agents, snapshots, each in the order they came."""
+        return [member for member in self._members.values() if not member.is_retired]
+
+    @property
+    def snapshots(self) -> list[Member]:
+        """Those in play, oldest first."""
+        return [member for member in self.members if member.kind == SNAPSHOT]
+
+    def name(self, number: int) -> str:
+        """Of a member, retired or not. Raises ValueError where there is none of that number."""
+        return self._find(number).name
+
+    def is_snapshot(self, number: int) -> bool:
+        """Whether `number` is a snapshot's, in play or retired."""
+        return number >= FIRST_NUMBERS[SNAPSHOT]
+
+    def add(
+        self, kind: str, agent: Agent, seed: int, met: Mapping[int, Evidence] | None = None
+    ) -> int:
+        """Take in a bot or a foreign agent, its random generator seeded; returns its number.
+
+        met: what it has to show against the members that are here already, by number.
+
+        Raises:
+            ValueError: a member has that name.
+        """
+        if any(member.name == agent.name for member in self._members.values()):
+            raise ValueError(f"the pool has a member {agent.name!r} already: give another name")
+        number = self._next_number(kind)
+        agent.seed(seed + number)
+        self._members[number] = Member(number, agent.name, kind, met=met or {})
+        self._agents[number] = agent
+        return number
+
+    def add_snapshot(
+        self, network: QNetwork, about: AgentDescription, met: Mapping[int, Evidence]
+    ) -> Member:
+        """Freeze `network` as it is now, and retire a snapshot where there are too many.
+
+        about: what it is; `about.frames` names the folder. met: the learner's evidence by number.
+        """
+        number, name = self._next_number(SNAPSHOT), f"frames_{about.frames:010d}"
+        save_agent(self.folder / name, network, about)
+        # Read back, so that nothing of the learner is shared, and what plays is what lies on disk.
+        agent = self._load(name)
+        fingerprint = find_fingerprint(agent, self._game)
+        kept = {other: evidence for other, evidence in met.items() if evidence.games > 0}
+        member = Member(number, name, SNAPSHOT, about.frames, fingerprint, kept)
+        self._members[number], self._agents[number] = member, agent
+        if len(self.snapshots) > self.capacity:
+            retiring = self._choose_retired()
+            self._members[retiring.number] = replace(retiring, is_retired=True)
+        self.save_index()
+        return member
+
+    def _choose_retired(self) -> Member:
+        snapshots = self.snapshots
+        share = maximum_entropy_nash(self.payoff([kept.number for kept in snapshots]) - EVEN)
+        needed = np.flatnonzero(share > _SUPPORT).tolist()
+        return snapshots[choose_retired([kept.frames for kept in snapshots], needed)]
+
+    def _next_number(self, kind: str) -> int:
+        numbers = [member.number for member in self._members.values() if member.kind == kind]
+        return max(numbers, default=FIRST_NUMBERS[kind] - 1) + 1
+
+    def _find(self, number: int) -> Member:
+        if number not in self._members:
+            raise ValueError(f"the pool has no member {number}, only {sorted(self._members)}")
+        return self._members[number]
+
+    # --- how they play -----------------------------------------------------------------------
+
+    def agent(self, number: int) -> Agent:
+        """The member's agent; of a snapshot the network is read from disk if it is not in use.
+
+        Raises:
+            ValueError: no member has that number.
+            CheckpointError: the snapshot cannot be read, or is not the one that was frozen.
+        """
+        if number not in self._agents:
+            member = self._find(number)
+            agent = self._load(member.name)
+            found = find_fingerprint(agent, self._game)
+            if found != member.fingerprint:
+                raise CheckpointError(
+                    f"{self.folder / member.name} is not the network that was frozen (its "
+                    f"fingerprint is {found}, expected {member.fingerprint}): bring the folder "
+                    "back, or start a new run"
+                )
+            self._agents[number] = agent
+        return self._agents[number]
+
+    def release(self, in_use: Collection[int]) -> None:
+        """Forget the networks of snapshots other than `in_use`; they stay on disk."""
+        for number in [number for number in self._agents if number not in in_use]:
+            if self._members[number].kind == SNAPSHOT:
+                del self._agents[number]
+
+    def _load(self, name: str) -> PolicyActor:
+        network, _ = load_network(self.folder / name)
+        network.requires_grad_(False)
+        exploration = MaskedEpsilonGreedy(seed=0, action_groups=self._groups)
+        return PolicyActor(network, name, self._representation, exploration)
+
+    # --- how they compare --------------------------------------------------------------------
+
+    def payoff(self, numbers: Sequence[int]) -> NDArray[np.float64]:
+        """Scores to expect in 0..1 of row against column, float64 [K, K]; 1/2 is even.
+
+        Between a snapshot and who was there before it, what the learner had to show shortly before
+        it was frozen, exploration included; 1/2 where they have not met.
+        """
+        payoff = np.full((len(numbers), len(numbers)), EVEN)
+        places = {number: place for place, number in enumerate(numbers)}
+        for row, number in enumerate(numbers):
+            for other, evidence in self._find(number).met.items():
+                if other in places:
+                    score = evidence.estimate(self._prior_games)
+                    payoff[row, places[other]] = score
+                    payoff[places[other], row] = 1.0 - score
+        return payoff
+
+    def best_snapshot(self) -> Member | None:
+        """The one with the highest mean score against the others, the newest of equals."""
+        snapshots = self.snapshots
+        if not snapshots:
+            return None
+        means = self.payoff([kept.number for kept in snapshots]).mean(1)
+        return snapshots[int(np.flatnonzero(means >= means.max() - 1e-12)[-1])]
+
+    # --- on disk -----------------------------------------------------------------------------
+
+    def save_index(self) -> None:
+        """Write who is in the pool to `pool.json`, whole or not at all."""
+        text = json.dumps({"format_version": _FORMAT_VERSION, **self._index()}, indent=1) + "\n"
+        write_atomically(self.folder / INDEX_FILE, text)
+
+    def _index(self) -> dict[str, Any]:
+        """All snapshots, as plain data; bots and foreign agents are given anew by who opens it."""
+        return {
+            "snapshots": [
+                {
+                    "number": member.number,
+                    "name": member.name,
+                    "frames": member.frames,
+                    "fingerprint": member.fingerprint,
+                    "met": {str(number): list(kept) for number, kept in member.met.items()},
+                    "is_retired": member.is_retired,
+                }
+                for member in self._members.values()
+                if member.kind == SNAPSHOT
+            ]
+        }
+
+    def reopen(self) -> None:
+        """Take the snapshots from the index in `folder`, if there is one, in place of those here.
+
+        Raises:
+            CheckpointError: the index cannot be read.
+        """
+        path = self.folder / INDEX_FILE
+        if not path.is_file():
+            return
+        try:
+            record = json.loads(path.read_text("utf-8"))
+            if record["format_version"] != _FORMAT_VERSION:
+                raise ValueError(
+                    f"its format version is {record['format_version']}, this program reads "
+                    f"{_FORMAT_VERSION}"
+                )
+            self._take_index(record)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise CheckpointError(f"{path} cannot be read as a pool's index: {error!r}") from error
+
+    def _take_index(self, record: Mapping[str, Any]) -> None:
+        others = {n: kept for n, kept in self._members.items() if kept.kind != SNAPSHOT}
+        snapshots = {
+            int(saved["number"]): Member(
+                int(saved["number"]),
+                str(saved["name"]),
+                SNAPSHOT,
+                int(saved["frames"]),
+                str(saved["fingerprint"]),
+                {int(number): Evidence(*kept) for number, kept in saved["met"].items()},
+                bool(saved["is_retired"]),
+            )
+            for saved in record["snapshots"]
+        }
+        self._members = others | snapshots
+        self._agents = {n: agent for n, agent in self._agents.items() if n in others}
+        for member in snapshots.values():
+            recover_folder(self.folder / member.name)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The index, and the random generators of bots and foreign agents, as plain data."""
+        states = {
+            number: self._agents[number].state_dict()
+            for number, member in self._members.items()
+            if member.kind != SNAPSHOT
+        }
+        return {"index": self._index(), "agents": states}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from `state_dict`; the index on disk stays as it is until `save_index`.
+
+        Raises:
+            KeyError: a bot or foreign agent of then is not here.
+        """
+        for number, saved in state["agents"].items():
+            self._agents[number].load_state_dict(saved)
+        self._take_index(state["index"])
+
+
+def choose_retired(frames: Sequence[int], needed: Collection[int] = ()) -> int:
+    """Which of two or more snapshots retires, an index; `frames` [K] rise.
+
+    Never the oldest, the newest, or one of `needed` (those in the support of the Nash mixture: what
+    they know, no other does), unless that leaves nobody. Of the others the one that leaves the
+    smallest gap: what stays covers the whole training, more evenly than the newest K would.
+    """
+    if len(frames) < 3:
+        return 0
+    inner = range(1, len(frames) - 1)
+    free = [index for index in inner if index not in needed] or inner
+    return min(free, key=lambda index: (frames[index + 1] - frames[index - 1], index))

@@ -1,0 +1,88 @@
+"""`WinRecords`: how a learner does against each opponent, as evidence that fades with time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+EVEN = 0.5  # score of equals: a win counts 1, a draw 1/2
+
+
+class Evidence(NamedTuple):
+    """What is known of one pairing.
+
+    Attributes:
+        points: of the games, a win 1, a draw 1/2; faded, as the games are.
+        games: played, each weighing less the older it is.
+    """
+
+    points: float = 0.0
+    games: float = 0.0
+
+    def estimate(self, prior_games: float) -> float:
+        """The score to expect, in 0..1: `prior_games` even games are added to those played."""
+        total = self.games + prior_games
+        return (self.points + EVEN * prior_games) / total if total else EVEN
+
+
+class WinRecords:
+    """Games of the learner by the number of the opponent that played them.
+
+    A game's weight halves with every `half_life_frames` that the learner has trained since: an
+    opponent that has not been met for long is known no better than a new one, so that sampling by
+    win rate comes back to it.
+
+    Args:
+        half_life_frames: frames of training.
+        prior_games: even games that every estimate starts from.
+
+    Raises:
+        ValueError: a half-life or prior that is not above 0.
+    """
+
+    def __init__(self, half_life_frames: float, prior_games: float = 2.0) -> None:
+        for name, value in (("half_life_frames", half_life_frames), ("prior_games", prior_games)):
+            if not value > 0:
+                raise ValueError(f"{name} is {value!r}, it must be above 0")
+        self.half_life_frames, self.prior_games = half_life_frames, prior_games
+        self._faded: dict[int, tuple[float, float, int]] = {}  # points, games, frames then
+        self._counts: dict[int, int] = {}
+
+    def book(self, number: int, score: float, frames: int) -> None:
+        """One more game against `number`, which ended at `frames`: 1 won, 0 lost, 1/2 drawn.
+
+        Raises:
+            ValueError: a score outside 0..1.
+        """
+        if not 0.0 <= score <= 1.0:
+            raise ValueError(f"the score against opponent {number} is {score!r}, not in 0..1")
+        points, games = self.evidence(number, frames)
+        self._faded[number] = (points + score, games + 1.0, frames)
+        self._counts[number] = self.count(number) + 1
+
+    def evidence(self, number: int, frames: int) -> Evidence:
+        """Points and games against `number` as they weigh at `frames`; none for who was not met."""
+        points, games, then = self._faded.get(number, (0.0, 0.0, frames))
+        weight = 0.5 ** (max(0, frames - then) / self.half_life_frames)
+        return Evidence(points * weight, games * weight)
+
+    def estimate(self, number: int, frames: int) -> float:
+        """The score to expect against `number`, in 0..1."""
+        return self.evidence(number, frames).estimate(self.prior_games)
+
+    def count(self, number: int) -> int:
+        """Games against `number` in all, none faded."""
+        return self._counts.get(number, 0)
+
+    def clear(self) -> None:
+        """Forget everything booked."""
+        self._faded, self._counts = {}, {}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything booked, as plain data."""
+        return {"faded": dict(self._faded), "counts": dict(self._counts)}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from `state_dict`."""
+        self._faded = {number: tuple(kept) for number, kept in state["faded"].items()}
+        self._counts = dict(state["counts"])

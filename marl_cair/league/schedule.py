@@ -1,0 +1,73 @@
+"""Which line-ups play which chunks: each pair of agents as often as any other.
+
+Agents are numbered in the order of their fingerprints, so that no schedule depends on what they are
+called or on the order in which they were named.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Job(NamedTuple):
+    """A chunk of a line-up: the numbers of its agents in rising order, one for each team."""
+
+    line_up: tuple[int, ...]
+    chunk: int
+
+
+def schedule_meetings(
+    num_agents: int,
+    num_teams: int,
+    meetings: int,
+    games_per_chunk: int,
+    ladder: frozenset[int] = frozenset(),
+) -> list[Job]:
+    """Jobs after which all pairs have met in `meetings` games or more; a longer list begins so too.
+
+    Between two teams this is a round-robin. With more, each job starts from the pair that has met
+    least and adds who has met those in it least, so that a group of agents is as new as it can be.
+    Where there are fewer agents than teams, those who have played least are in a line-up twice.
+
+    ladder: agents that need not meet each other (a gauntlet: only the others' pairs are counted).
+
+    Raises:
+        ValueError: no two agents are to meet.
+    """
+    pairs = [
+        pair for pair in itertools.combinations(range(num_agents), 2) if not ladder.issuperset(pair)
+    ]
+    if not pairs:
+        raise ValueError(
+            "all agents are on the ladder, which is not played again: name an agent that is not"
+        )
+    met = np.zeros((num_agents, num_agents), np.int64)
+    chunks: Counter[tuple[int, ...]] = Counter()
+    jobs: list[Job] = []
+    while True:
+        pair = min(pairs, key=lambda pair: int(met[pair]))
+        if met[pair] >= meetings:
+            return jobs
+        line_up = fill_line_up(pair, num_teams, met)
+        for one, two in itertools.permutations(sorted(set(line_up)), 2):
+            met[one, two] += games_per_chunk
+        jobs.append(Job(line_up, chunks[line_up]))
+        chunks[line_up] += 1
+
+
+def fill_line_up(pair: tuple[int, int], num_teams: int, met: NDArray[np.int64]) -> tuple[int, ...]:
+    """The pair and, one by one, who has met those chosen least; met int [agents, agents] games."""
+    chosen = list(pair)
+    while len(chosen) < num_teams:
+        copies = Counter(chosen)
+        ranked = [
+            (copies[agent], int(met[agent, chosen].sum()), int(met[agent].sum()), agent)
+            for agent in range(len(met))
+        ]
+        chosen.append(min(ranked)[-1])
+    return tuple(sorted(chosen))

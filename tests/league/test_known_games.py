@@ -1,0 +1,114 @@
+"""Self-play where the answer is known: `latest` goes in circles, mixtures come to the equilibrium.
+
+The learner is the least there is: it tries each throw against whom the mixture draws, and freezes
+the one that earned most. The engine, the pool, the records and the samplers are the real ones.
+"""
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from marl_cair.games.engine import BatchedEngine
+from marl_cair.league.equilibrium import exploitability, maximum_entropy_nash
+from marl_cair.league.opponents import LATEST_ID, SamplerOptions, mix, read_standings
+from marl_cair.league.pool import FOREIGN, Pool
+from marl_cair.league.records import WinRecords
+from marl_cair.training.config import SELF_PLAY
+from tests.games.rock_paper_scissors import GAME, PAPER, ROCK, SCISSORS, Thrower, payoff
+
+WORLDS = 384
+WITHOUT_BOTS = {name: weight for name, weight in SELF_PLAY.items() if name != "bots"}
+
+
+def play(engine, own, theirs, seed):
+    """Rewards [WORLDS] of seat 0, and its scores."""
+    engine.reset(np.arange(WORLDS, dtype=np.uint64) + np.uint64(seed * WORLDS))
+    engine.step(np.stack([own, theirs], 1).astype(np.int32))
+    won = engine.rewards[:, 0].copy()
+    return won, (1.0 + won) / 2.0
+
+
+def run(tmp_path, scenario_name, mixture, generations):
+    """Freeze the best answer to the mixture, generation after generation."""
+    scenario = GAME.scenario(scenario_name)
+    engine = BatchedEngine(GAME, scenario, WORLDS)
+    pool = Pool(tmp_path / mixture_name(mixture), GAME, scenario, "vector", capacity=1)
+    records = WinRecords(half_life_frames=4 * WORLDS)
+    rng = np.random.default_rng(0)
+    throws = [ROCK]
+    for generation in range(generations):
+        frames = generation * WORLDS
+        standings = read_standings(pool, records, frames)
+        shares = mix(mixture, standings, SamplerOptions())
+        met = rng.choice(standings.numbers, WORLDS, p=shares)
+        theirs = np.full(WORLDS, throws[-1])
+        for number in set(met.tolist()) - {LATEST_ID}:
+            theirs[met == number] = pool.agent(number).throw
+        tried = rng.permutation(np.arange(WORLDS) % 3)
+        rewards, _ = play(engine, tried, theirs, 2 * generation)
+        throw = int(np.argmax([rewards[tried == action].mean() for action in range(3)]))
+        _, scores = play(engine, np.full(WORLDS, throw), theirs, 2 * generation + 1)
+        own = WinRecords(half_life_frames=WORLDS)  # of this throw alone
+        for number, score in zip(met.tolist(), scores.tolist(), strict=True):
+            if number != LATEST_ID:
+                records.book(number, score, frames)
+                own.book(number, score, frames)
+        kept = {number: own.evidence(number, frames) for number in set(met.tolist()) - {LATEST_ID}}
+        pool.add(FOREIGN, Thrower(f"generation_{generation}", throw), 0, kept)
+        throws.append(throw)
+    return SimpleNamespace(pool=pool, records=records, throws=throws[1:], scenario=scenario)
+
+
+def mixture_name(mixture):
+    return "_".join(mixture)
+
+
+def shares_of(throws):
+    return np.bincount(throws, minlength=3) / len(throws)
+
+
+@pytest.mark.parametrize("scenario", ["fair", "biased"])
+def test_latest_goes_in_circles(tmp_path, scenario):
+    """Each generation throws what beats the one before, whatever came before that: for ever."""
+    throws = run(tmp_path, scenario, {"latest": 1.0}, 60).throws
+    assert all(new == (old + 1) % 3 for old, new in itertools.pairwise(throws))
+
+
+def test_the_history_of_latest_is_no_equilibrium_where_throws_differ_in_worth(tmp_path):
+    done = run(tmp_path, "biased", {"latest": 1.0}, 60)
+    assert exploitability(payoff(done.scenario), shares_of(done.throws)) >= 0.2
+
+
+@pytest.mark.parametrize("scenario", ["fair", "biased"])
+@pytest.mark.parametrize("mixture", [{"uniform": 1.0}, {"pfsp": 1.0}], ids=mixture_name)
+def test_what_mixtures_leave_behind_comes_to_the_equilibrium(tmp_path, scenario, mixture):
+    done = run(tmp_path, scenario, mixture, 150)
+    assert exploitability(payoff(done.scenario), shares_of(done.throws)) <= 0.12
+
+
+def test_half_latest_is_too_much_for_who_always_finds_the_best_answer(tmp_path):
+    """The default comes to the fair game's equilibrium, and nearly circles in the biased one."""
+    fair = run(tmp_path / "fair", "fair", WITHOUT_BOTS, 150)
+    assert exploitability(payoff(fair.scenario), shares_of(fair.throws)) <= 0.12
+    biased = run(tmp_path / "biased", "biased", WITHOUT_BOTS, 150)
+    assert 0.15 <= exploitability(payoff(biased.scenario), shares_of(biased.throws)) <= 0.25
+
+
+@pytest.mark.parametrize("scenario", ["fair", "biased"])
+def test_the_nash_mixture_of_the_pool_is_the_equilibrium(tmp_path, scenario):
+    """Of what the pool's own records say, so that everybody has to be met now and then."""
+    done = run(tmp_path, scenario, {"nash": 0.6, "uniform": 0.4}, 16)
+    assert set(done.throws) == {ROCK, PAPER, SCISSORS}
+    standings = read_standings(done.pool, done.records, 16 * WORLDS)
+    shares = mix({"nash": 1.0}, standings, SamplerOptions())[1:]
+    throws = np.zeros(3)
+    np.add.at(throws, done.throws, shares)
+    assert exploitability(payoff(done.scenario), throws) <= 0.15
+
+
+def test_the_equilibrium_of_the_biased_game_is_what_its_rules_say():
+    """Each throw as often as the win of the one that it does not meet is worth."""
+    found = maximum_entropy_nash(payoff(GAME.scenario("biased")))
+    assert found == pytest.approx([4 / 9, 4 / 9, 1 / 9])

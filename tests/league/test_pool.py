@@ -1,0 +1,244 @@
+"""The pool on disk: frozen means frozen, crashes lose nothing, who retires."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import torch
+
+from marl_cair.checkpoint import AgentDescription, CheckpointError
+from marl_cair.files import replaced_folder
+from marl_cair.league import pool as pool_module
+from marl_cair.league.agents import find_fingerprint, load_agent
+from marl_cair.league.pool import BOT, FOREIGN, Pool, choose_retired
+from marl_cair.league.records import Evidence
+from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+from tests.games import last_standing
+from tests.games.last_standing import GAME, SCORE, Bot
+
+SCENARIO = GAME.scenario("duel")
+SPEC = GAME.make_spec(SCENARIO)
+SHAPE = SPEC.representations["vector"].shape
+
+
+@pytest.fixture(autouse=True)
+def _known(monkeypatch):
+    last_standing.register(monkeypatch)
+
+
+def make_network(seed=0):
+    config = QNetworkConfig(body="mlp", hidden_width=4)
+    return make_q_network(config, SHAPE, SPEC.num_actions, seed=seed)
+
+
+def about(network, frames):
+    return AgentDescription(
+        name=f"a@{frames}",
+        game=GAME.name,
+        game_version=GAME.version,
+        scenario="duel",
+        scenario_options={},
+        representation="vector",
+        observation_shape=SHAPE,
+        action_names=SPEC.action_names,
+        network=network.config.to_dict(),
+        frames=frames,
+        updates=0,
+        seed=0,
+    )
+
+
+def make_pool(tmp_path, capacity=3):
+    return Pool(tmp_path / "snapshots", GAME, SCENARIO, "vector", capacity)
+
+
+def freeze(pool, frames, met=None, seed=0):
+    network = make_network(seed)
+    return pool.add_snapshot(network, about(network, frames), met or {})
+
+
+def frames_of(pool):
+    return [member.frames for member in pool.snapshots]
+
+
+# --- frozen ----------------------------------------------------------------------------------
+
+
+def test_a_snapshot_stays_what_it_was_while_the_learner_goes_on(tmp_path):
+    pool, network = make_pool(tmp_path), make_network()
+    member = pool.add_snapshot(network, about(network, 10), {})
+    agent = pool.agent(member.number)
+    optimizer = torch.optim.Adam(network.parameters(), lr=0.01)
+    for step in range(1_000):
+        optimizer.zero_grad()
+        network(torch.full((2, *SHAPE), float(step % 3))).square().mean().backward()
+        optimizer.step()
+    assert find_fingerprint(agent, GAME) == member.fingerprint
+    pool.release([])
+    again = pool.agent(member.number)
+    assert again is not agent
+    assert find_fingerprint(again, GAME) == member.fingerprint
+    assert not any(parameter.requires_grad for parameter in again.network.parameters())
+    learner = load_agent(tmp_path / "snapshots" / member.name)
+    learner.network.load_state_dict(network.state_dict())
+    assert find_fingerprint(learner, GAME) != member.fingerprint
+
+
+def test_a_network_that_is_not_the_frozen_one_is_refused(tmp_path):
+    pool = make_pool(tmp_path)
+    first, second = freeze(pool, 10, seed=1), freeze(pool, 20, seed=2)
+    pool.release([])
+    folder = tmp_path / "snapshots"
+    shutil.copy(folder / second.name / "weights.pt", folder / first.name / "weights.pt")
+    with pytest.raises(CheckpointError, match="is not the network that was frozen"):
+        pool.agent(first.number)
+    pool.agent(second.number)
+
+
+# --- crashes ---------------------------------------------------------------------------------
+
+
+class Crash(BaseException):
+    """What no handler catches, as a killed process runs none."""
+
+
+@pytest.mark.parametrize("moment", ["save_agent", "find_fingerprint", "write_atomically"])
+@pytest.mark.parametrize("when", ["before", "after"])
+@pytest.mark.parametrize("capacity", [1, 3])
+def test_a_crash_at_any_moment_leaves_the_pool_before_or_after(
+    tmp_path, monkeypatch, moment, when, capacity
+):
+    pool = make_pool(tmp_path, capacity)
+    freeze(pool, 10, seed=1)
+    original = getattr(pool_module, moment)
+
+    def crash(*args):
+        if when == "after":
+            original(*args)
+        raise Crash
+
+    with monkeypatch.context() as patched:
+        patched.setattr(pool_module, moment, crash)
+        with pytest.raises(Crash):
+            freeze(pool, 20, {1_000: Evidence(1.0, 2.0)}, seed=2)
+    complete = [20] if capacity == 1 else [10, 20]
+    is_done = (moment, when) == ("write_atomically", "after")
+    pool = make_pool(tmp_path, capacity)
+    pool.reopen()
+    assert frames_of(pool) == (complete if is_done else [10])
+    for member in pool.snapshots:
+        pool.agent(member.number)
+    if not is_done:
+        freeze(pool, 20, {1_000: Evidence(1.0, 2.0)}, seed=2)
+    again = make_pool(tmp_path, capacity)
+    again.reopen()
+    assert frames_of(again) == complete
+    assert again.snapshots == pool.snapshots
+
+
+def test_a_crash_while_a_snapshot_is_written_again_keeps_the_old_one(tmp_path):
+    pool = make_pool(tmp_path)
+    member = freeze(pool, 10)
+    folder = tmp_path / "snapshots" / member.name
+    folder.rename(folder.with_name(folder.name + ".old"))  # killed between the two renames
+    pool = make_pool(tmp_path)
+    pool.reopen()
+    assert find_fingerprint(pool.agent(member.number), GAME) == member.fingerprint
+    with replaced_folder(folder):
+        pass
+
+
+def test_a_damaged_index_is_refused(tmp_path):
+    pool = make_pool(tmp_path)
+    freeze(pool, 10)
+    index = tmp_path / "snapshots" / "pool.json"
+    whole = json.loads(index.read_text("utf-8"))
+    for text in (index.read_text("utf-8")[:40], json.dumps({**whole, "format_version": 9})):
+        index.write_text(text, "utf-8")
+        with pytest.raises(CheckpointError, match="cannot be read as a pool's index"):
+            make_pool(tmp_path).reopen()
+
+
+def test_an_earlier_state_takes_the_pool_back(tmp_path):
+    """Who retired since is back, who came since is not: nothing on disk is deleted."""
+    pool = make_pool(tmp_path, capacity=3)
+    for frames in (10, 20, 30):
+        freeze(pool, frames, seed=frames)
+    before = pool.state_dict()
+    freeze(pool, 40)
+    assert frames_of(pool) == [10, 30, 40]
+    pool.load_state_dict(before)
+    assert frames_of(pool) == [10, 20, 30]
+    pool.agent(1_001)
+    pool.save_index()
+    reopened = make_pool(tmp_path)
+    reopened.reopen()
+    assert frames_of(reopened) == [10, 20, 30]
+    assert freeze(pool, 40).number == 1_003
+
+
+# --- who stays -------------------------------------------------------------------------------
+
+
+def test_who_leaves_the_smallest_gap_retires_and_can_still_finish_its_games(tmp_path):
+    pool = make_pool(tmp_path)
+    for frames in (10, 20, 30, 40):
+        freeze(pool, frames)
+    assert frames_of(pool) == [10, 30, 40]
+    assert pool.name(1_001) == "frames_0000000020"
+    pool.agent(1_001)
+    assert (tmp_path / "snapshots" / "frames_0000000020" / "agent.json").is_file()
+
+
+def test_the_pool_covers_the_whole_run_evenly():
+    """No gap is more than 2.5 times what equal gaps would be, however long the run."""
+    kept = []
+    for number in range(1, 400):
+        kept.append(50_000 * number + number % 3)
+        if len(kept) > 8:
+            kept.pop(choose_retired(kept))
+            assert (kept[0], kept[-1]) == (50_001, 50_000 * number + number % 3)
+            assert max(np.diff(kept)) <= 2.5 * (kept[-1] - kept[0]) / 7
+
+
+def test_who_is_needed_for_the_nash_mixture_stays(tmp_path):
+    """Rock, paper, scissors, then a copy of scissors near in time to them."""
+    pool = make_pool(tmp_path, capacity=4)
+    won, lost = Evidence(500.0, 500.0), Evidence(0.0, 500.0)
+    freeze(pool, 100)
+    freeze(pool, 200, {1_000: lost})  # beaten by all: of no use
+    freeze(pool, 201, {1_000: lost, 1_001: won})
+    freeze(pool, 202, {1_000: won, 1_001: won, 1_002: lost})
+    freeze(pool, 900, {1_000: lost, 1_001: won, 1_002: lost, 1_003: lost})
+    assert [member.number for member in pool.snapshots] == [1_000, 1_002, 1_003, 1_004]
+    assert choose_retired([100, 200, 201, 202, 900]) == 2
+    assert choose_retired([100, 200, 201, 202, 900], [1, 2]) == 3
+    assert choose_retired([100, 200, 300], [0, 1, 2]) == 1
+    assert choose_retired([100, 200]) == 0
+
+
+def test_payoffs_are_what_the_learner_had_to_show(tmp_path):
+    pool = make_pool(tmp_path)
+    bot = pool.add(BOT, Bot("scorer", SCORE), 0)
+    first = freeze(pool, 10, {bot: Evidence(3.0, 4.0)}).number
+    second = freeze(pool, 20, {bot: Evidence(0.0, 8.0), first: Evidence(18.0, 18.0)}).number
+    assert pool.payoff([bot, first, second]) == pytest.approx(
+        np.array([[0.5, 1 / 3, 0.9], [2 / 3, 0.5, 0.05], [0.1, 0.95, 0.5]])
+    )
+    assert pool.best_snapshot().number == second
+    with pytest.raises(ValueError, match=r"no member 77, only \[1, 1000, 1001\]"):
+        pool.payoff([77])
+
+
+def test_bots_and_foreign_agents_stay_and_have_names_of_their_own(tmp_path):
+    pool = make_pool(tmp_path, capacity=1)
+    pool.add(BOT, Bot("scorer", SCORE), 0)
+    pool.add(FOREIGN, Bot("mine", SCORE), 0)
+    for frames in (10, 20, 30):
+        freeze(pool, frames)
+    assert [member.name for member in pool.members] == ["scorer", "mine", "frames_0000000030"]
+    with pytest.raises(ValueError, match="has a member 'mine' already"):
+        pool.add(FOREIGN, Bot("mine", SCORE), 0)
+    with pytest.raises(ValueError, match="capacity is 0, it must be 1 or more"):
+        make_pool(tmp_path, capacity=0)

@@ -1,0 +1,55 @@
+"""Win records: a prior, evidence that fades, counts, and the same after a resume."""
+
+import pytest
+
+from marl_cair.league.records import Evidence, WinRecords
+
+
+def test_estimates_start_from_even_games():
+    records = WinRecords(half_life_frames=100, prior_games=2)
+    assert records.estimate(7, 0) == 0.5
+    assert (records.evidence(7, 0), records.count(7)) == (Evidence(0.0, 0.0), 0)
+    for score in (1.0, 1.0, 0.5):
+        records.book(7, score, 0)
+    assert records.estimate(7, 0) == pytest.approx((2.5 + 1) / (3 + 2))
+    assert records.estimate(8, 0) == 0.5
+
+
+def test_a_game_weighs_half_after_the_half_life_and_is_counted_for_good():
+    records = WinRecords(half_life_frames=100)
+    records.book(1, 1.0, 0)
+    assert records.evidence(1, 100) == pytest.approx(Evidence(0.5, 0.5))
+    records.book(1, 0.0, 100)
+    assert records.evidence(1, 100) == pytest.approx(Evidence(0.5, 1.5))
+    assert records.estimate(1, 10_000) == pytest.approx(0.5, abs=1e-6)
+    assert records.count(1) == 2
+
+
+def test_estimates_of_any_record_lie_inside():
+    for score in (0.0, 1.0):
+        records = WinRecords(half_life_frames=10)
+        for frames in range(1_000):
+            records.book(1, score, frames)
+        assert 0.0 < records.estimate(1, 1_000) < 1.0
+        assert abs(records.estimate(1, 1_000) - score) < 0.1
+
+
+def test_records_survive_a_resume():
+    whole = WinRecords(half_life_frames=30)
+    for frames in range(50):
+        whole.book(frames % 3, frames % 2, frames)
+    resumed = WinRecords(half_life_frames=30)
+    resumed.load_state_dict(whole.state_dict())
+    for records in (whole, resumed):
+        records.book(1, 1.0, 60)
+    assert resumed.state_dict() == whole.state_dict()
+    assert [resumed.estimate(n, 70) for n in range(4)] == [whole.estimate(n, 70) for n in range(4)]
+
+
+def test_what_cannot_be_is_refused():
+    with pytest.raises(ValueError, match="half_life_frames is 0, it must be above 0"):
+        WinRecords(half_life_frames=0)
+    with pytest.raises(ValueError, match="prior_games is -1, it must be above 0"):
+        WinRecords(half_life_frames=1, prior_games=-1)
+    with pytest.raises(ValueError, match=r"score against opponent 3 is 1.5, not in 0..1"):
+        WinRecords(half_life_frames=1).book(3, 1.5, 0)

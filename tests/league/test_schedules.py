@@ -1,0 +1,168 @@
+"""Who plays whom: everybody meets everybody as often, and then where it tells most."""
+
+import itertools
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from marl_cair.league.adaptive import Played, Target, play_adaptively
+from marl_cair.league.blocks import make_design
+from marl_cair.league.ratings import Games, rate
+from marl_cair.league.schedule import Job, schedule_meetings
+
+
+def count_meetings(jobs, games_per_chunk):
+    met = Counter()
+    for job in jobs:
+        for pair in itertools.combinations(sorted(set(job.line_up)), 2):
+            met[pair] += games_per_chunk
+    return met
+
+
+class TestMeetings:
+    def test_of_two_it_is_a_round_robin(self):
+        jobs = schedule_meetings(4, 2, 20, 8)
+        pairs = itertools.combinations(range(4), 2)
+        assert sorted(jobs) == sorted(Job(pair, chunk) for pair in pairs for chunk in range(3))
+
+    @pytest.mark.parametrize(("num_agents", "num_teams"), [(5, 3), (8, 4), (9, 8), (3, 4), (2, 8)])
+    def test_all_pairs_meet_about_as_often(self, num_agents, num_teams):
+        jobs = schedule_meetings(num_agents, num_teams, 80, 8)
+        met = count_meetings(jobs, 8)
+        assert len(met) == num_agents * (num_agents - 1) // 2
+        assert min(met.values()) >= 80
+        assert max(met.values()) <= 80 + 8 * 5
+        assert all(len(job.line_up) == num_teams for job in jobs)
+
+    def test_fewer_agents_than_teams_are_repeated_evenly(self):
+        for job in schedule_meetings(3, 8, 40, 8):
+            assert sorted(Counter(job.line_up).values()) == [2, 3, 3]
+
+    @pytest.mark.parametrize("num_teams", [2, 3, 4])
+    def test_a_longer_schedule_begins_with_a_shorter_one(self, num_teams):
+        short, long = (schedule_meetings(6, num_teams, games, 8) for games in (10, 60))
+        assert long[: len(short)] == short
+
+    def test_each_line_up_plays_its_chunks_in_order(self):
+        chunks = Counter()
+        for job in schedule_meetings(7, 3, 60, 6):
+            assert job.chunk == chunks[job.line_up]
+            chunks[job.line_up] += 1
+
+    def test_who_is_on_the_ladder_does_not_play_the_ladder(self):
+        jobs = schedule_meetings(4, 2, 8, 8, frozenset({0, 2}))
+        assert sorted(job.line_up for job in jobs) == [(0, 1), (0, 3), (1, 2), (1, 3), (2, 3)]
+        with pytest.raises(ValueError, match="all agents are on the ladder"):
+            schedule_meetings(2, 2, 8, 8, frozenset({0, 1}))
+
+
+class TestDesigns:
+    @pytest.mark.parametrize("num_teams", [2, 3, 4])
+    def test_all_orders_balance_seats_and_neighbours(self, num_teams):
+        design = make_design(num_teams, "all", 0)(0)
+        assert sorted(map(tuple, design.tolist())) == list(itertools.permutations(range(num_teams)))
+
+    @pytest.mark.parametrize("num_teams", [2, 3, 5, 8])
+    def test_a_ring_has_every_entry_in_every_seat_once(self, num_teams):
+        design = make_design(num_teams, "ring", 7)
+        for block in range(20):
+            entries = design(block)
+            for axis in (entries, entries.T):
+                assert all(sorted(row) == list(range(num_teams)) for row in axis.tolist())
+
+    def test_rings_are_drawn_anew_for_each_block_and_seed(self):
+        rings = {
+            tuple(make_design(6, "ring", seed)(block)[0].tolist())
+            for seed in range(4)
+            for block in range(25)
+        }
+        assert len(rings) > 60
+        assert (make_design(6, "ring", 1)(3) == make_design(6, "ring", 1)(3)).all()
+
+    def test_all_orders_of_many_are_refused(self):
+        with pytest.raises(ValueError, match="5 teams have 120 orders: take 'ring'"):
+            make_design(5, "all", 0)
+
+
+class Simulation:
+    """Bradley-Terry players; the games of a job depend on nothing but the job."""
+
+    def __init__(self, strengths, repeats=()):
+        self.strengths, self.repeats = np.array(strengths), repeats
+
+    def __call__(self, jobs):
+        self.jobs = list(jobs)
+        agents, ranks, line_ups, blocks, is_repeat = [], [], [], [], []
+        for job in jobs:
+            rng = np.random.default_rng([*job.line_up, job.chunk])
+            for game in range(8):
+                seated = job.line_up if game % 2 else job.line_up[::-1]
+                keys = self.strengths[list(seated)] + rng.gumbel(size=len(seated))
+                agents.append(seated)
+                ranks.append(1.0 + np.argsort(np.argsort(-keys)))
+                line_ups.append(job.line_up)
+                blocks.append(4 * job.chunk + game // 2)
+                is_repeat.append(job.line_up in self.repeats and job.chunk > 0)
+        ranks = np.array(ranks)
+        _, keys = np.unique(np.column_stack((line_ups, blocks)), axis=0, return_inverse=True)
+        games = Games(
+            np.array(agents), 1.0 * (ranks == 1), ranks, keys.ravel(), np.array(is_repeat)
+        )
+        self.games = games
+        return Played(games, np.array(line_ups), np.array(blocks))
+
+
+def adapt(simulation, half_width, games=4_000, is_time_up=lambda: False, num_teams=2):
+    target = Target(half_width, games, is_time_up)
+    num_agents = len(simulation.strengths)
+    return play_adaptively(num_agents, num_teams, 4, 8, target, simulation)
+
+
+class TestAdaptive:
+    @pytest.mark.parametrize("num_teams", [2, 3])
+    def test_it_stops_when_all_intervals_are_as_narrow_as_asked(self, num_teams):
+        simulation = Simulation([0.0, 0.5, 1.0, 2.0])
+        jobs = adapt(simulation, 60.0, num_teams=num_teams)
+        ladder = rate(list("abcd"), simulation.games)
+        widths = [(rating.high - rating.low) / 2 for rating in ladder.ratings]
+        assert max(widths) < 70.0
+        assert max(widths) > 35.0
+        assert simulation.jobs == jobs
+
+    def test_it_plays_where_games_tell_something(self):
+        """The strong lose to the weak so seldom that games between them say little."""
+        simulation = Simulation([0.0, 0.2, 4.0, 4.2])
+        adapt(simulation, 80.0)
+        met = count_meetings(simulation.jobs, 8)
+        assert met[0, 1] + met[2, 3] > 2 * (met[0, 3] + met[1, 2]) / 2
+
+    def test_it_needs_fewer_games_than_a_round_robin(self):
+        strengths = [0.0, 1.2, 2.4, 3.6, 4.8]
+        simulation = Simulation(strengths)
+        jobs = adapt(simulation, 70.0)
+        per_pair = len(jobs) // 10
+        even = Simulation(strengths)
+        even(
+            [Job(pair, c) for pair in itertools.combinations(range(5), 2) for c in range(per_pair)]
+        )
+        widest = [
+            max((r.high - r.low) / 2 for r in rate(list("abcde"), one.games).ratings)
+            for one in (simulation, even)
+        ]
+        assert widest[0] < widest[1]
+
+    def test_a_pair_that_repeats_itself_is_left_alone(self):
+        simulation = Simulation([0.0, 0.3], repeats=((0, 1),))
+        assert len(adapt(simulation, 20.0)) <= 1 + 8
+
+    def test_games_and_time_end_it(self):
+        simulation = Simulation([0.0, 0.3, 0.1])
+        adapt(simulation, 1.0, games=24)
+        assert max(count_meetings(simulation.jobs, 8).values()) <= 24 + 8 * 8
+        assert len(adapt(simulation, 1.0, is_time_up=lambda: True)) == 3
+
+    def test_who_never_lost_does_not_hold_it_up(self):
+        simulation = Simulation([0.0, 0.2, 60.0])
+        jobs = adapt(simulation, 80.0)
+        assert len(jobs) < 100

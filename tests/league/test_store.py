@@ -1,0 +1,257 @@
+"""The league file: whole blocks or none, brought up from older versions, refused where unfit."""
+
+import dataclasses
+import json
+import sqlite3
+
+import numpy as np
+import pytest
+
+from marl_cair.league.blocks import PlayedGame
+from marl_cair.league.export import QUERIES, export_league
+from marl_cair.league.playing import map_seeds
+from marl_cair.league.schema import SCHEMA_VERSION
+from marl_cair.league.store import AgentRecord, LeagueStore, LeagueStoreError
+
+SETTINGS = {
+    "game": "line_wars",
+    "game_version": "1",
+    "scenario": {"size": [3, 4]},
+    "seed": 5,
+    "seating": "all",
+    "team_of_seat": [0, 1],
+}
+VERSION_2 = """
+CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE agent (
+    id INTEGER PRIMARY KEY, fingerprint TEXT UNIQUE NOT NULL, name TEXT NOT NULL
+);
+CREATE TABLE game (
+    first INTEGER NOT NULL REFERENCES agent, second INTEGER NOT NULL REFERENCES agent,
+    block INTEGER NOT NULL, first_seat INTEGER NOT NULL,
+    winner INTEGER NOT NULL, is_truncated INTEGER NOT NULL, decisions INTEGER NOT NULL,
+    fingerprint TEXT NOT NULL,
+    PRIMARY KEY (first, second, block, first_seat)
+) WITHOUT ROWID;
+"""
+
+
+def agent(name):
+    return AgentRecord(f"print of {name}", name, "bot", "scripted", "1", "{}")
+
+
+def played(block, number, points=(1.0, 0.0), **changes):
+    game = PlayedGame(
+        block=block,
+        number=number,
+        map_seed=2**64 - 1 - block,
+        entries=(number, 1 - number),
+        points=points,
+        ranks=tuple(2.0 - point for point in points),
+        winner=points.index(1.0) if 1.0 in points else -1,
+        is_truncated=False,
+        decisions=7,
+        trajectory=f"{block} {number}",
+        forfeited=(False, False),
+        reason="",
+    )
+    return dataclasses.replace(game, **changes)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "league.sqlite"
+
+
+@pytest.fixture
+def store(path):
+    opened = LeagueStore(path, SETTINGS)
+    yield opened
+    opened.close()
+
+
+def add(store, names=("b", "a"), games=((0, 0), (0, 1))):
+    ids = [store.add_agent(agent(name)) for name in names]
+    store.add_games(ids, [played(*game) for game in games])
+    return ids
+
+
+def test_what_is_stored_comes_back(store):
+    ids = add(store)
+    games = store.read_games()
+    assert games.agents.tolist() == [ids, ids[::-1]]
+    assert games.points.tolist() == [[1.0, 0.0]] * 2
+    assert games.ranks.tolist() == [[1.0, 2.0]] * 2
+    assert (games.numbers.tolist(), games.blocks.tolist()) == ([0, 0], [0, 0])
+    assert games.reasons == ("", "")
+    assert store.read_blocks() == {tuple(ids): {0}}
+
+
+def test_a_block_is_stored_once(store):
+    ids = add(store)
+    store.add_games(ids, [played(0, 0, (0.0, 1.0)), played(1, 0), played(1, 1)])
+    assert store.read_games().points[0].tolist() == [1.0, 0.0]
+    assert store.read_games().numbers.tolist() == [0, 0, 1, 1]
+
+
+def test_a_chunk_that_fails_half_way_leaves_nothing(store):
+    ids = add(store)
+    with pytest.raises(LeagueStoreError, match="is no league file, or is damaged"):
+        store.add_games(ids, [played(1, 0), played(1, 0)])
+    assert store.read_blocks() == {tuple(ids): {0}}
+    assert len(store.read_games().agents) == 2
+
+
+def test_the_order_in_which_games_were_stored_is_forgotten(tmp_path):
+    read = []
+    for number, (names, blocks) in enumerate(((("a", "b"), (0, 1)), (("b", "a"), (1, 0)))):
+        store = LeagueStore(tmp_path / f"{number}.sqlite", SETTINGS)
+        ids = {name: store.add_agent(agent(name)) for name in names}
+        for block in blocks:
+            store.add_games([ids["a"], ids["b"]], [played(block, 0), played(block, 1)])
+        games = store.read_games()
+        read.append((games.trajectories, (games.agents == ids["a"]).tolist()))
+        store.close()
+    assert read[0] == read[1]
+
+
+def test_a_game_that_is_the_same_move_by_move_is_a_repeat(store):
+    ids = add(store, games=())
+    same = [played(block, n, trajectory="t") for block in (0, 1) for n in (0, 1)]
+    store.add_games(ids, same)
+    # In other seats it is another game, whatever the hash.
+    assert store.read_games().is_repeat.tolist() == [False, False, True, True]
+
+
+def test_forfeits_are_kept_with_their_reason(store):
+    ids = add(store, games=())
+    lost = {"forfeited": (False, True), "reason": "b crashed in act: KeyError: 3"}
+    store.add_games(ids, [played(0, 0, **lost), played(0, 1)])
+    assert store.read_games().reasons == ("b crashed in act: KeyError: 3", "")
+    assert store.read_forfeits() == [("b crashed in act: KeyError: 3", 1)]
+
+
+def test_a_rating_run_is_kept_once(store):
+    first, second = add(store)
+    rows = [
+        (first, 10.0, 0.0, 20.0, "", 0, 0.9, 2, 1.0),
+        (second, 0.0, -9.0, 9.0, "", 0, 0.1, 2, 0),
+    ]
+    for _ in range(2):
+        store.add_ratings({"prior": 3}, "abc", 2, rows)
+    _, held = store.read_rows(QUERIES["ratings"])
+    assert [row[5] for row in held] == ["b", "a"]
+
+
+def test_a_league_of_other_settings_is_refused(store, path):
+    store.close()
+    for key, value in (("game_version", "2"), ("seed", 6), ("seating", "ring")):
+        with pytest.raises(LeagueStoreError, match=f"a league with {key} = .*cannot be mixed"):
+            LeagueStore(path, {**SETTINGS, key: value})
+    LeagueStore(path).close()  # whatever it holds
+
+
+def test_a_file_of_a_newer_version_is_refused(store, path):
+    store.close()
+    database = sqlite3.connect(path)
+    with database:
+        database.execute("UPDATE meta SET value = '9' WHERE key = 'schema_version'")
+    database.close()
+    message = f"schema version 9, this marl_cair reads versions up to {SCHEMA_VERSION}: update"
+    with pytest.raises(LeagueStoreError, match=message):
+        LeagueStore(path, SETTINGS)
+
+
+def test_a_damaged_file_is_refused(store, path):
+    ids = add(store)
+    store.add_games(ids, [played(block, n) for block in range(1, 400) for n in (0, 1)])
+    store.close()
+    content = bytearray(path.read_bytes())
+    assert len(content) > 40_000
+    content[8_192:30_000] = bytes(30_000 - 8_192)
+    path.write_bytes(content)
+    with pytest.raises(LeagueStoreError, match="is no league file, or is damaged"):
+        LeagueStore(path, SETTINGS)
+
+
+def test_tables_of_something_else_are_refused(path):
+    database = sqlite3.connect(path)
+    database.execute("CREATE TABLE notes (text)")
+    database.close()
+    with pytest.raises(LeagueStoreError, match="holds tables of something else .notes"):
+        LeagueStore(path, SETTINGS)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(LeagueStoreError, match="is not there: give the folder of a league"):
+        LeagueStore(tmp_path / "league.sqlite")
+    assert list(tmp_path.iterdir()) == []
+
+
+def make_version_2(path):
+    database = sqlite3.connect(path)
+    with database:
+        database.executescript(VERSION_2)
+        kept = ("game", "game_version", "scenario", "seed")
+        rows = {"schema_version": 2, **{key: SETTINGS[key] for key in kept}}
+        database.executemany(
+            "INSERT INTO meta VALUES (?, ?)", [(k, json.dumps(v)) for k, v in rows.items()]
+        )
+        database.executemany("INSERT INTO agent VALUES (?, ?, ?)", [(1, "p", "x"), (2, "q", "y")])
+        games = [
+            (1, 2, 3, 0, 0, 0, 9, "h0"),
+            (1, 2, 3, 1, 0, 0, 9, "h1"),
+            (1, 2, 4, 0, -1, 1, 9, "h"),
+        ]
+        database.executemany("INSERT INTO game VALUES (?, ?, ?, ?, ?, ?, ?, ?)", games)
+    database.close()
+
+
+def test_a_file_of_version_2_is_brought_up(path):
+    make_version_2(path)
+    store = LeagueStore(path, SETTINGS)
+    games = store.read_games()
+    # In its second game the first agent has had the second seat, and the first seat has won.
+    assert games.agents.tolist() == [[1, 2], [2, 1], [1, 2]]
+    assert games.points.tolist() == [[1.0, 0.0], [1.0, 0.0], [0.5, 0.5]]
+    assert games.ranks.tolist() == [[1.0, 2.0], [1.0, 2.0], [1.5, 1.5]]
+    assert games.numbers.tolist() == [3, 3, 4]
+    seed = int(map_seeds(5, np.array([3]))[0])
+    assert store.read_rows("SELECT map_seed FROM block")[1][0] == (str(seed),)
+    assert store.settings == {"schema_version": SCHEMA_VERSION, **SETTINGS}
+    store.close()
+    LeagueStore(path, SETTINGS).close()
+
+
+def test_a_migration_that_fails_leaves_the_old_file(path):
+    make_version_2(path)
+    with pytest.raises(LeagueStoreError, match="give the command that played it .* once more"):
+        LeagueStore(path)
+    database = sqlite3.connect(path)
+    assert database.execute("SELECT count(*) FROM game").fetchone() == (3,)
+    assert database.execute("SELECT value FROM meta WHERE key = 'schema_version'").fetchone() == (
+        "2",
+    )
+    database.close()
+
+
+@pytest.mark.parametrize("file_format", ["csv", "json", "parquet"])
+def test_all_tables_are_exported(store, tmp_path, file_format):
+    if file_format == "parquet":
+        parquet = pytest.importorskip("pyarrow.parquet")
+    add(store)
+    paths = export_league(store, tmp_path / "out", file_format)
+    assert [path.name for path in paths] == [f"{name}.{file_format}" for name in QUERIES]
+    games = next(path for path in paths if path.stem == "games")
+    if file_format == "json":
+        rows = json.loads(games.read_text("utf-8"))
+        assert [row["agent_name"] for row in rows] == ["b", "a", "a", "b"]
+    elif file_format == "csv":
+        assert len(games.read_text("utf-8").splitlines()) == 5
+    else:
+        assert parquet.read_table(games).column("points").to_pylist() == [1.0, 0.0, 1.0, 0.0]
+
+
+def test_an_unknown_format_is_answered_with_the_nearest(store, tmp_path):
+    with pytest.raises(ValueError, match="unknown export format 'parket': nearest are 'parquet'"):
+        export_league(store, tmp_path, "parket")

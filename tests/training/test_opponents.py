@@ -1,0 +1,287 @@
+"""Opponents in training: changed between games only, outcomes booked to who played, the pool."""
+
+import json
+import sys
+from collections import defaultdict
+
+import numpy as np
+import pytest
+import torch
+
+from marl_cair.league.agents import find_fingerprint
+from marl_cair.league.foreign import ForeignAgentError
+from marl_cair.league.opponents import LATEST_ID
+from marl_cair.league.pool import FIRST_NUMBERS, FOREIGN, SNAPSHOT
+from marl_cair.replay.transition import NO_OPPONENT
+from marl_cair.training.config import OpponentSettings
+from marl_cair.training.metrics import Decisions, find_meetings
+from marl_cair.training.opponents import Meeting
+from marl_cair.training.run import TrainingRun
+from marl_cair.training.seats import find_met
+from marl_cair.training.trainer import train
+from tests.games import last_standing
+from tests.games.last_standing import FINISH, LEAVE
+from tests.training.runs import digest, small
+
+FIRST = FIRST_NUMBERS[SNAPSHOT]
+
+
+@pytest.fixture(autouse=True)
+def _known(monkeypatch):
+    last_standing.register(monkeypatch)
+    monkeypatch.setitem(sys.modules, "users_module", sys.modules[__name__])
+
+
+def make_run(tmp_path, scenario, mixture, **settings):
+    opponent = OpponentSettings(mixture, **settings)
+    return TrainingRun(small(tmp_path / "run", scenario, opponent=opponent))
+
+
+def collect(run, num_batches=6):
+    batches = iter(run.collector)
+    data = torch.cat([next(batches) for _ in range(num_batches)], 1)
+    run.router(data[:, -1]["next"])  # books of a step with the next
+    run.close()
+    return data
+
+
+# --- outcomes --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scenario", ["duel", "ffa-4", "teams"])
+def test_every_outcome_is_booked_to_the_opponent_that_played_it(tmp_path, scenario):
+    """Each opponent does one thing only, so that its actions tell in the data who it is."""
+    run = make_run(tmp_path, scenario, {"idle": 1.0, "quitter": 1.0, "finisher": 1.0})
+    names = {member.name: member.number for member in run.book.pool.members}
+    says = {0: names["idle"], LEAVE: names["quitter"], FINISH: names["finisher"]}
+    teams = run.spec.team_of_seat
+    data = collect(run)
+    played, scores = defaultdict(int), defaultdict(float)
+    ended = data["next", "done"].squeeze(-1)
+    for world in range(len(data)):
+        start = 0
+        for end in ended[world].nonzero().flatten().tolist():
+            game = data[world, start : end + 1]
+            start = end + 1
+            own = game["player", "learned"][0].numpy()
+            first = game["player", "action"][0].numpy()
+            paid = game["next", "player", "reward"][-1, :, 0].numpy()
+            left = set(teams[~game["player", "done"][-1, :, 0].numpy()].tolist())
+            winners = set(teams[paid >= 1.0].tolist())
+            points = {team: float(team in winners) for team in range(teams.max() + 1)}
+            if not winners:
+                points = {team: (team in left) / len(left) for team in points}
+            (mine,) = set(teams[own].tolist())
+            for team in set(points) - {mine}:
+                (action,) = set(first[teams == team].tolist())  # a team is one opponent
+                played[says[action]] += 1
+                scores[says[action]] += (1 + points[mine] - points[team]) / 2
+    assert len(played) == 3
+    for number, count in played.items():
+        assert run.book.records.count(number) == count
+        evidence = run.book.records.evidence(number, run.router.frames)
+        fading = evidence.games / count
+        assert 0.9 < fading <= 1.0
+        assert evidence.points == pytest.approx(scores[number] * fading, rel=0.02)
+    # An opponent that wins at once is never beaten, one that leaves is not lost to in a duel.
+    rate = {name: run.book.records.estimate(n, run.router.frames) for name, n in names.items()}
+    assert rate["finisher"] < rate["idle"] <= rate["quitter"] or scenario != "duel"
+
+
+@pytest.mark.parametrize("scenario", ["ffa-4", "uneven", "duel"])
+def test_opponents_are_drawn_for_each_rival_team_and_stay_for_the_game(tmp_path, scenario):
+    mixture = {"idle": 1.0, "quitter": 1.0, "scorer": 1.0, "latest": 1.0}
+    run = make_run(tmp_path, scenario, mixture)
+    teams, seen = run.spec.team_of_seat, []
+    router, forward = run.router, run.router.forward
+
+    def note(tensordict):
+        done = forward(tensordict)
+        seen.append((router._episode.copy(), router.opponent.copy(), router._team.copy()))
+        return done
+
+    router.forward = note
+    collect(run, 4)
+    several = 0
+    for (episodes, opponents, own), (then, before, _) in zip(seen[1:], seen, strict=False):
+        same = episodes == then
+        assert (opponents[same] == before[same]).all()
+        assert (opponents[own[:, None] == teams] == LATEST_ID).all()
+        for team in range(teams.max() + 1):
+            of_team = opponents[:, teams == team]
+            assert (of_team == of_team[:, :1]).all()
+        several += sum(len(set(row) - {LATEST_ID}) > 1 for row in opponents.tolist())
+    assert (several > 0) == (scenario != "duel")
+
+
+def test_rows_name_their_opponent_where_it_is_one():
+    drawn = np.array([[5, 7, 7], [5, 7, 8], [0, 0, 0]], np.int16)
+    assert find_met(drawn, np.array([0, 0, 1])).tolist() == [7, NO_OPPONENT, 0]
+    assert find_met(np.array([[NO_OPPONENT]], np.int16), np.array([0])).tolist() == [NO_OPPONENT]
+
+
+def test_teams_of_the_learner_are_no_rivals_and_demonstrations_count_for_nobody():
+    from marl_cair.games.torchrl_env import LastStep
+
+    taken = Decisions(
+        actions=np.zeros((3, 3), np.int64),
+        owned=np.array([[True, True, False]] * 3),
+        shown=np.array([[False] * 3, [True, False, False], [False] * 3]),
+        out=np.zeros((3, 3), np.bool_),
+        team=np.zeros(3, np.int64),
+        opponent=np.array([[0, 0, 9]] * 3, np.int16),
+    )
+    last = LastStep(
+        np.zeros((3, 3), np.float32), np.array([True, True, False]), np.array([2, 2, 2], np.int8)
+    )
+    assert find_meetings(taken, last, np.arange(3)) == [Meeting(9, 0.0, 0.0)]
+
+
+# --- the pool --------------------------------------------------------------------------------
+
+
+def test_a_snapshot_is_of_the_averaged_weights_and_outlasts_further_updates(tmp_path):
+    config = small(tmp_path / "run", "duel", {"latest": 0.5, "uniform": 0.5}, frames=1_024)
+    train(config, show_progress=False)
+    run = TrainingRun(config, resume=True)
+    members = run.book.pool.snapshots
+    assert [member.frames for member in members] == [256, 512, 768, 1_024]
+    for member in members:
+        assert find_fingerprint(run.book.pool.agent(member.number), run.game) == member.fingerprint
+    assert len({member.fingerprint for member in members}) == 4
+    index = json.loads((tmp_path / "run" / "snapshots" / "pool.json").read_text("utf-8"))
+    assert [kept["number"] for kept in index["snapshots"]] == [FIRST + n for n in range(4)]
+    assert members[-1].met
+    run.close()
+
+
+def test_who_surely_beats_the_best_is_frozen_before_its_time(tmp_path):
+    run = make_run(tmp_path, "duel", {"uniform": 1.0}, snapshot_every_frames=400)
+    book = run.book
+    run.add_snapshot()
+    run.frames = 99
+    book.note([Meeting(FIRST, 1.0, 1.0)] * 200, 99)
+    assert not book.beats_the_best(99)  # a snapshot of just now
+    assert book.beats_the_best(100)
+    book.note([Meeting(FIRST, 0.0, 0.0)] * 120, 100)
+    assert not book.beats_the_best(100)  # 62 % of 320 games: not surely above 60 %
+    run.frames = 100
+    run.add_snapshot()
+    assert book.pool.best_snapshot().number == FIRST + 1
+    assert not book.beats_the_best(10_000)  # it has not been met
+    run.close()
+
+
+def test_without_a_margin_only_the_clock_freezes(tmp_path):
+    run = make_run(tmp_path, "duel", {"uniform": 1.0}, snapshot_margin=None)
+    run.add_snapshot()
+    run.book.note([Meeting(FIRST, 1.0, 1.0)] * 500, 10)
+    assert not run.book.beats_the_best(10**6)
+    run.close()
+
+
+def test_the_line_up_is_drawn_anew_with_time_and_with_each_snapshot(tmp_path):
+    run = make_run(tmp_path, "duel", {"uniform": 1.0}, pool_active=2, redraw_every_frames=1_000)
+    book = run.book
+    assert set(book.draw(20, 0).tolist()) == {LATEST_ID}  # nobody is in the pool
+    for frames in range(1, 9):
+        run.frames = frames
+        run.add_snapshot()
+    first = set(book.draw(100, 8).tolist())
+    assert len(first) == 2
+    assert min(first) >= FIRST
+    assert set(book.draw(100, 999).tolist()) == first
+    met = set()
+    for period in range(1, 40):
+        met |= set(book.draw(10, 1_000 * period).tolist())
+    assert met == {FIRST + number for number in range(8)}
+    book.forget_unused(np.array([[FIRST]], np.int16))
+    run.close()
+
+
+class Quitter:
+    """A user's own: leaves at once."""
+
+    def act(self, observation, action_mask):
+        return np.where(action_mask[:, LEAVE], LEAVE, 0)
+
+
+def make_quitter(scenario, spec):
+    return Quitter()
+
+
+def test_agents_of_others_play_by_their_names(tmp_path):
+    agents = {"mine": "users_module:make_quitter"}
+    run = make_run(tmp_path, "ffa-3", {"mine": 1.0}, agents=agents)
+    data = collect(run, 2)
+    number = FIRST_NUMBERS[FOREIGN]
+    assert (data["player", "opponent"] == number).all()
+    theirs = ~data["player", "learned"] & ~data["player", "done"].squeeze(-1)
+    assert (data["player", "action"][theirs] == LEAVE).all()
+    row = run.statistics.report(run.book.name, run.spec.action_group_names)
+    assert "collect_win_rate/mine" in row
+
+
+class Cheater:
+    """A user's own that plays what the mask forbids."""
+
+    def act(self, observation, action_mask):
+        return np.full(len(action_mask), 99)
+
+
+def make_cheater(scenario, spec):
+    return Cheater()
+
+
+def test_an_agent_of_others_that_cannot_play_ends_the_run_with_its_reason(tmp_path):
+    agents = {"mine": "users_module:make_cheater"}
+    with pytest.raises(ForeignAgentError, match="^opponent mine played the illegal action 99: me"):
+        make_run(tmp_path, "duel", {"mine": 1.0}, agents=agents)  # the collector tries it at once
+
+
+def test_a_checkpoint_is_an_opponent_by_its_name(tmp_path):
+    train(small(tmp_path / "run", "duel", {"random": 1.0}, frames=256), show_progress=False)
+    agents = {"older": str(tmp_path / "run" / "latest")}
+    again = make_run(tmp_path / "again", "duel", {"older": 1.0}, agents=agents)
+    assert (collect(again, 2)["player", "opponent"] == FIRST_NUMBERS[FOREIGN]).all()
+    assert again.book.pool.name(FIRST_NUMBERS[FOREIGN]) == "older"
+
+
+def test_a_run_with_every_sampler_resumes_bit_for_bit(tmp_path):
+    samplers = ("pfsp", "pfsp_variance", "pfsp_easy", "delta_uniform", "recent", "nash", "bots")
+    opponent = OpponentSettings(
+        {"latest": 1.0, "mine": 1.0, **dict.fromkeys(samplers, 1.0)},
+        agents={"mine": "users_module:make_quitter"},
+        snapshot_every_frames=128,
+        redraw_every_frames=128,
+        pool_capacity=3,
+    )
+
+    def config(name, frames):
+        return small(tmp_path / name, "ffa-4", frames=frames, opponent=opponent)
+
+    train(config("whole", 1_152), show_progress=False)
+    train(config("parts", 640), show_progress=False)
+    train(config("parts", 1_152), resume=True, show_progress=False)
+    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
+
+
+def test_snapshots_after_the_saved_state_are_written_again_the_same(tmp_path):
+    """A crash after them, before the next state was saved."""
+    mixture = {"latest": 0.4, "pfsp": 0.6}
+    train(small(tmp_path / "run", "duel", mixture, frames=512), show_progress=False)
+    run = TrainingRun(small(tmp_path / "run", "duel", mixture, frames=1_024), resume=True)
+    run.frames = 768
+    run.learner.average.load_state_dict(
+        {name: value + 1 for name, value in run.learner.average.state_dict().items()}
+    )
+    run.add_snapshot()
+    run.close()
+    train(small(tmp_path / "run", "duel", mixture, frames=1_024), resume=True, show_progress=False)
+    train(small(tmp_path / "whole", "duel", mixture, frames=1_024), show_progress=False)
+    assert digest(tmp_path / "run") == digest(tmp_path / "whole")
+    indices = [
+        json.loads((tmp_path / name / "snapshots" / "pool.json").read_text("utf-8"))
+        for name in ("run", "whole")
+    ]
+    assert indices[0] == indices[1]

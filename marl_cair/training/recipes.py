@@ -13,8 +13,8 @@ class Recipe(NamedTuple):
 
 
 # The way to a goal may be longer than any stack of kernels reaches, so the networks measure
-# distances; plane 0 is walls. The reward is `classic`: what `distance` pays the generator cannot
-# know, which sees no distances.
+# distances; plane 0 is walls. What the reward `distance` pays the generator cannot know, which sees
+# no distances: its gate opens with `classic`.
 _MAZE = (
     "game=deep_maze",
     "policy.distances=true",
@@ -32,8 +32,9 @@ _MAZE = (
 )
 
 # A move too many costs a fiftieth, which is lost in what a new network says by chance: the oracle
-# shows every second game, and rewards are scaled.
+# shows every second game, and rewards are scaled. With `classic` one way in 250 stayed a circle.
 _LARGE_MAZE = (
+    "game.reward=distance",
     "learner.gamma=0.99",
     "learner.reward_scale=5",
     "learner.batch_size=32",

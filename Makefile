@@ -24,11 +24,12 @@ help: ## show this list
 demo: $(STAMP) ## train, play and rate small agents; ends with a report to open
 	unset OMP_NUM_THREADS; $(RUN) scripts/demo.py
 
-# The whole suite comes last, so that its closing line is the last line.
-test: lint $(if $(PYTEST_ARGS),,test-bounds test-plain) ## all checks but the slow tests
+# The whole suite comes last, so that its closing line is the last line. All of it within 15 minutes
+# on two cores: bounds checks, which compile every rule once more, are of `test-all`.
+test: lint $(if $(PYTEST_ARGS),,test-plain) ## all checks but the slow ones
 	$(PYTEST) $(PYTEST_ARGS)
 
-test-all: lint $(if $(PYTEST_ARGS),,test-bounds test-plain) ## all checks and the slow tests
+test-all: lint $(if $(PYTEST_ARGS),,test-bounds test-plain) ## the slow tests too, and the game tests with bounds checks
 	$(PYTEST) -m "slow or not slow" $(PYTEST_ARGS)
 
 test-bounds: $(STAMP) ## game tests in which an index out of range raises

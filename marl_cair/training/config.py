@@ -265,9 +265,9 @@ class GeneratorSettings:
     batch_size: int = 64  # real transitions of its own update
     frames_per_update: int = 64  # frames collected for each of its updates
     evaluate_every_frames: int = 25_000  # frames between two looks at the gate
-    # While the gate is open. At these numbers a generated row is learned from as often as a real
-    # one: a fifth of each batch, out of a fifth of all rows that come in.
-    refill_every_frames: int = 4_000
+    # At these numbers a generated row is learned from as often as a real one: a fifth of each
+    # batch, out of a fifth of all rows that come in.
+    refill_every_frames: int = 4_000  # frames between two refills while the gate is open
     rows_per_refill: int = 1_000  # transitions
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 

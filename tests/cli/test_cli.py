@@ -103,7 +103,8 @@ def test_a_choice_beside_a_recipe_replaces_only_what_it_sets():
     config = compose_config(["recipe=deep_maze_9x9", "policy=capsule", "generator=none"])
     assert (config.policy.body, config.policy.distances) == ("capsule", True)
     assert config.generator.name == "none"
-    assert config.generator.frames_per_update != compose_config([]).generator.frames_per_update
+    every = config.generator.evaluate_every_frames
+    assert every != compose_config([]).generator.evaluate_every_frames
     assert compose_config(["recipe=flappy_bird_gray", "policy=capsule"]).game.reward == "alive"
 
 

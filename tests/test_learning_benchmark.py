@@ -1,11 +1,10 @@
 """The benchmark behind the README's results table, on a run of seconds."""
 
 import csv
-import subprocess
-import sys
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+from tests.benchmark_runs import read_table
+
 SHORT = (
     *("scenario=11x11", "max_ticks=300", "policy.hidden_width=16", "collector.num_worlds=16"),
     *("generator=none", "replay.min_transitions=300", "learner.batch_size=16", "torch_threads=1"),
@@ -15,10 +14,7 @@ SHORT = (
 
 def run_benchmark(folder: Path) -> str:
     options = ["--networks", "conv", "--seeds", "3", "--games", "8", "--out", str(folder)]
-    command = [sys.executable, "-m", "benchmarks.learning", *options, *SHORT]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout[done.stdout.index("| network") :]
+    return read_table("learning", "| network", [*options, *SHORT])
 
 
 def test_the_table_is_made_once_and_shown_again(tmp_path):
@@ -44,12 +40,8 @@ def test_recipes_of_one_player_are_trained_rated_and_drawn(tmp_path):
     options = ["--game", "deep_maze", "--recipes", "deep_maze_9x9", "--networks", "conv"]
     options += ["--seeds", "3", "--games", "8", "--out", str(tmp_path)]
     words = [word for word in SHORT if not word.startswith(("scenario", "max_ticks"))]
-    command = [sys.executable, "-m", "benchmarks.solo_learning", *options, *words, "max_ticks=40"]
-    tables = []
-    for _ in range(2):
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        tables.append(done.stdout[done.stdout.index("| recipe") :])
+    words = [*options, *words, "max_ticks=40"]
+    tables = [read_table("solo_learning", "| recipe", words) for _ in range(2)]
     assert tables[0] == tables[1]
     assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
     with (tmp_path / "results.csv").open(newline="") as file:

@@ -1,10 +1,9 @@
 """The benchmark that compares mixtures of opponents, on runs of seconds."""
 
-import subprocess
-import sys
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+from tests.benchmark_runs import read_table
+
 SHORT = (
     *("scenario=11x11", "max_ticks=100", "policy.hidden_width=8", "collector.num_worlds=16"),
     *("replay.min_transitions=300", "learner.batch_size=16", "torch_threads=1"),
@@ -15,10 +14,7 @@ SHORT = (
 def run_benchmark(folder: Path) -> str:
     options = ["--mixtures", "default", "latest", "--seeds", "0", "--games", "2"]
     options += ["--frames", "1024", "--out", str(folder)]
-    command = [sys.executable, "-m", "benchmarks.opponents", *options, *SHORT]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout[done.stdout.index("| mixture") :]
+    return read_table("opponents", "| mixture", [*options, *SHORT])
 
 
 def test_the_table_is_made_once_and_shown_again(tmp_path):

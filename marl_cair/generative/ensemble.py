@@ -65,10 +65,11 @@ class Ensemble:
         self.steps.count(
             now[counted][:, moving], later[counted][:, moving], self.config.size.shifts
         )
-        scalars = [self.members[0].split(planes)[1] for planes in (now, later)]
+        first = self.members[0]
+        first.economy.note_differences(*(first.split(planes)[1] for planes in (now, later)))
         for network in (*self.members, *self.averages):
             network.step_results.copy_(self.steps.results)
-            network.economy.note_differences(*scalars)
+            network.economy.is_seen.copy_(first.economy.is_seen)
 
     def train(
         self, rows: TensorDict, correction: RareCorrection, generator: torch.Generator

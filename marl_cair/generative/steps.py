@@ -12,8 +12,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-NUM_VALUES = 256
-NUM_DIFFERENCES = 2 * NUM_VALUES - 1
+from marl_cair.generative.economy import NUM_DIFFERENCES, NUM_VALUES
+
 SMALLEST_ROUNDED = 8  # steps from here on may differ by 1 from value to value (25.5 of a clock)
 MIN_COUNT = 3  # of a step, before it gets a slot
 IN_PLACE, ON_ARRIVAL = range(2)

@@ -28,31 +28,29 @@ def make_generator(
     make = GENERATORS[settings.name]
     model = dataclasses.replace(settings.model, seed=seed)
     bound = spec.reward_bound * config.learner.reward_scale
-    if len(seen.shape) == 1:
-        low, high = (bounds.tolist() for bounds in seen.bounds())
-        codec = VectorCodec(low, high)
-        of_vector = GeneratorSpec(
-            observation_shape=codec.shape,
+
+    def specify(shape: tuple[int, ...], num_uniform: int) -> GeneratorSpec:
+        planes, rows, columns = shape
+        return GeneratorSpec(
+            observation_shape=(planes, rows, columns),
             num_actions=spec.num_actions,
-            num_uniform=len(low),
+            num_uniform=num_uniform,
             noop_action=spec.noop_action,
             action_kinds=spec.action_groups.tolist(),
             reward_range=(-bound, bound),
         )
-        return VectorGenerator(make(model, of_vector), codec)
+
+    if len(seen.shape) == 1:
+        codec = VectorCodec(*(bounds.tolist() for bounds in seen.bounds()))
+        return VectorGenerator(make(model, specify(codec.shape, seen.shape[0])), codec)
     if seen.dtype is not np.uint8 or seen.num_uniform == 0:
         raise ValueError(
             f"the generator {settings.name!r} works on `planes` and on vectors, not on "
             f"{seen.name!r}: set generator.name={NO_GENERATOR} or synthetic_fraction=0"
         )
-    of_planes = GeneratorSpec(
-        observation_shape=(seen.shape[0], seen.shape[1], seen.shape[2]),
-        num_actions=spec.num_actions,
-        num_uniform=seen.num_uniform,
-        noop_action=spec.noop_action,
-        action_kinds=spec.action_groups.tolist(),
+    of_planes = dataclasses.replace(
+        specify(seen.shape, seen.num_uniform),
         action_cells=spec.action_cells.tolist(),
-        reward_range=(-bound, bound),
         static_planes=spec.static_planes,
         exclusive_plane_groups=spec.exclusive_planes,
         event_plane_groups=spec.event_planes,

@@ -6,14 +6,12 @@ only equilibrium then plays each throw as often as the one that beats it wins by
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair import games
 from marl_cair.games.game import NO_CELL, NO_WINNER, Game, GameSpec, Representation
 
 NAME = "rock_paper_scissors"
@@ -134,11 +132,6 @@ class Thrower:
 
     def load_state_dict(self, state):
         pass
-
-
-def register(monkeypatch):
-    """Make the game known by its name while a test runs."""
-    monkeypatch.setitem(games.GAMES.modules, NAME, sys.modules[__name__])
 
 
 def _make_bot(name: str, throw: int) -> Any:

@@ -15,7 +15,6 @@ from marl_cair.league.records import WinRecords
 from marl_cair.training.config import SELF_PLAY
 from tests.games.rock_paper_scissors import GAME
 
-pytestmark = pytest.mark.slow
 pyspiel = pytest.importorskip("pyspiel", reason="OpenSpiel is the extra `openspiel`")
 
 EPISODES, BATCH, EVERY = 300_000, 500, 5  # a snapshot of 2,500 episodes each

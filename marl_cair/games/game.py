@@ -54,6 +54,7 @@ class Representation:
             memory (worlds, rules, memory, out, first, last), and it writes what has changed.
         make_memory: num_worlds -> arrays [B, ...] that tell what an `out` holds, at first nothing.
         low: the smallest value, or of a vector one for each entry.
+        num_frames: above 1 the channels are pictures of so many decisions, the newest last.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Representation:
     num_uniform: int = 0
     make_memory: Callable[[int], Any] | None = None
     low: float | tuple[float, ...] = 0
+    num_frames: int = 1
 
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """The smallest and the largest values, both of the observation's shape and dtype."""

@@ -20,11 +20,9 @@ from torch.nn import functional
 from marl_cair.generative.cells import (
     CellDistribution,
     build_distribution,
-    choose_surprises,
     count_outputs,
-    find_mode,
+    decode_cells,
     gather_candidates,
-    sample_others,
 )
 from marl_cair.generative.economy import EconomyChain, ScalarTables, apply_changes
 from marl_cair.generative.outcome import Outcome, OutcomeHeads, OutcomeInput, RewardBins
@@ -219,24 +217,12 @@ class CCDN(nn.Module):
     def _decode_planes(
         self, encoding: Encoding, cells: CellDistribution, generator: torch.Generator | None
     ) -> Tensor:
-        values, masses = find_mode(cells)
+        num, planes = encoding.planes.shape[:2]
+        appears = (cells.candidates[:-1].amax(0) == 0.0).view(num, planes, -1)
+        offsets = None
         if generator is not None:
-            num, planes = encoding.planes.shape[:2]
-            appears = cells.candidates[:-1].amax(0) == 0.0
             offsets = torch.rand(num, planes, generator=generator)[:, self.event_of_plane]
-            chosen = (
-                choose_surprises(
-                    (1.0 - masses).clamp(0.0, 1.0).view(num, planes, -1),
-                    appears.view(num, planes, -1),
-                    offsets,
-                )
-                .flatten()
-                .nonzero()
-                .squeeze(-1)
-            )
-            if chosen.numel():
-                values[chosen] = sample_others(cells.select(chosen), values[chosen], generator)
-        return values.to(torch.uint8).view_as(encoding.planes)
+        return decode_cells(cells, appears, offsets, generator).view_as(encoding.planes)
 
 
 def _pool(board: Tensor) -> Tensor:

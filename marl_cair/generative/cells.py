@@ -44,7 +44,9 @@ def count_outputs(num_shifts: int, num_steps: int) -> int:
     return num_shifts + num_steps + 3 + 1 + 2
 
 
-def build_distribution(outputs: Tensor, candidates: Tensor) -> CellDistribution:
+def build_distribution(
+    outputs: Tensor, candidates: Tensor, mean_unit: float = MEAN_UNIT
+) -> CellDistribution:
     """Turn outputs [K + 3, M] and candidates [K, M] into the mixture."""
     num_candidates = candidates.shape[0]
     logits, offset, log_scale = torch.split(outputs, [num_candidates + 1, 1, 1])
@@ -52,7 +54,7 @@ def build_distribution(outputs: Tensor, candidates: Tensor) -> CellDistribution:
     # The logistic starts from the candidate that the mixture trusts: a unit that walked here and
     # was hit lies a little below the neighbour's value.
     anchor = (weights * candidates).sum(0) / weights.sum(0).clamp_min(1e-6)
-    mean = anchor + MEAN_UNIT * offset[0]
+    mean = anchor + mean_unit * offset[0]
     scale = log_scale[0].clamp(MIN_LOG_SCALE, MAX_LOG_SCALE).exp()
     return CellDistribution(weights, logistic_weight[0], candidates, mean, scale)
 
@@ -159,6 +161,25 @@ def sample_others(cells: CellDistribution, modes: Tensor, generator: torch.Gener
     drawn = (cells.mean + cells.scale * torch.logit(level)).round().clamp(0.0, MAX_VALUE)
     options = torch.cat([cells.candidates, drawn[None]])
     return options.gather(0, component[None]).squeeze(0)
+
+
+def decode_cells(
+    cells: CellDistribution,
+    appears: Tensor,
+    offsets: Tensor | None,
+    generator: torch.Generator | None,
+) -> Tensor:
+    """Values uint8 [M]: sampled, or the likeliest without a generator.
+
+    appears: bool [N, P, cells]; offsets: [N, P], both of `choose_surprises`.
+    """
+    values, masses = find_mode(cells)
+    if generator is not None and offsets is not None:
+        odds = (1.0 - masses).clamp(0.0, 1.0).view(appears.shape)
+        chosen = choose_surprises(odds, appears, offsets).flatten().nonzero().squeeze(-1)
+        if chosen.numel():
+            values[chosen] = sample_others(cells.select(chosen), values[chosen], generator)
+    return values.to(torch.uint8)
 
 
 def choose_surprises(odds: Tensor, appears: Tensor, offsets: Tensor) -> Tensor:

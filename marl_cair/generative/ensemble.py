@@ -9,10 +9,8 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from marl_cair.generative.ccdn import CCDN, Encoding, NextState
-from marl_cair.generative.cells import find_log_prob
-from marl_cair.generative.economy import find_changes
-from marl_cair.generative.loss import RareCorrection, find_losses
+from marl_cair.generative.families import Member, choose_family
+from marl_cair.generative.loss import RareCorrection
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.generative.steps import StepTable
 
@@ -41,14 +39,15 @@ class Ensemble:
     def __init__(self, spec: GeneratorSpec, config: GeneratorConfig) -> None:
         self.config = config
         self.spec = spec
-        self.members: list[CCDN] = []
+        self._family = choose_family(spec)
+        self.members: list[Member] = []
         for member in range(config.num_members):
             # torch's layers draw their start values from the global generator; leave it as it was.
             with torch.random.fork_rng(devices=[]):
                 torch.manual_seed(config.seed + SEED_STRIDE * (member + 1))
-                self.members.append(CCDN(spec, config.size))
+                self.members.append(self._family.make(spec, config.size))
         self.optimizers = [
-            torch.optim.Adam(_group_parameters(network, config), fused=True)
+            torch.optim.Adam(self._family.group_parameters(network, config), fused=True)
             for network in self.members
         ]
         # Opinions and proposals come from moving averages of the weights. In Deep RTS 1v1 these
@@ -60,16 +59,7 @@ class Ensemble:
 
     def count_steps(self, rows: TensorDict) -> None:
         """Take note of the steps that values take in real transitions."""
-        now, later = rows["observation"], rows["next", "observation"]
-        moving, counted = self.members[0].moving, slice(None, None, COUNTED_STRIDE)
-        self.steps.count(
-            now[counted][:, moving], later[counted][:, moving], self.config.size.shifts
-        )
-        first = self.members[0]
-        first.economy.note_differences(*(first.split(planes)[1] for planes in (now, later)))
-        for network in (*self.members, *self.averages):
-            network.step_results.copy_(self.steps.results)
-            network.economy.is_seen.copy_(first.economy.is_seen)
+        self._family.note(self.averages + self.members, self.steps, rows)
 
     def train(
         self, rows: TensorDict, correction: RareCorrection, generator: torch.Generator
@@ -80,7 +70,7 @@ class Ensemble:
         stride = self.config.quiet_stride
         offset = int(torch.randint(stride, (), generator=generator))
         network.outcome.reward_std.fill_(correction.reward_variance**0.5)
-        losses = find_losses(network, rows, correction, stride, offset)
+        losses = self._family.find_losses(network, rows, correction, stride, offset)
         total = torch.stack(list(losses.values())).sum()
         optimizer.zero_grad(set_to_none=True)
         torch.autograd.backward(total)
@@ -129,7 +119,7 @@ class Ensemble:
         """Every member's opinion of every row, given its next observation."""
         opinions = []
         for network in self.averages:
-            answers = [_ask_member(network, part) for part in _split(rows)]
+            answers = [self._family.ask(network, part) for part in _split(rows)]
             opinions.append([torch.cat(part) for part in zip(*answers, strict=True)])
         return Opinions(*(torch.stack(part) for part in zip(*opinions, strict=True)))
 
@@ -159,48 +149,6 @@ class Ensemble:
         self.num_updates = state["num_updates"]
 
 
-def _group_parameters(network: CCDN, config: GeneratorConfig) -> list[dict[str, Any]]:
-    economy = [*network.near.parameters(), *network.economy.parameters()]
-    # The cells' heads read the embedded changes as well.
-    economy = [part for part in economy if part is not network.economy.change_weight]
-    chosen = {id(parameter) for parameter in economy}
-    rate = config.economy_learning_rate
-    others = [parameter for parameter in network.parameters() if id(parameter) not in chosen]
-    return [
-        {"params": others, "lr": config.learning_rate, "peak": config.learning_rate},
-        {"params": economy, "lr": rate, "peak": rate},
-    ]
-
-
 def _split(rows: TensorDict) -> list[TensorDict]:
     """Chunks of rows; one empty chunk if there are none."""
     return list(rows.split(CHUNK_ROWS)) if rows.shape[0] else [rows]
-
-
-def _ask_member(network: CCDN, rows: TensorDict) -> tuple[Tensor, ...]:
-    following = rows["next", "observation"]
-    encoding = network.encode(rows["observation"], rows["action"])
-    _, later = network.split(following)
-    changes = find_changes(encoding.scalars, later)
-    economy = network.economy.find_log_prob(encoding.outlook, encoding.scalars, changes)
-    board = network.reveal_economy(encoding, changes)
-    state = NextState(following, changes, board)
-    cells = _find_cell_log_probs(network, encoding, state)
-    outcome = network.judge(encoding, state, rows["action_mask"])
-    everything = torch.cat([economy, cells], -1)
-    zero_bin = network.bins.centres.abs().argmin()
-    return (
-        everything.sum(-1),
-        everything.amin(-1),
-        economy.sum(-1),
-        network.read_reward(outcome),
-        outcome.reward.softmax(-1)[:, zero_bin],
-        outcome.terminal.sigmoid(),
-        outcome.mask,
-    )
-
-
-def _find_cell_log_probs(network: CCDN, encoding: Encoding, state: NextState) -> Tensor:
-    values = state.observation[:, network.moving].flatten().float()
-    cells = network.find_cells(encoding, state.changes, state.board)
-    return find_log_prob(cells, values).view(state.observation.shape[0], -1)

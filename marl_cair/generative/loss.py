@@ -12,6 +12,7 @@ from torch.nn import functional
 from marl_cair.generative.ccdn import CCDN, Encoding, NextState
 from marl_cair.generative.cells import find_log_prob
 from marl_cair.generative.economy import find_changes
+from marl_cair.generative.outcome import Outcome, RewardBins
 
 
 class RareCorrection(NamedTuple):
@@ -42,9 +43,20 @@ def find_losses(
     state = NextState(following, changes, board)
     cell_nll = _find_cell_nll(network, encoding, state, stride, offset)
     outcome = network.judge(encoding, state, rows["action_mask"])
+    return {
+        "economy": (economy_nll * correction.row_weights).mean(),
+        "cells": (cell_nll * correction.row_weights).mean(),
+        **find_outcome_losses(outcome, network.bins, rows, correction),
+    }
+
+
+def find_outcome_losses(
+    outcome: Outcome, bins: RewardBins, rows: TensorDict, correction: RareCorrection
+) -> dict[str, Tensor]:
+    """Those of rewards, ends and masks."""
     rewards = rows["next", "reward"].squeeze(-1)
-    reward_error = network.read_reward(outcome) - rewards
-    reward_target = network.bins.spread(rewards)
+    reward_error = bins.read(outcome.reward) + outcome.fine - rewards
+    reward_target = bins.spread(rewards)
     reward_logits = outcome.reward + correction.reward_log_odds
     terminal_logits = outcome.terminal + correction.terminal_log_odds
     terminated = rows["next", "terminated"].squeeze(-1).float()
@@ -57,8 +69,6 @@ def find_losses(
         outcome.mask, rows["next", "action_mask"].float(), reduction="none"
     ).mean(-1)
     return {
-        "economy": (economy_nll * correction.row_weights).mean(),
-        "cells": (cell_nll * correction.row_weights).mean(),
         "reward": functional.cross_entropy(reward_logits, reward_target),
         # Shaped rewards are far smaller than a win: cross entropy hardly feels their mean.
         "reward_mean": reward_square / reward_scale,

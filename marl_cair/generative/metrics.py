@@ -72,8 +72,8 @@ def _measure_cells(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
     moving = list(spec.moving_planes)
     now, real = held.rows["observation"][:, moving], held.rows["next", "observation"][:, moving]
     guess, sample = held.likeliest[:, moving], held.sampled[:, moving]
-    changed, said = real != now, guess != now
-    hits = float((said & (guess == real)).sum())
+    changed, said = _differ(real, now, spec), _differ(guess, now, spec)
+    hits = float((changed & said & ~_differ(guess, real, spec)).sum())
     flat = (held.likeliest == held.rows["next", "observation"]).flatten(1)
     metrics = {
         "cells/copy_error": _find_error(now, real),
@@ -81,7 +81,7 @@ def _measure_cells(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
         "cells/sampled_error": _find_error(sample, real),
         "cells/exact_match": float(flat.all(-1).float().mean()),
         "cells/changed_share": float(changed.float().mean()),
-        "cells/sampled_changed_share": float((sample != now).float().mean()),
+        "cells/sampled_changed_share": float(_differ(sample, now, spec).float().mean()),
     }
     if changed.any():
         metrics["cells/changed_f1"] = 2.0 * hits / float(changed.sum() + said.sum())
@@ -90,6 +90,10 @@ def _measure_cells(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
         metrics[f"plane_{plane}/accuracy"] = _share(guess[:, place] == real[:, place])
         metrics[f"plane_{plane}/copy_accuracy"] = _share(now[:, place] == real[:, place])
     return metrics
+
+
+def _differ(values: Tensor, others: Tensor, spec: GeneratorSpec) -> Tensor:
+    return (values.int() - others.int()).abs() > spec.tolerance
 
 
 def _measure_uniform(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
@@ -205,9 +209,11 @@ def _measure_reward(held: HeldOut, counts: RareCounts, in_doubt: Tensor) -> dict
     if auc is not None:
         metrics["reward/nonzero_auc"] = auc
     if not in_doubt.all():
-        # Found: nearer to the real reward than half of its distance from the usual one.
+        # Found: nearer to the real reward than half of its distance from the usual one. An end may
+        # pay what is usual; that is found within a quarter of the rewards' standard deviation.
+        least = max(0.25 * metrics.get("reward/std", 0.0), 1e-6)
         rare = held.rare_rows["next", "reward"].squeeze(-1)[~in_doubt]
-        allowed = 0.5 * (rare - rewards.median()).abs().clamp_min(1e-6)
+        allowed = (0.5 * (rare - rewards.median()).abs()).clamp_min(least)
         rare_error = held.rare_opinions.reward.mean(0)[~in_doubt] - rare
         metrics["reward/rare_recall"] = _share(rare_error.abs() <= allowed)
     return metrics

@@ -15,6 +15,7 @@ from torch.nn import functional
 from marl_cair.generative.economy import NUM_VALUES, ScalarTables
 from marl_cair.generative.readout import BoardReadout, SideReadout, compare, flatten_board
 from marl_cair.generative.settings import NO_CELL, GeneratorSpec, NetworkSize
+from marl_cair.generative.ways import WayReadout
 
 PLANE_GAIN = 4.0  # of the mask head's planes: a quarter of the full value counts as 1
 FINE_REACH = 2.0  # standard deviations that the correction of the bins' mean stays within
@@ -97,7 +98,9 @@ class OutcomeHeads(nn.Module):
         self.values = ScalarTables(uniform, size.table_width)
         self.changes = ScalarTables(uniform, size.table_width)
         # The mask's loss is far larger than the others: in layers of their own these learn faster.
-        num_seen = num_features + 2 * self.readout.num_sums + 2 * uniform * (1 + size.table_width)
+        self.ways = WayReadout(spec, size) if size.distances else None
+        num_boards = 2 * self.readout.num_sums + (self.ways.num_numbers if self.ways else 0)
+        num_seen = num_features + num_boards + 2 * uniform * (1 + size.table_width)
         self.enter = nn.Linear(num_seen, 2 * hidden)
         self.sides = SideReadout(
             spec.num_rows, spec.num_columns, spec.num_spatial, size.side_features
@@ -107,7 +110,7 @@ class OutcomeHeads(nn.Module):
         self.reward = nn.Linear(hidden, size.reward_bins)
         self.terminal = nn.Linear(hidden, 1)
         # Bins are coarse for rewards of a thousandth of a win, which are sums over what changed.
-        self.fine = nn.Linear(hidden + 2 * self.readout.num_sums, 1)
+        self.fine = nn.Linear(hidden + num_boards, 1)
         nn.init.zeros_(self.fine.weight)
         nn.init.zeros_(self.fine.bias)
         self.register_buffer("reward_std", torch.ones(()))  # of the rewards learned from
@@ -123,6 +126,8 @@ class OutcomeHeads(nn.Module):
         things = flatten_board(seen.planes)
         later = self.readout(things)
         boards = compare(self.readout(seen.things), later)
+        if self.ways is not None:
+            boards = torch.cat([boards, self.ways(seen.things, things)], -1)
         of_value, of_mask = self._read(seen, boards, self.sides(things))
         fine = self.fine(torch.cat([of_value, boards], -1)).squeeze(-1)
         return Outcome(

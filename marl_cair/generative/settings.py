@@ -24,6 +24,10 @@ class GeneratorSpec:
     exclusive_plane_groups: spatial planes of which at most one is above 0 at any cell.
     event_plane_groups: spatial planes in which one event appears at the same cell (a unit and its
         progress); samples draw the place of the event once for the group.
+    num_frames: above 1 the planes are so many pictures in grey, the oldest first, of which the
+        newest is predicted; all of them, so `num_uniform` is 0 and the others are static.
+    tolerance: values of a cell that differ by no more are taken for equal where it is counted which
+        cells have changed: pictures have shades that nobody sees.
 
     Raises ValueError where a number does not fit the others.
     """
@@ -38,8 +42,18 @@ class GeneratorSpec:
     static_planes: tuple[int, ...] = ()
     exclusive_plane_groups: tuple[tuple[int, ...], ...] = ()
     event_plane_groups: tuple[tuple[int, ...], ...] = ()
+    num_frames: int = 1
+    tolerance: int = 0
 
     def __post_init__(self) -> None:
+        if self.num_frames > 1:
+            if self.num_frames != self.num_planes or self.num_uniform:
+                raise ValueError(
+                    f"num_frames is {self.num_frames}, num_uniform {self.num_uniform}: each of the "
+                    f"{self.num_planes} planes must be a picture, so {self.num_planes} and 0"
+                )
+            object.__setattr__(self, "static_planes", tuple(range(self.num_frames - 1)))
+        _require_int(0 <= self.tolerance < 255, "tolerance", self.tolerance, "0..254")
         _require_int(
             0 <= self.num_uniform < self.num_planes,
             "num_uniform",
@@ -157,7 +171,10 @@ class NetworkSize:
         (1, 0),
         (-1, 0),
     )
+    frame_channels: int = 32  # of each patch of 4 x 4 pixels, where pictures are seen
     steps: int = 6  # of each plane's own values that are candidates, the commonest ones
+    distances: bool = False  # rewards see how far the way is from what moves to what is static
+    obstacle_planes: tuple[int, ...] = ()  # of `distances`: planes that block ways, to begin with
 
 
 @dataclass(frozen=True)
@@ -229,6 +246,7 @@ class GeneratorConfig:
     num_members: int = 3  # independently seeded networks; 1 leaves nothing to disagree
     learning_rate: float = 3e-3  # of Adam
     economy_learning_rate: float = 1e-2  # its features are counts, which seldom differ from 0
+    frame_learning_rate: float = 1e-3  # of the networks of pictures
     max_grad_norm: float = 100.0  # far above the usual: clipping every step would bias odds
     rare_share: float = 0.25  # of each training batch: half rare rewards, half ends
     rare_reward_share: float = 0.02  # of all rows, which the seldom rewards make up together

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from marl_cair.policies.body import Body, require_planes
+from marl_cair.policies.body import IMAGE_MIN_SIDE, Body, require_planes
 from marl_cair.policies.capsule_layers import (
     EntityRouting,
     GridPooling,
@@ -18,7 +18,6 @@ from marl_cair.policies.conv import ConvLayer, stack_convolutions
 if TYPE_CHECKING:
     from marl_cair.policies.config import QNetworkConfig
 
-IMAGE_MIN_SIDE = 64  # pixels
 LARGE_BOARD_MIN_SIDE = 20  # tiles
 
 

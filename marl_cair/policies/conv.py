@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from marl_cair.policies.body import Body, require_planes
+from marl_cair.policies.body import IMAGE_MIN_SIDE, Body, require_planes
 
 if TYPE_CHECKING:
     from marl_cair.policies.config import QNetworkConfig
 
-IMAGE_MIN_SIDE = 64  # pixels: from here the input is an image, and the layers those of Atari
 SMALL_BOARD_MAX_SIDE = 20  # tiles: up to here one stride is enough
 MAX_MAP_CELLS = 100  # cells before the dense layer: keeps it below about 1.6 M weights
 
@@ -31,6 +30,7 @@ class ConvLayer(NamedTuple):
 
 SMALL_BOARD = (ConvLayer(32, 3, 1, 1), ConvLayer(64, 3, 2, 1), ConvLayer(64, 3, 1, 1))
 LARGE_BOARD = (ConvLayer(32, 3, 2, 1), ConvLayer(64, 3, 2, 1), ConvLayer(64, 3, 1, 1))
+# Those of Atari.
 IMAGE = (ConvLayer(32, 8, 4, 0), ConvLayer(64, 4, 2, 0), ConvLayer(64, 3, 1, 0))
 EXTRA = ConvLayer(64, 3, 2, 1)
 

@@ -46,18 +46,17 @@ class DistanceMaps(nn.Module):
                 f"0..{num_planes - 1}"
             )
         self.usual_cost = 1.0 / (num_rows + num_columns)
-        self.log_cost = nn.Conv2d(num_planes, 1, 1)
+        self.log_cost = make_log_cost(num_planes, obstacle_planes)
         self.eyes = nn.Conv2d(num_planes, num_planes, 1)
         num_seen = num_planes * num_planes * (2 + NUM_SIDES)
         self.read_out = nn.Sequential(nn.Linear(num_seen, num_features), nn.ReLU())
         with torch.no_grad():
-            for weight in (*self.log_cost.parameters(), *self.eyes.parameters()):
+            for weight in self.eyes.parameters():
                 weight.zero_()
-            self.log_cost.weight[:, list(obstacle_planes)] = OBSTACLE_LOG_COST / LOG_COST_SCALE
             self.eyes.weight[:, :, 0, 0] = torch.eye(num_planes)
 
     def forward(self, planes: Tensor) -> tuple[Tensor, Tensor]:
-        cost = self.find_costs(planes)
+        cost = find_costs(planes, self.log_cost, self.usual_cost)
         nearness = measure_nearness(planes, cost)
         ahead = find_ways(nearness, cost)
         seen = torch.cat([planes, nearness, ahead.flatten(1, 2)], dim=1)
@@ -66,10 +65,21 @@ class DistanceMaps(nn.Module):
         features: Tensor = self.read_out(looked_at.flatten(1))
         return seen[:, : 2 * planes.shape[1]], features
 
-    def find_costs(self, planes: Tensor) -> Tensor:
-        """Planes [N, C, H, W] -> what it costs to walk from each cell, [N, 1, H, W]."""
-        factor: Tensor = torch.exp(LOG_COST_SCALE * self.log_cost(planes))
-        return (self.usual_cost * factor).clamp(LOWEST_COST, HIGHEST_COST)
+
+def make_log_cost(num_planes: int, obstacle_planes: Sequence[int]) -> nn.Conv2d:
+    """The weights by which `find_costs` reads a cell: 0, but for planes that block."""
+    log_cost = nn.Conv2d(num_planes, 1, 1)
+    with torch.no_grad():
+        for weight in log_cost.parameters():
+            weight.zero_()
+        log_cost.weight[:, list(obstacle_planes)] = OBSTACLE_LOG_COST / LOG_COST_SCALE
+    return log_cost
+
+
+def find_costs(planes: Tensor, log_cost: nn.Conv2d, usual_cost: float) -> Tensor:
+    """Planes [N, C, H, W] -> what it costs to walk from each cell, [N, 1, H, W]."""
+    factor: Tensor = torch.exp(LOG_COST_SCALE * log_cost(planes))
+    return (usual_cost * factor).clamp(LOWEST_COST, HIGHEST_COST)
 
 
 def measure_nearness(planes: Tensor, cost: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from marl_cair import policies
 from marl_cair.lookup import find_by_name
-from marl_cair.policies.body import require_planes
+from marl_cair.policies.body import is_image, require_planes, standardise
 from marl_cair.policies.config import CapsuleSizes, QNetworkConfig
 from marl_cair.policies.distances import DistanceMaps
 from marl_cair.policies.heads import HEADS
@@ -51,7 +51,8 @@ class QNetwork(nn.Module):
         """Observation uint8 or float [..., *observation_shape] -> action values float32 [..., A].
 
         uint8 is scaled to [0, 1] here, so that it can be stored and moved as bytes; floats are
-        taken as they are. Raises ValueError for another shape, TypeError for another dtype.
+        taken as they are. Images (from 64 x 64 on) are standardised, each by itself. Raises
+        ValueError for another shape, TypeError for another dtype.
         """
         num_axes = len(self.observation_shape)
         if tuple(observation.shape[-num_axes:]) != self.observation_shape:
@@ -62,7 +63,10 @@ class QNetwork(nn.Module):
             )
         batch_shape = observation.shape[:-num_axes]
         rows = observation.reshape(-1, *self.observation_shape)
-        values: Tensor = self.head(self._find_features(_to_float(rows)))
+        seen = _to_float(rows)
+        if is_image(self.observation_shape):
+            seen = standardise(seen)
+        values: Tensor = self.head(self._find_features(seen))
         return values.float().reshape(*batch_shape, self.num_actions)
 
     def _find_features(self, observation: Tensor) -> Tensor:

@@ -161,6 +161,7 @@ class DemonstrationSettings:
     bots: tuple[str, ...] = ()  # who shows how to play, one for each such game; (): nobody
     share: float = 0.25  # of games
     until_frames: int | None = None  # frames after which no such game begins; None: never
+    turn_decisions: int | None = None  # after so many it is drawn anew who plays; None: whole games
     margin: float = 0.1  # by which the shown action is to be worth more than any other legal one
     margin_weight: float = 1.0  # of that loss, beside the TD error's
 
@@ -168,6 +169,8 @@ class DemonstrationSettings:
         require(0 <= self.share <= 1, "demonstration.share", self.share, "a share in 0..1")
         frames = self.until_frames
         require(frames is None or frames >= 0, "demonstration.until_frames", frames, "0 or more")
+        turn = self.turn_decisions
+        require(turn is None or turn >= 1, "demonstration.turn_decisions", turn, "1 or more")
         for name in ("margin", "margin_weight"):
             value = getattr(self, name)
             require(0 <= value < math.inf, f"demonstration.{name}", value, "0 or more")
@@ -231,6 +234,7 @@ class LearnerSettings:
     batch_size: int = 128  # transitions, generated ones included
     frames_per_update: int = 64  # frames collected for each update
     learning_rate: float = 5e-4  # of Adam
+    learning_rate_end: float | None = None  # at total_frames, in a straight line; None: the same
     gamma: float = 0.99  # discount per decision
     n_steps: int = 8  # decisions whose rewards are summed before the target network is asked
     double: bool = True  # the online network chooses the action that the target network values
@@ -242,11 +246,18 @@ class LearnerSettings:
     max_grad_norm: float = 10.0  # longer gradients are shortened to it
     reward_scale: float = 1.0  # rewards are multiplied by it before they are stored
 
+    def learning_rate_at(self, done: float) -> float:
+        """Linear from start to end over the share `done` of the run, 0..1."""
+        end = self.learning_rate if self.learning_rate_end is None else self.learning_rate_end
+        return self.learning_rate + min(1.0, done) * (end - self.learning_rate)
+
     def __post_init__(self) -> None:
         for name in ("batch_size", "frames_per_update", "n_steps", "target_every_updates"):
             require(getattr(self, name) >= 1, f"learner.{name}", getattr(self, name), "1 or more")
         for name in ("learning_rate", "max_grad_norm", "reward_scale"):
             require(getattr(self, name) > 0, f"learner.{name}", getattr(self, name), "above 0")
+        end = self.learning_rate_end
+        require(end is None or end >= 0, "learner.learning_rate_end", end, "0 or more")
         require(0 <= self.gamma <= 1, "learner.gamma", self.gamma, "in 0..1")
         require(
             0 < self.target_tau <= 1, "learner.target_tau", self.target_tau, "above 0, at most 1"

@@ -65,14 +65,19 @@ class Learner:
         self.optimizer = torch.optim.Adam(self._parameters, lr=settings.learning_rate)
         self.updates = 0
 
-    def update(self, batch: TensorDict) -> dict[str, Tensor | float]:
-        """One gradient step on rows with the transition keys; returns scalars for the log."""
+    def update(self, batch: TensorDict, done: float = 0.0) -> dict[str, Tensor | float]:
+        """One gradient step on rows with the transition keys; returns scalars for the log.
+
+        done: share of the run that is over, 0..1, for the learning rate.
+        """
         td_loss = self._loss(batch)["loss"]
         margin_loss = self._find_margin_loss(batch)
         loss = td_loss + self.demonstration.margin_weight * margin_loss
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
         norm = torch.nn.utils.clip_grad_norm_(self._parameters, self.settings.max_grad_norm)
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.settings.learning_rate_at(done)
         self.optimizer.step()
         self._target.step()
         self.updates += 1

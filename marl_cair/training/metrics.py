@@ -29,6 +29,7 @@ class Decisions(NamedTuple):
     actions: NDArray[np.int64]  # [B, P]
     owned: NDArray[np.bool_]  # [B, P] seats of the learner
     shown: NDArray[np.bool_]  # [B, P] those of them that a demonstrator played
+    assisted: NDArray[np.bool_]  # [B, P] those that a demonstrator has played in this game
     out: NDArray[np.bool_]  # [B, P] seats that were out by then
     team: NDArray[np.int64]  # [B] the learner's
     opponent: NDArray[np.int16]  # [B, P] who plays the seat; of the learner's team LATEST_ID
@@ -43,7 +44,7 @@ def find_meetings(
     are not its own.
     """
     meetings = []
-    ended = np.flatnonzero(last.ended & ~taken.shown.any(1))
+    ended = np.flatnonzero(last.ended & ~taken.assisted.any(1))
     points = share_points(last.winner[ended], taken.out[ended], team_of_seat)
     first_seats = np.unique(team_of_seat, return_index=True)[1].tolist()
     for world, of_teams in zip(ended.tolist(), points.tolist(), strict=True):
@@ -117,9 +118,9 @@ class EpisodeStatistics:
         for met in meetings:
             self._results.setdefault(met.opponent, []).append(met.points)
         for world in np.flatnonzero(last.ended).tolist():
-            shown = np.flatnonzero(taken.shown[world])
-            self._shown_sums += self._reward_sum[world, shown].tolist()
-            seats = np.flatnonzero(own[world])
+            assisted = taken.assisted[world]
+            self._shown_sums += self._reward_sum[world, assisted].tolist()
+            seats = np.flatnonzero(taken.owned[world] & ~assisted)
             if not len(seats):
                 continue
             excess = self._first_value[world, seats] - self._return[world, seats]

@@ -13,8 +13,7 @@ class Recipe(NamedTuple):
 
 
 # The way to a goal may be longer than any stack of kernels reaches, so the networks measure
-# distances; plane 0 is walls. What the reward `distance` pays the generator cannot know, which sees
-# no distances: its gate opens with `classic`.
+# distances; plane 0 is walls.
 _MAZE = (
     "game=deep_maze",
     "policy.distances=true",
@@ -33,8 +32,11 @@ _MAZE = (
 
 # A move too many costs a fiftieth, which is lost in what a new network says by chance: the oracle
 # shows every second game, and rewards are scaled. With `classic` one way in 250 stayed a circle.
+# What `distance` pays only a generator can know that measures distances itself.
 _LARGE_MAZE = (
     "game.reward=distance",
+    "generator.model.size.distances=true",
+    "generator.model.size.obstacle_planes=[0]",
     "learner.gamma=0.99",
     "learner.reward_scale=5",
     "learner.batch_size=32",
@@ -45,16 +47,12 @@ _LARGE_MAZE = (
     "evaluation.games=16",
 )
 
-# A crash is the end of some seconds' flight: what is later than that need not be foreseen. The
-# oracle does not die: if it went on, it would soon play in all worlds, and nobody would err.
+# A crash is the end of some seconds' flight: what is later than that need not be foreseen.
 _FLAPPY = (
     "max_ticks=1000",
     "learner.gamma=0.97",
     "learner.double=false",
-    "learner.frames_per_update=32",
     "demonstration.bots=[oracle]",
-    "demonstration.until_frames=5000",
-    "demonstration.margin=0.05",
     "exploration.epsilon_start=0.1",
     "exploration.epsilon_end=0.002",
     "exploration.anneal_frames=100000",
@@ -126,6 +124,10 @@ RECIPES = {
             "policy.body=mlp",
             "game.reward=alive",
             *_FLAPPY,
+            # The oracle does not die: it would soon play in all worlds, and nobody would err.
+            "demonstration.until_frames=5000",
+            "demonstration.margin=0.05",
+            "learner.frames_per_update=32",
             "generator.evaluate_every_frames=10000",
             "learner.batch_size=256",
             "replay.capacity_transitions=500000",
@@ -139,7 +141,22 @@ RECIPES = {
             "representation=gray_stack",
             "game.reward=alive",
             *_FLAPPY,
-            "generator=none",
+            # From pictures alone too little is learned in an hour: the oracle takes turns, and so
+            # shows what to do wherever the learner has come to.
+            "demonstration.share=0.5",
+            "demonstration.turn_decisions=50",
+            "demonstration.margin=0.2",
+            "learner.frames_per_update=16",
+            "learner.n_steps=4",
+            "learner.learning_rate_end=0",
+            # Of an end in two hundred rows each network must see many to know a crash by its look.
+            "generator.model.num_members=2",
+            "generator.model.rare_share=0.5",
+            "generator.batch_size=32",
+            "generator.frames_per_update=48",
+            "generator.evaluate_every_frames=20000",
+            "generator.model.heldout_capacity=1024",
+            "generator.model.rare_capacity=1024",
             "learner.batch_size=32",
             "replay.capacity_transitions=50000",
             "evaluation.games=16",

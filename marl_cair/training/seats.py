@@ -77,6 +77,7 @@ class SeatRouter(TensorDictModuleBase):
         self._owned = np.zeros((worlds, self._players), np.bool_)
         self._out = np.zeros((worlds, self._players), np.bool_)
         self._shown = np.zeros((worlds, self._players), np.bool_)
+        self._assisted = np.zeros((worlds, self._players), np.bool_)  # at any time of the game
         self._actions = np.zeros((worlds, self._players), np.int64)
 
     @property
@@ -95,7 +96,10 @@ class SeatRouter(TensorDictModuleBase):
         starting = self._start_new_games()
         self._owned = self.opponent == LATEST_ID
         self._out = group.get("done").squeeze(-1).numpy().copy()
+        self._demonstrators.draw(starting, self.frames)
         self._shown = self._find_shown()
+        self._assisted[starting] = False
+        self._assisted |= self._shown
         learned = self._owned & ~self._out
         chosen = learned & ~self._shown
         actions = torch.full(learned.shape, self._noop, dtype=torch.int64)
@@ -121,7 +125,13 @@ class SeatRouter(TensorDictModuleBase):
     def _note_step(self) -> None:
         """Tell what the last decision brought, and book games that it ended to who played them."""
         taken = Decisions(
-            self._actions, self._owned, self._shown, self._out, self._team, self.opponent
+            self._actions,
+            self._owned,
+            self._shown,
+            self._assisted,
+            self._out,
+            self._team,
+            self.opponent,
         )
         meetings = find_meetings(taken, self._env.last, self._teams)
         self._statistics.note_step(taken, self._env.last, meetings)
@@ -141,7 +151,6 @@ class SeatRouter(TensorDictModuleBase):
             self.opponent[starting] = drawn[:, self._teams]
             self._episode = self._env.seeds.episodes.copy()
             self._book.forget_unused(self.opponent)
-            self._demonstrators.draw(starting, self.frames)
         return starting
 
     def _find_shown(self) -> NDArray[np.bool_]:
@@ -188,6 +197,7 @@ class SeatRouter(TensorDictModuleBase):
             "owned": torch.from_numpy(self._owned.copy()),
             "out": torch.from_numpy(self._out.copy()),
             "shown": torch.from_numpy(self._shown.copy()),
+            "assisted": torch.from_numpy(self._assisted.copy()),
             "demonstrators": self._demonstrators.state_dict(),
             "actions": torch.from_numpy(self._actions.copy()),
             "rng": export_rng(self._rng),
@@ -204,6 +214,7 @@ class SeatRouter(TensorDictModuleBase):
         self._owned = state["owned"].numpy().copy()
         self._out = state["out"].numpy().copy()
         self._shown = state["shown"].numpy().copy()
+        self._assisted = state["assisted"].numpy().copy()
         self._demonstrators.load_state_dict(state["demonstrators"])
         self._actions = state["actions"].numpy().copy()
         import_rng(self._rng, state["rng"])

@@ -129,7 +129,8 @@ def _learn(run: TrainingRun, before: int) -> None:
         return
     every = settings.frames_per_update
     for _ in range(run.frames // every - before // every):
-        run.means.add(run.learner.update(run.replay.sample()))
+        done = run.frames / run.config.total_frames
+        run.means.add(run.learner.update(run.replay.sample(), done))
 
 
 def _generate(run: TrainingRun, before: int) -> None:

@@ -7,7 +7,8 @@ import torch
 from tensordict import TensorDict
 
 from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec, NetworkSize
-from marl_cair.generative.vectors import VectorCodec, VectorGenerator
+from marl_cair.generative.coded import CodedGenerator
+from marl_cair.generative.vectors import LEVELS, VectorCodec
 from marl_cair.replay.transition import NO_OPPONENT, TransitionSpec, check_transitions
 
 LOW, HIGH = (-1.0, 0.0), (1.0, 10.0)
@@ -48,25 +49,32 @@ def make_rows(num: int, first: int, generator: torch.Generator) -> TensorDict:
     )
 
 
-def make_generator() -> VectorGenerator:
+def make_generator() -> CodedGenerator:
     codec = VectorCodec(LOW, HIGH)
-    spec = GeneratorSpec(codec.shape, 2, num_uniform=2, noop_action=0, reward_range=(-1.0, 1.0))
+    spec = GeneratorSpec(
+        codec.shape, 2, num_uniform=codec.num_uniform, noop_action=0, reward_range=(-1.0, 1.0)
+    )
     size = NetworkSize(channels=4, hidden=32)
-    return VectorGenerator(CCDNGenerator(GeneratorConfig(num_members=1, size=size), spec), codec)
+    return CodedGenerator(CCDNGenerator(GeneratorConfig(num_members=1, size=size), spec), codec)
 
 
 def test_a_vector_comes_back_to_within_half_a_level() -> None:
     codec = VectorCodec(LOW, HIGH)
     vectors = make_rows(500, 0, torch.Generator().manual_seed(0))["observation"]
-    planes = codec.encode(vectors)
-    assert planes.shape == (500, *codec.shape)
-    assert planes.dtype == torch.uint8
-    assert (planes[:, 0] == 0).all()
-    error = (codec.decode(planes) - vectors).abs().amax(0)
-    assert (error <= torch.tensor([2.0, 10.0]) / 510 * 1.0001).all()
-    assert torch.equal(codec.encode(codec.decode(planes)), planes)
+    planes = codec.encode(vectors, vectors.flip(0))
+    for part in planes:
+        assert part.shape == (500, *codec.shape)
+        assert part.dtype == torch.uint8
+        assert (part[:, 0] == 0).all()
+    assert torch.equal(planes[1], planes[0].flip(0))
+    known = codec.decode(*planes)
+    error = (known[0] - vectors).abs().amax(0)
+    assert (error <= torch.tensor([2.0, 10.0]) / (2 * LEVELS) * 1.001).all()
+    for part, again in zip(planes, codec.encode(*known), strict=True):
+        assert torch.equal(part, again)
     outside = torch.tensor([[-7.0, 99.0]])
-    torch.testing.assert_close(codec.decode(codec.encode(outside)), torch.tensor([[-1.0, 10.0]]))
+    came_back = codec.decode(*codec.encode(outside, outside))[1]
+    torch.testing.assert_close(came_back, torch.tensor([[-1.0, 10.0]]))
 
 
 @pytest.mark.parametrize(

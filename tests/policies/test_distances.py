@@ -10,6 +10,7 @@ from marl_cair.policies.distances import (
     FARTHEST,
     DistanceMaps,
     _Propagation,
+    find_costs,
     find_ways,
     measure_nearness,
 )
@@ -111,7 +112,7 @@ def test_obstacles_are_walked_around_before_anything_is_learned():
     planes, _ = read_maze(MAZE)
     maps = DistanceMaps((3, 3, 5), 16, obstacle_planes=(0,))
     with torch.no_grad():
-        cost = maps.find_costs(planes)
+        cost = find_costs(planes, maps.log_cost, maps.usual_cost)
         nearness = measure_nearness(planes, cost)
     assert nearness[0, 1, 2, 4].item() == pytest.approx(
         -10 / 8

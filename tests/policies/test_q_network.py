@@ -136,6 +136,19 @@ def test_training_steps_reproduce_bits(body):
     assert torch.equal(train(), train())
 
 
+@pytest.mark.parametrize("body", ["conv", "capsule"])
+def test_images_are_seen_alike_in_any_light_and_boards_are_not(body):
+    generator = torch.Generator().manual_seed(0)
+    for side, is_alike in ((64, True), (32, False)):
+        network = make_q_network(QNetworkConfig(body=body), (2, side, side), 3, seed=0)
+        image = torch.rand(4, 2, side, side, generator=generator)
+        values, darker = network(image), network(0.3 * image + 0.1)
+        assert torch.allclose(values, darker, atol=1e-4) == is_alike
+    nothing = torch.zeros(1, 2, 64, 64, dtype=torch.uint8)
+    network = make_q_network(QNetworkConfig(body=body), (2, 64, 64), 3, seed=0)
+    assert torch.isfinite(network(nothing)).all()
+
+
 def test_conv_has_the_expected_weights_in_line_wars():
     network = make("conv", LINE_WARS_SHAPE, LINE_WARS_ACTIONS)
     assert sum(weight.numel() for weight in network.parameters()) == 766_938

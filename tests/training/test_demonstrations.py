@@ -9,6 +9,7 @@ import torch
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.config import DemonstrationSettings, LearnerSettings, TrainConfig
+from marl_cair.training.demonstrations import Demonstrators
 from marl_cair.training.learner import Learner
 from marl_cair.training.metrics import read_log
 from marl_cair.training.rollout import make_rollout
@@ -74,6 +75,53 @@ def test_no_game_is_shown_after_until_frames(tmp_path):
     begun = run.config.collector.num_worlds
     assert shown[:, : 256 // begun].all()
     assert not shown[:, -32:].any()
+
+
+def test_in_turns_bot_and_learner_play_the_same_games(tmp_path):
+    demonstration = shown_by("idle", share=0.5, turn_decisions=4)
+    run = make_run(tmp_path, "alone", {"random": 1.0}, demonstration)
+    lengths, mixed = [], 0
+    data = collect(run, 12)
+    for game in by_game(data):
+        shown = game["player", "demonstrated"].any(-1).numpy()
+        assert (game["player", "action"][game["player", "demonstrated"]] == NOOP).all()
+        mixed += len(set(shown.tolist())) > 1
+        changes = np.flatnonzero(np.diff(shown))
+        lengths += np.diff(changes).tolist()
+    assert mixed > 20
+    # Who plays changes after whole turns; a game's first turn is shorter, and not counted here.
+    assert {length % 4 for length in lengths} == {0}
+    assert min(lengths) == 4
+
+
+def test_turns_are_drawn_in_their_share_and_not_by_all_worlds_at_once(tmp_path):
+    run = make_run(tmp_path, "alone", {"random": 1.0}, shown_by("idle"))
+    settings = shown_by("idle", share=0.3, turn_decisions=10)
+    demonstrators = Demonstrators(settings, run.game, run.scenario, num_worlds=200, seed=0)
+    starting = np.ones(200, np.bool_)
+    seen = []
+    for _ in range(100):
+        demonstrators.draw(starting, frames=0)
+        seen.append(demonstrators.playing.copy())
+        starting = np.zeros(200, np.bool_)
+    shown = np.array(seen) == 0
+    assert shown.mean() == pytest.approx(0.3, abs=0.03)
+    changes = (shown[1:] != shown[:-1]).sum(1)
+    assert changes.min() > 0
+    assert changes.max() < 40
+
+
+def test_games_that_a_bot_has_helped_in_are_nobodys(tmp_path):
+    demonstration = shown_by("idle", share=0.3, turn_decisions=3)
+    run = make_run(tmp_path, "duel", {"random": 1.0}, demonstration)
+    data = collect(run, 12)
+    run.router(data[:, -1]["next"])
+    own = [game for game in by_game(data) if not game["player", "demonstrated"].any()]
+    row = run.statistics.report(run.book.name, run.spec.action_group_names)
+    points, returns = zip(*(_count(game, run) for game in own), strict=True)
+    assert row["episodes/finished"] == len(own) > 5
+    assert row["collect_win_rate/random"] == pytest.approx(np.mean(points))
+    assert row["episodes/return"] == pytest.approx(np.mean(returns), abs=1e-6)
 
 
 # --- what is stored and counted --------------------------------------------------------------
@@ -177,9 +225,11 @@ def test_without_demonstrators_flagged_rows_change_nothing():
 # --- whole runs ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scenario", ["teams", "alone"])
-def test_a_resumed_run_with_demonstrations_equals_one_that_was_never_stopped(tmp_path, scenario):
-    demonstration = shown_by("random", "scorer", share=0.5)
+@pytest.mark.parametrize(("scenario", "turn"), [("teams", None), ("alone", None), ("alone", 5)])
+def test_a_resumed_run_with_demonstrations_equals_one_that_was_never_stopped(
+    tmp_path, scenario, turn
+):
+    demonstration = shown_by("random", "scorer", share=0.5, turn_decisions=turn)
     whole = small(tmp_path / "whole", scenario, demonstration=demonstration)
     train(whole, show_progress=False)
     parts = dataclasses.replace(whole, out=str(tmp_path / "parts"))

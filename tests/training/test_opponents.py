@@ -126,7 +126,8 @@ def test_teams_of_the_learner_are_no_rivals_and_demonstrations_count_for_nobody(
     taken = Decisions(
         actions=np.zeros((3, 3), np.int64),
         owned=np.array([[True, True, False]] * 3),
-        shown=np.array([[False] * 3, [True, False, False], [False] * 3]),
+        shown=np.zeros((3, 3), np.bool_),
+        assisted=np.array([[False] * 3, [True, False, False], [False] * 3]),
         out=np.zeros((3, 3), np.bool_),
         team=np.zeros(3, np.int64),
         opponent=np.array([[0, 0, 9]] * 3, np.int16),

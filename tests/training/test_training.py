@@ -203,6 +203,18 @@ def test_without_decay_the_average_is_the_newest_network():
         torch.testing.assert_close(newest, average)
 
 
+def test_the_learning_rate_falls_in_a_straight_line_to_its_end():
+    learner = make_learner(learning_rate_end=0.01)
+    for done, wanted in ((0.0, 0.05), (0.5, 0.03), (1.0, 0.01), (1.2, 0.01)):
+        learner.update(make_batch(), done)
+        assert learner.optimizer.param_groups[0]["lr"] == pytest.approx(wanted)
+    still = make_learner(learning_rate_end=0.0)
+    before = [value.clone() for value in still.network.parameters()]
+    still.update(make_batch(), 1.0)
+    for old, new in zip(before, still.network.parameters(), strict=True):
+        assert torch.equal(old, new)
+
+
 def test_the_best_agent_is_kept_and_the_bound_survives_a_resume(tmp_path):
     config = tiny(tmp_path / "a", 256)
     train(config, show_progress=False)
@@ -317,9 +329,11 @@ def test_bad_settings_are_refused(make, message):
         make()
 
 
-def test_the_generator_needs_planes_or_a_vector(tmp_path):
+def test_the_generator_needs_planes_frames_or_a_vector(tmp_path):
     settings = GameSettings(scenario="11x11", representation="gray")
-    with pytest.raises(ValueError, match="works on `planes` and on vectors, not on 'gray'"):
+    with pytest.raises(
+        ValueError, match=r"works on `planes`, stacks of frames and vectors, not on .gray."
+    ):
         TrainingRun(tiny(tmp_path / "a", game=settings))
 
 

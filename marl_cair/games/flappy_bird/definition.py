@@ -75,6 +75,7 @@ def _representations() -> dict[str, Representation]:
             255,
             (*past, "luma"),
             gray.observe_gray_stack,
+            num_frames=NUM_FRAMES,
         ),
         Representation(
             "vector",

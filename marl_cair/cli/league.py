@@ -13,6 +13,7 @@ from marl_cair.league.agents import find_scenario
 from marl_cair.league.blocks import SEATINGS
 from marl_cair.league.export import FORMATS, QUERIES, export_league
 from marl_cair.league.league import LeagueConfig, LeagueResult, report_stored, run_league
+from marl_cair.league.report import FILES
 from marl_cair.league.store import STORE_FILE, LeagueStore
 
 DEFAULT_OUT = "runs/league"
@@ -56,13 +57,18 @@ def report(arguments: Sequence[str]) -> int:
     """Ratings of all stored games; plays nothing."""
     parser = argparse.ArgumentParser("marl-cair league report", description=report.__doc__)
     _add_folder(parser)
-    return _tell(report_stored(Path(parser.parse_args(arguments).out)))
+    parser.add_argument(
+        "--alpha-rank",
+        action="store_true",
+        help="alpha-Rank too; needs pip install 'marl_cair[openspiel]' (default: no)",
+    )
+    options = parser.parse_args(arguments)
+    return _tell(report_stored(Path(options.out), options.alpha_rank))
 
 
 def _tell(result: LeagueResult) -> int:
     sys.stdout.write(
-        f"{result.text}\nladder.txt, league.png, league.pdf, ladder.csv, differences.csv and "
-        f"winrates.csv are in {result.folder}\n"
+        f"{result.text}\n{', '.join(FILES[:-1])} and {FILES[-1]} are in {result.folder}\n"
     )
     return EXIT_DONE
 

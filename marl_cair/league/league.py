@@ -258,12 +258,17 @@ def _number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
 
 
 def rate_and_report(
-    store: LeagueStore, stored: StoredGames, names: Mapping[int, str], seed: int, folder: Path
+    store: LeagueStore,
+    stored: StoredGames,
+    names: Mapping[int, str],
+    seed: int,
+    folder: Path,
+    with_alpha_rank: bool = False,
 ) -> LeagueResult:
     """Rate stored games of the agents `names` (by id), keep the ratings, write the report.
 
     Raises:
-        ValueError: no games, or agents that no games compare.
+        ValueError: no games, agents that no games compare, or alpha-Rank without OpenSpiel.
     """
     ids, called = list(names), list(names.values())
     games = _number_agents(stored, ids)
@@ -281,18 +286,18 @@ def rate_and_report(
         ],
     )
     forfeits = Counter(reason for reason in stored.reasons if reason)
-    table = make_table(called, games, ladder, sorted(forfeits.items()))
+    table = make_table(called, games, ladder, sorted(forfeits.items()), seed, with_alpha_rank)
     text = describe_league(table)
     write_report(folder, table, text)
     return LeagueResult(ladder.ratings, text, folder)
 
 
-def report_stored(folder: Path) -> LeagueResult:
+def report_stored(folder: Path, with_alpha_rank: bool = False) -> LeagueResult:
     """Rate all stored games of the league in `folder` and write its report; plays nothing.
 
     Raises:
         LeagueStoreError: no league file, or one that cannot be read.
-        ValueError: no games, or agents that no games compare.
+        ValueError: no games, agents that no games compare, or alpha-Rank without OpenSpiel.
     """
     store = LeagueStore(folder / STORE_FILE)
     try:
@@ -302,7 +307,8 @@ def report_stored(folder: Path) -> LeagueResult:
         if len(set(agents.values())) < len(agents):  # an agent that was trained on under its name
             agents = {n: f"{name} ({n})" for n, name in agents.items()}
         names = dict(sorted(agents.items(), key=lambda item: item[1]))
-        return rate_and_report(store, stored, names, int(store.settings["seed"]), folder)
+        seed = int(store.settings["seed"])
+        return rate_and_report(store, stored, names, seed, folder, with_alpha_rank)
     finally:
         store.close()
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from marl_cair.checkpoint import CheckpointError
@@ -319,3 +320,26 @@ def test_a_path_without_a_checkpoint_is_refused(tmp_path):
     (tmp_path / "weights.pt").touch()
     with pytest.raises(CheckpointError, match=r"weights.pt is a file: give the folder"):
         load_agent(tmp_path / "weights.pt")
+
+
+def test_networks_play_on_one_torch_thread(tmp_path):
+    """Rounding depends on the number of threads, and two workers have but the cores of one."""
+    seen = []
+
+    class Noting(FailingAgent):
+        def act(self, observation, action_mask):
+            seen.append(torch.get_num_threads())
+            return super().act(observation, action_mask)
+
+    usual = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        run_league(
+            make_config(tmp_path / "league"),
+            lambda source, **options: Noting(load_agent(source, **options), 10**9),
+            show_progress=False,
+        )
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(usual)
+    assert set(seen) == {1}

@@ -123,10 +123,18 @@ def export(arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
+def run_exploit(arguments: Sequence[str]) -> int:
+    """Best responses trained against one agent."""
+    from marl_cair.cli import exploit  # torchrl takes seconds, and only this trains
+
+    return exploit.run(arguments)
+
+
 SUBCOMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "report": report,
     "status": tell_status,
     "export": export,
+    "exploit": run_exploit,
 }
 
 
@@ -138,7 +146,7 @@ def make_parser() -> argparse.ArgumentParser:
         "games or agents plays only what is new.",
         epilog="`marl-cair league report FOLDER` rates all that is stored, `league status FOLDER` "
         f"tells what that is, `league export FOLDER` writes it ({', '.join(QUERIES)}) as CSV, JSON "
-        "or Parquet.",
+        "or Parquet, `league exploit AGENT` trains best responses against it.",
     )
     parser.add_argument(
         "agents",

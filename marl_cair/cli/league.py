@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
-from marl_cair.cli.match_options import add_match_options
-from marl_cair.league.agents import find_scenario
+from marl_cair.cli.match_options import add_answer_seconds, add_match_options
+from marl_cair.league.agents import find_scenario, load_agent
 from marl_cair.league.blocks import SEATINGS
 from marl_cair.league.export import FORMATS, QUERIES, export_league
 from marl_cair.league.league import LeagueConfig, LeagueResult, report_stored, run_league
@@ -48,9 +49,10 @@ def run(arguments: Sequence[str]) -> int:
             workers=options.workers,
             half_width_elo=options.ci,
             max_seconds=read_seconds(options.time),
-        )
+        ),
+        functools.partial(load_agent, answer_seconds=options.answer_seconds),
     )
-    return _tell(result)
+    return tell(result)
 
 
 def report(arguments: Sequence[str]) -> int:
@@ -63,10 +65,11 @@ def report(arguments: Sequence[str]) -> int:
         help="alpha-Rank too; needs pip install 'marl_cair[openspiel]' (default: no)",
     )
     options = parser.parse_args(arguments)
-    return _tell(report_stored(Path(options.out), options.alpha_rank))
+    return tell(report_stored(Path(options.out), options.alpha_rank))
 
 
-def _tell(result: LeagueResult) -> int:
+def tell(result: LeagueResult) -> int:
+    """Print what a league found; returns the exit code."""
     sys.stdout.write(
         f"{result.text}\n{', '.join(FILES[:-1])} and {FILES[-1]} are in {result.folder}\n"
     )
@@ -123,6 +126,13 @@ def export(arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
+def add(arguments: Sequence[str]) -> int:
+    """New agents for a league that exists."""
+    from marl_cair.cli import add as command  # which imports this
+
+    return command.run(arguments)
+
+
 def run_exploit(arguments: Sequence[str]) -> int:
     """Best responses trained against one agent."""
     from marl_cair.cli import exploit  # torchrl takes seconds, and only this trains
@@ -134,6 +144,7 @@ SUBCOMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "report": report,
     "status": tell_status,
     "export": export,
+    "add": add,
     "exploit": run_exploit,
 }
 
@@ -146,14 +157,14 @@ def make_parser() -> argparse.ArgumentParser:
         "games or agents plays only what is new.",
         epilog="`marl-cair league report FOLDER` rates all that is stored, `league status FOLDER` "
         f"tells what that is, `league export FOLDER` writes it ({', '.join(QUERIES)}) as CSV, JSON "
-        "or Parquet, `league exploit AGENT` trains best responses against it.",
+        "or Parquet. `league add AGENT` adds an agent, `league exploit AGENT` trains against it.",
     )
     parser.add_argument(
         "agents",
         nargs="+",
         help="two or more: folders of checkpoints (runs/a/latest), bots (`marl-cair games` lists "
-        "them), and functions that make an agent (module:function, called with scenario and "
-        "spec); `random` is rated 0 where it takes part",
+        "them), functions that make an agent (module:function, called with scenario and spec), and "
+        "commands that speak JSON lines (process:COMMAND); `random` is rated 0 where it takes part",
     )
     add_match_options(parser, GAMES_PER_PAIR, "of each pair", "first checkpoint", "bots alone")
     parser.set_defaults(games=None)
@@ -191,6 +202,7 @@ def make_parser() -> argparse.ArgumentParser:
         default=1,
         help="processes that play; the results do not depend on it (default: %(default)s)",
     )
+    add_answer_seconds(parser)
     parser.add_argument(
         "--out",
         default=DEFAULT_OUT,

@@ -1,7 +1,7 @@
 """Measure a league: games a minute on Deep Line Wars 10x15, and what ratings of many games take.
 
 python -m benchmarks.league [--agents 100] [--games 100000] [--play-games 960] [--workers 2]
-    [--network-games 64] [--skip-play]
+    [--network-games 512] [--skip-play] [--skip-ratings]
 Games are of a whole `run_league` in a folder that is thrown away, less the start of its workers;
 ratings are of simulated games, half of them in each seat, two to a block.
 """
@@ -118,12 +118,16 @@ def measure_play(title: str, sources: list[str], num_games: int, workers: int, o
             with tqdm(disable=True) as bar:
                 arena.play(jobs[: 4 * workers], bar)  # starts workers, compiles rules
             held = len(store.read_games().agents)
-            start = time.perf_counter()
+            start, cpu = time.perf_counter(), time.process_time()
             with tqdm(unit=" games") as bar:
                 arena.play(jobs, bar)
-            seconds = time.perf_counter() - start
+            seconds, used = time.perf_counter() - start, time.process_time() - cpu
         played = len(store.read_games().agents) - held
-    print(f"{title}: {played} games in {seconds:.1f} s, {60.0 * played / seconds:.0f} a minute")
+    print(
+        f"{title}: {played} games in {seconds:.1f} s ({used:.1f} s of CPU in this process), "
+        f"{60.0 * played / seconds:.0f} a minute",
+        flush=True,
+    )
 
 
 def main() -> None:
@@ -135,8 +139,10 @@ def main() -> None:
     parser.add_argument("--network-games", type=int, default=512, help="of two conv networks")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--skip-play", action="store_true")
+    parser.add_argument("--skip-ratings", action="store_true")
     options = parser.parse_args()
-    measure_ratings(options.agents, options.games)
+    if not options.skip_ratings:
+        measure_ratings(options.agents, options.games)
     if options.skip_play:
         return
     with tempfile.TemporaryDirectory() as folder:

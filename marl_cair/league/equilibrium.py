@@ -60,16 +60,20 @@ def _find_sole_equilibrium(matrix: NDArray[np.float64]) -> NDArray[np.float64] |
     those that play is even against them all (Kaplansky 1945, "A contribution to von Neumann's
     theory of games").
     """
-    size = len(matrix)
-    mixture = _solve(matrix, np.zeros(size))
-    plays, gain = mixture > _PLAYS, matrix @ mixture
-    if (plays == (gain < -_PLAYS)).any():
-        return None
-    inner = matrix[np.ix_(plays, plays)]
-    if len(inner) > 1 and np.linalg.svd(inner, compute_uv=False)[-2] < _PLAYS:
-        return None
-    sole: NDArray[np.float64] = np.where(plays, mixture, 0.0) / mixture[plays].sum()
-    return sole
+    near = _solve(matrix, np.zeros(len(matrix)))
+    for least in (_PLAYS, 1e-5, 1e-3):  # the program allows a little gain, and so a little too much
+        plays = near > least
+        _, sizes, right = np.linalg.svd(matrix[np.ix_(plays, plays)])
+        total = right[-1].sum()
+        is_sole = len(sizes) == 1 or sizes[-2] > _PLAYS
+        if sizes[-1] > _PLAYS or not is_sole or abs(total) < _PLAYS:
+            continue
+        mixture = np.zeros(len(matrix))
+        mixture[plays] = right[-1] / total
+        gain = matrix @ mixture
+        if (mixture[plays] > _PLAYS).all() and (gain[~plays] < -_PLAYS).all():
+            return mixture
+    return None
 
 
 def _solve(matrix: NDArray[np.float64], aim: NDArray[np.float64]) -> NDArray[np.float64]:

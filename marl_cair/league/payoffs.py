@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 
 from marl_cair.league.ratings import TAIL, Games, sort_games
 
-NUM_SAMPLES = 1_000
+NUM_SAMPLES = 500
 _JEFFREYS = 0.5  # blocks that each pseudo-block weighs on the mean
 _MAX_NUMBERS = 4_000_000  # weights that are drawn at once
 

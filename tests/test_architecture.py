@@ -45,7 +45,7 @@ GAMES_DOORS: dict[str, set[str]] = {
     "pettingzoo": {"parallel_env.py"},
     "gymnasium": {"gymnasium_env.py", "parallel_env.py"},
 }
-OPTIONAL = {"pygame", "pyarrow"}
+OPTIONAL = {"pygame", "pyarrow", "open_spiel"}
 # Imported when used: each alone takes longer than `import marl_cair` may (0.3 s).
 NOT_AT_IMPORT = [*sorted(TORCH), "numba", "matplotlib.pyplot", "scipy.stats", "pygame", "hydra"]
 
@@ -220,9 +220,15 @@ def declared_modules() -> set[str]:
     """Import names of what pyproject.toml names as needed, or as needed for an extra of users."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    requirements = project["dependencies"] + extras["play"] + extras["parquet"]
+    for_users = [need for name in ("play", "parquet", "openspiel") for need in extras[name]]
+    requirements = project["dependencies"] + for_users
     names = {re.match(r"[\w.-]+", requirement).group() for requirement in requirements}
-    renamed = {"hydra-core": "hydra", "pillow": "PIL", "pygame-ce": "pygame"}
+    renamed = {
+        "hydra-core": "hydra",
+        "pillow": "PIL",
+        "pygame-ce": "pygame",
+        "open-spiel": "open_spiel",
+    }
     return {renamed.get(name, name) for name in names}
 
 

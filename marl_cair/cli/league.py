@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
-from marl_cair.cli.match_options import add_match_options
-from marl_cair.league.agents import find_scenario
+from marl_cair.cli.match_options import add_answer_seconds, add_match_options
+from marl_cair.league.agents import find_scenario, load_agent
 from marl_cair.league.blocks import SEATINGS
 from marl_cair.league.export import FORMATS, QUERIES, export_league
 from marl_cair.league.league import LeagueConfig, LeagueResult, report_stored, run_league
+from marl_cair.league.report import FILES
 from marl_cair.league.store import STORE_FILE, LeagueStore
 
 DEFAULT_OUT = "runs/league"
@@ -47,22 +49,29 @@ def run(arguments: Sequence[str]) -> int:
             workers=options.workers,
             half_width_elo=options.ci,
             max_seconds=read_seconds(options.time),
-        )
+        ),
+        functools.partial(load_agent, answer_seconds=options.answer_seconds),
     )
-    return _tell(result)
+    return tell(result)
 
 
 def report(arguments: Sequence[str]) -> int:
     """Ratings of all stored games; plays nothing."""
     parser = argparse.ArgumentParser("marl-cair league report", description=report.__doc__)
     _add_folder(parser)
-    return _tell(report_stored(Path(parser.parse_args(arguments).out)))
+    parser.add_argument(
+        "--alpha-rank",
+        action="store_true",
+        help="alpha-Rank too; needs pip install 'marl_cair[openspiel]' (default: no)",
+    )
+    options = parser.parse_args(arguments)
+    return tell(report_stored(Path(options.out), options.alpha_rank))
 
 
-def _tell(result: LeagueResult) -> int:
+def tell(result: LeagueResult) -> int:
+    """Print what a league found; returns the exit code."""
     sys.stdout.write(
-        f"{result.text}\nladder.txt, league.png, league.pdf, ladder.csv, differences.csv and "
-        f"winrates.csv are in {result.folder}\n"
+        f"{result.text}\n{', '.join(FILES[:-1])} and {FILES[-1]} are in {result.folder}\n"
     )
     return EXIT_DONE
 
@@ -117,10 +126,26 @@ def export(arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
+def add(arguments: Sequence[str]) -> int:
+    """New agents for a league that exists."""
+    from marl_cair.cli import add as command  # which imports this
+
+    return command.run(arguments)
+
+
+def run_exploit(arguments: Sequence[str]) -> int:
+    """Best responses trained against one agent."""
+    from marl_cair.cli import exploit  # torchrl takes seconds, and only this trains
+
+    return exploit.run(arguments)
+
+
 SUBCOMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "report": report,
     "status": tell_status,
     "export": export,
+    "add": add,
+    "exploit": run_exploit,
 }
 
 
@@ -132,14 +157,14 @@ def make_parser() -> argparse.ArgumentParser:
         "games or agents plays only what is new.",
         epilog="`marl-cair league report FOLDER` rates all that is stored, `league status FOLDER` "
         f"tells what that is, `league export FOLDER` writes it ({', '.join(QUERIES)}) as CSV, JSON "
-        "or Parquet.",
+        "or Parquet. `league add AGENT` adds an agent, `league exploit AGENT` trains against it.",
     )
     parser.add_argument(
         "agents",
         nargs="+",
         help="two or more: folders of checkpoints (runs/a/latest), bots (`marl-cair games` lists "
-        "them), and functions that make an agent (module:function, called with scenario and "
-        "spec); `random` is rated 0 where it takes part",
+        "them), functions that make an agent (module:function, called with scenario and spec), and "
+        "commands that speak JSON lines (process:COMMAND); `random` is rated 0 where it takes part",
     )
     add_match_options(parser, GAMES_PER_PAIR, "of each pair", "first checkpoint", "bots alone")
     parser.set_defaults(games=None)
@@ -177,6 +202,7 @@ def make_parser() -> argparse.ArgumentParser:
         default=1,
         help="processes that play; the results do not depend on it (default: %(default)s)",
     )
+    add_answer_seconds(parser)
     parser.add_argument(
         "--out",
         default=DEFAULT_OUT,

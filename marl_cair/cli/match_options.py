@@ -37,3 +37,14 @@ def add_match_options(
         help="a scenario of the game, as `marl-cair games` lists them (default: the one of that "
         f"training; for {bots_alone} the game's default)",
     )
+
+
+def add_answer_seconds(parser: argparse.ArgumentParser) -> None:
+    """Add --answer-seconds."""
+    parser.add_argument(
+        "--answer-seconds",
+        type=float,
+        default=None,
+        help="limit for each answer of module:function, which then runs in a process of its own, "
+        "and of process:COMMAND; who misses it forfeits (default: none, and 10 for commands)",
+    )

@@ -14,6 +14,7 @@ from marl_cair.files import find_folder
 from marl_cair.games import GAMES
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.foreign import ForeignAgent, load_foreign
+from marl_cair.league.process import is_process, load_hosted, load_process
 from marl_cair.league.store import AgentRecord
 from marl_cair.lookup import find_by_name
 from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
@@ -24,17 +25,21 @@ def load_agent(
     game: str | None = None,
     scenario: Any = None,
     epsilon: float = 0.0,
+    answer_seconds: float | None = None,
 ) -> Agent:
     """An agent by name or path; `agent.act(observations, action_mask)` gives actions.
 
     Args:
         source: a checkpoint's folder, or a bot as "deep_line_wars/rusher" (just "rusher" where
-            `game` is given), or "module:function" of anybody's (see `league.foreign`). A folder
-            that exists is taken before a bot's name.
+            `game` is given), or "module:function" of anybody's (see `league.foreign`), or
+            "process:COMMAND" (see `league.process`). A folder that exists is taken before a bot's
+            name.
         game: the game that it is to play; a checkpoint of another game is refused.
         scenario: a scenario (or its name) that it is to play; None: the one that it was trained
             on, or the game's default.
         epsilon: chance of a random legal action.
+        answer_seconds: limit for each answer of anybody's code, which then runs in a process of its
+            own; None: commands have `league.process.ANSWER_SECONDS`, functions none.
 
     Raises:
         CheckpointError: no checkpoint, a broken one, or one that does not fit game or scenario.
@@ -44,9 +49,13 @@ def load_agent(
     path = Path(source)
     if is_checkpoint(source):
         return _load_checkpoint(path, game, scenario, epsilon)
-    if is_foreign(source):
+    if is_process(source) or is_foreign(source):
         owning = find_by_name("game", game or next(iter(GAMES)), GAMES)
         chosen = _find_played(owning, scenario)
+        if is_process(source):
+            return load_process(str(source), owning, chosen, answer_seconds)
+        if answer_seconds is not None:
+            return load_hosted(str(source), owning, chosen, answer_seconds)
         return load_foreign(str(source), chosen, owning.make_spec(chosen))
     named_game, _, bot = str(source).rpartition("/")
     owner = named_game or game
@@ -59,13 +68,14 @@ def load_agent(
         raise CheckpointError(f"{source} is a file: give the folder of the checkpoint")
     raise CheckpointError(
         f"{source} is neither a folder with a checkpoint nor a bot; bots are named "
-        "<game>/<bot>, for example deep_line_wars/rusher, agents of your own module:function"
+        "<game>/<bot>, for example deep_line_wars/rusher, agents of your own module:function or "
+        "process:COMMAND"
     )
 
 
 def is_checkpoint(source: str | os.PathLike[str]) -> bool:
     """Whether `source` is a folder, and so no bot."""
-    return find_folder(source).is_dir()
+    return not is_process(source) and find_folder(source).is_dir()
 
 
 def is_foreign(source: str | os.PathLike[str]) -> bool:
@@ -74,10 +84,12 @@ def is_foreign(source: str | os.PathLike[str]) -> bool:
     return bool(colon) and name.isidentifier() and all(map(str.isidentifier, module.split(".")))
 
 
-def describe_agent(name: str, agent: Agent, game: Game) -> AgentRecord:
-    """What a league file keeps of an agent that it calls `name`."""
+def describe_agent(name: str, agent: Agent, game: Game, source: str = "") -> AgentRecord:
+    """What a league file keeps of an agent that it calls `name` and that `source` has given."""
     kind, policy = "bot", "scripted"
     configuration: dict[str, Any] = {"representation": agent.representation}
+    if source:
+        configuration["source"] = str(Path(source).absolute()) if is_checkpoint(source) else source
     if isinstance(agent, PolicyActor):
         kind = "network"
         policy = f"epsilon-greedy {agent.epsilon:g}" if agent.epsilon else "greedy"

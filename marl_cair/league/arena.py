@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from multiprocessing import get_context
@@ -144,7 +145,9 @@ class Arena:
         if self._num_workers == 1 or len(batches) < 2:
             for batch in batches:
                 line_up = [self.entrants[number] for number in batch.line_up]
-                yield batch, self.rules.play(line_up, batch.chunks)
+                with one_torch_thread():
+                    games = self.rules.play(line_up, batch.chunks)
+                yield batch, games
             return
         if self._pool is None:  # kept for later jobs: a worker takes seconds to start
             # Spawned, not forked: torch and numba hold threads.
@@ -164,6 +167,21 @@ class Arena:
         """End the worker processes, after the batches that they are at."""
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def one_torch_thread() -> Iterator[None]:
+    """Networks compute on one thread inside: how many there are changes how sums are rounded, and
+    so, now and then, a game.
+    """
+    import torch  # noqa: PLC0415  # seconds
+
+    usual = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(usual)
 
 
 def _collect(
@@ -216,4 +234,6 @@ def _start_worker(workshop: _Workshop) -> None:
 def _play_in_worker(batch: Batch) -> list[PlayedGame]:
     workshop = _workshops[0]
     line_up = [workshop.entrants[number] for number in batch.line_up]
-    return workshop.rules.play(line_up, batch.chunks)
+    # Workers share the cores: torch would give each as many threads as there are cores.
+    with one_torch_thread():
+        return workshop.rules.play(line_up, batch.chunks)

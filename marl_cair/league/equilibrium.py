@@ -8,6 +8,7 @@ from scipy.optimize import linprog, minimize
 from scipy.special import logsumexp, softmax
 
 _TOLERANCE = 1e-9  # of a game's largest payoff
+_PLAYS = 1e-7  # a share, or a loss, that is surely above 0
 
 
 def exploitability(payoff: NDArray[np.float64], mixture: NDArray[np.float64]) -> float:
@@ -31,8 +32,10 @@ def maximum_entropy_nash(payoff: NDArray[np.float64]) -> NDArray[np.float64]:
     if scale == 0.0:
         return np.full(len(payoff), 1.0 / max(1, len(payoff)))
     matrix = payoff / scale
+    if (sole := _find_sole_equilibrium(matrix)) is not None:
+        return sole
     inner = _find_inner_equilibrium(matrix)
-    support = np.flatnonzero(inner > 1e-7)
+    support = np.flatnonzero(inner > _PLAYS)
     spread = _spread_over(matrix, support)
     # Where the dual does not converge, the mean of the programs' corners is an equilibrium too.
     return spread if exploitability(matrix, spread) <= 1e-6 else inner
@@ -50,6 +53,47 @@ def _check(payoff: NDArray[np.float64]) -> None:
         )
 
 
+def _find_sole_equilibrium(matrix: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The only equilibrium [K], as payoffs without ties have it; None where there may be others.
+
+    It is the only one where each row either plays or loses against it, and no other mixture of
+    those that play is even against them all (Kaplansky 1945, "A contribution to von Neumann's
+    theory of games").
+    """
+    near = _solve(matrix, np.zeros(len(matrix)))
+    for least in (_PLAYS, 1e-5, 1e-3):  # the program allows a little gain, and so a little too much
+        plays = near > least
+        _, sizes, right = np.linalg.svd(matrix[np.ix_(plays, plays)])
+        total = right[-1].sum()
+        is_sole = len(sizes) == 1 or sizes[-2] > _PLAYS
+        if sizes[-1] > _PLAYS or not is_sole or abs(total) < _PLAYS:
+            continue
+        mixture = np.zeros(len(matrix))
+        mixture[plays] = right[-1] / total
+        gain = matrix @ mixture
+        if (mixture[plays] > _PLAYS).all() and (gain[~plays] < -_PLAYS).all():
+            return mixture
+    return None
+
+
+def _solve(matrix: NDArray[np.float64], aim: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The equilibrium [K] of the smallest product with `aim` [K]."""
+    size = len(matrix)
+    found = linprog(
+        aim,
+        A_ub=matrix,
+        b_ub=np.full(size, _TOLERANCE),
+        A_eq=np.ones((1, size)),
+        b_eq=[1.0],
+        method="highs",
+    )
+    if found.status != 0:
+        raise ArithmeticError(f"the linear program of an equilibrium failed: {found.message}")
+    corner = np.maximum(found.x, 0.0)
+    mixture: NDArray[np.float64] = corner / corner.sum()
+    return mixture
+
+
 def _find_inner_equilibrium(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """An equilibrium [K] in which every row plays that plays in any: the mean of those in which
     each row in turn plays as much as it can.
@@ -62,19 +106,9 @@ def _find_inner_equilibrium(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
             continue
         aim = np.zeros(size)
         aim[row] = -1.0
-        found = linprog(
-            aim,
-            A_ub=matrix,
-            b_ub=np.full(size, _TOLERANCE),
-            A_eq=np.ones((1, size)),
-            b_eq=[1.0],
-            method="highs",
-        )
-        if found.status != 0:
-            raise ArithmeticError(f"the linear program of row {row} failed: {found.message}")
-        corner = np.maximum(found.x, 0.0)
-        corners.append(corner / corner.sum())
-        seen |= corner > 1e-7
+        corner = _solve(matrix, aim)
+        corners.append(corner)
+        seen |= corner > _PLAYS
     mean = np.mean(corners, axis=0)
     inner: NDArray[np.float64] = mean / mean.sum()
     return inner

@@ -3,8 +3,8 @@
 What they get wrong costs them the game and nothing else: a crash, or an answer of a wrong shape,
 forfeits the games that they were asked about, an illegal action the game that it was meant for.
 In training, where nobody could win by that, it ends the run (`require_answers`).
-There is no time limit: an agent that never answers stops the league, which goes on when started
-again without it.
+A function has no time limit: one that never answers stops the league, which goes on when started
+again without it. With a limit it runs in a process of its own (see `league.process`).
 """
 
 from __future__ import annotations
@@ -26,6 +26,10 @@ from marl_cair.lookup import find_by_name
 
 class ForeignAgentError(ValueError):
     """A foreign agent that cannot be found or made, or gives up where it must not."""
+
+
+class AgentFault(Exception):  # noqa: N818  # it is the agent's, and no error of ours
+    """What an agent has done instead of answering, as the end of a sentence about it."""
 
 
 class ForeignAgent:
@@ -100,6 +104,9 @@ class ForeignAgent:
     def _try(self, method: str, *arguments: Any) -> Any:
         try:
             return getattr(self._agent, method)(*arguments)
+        except AgentFault as fault:
+            self._broken = str(fault)
+            return None
         except Exception as error:  # noqa: BLE001  # whatever foreign code raises
             told = " ".join(str(error).split())[:200]
             self._broken = f"crashed in {method}: {type(error).__name__}: {told}"
@@ -125,6 +132,16 @@ def load_foreign(source: str, scenario: Any, spec: GameSpec) -> ForeignAgent:
     Raises:
         ForeignAgentError: no such module or function, or making the agent has failed.
     """
+    agent, code = make_foreign(source, scenario, spec)
+    digest = hashlib.blake2b(source.encode() + b"\0" + code, digest_size=16)
+    return ForeignAgent(agent, source, spec, f"foreign {digest.hexdigest()}")
+
+
+def make_foreign(source: str, scenario: Any, spec: GameSpec) -> tuple[Any, bytes]:
+    """What the function of `load_foreign` makes, as it is, and the source of its module.
+
+    Raises: as `load_foreign`.
+    """
     module_name, _, name = source.partition(":")
     here = str(Path.cwd())
     if here not in sys.path:
@@ -139,6 +156,4 @@ def load_foreign(source: str, scenario: Any, spec: GameSpec) -> ForeignAgent:
             "called with (scenario, spec), of a module that Python finds"
         ) from error
     file = getattr(module, "__file__", None)
-    code = Path(file).read_bytes() if file else b""
-    digest = hashlib.blake2b(source.encode() + b"\0" + code, digest_size=16)
-    return ForeignAgent(agent, source, spec, f"foreign {digest.hexdigest()}")
+    return agent, Path(file).read_bytes() if file else b""

@@ -23,6 +23,7 @@ from marl_cair.league.agents import describe_agent, find_fingerprint, is_checkpo
 from marl_cair.league.arena import Arena, Load, Rules
 from marl_cair.league.blocks import Entrant
 from marl_cair.league.match import require_rivals
+from marl_cair.league.process import PREFIX, is_process
 from marl_cair.league.ratings import Games, Rating, describe_method, rate
 from marl_cair.league.report import describe_league, make_table, write_report
 from marl_cair.league.schedule import Job, schedule_meetings
@@ -38,7 +39,7 @@ class LeagueConfig:
         ValueError: fewer than two agents, one named twice, or a number that is not allowed.
     """
 
-    agents: tuple[str, ...]  # checkpoint folders, bot names, module:function
+    agents: tuple[str, ...]  # checkpoint folders, bots, module:function, process:COMMAND
     game: str = "deep_line_wars"
     scenario: str = "10x15"
     scenario_options: Mapping[str, Any] = field(default_factory=dict)  # fields of it to change
@@ -151,11 +152,16 @@ def _load_entrants(config: LeagueConfig, game: Game, scenario: Any, load: Load) 
 
 
 def _short_names(sources: Sequence[str], game: Game) -> list[str]:
-    """Bots by their names, folders by the fewest last parts of their paths that tell them apart.
+    """Bots by their names, commands whole, folders by the fewest last parts of their paths that
+    tell them apart.
 
     A folder's `latest` is left out, as it says nothing, and no folder takes the name of a bot.
     """
-    bots = {source: source.rpartition("/")[2] for source in sources if not is_checkpoint(source)}
+    bots = {
+        source: source.removeprefix(PREFIX) if is_process(source) else source.rpartition("/")[2]
+        for source in sources
+        if not is_checkpoint(source)
+    }
     parts = {
         source: [part for part in Path(source).absolute().parts if part not in ("/", "latest")]
         for source in sources
@@ -178,7 +184,10 @@ def _play_and_rate(
 ) -> LeagueResult:
     # Numbered by fingerprint: a line-up is the same whatever its agents are called today.
     numbered = sorted(entrants, key=lambda entrant: entrant.fingerprint)
-    ids = [store.add_agent(describe_agent(one.name, one.agent, rules.game)) for one in numbered]
+    ids = [
+        store.add_agent(describe_agent(one.name, one.agent, rules.game, one.source))
+        for one in numbered
+    ]
     ladder = frozenset(n for n, one in enumerate(numbered) if one.source in config.ladder)
     with closing(Arena(rules, numbered, ids, store, config.workers, load)) as arena:
         jobs = _play_jobs(config, rules, arena, store, ladder, show_progress)
@@ -258,12 +267,17 @@ def _number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
 
 
 def rate_and_report(
-    store: LeagueStore, stored: StoredGames, names: Mapping[int, str], seed: int, folder: Path
+    store: LeagueStore,
+    stored: StoredGames,
+    names: Mapping[int, str],
+    seed: int,
+    folder: Path,
+    with_alpha_rank: bool = False,
 ) -> LeagueResult:
     """Rate stored games of the agents `names` (by id), keep the ratings, write the report.
 
     Raises:
-        ValueError: no games, or agents that no games compare.
+        ValueError: no games, agents that no games compare, or alpha-Rank without OpenSpiel.
     """
     ids, called = list(names), list(names.values())
     games = _number_agents(stored, ids)
@@ -281,18 +295,18 @@ def rate_and_report(
         ],
     )
     forfeits = Counter(reason for reason in stored.reasons if reason)
-    table = make_table(called, games, ladder, sorted(forfeits.items()))
+    table = make_table(called, games, ladder, sorted(forfeits.items()), seed, with_alpha_rank)
     text = describe_league(table)
     write_report(folder, table, text)
     return LeagueResult(ladder.ratings, text, folder)
 
 
-def report_stored(folder: Path) -> LeagueResult:
+def report_stored(folder: Path, with_alpha_rank: bool = False) -> LeagueResult:
     """Rate all stored games of the league in `folder` and write its report; plays nothing.
 
     Raises:
         LeagueStoreError: no league file, or one that cannot be read.
-        ValueError: no games, or agents that no games compare.
+        ValueError: no games, agents that no games compare, or alpha-Rank without OpenSpiel.
     """
     store = LeagueStore(folder / STORE_FILE)
     try:
@@ -302,7 +316,8 @@ def report_stored(folder: Path) -> LeagueResult:
         if len(set(agents.values())) < len(agents):  # an agent that was trained on under its name
             agents = {n: f"{name} ({n})" for n, name in agents.items()}
         names = dict(sorted(agents.items(), key=lambda item: item[1]))
-        return rate_and_report(store, stored, names, int(store.settings["seed"]), folder)
+        seed = int(store.settings["seed"])
+        return rate_and_report(store, stored, names, seed, folder, with_alpha_rank)
     finally:
         store.close()
 

@@ -156,7 +156,7 @@ def rate(names: Sequence[str], games: Games, seed: int = 0) -> Ladder:
     Raises:
         ValueError: no games, or agents that no chain of games compares with the others; names them.
     """
-    games = _sort(games.count_once())
+    games = sort_games(games.count_once())
     if not len(games.agents):
         raise ValueError("there are no games to rate: play some first")
     above, meetings = count_pairs(len(names), games)
@@ -189,7 +189,7 @@ def count_pairs(num_agents: int, games: Games) -> tuple[NDArray[np.float64], NDA
     return above, meetings
 
 
-def _sort(games: Games) -> Games:
+def sort_games(games: Games) -> Games:
     """Games and blocks in the order of what was played in them: nothing tells when it was."""
     rows = np.column_stack((games.agents, games.ranks))
     order = np.lexsort((*rows.T[::-1], games.blocks))

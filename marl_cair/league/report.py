@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -16,9 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.files import write_atomically
+from marl_cair.league.beyond import (
+    Beyond,
+    describe_beyond,
+    list_averages,
+    list_cycles,
+    list_fit,
+    look_beyond,
+)
 from marl_cair.league.groups import SWEEP_PROBABILITY
-from marl_cair.league.intervals import block_interval
 from marl_cair.league.likelihood import PRIOR_ELO
+from marl_cair.league.payoffs import find_payoffs
 from marl_cair.league.ratings import ANCHOR, Estimate, Games, Ladder, Rating
 
 BOUND_SIGNS = {"": "", "lower": ">=", "upper": "<="}
@@ -29,6 +36,17 @@ CAVEAT = (
     "very agents and games and says nothing of how another training run would turn out."
 )
 LINE_WIDTH = 100
+FILES = (
+    "ladder.txt",
+    "league.png",
+    "league.pdf",
+    "ladder.csv",
+    "differences.csv",
+    "winrates.csv",
+    "averages.csv",
+    "cycles.csv",
+    "fit.csv",
+)
 
 
 @dataclass(frozen=True)
@@ -39,8 +57,9 @@ class LeagueTable:
     points: NDArray[np.float64]  # [n, n], how often the row came in above the column, ties half
     counts: NDArray[np.int64]  # [n, n] games of both
     repeats: NDArray[np.int64]  # [n, n] games of both that are not counted: the same as another
-    low: NDArray[np.float64]  # [n, n] 95 % interval of points / counts; NaN without games
+    low: NDArray[np.float64]  # [n, n] 95 % interval of points / counts, wide without games
     high: NDArray[np.float64]
+    beyond: Beyond  # agents there as in `make_table`, not in the order of the ladder
     forfeits: tuple[tuple[str, int], ...]  # reasons, and in how many games
     num_teams: int
 
@@ -55,6 +74,13 @@ class LeagueTable:
         return [rating.name for rating in self.ratings]
 
     @property
+    def numbered_names(self) -> list[str]:
+        """In the order of the numbers of `beyond`."""
+        return [
+            name for _, name in sorted(zip(self.beyond.order.tolist(), self.names, strict=True))
+        ]
+
+    @property
     def zero(self) -> str:
         """What is rated 0."""
         if ANCHOR in self.names:
@@ -67,49 +93,29 @@ def make_table(
     games: Games,
     ladder: Ladder,
     forfeits: Sequence[tuple[str, int]] = (),
+    seed: int = 0,
+    with_alpha_rank: bool = False,
 ) -> LeagueTable:
-    """The table of `ladder`; games as in `rate`, agents there by index in `names`."""
-    place = np.argsort([list(names).index(rating.name) for rating in ladder.ratings])
-    size = len(names)
-    points, low, high = np.zeros((3, size, size))
-    counts, repeats = np.zeros((2, size, size), np.int64)
-    low[:], high[:] = math.nan, math.nan
-    for first, second, blocks, scores, is_repeat in _split_pairs(games):
-        row, column = int(place[first]), int(place[second])
-        kept = scores[~is_repeat]
-        _, block_of_game, sizes = np.unique(
-            blocks[~is_repeat], return_inverse=True, return_counts=True
-        )
-        means = np.bincount(block_of_game.ravel(), kept) / sizes
-        ends = block_interval(means, len(kept) / len(sizes))
-        for own, other, won, (least, most) in (
-            (row, column, kept.sum(), ends),
-            (column, row, len(kept) - kept.sum(), (1.0 - ends[1], 1.0 - ends[0])),
-        ):
-            points[own, other], counts[own, other] = won, len(kept)
-            low[own, other], high[own, other] = least, most
-            repeats[own, other] = is_repeat.sum()
+    """The table of `ladder`; games as in `rate`, agents there by index in `names`.
+
+    Raises:
+        ValueError: alpha-Rank is asked for, and OpenSpiel is not installed.
+    """
+    order = np.array([list(names).index(rating.name) for rating in ladder.ratings], np.int64)
+    payoffs = find_payoffs(len(names), games, seed)
+    beyond = look_beyond(games, payoffs, order, seed, with_alpha_rank)
+    shown = payoffs.reorder(order)
     return LeagueTable(
-        ladder, points, counts, repeats, low, high, tuple(forfeits), games.agents.shape[1]
+        ladder,
+        shown.points,
+        shown.counts,
+        shown.repeats,
+        shown.low,
+        shown.high,
+        beyond,
+        tuple(forfeits),
+        games.agents.shape[1],
     )
-
-
-def _split_pairs(games: Games) -> Iterator[tuple[int, int, Any, Any, Any]]:
-    """First and second agent of each pair; block, score of the first and repeat of each game."""
-    parts = []
-    for one, two in combinations(range(games.agents.shape[1]), 2):
-        own, other = games.agents[:, one], games.agents[:, two]
-        score = (1.0 + np.sign(games.ranks[:, two] - games.ranks[:, one])) / 2.0
-        score = np.where(own < other, score, 1.0 - score)
-        pair = np.minimum(own, other), np.maximum(own, other)
-        columns = np.column_stack((*pair, games.blocks, score, games.is_repeat))
-        parts.append(columns[own != other])
-    rows = np.concatenate(parts)
-    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
-    starts = np.flatnonzero(np.any(np.diff(rows[:, :2], axis=0, prepend=-1.0) != 0.0, axis=1))
-    for part in np.split(rows, starts[1:]):
-        first, second = part[0, :2].astype(int).tolist()
-        yield first, second, part[:, 2], part[:, 3], part[:, 4].astype(np.bool_)
 
 
 def describe_league(table: LeagueTable) -> str:
@@ -118,6 +124,7 @@ def describe_league(table: LeagueTable) -> str:
         _describe_ladder(table),
         *_explain_bounds(table.ratings),
         _describe_matrix(table),
+        describe_beyond(table.beyond, table.numbered_names, table.num_teams),
         _compare_pairs(table),
         _describe_seats(table),
         *_warn_of_repeats(table),
@@ -128,13 +135,21 @@ def describe_league(table: LeagueTable) -> str:
 
 
 def write_report(folder: Path, table: LeagueTable, text: str) -> None:
-    """Write ladder.txt, league.png, .pdf and three CSV files to `folder`, each whole."""
+    """Write all of FILES to `folder`, each whole."""
     from marl_cair.league.picture import draw_league  # noqa: PLC0415  # matplotlib only from here
 
     write_atomically(folder / "ladder.txt", text)
     write_atomically(folder / "ladder.csv", _ladder_csv(table.ratings))
     write_atomically(folder / "winrates.csv", _matrix_csv(table))
     write_atomically(folder / "differences.csv", _differences_csv(table))
+    names, beyond = table.numbered_names, table.beyond
+    scores = ("weight", "low", "high", "score", "score_low", "score_high")
+    for name, header, rows in (
+        ("averages", ("method", "agent", *scores), list_averages(beyond, names)),
+        ("cycles", ("first", "second", "third", "share"), list_cycles(beyond, names)),
+        ("fit", ("number", "value"), list_fit(beyond)),
+    ):
+        write_atomically(folder / f"{name}.csv", _as_csv(header, rows))
     for name in ("league.png", "league.pdf"):
         draw_league(folder / name, table)
 
@@ -183,16 +198,29 @@ def _explain_bounds(ratings: Sequence[Rating]) -> list[str]:
 
 
 def _describe_matrix(table: LeagueTable) -> str:
+    """Shares, below them their intervals, and the games where they differ from pair to pair."""
     width = max(map(len, table.names))
-    head = " " * (width + 4) + "".join(f"{place + 1:>6}" for place in range(len(table.names)))
+    head = " " * (width + 4) + "".join(f"{place + 1:>8}" for place in range(len(table.names)))
     what = "Score of the row's agent" if table.num_teams == 2 else "Row came in above column"
-    lines = [f"{what} in %, draws count half\n{head}"]
+    played = set(table.counts[table.counts > 0].tolist())
+    games = f"; {played.pop()} games each" if len(played) == 1 else "; games"
+    lines = [f"{what} in %, draws count half; 95 % interval{games}\n{head}"]
     for row, name in enumerate(table.names):
-        cells = [
-            f"{100.0 * points / count:6.1f}" if count else "     -"
-            for points, count in zip(table.points[row], table.counts[row], strict=True)
+        counts = table.counts[row]
+        shares = 100.0 * table.points[row] / np.maximum(counts, 1)
+        ends = zip(100.0 * table.low[row], 100.0 * table.high[row], strict=True)
+        rows = [
+            (f"{row + 1:>2}  {name:{width}}", [f"{share:.1f}" for share in shares]),
+            (" " * (width + 4), [f"{low:.0f}-{high:.0f}" for low, high in ends]),
         ]
-        lines.append(f"{row + 1:>2}  {name:{width}}{''.join(cells)}")
+        if played:
+            rows.append((" " * (width + 4), [str(count) for count in counts]))
+        for place, (start, cells) in enumerate(rows):
+            shown = [
+                cell if count else ("" if place else "-")
+                for cell, count in zip(cells, counts, strict=True)
+            ]
+            lines.append((start + "".join(f"{cell:>8}" for cell in shown)).rstrip())
     return "\n".join(lines)
 
 

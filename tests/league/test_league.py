@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from marl_cair.checkpoint import CheckpointError
@@ -125,12 +126,15 @@ def test_an_interrupted_league_goes_on_to_the_same_tables(tmp_path, calls):
     assert read(tmp_path / "a") == read(tmp_path / "b")
 
 
-def test_a_league_that_is_killed_again_and_again_goes_on_to_the_same_tables(tmp_path):
-    words = ["league", "random", "economist", "turtle", "--scenario", "11x11", "--games", "400"]
-    words += ["--out", str(tmp_path / "a")]
+@pytest.mark.parametrize(
+    ("kills", "games"), [(3, 400), pytest.param(20, 2_000, marks=pytest.mark.slow)]
+)
+def test_a_league_that_is_killed_again_and_again_goes_on_to_the_same_tables(tmp_path, kills, games):
+    words = ["league", "random", "economist", "turtle", "--scenario", "11x11"]
+    words += ["--games", str(games), "--out", str(tmp_path / "a")]
     code = f"import sys; from marl_cair.cli import main; sys.exit(main({words!r}))"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    moments = np.random.default_rng(time.time_ns()).uniform(0.0, 0.4, 3).tolist()
+    moments = np.random.default_rng(time.time_ns()).uniform(0.0, 0.4, kills).tolist()
 
     def start():
         return subprocess.Popen(
@@ -150,7 +154,7 @@ def test_a_league_that_is_killed_again_and_again_goes_on_to_the_same_tables(tmp_
     again = start()
     _, told = again.communicate()
     assert again.returncode == 0, (moments, told)
-    play(tmp_path / "b", games_per_pair=400)
+    play(tmp_path / "b", games_per_pair=games)
     assert read(tmp_path / "a") == read(tmp_path / "b"), moments
     assert read_games(tmp_path / "a") == read_games(tmp_path / "b"), moments
 
@@ -319,3 +323,26 @@ def test_a_path_without_a_checkpoint_is_refused(tmp_path):
     (tmp_path / "weights.pt").touch()
     with pytest.raises(CheckpointError, match=r"weights.pt is a file: give the folder"):
         load_agent(tmp_path / "weights.pt")
+
+
+def test_networks_play_on_one_torch_thread(tmp_path):
+    """Rounding depends on the number of threads, and two workers have but the cores of one."""
+    seen = []
+
+    class Noting(FailingAgent):
+        def act(self, observation, action_mask):
+            seen.append(torch.get_num_threads())
+            return super().act(observation, action_mask)
+
+    usual = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        run_league(
+            make_config(tmp_path / "league"),
+            lambda source, **options: Noting(load_agent(source, **options), 10**9),
+            show_progress=False,
+        )
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(usual)
+    assert set(seen) == {1}

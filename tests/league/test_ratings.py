@@ -10,66 +10,16 @@ import pytest
 from marl_cair.league import ratings as ratings_module
 from marl_cair.league.likelihood import Likelihood, Rankings, split_ranking
 from marl_cair.league.ratings import ELO_PER_LOGIT, Games, count_pairs, rate
+from tests.league.paper_games import (
+    from_rows,
+    make_games,
+    share,
+    simulate,
+    simulate_orders,
+    sweep,
+)
 
 NAMES = ["a", "b", "c", "d"]
-
-
-def make_games(agents, ranks, blocks, is_repeat=None):
-    agents, ranks = np.array(agents), np.array(ranks, float)
-    level = (ranks[:, None] == ranks[:, :, None]).sum(1)
-    points = np.where(ranks == ranks.min(1, keepdims=True), 1.0 / level, 0.0)
-    repeats = np.zeros(len(agents), bool) if is_repeat is None else np.array(is_repeat)
-    return Games(agents, points, ranks, np.array(blocks), repeats)
-
-
-def from_rows(rows):
-    """Games of two from (first, second, block, score of the first): the first in the first seat."""
-    agents, keys, ranks = [], {}, []
-    for first, second, block, score in rows:
-        agents.append((int(first), int(second)))
-        keys.setdefault((min(first, second), max(first, second), block), len(keys))
-        ranks.append((2.0 - score, 1.0 + score))
-    blocks = [keys[(min(r[0], r[1]), max(r[0], r[1]), r[2])] for r in rows]
-    return make_games(agents, ranks, blocks)
-
-
-def simulate(strengths, blocks_per_pair, seed, seat=0.0, map_spread=0.0):
-    """Bradley-Terry games in logits; each block is a map seed in both seatings.
-
-    seat: advantage of the first seat. map_spread: of each map's own liking for one of the two.
-    """
-    rng = np.random.default_rng(seed)
-    rows = []
-    for first, second in itertools.combinations(range(len(strengths)), 2):
-        for block in range(blocks_per_pair):
-            gap = strengths[first] - strengths[second] + map_spread * rng.normal()
-            won = rng.random(2) < 1 / (1 + np.exp([-(gap + seat), gap - seat]))
-            rows += [(first, second, block, float(won[0])), (second, first, block, float(won[1]))]
-    return from_rows(rows)
-
-
-def simulate_orders(strengths, num_blocks, num_teams, seed):
-    """Plackett-Luce orders of random groups, each played in all rotations."""
-    rng = np.random.default_rng(seed)
-    agents, ranks, blocks = [], [], []
-    for block in range(num_blocks):
-        group = rng.permutation(len(strengths))[:num_teams]
-        for turn in range(num_teams):
-            seated = np.roll(group, turn)
-            keys = np.array(strengths)[seated] + rng.gumbel(size=num_teams)
-            agents.append(seated)
-            ranks.append(1 + np.argsort(np.argsort(-keys)))
-            blocks.append(block)
-    return make_games(agents, ranks, blocks)
-
-
-def sweep(winner, loser, num_games=40):
-    return [(winner, loser, game // 2, 1.0) for game in range(num_games)]
-
-
-def share(first, second, wins, num_games=40):
-    """`wins` of the games go to the first, in mixed blocks."""
-    return [(first, second, game // 2, float(game < wins)) for game in range(num_games)]
 
 
 def by_name(names, rows, **options):

@@ -1,0 +1,156 @@
+"""Measure a league: games a minute on Deep Line Wars 10x15, and what ratings of many games take.
+
+python -m benchmarks.league [--agents 100] [--games 100000] [--play-games 960] [--workers 2]
+    [--network-games 512] [--skip-play] [--skip-ratings]
+Games are of a whole `run_league` in a folder that is thrown away, less the start of its workers;
+ratings are of simulated games, half of them in each seat, two to a block.
+"""
+
+import argparse
+import dataclasses
+import itertools
+import tempfile
+import time
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from marl_cair.checkpoint import AgentDescription, save_agent
+from marl_cair.games import GAMES
+from marl_cair.league.agents import describe_agent, find_fingerprint, load_agent
+from marl_cair.league.arena import Arena, Rules
+from marl_cair.league.averages import average_by_nash
+from marl_cair.league.blocks import Entrant
+from marl_cair.league.cycles import find_cycles
+from marl_cair.league.fit import check_fit
+from marl_cair.league.payoffs import find_payoffs
+from marl_cair.league.ratings import Games, rate
+from marl_cair.league.schedule import schedule_meetings
+from marl_cair.league.store import LeagueStore
+from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+
+GAME, SCENARIO = "deep_line_wars", "10x15"
+BOTS = ("rusher", "economist", "turtle", "counter")
+
+
+def simulate(num_agents: int, num_games: int, seed: int) -> Games:
+    """Bradley-Terry games, spread evenly over all pairs."""
+    rng = np.random.default_rng(seed)
+    strength = rng.normal(0.0, 1.0, num_agents)
+    pairs = np.array(list(itertools.combinations(range(num_agents), 2)))
+    pairs = pairs[np.arange(num_games // 2) % len(pairs)]
+    agents = np.stack((pairs, pairs[:, ::-1]), 1).reshape(-1, 2)
+    chance = 1.0 / (1.0 + np.exp(strength[agents[:, 1]] - strength[agents[:, 0]]))
+    won = (rng.random(len(agents)) < chance).astype(float)
+    points = np.stack((won, 1.0 - won), 1)
+    blocks = np.repeat(np.arange(len(pairs)), 2)
+    return Games(agents, points, 2.0 - points, blocks, np.zeros(len(agents), np.bool_))
+
+
+def measure_ratings(num_agents: int, num_games: int) -> None:
+    """Print the seconds of each part, the best of two."""
+    games = simulate(num_agents, num_games, 0)
+    names = [f"agent {number:03}" for number in range(num_agents)]
+    payoffs = find_payoffs(num_agents, games)
+    parts = {
+        "ratings with intervals": lambda: rate(names, games),
+        "payoffs with intervals": lambda: find_payoffs(num_agents, games),
+        "test of fit": lambda: check_fit(num_agents, games),
+        "circles": lambda: find_cycles(num_agents, games),
+        "Nash averaging": lambda: average_by_nash(payoffs),
+    }
+    print(f"{num_agents} agents, {len(games.agents)} games")
+    for name, call in parts.items():
+        seconds = []
+        for _ in range(2):
+            start, cpu = time.perf_counter(), time.process_time()
+            call()
+            seconds.append((time.perf_counter() - start, time.process_time() - cpu))
+        wall, used = min(seconds)
+        print(f"  {name:24} {wall:6.2f} s ({used:.2f} s of CPU)", flush=True)
+
+
+def save_network(folder: Path, body: str, seed: int) -> str:
+    """A checkpoint of an untrained network; an untrained one plays long games."""
+    game = GAMES[GAME]
+    scenario = game.scenario(SCENARIO)
+    spec = game.make_spec(scenario)
+    config = QNetworkConfig(body=body)
+    shape = spec.representations["planes"].shape
+    about = AgentDescription(
+        name=folder.name,
+        game=GAME,
+        game_version=game.version,
+        scenario=SCENARIO,
+        scenario_options=dataclasses.asdict(scenario),
+        representation="planes",
+        observation_shape=shape,
+        action_names=spec.action_names,
+        network=config.to_dict(),
+        frames=0,
+        updates=0,
+        seed=seed,
+    )
+    save_agent(folder, make_q_network(config, shape, spec.num_actions, seed=seed), about)
+    return str(folder)
+
+
+def measure_play(title: str, sources: list[str], num_games: int, workers: int, out: Path) -> None:
+    """Print games a minute of all pairs of `sources`, stored as a league stores them."""
+    game = GAMES[GAME]
+    scenario = game.scenario(SCENARIO, reward=game.rated_reward)
+    rules = Rules(game, scenario, 0, "all")
+    agents = [load_agent(source, GAME, scenario) for source in sources]
+    entrants = sorted(
+        (
+            Entrant(source, find_fingerprint(agent, game), agent, source)
+            for source, agent in zip(sources, agents, strict=True)
+        ),
+        key=lambda one: one.fingerprint,
+    )
+    settings = {"seed": 0, "team_of_seat": [0, 1], "game_version": game.version}
+    with closing(LeagueStore(out / f"{title}.sqlite", settings)) as store:
+        ids = [store.add_agent(describe_agent(e.name, e.agent, game)) for e in entrants]
+        jobs = schedule_meetings(len(entrants), 2, num_games, rules.games_per_chunk)
+        with closing(Arena(rules, entrants, ids, store, workers, load_agent)) as arena:
+            with tqdm(disable=True) as bar:
+                arena.play(jobs[: 4 * workers], bar)  # starts workers, compiles rules
+            held = len(store.read_games().agents)
+            start, cpu = time.perf_counter(), time.process_time()
+            with tqdm(unit=" games") as bar:
+                arena.play(jobs, bar)
+            seconds, used = time.perf_counter() - start, time.process_time() - cpu
+        played = len(store.read_games().agents) - held
+    print(
+        f"{title}: {played} games in {seconds:.1f} s ({used:.1f} s of CPU in this process), "
+        f"{60.0 * played / seconds:.0f} a minute",
+        flush=True,
+    )
+
+
+def main() -> None:
+    """Measure what the options ask for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--agents", type=int, default=100)
+    parser.add_argument("--games", type=int, default=100_000)
+    parser.add_argument("--play-games", type=int, default=960, help="of each pair of bots")
+    parser.add_argument("--network-games", type=int, default=512, help="of two conv networks")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--skip-play", action="store_true")
+    parser.add_argument("--skip-ratings", action="store_true")
+    options = parser.parse_args()
+    if not options.skip_ratings:
+        measure_ratings(options.agents, options.games)
+    if options.skip_play:
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder)
+        measure_play("bots", list(BOTS), options.play_games, options.workers, out)
+        networks = [save_network(out / f"net{seed}", "conv", seed) for seed in (0, 1)]
+        measure_play("conv", networks, options.network_games, options.workers, out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""`marl-cair league add`: new agents play all that are in a league; nobody else plays anew."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+
+from marl_cair.cli.league import DEFAULT_OUT, tell
+from marl_cair.cli.match_options import add_answer_seconds
+from marl_cair.league.agents import load_agent
+from marl_cair.league.extend import plan_extension
+from marl_cair.league.league import run_league
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Play and print ladder and matrix; returns the exit code."""
+    options = make_parser().parse_args(arguments)
+    load = functools.partial(load_agent, answer_seconds=options.answer_seconds)
+    config = plan_extension(Path(options.out), options.agents, options.games, options.workers, load)
+    return tell(run_league(config, load))
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The options of the command."""
+    parser = argparse.ArgumentParser("marl-cair league add", description=__doc__)
+    parser.add_argument("agents", nargs="+", help="as `marl-cair league` takes them")
+    parser.add_argument(
+        "--out", default=DEFAULT_OUT, help="folder of the league (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--games",
+        type=int,
+        default=None,
+        help="games of each new pair (default: as many as the league's pairs have on the median)",
+    )
+    parser.add_argument(
+        "--workers",
+        type=int,
+        default=1,
+        help="processes that play; the results do not depend on it (default: %(default)s)",
+    )
+    add_answer_seconds(parser)
+    return parser

@@ -1,0 +1,88 @@
+"""New agents for a league that exists: everything else is in its file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from marl_cair.games import GAMES
+from marl_cair.league.agents import find_fingerprint, load_agent
+from marl_cair.league.arena import Load
+from marl_cair.league.league import LeagueConfig
+from marl_cair.league.store import STORE_FILE, AgentRecord, LeagueStore, LeagueStoreError
+from marl_cair.lookup import find_by_name
+
+
+def plan_extension(
+    folder: Path,
+    agents: Sequence[str],
+    games_per_pair: int | None = None,
+    workers: int = 1,
+    load: Load = load_agent,
+) -> LeagueConfig:
+    """What `run_league` is to play so that `agents` meet all that have played in `folder`.
+
+    games_per_pair: None: as many as pairs of the league have met in, on the median.
+
+    Raises:
+        LeagueStoreError: no league, one without games, or one of whose agents is not known where it
+            comes from, or is another by now.
+        CheckpointError, ForeignAgentError, UnknownNameError: one of them cannot be loaded.
+    """
+    store = LeagueStore(folder / STORE_FILE)
+    try:
+        settings, stored, records = store.settings, store.read_games(), store.read_agents()
+    finally:
+        store.close()
+    played = sorted(set(stored.agents.ravel().tolist()))
+    if not played:
+        raise LeagueStoreError(
+            f"{folder} holds no games yet: play them first (`marl-cair league AGENT AGENT ... "
+            f"--out {folder}`)"
+        )
+    game = find_by_name("game", str(settings["game"]), GAMES)
+    fields = {name: _freeze(value) for name, value in settings["scenario"].items()}
+    scenario = game.scenario(None, **fields)
+    ladder = [_find_source(folder, records[number]) for number in played]
+    for number, source in zip(played, ladder, strict=True):
+        found = find_fingerprint(load(source, game=game.name, scenario=scenario), game)
+        if found != records[number].fingerprint:
+            raise LeagueStoreError(
+                f"{source} is no longer the agent that has played in {folder} as "
+                f"{records[number].name}: bring that one back, or play a new league"
+            )
+    if games_per_pair is None:
+        _, counts = np.unique(np.sort(stored.agents, axis=1), axis=0, return_counts=True)
+        size = stored.agents.shape[1]
+        games_per_pair = max(size, int(np.median(counts)) // size * size)
+    return LeagueConfig(
+        agents=tuple(agents),
+        game=game.name,
+        scenario=game.default_scenario,
+        scenario_options=fields,
+        games_per_pair=games_per_pair,
+        seed=int(settings["seed"]),
+        out=str(folder),
+        ladder=tuple(ladder),
+        seating=str(settings["seating"]),
+        workers=workers,
+    )
+
+
+def _find_source(folder: Path, record: AgentRecord) -> str:
+    source = json.loads(record.configuration).get("source")
+    if not source:
+        raise LeagueStoreError(
+            f"{folder} does not say where {record.name} is from, as it was played by an older "
+            "marl_cair: give the command that played it once more, with the new agents in it"
+        )
+    return str(source)
+
+
+def _freeze(value: Any) -> Any:
+    """Lists of JSON as the tuples that they were."""
+    return tuple(map(_freeze, value)) if isinstance(value, list) else value

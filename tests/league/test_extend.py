@@ -1,0 +1,83 @@
+"""`marl-cair league add`: new agents meet those of a league, and nobody else plays anew."""
+
+import dataclasses
+import json
+import sqlite3
+
+import pytest
+
+from marl_cair.cli import add, main
+from marl_cair.league.extend import plan_extension
+from marl_cair.league.store import LeagueStore, LeagueStoreError
+from tests.league.players import GAME, save_network
+
+
+@pytest.fixture(scope="module")
+def league(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("extend") / "league"
+    words = ["random", "turtle", "--scenario", "11x11", "--games", "4", "--seed", "3"]
+    assert main(["league", *words, "--out", str(folder)]) == 0
+    return folder
+
+
+def count_games(folder):
+    store = LeagueStore(folder / "league.sqlite")
+    try:
+        return len(store.read_games().agents), {a.name for a in store.read_agents().values()}
+    finally:
+        store.close()
+
+
+def test_the_file_says_all_that_is_needed(league):
+    plan = plan_extension(league, ["rusher"])
+    assert (plan.agents, set(plan.ladder)) == (("rusher",), {"random", "turtle"})
+    assert (plan.seed, plan.games_per_pair, plan.seating) == (3, 8, "all")  # chunks are whole
+    scenario = GAME.scenario("11x11", reward=GAME.rated_reward)
+    assert plan.scenario_options == dataclasses.asdict(scenario)
+
+
+def test_a_new_agent_meets_everybody(league, capsys):
+    before, _ = count_games(league)
+    assert main(["league", "add", "economist", "--games", "4", "--out", str(league)]) == 0
+    games, names = count_games(league)
+    assert names == {"random", "turtle", "economist"}
+    assert games == before + 2 * 8
+    assert "economist" in capsys.readouterr().out
+
+
+def test_who_is_in_the_league_already_is_refused(league, capsys):
+    assert main(["league", "add", "turtle", "--out", str(league)]) == 2
+    assert "turtle is given twice" in capsys.readouterr().err
+
+
+def test_an_agent_that_has_changed_is_refused(tmp_path):
+    net = save_network(tmp_path / "net", seed=0)
+    words = ["random", net, "--games", "2", "--out", str(tmp_path / "league")]
+    assert main(["league", *words]) == 0
+    assert plan_extension(tmp_path / "league", ["turtle"]).ladder.count(net) == 1
+    save_network(tmp_path / "net", seed=1)
+    with pytest.raises(LeagueStoreError, match="no longer the agent that has played"):
+        plan_extension(tmp_path / "league", ["turtle"])
+
+
+def test_a_league_of_before_says_what_to_do(league, tmp_path):
+    with sqlite3.connect(league / "league.sqlite") as old:
+        old.execute("VACUUM INTO ?", (str(tmp_path / "league.sqlite"),))
+    old.close()
+    with sqlite3.connect(tmp_path / "league.sqlite") as new:
+        new.execute("UPDATE agent SET configuration = ?", (json.dumps({}),))
+    new.close()
+    with pytest.raises(LeagueStoreError, match="does not say where .* is from"):
+        plan_extension(tmp_path, ["rusher"])
+
+
+def test_no_league_is_refused(tmp_path, capsys):
+    assert main(["league", "add", "random", "--out", str(tmp_path)]) == 2
+    assert "is not there" in capsys.readouterr().err
+
+
+def test_help_tells_each_option_with_its_default():
+    for action in add.make_parser()._actions:
+        assert action.help
+        if action.option_strings and action.dest != "help":
+            assert "default: " in action.help

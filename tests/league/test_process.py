@@ -1,0 +1,195 @@
+"""Agents in processes of their own: they play, and what goes wrong there costs them the game."""
+
+import io
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marl_cair.league.agents import describe_agent, is_checkpoint, load_agent
+from marl_cair.league.foreign import ForeignAgentError
+from marl_cair.league.host import serve
+from marl_cair.league.match import play_match
+from marl_cair.league.process import is_process, load_process
+from tests.games.last_standing import GAME
+
+BOT = Path(__file__).with_name("process_bot.py")
+SCENARIO = GAME.scenario("duel")
+
+
+def load(habit="good", *words, seconds=20.0):
+    source = f"process:{sys.executable} -S {BOT} '{habit}' {' '.join(words)}"
+    return load_process(source, GAME, SCENARIO, seconds)
+
+
+def play(agent, num_games=4):
+    return play_match(agent, GAME.bots["idle"](None, None), GAME, SCENARIO, num_games, 3)
+
+
+def is_alive(number):
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return False
+    return Path(f"/proc/{number}/stat").read_text().split()[2] != "Z"
+
+
+def test_a_process_plays():
+    agent = load()
+    assert (agent.name, agent.representation) == ("bot good", "vector")
+    match = play(agent)
+    assert (match.wins, match.forfeits) == (4, ())
+    assert describe_agent("mine", agent, GAME).kind == "foreign"
+
+
+@pytest.mark.parametrize(
+    ("habit", "reason"),
+    [
+        ("prints", "wrote a line that is no JSON"),
+        ("lists", f"wrote {[3] * 8}, and no JSON object"),
+        ("forgets", f'wrote {{"moves": {[3] * 8}}}, without `actions`'),
+        ("gives up", "out of ideas"),
+        ("dies", "ended with exit code 3"),
+        ("cheats", "played the illegal action 99"),
+        ("halves", "answered float64 of shape [8], asked for whole numbers of shape [8]"),
+        ("talks", 'wrote {"actions": [0]} without being asked'),
+    ],
+)
+def test_what_it_gets_wrong_forfeits_and_is_told(habit, reason):
+    agent = load(habit)
+    time.sleep(0.5 if habit == "talks" else 0.0)
+    match = play(agent, num_games=2)
+    assert match.losses == 2
+    assert set(match.forfeits) == {f"bot {habit} {reason}"}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="processes are looked up in /proc")
+def test_a_process_that_hangs_is_killed_with_all_that_it_started(tmp_path):
+    agent = load("hangs", str(tmp_path / "ids"), seconds=3.0)
+    match = play(agent, num_games=2)
+    assert match.losses == 2
+    assert match.forfeits[0] == "bot hangs gave no answer within 3 s"
+    for number in map(int, (tmp_path / "ids").read_text().split()):
+        for _ in range(200):
+            if not is_alive(number):
+                break
+            time.sleep(0.05)
+        assert not is_alive(number)
+
+
+def test_an_agent_that_nobody_holds_is_ended():
+    agent = load()
+    process = agent._agent._line._process
+    del agent
+    assert process.poll() is not None
+
+
+def test_who_draws_from_the_seeds_plays_the_same_games_again():
+    first, second = (play(load("draws"), 8).results for _ in range(2))
+    assert first == second
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("process:", "names no command"),
+        ("process:'unfinished", "is no command"),
+        ("process:/no/such/program", "cannot be started"),
+        (f"process:{sys.executable} -S {BOT} 'never ready'", "and not that it is ready"),
+        (f"process:{sys.executable} -S {BOT} 'dies at once'", "ended with exit code 7"),
+    ],
+)
+def test_who_does_not_start_is_refused_before_any_game(source, message):
+    with pytest.raises(ForeignAgentError, match=message):
+        load_process(source, GAME, SCENARIO)
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_limit_is_a_time(seconds):
+    with pytest.raises(ValueError, match="answer_seconds is"):
+        load_process(f"process:{sys.executable}", GAME, SCENARIO, seconds)
+
+
+def test_another_program_is_another_agent(tmp_path):
+    prints = []
+    for text in ("", "# changed"):
+        (tmp_path / "bot.py").write_text(BOT.read_text("utf-8") + text, "utf-8")
+        source = f"process:{sys.executable} -S {tmp_path / 'bot.py'} good"
+        prints.append(load_process(source, GAME, SCENARIO).fingerprint)
+    assert prints[0] != prints[1]
+
+
+def test_commands_are_no_folders():
+    assert is_process("process:./bot")
+    assert not is_process("my_module:make")
+    assert not is_checkpoint("process:./bot")
+
+
+class TestHost:
+    """Python functions behind the same protocol."""
+
+    MODULE = """
+import numpy as np
+class Mine:
+    representation = "vector"
+    def seed(self, seed):
+        self.drawn = seed
+    def act(self, observation, action_mask):
+        if not observation.any():
+            raise KeyError("nothing there")
+        assert observation.dtype == np.float32 and action_mask.dtype == bool
+        return np.full(len(observation), self.drawn % 3)
+class Slow(Mine):
+    def act(self, observation, action_mask):
+        import time
+        time.sleep(600)
+def make(scenario, spec):
+    assert scenario.max_ticks == 120 and isinstance(scenario, type(scenario))
+    return Mine()
+def make_slow(scenario, spec):
+    return Slow()
+"""
+
+    @pytest.fixture
+    def module(self, tmp_path, monkeypatch):
+        (tmp_path / "hosted_agents.py").write_text(self.MODULE, "utf-8")
+        monkeypatch.syspath_prepend(str(tmp_path))
+        monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}")
+        return "hosted_agents"
+
+    def test_it_answers_line_by_line(self, module):
+        hello = {
+            "type": "hello",
+            "game": "deep_line_wars",
+            "scenario": {"max_ticks": 120},
+            "representations": {"planes": {"dtype": "uint8"}, "vector": {"dtype": "float32"}},
+        }
+        asked = [
+            hello,
+            {"type": "act", "seed": 5, "observations": [[1, 0]] * 2, "masks": [[True] * 3] * 2},
+            {"type": "act", "seed": 5, "observations": [[0, 0]], "masks": [[True] * 3]},
+        ]
+        told = io.StringIO()
+        serve(f"{module}:make", io.StringIO("\n".join(map(json.dumps, asked))), told)
+        answers = [json.loads(line) for line in told.getvalue().splitlines()]
+        assert answers == [
+            {"type": "ready", "name": "hosted_agents:make", "representation": "vector"},
+            {"actions": [2, 2]},
+            {"error": "crashed in act: KeyError: 'nothing there'"},
+        ]
+
+    def test_a_function_with_a_limit_runs_in_a_process_of_its_own(self, module):
+        agent = load_agent(f"{module}:make_slow", "deep_line_wars", "11x11", answer_seconds=2.0)
+        spec = agent._shape
+        assert spec == ()
+        lost = agent.act(np.ones((2, 4), np.float32), np.ones((2, 5), np.bool_))
+        assert lost.tolist() == [-1, -1]
+        assert agent.failure == "gave no answer within 2 s"
+
+    def test_a_function_that_cannot_be_made_is_refused(self, module):
+        with pytest.raises(ForeignAgentError, match="ForeignAgentError: .*cannot be made"):
+            load_agent(f"{module}:nobody", "deep_line_wars", "11x11", answer_seconds=2.0)

@@ -18,6 +18,8 @@ from typing import Any
 import torch
 
 from marl_cair.files import find_folder, replaced_folder
+from marl_cair.lookup import find_by_name
+from marl_cair.policies.actor import GREEDY, PLAYS
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
 
 FORMAT = "marl_cair agent"
@@ -41,6 +43,7 @@ class AgentDescription:
         network: `QNetworkConfig.to_dict()`.
         frames, updates: how long it was trained.
         seed: of the training run.
+        plays: how the network's outputs become actions, a name of `policies.actor.PLAYS`.
     """
 
     name: str
@@ -55,6 +58,10 @@ class AgentDescription:
     frames: int
     updates: int
     seed: int
+    plays: str = GREEDY
+
+    def __post_init__(self) -> None:
+        find_by_name("way to play", self.plays, PLAYS)
 
 
 def save_agent(folder: str | os.PathLike[str], network: QNetwork, about: AgentDescription) -> None:

@@ -17,7 +17,7 @@ from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents import find_fingerprint
 from marl_cair.league.equilibrium import maximum_entropy_nash
 from marl_cair.league.records import EVEN, Evidence
-from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
+from marl_cair.policies.actor import PLAYS, PolicyActor
 from marl_cair.policies.q_network import QNetwork
 
 BOT, FOREIGN, SNAPSHOT = "bot", "foreign", "snapshot"
@@ -90,6 +90,7 @@ class Pool:
         self._groups = game.make_spec(scenario).action_groups
         self._members: dict[int, Member] = {}
         self._agents: dict[int, Agent] = {}  # bots, foreign agents, and the snapshots in use
+        self._unread: dict[int, Any] = {}  # random states of snapshots in use, not read yet
 
     # --- who is in it ------------------------------------------------------------------------
 
@@ -184,6 +185,8 @@ class Pool:
                     f"fingerprint is {found}, expected {member.fingerprint}): bring the folder "
                     "back, or start a new run"
                 )
+            if number in self._unread:
+                agent.load_state_dict(self._unread.pop(number))
             self._agents[number] = agent
         return self._agents[number]
 
@@ -192,11 +195,12 @@ class Pool:
         for number in [number for number in self._agents if number not in in_use]:
             if self._members[number].kind == SNAPSHOT:
                 del self._agents[number]
+        self._unread = {n: state for n, state in self._unread.items() if n in in_use}
 
     def _load(self, name: str) -> PolicyActor:
-        network, _ = load_network(self.folder / name)
+        network, about = load_network(self.folder / name)
         network.requires_grad_(False)
-        exploration = MaskedEpsilonGreedy(seed=0, action_groups=self._groups)
+        exploration = PLAYS[about.plays](seed=about.frames, action_groups=self._groups)
         return PolicyActor(network, name, self._representation, exploration)
 
     # --- how they compare --------------------------------------------------------------------
@@ -283,19 +287,15 @@ class Pool:
             )
             for saved in record["snapshots"]
         }
-        self._members = others | snapshots
+        self._members, self._unread = others | snapshots, {}
         self._agents = {n: agent for n, agent in self._agents.items() if n in others}
         for member in snapshots.values():
             recover_folder(self.folder / member.name)
 
     def state_dict(self) -> dict[str, Any]:
-        """The index, and the random generators of bots and foreign agents, as plain data."""
-        states = {
-            number: self._agents[number].state_dict()
-            for number, member in self._members.items()
-            if member.kind != SNAPSHOT
-        }
-        return {"index": self._index(), "agents": states}
+        """The index, and the random generators of all who play, as plain data."""
+        states = {number: agent.state_dict() for number, agent in self._agents.items()}
+        return {"index": self._index(), "agents": {**states, **self._unread}}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from `state_dict`; the index on disk stays as it is until `save_index`.
@@ -303,9 +303,11 @@ class Pool:
         Raises:
             KeyError: a bot or foreign agent of then is not here.
         """
-        for number, saved in state["agents"].items():
-            self._agents[number].load_state_dict(saved)
+        saved = dict(state["agents"])
+        for number in [number for number in saved if not self.is_snapshot(number)]:
+            self._agents[number].load_state_dict(saved.pop(number))
         self._take_index(state["index"])
+        self._unread = saved  # a snapshot is read when it plays
 
 
 def choose_retired(frames: Sequence[int], needed: Collection[int] = ()) -> int:

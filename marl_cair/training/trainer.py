@@ -118,12 +118,18 @@ def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
     with timers.measure("store"):
         slots = run.replay.real.extend_rollout(make_rollout(data, run.config.learner.reward_scale))
         run.frames += data.numel()
+        if run.average_policy:
+            run.average_policy.remember(data)
     if run.generator:
         with timers.measure("generate"):
             run.generator.observe(run.replay.real.read_single_steps(slots))
 
 
 def _learn(run: TrainingRun, before: int) -> None:
+    if run.average_policy:
+        often = run.config.nfsp.frames_per_update
+        for values in run.average_policy.learn(run.frames // often - before // often):
+            run.means.add(values)
     settings = run.config.learner
     if run.replay.real.num_sampleable < run.config.replay.min_transitions:
         return

@@ -64,13 +64,23 @@ class AgentDescription:
         find_by_name("way to play", self.plays, PLAYS)
 
 
-def save_agent(folder: str | os.PathLike[str], network: QNetwork, about: AgentDescription) -> None:
-    """Write the checkpoint to `folder`, in place of one that is there, whole or not at all."""
+def save_agent(
+    folder: str | os.PathLike[str],
+    network: QNetwork,
+    about: AgentDescription,
+    more: Mapping[str, str] | None = None,
+) -> None:
+    """Write the checkpoint to `folder`, in place of one that is there, whole or not at all.
+
+    more: texts of further files by name.
+    """
     record = {"format": FORMAT, "format_version": FORMAT_VERSION, **asdict(about)}
     weights = {name: value.detach().cpu() for name, value in network.state_dict().items()}
     with replaced_folder(folder) as fresh:
         (fresh / DESCRIPTION_FILE).write_text(json.dumps(record, indent=2) + "\n", "utf-8")
         save_tensors(weights, fresh / WEIGHTS_FILE)
+        for name, text in (more or {}).items():
+            (fresh / name).write_text(text, "utf-8")
 
 
 def read_description(folder: str | os.PathLike[str]) -> AgentDescription:

@@ -117,7 +117,15 @@ def export(arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
+def train(arguments: Sequence[str]) -> int:
+    """Learners that train against one another: `cli.league_train`."""
+    from marl_cair.cli.league_train import run_training
+
+    return run_training(arguments)
+
+
 SUBCOMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
+    "train": train,
     "report": report,
     "status": tell_status,
     "export": export,
@@ -132,7 +140,7 @@ def make_parser() -> argparse.ArgumentParser:
         "games or agents plays only what is new.",
         epilog="`marl-cair league report FOLDER` rates all that is stored, `league status FOLDER` "
         f"tells what that is, `league export FOLDER` writes it ({', '.join(QUERIES)}) as CSV, JSON "
-        "or Parquet.",
+        "or Parquet. `marl-cair league train FILE` trains a league (--help tells more).",
     )
     parser.add_argument(
         "agents",

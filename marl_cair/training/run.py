@@ -30,6 +30,7 @@ from marl_cair.files import (
 )
 from marl_cair.games import GAMES
 from marl_cair.games.torchrl_env import BatchedGameEnv
+from marl_cair.league.shared import LeagueSeat
 from marl_cair.policies.actor import (
     GREEDY,
     SAMPLED,
@@ -68,6 +69,7 @@ class TrainingRun:
     Args:
         config: all settings.
         resume: go on from the state in `config.out`; without one there, begin.
+        seat: the learner's place in a league.
 
     Raises:
         OutputFolderError: the folder holds another run, or this one without `resume`.
@@ -76,8 +78,10 @@ class TrainingRun:
         ValueError: the generator cannot work on the representation.
     """
 
-    def __init__(self, config: TrainConfig, resume: bool = False) -> None:
-        self.config = config
+    def __init__(
+        self, config: TrainConfig, resume: bool = False, seat: LeagueSeat | None = None
+    ) -> None:
+        self.config, self.seat = config, seat
         self.folder = Path(config.out)
         if config.torch_threads is not None:
             torch.set_num_threads(config.torch_threads)
@@ -99,6 +103,7 @@ class TrainingRun:
         recover_folder(self.folder / RESUME_FOLDER)
         if resume and (self.folder / RESUME_FOLDER).is_dir():
             self.restore()
+        self.book.join_league()
         self.log = RunLog(self.folder, self.frames)
 
     @property
@@ -121,6 +126,7 @@ class TrainingRun:
             game.representation,
             self.folder / SNAPSHOT_FOLDER,
             self._seeds[6],
+            self.seat,
         )
         others_look_at = self.demonstrators.representations | self.book.representations
         options = dataclasses.asdict(self.scenario)

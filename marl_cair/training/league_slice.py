@@ -84,11 +84,12 @@ def run_slice(
         CheckpointError: `member` holds no learner, or a damaged one.
         As `TrainingRun`.
     """
+    last_row: dict[str, float] = {}
     while True:
         record = read_member(member)
         goal = budget.frames - record.frames_before
         if goal <= 0:
-            return SliceResult(record.frames_before, record.generation, True, False, {})
+            return SliceResult(record.frames_before, record.generation, True, False, last_row)
         config = dataclasses.replace(
             load_config(member),
             out=str(member / f"{record.generation:03d}"),
@@ -101,13 +102,14 @@ def run_slice(
             *(tuple(record.mains), record.reset_chance),
         )
         result = train(config, resume=True, show_progress=show_progress, seat=seat)
+        last_row = result.last_row or last_row
         frames = record.frames_before + result.frames
         if result.is_over:
             _begin_anew(member, record, frames)
         if not result.is_over or result.was_interrupted:
             is_done = frames >= budget.frames
             return SliceResult(
-                *(frames, record.generation, is_done, result.was_interrupted, result.last_row)
+                *(frames, record.generation, is_done, result.was_interrupted, last_row)
             )
 
 

@@ -34,6 +34,7 @@ from marl_cair.league.shared import (
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.replay.transition import NO_OPPONENT
 from marl_cair.training.config import OpponentSettings
+from marl_cair.training.live_rating import LiveRating
 
 SNAPSHOTS = "pool"  # how the log calls all of them together
 # A margin that is kept up earns no more snapshots than this share of those by the clock allows.
@@ -80,6 +81,7 @@ class OpponentBook:
         self.settings, self.seat, self._seed = settings, seat, seed
         self.is_over = False  # in a league: a player was frozen, and the learner begins anew
         self.is_alone = game.make_spec(scenario).num_teams == 1
+        self.live_rating = LiveRating()
         self.records = WinRecords(settings.half_life_frames, settings.prior_games)
         # Of a snapshot only what it played itself, nearly: older games are those of other policies.
         self._since_snapshot = WinRecords(settings.half_life_frames, settings.prior_games)
@@ -162,6 +164,7 @@ class OpponentBook:
         for opponent, score, _ in meetings:
             self.records.book(opponent, score, frames)
             self._since_snapshot.book(opponent, score, frames)
+            self.live_rating.note(opponent, score)
 
     def beats_the_best(self, frames: int) -> bool:
         """Whether the learner's win rate against the pool's best snapshot is above 1/2 by the
@@ -221,6 +224,7 @@ class OpponentBook:
         }
         member = self.pool.add_snapshot(network, about, met)
         self._since_snapshot.clear()
+        self.live_rating.freeze(member.number)
         self._last_snapshot_frames = frames
         self._drawn_for = (-1, -1)
         if self.seat is not None:
@@ -234,12 +238,13 @@ class OpponentBook:
         self.pool.release({*self._numbers, *np.unique(in_play).tolist()})
 
     def report(self, frames: int) -> dict[str, float]:
-        """The pool's size, and the learner's lowest win rate in it, by log name."""
-        snapshots = self.pool.snapshots
+        """The pool's size, the learner's lowest win rate in it and its live rating, by log name."""
+        row, snapshots = self.live_rating.report(), self.pool.snapshots
         if not snapshots:
-            return {}
+            return row
         lowest = min(self.records.estimate(kept.number, frames) for kept in snapshots)
-        return {"pool/snapshots": float(len(snapshots)), "pool/lowest_win_rate": lowest}
+        row |= {"pool/snapshots": float(len(snapshots)), "pool/lowest_win_rate": lowest}
+        return row
 
     def state_dict(self) -> dict[str, Any]:
         """Draws, pool, records and random generators, as tensors and plain data."""
@@ -253,6 +258,7 @@ class OpponentBook:
             "drawn_for": self._drawn_for,
             "last_snapshot_frames": self._last_snapshot_frames,
             "is_over": self.is_over,
+            "live_rating": self.live_rating.state_dict(),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -267,6 +273,7 @@ class OpponentBook:
         self._drawn_for = (period, phase)
         self._last_snapshot_frames = state["last_snapshot_frames"]
         self.is_over = state["is_over"]
+        self.live_rating.load_state_dict(state["live_rating"])
 
 
 def make_bots(names: Collection[str], game: Game, scenario: Any) -> list[Agent]:

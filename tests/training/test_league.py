@@ -236,6 +236,21 @@ def test_slices_need_only_their_folders(tmp_path):
     assert seen[0][1:] == ("shared", {"frames": 256, "max_minutes": None})
 
 
+@pytest.mark.parametrize("scenario", ["ffa-3", "teams"])
+def test_leagues_of_many_seats_and_of_average_policies_train_too(tmp_path, scenario):
+    training = {
+        **TRAINING,
+        "game": {**TRAINING["game"], "scenario": scenario},
+        "nfsp": {"enabled": True, "min_rows": 10, "batch_size": 8},
+    }
+    values = {"training": training, "total_frames": 256, "slice_frames": 256}
+    result = train_league(make_league(tmp_path / "league", **values), show_progress=False)
+    assert result.is_done
+    folder = tmp_path / "league" / "shared" / "live" / "main_0"
+    assert load_network(folder)[1].plays == "sampled"
+    assert read_players(tmp_path / "league" / "shared")
+
+
 # --- the end, and what is refused ------------------------------------------------------------
 
 

@@ -207,7 +207,7 @@ def test_kill_minus_nine_at_twenty_moments_changes_nothing(league, tmp_path):
     for number in range(20):
         child = subprocess.Popen(words, env=env)
         try:
-            child.wait(whole * (0.3 + 0.03 * number))
+            child.wait(whole * (0.2 + 0.01 * number))
         except subprocess.TimeoutExpired:
             child.send_signal(signal.SIGKILL)
             child.wait()

@@ -18,6 +18,8 @@ from typing import Any
 import torch
 
 from marl_cair.files import find_folder, replaced_folder
+from marl_cair.lookup import find_by_name
+from marl_cair.policies.actor import GREEDY, PLAYS
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
 
 FORMAT = "marl_cair agent"
@@ -41,6 +43,7 @@ class AgentDescription:
         network: `QNetworkConfig.to_dict()`.
         frames, updates: how long it was trained.
         seed: of the training run.
+        plays: how the network's outputs become actions, a name of `policies.actor.PLAYS`.
     """
 
     name: str
@@ -55,15 +58,29 @@ class AgentDescription:
     frames: int
     updates: int
     seed: int
+    plays: str = GREEDY
+
+    def __post_init__(self) -> None:
+        find_by_name("way to play", self.plays, PLAYS)
 
 
-def save_agent(folder: str | os.PathLike[str], network: QNetwork, about: AgentDescription) -> None:
-    """Write the checkpoint to `folder`, in place of one that is there, whole or not at all."""
+def save_agent(
+    folder: str | os.PathLike[str],
+    network: QNetwork,
+    about: AgentDescription,
+    more: Mapping[str, str] | None = None,
+) -> None:
+    """Write the checkpoint to `folder`, in place of one that is there, whole or not at all.
+
+    more: texts of further files by name.
+    """
     record = {"format": FORMAT, "format_version": FORMAT_VERSION, **asdict(about)}
     weights = {name: value.detach().cpu() for name, value in network.state_dict().items()}
     with replaced_folder(folder) as fresh:
         (fresh / DESCRIPTION_FILE).write_text(json.dumps(record, indent=2) + "\n", "utf-8")
         save_tensors(weights, fresh / WEIGHTS_FILE)
+        for name, text in (more or {}).items():
+            (fresh / name).write_text(text, "utf-8")
 
 
 def read_description(folder: str | os.PathLike[str]) -> AgentDescription:

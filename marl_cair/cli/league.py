@@ -140,7 +140,15 @@ def run_exploit(arguments: Sequence[str]) -> int:
     return exploit.run(arguments)
 
 
+def train(arguments: Sequence[str]) -> int:
+    """Learners that train against one another: `cli.league_train`."""
+    from marl_cair.cli.league_train import run_training
+
+    return run_training(arguments)
+
+
 SUBCOMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
+    "train": train,
     "report": report,
     "status": tell_status,
     "export": export,
@@ -157,7 +165,8 @@ def make_parser() -> argparse.ArgumentParser:
         "games or agents plays only what is new.",
         epilog="`marl-cair league report FOLDER` rates all that is stored, `league status FOLDER` "
         f"tells what that is, `league export FOLDER` writes it ({', '.join(QUERIES)}) as CSV, JSON "
-        "or Parquet. `league add AGENT` adds an agent, `league exploit AGENT` trains against it.",
+        "or Parquet. `league add AGENT` adds an agent, `league exploit AGENT` trains against it, "
+        "`league train FILE` trains a league (--help tells more).",
     )
     parser.add_argument(
         "agents",

@@ -17,7 +17,7 @@ from marl_cair.league.foreign import ForeignAgent, load_foreign
 from marl_cair.league.process import is_process, load_hosted, load_process
 from marl_cair.league.store import AgentRecord
 from marl_cair.lookup import find_by_name
-from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
+from marl_cair.policies.actor import PLAYS, SAMPLED, PolicyActor
 
 
 def load_agent(
@@ -93,6 +93,8 @@ def describe_agent(name: str, agent: Agent, game: Game, source: str = "") -> Age
     if isinstance(agent, PolicyActor):
         kind = "network"
         policy = f"epsilon-greedy {agent.epsilon:g}" if agent.epsilon else "greedy"
+        if agent.is_sampled:
+            policy = f"sampled, epsilon {agent.epsilon:g}" if agent.epsilon else "sampled"
         configuration["network"] = agent.network.config.to_dict()
     elif isinstance(agent, ForeignAgent):
         kind, policy = "foreign", "its own"
@@ -114,6 +116,8 @@ def find_fingerprint(agent: Agent, game: Game) -> str:
     digest = hashlib.blake2b(digest_size=16)
     about = (network.config.to_dict(), network.num_actions, agent.representation, agent.epsilon)
     digest.update(json.dumps(about, sort_keys=True).encode())
+    if agent.is_sampled:
+        digest.update(SAMPLED.encode())
     for name, tensor in sorted(network.state_dict().items()):
         value = tensor.cpu().numpy()
         digest.update(f"{name} {value.dtype} {value.shape}".encode())
@@ -184,7 +188,7 @@ def _load_checkpoint(path: Path, game: str | None, scenario: Any, epsilon: float
         played = chosen.scenario(scenario) if isinstance(scenario, str) else scenario
     spec = chosen.make_spec(played)
     _check_fit(path, about, spec)
-    exploration = MaskedEpsilonGreedy(seed=0, action_groups=spec.action_groups)
+    exploration = PLAYS[about.plays](seed=0, action_groups=spec.action_groups)
     return PolicyActor(network, about.name, about.representation, exploration, epsilon)
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.league.equilibrium import maximum_entropy_nash
-from marl_cair.league.pool import BOT, FOREIGN, SNAPSHOT, Pool
+from marl_cair.league.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Pool
 from marl_cair.league.records import EVEN, WinRecords
+from marl_cair.league.shared import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER
 from marl_cair.lookup import find_by_name
 
 LATEST = "latest"  # the learner itself: its number is 0
@@ -32,6 +33,7 @@ class Standings(NamedTuple):
         names, kinds: K each.
         win_rate: float64 [K], the score in 0..1 that the learner has to expect.
         payoff: float64 [K, K], the same of row against column; read for the pool alone.
+        owners, roles: in a league, the learner that each is of, and its role; () elsewhere.
     """
 
     numbers: NDArray[np.int64]
@@ -39,6 +41,15 @@ class Standings(NamedTuple):
     kinds: tuple[str, ...]
     win_rate: NDArray[np.float64]
     payoff: NDArray[np.float64]
+    owners: tuple[str, ...] = ()
+    roles: tuple[str, ...] = ()
+
+    def find(self, *, kind: str, roles: tuple[str, ...]) -> NDArray[np.int64]:
+        """Indices of the members of one kind whose learners have one of `roles`."""
+        wanted = zip(self.kinds, self.roles, strict=False)
+        return np.array(
+            [i for i, (k, role) in enumerate(wanted) if k == kind and role in roles], int
+        )
 
     @property
     def pool(self) -> NDArray[np.int64]:
@@ -146,6 +157,52 @@ def nash(standings: Standings, options: SamplerOptions) -> Probabilities:
     return standings.spread(pool, maximum_entropy_nash(payoff))
 
 
+def main_agents(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """The main agents of a league as they are, evenly; in place of one that is hardly ever beaten
+    (AlphaStar: a win rate up to 0.1), its past, even opponents first: of a main exploiter.
+    """
+    chosen = standings.find(kind=LIVE, roles=(MAIN,))
+    return _newest_or_past(standings, chosen, options, bar=0.1)
+
+
+def main_self_play(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """Itself or another main agent of a league as it is, evenly; in place of one that is beaten too
+    seldom (AlphaStar: a win rate up to 0.3), its past, even opponents first: of a main agent.
+    """
+    others = standings.find(kind=LIVE, roles=(MAIN,))
+    return _newest_or_past(standings, np.array([0, *others.tolist()]), options, bar=0.3)
+
+
+def forgotten(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """Exploiters of a league that still win (a win rate below 0.3), else past main agents that win
+    again (below 0.7), hard; else itself: AlphaStar's verification branch of a main agent.
+    """
+    for roles, bar in (((MAIN_EXPLOITER, LEAGUE_EXPLOITER), 0.3), ((MAIN,), 0.7)):
+        past = standings.find(kind=SNAPSHOT, roles=roles)
+        lost = past[standings.win_rate[past] < bar]
+        if len(lost):
+            return standings.spread(lost, (1.0 - standings.win_rate[lost]) ** options.power)
+    return latest(standings, options)
+
+
+def _newest_or_past(
+    standings: Standings, chosen: NDArray[np.int64], options: SamplerOptions, bar: float
+) -> Probabilities:
+    """Each of `chosen` alike, or in place of one whose win rate is not above `bar` its past."""
+    if not len(chosen):
+        return latest(standings, options)
+    total = np.zeros(len(standings.numbers))
+    past = standings.find(kind=SNAPSHOT, roles=(MAIN,))
+    for one in chosen.tolist():
+        theirs = np.array([i for i in past if standings.owners[i] == standings.owners[one]], int)
+        if standings.win_rate[one] > bar or not len(theirs):
+            total[one] += 1.0 / len(chosen)
+        else:
+            rate = standings.win_rate[theirs]
+            total += standings.spread(theirs, rate * (1.0 - rate)) / len(chosen)
+    return total
+
+
 SAMPLERS: dict[str, Sampler] = {
     LATEST: latest,
     "pfsp": pfsp,
@@ -156,6 +213,9 @@ SAMPLERS: dict[str, Sampler] = {
     "recent": recent,
     "nash": nash,
     BOTS: bots,
+    "main_self_play": main_self_play,
+    "main_agents": main_agents,
+    "forgotten": forgotten,
 }
 
 
@@ -205,6 +265,8 @@ def read_standings(pool: Pool, records: WinRecords, frames: int) -> Standings:
         (LEARNER, *(member.kind for member in members)),
         np.array([EVEN, *(records.estimate(number, frames) for number in numbers[1:])]),
         payoff,
+        ("", *(member.owner for member in members)),
+        ("", *(member.role for member in members)),
     )
 
 

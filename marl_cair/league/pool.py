@@ -17,12 +17,13 @@ from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents import find_fingerprint
 from marl_cair.league.equilibrium import maximum_entropy_nash
 from marl_cair.league.records import EVEN, Evidence
-from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
+from marl_cair.league.shared import MAIN, PLAYERS, LeagueSeat, Player
+from marl_cair.policies.actor import PLAYS, PolicyActor
 from marl_cair.policies.q_network import QNetwork
 
-BOT, FOREIGN, SNAPSHOT = "bot", "foreign", "snapshot"
+BOT, FOREIGN, LIVE, SNAPSHOT = "bot", "foreign", "live", "snapshot"
 # Number 0 is the learner itself.
-FIRST_NUMBERS = {BOT: 1, FOREIGN: 500, SNAPSHOT: 1_000}
+FIRST_NUMBERS = {BOT: 1, FOREIGN: 500, LIVE: 900, SNAPSHOT: 1_000}
 INDEX_FILE = "pool.json"
 _FORMAT_VERSION = 1
 _SUPPORT = 0.01  # share of the Nash mixture from which on a snapshot is needed in it
@@ -35,11 +36,12 @@ class Member:
     Attributes:
         number: by which games, records and the index know it.
         name: of a bot, a foreign agent, or a snapshot's folder within the pool's.
-        kind: BOT, FOREIGN or SNAPSHOT.
+        kind: BOT, FOREIGN, LIVE (another learner's newest self) or SNAPSHOT.
         frames: how long the learner had been trained when it was frozen; 0 of all others.
         fingerprint: of a snapshot's network, `league.agents.find_fingerprint`; else empty.
         met: what the learner had to show against each other member shortly before it was frozen.
         is_retired: whether it is drawn no more.
+        owner, role: in a league, the learner that it is of, and which of `shared.ROLES` that has.
     """
 
     number: int
@@ -49,6 +51,8 @@ class Member:
     fingerprint: str = ""
     met: Mapping[int, Evidence] = field(default_factory=dict)
     is_retired: bool = False
+    owner: str = ""
+    role: str = ""
 
 
 class Pool:
@@ -68,6 +72,7 @@ class Pool:
         representation: what snapshots look at.
         capacity: most snapshots in play.
         prior_games: even games that each estimate of `payoff` starts from.
+        seat: in a league; snapshots are then players in its folder, and `folder` has the index.
 
     Raises:
         ValueError: no capacity.
@@ -81,15 +86,18 @@ class Pool:
         representation: str,
         capacity: int,
         prior_games: float = 2.0,
+        seat: LeagueSeat | None = None,
     ) -> None:
         if capacity < 1:
             raise ValueError(f"the pool's capacity is {capacity}, it must be 1 or more")
-        self.folder, self.capacity = folder, capacity
+        self.folder = folder if seat is None else seat.folder / PLAYERS
+        self.capacity, self.seat, self._index_folder = capacity, seat, folder
         self._game, self._prior_games = game, prior_games
         self._representation = representation
         self._groups = game.make_spec(scenario).action_groups
         self._members: dict[int, Member] = {}
         self._agents: dict[int, Agent] = {}  # bots, foreign agents, and the snapshots in use
+        self._unread: dict[int, Any] = {}  # random states of snapshots in use, not read yet
 
     # --- who is in it ------------------------------------------------------------------------
 
@@ -129,6 +137,33 @@ class Pool:
         self._agents[number] = agent
         return number
 
+    def add_live(self, place: int, owner: str, agent: Agent) -> None:
+        """Take in another main agent's newest self, by its place among the league's."""
+        number = FIRST_NUMBERS[LIVE] + place
+        agent.name = owner
+        self._members[number] = Member(number, owner, LIVE, owner=owner, role=MAIN)
+        self._agents[number] = agent
+
+    def adopt(self, player: Player) -> bool:
+        """Take in what another learner of the league has frozen; whether it was not here before."""
+        numbers = {member.name: number for number, member in self._members.items()}
+        if player.name in numbers:
+            return False
+        number = self._next_number(SNAPSHOT)
+        met = {numbers[name]: kept for name, kept in player.met.items() if name in numbers}
+        self._members[number] = Member(
+            number,
+            player.name,
+            SNAPSHOT,
+            player.frames,
+            player.fingerprint,
+            met,
+            owner=player.owner,
+            role=player.role,
+        )
+        self._retire_one()
+        return True
+
     def add_snapshot(
         self, network: QNetwork, about: AgentDescription, met: Mapping[int, Evidence]
     ) -> Member:
@@ -136,25 +171,41 @@ class Pool:
 
         about: what it is; `about.frames` names the folder. met: the learner's evidence by number.
         """
-        number, name = self._next_number(SNAPSHOT), f"frames_{about.frames:010d}"
-        save_agent(self.folder / name, network, about)
+        number, seat = self._next_number(SNAPSHOT), self.seat
+        kept = {other: evidence for other, evidence in met.items() if evidence.games > 0}
+        name, owner, role, more = f"frames_{about.frames:010d}", "", "", {}
+        if seat is not None:
+            name, owner, role = seat.name_player(about.frames), seat.owner, seat.role
+            actor = self._make_actor(network, about, name)
+            named = {self._members[other].name: evidence for other, evidence in kept.items()}
+            more = seat.describe(about.frames, find_fingerprint(actor, self._game), named)
+        save_agent(self.folder / name, network, about, more)
         # Read back, so that nothing of the learner is shared, and what plays is what lies on disk.
         agent = self._load(name)
         fingerprint = find_fingerprint(agent, self._game)
-        kept = {other: evidence for other, evidence in met.items() if evidence.games > 0}
-        member = Member(number, name, SNAPSHOT, about.frames, fingerprint, kept)
+        member = Member(
+            number, name, SNAPSHOT, about.frames, fingerprint, kept, owner=owner, role=role
+        )
         self._members[number], self._agents[number] = member, agent
-        if len(self.snapshots) > self.capacity:
-            retiring = self._choose_retired()
-            self._members[retiring.number] = replace(retiring, is_retired=True)
+        self._retire_one()
         self.save_index()
         return member
 
+    def _retire_one(self) -> None:
+        if len(self.snapshots) > self.capacity:
+            retiring = self._choose_retired()
+            self._members[retiring.number] = replace(retiring, is_retired=True)
+
     def _choose_retired(self) -> Member:
+        """One of the learner that has most in play: no owner is crowded out by another."""
         snapshots = self.snapshots
         share = maximum_entropy_nash(self.payoff([kept.number for kept in snapshots]) - EVEN)
-        needed = np.flatnonzero(share > _SUPPORT).tolist()
-        return snapshots[choose_retired([kept.frames for kept in snapshots], needed)]
+        owners = [kept.owner for kept in snapshots]
+        most = max(sorted(set(owners)), key=owners.count)
+        theirs = [place for place, owner in enumerate(owners) if owner == most]
+        needed = [n for n, place in enumerate(theirs) if share[place] > _SUPPORT]
+        frames = [snapshots[place].frames for place in theirs]
+        return snapshots[theirs[choose_retired(frames, needed)]]
 
     def _next_number(self, kind: str) -> int:
         numbers = [member.number for member in self._members.values() if member.kind == kind]
@@ -184,6 +235,8 @@ class Pool:
                     f"fingerprint is {found}, expected {member.fingerprint}): bring the folder "
                     "back, or start a new run"
                 )
+            if number in self._unread:
+                agent.load_state_dict(self._unread.pop(number))
             self._agents[number] = agent
         return self._agents[number]
 
@@ -192,11 +245,15 @@ class Pool:
         for number in [number for number in self._agents if number not in in_use]:
             if self._members[number].kind == SNAPSHOT:
                 del self._agents[number]
+        self._unread = {n: state for n, state in self._unread.items() if n in in_use}
 
     def _load(self, name: str) -> PolicyActor:
-        network, _ = load_network(self.folder / name)
+        network, about = load_network(self.folder / name)
         network.requires_grad_(False)
-        exploration = MaskedEpsilonGreedy(seed=0, action_groups=self._groups)
+        return self._make_actor(network, about, name)
+
+    def _make_actor(self, network: QNetwork, about: AgentDescription, name: str) -> PolicyActor:
+        exploration = PLAYS[about.plays](seed=about.frames, action_groups=self._groups)
         return PolicyActor(network, name, self._representation, exploration)
 
     # --- how they compare --------------------------------------------------------------------
@@ -230,7 +287,7 @@ class Pool:
     def save_index(self) -> None:
         """Write who is in the pool to `pool.json`, whole or not at all."""
         text = json.dumps({"format_version": _FORMAT_VERSION, **self._index()}, indent=1) + "\n"
-        write_atomically(self.folder / INDEX_FILE, text)
+        write_atomically(self._index_folder / INDEX_FILE, text)
 
     def _index(self) -> dict[str, Any]:
         """All snapshots, as plain data; bots and foreign agents are given anew by who opens it."""
@@ -243,6 +300,8 @@ class Pool:
                     "fingerprint": member.fingerprint,
                     "met": {str(number): list(kept) for number, kept in member.met.items()},
                     "is_retired": member.is_retired,
+                    "owner": member.owner,
+                    "role": member.role,
                 }
                 for member in self._members.values()
                 if member.kind == SNAPSHOT
@@ -255,7 +314,7 @@ class Pool:
         Raises:
             CheckpointError: the index cannot be read.
         """
-        path = self.folder / INDEX_FILE
+        path = self._index_folder / INDEX_FILE
         if not path.is_file():
             return
         try:
@@ -280,22 +339,21 @@ class Pool:
                 str(saved["fingerprint"]),
                 {int(number): Evidence(*kept) for number, kept in saved["met"].items()},
                 bool(saved["is_retired"]),
+                str(saved.get("owner", "")),
+                str(saved.get("role", "")),
             )
             for saved in record["snapshots"]
         }
-        self._members = others | snapshots
+        self._members, self._unread = others | snapshots, {}
         self._agents = {n: agent for n, agent in self._agents.items() if n in others}
         for member in snapshots.values():
-            recover_folder(self.folder / member.name)
+            if self.seat is None or member.owner == self.seat.owner:  # others may be writing theirs
+                recover_folder(self.folder / member.name)
 
     def state_dict(self) -> dict[str, Any]:
-        """The index, and the random generators of bots and foreign agents, as plain data."""
-        states = {
-            number: self._agents[number].state_dict()
-            for number, member in self._members.items()
-            if member.kind != SNAPSHOT
-        }
-        return {"index": self._index(), "agents": states}
+        """The index, and the random generators of all who play, as plain data."""
+        states = {number: agent.state_dict() for number, agent in self._agents.items()}
+        return {"index": self._index(), "agents": {**states, **self._unread}}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from `state_dict`; the index on disk stays as it is until `save_index`.
@@ -303,9 +361,11 @@ class Pool:
         Raises:
             KeyError: a bot or foreign agent of then is not here.
         """
-        for number, saved in state["agents"].items():
-            self._agents[number].load_state_dict(saved)
+        saved = dict(state["agents"])
+        for number in [number for number in saved if not self.is_snapshot(number)]:
+            self._agents[number].load_state_dict(saved.pop(number))
         self._take_index(state["index"])
+        self._unread = saved  # a snapshot is read when it plays
 
 
 def choose_retired(frames: Sequence[int], needed: Collection[int] = ()) -> int:

@@ -59,7 +59,7 @@ class MaskedEpsilonGreedy:
 
         Raises ValueError where epsilon is outside 0..1 or a row has no legal action.
         """
-        actions = masked_argmax(values, action_mask)
+        actions = self._exploit(values, action_mask)
         num_rows, num_actions = values.shape
         threshold = _check_epsilon(epsilon, num_rows)
         if self._groups is not None and len(self._groups) != num_actions:
@@ -74,6 +74,10 @@ class MaskedEpsilonGreedy:
         draws, rows = draws[rows, 1:].to(values.device), rows.to(values.device)
         actions[rows] = self._explore(action_mask[rows], draws)
         return actions
+
+    def _exploit(self, values: Tensor, action_mask: Tensor) -> Tensor:
+        """Actions int64 [N] of rows that do not explore."""
+        return masked_argmax(values, action_mask)
 
     def _explore(self, legal: Tensor, draws: Tensor) -> Tensor:
         """Legal bool [M, A], draws float64 [M, 2] in [0, 1) -> actions int64 [M]."""
@@ -92,6 +96,31 @@ class MaskedEpsilonGreedy:
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """Continue the random stream where `state_dict` was taken."""
         self.generator.set_state(state["generator"].cpu())
+
+
+class MaskedSampling(MaskedEpsilonGreedy):
+    """As `MaskedEpsilonGreedy`, but who does not explore draws from the softmax over the legal
+    values, which are logits: a mixed strategy. Each call draws one number more for each row.
+    """
+
+    def _exploit(self, values: Tensor, action_mask: Tensor) -> Tensor:
+        best = values.masked_fill(~action_mask, -torch.inf).amax(-1)
+        _require_legal_actions(best)
+        logits = values.double().masked_fill(~action_mask, -torch.inf)
+        ends = logits.softmax(-1).cumsum(-1)
+        draws = torch.rand(len(values), generator=self.generator, dtype=torch.float64)
+        # Below the sum, however it is rounded: the chance of an illegal action is exactly 0.
+        total = ends[:, -1]
+        wanted = torch.minimum(draws.to(ends.device) * total, total.nextafter(total.new_zeros(())))
+        return (ends > wanted.unsqueeze(1)).to(torch.uint8).argmax(1)
+
+
+# How a network's outputs become actions; a checkpoint names one.
+GREEDY, SAMPLED = "greedy", "sampled"
+PLAYS: dict[str, type[MaskedEpsilonGreedy]] = {
+    GREEDY: MaskedEpsilonGreedy,
+    SAMPLED: MaskedSampling,
+}
 
 
 class PolicyActor:
@@ -118,6 +147,11 @@ class PolicyActor:
         self.exploration = exploration or MaskedEpsilonGreedy(seed=0)
         self.epsilon = epsilon
         self.chunk_rows = chunk_rows
+
+    @property
+    def is_sampled(self) -> bool:
+        """Whether its actions are drawn, in place of the best one."""
+        return isinstance(self.exploration, MaskedSampling)
 
     def seed(self, seed: int) -> None:
         """Start the random stream of the exploration anew."""

@@ -18,6 +18,8 @@ from marl_cair.league.opponents import SAMPLERS
 from marl_cair.lookup import find_by_name
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.replay.mixed import MAX_FRACTION
+from marl_cair.training.checks import require
+from marl_cair.training.nfsp_settings import NfspSettings
 
 # Half its newest self, half what it must not forget, after AlphaStar and OpenAI Five. That it is
 # the best is not shown: `python -m benchmarks.opponents` compares.
@@ -28,12 +30,6 @@ RENAMED_OPTIONS = {"pool_recency": "recency"}
 NO_GENERATOR = "none"
 TARGET_UPDATES = ("soft", "hard")
 LOSSES = ("smooth_l1", "l2")
-
-
-def require(holds: bool, name: str, value: object, allowed: str) -> None:
-    """Raise ValueError that names the setting, its value and what is allowed."""
-    if not holds:
-        raise ValueError(f"{name} is {value!r}, it must be {allowed}")
 
 
 @dataclass(frozen=True)
@@ -346,6 +342,7 @@ class TrainConfig:
     exploration: ExplorationSettings = field(default_factory=ExplorationSettings)
     replay: ReplaySettings = field(default_factory=ReplaySettings)
     learner: LearnerSettings = field(default_factory=LearnerSettings)
+    nfsp: NfspSettings = field(default_factory=NfspSettings)
     generator: GeneratorSettings = field(default_factory=GeneratorSettings)
     evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
     checkpoint: CheckpointSettings = field(default_factory=CheckpointSettings)

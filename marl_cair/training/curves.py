@@ -20,12 +20,12 @@ Rows = Sequence[Mapping[str, float]]
 # Okabe and Ito's palette, which colour-blind readers tell apart.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
 STYLES = ("-", "--", ":", "-.")
-PICTURE_INCHES = (13.0, 7.6)
+PICTURE_INCHES = (17.3, 7.6)
 
 
 def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathLike[str]) -> None:
-    """Write a PNG of six panels: win rates (returns, where one plays alone), TD errors,
-    overestimation, generator, speed, actions.
+    """Write a PNG of eight panels: win rates (returns, where one plays alone), TD errors,
+    overestimation, live rating, generator, speed, actions, games won while collecting.
 
     runs: label -> run folder (with log.csv). Raises ValueError where no run has logged anything.
     """
@@ -37,13 +37,15 @@ def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathL
         )
     figure = Figure(figsize=PICTURE_INCHES, layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(2, 3)
+    panels = figure.subplots(2, 4)
     _draw_win_rates(panels[0, 0], logs)
     _draw_lines(panels[0, 1], logs, "td_error", "TD error (absolute)", log_scale=True)
     _draw_overestimation(panels[0, 2], logs)
     _draw_generator(panels[1, 0], logs)
     _draw_speed(panels[1, 1], logs)
     _draw_actions(panels[1, 2], logs)
+    _draw_live_rating(panels[0, 3], logs)
+    _draw_collected(panels[1, 3], logs)
     for panel in panels.flat:
         panel.spines[["top", "right"]].set_visible(False)
         panel.grid(alpha=0.25)
@@ -123,6 +125,28 @@ def _draw_speed(panel: Any, logs: Mapping[str, Rows]) -> None:
         panel.plot(*_series(rows, "frames_per_second"), color=colour, label=label)
     panel.set(title="Speed of the whole loop", ylabel="decisions / s")
     panel.set_ylim(bottom=0)
+    _add_legend(panel)
+
+
+def _draw_live_rating(panel: Any, logs: Mapping[str, Rows]) -> None:
+    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
+        frames, means = _series(rows, "order_dependent_rating")
+        spread = 2.0 * _series(rows, "order_dependent_rating/deviation")[1]
+        panel.plot(frames, means, color=colour, label=label)
+        panel.fill_between(frames, means - spread, means + spread, color=colour, alpha=0.12)
+    panel.set(title="Live rating: depends on the order of games", ylabel="openskill")
+    _add_legend(panel)
+
+
+def _draw_collected(panel: Any, logs: Mapping[str, Rows]) -> None:
+    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
+        names = _names(logs, "collect_win_rate/")
+        for style, name in zip(cycle(STYLES), names, strict=False):
+            frames, rates = _series(rows, name)
+            if len(frames):
+                rival = name.partition("/")[2]
+                panel.plot(frames, rates, style, color=colour, label=f"{label} v {rival}")
+    panel.set(title="While collecting, exploration included", ylim=(-0.03, 1.03))
     _add_legend(panel)
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.checkpoint import AgentDescription
+from marl_cair.checkpoint import AgentDescription, save_agent
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents import load_agent
 from marl_cair.league.intervals import win_rate_interval
@@ -21,11 +22,19 @@ from marl_cair.league.opponents import (
     mix,
     read_standings,
 )
-from marl_cair.league.pool import BOT, FOREIGN, SNAPSHOT, Member, Pool
+from marl_cair.league.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Member, Pool
 from marl_cair.league.records import EVEN, WinRecords
+from marl_cair.league.shared import (
+    LEAGUE_EXPLOITER,
+    LIVE_FOLDER,
+    MAIN,
+    MAIN_EXPLOITER,
+    LeagueSeat,
+)
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.replay.transition import NO_OPPONENT
 from marl_cair.training.config import OpponentSettings
+from marl_cair.training.live_rating import LiveRating
 
 SNAPSHOTS = "pool"  # how the log calls all of them together
 # A margin that is kept up earns no more snapshots than this share of those by the clock allows.
@@ -56,6 +65,7 @@ class OpponentBook:
         representation: what snapshots look at.
         folder: of the snapshots.
         seed: of the draws, the bots and the foreign agents.
+        seat: the learner's place in a league; its opponents are then the league's too.
     """
 
     def __init__(
@@ -66,14 +76,23 @@ class OpponentBook:
         representation: str,
         folder: Path,
         seed: int,
+        seat: LeagueSeat | None = None,
     ) -> None:
-        self.settings = settings
+        self.settings, self.seat, self._seed = settings, seat, seed
+        self.is_over = False  # in a league: a player was frozen, and the learner begins anew
         self.is_alone = game.make_spec(scenario).num_teams == 1
+        self.live_rating = LiveRating()
         self.records = WinRecords(settings.half_life_frames, settings.prior_games)
         # Of a snapshot only what it played itself, nearly: older games are those of other policies.
         self._since_snapshot = WinRecords(settings.half_life_frames, settings.prior_games)
         self.pool = Pool(
-            folder, game, scenario, representation, settings.pool_capacity, settings.prior_games
+            folder,
+            game,
+            scenario,
+            representation,
+            settings.pool_capacity,
+            settings.prior_games,
+            seat,
         )
         self._options = SamplerOptions(settings.delta, settings.recency, settings.pfsp_power)
         if not self.is_alone:
@@ -83,6 +102,10 @@ class OpponentBook:
                 agent = load_agent(source, game.name, scenario)
                 agent.name = name
                 self.pool.add(FOREIGN, agent, seed)
+            for place, path in seat.find_live_mains().items() if seat else ():
+                live = load_agent(path, game.name, scenario)
+                live.seed(seed + place)
+                self.pool.add_live(place, seat.mains[place] if seat else "", live)
         self._numbers: list[int] = []  # who is drawn now, and how often
         self._probabilities: list[float] = []
         self._drawn_for = (-1, -1)  # period and phase that the line-up is of
@@ -141,17 +164,54 @@ class OpponentBook:
         for opponent, score, _ in meetings:
             self.records.book(opponent, score, frames)
             self._since_snapshot.book(opponent, score, frames)
+            self.live_rating.note(opponent, score)
 
     def beats_the_best(self, frames: int) -> bool:
         """Whether the learner's win rate against the pool's best snapshot is above 1/2 by the
-        margin, with 97.5 % confidence, and the last snapshot is not of just now.
+        margin, with 97.5 % confidence, and the last snapshot is not of just now. A main exploiter
+        has to beat every main agent so, a league exploiter every player in the pool.
         """
-        margin, best = self.settings.snapshot_margin, self.pool.best_snapshot()
+        margin, rivals = self.settings.snapshot_margin, self._find_bar()
         soonest = _SOONEST_SNAPSHOT * self.settings.snapshot_every_frames
-        if margin is None or best is None or frames - self._last_snapshot_frames < soonest:
+        if margin is None or not rivals or frames - self._last_snapshot_frames < soonest:
             return False
-        points, games = self.records.evidence(best.number, frames)
+        return all(self._surely_beats(rival.number, frames, margin) for rival in rivals)
+
+    def _find_bar(self) -> list[Member]:
+        """Whom the learner has to beat for a snapshot before its time."""
+        role = self.seat.role if self.seat else MAIN
+        if role == MAIN_EXPLOITER:
+            return [kept for kept in self.pool.members if kept.kind == LIVE]
+        if role == LEAGUE_EXPLOITER:
+            return self.pool.snapshots
+        best = self.pool.best_snapshot()
+        return [best] if best else []
+
+    def _surely_beats(self, number: int, frames: int, margin: float) -> bool:
+        points, games = self.records.evidence(number, frames)
         return games >= 1.0 and win_rate_interval(points, 0.0, games)[0] > EVEN + margin
+
+    # --- the league --------------------------------------------------------------------------
+
+    def join_league(self) -> None:
+        """Take in what the other learners have frozen since; without a league, nothing."""
+        if self.seat is None or self.is_alone:
+            return
+        new = [player for player in self.seat.find_new_players() if self.pool.adopt(player)]
+        if new:
+            self.pool.save_index()
+            self._drawn_for = (-1, -1)
+
+    def publish(self, network: QNetwork, about: AgentDescription) -> None:
+        """Show the league the learner as it is, and what it has to show against everybody."""
+        if self.seat is None:
+            return
+        met = {kept.number: kept.name for kept in self.pool.members}
+        evidence = {name: self.records.evidence(n, about.frames) for n, name in met.items()}
+        counts = [self.records.count(number) for number in met]
+        self.seat.save_records(about.frames, evidence, counts)
+        folder = self.seat.folder / LIVE_FOLDER / self.seat.owner
+        save_agent(folder, network, replace(about, name=self.seat.owner))
 
     # --- the pool ----------------------------------------------------------------------------
 
@@ -164,8 +224,13 @@ class OpponentBook:
         }
         member = self.pool.add_snapshot(network, about, met)
         self._since_snapshot.clear()
+        self.live_rating.freeze(member.number)
         self._last_snapshot_frames = frames
         self._drawn_for = (-1, -1)
+        if self.seat is not None:
+            # Of the run's seed and this moment, so that it is the same however often it is drawn.
+            luck = np.random.default_rng([self._seed, frames]).random()
+            self.is_over = bool(luck < self.seat.reset_chance)
         return member
 
     def forget_unused(self, in_play: NDArray[np.int16]) -> None:
@@ -173,12 +238,13 @@ class OpponentBook:
         self.pool.release({*self._numbers, *np.unique(in_play).tolist()})
 
     def report(self, frames: int) -> dict[str, float]:
-        """The pool's size, and the learner's lowest win rate in it, by log name."""
-        snapshots = self.pool.snapshots
+        """The pool's size, the learner's lowest win rate in it and its live rating, by log name."""
+        row, snapshots = self.live_rating.report(), self.pool.snapshots
         if not snapshots:
-            return {}
+            return row
         lowest = min(self.records.estimate(kept.number, frames) for kept in snapshots)
-        return {"pool/snapshots": float(len(snapshots)), "pool/lowest_win_rate": lowest}
+        row |= {"pool/snapshots": float(len(snapshots)), "pool/lowest_win_rate": lowest}
+        return row
 
     def state_dict(self) -> dict[str, Any]:
         """Draws, pool, records and random generators, as tensors and plain data."""
@@ -191,6 +257,8 @@ class OpponentBook:
             "probabilities": list(self._probabilities),
             "drawn_for": self._drawn_for,
             "last_snapshot_frames": self._last_snapshot_frames,
+            "is_over": self.is_over,
+            "live_rating": self.live_rating.state_dict(),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -204,6 +272,8 @@ class OpponentBook:
         period, phase = state["drawn_for"]
         self._drawn_for = (period, phase)
         self._last_snapshot_frames = state["last_snapshot_frames"]
+        self.is_over = state["is_over"]
+        self.live_rating.load_state_dict(state["live_rating"])
 
 
 def make_bots(names: Collection[str], game: Game, scenario: Any) -> list[Agent]:

@@ -30,12 +30,21 @@ from marl_cair.files import (
 )
 from marl_cair.games import GAMES
 from marl_cair.games.torchrl_env import BatchedGameEnv
-from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
-from marl_cair.policies.q_network import make_q_network
+from marl_cair.league.shared import LeagueSeat
+from marl_cair.policies.actor import (
+    GREEDY,
+    SAMPLED,
+    MaskedEpsilonGreedy,
+    MaskedSampling,
+    PolicyActor,
+)
+from marl_cair.policies.q_network import QNetwork, make_q_network
 from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
 from marl_cair.replay.generated import GeneratedReplay
 from marl_cair.replay.mixed import MixedReplay
+from marl_cair.replay.reservoir import Reservoir
 from marl_cair.replay.transition import TransitionSpec
+from marl_cair.training.average_policy import AveragePolicy
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import save_config
 from marl_cair.training.demonstrations import Demonstrators
@@ -43,13 +52,14 @@ from marl_cair.training.generators import make_generator
 from marl_cair.training.learner import Learner
 from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
 from marl_cair.training.opponents import OpponentBook
+from marl_cair.training.own_play import OwnPolicies
 from marl_cair.training.seats import SeatRouter
 
 LATEST_FOLDER, BEST_FOLDER, SNAPSHOT_FOLDER = "latest", "best", "snapshots"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
-STATE_FILE, REPLAY_FOLDER = "state.pt", "replay"
+STATE_FILE, REPLAY_FOLDER, RESERVOIR_FOLDER = "state.pt", "replay", "reservoir"
 RUN_KIND = "training"
-_NUM_SEEDS = 10
+_NUM_SEEDS = 14
 _SPARE_BYTES = 64 << 20  # logs, agents, pictures
 
 
@@ -59,6 +69,7 @@ class TrainingRun:
     Args:
         config: all settings.
         resume: go on from the state in `config.out`; without one there, begin.
+        seat: the learner's place in a league.
 
     Raises:
         OutputFolderError: the folder holds another run, or this one without `resume`.
@@ -67,8 +78,10 @@ class TrainingRun:
         ValueError: the generator cannot work on the representation.
     """
 
-    def __init__(self, config: TrainConfig, resume: bool = False) -> None:
-        self.config = config
+    def __init__(
+        self, config: TrainConfig, resume: bool = False, seat: LeagueSeat | None = None
+    ) -> None:
+        self.config, self.seat = config, seat
         self.folder = Path(config.out)
         if config.torch_threads is not None:
             torch.set_num_threads(config.torch_threads)
@@ -90,6 +103,7 @@ class TrainingRun:
         recover_folder(self.folder / RESUME_FOLDER)
         if resume and (self.folder / RESUME_FOLDER).is_dir():
             self.restore()
+        self.book.join_league()
         self.log = RunLog(self.folder, self.frames)
 
     @property
@@ -112,6 +126,7 @@ class TrainingRun:
             game.representation,
             self.folder / SNAPSHOT_FOLDER,
             self._seeds[6],
+            self.seat,
         )
         others_look_at = self.demonstrators.representations | self.book.representations
         options = dataclasses.asdict(self.scenario)
@@ -164,6 +179,9 @@ class TrainingRun:
         if self.config.checkpoint.include_replay:
             # A new state is written beside the old one before it takes its place.
             needed += 2 * real._storage.nbytes_per_step * self.config.replay.capacity_transitions
+        if self.config.nfsp.enabled:
+            spec = self.transition_spec
+            needed += 2 * self.config.nfsp.capacity_rows * (spec.row_bytes + spec.mask_bytes + 4)
         require_free_space(self.folder, needed)
         advice = f"go on with `marl-cair train resume={self.folder}`"
         claim_output_folder(self.folder, RUN_KIND, fixed_settings(self.config), resume, advice)
@@ -177,6 +195,7 @@ class TrainingRun:
         exploration = MaskedEpsilonGreedy(self._seeds[5], self.spec.action_groups)
         self.actor = PolicyActor(network, "learner", self.seen.name, exploration)
         self.rated = PolicyActor(self.learner.average, "learner", self.seen.name)
+        self.average_policy = self._make_average_policy() if config.nfsp.enabled else None
         self.statistics = EpisodeStatistics(
             config.collector.num_worlds,
             self.spec,
@@ -185,14 +204,32 @@ class TrainingRun:
         )
         self.means = RunningMeans()
 
+    def _make_average_policy(self) -> AveragePolicy:
+        config = self.config
+        network = make_q_network(
+            config.policy, self.seen.shape, self.spec.num_actions, seed=self._seeds[10]
+        )
+        rows = Reservoir(self.transition_spec, config.nfsp.capacity_rows, self._seeds[11])
+        if config.nfsp.plays_average:
+            sampling = MaskedSampling(self._seeds[12])
+            self.rated = PolicyActor(network, "learner", self.seen.name, sampling)
+        return AveragePolicy(network, config.nfsp, rows)
+
+    def _make_own_policies(self) -> OwnPolicies:
+        settings, policy = self.config.nfsp, self.average_policy
+        if policy is None:
+            return OwnPolicies(self.actor, self.config.exploration)
+        sampling = MaskedSampling(self._seeds[13], self.spec.action_groups)
+        average = PolicyActor(policy.network, "average", self.seen.name, sampling)
+        return OwnPolicies(self.actor, self.config.exploration, average, settings.eta)
+
     def _make_collector(self) -> None:
         config = self.config
         self.router = SeatRouter(
             self.env,
-            self.actor,
+            self._make_own_policies(),
             self.book,
             self.demonstrators,
-            config.exploration,
             self.statistics,
             self._seeds[7],
         )
@@ -227,11 +264,17 @@ class TrainingRun:
             frames=self.frames,
             updates=self.learner.updates,
             seed=self.config.seed,
+            plays=SAMPLED if self.rated.is_sampled else GREEDY,
         )
 
+    @property
+    def rated_network(self) -> QNetwork:
+        """What is rated, kept and frozen: averaged weights, or with NFSP the average policy."""
+        return self.rated.network
+
     def save_agent(self, folder: str = LATEST_FOLDER) -> None:
-        """Write the agent as it is now, its averaged weights, to `<out>/<folder>`."""
-        save_agent(self.folder / folder, self.learner.average, self.describe_agent())
+        """Write the agent as it is now to `<out>/<folder>`."""
+        save_agent(self.folder / folder, self.rated_network, self.describe_agent())
 
     def note_score(self, score: float) -> None:
         """Keep the agent in `<out>/best` where its evaluation is none below the best before."""
@@ -243,7 +286,7 @@ class TrainingRun:
     def add_snapshot(self) -> None:
         """Freeze the learner for the pool, as an agent on disk."""
         about = dataclasses.replace(self.describe_agent(), name=f"{self.folder.name}@{self.frames}")
-        self.book.add_snapshot(self.learner.average, about)
+        self.book.add_snapshot(self.rated_network, about)
 
     def save_state(self) -> None:
         """Write all that a resumed run needs to `<out>/resume`, whole or not at all."""
@@ -260,10 +303,15 @@ class TrainingRun:
             "generator": self.generator.state_dict() if self.generator else None,
             "torch_rng": torch.get_rng_state(),
         }
+        if self.average_policy:
+            state["average_policy"] = self.average_policy.state_dict()
+            state["rated"] = self.rated.state_dict()
         with replaced_folder(self.folder / RESUME_FOLDER) as fresh:
             save_tensors(state, fresh / STATE_FILE)
             if self.config.checkpoint.include_replay:
                 self.replay.save(fresh / REPLAY_FOLDER)
+            if self.average_policy:  # it is the mean of all time: nothing could bring it back
+                self.average_policy.save_rows(fresh / RESERVOIR_FOLDER)
 
     def restore(self) -> None:
         """Continue from `save_state`.
@@ -300,6 +348,10 @@ class TrainingRun:
         if (folder / REPLAY_FOLDER).is_dir():
             self.replay.load(folder / REPLAY_FOLDER)
         self.replay.generated_open = self.gate_is_open
+        if self.average_policy:
+            self.average_policy.load_state_dict(state["average_policy"])
+            self.average_policy.load_rows(folder / RESERVOIR_FOLDER)
+            self.rated.load_state_dict(state["rated"])
         # TorchRL's collector does not save the running games: it would begin new ones.
         self.collector._carrier.update(self.env.current())
         torch.set_rng_state(state["torch_rng"])

@@ -16,12 +16,11 @@ from marl_cair.games.game import Agent
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
 from marl_cair.league.foreign import require_answers
 from marl_cair.league.opponents import LATEST_ID
-from marl_cair.policies.actor import PolicyActor
 from marl_cair.replay.transition import NO_OPPONENT
-from marl_cair.training.config import ExplorationSettings
 from marl_cair.training.demonstrations import NOBODY, Demonstrators
 from marl_cair.training.metrics import Decisions, EpisodeStatistics, find_meetings
 from marl_cair.training.opponents import OpponentBook, export_rng, import_rng
+from marl_cair.training.own_play import OwnPolicies
 
 
 class SeatRouter(TensorDictModuleBase):
@@ -31,14 +30,14 @@ class SeatRouter(TensorDictModuleBase):
     rival team: a team acts as one, and where everybody plays for itself that is one draw for each
     seat. All hold until the game ends. The learner plays all seats of its team and those of
     `latest`, and learns from them; where there is but one team it plays every seat. A seat that is
-    out is nobody's: its action is the no-op.
+    out is nobody's: its action is the no-op. With NFSP it is drawn too, for each team, whether the
+    learner's Q-network plays it, or its average policy.
 
     Args:
         env: the worlds; its episode counts tell when a game begins.
-        actor: the learner; greedy but for the exploration here.
+        own: how the learner plays.
         book: the opponents.
         demonstrators: bots that play the learner's team in a share of the games.
-        exploration: the epsilon of each frame.
         statistics: hears the learner's first value of each game.
         seed: of the teams.
     """
@@ -46,10 +45,9 @@ class SeatRouter(TensorDictModuleBase):
     def __init__(
         self,
         env: BatchedGameEnv,
-        actor: PolicyActor,
+        own: OwnPolicies,
         book: OpponentBook,
         demonstrators: Demonstrators,
-        exploration: ExplorationSettings,
         statistics: EpisodeStatistics,
         seed: int,
     ) -> None:
@@ -61,18 +59,22 @@ class SeatRouter(TensorDictModuleBase):
             (GROUP, "demonstrated"),
             (GROUP, "opponent"),
         ]
+        if own.average is not None:
+            self.out_keys.append((GROUP, "answered"))
         worlds, self._players = env.engine.num_worlds, env.engine.num_players
         self._teams, self._noop = env.engine.spec.team_of_seat, env.engine.spec.noop_action
-        self._env, self._book, self._exploration = env, book, exploration
+        self._env, self._book = env, book
         self._demonstrators = demonstrators
         self._statistics = statistics
         # Out of the module's parameters: the collector must not copy or count them.
-        self.__dict__["actor"] = actor
+        self.__dict__["own"] = own
         self._rng = np.random.default_rng(seed)
         self.frames = 0
         self.opponent = np.full((worlds, self._players), LATEST_ID, np.int16)  # who plays the seat
         self._met = np.full(worlds, NO_OPPONENT, np.int16)
         self._team = np.zeros(worlds, np.int64)
+        num_teams = int(self._teams.max()) + 1
+        self._answering = np.ones((worlds, num_teams), np.bool_)  # the Q-network plays the team
         self._episode = np.full(worlds, -1, np.int64)
         self._owned = np.zeros((worlds, self._players), np.bool_)
         self._out = np.zeros((worlds, self._players), np.bool_)
@@ -83,10 +85,12 @@ class SeatRouter(TensorDictModuleBase):
     @property
     def epsilon(self) -> float:
         """The chance of exploration at the current frame."""
-        return self._exploration.epsilon_at(self.frames)
+        own: OwnPolicies = self.__dict__["own"]
+        return own.exploration.epsilon_at(self.frames)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write ("player", "action") int64, "learned" bool and "opponent" int16, each [B, P].
+        """Write ("player", "action") int64, "learned" bool and "opponent" int16, each [B, P]; with
+        NFSP "answered" bool too, the decisions of the Q-network.
 
         "opponent" is the one that is met, NO_OPPONENT where there are several or none.
         """
@@ -101,16 +105,9 @@ class SeatRouter(TensorDictModuleBase):
         self._assisted[starting] = False
         self._assisted |= self._shown
         learned = self._owned & ~self._out
-        chosen = learned & ~self._shown
         actions = torch.full(learned.shape, self._noop, dtype=torch.int64)
-        rows = torch.from_numpy(chosen)
-        observation, mask = group.get("observation"), group.get("action_mask")
-        actor: PolicyActor = self.__dict__["actor"]
-        values = actor.compute_values(observation[rows])
-        actions[rows] = actor.exploration(values, mask[rows], self.epsilon)
-        if starting.any():
-            best = values.masked_fill(~mask[rows], -torch.inf).amax(-1).numpy()
-            self._statistics.note_first_values(starting, chosen, best)
+        self._play_own(learned & ~self._shown, starting, group, actions)
+        mask = group.get("action_mask")
         self._play_opponents(group, mask, actions)
         self._demonstrate(group, mask, actions)
         self._actions = actions.numpy().copy()
@@ -121,6 +118,31 @@ class SeatRouter(TensorDictModuleBase):
         group.set("opponent", met.contiguous())
         self.frames += len(self.opponent)
         return tensordict
+
+    def _play_own(
+        self,
+        chosen: NDArray[np.bool_],
+        starting: NDArray[np.bool_],
+        group: TensorDictBase,
+        actions: Tensor,
+    ) -> None:
+        """Choose the actions of the seats `chosen` [B, P], and note the values of first decisions,
+        which are the Q-network's whoever plays.
+        """
+        own: OwnPolicies = self.__dict__["own"]
+        observation, mask = group.get("observation"), group.get("action_mask")
+        answering = self._answering[:, self._teams]
+        valued = chosen & (answering | starting[:, None])
+        rows = torch.from_numpy(valued)
+        values = own.answer.compute_values(observation[rows])
+        actions[rows] = own.answer.exploration(values, mask[rows], self.epsilon)
+        if starting.any():
+            best = values.masked_fill(~mask[rows], -torch.inf).amax(-1).numpy()
+            self._statistics.note_first_values(starting, valued, best)
+        if own.average is not None:
+            rows = torch.from_numpy(chosen & ~answering)
+            actions[rows] = own.average.select_actions(observation[rows], mask[rows])
+            group.set("answered", torch.from_numpy(chosen & answering))
 
     def _note_step(self) -> None:
         """Tell what the last decision brought, and book games that it ended to who played them."""
@@ -142,7 +164,7 @@ class SeatRouter(TensorDictModuleBase):
         starting: NDArray[np.bool_] = self._env.seeds.episodes != self._episode
         count = int(starting.sum())
         if count:
-            num_teams = int(self._teams.max()) + 1
+            num_teams = self._answering.shape[1]
             teams = self._rng.integers(0, num_teams, count)
             drawn = self._book.draw(count * num_teams, self.frames).reshape(count, num_teams)
             self._team[starting] = teams
@@ -151,6 +173,8 @@ class SeatRouter(TensorDictModuleBase):
             self.opponent[starting] = drawn[:, self._teams]
             self._episode = self._env.seeds.episodes.copy()
             self._book.forget_unused(self.opponent)
+            own: OwnPolicies = self.__dict__["own"]
+            self._answering[starting] = own.draw_answering(self._rng, count, num_teams)
         return starting
 
     def _find_shown(self) -> NDArray[np.bool_]:
@@ -187,7 +211,7 @@ class SeatRouter(TensorDictModuleBase):
 
     def export_state(self) -> dict[str, Any]:
         """Teams, opponents and random states as tensors and plain data."""
-        actor: PolicyActor = self.__dict__["actor"]
+        own: OwnPolicies = self.__dict__["own"]
         return {
             "frames": self.frames,
             "opponent": torch.from_numpy(self.opponent.copy()),
@@ -201,7 +225,8 @@ class SeatRouter(TensorDictModuleBase):
             "demonstrators": self._demonstrators.state_dict(),
             "actions": torch.from_numpy(self._actions.copy()),
             "rng": export_rng(self._rng),
-            "exploration": actor.state_dict(),
+            "answering": torch.from_numpy(self._answering.copy()),
+            "exploration": own.state_dict(),
         }
 
     def import_state(self, state: Mapping[str, Any]) -> None:
@@ -218,8 +243,9 @@ class SeatRouter(TensorDictModuleBase):
         self._demonstrators.load_state_dict(state["demonstrators"])
         self._actions = state["actions"].numpy().copy()
         import_rng(self._rng, state["rng"])
-        actor: PolicyActor = self.__dict__["actor"]
-        actor.load_state_dict(state["exploration"])
+        self._answering = state["answering"].numpy().copy()
+        own: OwnPolicies = self.__dict__["own"]
+        own.load_state_dict(state["exploration"])
 
 
 def find_met(drawn: NDArray[np.int16], teams: NDArray[np.int64]) -> NDArray[np.int16]:

@@ -15,6 +15,7 @@ from tensordict import TensorDictBase
 from tqdm import tqdm
 
 from marl_cair.generative.generator import Generator
+from marl_cair.league.shared import LeagueSeat
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.evaluation import evaluate
 from marl_cair.training.metrics import Timers
@@ -33,6 +34,7 @@ class TrainResult:
     updates: int
     was_interrupted: bool
     last_row: dict[str, float]
+    is_over: bool = False  # in a league: the learner has frozen a player and begins anew
 
 
 def train(
@@ -40,8 +42,10 @@ def train(
     resume: bool = False,
     show_progress: bool = True,
     listen: Callable[[dict[str, float]], None] | None = None,
+    seat: LeagueSeat | None = None,
 ) -> TrainResult:
-    """Train until `config.total_frames` decisions, `config.max_minutes`, or an interrupt.
+    """Train until `config.total_frames` decisions, `config.max_minutes`, or an interrupt; in a
+    league, at `seat`, also until the learner is to begin anew.
 
     An interrupt (Ctrl-C, SIGTERM) ends the current iteration, saves everything and returns; a
     second one stops at once. `listen` hears each logged row. The configuration is written to the
@@ -49,7 +53,7 @@ def train(
 
     Raises: as `TrainingRun`.
     """
-    run = TrainingRun(config, resume)
+    run = TrainingRun(config, resume, seat)
     run.shows_progress = show_progress
     if run.spec.num_teams == 1:
         _tell(run, "opponents", f"{config.game.scenario} has no rivals, so opponent.* is not used")
@@ -66,8 +70,8 @@ def train(
     last_row: dict[str, float] = {}
     with _interrupts_noted() as interrupted:
         steps = iterate(run, timers)
-        while run.frames < config.total_frames and not interrupted.is_set():
-            if deadline is not None and time.monotonic() > deadline:
+        while run.frames < config.total_frames and not run.book.is_over:
+            if interrupted.is_set() or (deadline is not None and time.monotonic() > deadline):
                 break
             before = next(steps)
             row = _report(run, before, timers)
@@ -88,7 +92,12 @@ def train(
         run.save_state()
     bar.close()
     run.close()
-    return TrainResult(run.folder, run.frames, run.learner.updates, interrupted.is_set(), last_row)
+    is_over = run.book.is_over
+    if is_over or run.frames >= config.total_frames:  # not in the middle of a slice
+        run.book.publish(run.rated_network, run.describe_agent())
+    was_interrupted = interrupted.is_set()
+    updates = run.learner.updates
+    return TrainResult(run.folder, run.frames, updates, was_interrupted, last_row, is_over)
 
 
 def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
@@ -118,12 +127,18 @@ def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
     with timers.measure("store"):
         slots = run.replay.real.extend_rollout(make_rollout(data, run.config.learner.reward_scale))
         run.frames += data.numel()
+        if run.average_policy:
+            run.average_policy.remember(data)
     if run.generator:
         with timers.measure("generate"):
             run.generator.observe(run.replay.real.read_single_steps(slots))
 
 
 def _learn(run: TrainingRun, before: int) -> None:
+    if run.average_policy:
+        often = run.config.nfsp.frames_per_update
+        for values in run.average_policy.learn(run.frames // often - before // often):
+            run.means.add(values)
     settings = run.config.learner
     if run.replay.real.num_sampleable < run.config.replay.min_transitions:
         return

@@ -13,6 +13,7 @@ from marl_cair.league import pool as pool_module
 from marl_cair.league.agents import find_fingerprint, load_agent
 from marl_cair.league.pool import BOT, FOREIGN, Pool, choose_retired
 from marl_cair.league.records import Evidence
+from marl_cair.league.shared import MAIN, MAIN_EXPLOITER, LeagueSeat
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from tests.games import last_standing
 from tests.games.last_standing import GAME, SCORE, Bot
@@ -242,3 +243,59 @@ def test_bots_and_foreign_agents_stay_and_have_names_of_their_own(tmp_path):
         pool.add(FOREIGN, Bot("mine", SCORE), 0)
     with pytest.raises(ValueError, match="capacity is 0, it must be 1 or more"):
         make_pool(tmp_path, capacity=0)
+
+
+# --- leagues ---------------------------------------------------------------------------------
+
+
+def make_seat(tmp_path, owner, role=MAIN, generation=0):
+    return LeagueSeat(tmp_path / "shared", owner, role, generation, mains=("main_0",))
+
+
+def make_member_pool(tmp_path, seat, capacity=9):
+    return Pool(tmp_path / seat.owner, GAME, SCENARIO, "vector", capacity, seat=seat)
+
+
+def test_players_of_other_learners_are_adopted_once_and_played_from_the_shared_folder(tmp_path):
+    main = make_seat(tmp_path, "main_0")
+    theirs = make_member_pool(tmp_path, main)
+    first = freeze(theirs, 10, seed=1)
+    freeze(theirs, 20, {first.number: Evidence(6.0, 8.0)}, seed=2)
+    seat = make_seat(tmp_path, "main_exploiter_0", MAIN_EXPLOITER)
+    pool = make_member_pool(tmp_path, seat)
+    assert [pool.adopt(player) for player in seat.find_new_players()] == [True, True]
+    assert [pool.adopt(player) for player in seat.find_new_players()] == [False, False]
+    assert [kept.name for kept in pool.snapshots] == [
+        "main_0-000-0000000010",
+        "main_0-000-0000000020",
+    ]
+    assert {kept.role for kept in pool.snapshots} == {MAIN}
+    older, newer = (kept.number for kept in pool.snapshots)
+    assert pool.payoff([newer, older])[0, 1] == (6.0 + 1.0) / (8.0 + 2.0)
+    for kept in pool.snapshots:
+        assert find_fingerprint(pool.agent(kept.number), GAME) == kept.fingerprint
+    assert main.find_new_players() == []
+    again = make_seat(tmp_path, "main_0", generation=1)
+    assert len(again.find_new_players()) == 2
+
+
+def test_the_learner_with_most_players_gives_one_up(tmp_path):
+    for owner, count in (("main_0", 4), ("league_exploiter_0", 1)):
+        other = make_member_pool(tmp_path, make_seat(tmp_path, owner))
+        for number in range(count):
+            freeze(other, 10 * (number + 1), seed=number)
+    seat = make_seat(tmp_path, "main_exploiter_0", MAIN_EXPLOITER)
+    pool = make_member_pool(tmp_path, seat, capacity=4)
+    for player in seat.find_new_players():
+        pool.adopt(player)
+    assert [kept.owner for kept in pool.snapshots].count("main_0") == 3
+    assert {kept.owner for kept in pool.snapshots} == {"main_0", "league_exploiter_0"}
+
+
+def test_a_damaged_player_is_refused(tmp_path):
+    seat = make_seat(tmp_path, "main_0")
+    freeze(make_member_pool(tmp_path, seat), 10)
+    path = tmp_path / "shared" / "players" / "main_0-000-0000000010" / "player.json"
+    path.write_text("{}", "utf-8")
+    with pytest.raises(CheckpointError, match="cannot be read as a player of a league"):
+        make_seat(tmp_path, "main_1").find_new_players()

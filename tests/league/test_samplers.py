@@ -148,3 +148,62 @@ def test_even_draws_are_within_one_of_their_share():
         counts += got
     assert counts / 8_000 == pytest.approx(probabilities, abs=0.01)
     assert draw_evenly(rng, range(5), probabilities, 0) == []
+
+
+# --- leagues ---------------------------------------------------------------------------------
+
+
+def in_a_league(win_rates, live=(0.5,)):
+    """The learner, main agents as they are, and the past by name: owners are before the dash."""
+    others = [f"main_{n + 1}" for n in range(len(live))]
+    owners = ["", *others, *(name.partition("-")[0] for name in win_rates)]
+    size = len(owners)
+    return Standings(
+        np.arange(size),
+        ("latest", *others, *win_rates),
+        ("learner", *["live"] * len(live), *["snapshot"] * len(win_rates)),
+        np.array([0.5, *live, *win_rates.values()]),
+        np.full((size, size), 0.5),
+        tuple(owners),
+        tuple(owner.rpartition("_")[0] for owner in owners),
+    )
+
+
+def shares(name, found):
+    named = zip(found.names, SAMPLERS[name](found, OPTIONS).tolist(), strict=True)
+    return {who: pytest.approx(share) for who, share in named if share}
+
+
+def test_an_exploiter_meets_the_main_agents_and_the_past_of_those_that_it_cannot_beat():
+    past = {"main_1-a": 0.5, "main_1-b": 0.9, "main_2-a": 0.5, "league_exploiter_0-a": 0.5}
+    found = shares("main_agents", in_a_league(past, live=(0.1, 0.11)))
+    even, easy = 0.25, 0.09
+    expected = {"main_2": 0.5, "main_1-a": even, "main_1-b": easy}
+    expected = {
+        name: share if name == "main_2" else 0.5 * share / (even + easy)
+        for name, share in expected.items()
+    }
+    assert found == expected
+    assert shares("main_agents", in_a_league({}, live=(0.0,))) == {"main_1": 1.0}
+    assert shares("main_agents", in_a_league({}, live=())) == {"latest": 1.0}
+
+
+def test_a_main_agent_plays_itself_and_the_others_that_it_can_win_against():
+    past = {"main_1-a": 0.5}
+    assert shares("main_self_play", in_a_league(past, (0.31,))) == {"latest": 0.5, "main_1": 0.5}
+    assert shares("main_self_play", in_a_league(past, (0.3,))) == {"latest": 0.5, "main_1-a": 0.5}
+    assert shares("main_self_play", in_a_league(past, ())) == {"latest": 1.0}
+
+
+def test_who_is_forgotten_comes_back_exploiters_first():
+    past = {
+        "main_1-a": 0.6,
+        "main_1-b": 0.8,
+        "main_exploiter_0-a": 0.2,
+        "league_exploiter_0-a": 0.3,
+    }
+    assert shares("forgotten", in_a_league(past)) == {"main_exploiter_0-a": 1.0}
+    past["main_exploiter_0-a"] = 0.4
+    assert shares("forgotten", in_a_league(past)) == {"main_1-a": 1.0}
+    past["main_1-a"] = 0.7
+    assert shares("forgotten", in_a_league(past)) == {"latest": 1.0}

@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor, masked_argmax
+from marl_cair.policies.actor import MaskedEpsilonGreedy, MaskedSampling, PolicyActor, masked_argmax
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 
 NAN, INF = float("nan"), float("inf")
@@ -241,3 +241,30 @@ def test_an_actor_without_exploration_is_greedy():
 def test_chunks_of_no_rows_are_refused():
     with pytest.raises(ValueError, match="chunk_rows is 0, but must be at least 1"):
         make_actor(chunk_rows=0)
+
+
+class TestSampling:
+    """`MaskedSampling`: softmax over the legal values."""
+
+    def test_actions_come_as_often_as_the_softmax_over_the_legal_says(self):
+        values = torch.tensor([[1.0, 5.0, 0.0, -1.0]]).expand(20_000, -1)
+        mask = torch.tensor([[True, False, True, True]]).expand(20_000, -1)
+        counts = MaskedSampling(3)(values, mask, 0.0).bincount(minlength=4) / 20_000
+        expected = torch.tensor([1.0, -torch.inf, 0.0, -1.0]).softmax(0)
+        assert counts[1] == 0
+        assert (counts - expected).abs().max() < 0.02
+
+    def test_an_illegal_action_is_never_drawn_whatever_the_values(self):
+        values = torch.tensor([[1e30, -1e30, 80.0, 1e30]]).expand(500, -1)
+        mask = torch.tensor([[False, True, False, False]]).expand(500, -1)
+        assert (MaskedSampling(0)(values, mask, 0.0) == 1).all()
+        with pytest.raises(ValueError, match="row 0 of the action mask allows no action"):
+            MaskedSampling(0)(values, torch.zeros_like(mask), 0.0)
+
+    def test_a_saved_stream_goes_on(self):
+        sampling, values = MaskedSampling(0), torch.zeros(50, 4)
+        mask = torch.ones(50, 4, dtype=torch.bool)
+        sampling(values, mask, 0.5)
+        again = MaskedSampling(9)
+        again.load_state_dict(sampling.state_dict())
+        assert torch.equal(sampling(values, mask, 0.5), again(values, mask, 0.5))

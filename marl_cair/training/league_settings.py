@@ -1,0 +1,197 @@
+"""Settings of a league of learners, and the YAML file that they are written in."""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from omegaconf import OmegaConf
+
+from marl_cair.games import GAMES
+from marl_cair.league.shared import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, ROLES
+from marl_cair.lookup import find_by_name
+from marl_cair.training.checks import require
+from marl_cair.training.config import OpponentSettings, TrainConfig
+from marl_cair.training.config_file import build_config, build_value, to_plain
+
+# What the league says for its learners.
+_TAKEN = ("out", "seed", "total_frames", "max_minutes")
+_TAKEN_OPPONENT = ("mixture", "warmup_mixture", "snapshot_every_frames", "snapshot_margin")
+
+
+@dataclass(frozen=True)
+class RoleSettings:
+    """The learners of one role, after AlphaStar (Vinyals et al. 2019, "Grandmaster level in
+    StarCraft II using multi-agent reinforcement learning", methods, and its pseudocode).
+    """
+
+    learners: int = 1  # how many learners of this role
+    mixture: dict[str, float] = field(  # weights by name of who is met, as opponent.mixture
+        default_factory=lambda: {"pfsp": 1.0}
+    )
+    warmup_mixture: dict[str, float] = field(  # weights by name in opponent.warmup_frames
+        default_factory=lambda: {"random": 1.0}
+    )
+    snapshot_every_frames: int = 100_000  # frames after which a player is frozen in any case
+    snapshot_margin: float | None = 0.2  # sooner if a win rate surely above 1/2 by it; null: never
+    reset_chance: float = 0.0  # that the learner begins anew once it has frozen a player
+    training: dict[str, Any] = field(  # options of `marl-cair train` for this role alone, by group
+        default_factory=dict
+    )
+
+
+def _main() -> RoleSettings:
+    # AlphaStar: 35 % self-play, 50 % PFSP over all past players, 15 % who is forgotten; a twentieth
+    # of bots keeps it from losing to what nobody in the league plays.
+    mixture = {"main_self_play": 0.33, "pfsp": 0.48, "forgotten": 0.14, "bots": 0.05}
+    return RoleSettings(mixture=mixture, snapshot_margin=0.1)
+
+
+def _main_exploiter() -> RoleSettings:
+    return RoleSettings(mixture={"main_agents": 1.0}, reset_chance=1.0)
+
+
+def _league_exploiter() -> RoleSettings:
+    return RoleSettings(mixture={"pfsp": 1.0}, reset_chance=0.25)
+
+
+@dataclass(frozen=True)
+class LeagueSettings:
+    """A league of learners."""
+
+    out: str = "runs/league_train"  # output folder
+    seed: int = 0  # of everything random in the league
+    total_frames: int = 1_000_000  # decisions of one world, of each learner; the league ends there
+    slice_frames: int = 50_000  # decisions of a learner before the next one's turn
+    max_minutes: float | None = None  # of this sitting; null: no limit
+    final_games: int = 40  # games of each pair in the evaluation at the end; 0: none
+    final_bots: tuple[str, ...] = ("random",)  # bots that take part in it
+    main: RoleSettings = field(default_factory=_main)
+    main_exploiter: RoleSettings = field(default_factory=_main_exploiter)
+    league_exploiter: RoleSettings = field(default_factory=_league_exploiter)
+    training: dict[str, Any] = field(  # options of `marl-cair train` for all learners, by group
+        default_factory=dict
+    )
+
+    def __post_init__(self) -> None:
+        for name in ("total_frames", "slice_frames"):
+            require(getattr(self, name) >= 1, name, getattr(self, name), "1 or more")
+        require(0 <= self.seed < 2**63, "seed", self.seed, "0 or more")
+        minutes, games = self.max_minutes, self.final_games
+        require(minutes is None or minutes > 0, "max_minutes", minutes, "above 0, or null")
+        require(games >= 0, "final_games", games, "0 or more")
+        for name in ROLES:
+            role = self.role(name)
+            require(role.learners >= 0, f"{name}.learners", role.learners, "0 or more")
+            chance = role.reset_chance
+            require(0 <= chance <= 1, f"{name}.reset_chance", chance, "a chance in 0..1")
+        require(self.main.learners >= 1, "main.learners", self.main.learners, "1 or more")
+        self._check_learners()
+
+    def _check_learners(self) -> None:
+        config = self.learner_config(MAIN)
+        for name in (MAIN_EXPLOITER, LEAGUE_EXPLOITER):
+            if self.role(name).learners:
+                other = self.learner_config(name)
+                if (other.game.name, other.game.scenario) != (
+                    *(config.game.name, config.game.scenario),
+                ) or other.game.options != config.game.options:
+                    raise ValueError(f"{name}.training.game is another than main's: all play one")
+        game = GAMES[config.game.name]
+        teams = game.make_spec(game.scenario(config.game.scenario, **config.game.options)).num_teams
+        allowed = "a scenario of two or more teams: a league is of rivals"
+        require(teams > 1, "training.game.scenario", config.game.scenario, allowed)
+        games = self.final_games
+        allowed = "even: every map seed is played once in each seat"
+        require(teams != 2 or games % 2 == 0, "final_games", games, allowed)
+        for bot in self.final_bots:
+            find_by_name(f"{game.name} bot", bot, game.bots)
+
+    def role(self, name: str) -> RoleSettings:
+        """The settings of one of ROLES."""
+        settings: RoleSettings = getattr(self, name)
+        return settings
+
+    @property
+    def learners(self) -> list[tuple[str, str]]:
+        """Name and role of each, in the order of their turns: main agents first."""
+        return [(f"{role}_{n}", role) for role in ROLES for n in range(self.role(role).learners)]
+
+    def learner_config(self, role: str, out: str = "unused", seed: int = 0) -> TrainConfig:
+        """The training of a learner of `role`. Raises ValueError for options that cannot be."""
+        settings = self.role(role)
+        for place, given in (("training", self.training), (f"{role}.training", settings.training)):
+            _refuse_taken(place, given)
+        values = _merge(self.training, settings.training)
+        opponent = {
+            **values.get("opponent", {}),
+            **{name: getattr(settings, name) for name in _TAKEN_OPPONENT},
+        }
+        if not opponent.get("warmup_frames", OpponentSettings.warmup_frames):
+            del opponent["warmup_mixture"]
+        return build_config({**values, "opponent": opponent, "out": out, "seed": seed})
+
+
+def derive_seed(seed: int, learner: int, generation: int) -> int:
+    """The seed of one generation of one learner, by its place in the order of turns."""
+    words = np.random.SeedSequence([seed, learner, generation]).generate_state(1, np.uint64)
+    return int(words[0] >> np.uint64(1))
+
+
+def load_league(path: str | Path) -> LeagueSettings:
+    """The league that a YAML file describes; what it leaves out has the defaults.
+
+    Raises:
+        ValueError: no such file, no YAML, an unknown option, or a value that is not allowed.
+    """
+    place = Path(path)
+    if not place.is_file():
+        raise ValueError(f"{path} is no file: give a YAML file, or begin with --example")
+    try:
+        values = OmegaConf.to_container(OmegaConf.load(place))
+    except Exception as error:  # whatever a damaged file makes the YAML reader raise
+        raise ValueError(f"{path} cannot be read: {error}") from error
+    if not isinstance(values, dict) or not values:  # an empty file is hardly meant
+        raise ValueError(f"{path} must hold options by name, for example seed: 3")
+    return build_league(typing.cast(dict[str, Any], values))
+
+
+def build_league(values: Mapping[str, Any]) -> LeagueSettings:
+    """A league from nested plain values. Raises as `load_league`."""
+    filled = dict(values)
+    for name, default in (
+        (MAIN, _main()),
+        (MAIN_EXPLOITER, _main_exploiter()),
+        (LEAGUE_EXPLOITER, _league_exploiter()),
+    ):
+        given = filled.get(name) or {}
+        if not isinstance(given, Mapping):
+            raise ValueError(f"{name} is {given!r}, it must be options by name")
+        filled[name] = {**to_plain(dataclasses.asdict(default)), **given}
+    league: LeagueSettings = build_value(LeagueSettings, filled)
+    return league
+
+
+def _refuse_taken(place: str, given: Mapping[str, Any]) -> None:
+    for name in _TAKEN:
+        if name in given:
+            raise ValueError(f"{place}.{name} is given: the league has its own, {name}")
+    opponent = given.get("opponent", {})
+    for name in _TAKEN_OPPONENT:
+        if isinstance(opponent, Mapping) and name in opponent:
+            raise ValueError(f"{place}.opponent.{name} is given: set it for a role, main.{name}")
+
+
+def _merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested values, those of `changes` first; a mapping in a group is replaced whole."""
+    merged = dict(base)
+    for name, value in changes.items():
+        below = merged.get(name)
+        is_group = isinstance(value, Mapping) and isinstance(below, Mapping)
+        merged[name] = {**below, **value} if is_group and below is not None else value
+    return merged

@@ -1,0 +1,319 @@
+"""A league of learners: whom each role meets, when it begins anew; a kill changes nothing."""
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+
+from marl_cair.checkpoint import CheckpointError, load_network
+from marl_cair.files import OutputFolderError
+from marl_cair.league.shared import ROLES, read_players, read_records
+from marl_cair.training.league_run import train_league
+from marl_cair.training.league_settings import LeagueSettings, RoleSettings, build_league
+from marl_cair.training.league_slice import Budget, SliceResult, read_member, run_slice
+from tests.games import last_standing
+
+ROOT = Path(__file__).resolve().parents[2]
+DONE = SliceResult(256, 0, is_done=True, was_interrupted=False, last_row={})
+NETWORK = {"policy": {"hidden_width": 8, "body": "mlp"}}
+TRAINING = {
+    **NETWORK,
+    "torch_threads": 1,
+    "synthetic_fraction": 0.0,
+    "game": {
+        "name": "last_standing",
+        "scenario": "duel",
+        "reward": "sparse",
+        "representation": "vector",
+    },
+    "collector": {"num_worlds": 8, "steps_per_batch": 8},
+    "replay": {
+        "capacity_transitions": 1_000,
+        "generated_capacity_transitions": 10,
+        "min_transitions": 64,
+    },
+    "learner": {"batch_size": 16, "n_steps": 2},
+    "generator": {"name": "none"},
+    "evaluation": {"bots": []},
+    "opponent": {"redraw_every_frames": 64},
+    "checkpoint": {"every_frames": 128},
+}
+
+
+def make_league(out, **changes):
+    values = {
+        "out": str(out),
+        "seed": 5,
+        "total_frames": 768,
+        "slice_frames": 256,
+        "final_games": 0,
+        "training": TRAINING,
+        "main": {
+            "learners": 2,
+            "mixture": {"main_self_play": 0.4, "pfsp": 0.4, "forgotten": 0.2},
+            "snapshot_every_frames": 192,
+        },
+        "main_exploiter": {"snapshot_every_frames": 384},
+        "league_exploiter": {"snapshot_every_frames": 128, "reset_chance": 0.5},
+    }
+    return build_league({**values, **changes})
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _known():
+    with pytest.MonkeyPatch.context() as patch:
+        last_standing.register(patch)
+        yield
+
+
+@pytest.fixture(scope="module")
+def league(tmp_path_factory):
+    """One that was never stopped."""
+    folder = tmp_path_factory.mktemp("whole") / "league"
+    result = train_league(make_league(folder), show_progress=False)
+    assert result.is_done
+    return folder
+
+
+def read_all(folder):
+    """All that a league has come to: weights of players and newest selves, records, learners."""
+    shared = folder / "shared"
+    found = {player.name: player for player in read_players(shared)}
+    for path in sorted([*(shared / "players").iterdir(), *(shared / "live").iterdir()]):
+        network, about = load_network(path)
+        weights = [value.flatten() for value in network.state_dict().values()]
+        found[f"weights of {path.name}"] = (torch.cat(weights).tolist(), about)
+    for path in sorted((folder / "members").iterdir()):
+        found[path.name] = read_member(path)
+    return {**found, **read_records(shared)}
+
+
+# --- roles -----------------------------------------------------------------------------------
+
+
+def test_all_learners_train_to_the_end_each_with_its_own_replay(league):
+    names = ["league_exploiter_0", "main_0", "main_1", "main_exploiter_0"]
+    assert sorted(path.name for path in (league / "members").iterdir()) == names
+    for name in names:
+        member = league / "members" / name
+        record = read_member(member)
+        run = member / f"{record.generation:03d}"
+        state = torch.load(run / "resume" / "state.pt", weights_only=True) if run.is_dir() else {}
+        assert record.frames_before + state.get("frames", 0) >= 768
+        assert (run / "resume" / "replay").is_dir() == run.is_dir()
+
+
+def test_a_main_exploiter_begins_anew_with_each_player_and_a_main_agent_never(league):
+    exploiter = league / "members" / "main_exploiter_0"
+    generation = read_member(exploiter).generation
+    mine = [p for p in read_players(league / "shared") if p.owner == "main_exploiter_0"]
+    assert [player.generation for player in mine] == list(range(generation)) == [0, 1]
+    assert not (exploiter / "000" / "resume").exists()
+    weights = [torch.load(exploiter / n / "latest" / "weights.pt") for n in ("000", "001")]
+    assert any(not torch.equal(weights[0][key], weights[1][key]) for key in weights[0])
+    assert read_member(league / "members" / "main_0").generation == 0
+    mains = [p for p in read_players(league / "shared") if p.role == "main"]
+    assert len(mains) >= 2 * (768 // 192)
+
+
+def test_each_role_meets_whom_it_should(league):
+    met = {
+        owner: {name for name, (_, _, count) in record["against"].items() if count}
+        for owner, record in read_records(league / "shared").items()
+    }
+    past = {player.name for player in read_players(league / "shared")}
+    assert met["main_exploiter_0"] <= {"main_0", "main_1"} | {p for p in past if "main_" in p}
+    assert met["main_exploiter_0"] & {"main_0", "main_1"}
+    assert met["league_exploiter_0"] <= past
+    assert "main_1" in met["main_0"]
+    assert {name.partition("-")[0] for name in met["main_0"] & past} >= {"main_0", "main_1"}
+    exploiters = {name for name in met["main_0"] & past if "exploiter" in name}
+    assert exploiters, "main agents meet the players of exploiters"
+
+
+def test_a_player_tells_what_its_learner_had_to_show(league):
+    players = read_players(league / "shared")
+    later = [player for player in players if player.owner == "main_0"][-1]
+    assert later.met
+    assert all(0 <= kept.points <= kept.games for kept in later.met.values())
+
+
+# --- interrupts and kills --------------------------------------------------------------------
+
+
+class KilledError(BaseException):
+    """Stands for a kill: nothing catches it."""
+
+
+def kill_at(patch, number):
+    """Let the `number`th rename of a file or folder not happen; returns the count so far."""
+    count = [0]
+    for name in ("rename", "replace"):
+        real = getattr(Path, name)
+
+        def counted(path, target, real=real):
+            count[0] += 1
+            if count[0] == number:
+                raise KilledError
+            return real(path, target)
+
+        patch.setattr(Path, name, counted)
+    return count
+
+
+def test_a_league_that_was_stopped_and_killed_at_any_write_comes_to_the_same(league, tmp_path):
+    """First with fewer frames, then with no time, then each attempt is cut at a later rename than
+    the one before, and the next goes on from it.
+    """
+    settings = make_league(tmp_path / "league")
+    assert train_league(make_league(settings.out, total_frames=256), show_progress=False).is_done
+    hurried = dataclasses.replace(settings, max_minutes=1e-3)
+    assert not train_league(hurried, show_progress=False).is_done
+    kills = 0
+    for number in range(3, 400, 37):
+        with pytest.MonkeyPatch.context() as patch:
+            kill_at(patch, number)
+            try:
+                train_league(settings, show_progress=False)
+            except KilledError:
+                kills += 1
+                continue
+        break
+    assert train_league(settings, show_progress=False).slices == 12
+    assert kills >= 4
+    assert read_all(tmp_path / "league") == read_all(league)
+
+
+@pytest.mark.slow
+def test_kill_minus_nine_at_twenty_moments_changes_nothing(league, tmp_path):
+    code = (
+        "import pytest, sys; from tests.games import last_standing;"
+        "last_standing.register(pytest.MonkeyPatch());"
+        "from tests.training.test_league import make_league, train_league;"
+        "train_league(make_league(sys.argv[1]), show_progress=False)"
+    )
+    words = [sys.executable, "-W", "ignore", "-c", code, str(tmp_path / "league")]
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    begun = time.monotonic()
+    subprocess.run([*words[:-1], str(tmp_path / "other")], check=True, env=env)
+    whole = time.monotonic() - begun
+    for number in range(20):
+        child = subprocess.Popen(words, env=env)
+        try:
+            child.wait(whole * (0.2 + 0.01 * number))
+        except subprocess.TimeoutExpired:
+            child.send_signal(signal.SIGKILL)
+            child.wait()
+    subprocess.run(words, check=True, env=env)
+    assert read_all(tmp_path / "league") == read_all(league)
+
+
+def test_a_slice_that_is_done_does_nothing_when_it_is_run_again(league):
+    before = read_all(league)
+    name, _ = make_league(league).learners[-1]
+    assert run_slice(league / "members" / name, league / "shared", Budget(768), False).is_done
+    assert read_all(league) == before
+
+
+def test_slices_need_only_their_folders(tmp_path):
+    """The league hands each slice two folders and a budget, from which any process could do it."""
+    seen = []
+
+    def play(member, shared, budget, show_progress):
+        seen.append((member.name, shared.name, json.loads(json.dumps(dataclasses.asdict(budget)))))
+        return DONE
+
+    settings = make_league(tmp_path / "league", total_frames=256)
+    train_league(settings, show_progress=False, play_slice=play)
+    assert [name for name, *_ in seen] == [name for name, _ in settings.learners]
+    assert seen[0][1:] == ("shared", {"frames": 256, "max_minutes": None})
+
+
+@pytest.mark.parametrize("scenario", ["ffa-3", "teams"])
+def test_leagues_of_many_seats_and_of_average_policies_train_too(tmp_path, scenario):
+    training = {
+        **TRAINING,
+        "game": {**TRAINING["game"], "scenario": scenario},
+        "nfsp": {"enabled": True, "min_rows": 10, "batch_size": 8},
+    }
+    values = {"training": training, "total_frames": 256, "slice_frames": 256}
+    result = train_league(make_league(tmp_path / "league", **values), show_progress=False)
+    assert result.is_done
+    folder = tmp_path / "league" / "shared" / "live" / "main_0"
+    assert load_network(folder)[1].plays == "sampled"
+    assert read_players(tmp_path / "league" / "shared")
+
+
+# --- the end, and what is refused ------------------------------------------------------------
+
+
+def test_the_report_rates_the_learners_as_they_are_and_tells_their_payoffs(tmp_path):
+    values = {"total_frames": 64, "final_games": 2, "final_bots": ["idle"]}
+    result = train_league(make_league(tmp_path / "league", **values), show_progress=False)
+    for words in ("main_exploiter_0", "Ladder", "idle", "Won in training", "frozen players"):
+        assert words in result.text
+    assert (tmp_path / "league" / "report.txt").read_text("utf-8") == result.text
+    assert (tmp_path / "league" / "evaluation" / "00004" / "ladder.csv").is_file()
+
+
+def test_a_folder_of_other_settings_is_refused(league):
+    with pytest.raises(OutputFolderError, match="seed is 5 there, 6 here"):
+        train_league(make_league(league, seed=6), show_progress=False)
+
+
+def test_a_damaged_learner_is_refused(tmp_path):
+    settings = make_league(tmp_path / "league", total_frames=256)
+    train_league(settings, show_progress=False, play_slice=lambda *_: DONE)
+    (tmp_path / "league" / "members" / "main_0" / "member.json").write_text("{", "utf-8")
+    again = make_league(tmp_path / "league", total_frames=512)
+    with pytest.raises(CheckpointError, match="cannot be read as a learner of a league"):
+        train_league(again, show_progress=False)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"slice_frames": 0}, "slice_frames is 0, it must be 1 or more"),
+        ({"main": {"learners": 0}}, "main.learners is 0, it must be 1 or more"),
+        ({"main": {"lerners": 1}}, "unknown option 'lerners': nearest are 'learners'"),
+        ({"main": 3}, "main is 3, it must be options by name"),
+        ({"main": {"mixture": {"pfps": 1}}}, "unknown opponent 'pfps': nearest are 'pfsp'"),
+        ({"league_exploiter": {"reset_chance": 2}}, "league_exploiter.reset_chance is 2.0, it m"),
+        ({"final_games": 3}, "final_games is 3, it must be even"),
+        ({"final_bots": ["counter"]}, "unknown last_standing bot 'counter'"),
+        ({"training": {**TRAINING, "seed": 1}}, "training.seed is given: the league has its own"),
+        (
+            {"training": {**TRAINING, "opponent": {"mixture": {}}}},
+            "training.opponent.mixture is given: set it for a role",
+        ),
+        (
+            {"main_exploiter": {"training": {"game": {"scenario": "teams"}}}},
+            "main_exploiter.training.game is another than main's",
+        ),
+        (
+            {"training": {**TRAINING, "game": {**TRAINING["game"], "scenario": "alone"}}},
+            "training.game.scenario is 'alone', it must be a scenario of two or more teams",
+        ),
+    ],
+)
+def test_bad_settings_are_refused_before_anything_is_written(tmp_path, changes, message):
+    with pytest.raises(ValueError, match=message):
+        make_league(tmp_path / "league", **changes)
+    assert not (tmp_path / "league").exists()
+
+
+def test_roles_differ_as_in_the_paper():
+    settings = LeagueSettings()
+    assert [role for _, role in settings.learners] == list(ROLES)
+    assert settings.main.reset_chance == 0
+    assert settings.main_exploiter.mixture == {"main_agents": 1.0}
+    assert settings.main_exploiter.reset_chance == 1
+    assert settings.league_exploiter.mixture == RoleSettings().mixture == {"pfsp": 1.0}
+    assert settings.league_exploiter.reset_chance == 0.25

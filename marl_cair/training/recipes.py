@@ -34,6 +34,8 @@ _MAZE = (
 # shows every second game, and rewards are scaled. With `classic` one way in 250 stayed a circle.
 # What `distance` pays only a generator can know that measures distances itself.
 _LARGE_MAZE = (
+    "total_frames=150000",
+    "learner.learning_rate_end=0",
     "game.reward=distance",
     "generator.model.size.distances=true",
     "generator.model.size.obstacle_planes=[0]",
@@ -43,7 +45,7 @@ _LARGE_MAZE = (
     "demonstration.bots=[oracle]",
     "demonstration.share=0.5",
     "demonstration.margin=0.2",
-    "evaluation.every_frames=10240",
+    "evaluation.every_frames=20480",
     "evaluation.games=16",
 )
 

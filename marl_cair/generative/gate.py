@@ -9,15 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import torch
 from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.generative.ensemble import Opinions
-from marl_cair.generative.metrics import HeldOut, find_doubtful_ends
+from marl_cair.generative.metrics import Certainty, HeldOut, find_doubtful_ends, tune_certainty
 from marl_cair.generative.settings import GateConfig, GeneratorSpec
+
+NEVER_CERTAIN = Certainty(end=1.0, going_on=0.0)
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class Acceptance:
     min_log_prob: float = math.inf  # of the whole next state, by the most doubtful member
     min_worst_log_prob: float = math.inf  # of its least likely cell, mean over the members
     max_reward_spread: float = 0.0  # between members, in reward units
-    certain_terminal: float = 1.0
+    certainty: Certainty = NEVER_CERTAIN  # of ends
     may_end: bool = False  # whether rows that end the episode may be made
     may_be_rare: bool = False  # whether rows with a rare reward may be made
 
@@ -40,6 +43,24 @@ class GateReport:
     reasons: tuple[str, ...]
     metrics: Mapping[str, float] = field(default_factory=dict)
     acceptance: Acceptance = field(default_factory=Acceptance)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data; `from_dict` makes an equal report of it."""
+        values = asdict(self)
+        values["acceptance"]["certainty"] = list(self.acceptance.certainty)
+        return values
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> GateReport:
+        """Read what `to_dict` wrote."""
+        acceptance = dict(values["acceptance"])
+        acceptance["certainty"] = Certainty(*acceptance["certainty"])
+        return cls(
+            bool(values["passed"]),
+            tuple(values["reasons"]),
+            dict(values["metrics"]),
+            Acceptance(**acceptance),
+        )
 
 
 def judge(metrics: Mapping[str, float], config: GateConfig) -> tuple[str, ...]:
@@ -163,16 +184,29 @@ def tune_acceptance(held: HeldOut, config: GateConfig) -> Acceptance:
     it cannot be told whether the generator knows them; rows that have them are then not made.
     """
     opinions = held.opinions
-    known = ~find_doubtful_ends(held.rare_opinions.terminal, config.certain_terminal)
+    certainty = find_certainty(held, config)
+    known = ~find_doubtful_ends(held.rare_opinions.terminal, certainty)
     ends = held.rare_rows["next", "terminated"].squeeze(-1)
     spread = config.max_reward_spread * float(held.rows["next", "reward"].std(correction=0))
     return Acceptance(
         min_log_prob=_find_lower_quantile(opinions.log_prob.amin(0), config.tail),
         min_worst_log_prob=_find_lower_quantile(opinions.worst_log_prob.mean(0), config.tail),
         max_reward_spread=max(spread, config.max_reward_mae_if_constant),
-        certain_terminal=config.certain_terminal,
+        certainty=certainty,
         may_end=int((ends & known).sum()) >= config.min_terminals,
         may_be_rare=int(known.sum()) >= config.min_rare_rows,
+    )
+
+
+def find_certainty(held: HeldOut, config: GateConfig) -> Certainty:
+    """What is asked of members' P(end), chosen on all rows and on every second held-out end."""
+    ends = held.rare_rows["next", "terminated"].squeeze(-1)
+    return tune_certainty(
+        held.opinions.terminal,
+        held.rare_opinions.terminal[:, ends][:, ::2],
+        config.certain_terminal,
+        config.max_terminal_overlooked,
+        config.max_doubtful_rows,
     )
 
 
@@ -196,7 +230,7 @@ def find_refusals(
         "unlikely_state": ~(opinions.log_prob.amin(0) >= acceptance.min_log_prob),
         "unlikely_cell": ~(opinions.worst_log_prob.mean(0) >= acceptance.min_worst_log_prob),
         "reward_disagreement": ~(spread <= acceptance.max_reward_spread),
-        "terminal_disagreement": find_doubtful_ends(opinions.terminal, acceptance.certain_terminal),
+        "terminal_disagreement": find_doubtful_ends(opinions.terminal, acceptance.certainty),
         "untested_end": ends.any(0) & ~torch.tensor(acceptance.may_end),
         "untested_reward": rare,
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any, Protocol, cast
 
 import torch
@@ -14,6 +13,7 @@ from marl_cair.generative.gate import (
     Acceptance,
     GateReport,
     find_broken_structure,
+    find_certainty,
     find_refusals,
     judge,
     tune_acceptance,
@@ -151,7 +151,7 @@ class CCDNGenerator:
         rows = self._heldout.sample(gate.evaluation_rows, generator)
         rare = self._rare_heldout.select(torch.arange(self._rare_heldout.num_rows))
         held = examine(self.ensemble, rows, rare, generator)
-        metrics = measure(held, self.spec, self._counts, gate.certain_terminal)
+        metrics = measure(held, self.spec, self._counts, find_certainty(held, gate))
         half = rows.shape[0] // 2
         acceptance = tune_acceptance(held.select(slice(None, half)), gate)
         checked = held.select(slice(half, None))
@@ -193,7 +193,7 @@ class CCDNGenerator:
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, optimisers, counts, rings, random generators, last report: data only."""
-        report = None if self.last_report is None else asdict(self.last_report)
+        report = None if self.last_report is None else self.last_report.to_dict()
         return {
             "ensemble": self.ensemble.state_dict(),
             "counts": self._counts.state_dict(),
@@ -217,17 +217,8 @@ class CCDNGenerator:
             ring.load_state_dict(state["rare"][stratum.name])
         for generator, saved in zip(self._generators, state["generators"], strict=True):
             generator.set_state(saved)
-        saved_report = state["report"]
-        self.last_report = (
-            None
-            if saved_report is None
-            else GateReport(
-                bool(saved_report["passed"]),
-                tuple(saved_report["reasons"]),
-                dict(saved_report["metrics"]),
-                Acceptance(**saved_report["acceptance"]),
-            )
-        )
+        saved = state["report"]
+        self.last_report = None if saved is None else GateReport.from_dict(saved)
 
     def _propose(self, starts: TensorDict, num_rows: int) -> tuple[TensorDict, Opinions]:
         generator = self._generators[_GENERATING]

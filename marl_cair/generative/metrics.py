@@ -16,6 +16,14 @@ from marl_cair.generative.settings import GeneratorSpec
 NUM_CALIBRATION_BINS = 10
 
 
+class Certainty(NamedTuple):
+    """Which members' P(end) are no doubt."""
+
+    end: float  # of an end: every member says so much or more
+    going_on: float  # where the episode goes on: every member says so much or less
+    is_tuned: bool = False  # whether held-out ends have chosen `going_on`
+
+
 class HeldOut(NamedTuple):
     """Held-out real rows and what the generator makes of them."""
 
@@ -49,20 +57,20 @@ def examine(
 
 
 def measure(
-    held: HeldOut, spec: GeneratorSpec, counts: RareCounts, certain_terminal: float
+    held: HeldOut, spec: GeneratorSpec, counts: RareCounts, certainty: Certainty
 ) -> dict[str, float]:
     """All metrics by name. One that cannot be told from these rows is missing.
 
-    counts: tells which rewards are rare, and how rare. certain_terminal: of GateConfig; rows whose
+    counts: tells which rewards are rare, and how rare. certainty: of ends; rows whose
     end is in doubt are never used.
     """
-    in_doubt = find_doubtful_ends(held.rare_opinions.terminal, certain_terminal)
+    in_doubt = find_doubtful_ends(held.rare_opinions.terminal, certainty)
     return {
         **_measure_cells(held, spec),
         **_measure_uniform(held, spec),
         **_measure_likelihood(held, spec),
         **_measure_reward(held, counts, in_doubt),
-        **_measure_terminal(held, in_doubt),
+        **_measure_terminal(held, in_doubt, certainty),
         **_measure_mask(held, spec),
     }
 
@@ -219,7 +227,7 @@ def _measure_reward(held: HeldOut, counts: RareCounts, in_doubt: Tensor) -> dict
     return metrics
 
 
-def _measure_terminal(held: HeldOut, in_doubt: Tensor) -> dict[str, float]:
+def _measure_terminal(held: HeldOut, in_doubt: Tensor, certainty: Certainty) -> dict[str, float]:
     real = held.rows["next", "terminated"].squeeze(-1)
     guess = held.opinions.terminal.mean(0)
     ended = held.rare_rows["next", "terminated"].squeeze(-1)
@@ -229,12 +237,17 @@ def _measure_terminal(held: HeldOut, in_doubt: Tensor) -> dict[str, float]:
         "terminal/share": _share(real),
         "terminal/ece": find_calibration_error(guess, real),
         "terminal/false_alarms": _share((guess > 0.5) & ~real),
+        "terminal/doubtful": _share(find_doubtful_ends(held.opinions.terminal, certainty)),
     }
     if found.numel():
         metrics["terminal/recall"] = _share(found > 0.5)
         # An end is overlooked where a row like it would be made as one that goes on. A clock that
         # shows 0 for two decisions lets nobody tell which is the last; such rows are not made.
-        metrics["terminal/overlooked"] = _share((found <= 0.5) & ~in_doubt[ended])
+        overlooked = (found <= 0.5) & ~in_doubt[ended]
+        # Every second one has chosen the certainty that is asked for, if it is not the usual one.
+        metrics["terminal/overlooked"] = _share(
+            overlooked[1::2] if certainty.is_tuned else overlooked
+        )
     scores = torch.cat([guess[~real], found])
     auc = find_auc(scores, torch.arange(scores.numel()) >= int((~real).sum()))
     if auc is not None:
@@ -264,11 +277,31 @@ def decide_mask(logits: Tensor, noop_action: int) -> Tensor:
     return mask
 
 
-def find_doubtful_ends(terminal: Tensor, certain: float) -> Tensor:
-    """Where members' P(end) [M, N] disagree on which is likelier or are not `certain`, bool [N]."""
-    ends = terminal > 0.5
-    sure = torch.maximum(terminal, 1.0 - terminal).amin(0)
-    return (ends.any(0) & ~ends.all(0)) | ~(sure >= certain)
+def find_doubtful_ends(terminal: Tensor, certainty: Certainty) -> Tensor:
+    """Where members' P(end) [M, N] are neither certainly an end nor certainly none, bool [N]."""
+    ends = terminal.amin(0) >= certainty.end
+    goes_on = terminal.amax(0) <= certainty.going_on
+    return ~(ends | goes_on)
+
+
+def tune_certainty(
+    rows: Tensor, ends: Tensor, certain: float, most_overlooked: float, most_doubtful: float
+) -> Certainty:
+    """How unlikely an end must be for a row to be made as one that goes on.
+
+    Usually no likelier than 1 - certain. Where ends cannot be told so well (a bird that touches a
+    pipe by less than a pixel of its picture), less: so that of real ends no more than half of
+    `most_overlooked` pass, but no more than `most_doubtful` of all rows are turned away.
+
+    rows, ends: members' P(end) [M, N] of held-out rows, and [M, K] of ends.
+    """
+    usual = 1.0 - certain
+    if not ends.numel() or not rows.numel():
+        return Certainty(certain, usual)
+    wanted = float(ends.amax(0).quantile(0.5 * most_overlooked, interpolation="lower"))
+    least = float(rows.amax(0).quantile(1.0 - most_doubtful))
+    tuned = max(wanted, least)
+    return Certainty(certain, tuned, True) if tuned < usual else Certainty(certain, usual)
 
 
 def find_auc(scores: Tensor, labels: Tensor) -> float | None:

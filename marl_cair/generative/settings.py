@@ -196,11 +196,12 @@ class GateConfig:
     min_reward_explained: float = 0.7  # of variance; few large rewards make it scatter by 0.1
     max_reward_mae_if_constant: float = 1e-3  # where rewards hardly vary: be near that constant
     min_terminals: int = 10  # with fewer held-out ends, recall cannot be told: make no ends
-    min_terminal_auc: float = 0.95  # ends are near certain given the next health or goal
+    min_terminal_auc: float = 0.85  # below, what the members say of ends is worth little
     # An end that would be made as a row that goes on bootstraps from a state that does not exist.
     # One in doubt is not counted: Deep RTS shows a clock at 0 for two decisions, of which one ends
     # the game, so nobody can recall half of such ends, and no such row is ever made.
     max_terminal_overlooked: float = 0.3  # share of ends that would go on, doubtful ones apart
+    max_doubtful_rows: float = 0.25  # turned away so that no more ends than that are overlooked
     max_terminal_ece: float = 0.02  # calibration error, about the base rate of ends in long games
     min_rare_rows: int = 10  # rare rewards: the same rule as for ends
     min_rare_recall: float = 0.6  # members agree on missing rewards, so agreement cannot show it
@@ -219,6 +220,10 @@ class GateConfig:
             slack = getattr(self, name)
             if not 0.0 < slack <= 1.0:
                 raise ValueError(f"{name} is {slack}, expected a share above 0, at most 1")
+        if not 0.0 <= self.max_doubtful_rows < 1.0:
+            raise ValueError(
+                f"max_doubtful_rows is {self.max_doubtful_rows}, expected 0 up to below 1"
+            )
         if not 0.5 <= self.certain_terminal < 1.0:
             raise ValueError(
                 f"certain_terminal is {self.certain_terminal}, expected 0.5 up to below 1"

@@ -129,7 +129,7 @@ def test_configuration_survives_its_file(tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["learing_rate=1"], "nearest are 'learner.learning_rate'"),
+        (["learing_rate=1"], "'learner.learning_rate'"),
         (["policy=capsul"], "nearest are 'capsule'"),
         (["recipe=deep_rts_dule"], "nearest are 'deep_rts_duel'"),
         (["recipe=deep_rts_duel", "recipe=deep_rts_economy"], "take one of them"),

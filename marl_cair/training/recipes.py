@@ -34,7 +34,7 @@ _MAZE = (
 # shows every second game, and rewards are scaled. With `classic` one way in 250 stayed a circle.
 # What `distance` pays only a generator can know that measures distances itself.
 _LARGE_MAZE = (
-    "total_frames=150000",
+    "total_frames=100000",
     "learner.learning_rate_end=0",
     "game.reward=distance",
     "generator.model.size.distances=true",

@@ -7,7 +7,7 @@ import torch
 from tensordict import TensorDict
 
 from marl_cair.generative.ensemble import Ensemble
-from marl_cair.generative.metrics import examine, measure
+from marl_cair.generative.metrics import Certainty, examine, measure
 from marl_cair.generative.outcome import RewardBins
 from marl_cair.generative.rare import RareCounts
 from marl_cair.generative.settings import GeneratorConfig
@@ -76,7 +76,7 @@ def measure_rewards(
     counts.count(counted)
     ensemble = Ensemble(SPEC, GeneratorConfig())
     held = examine(ensemble, rows, rare_rows, torch.Generator().manual_seed(0))
-    return measure(held, SPEC, counts, 0.8)
+    return measure(held, SPEC, counts, Certainty(0.8, 0.2))
 
 
 def test_what_ends_pay_does_not_change_the_explained_share(real_rows: TensorDict) -> None:

@@ -158,7 +158,9 @@ def make_slow(scenario, spec):
     def module(self, tmp_path, monkeypatch):
         (tmp_path / "hosted_agents.py").write_text(self.MODULE, "utf-8")
         monkeypatch.syspath_prepend(str(tmp_path))
-        monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}")
+        monkeypatch.setenv(
+            "PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+        )
         return "hosted_agents"
 
     def test_it_answers_line_by_line(self, module):

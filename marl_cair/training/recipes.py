@@ -137,7 +137,7 @@ RECIPES = {
         ),
     ),
     "flappy_bird_gray": Recipe(
-        "Flappy Bird from four grey frames: flies on for a hundred pipes",
+        "Flappy Bird from four grey frames: passes twenty pipes and more",
         (
             "game=flappy_bird",
             "representation=gray_stack",
@@ -145,6 +145,7 @@ RECIPES = {
             *_FLAPPY,
             # From pictures alone too little is learned in an hour: the oracle takes turns, and so
             # shows what to do wherever the learner has come to.
+            "total_frames=300000",
             "demonstration.share=0.5",
             "demonstration.turn_decisions=50",
             "demonstration.margin=0.2",

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
+import torch
 from torch import Tensor, nn
 
 if TYPE_CHECKING:
@@ -46,6 +47,22 @@ def standardise(images: Tensor) -> Tensor:
     """
     centred = images - images.mean((1, 2, 3), keepdim=True)
     deviation = centred.square().mean((1, 2, 3), keepdim=True).sqrt()
+    return centred / deviation.clamp_min(_FLAT)
+
+
+def standardise_changes(frames: Tensor) -> Tensor:
+    """Stacked frames float32 [N, F, H, W], the oldest first -> as many planes: the newest frame,
+    then the change from each frame to the next, the latest first; each plane less its mean, over
+    its standard deviation.
+
+    What moves is then as bright as what stands: of the oracle's choices in Flappy Bird, shown for
+    1,000 updates of 32, `conv` and `capsule` miss a quarter less than from the frames themselves
+    (`python -m benchmarks.frames`).
+    """
+    changes = (frames[:, 1:] - frames[:, :-1]).flip(1)
+    planes = torch.cat([frames[:, -1:], changes], 1)
+    centred = planes - planes.mean((2, 3), keepdim=True)
+    deviation = centred.square().mean((2, 3), keepdim=True).sqrt()
     return centred / deviation.clamp_min(_FLAT)
 
 

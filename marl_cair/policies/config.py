@@ -35,6 +35,7 @@ class QNetworkConfig:
     action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
     distances: bool = False  # distances over the board too: for ways longer than kernels reach
     obstacle_planes: tuple[int, ...] = ()  # of `distances`: planes that block ways, to begin with
+    frame_differences: bool = False  # of stacked images: the newest, and what changed before it
     capsule: CapsuleSizes = field(default_factory=CapsuleSizes)
 
     def __post_init__(self) -> None:
@@ -49,6 +50,10 @@ class QNetworkConfig:
             raise ValueError(
                 f"obstacle_planes is {list(self.obstacle_planes)}, but distances is False: set it "
                 "to True, or leave obstacle_planes empty"
+            )
+        if self.frame_differences and self.distances:
+            raise ValueError(
+                "frame_differences is of images, distances of boards: set one to False"
             )
         if self.head != "dueling" and self.action_embedding:
             raise ValueError(

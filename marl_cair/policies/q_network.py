@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from marl_cair import policies
 from marl_cair.lookup import find_by_name
-from marl_cair.policies.body import is_image, require_planes, standardise
+from marl_cair.policies.body import is_image, require_planes, standardise, standardise_changes
 from marl_cair.policies.config import CapsuleSizes, QNetworkConfig
 from marl_cair.policies.distances import DistanceMaps
 from marl_cair.policies.heads import HEADS
@@ -33,6 +33,8 @@ class QNetwork(nn.Module):
         self.config = config
         self.observation_shape = tuple(int(size) for size in observation_shape)
         self.num_actions = num_actions
+        if config.frame_differences:
+            _require_frames(self.observation_shape)
         make_body = find_by_name("network", config.body, policies.NETWORKS)
         self.distances: DistanceMaps | None = None
         seen = self.observation_shape
@@ -51,7 +53,8 @@ class QNetwork(nn.Module):
         """Observation uint8 or float [..., *observation_shape] -> action values float32 [..., A].
 
         uint8 is scaled to [0, 1] here, so that it can be stored and moved as bytes; floats are
-        taken as they are. Images (from 64 x 64 on) are standardised, each by itself. Raises
+        taken as they are. Images (from 64 x 64 on) are standardised, each by itself, or with
+        `frame_differences` the newest of their frames and what changed before it. Raises
         ValueError for another shape, TypeError for another dtype.
         """
         num_axes = len(self.observation_shape)
@@ -64,7 +67,9 @@ class QNetwork(nn.Module):
         batch_shape = observation.shape[:-num_axes]
         rows = observation.reshape(-1, *self.observation_shape)
         seen = _to_float(rows)
-        if is_image(self.observation_shape):
+        if self.config.frame_differences:
+            seen = standardise_changes(seen)
+        elif is_image(self.observation_shape):
             seen = standardise(seen)
         values: Tensor = self.head(self._find_features(seen))
         return values.float().reshape(*batch_shape, self.num_actions)
@@ -90,6 +95,14 @@ def make_q_network(
         return QNetwork(config, observation_shape, num_actions)
     with _seeded_global_generator(seed):
         return QNetwork(config, observation_shape, num_actions)
+
+
+def _require_frames(shape: tuple[int, ...]) -> None:
+    if not is_image(shape) or shape[0] < 2:
+        raise ValueError(
+            f"frame_differences is True, but the observation shape is {shape}: it is for stacks of "
+            "two or more images [F, H, W] such as gray_stack; set it to False"
+        )
 
 
 def _to_float(observation: Tensor) -> Tensor:

@@ -106,7 +106,8 @@ def _take_turns(
             goal = min((turn + 1) * settings.slice_frames, settings.total_frames)
             bar.set_description(name)
             member, shared = folder / MEMBERS / name, folder / SHARED
-            result = play_slice(member, shared, Budget(goal, left), False)
+            budget = Budget(goal, settings.total_frames, left)
+            result = play_slice(member, shared, budget, False)
             if not result.is_done or result.was_interrupted:
                 return result
             write_atomically(folder / PROGRESS_FILE, json.dumps({"slices": number + 1}) + "\n")

@@ -54,10 +54,13 @@ class Budget:
     Attributes:
         frames: decisions of the learner in all when it ends, so that a slice that is run once more
             after it was cut short does what was left, and one that was done trains no further.
+        total_frames: decisions of the learner in all when the league ends, over which a learning
+            rate that falls is spread.
         max_minutes: after which it is cut short; None: no limit.
     """
 
     frames: int
+    total_frames: int
     max_minutes: float | None = None
 
 
@@ -94,14 +97,14 @@ def run_slice(
             load_config(member),
             out=str(member / f"{record.generation:03d}"),
             seed=derive_seed(record.league_seed, record.place, record.generation),
-            total_frames=goal,
+            total_frames=budget.total_frames - record.frames_before,
             max_minutes=budget.max_minutes,
         )
         seat = LeagueSeat(
             *(shared, record.name, record.role, record.generation),
             *(tuple(record.mains), record.reset_chance),
         )
-        result = train(config, resume=True, show_progress=show_progress, seat=seat)
+        result = train(config, True, show_progress, seat=seat, until_frames=goal)
         last_row = result.last_row or last_row
         frames = record.frames_before + result.frames
         if result.is_over:

@@ -43,9 +43,13 @@ def train(
     show_progress: bool = True,
     listen: Callable[[dict[str, float]], None] | None = None,
     seat: LeagueSeat | None = None,
+    until_frames: int | None = None,
 ) -> TrainResult:
     """Train until `config.total_frames` decisions, `config.max_minutes`, or an interrupt; in a
     league, at `seat`, also until the learner is to begin anew.
+
+    With `until_frames` it ends there if that is sooner, to go on another time: what changes in the
+    course of a run, as the learning rate may, is still spread over `config.total_frames`.
 
     An interrupt (Ctrl-C, SIGTERM) ends the current iteration, saves everything and returns; a
     second one stops at once. `listen` hears each logged row. The configuration is written to the
@@ -58,9 +62,12 @@ def train(
     if run.spec.num_teams == 1:
         _tell(run, "opponents", f"{config.game.scenario} has no rivals, so opponent.* is not used")
     timers = Timers()
+    goal = config.total_frames
+    if until_frames is not None:
+        goal = min(goal, until_frames)
     deadline = None if config.max_minutes is None else time.monotonic() + 60 * config.max_minutes
     bar = tqdm(
-        total=config.total_frames,
+        total=goal,
         initial=run.frames,
         unit=" frames",
         disable=not show_progress,
@@ -70,7 +77,7 @@ def train(
     last_row: dict[str, float] = {}
     with _interrupts_noted() as interrupted:
         steps = iterate(run, timers)
-        while run.frames < config.total_frames and not run.book.is_over:
+        while run.frames < goal and not run.book.is_over:
             if interrupted.is_set() or (deadline is not None and time.monotonic() > deadline):
                 break
             before = next(steps)
@@ -93,7 +100,7 @@ def train(
     bar.close()
     run.close()
     is_over = run.book.is_over
-    if is_over or run.frames >= config.total_frames:  # not in the middle of a slice
+    if is_over or run.frames >= goal:  # not in the middle of a slice
         run.book.publish(run.rated_network, run.describe_agent())
     was_interrupted = interrupted.is_set()
     updates = run.learner.updates

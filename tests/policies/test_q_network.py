@@ -8,6 +8,7 @@ from torch import Tensor
 
 from marl_cair import policies
 from marl_cair.lookup import UnknownNameError
+from marl_cair.policies.body import standardise_changes
 from marl_cair.policies.conv import ConvLayer, choose_layers
 from marl_cair.policies.heads import DuelingHead
 from marl_cair.policies.q_network import CapsuleSizes, QNetwork, QNetworkConfig, make_q_network
@@ -147,6 +148,32 @@ def test_images_are_seen_alike_in_any_light_and_boards_are_not(body):
     nothing = torch.zeros(1, 2, 64, 64, dtype=torch.uint8)
     network = make_q_network(QNetworkConfig(body=body), (2, 64, 64), 3, seed=0)
     assert torch.isfinite(network(nothing)).all()
+
+
+def test_changes_between_frames_are_as_bright_as_what_stands():
+    generator = torch.Generator().manual_seed(0)
+    frames = torch.rand(5, 1, 64, 64, generator=generator).repeat(1, 4, 1, 1)
+    frames[:, 2, 7, 9] += 0.01  # shown in the last frame but one alone
+    planes = standardise_changes(frames)
+    assert torch.allclose(planes.mean((2, 3))[:, 0], torch.zeros(5), atol=1e-5)
+    assert torch.allclose(planes.std((2, 3))[:, 0], torch.ones(5), atol=1e-3)
+    assert (planes[:, 1, 7, 9] < -5).all()  # it went
+    assert (planes[:, 2, 7, 9] > 5).all()  # it came
+    assert (planes[:, 3] == 0).all()  # nothing changed before
+
+
+@pytest.mark.parametrize("body", ["conv", "capsule"])
+def test_frame_differences_are_of_stacked_images_alone(body):
+    config = QNetworkConfig(body=body, frame_differences=True)
+    network = make_q_network(config, (4, 84, 84), 2, seed=0)
+    stacks = random_bytes(3, 4, 84, 84)
+    assert torch.allclose(network(stacks), network(255 - stacks), atol=1e-3) is False
+    assert torch.allclose(network(stacks), network(stacks.float() / 510 + 0.2), atol=1e-3)
+    for shape in ((1, 84, 84), (4, 32, 32), (12,)):
+        with pytest.raises(ValueError, match="frame_differences is True, but the observation"):
+            make_q_network(config, shape, 2, seed=0)
+    with pytest.raises(ValueError, match="set one to False"):
+        QNetworkConfig(body=body, frame_differences=True, distances=True)
 
 
 def test_conv_has_the_expected_weights_in_line_wars():

@@ -218,7 +218,9 @@ def test_kill_minus_nine_at_twenty_moments_changes_nothing(league, tmp_path):
 def test_a_slice_that_is_done_does_nothing_when_it_is_run_again(league):
     before = read_all(league)
     name, _ = make_league(league).learners[-1]
-    assert run_slice(league / "members" / name, league / "shared", Budget(768), False).is_done
+    assert run_slice(
+        league / "members" / name, league / "shared", Budget(768, 1_024), False
+    ).is_done
     assert read_all(league) == before
 
 
@@ -233,7 +235,7 @@ def test_slices_need_only_their_folders(tmp_path):
     settings = make_league(tmp_path / "league", total_frames=256)
     train_league(settings, show_progress=False, play_slice=play)
     assert [name for name, *_ in seen] == [name for name, _ in settings.learners]
-    assert seen[0][1:] == ("shared", {"frames": 256, "max_minutes": None})
+    assert seen[0][1:] == ("shared", {"frames": 256, "total_frames": 256, "max_minutes": None})
 
 
 @pytest.mark.parametrize("scenario", ["ffa-3", "teams"])

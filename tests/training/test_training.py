@@ -215,6 +215,19 @@ def test_the_learning_rate_falls_in_a_straight_line_to_its_end():
         assert torch.equal(old, new)
 
 
+def test_a_run_in_parts_spreads_its_learning_rate_over_all_of_them(tmp_path):
+    def config(name):
+        whole = tiny(tmp_path / name, 1_024)
+        return dataclasses.replace(
+            whole, learner=dataclasses.replace(whole.learner, learning_rate_end=0.0)
+        )
+
+    train(config("whole"), show_progress=False)
+    assert train(config("parts"), show_progress=False, until_frames=512).frames == 512
+    train(config("parts"), resume=True, show_progress=False)
+    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
+
+
 def test_the_best_agent_is_kept_and_the_bound_survives_a_resume(tmp_path):
     config = tiny(tmp_path / "a", 256)
     train(config, show_progress=False)

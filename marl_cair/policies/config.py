@@ -1,7 +1,7 @@
 """The settings of a Q-network: plain data that a checkpoint carries, checked when made."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 
 from marl_cair import policies
 from marl_cair.lookup import find_by_name
@@ -35,6 +35,8 @@ class QNetworkConfig:
     action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
     distances: bool = False  # distances over the board too: for ways longer than kernels reach
     obstacle_planes: tuple[int, ...] = ()  # of `distances`: planes that block ways, to begin with
+    vector_low: tuple[float, ...] = ()  # of each entry of a vector, seen as -1; empty: the game's
+    vector_high: tuple[float, ...] = ()  # of each entry of a vector, seen as 1; empty: the game's
     frame_differences: bool = False  # of stacked images: the newest, and what changed before it
     capsule: CapsuleSizes = field(default_factory=CapsuleSizes)
 
@@ -51,6 +53,14 @@ class QNetworkConfig:
                 f"obstacle_planes is {list(self.obstacle_planes)}, but distances is False: set it "
                 "to True, or leave obstacle_planes empty"
             )
+        for name in ("vector_low", "vector_high"):
+            object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
+        pairs = zip(self.vector_low, self.vector_high, strict=False)
+        if len(self.vector_low) != len(self.vector_high) or any(low >= high for low, high in pairs):
+            raise ValueError(
+                f"vector_low is {list(self.vector_low)} and vector_high {list(self.vector_high)}, "
+                "but they must be as long as one another, and each low below its high"
+            )
         if self.frame_differences and self.distances:
             raise ValueError(
                 "frame_differences is of images, distances of boards: set one to False"
@@ -60,6 +70,14 @@ class QNetworkConfig:
                 f"action_embedding is {self.action_embedding}, but head {self.head!r} has none: "
                 "set it to 0 or None, or use head='dueling'"
             )
+
+    def with_bounds(self, low: object, high: object) -> "QNetworkConfig":
+        """These settings with the bounds of a vector's entries, where they name none and `low` and
+        `high` are tuples; a single bound of all entries says too little of each.
+        """
+        if self.vector_low or not (isinstance(low, tuple) and isinstance(high, tuple)):
+            return self
+        return replace(self, vector_low=low, vector_high=high)
 
     def resolve_hidden_width(self) -> int:
         """Return the number F of features between body and head."""

@@ -24,6 +24,9 @@ class QNetwork(nn.Module):
     Raises ValueError where the body cannot read the shape, or `num_actions` is below 1.
     """
 
+    middle: Tensor
+    reach: Tensor
+
     def __init__(
         self, config: QNetworkConfig, observation_shape: Sequence[int], num_actions: int
     ) -> None:
@@ -35,6 +38,14 @@ class QNetwork(nn.Module):
         self.num_actions = num_actions
         if config.frame_differences:
             _require_frames(self.observation_shape)
+        if config.vector_low and self.observation_shape != (len(config.vector_low),):
+            raise ValueError(
+                f"vector_low has {len(config.vector_low)} entries, but the observation shape is "
+                f"{self.observation_shape}: give one for each entry of a vector, or none"
+            )
+        low, high = torch.tensor(config.vector_low), torch.tensor(config.vector_high)
+        self.register_buffer("middle", (low + high) / 2, persistent=False)
+        self.register_buffer("reach", (high - low) / 2, persistent=False)
         make_body = find_by_name("network", config.body, policies.NETWORKS)
         self.distances: DistanceMaps | None = None
         seen = self.observation_shape
@@ -53,9 +64,10 @@ class QNetwork(nn.Module):
         """Observation uint8 or float [..., *observation_shape] -> action values float32 [..., A].
 
         uint8 is scaled to [0, 1] here, so that it can be stored and moved as bytes; floats are
-        taken as they are. Images (from 64 x 64 on) are standardised, each by itself, or with
-        `frame_differences` the newest of their frames and what changed before it. Raises
-        ValueError for another shape, TypeError for another dtype.
+        taken as they are, vectors with `vector_low` and `vector_high` scaled. Images (from
+        64 x 64 on) are standardised, each by itself, or with `frame_differences` the newest of
+        their frames and what changed before it. Raises ValueError for another shape, TypeError for
+        another dtype.
         """
         num_axes = len(self.observation_shape)
         if tuple(observation.shape[-num_axes:]) != self.observation_shape:
@@ -69,6 +81,8 @@ class QNetwork(nn.Module):
         seen = _to_float(rows)
         if self.config.frame_differences:
             seen = standardise_changes(seen)
+        elif self.config.vector_low:
+            seen = (seen - self.middle) / self.reach
         elif is_image(self.observation_shape):
             seen = standardise(seen)
         values: Tensor = self.head(self._find_features(seen))

@@ -145,6 +145,7 @@ class TrainingRun:
         )
         self.spec = self.env.engine.spec
         self.seen = self.env.engine.representation(game.representation)
+        self.policy = self.config.policy.with_bounds(self.seen.low, self.seen.high)
 
     def _make_replay(self) -> None:
         config = self.config
@@ -189,7 +190,7 @@ class TrainingRun:
     def _make_learner(self) -> None:
         config = self.config
         network = make_q_network(
-            config.policy, self.seen.shape, self.spec.num_actions, seed=self._seeds[4]
+            self.policy, self.seen.shape, self.spec.num_actions, seed=self._seeds[4]
         )
         self.learner = Learner(network, config.learner, config.demonstration)
         exploration = MaskedEpsilonGreedy(self._seeds[5], self.spec.action_groups)
@@ -207,7 +208,7 @@ class TrainingRun:
     def _make_average_policy(self) -> AveragePolicy:
         config = self.config
         network = make_q_network(
-            config.policy, self.seen.shape, self.spec.num_actions, seed=self._seeds[10]
+            self.policy, self.seen.shape, self.spec.num_actions, seed=self._seeds[10]
         )
         rows = Reservoir(self.transition_spec, config.nfsp.capacity_rows, self._seeds[11])
         if config.nfsp.plays_average:
@@ -260,7 +261,7 @@ class TrainingRun:
             representation=self.seen.name,
             observation_shape=self.seen.shape,
             action_names=self.spec.action_names,
-            network=self.config.policy.to_dict(),
+            network=self.policy.to_dict(),
             frames=self.frames,
             updates=self.learner.updates,
             seed=self.config.seed,

@@ -176,6 +176,28 @@ def test_frame_differences_are_of_stacked_images_alone(body):
         QNetworkConfig(body=body, frame_differences=True, distances=True)
 
 
+def test_vectors_are_scaled_by_their_bounds():
+    low, high = (-64.0, 0.0, 0.0), (512.0, 1.0, 4.0)
+    plain = make_q_network(QNetworkConfig(body="mlp"), (3,), 2, seed=0)
+    config = QNetworkConfig(body="mlp").with_bounds(low, high)
+    scaled = make_q_network(config, (3,), 2, seed=0)
+    seen = torch.tensor([low, high, (224.0, 0.5, 3.0)])
+    wanted = torch.tensor([[-1.0] * 3, [1.0] * 3, [0.0, 0.0, 0.5]])
+    assert torch.equal(scaled(seen), plain(wanted))
+    assert config.with_bounds((0.0,), (1.0,)) is config  # a user's own bounds stay
+    assert QNetworkConfig().with_bounds(0, 255) == QNetworkConfig()
+    assert QNetworkConfig.from_dict(config.to_dict()) == config
+
+
+def test_bounds_that_fit_no_vector_are_refused():
+    for low, high in (((0.0,), ()), ((0.0, 1.0), (1.0, 1.0))):
+        with pytest.raises(ValueError, match="as long as one another, and each low below"):
+            QNetworkConfig(vector_low=low, vector_high=high)
+    config = QNetworkConfig(body="mlp", vector_low=(0.0,), vector_high=(1.0,))
+    with pytest.raises(ValueError, match=r"vector_low has 1 entries, .* shape is \(3,\)"):
+        make_q_network(config, (3,), 2, seed=0)
+
+
 def test_conv_has_the_expected_weights_in_line_wars():
     network = make("conv", LINE_WARS_SHAPE, LINE_WARS_ACTIONS)
     assert sum(weight.numel() for weight in network.parameters()) == 766_938

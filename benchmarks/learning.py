@@ -45,9 +45,9 @@ def trained_minutes(run: Path) -> float:
     return sum(seconds) / 60.0
 
 
-def train(run: Path, minutes: float, words: list[str]) -> None:
-    """Train for so many minutes in all. Exits where training was refused or interrupted, or the
-    run was begun with other words.
+def train(run: Path, minutes: float | None, words: list[str]) -> None:
+    """Train to the run's `total_frames`, for so many minutes in all at the most. Exits where
+    training was refused or interrupted, or the run was begun with other words.
     """
     about = run.with_name(f"{run.name}.json")
     begun = {"minutes": minutes, "words": words}
@@ -56,11 +56,10 @@ def train(run: Path, minutes: float, words: list[str]) -> None:
     write_atomically(about, json.dumps(begun))
     if (run / FINISHED_FILE).exists():
         return
-    left = max(0.01, minutes - trained_minutes(run))
-    if (run / CONFIG_FILE).exists():
-        command = [f"resume={run}", f"max_minutes={left}"]
-    else:
-        command = [f"out={run}", f"max_minutes={left}", *words]
+    begins = not (run / CONFIG_FILE).exists()
+    command = [f"out={run}", *words] if begins else [f"resume={run}"]
+    if minutes is not None:
+        command.append(f"max_minutes={max(0.01, minutes - trained_minutes(run))}")
     if code := marl_cair(["train", *command]):
         sys.exit(code)
     write_atomically(run / FINISHED_FILE, "")

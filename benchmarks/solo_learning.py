@@ -2,13 +2,14 @@
 READMEs.
 
     python -m benchmarks.solo_learning --game deep_maze [--recipes ...] [--networks conv capsule]
-        [--seeds 0 1 2] [--minutes 20] [--games 500] [--out runs/deep_maze]
+        [--seeds 0 1 2] [--games 500] [--out runs/deep_maze]
         [--picture docs/images/deep_maze_learning.png] [option=value ...]
 
-Each run trains as `marl-cair train recipe=...` and keeps its best agent by its evaluations, which
-then plays `--games` games on seeds that no training has seen. Runs one after another; the same
-command again goes on where it was stopped. Options with `=` go to `marl-cair train`. Writes
-<out>/results.csv and curves, and prints the table as Markdown.
+Each run trains as `marl-cair train recipe=...` does, to its end. Then the last agent, or where the
+learning rate does not fall the best by its evaluations, plays `--games` games on seeds that no
+training has seen. Runs one after another; the same command again goes on where it was stopped.
+Options with `=` go to `marl-cair train`. Writes <out>/results.csv and curves, and prints the table
+as Markdown.
 """
 
 from __future__ import annotations
@@ -32,9 +33,7 @@ from marl_cair.files import atomic_path, write_atomically
 from marl_cair.training.curves import COLOURS, STYLES
 from marl_cair.training.evaluation import LEARNER
 from marl_cair.training.metrics import RunLog, read_log
-from marl_cair.training.run import BEST_FOLDER
-
-ENDLESS = ("total_frames=1000000000", "checkpoint.include_replay=false")  # the clock ends it
+from marl_cair.training.run import BEST_FOLDER, LATEST_FOLDER
 
 
 class Task(NamedTuple):
@@ -46,6 +45,7 @@ class Task(NamedTuple):
     number: str  # of the game's own (`Game.info`) at the end of a game
     statistic: str  # of it: mean or median
     options: tuple[str, ...] = ()  # of the scenario, of the final games alone
+    agent: str = LATEST_FOLDER  # of the run, which is rated
 
 
 TASKS = {
@@ -56,7 +56,15 @@ TASKS = {
     ),
     "flappy_bird": (
         # 6,000 ticks are 158 pipes, 40,000 are 1,060.
-        Task("flappy_bird_features", ("mlp",), 100, "pipes_passed", "median", ("max_ticks=40000",)),
+        Task(
+            "flappy_bird_features",
+            ("mlp",),
+            100,
+            "pipes_passed",
+            "median",
+            ("max_ticks=40000",),
+            BEST_FOLDER,
+        ),
         Task(
             "flappy_bird_gray",
             ("conv", "capsule"),
@@ -72,10 +80,10 @@ COLUMNS = (*_ABOUT_RUN, "number", "statistic", "games", "value", "low", "high")
 
 
 def rate(run: Path, task: Task, games: int) -> dict[str, Mapping[str, str]]:
-    """Rows of `marl-cair evaluate` of the best agent by number, played once and kept beside it."""
+    """Rows of `marl-cair evaluate` of the rated agent by number, played once, kept beside it."""
     table = run / f"evaluation_{games}.csv"
     if not table.exists():
-        words = [str(run / BEST_FOLDER), "--games", str(games), "--seed", str(UNSEEN_SEED)]
+        words = [str(run / task.agent), "--games", str(games), "--seed", str(UNSEEN_SEED)]
         words += ["--against", "--out", str(table)]
         words += ["--option", *task.options] if task.options else []
         if code := marl_cair(["evaluate", *words]):
@@ -148,7 +156,6 @@ def main() -> None:
     parser.add_argument("--recipes", nargs="+", help="of the game (default: all)")
     parser.add_argument("--networks", nargs="+", help="default: all that can read it")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
-    parser.add_argument("--minutes", type=float, default=20.0, help="of training of each run")
     parser.add_argument("--games", type=int, help="of the final evaluation (default: by task)")
     parser.add_argument("--out", type=Path, help="default: runs/<game>")
     parser.add_argument("--picture", type=Path, help="default: <out>/curves.png")
@@ -163,10 +170,10 @@ def main() -> None:
         for network, seed in ((network, seed) for network in networks for seed in options.seeds):
             run = out / f"{task.recipe}-{network}-{seed}"
             fixed = [f"recipe={task.recipe}", f"policy={network}", f"seed={seed}"]
-            train(run, options.minutes, [*fixed, *ENDLESS, *words])
+            train(run, None, [*fixed, "checkpoint.include_replay=false", *words])
             runs.setdefault(task, {})[f"{network}, seed {seed}"] = run
             rated = rate(run, task, options.games or task.games)
-            decisions = read_description(run / BEST_FOLDER).frames
+            decisions = read_description(run / task.agent).frames
             about = (task.recipe, network, seed, decisions, f"{trained_minutes(run):.1f}")
             for number, statistic in (("ended", "mean"), (task.number, task.statistic)):
                 values = read_statistic(rated[number], statistic)

@@ -96,6 +96,7 @@ RECIPES = {
         (
             *_MAZE,
             "scenario=9x9-stochastic",
+            "total_frames=80000",
             "learner.gamma=0.96",
             "learner.batch_size=64",
             "evaluation.every_frames=20480",

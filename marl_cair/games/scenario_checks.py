@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from marl_cair.lookup import find_by_name
@@ -24,6 +25,15 @@ def change_scenario(game: str, scenario: Scenario, options: dict[str, Any]) -> S
     for option in options:
         find_by_name(f"{game} option", option, fields)
     return dataclasses.replace(scenario, **options) if options else scenario  # type: ignore[type-var]
+
+
+def restore_fields(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a scenario that JSON has held: its lists as the tuples that they were."""
+    return {name: _freeze(value) for name, value in options.items()}
+
+
+def _freeze(value: Any) -> Any:
+    return tuple(map(_freeze, value)) if isinstance(value, list) else value
 
 
 def check_whole_number(game: str, scenario: Any, field: str, low: int, high: int) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from marl_cair.league.fit import LEVEL
-from marl_cair.league.payoffs import split_pairs
+from marl_cair.league.payoffs import count_points, find_shares, split_pairs
 from marl_cair.league.ratings import Games
 
 
@@ -68,14 +68,7 @@ def find_uneven_pairs(
         if chance > LEVEL / (len(found) - rank):
             break
         beats[(one, two) if total > 0 else (two, one)] = True
-    points, counts = np.zeros((2, num_agents, num_agents))
-    for row, column, scores in (
-        (pairs.first, pairs.second, pairs.scores),
-        (pairs.second, pairs.first, 1.0 - pairs.scores),
-    ):
-        np.add.at(points, (row, column), scores)
-        np.add.at(counts, (row, column), 1.0)
-    return beats, np.where(counts > 0.0, points / np.maximum(counts, 1.0), 0.5)
+    return beats, find_shares(*count_points(num_agents, pairs))
 
 
 def find_chance(sums: NDArray[np.int64]) -> float:

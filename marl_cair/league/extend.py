@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from marl_cair.games import GAMES
+from marl_cair.games.scenario_checks import restore_fields
 from marl_cair.league.agents import find_fingerprint, load_agent
 from marl_cair.league.arena import Load
 from marl_cair.league.league import LeagueConfig
@@ -45,7 +45,7 @@ def plan_extension(
             f"--out {folder}`)"
         )
     game = find_by_name("game", str(settings["game"]), GAMES)
-    fields = {name: _freeze(value) for name, value in settings["scenario"].items()}
+    fields = restore_fields(settings["scenario"])
     scenario = game.scenario(None, **fields)
     ladder = [_find_source(folder, records[number]) for number in played]
     for number, source in zip(played, ladder, strict=True):
@@ -81,8 +81,3 @@ def _find_source(folder: Path, record: AgentRecord) -> str:
             "marl_cair: give the command that played it once more, with the new agents in it"
         )
     return str(source)
-
-
-def _freeze(value: Any) -> Any:
-    """Lists of JSON as the tuples that they were."""
-    return tuple(map(_freeze, value)) if isinstance(value, list) else value

@@ -133,8 +133,12 @@ def load_foreign(source: str, scenario: Any, spec: GameSpec) -> ForeignAgent:
         ForeignAgentError: no such module or function, or making the agent has failed.
     """
     agent, code = make_foreign(source, scenario, spec)
-    digest = hashlib.blake2b(source.encode() + b"\0" + code, digest_size=16)
-    return ForeignAgent(agent, source, spec, f"foreign {digest.hexdigest()}")
+    return ForeignAgent(agent, source, spec, f"foreign {digest_code(source, code)}")
+
+
+def digest_code(source: str, *files: bytes) -> str:
+    """32 hexadecimal digits of what an agent is called and of the files that it is made of."""
+    return hashlib.blake2b(b"\0".join((source.encode(), *files)), digest_size=16).hexdigest()
 
 
 def make_foreign(source: str, scenario: Any, spec: GameSpec) -> tuple[Any, bytes]:

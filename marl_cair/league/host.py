@@ -13,7 +13,7 @@ from typing import IO, Any
 import numpy as np
 
 from marl_cair.games import GAMES
-from marl_cair.games.scenario_checks import change_scenario
+from marl_cair.games.scenario_checks import change_scenario, restore_fields
 from marl_cair.league.foreign import make_foreign
 
 
@@ -50,14 +50,9 @@ def _ask(agent: Any, message: dict[str, Any], dtype: str) -> Any:
 
 def _make(source: str, hello: dict[str, Any]) -> Any:
     game = GAMES[hello["game"]]
-    fields = {name: _freeze(value) for name, value in hello["scenario"].items()}
+    fields = restore_fields(hello["scenario"])
     scenario = change_scenario(game.name, game.scenario(None), fields)
     return make_foreign(source, scenario, game.make_spec(scenario))[0]
-
-
-def _freeze(value: Any) -> Any:
-    """Lists of JSON as the tuples that they were."""
-    return tuple(map(_freeze, value)) if isinstance(value, list) else value
 
 
 if __name__ == "__main__":

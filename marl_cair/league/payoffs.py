@@ -64,8 +64,8 @@ class Payoffs:
 
     @property
     def shares(self) -> NDArray[np.float64]:
-        """Float64 [n, n] points / counts; 0.5 where nothing was played."""
-        return np.where(self.counts > 0, self.points / np.maximum(self.counts, 1), 0.5)
+        """Float64 [n, n], as `find_shares`."""
+        return find_shares(self.points, self.counts)
 
     def reorder(self, order: NDArray[np.int64]) -> Payoffs:
         """The same with the agents in another order: int64 [n], who comes first, second, ..."""
@@ -82,11 +82,11 @@ class Payoffs:
 
 def find_payoffs(num_agents: int, games: Games, seed: int = 0) -> Payoffs:
     """The payoff matrix of games as in `ratings.rate`; the same in whatever order they are."""
-    repeated = _count(num_agents, split_pairs(_select(games, games.is_repeat)))[1]
+    repeated = count_points(num_agents, split_pairs(_select(games, games.is_repeat)))[1]
     pairs = split_pairs(sort_games(games.count_once()))
-    points, counts = _count(num_agents, pairs)
+    points, counts = count_points(num_agents, pairs)
     samples = _resample(num_agents, pairs, np.random.default_rng(seed))
-    shares = np.where(counts > 0, points / np.maximum(counts, 1), 0.5)
+    shares = find_shares(points, counts)
     low, high = np.quantile(samples, (TAIL, 1.0 - TAIL), axis=0)
     low, high = np.minimum(low, shares), np.maximum(high, shares)
     return Payoffs(points, counts, repeated, low, high, samples)
@@ -111,17 +111,9 @@ def split_pairs(games: Games) -> PairGames:
     return PairGames(*(column[order] for column in whole))
 
 
-def _select(games: Games, which: NDArray[np.bool_]) -> Games:
-    return Games(
-        games.agents[which],
-        games.points[which],
-        games.ranks[which],
-        games.blocks[which],
-        games.is_repeat[which],
-    )
-
-
-def _count(num_agents: int, pairs: PairGames) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def count_points(
+    num_agents: int, pairs: PairGames
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Points and games of each pair, [n, n] both."""
     points = np.zeros((num_agents, num_agents))
     counts = np.zeros((num_agents, num_agents), np.int64)
@@ -130,6 +122,21 @@ def _count(num_agents: int, pairs: PairGames) -> tuple[NDArray[np.float64], NDAr
     np.add.at(counts, (pairs.first, pairs.second), 1)
     np.add.at(counts, (pairs.second, pairs.first), 1)
     return points, counts
+
+
+def find_shares(points: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Float64 [n, n] points / counts; 0.5 where nothing was played."""
+    return np.where(counts > 0, points / np.maximum(counts, 1), 0.5)
+
+
+def _select(games: Games, which: NDArray[np.bool_]) -> Games:
+    return Games(
+        games.agents[which],
+        games.points[which],
+        games.ranks[which],
+        games.blocks[which],
+        games.is_repeat[which],
+    )
 
 
 def _resample(num_agents: int, pairs: PairGames, rng: np.random.Generator) -> NDArray[np.float64]:

@@ -14,13 +14,14 @@ Then, for each decision of N games,
 
 observations are N nested lists of the representation's shape, masks N lists (of `action_shape`) of
 true for each legal action; seed is another number for each decision, to draw from. The answer is
-{"actions": [3, 0, ...]}, N numbers (lists of `action_shape`). Decisions know nothing of each other:
-the games of a message are not those of the last. The process is to end when its input ends.
+{"actions": [3, 0, ...]}, N numbers (lists of `action_shape`), or {"error": "why"} to give the games
+up. Decisions know nothing of each other: the games of a message are not those of the last. The
+process is to end when its input ends.
 
-or {"error": "why"} to give the games up. Every answer has a time limit. A process that misses it,
-ends, or writes anything else is killed, and its agent forfeits the games it was asked about (see
-`league.foreign`). The protocol needs no network, but nothing keeps a process from using one, as
-little as from reading files: run what you trust.
+Every answer has a time limit. A process that misses it, ends, or writes anything else is killed,
+and its agent forfeits the games it was asked about (see `league.foreign`). The protocol needs no
+network, but nothing keeps a process from using one, as little as from reading files: run what you
+trust.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import Game
-from marl_cair.league.foreign import AgentFault, ForeignAgent, ForeignAgentError
+from marl_cair.league.foreign import AgentFault, ForeignAgent, ForeignAgentError, digest_code
 
 PREFIX = "process:"
 PROTOCOL = 1
@@ -80,11 +81,9 @@ def load_process(
         raise ForeignAgentError(f"{source} is no command ({error})") from error
     if not command:
         raise ForeignAgentError(f"{source} names no command: give process:COMMAND")
-    digest = hashlib.blake2b(source.encode(), digest_size=16)
-    for word in command:
-        if Path(word).is_file():
-            digest.update(b"\0" + Path(word).read_bytes())
-    return _make(source, command, f"process {digest.hexdigest()}", game, scenario, answer_seconds)
+    files = [Path(word).read_bytes() for word in command if Path(word).is_file()]
+    fingerprint = f"process {digest_code(source, *files)}"
+    return _make(source, command, fingerprint, game, scenario, answer_seconds)
 
 
 def load_hosted(source: str, game: Game, scenario: Any, answer_seconds: float) -> ForeignAgent:
@@ -100,10 +99,10 @@ def load_hosted(source: str, game: Game, scenario: Any, answer_seconds: float) -
         spec = importlib.util.find_spec(module)
         if spec is not None and spec.origin and Path(spec.origin).is_file():
             code = Path(spec.origin).read_bytes()
-    digest = hashlib.blake2b(source.encode() + b"\0" + code, digest_size=16)
     command = [sys.executable, "-m", "marl_cair.league.host", source]
     # Another agent than in this process: it draws from other seeds.
-    return _make(source, command, f"hosted {digest.hexdigest()}", game, scenario, answer_seconds)
+    fingerprint = f"hosted {digest_code(source, code)}"
+    return _make(source, command, fingerprint, game, scenario, answer_seconds)
 
 
 def _make(

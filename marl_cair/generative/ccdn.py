@@ -194,10 +194,6 @@ class CCDN(nn.Module):
         outcome: Outcome = self.outcome(seen)
         return outcome
 
-    def read_reward(self, outcome: Outcome) -> Tensor:
-        """Expected rewards [N]."""
-        return self.bins.read(outcome.reward) + outcome.fine
-
     @torch.no_grad()
     def decode(
         self, observation: Tensor, action: Tensor, generator: torch.Generator | None

@@ -17,7 +17,6 @@ from marl_cair.generative.steps import StepTable
 SEED_STRIDE = 1_000_003  # members' seeds lie apart, also for neighbouring generator seeds
 WARMUP_UPDATES = 30  # of each member
 MIN_AVERAGE_SHARE = 0.005  # of the newest weights in the average
-COUNTED_STRIDE = 8  # one in so many rows shows enough of which steps are usual on the board
 CHUNK_ROWS = 16  # of boards at a time: what is computed for each cell then stays in the cache
 
 

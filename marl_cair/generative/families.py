@@ -17,6 +17,7 @@ from marl_cair.generative.cells import find_log_prob
 from marl_cair.generative.economy import find_changes
 from marl_cair.generative.frame_network import FrameCCDN, ask_frames, find_frame_losses
 from marl_cair.generative.loss import RareCorrection, find_losses
+from marl_cair.generative.outcome import read_outcome
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec, NetworkSize
 from marl_cair.generative.steps import StepTable
 
@@ -77,15 +78,11 @@ def _ask_boards(network: CCDN, rows: TensorDict) -> tuple[Tensor, ...]:
     cells = _find_cell_log_probs(network, encoding, state)
     outcome = network.judge(encoding, state, rows["action_mask"])
     everything = torch.cat([economy, cells], -1)
-    zero_bin = network.bins.centres.abs().argmin()
     return (
         everything.sum(-1),
         everything.amin(-1),
         economy.sum(-1),
-        network.read_reward(outcome),
-        outcome.reward.softmax(-1)[:, zero_bin],
-        outcome.terminal.sigmoid(),
-        outcome.mask,
+        *read_outcome(outcome, network.bins),
     )
 
 

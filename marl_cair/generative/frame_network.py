@@ -20,7 +20,7 @@ from marl_cair.generative.cells import (
     find_log_prob,
 )
 from marl_cair.generative.loss import RareCorrection, find_outcome_losses
-from marl_cair.generative.outcome import FINE_REACH, Outcome, RewardBins
+from marl_cair.generative.outcome import FINE_REACH, Outcome, RewardBins, judge_kinds, read_outcome
 from marl_cair.generative.readout import SUM_UNIT
 from marl_cair.generative.settings import GeneratorSpec, NetworkSize
 from marl_cair.policies.body import standardise
@@ -76,8 +76,7 @@ class FrameOutcome(nn.Module):
         seen = self.enter(torch.cat([places, *anywhere], 1)) + self.act(self.kinds[action])
         hidden = functional.relu(seen)
         hidden = functional.relu(hidden + self.middle(hidden))
-        legal_now = action_mask.to(hidden.dtype) * 2.0 - 1.0
-        mask = self.kind(hidden)[:, self.kinds] + self.keep[self.kinds] * legal_now
+        mask = judge_kinds(self.kind(hidden), self.keep, self.kinds, action_mask)
         fine = FINE_REACH * self.reward_std * torch.tanh(self.fine(hidden).squeeze(-1))
         return Outcome(self.reward(hidden), self.terminal(hidden).squeeze(-1), mask, fine)
 
@@ -142,10 +141,6 @@ class FrameCCDN(nn.Module):
         outcome: Outcome = self.outcome(standardise(pictures), rows["action"], rows["action_mask"])
         return outcome
 
-    def read_reward(self, outcome: Outcome) -> Tensor:
-        """Expected rewards [N]."""
-        return self.bins.read(outcome.reward) + outcome.fine
-
     @torch.no_grad()
     def decode(
         self, observation: Tensor, action: Tensor, generator: torch.Generator | None
@@ -182,16 +177,11 @@ def ask_frames(network: FrameCCDN, rows: TensorDict) -> tuple[Tensor, ...]:
     pixels = network.find_pixels(rows["observation"], rows["action"])
     log_prob = find_log_prob(pixels, rows["next", "observation"][:, -1].flatten().float())
     log_prob = log_prob.view(rows.shape[0], -1)
-    outcome = network.judge(rows)
-    zero_bin = network.bins.centres.abs().argmin()
     return (
         log_prob.sum(-1),
         log_prob.amin(-1),
         torch.zeros(rows.shape[0]),
-        network.read_reward(outcome),
-        outcome.reward.softmax(-1)[:, zero_bin],
-        outcome.terminal.sigmoid(),
-        outcome.mask,
+        *read_outcome(network.judge(rows), network.bins),
     )
 
 

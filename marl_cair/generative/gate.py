@@ -184,7 +184,7 @@ def tune_acceptance(held: HeldOut, config: GateConfig) -> Acceptance:
     it cannot be told whether the generator knows them; rows that have them are then not made.
     """
     opinions = held.opinions
-    certainty = find_certainty(held, config)
+    certainty = _find_certainty(held, config)
     known = ~find_doubtful_ends(held.rare_opinions.terminal, certainty)
     ends = held.rare_rows["next", "terminated"].squeeze(-1)
     spread = config.max_reward_spread * float(held.rows["next", "reward"].std(correction=0))
@@ -198,8 +198,8 @@ def tune_acceptance(held: HeldOut, config: GateConfig) -> Acceptance:
     )
 
 
-def find_certainty(held: HeldOut, config: GateConfig) -> Certainty:
-    """What is asked of members' P(end), chosen on all rows and on every second held-out end."""
+def _find_certainty(held: HeldOut, config: GateConfig) -> Certainty:
+    """What is asked of members' P(end), chosen on the rows and on every second held-out end."""
     ends = held.rare_rows["next", "terminated"].squeeze(-1)
     return tune_certainty(
         held.opinions.terminal,

@@ -13,7 +13,6 @@ from marl_cair.generative.gate import (
     Acceptance,
     GateReport,
     find_broken_structure,
-    find_certainty,
     find_refusals,
     judge,
     tune_acceptance,
@@ -151,9 +150,9 @@ class CCDNGenerator:
         rows = self._heldout.sample(gate.evaluation_rows, generator)
         rare = self._rare_heldout.select(torch.arange(self._rare_heldout.num_rows))
         held = examine(self.ensemble, rows, rare, generator)
-        metrics = measure(held, self.spec, self._counts, find_certainty(held, gate))
         half = rows.shape[0] // 2
         acceptance = tune_acceptance(held.select(slice(None, half)), gate)
+        metrics = measure(held, self.spec, self._counts, acceptance.certainty)
         checked = held.select(slice(half, None))
         refusals = self._find_refusals(checked.rows, checked.opinions, acceptance)
         metrics["acceptance/real_rows"] = float((~_any(refusals)).float().mean())

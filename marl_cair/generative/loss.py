@@ -12,7 +12,7 @@ from torch.nn import functional
 from marl_cair.generative.ccdn import CCDN, Encoding, NextState
 from marl_cair.generative.cells import find_log_prob
 from marl_cair.generative.economy import find_changes
-from marl_cair.generative.outcome import Outcome, RewardBins
+from marl_cair.generative.outcome import Outcome, RewardBins, read_reward
 
 
 class RareCorrection(NamedTuple):
@@ -55,7 +55,7 @@ def find_outcome_losses(
 ) -> dict[str, Tensor]:
     """Those of rewards, ends and masks."""
     rewards = rows["next", "reward"].squeeze(-1)
-    reward_error = bins.read(outcome.reward) + outcome.fine - rewards
+    reward_error = read_reward(outcome, bins) - rewards
     reward_target = bins.spread(rewards)
     reward_logits = outcome.reward + correction.reward_log_odds
     terminal_logits = outcome.terminal + correction.terminal_log_odds

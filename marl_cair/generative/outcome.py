@@ -62,6 +62,32 @@ class Outcome(NamedTuple):
     fine: Tensor  # [N], added to the mean of the reward's bins, in reward units
 
 
+def read_reward(outcome: Outcome, bins: RewardBins) -> Tensor:
+    """Expected rewards [N]."""
+    return bins.read(outcome.reward) + outcome.fine
+
+
+def read_outcome(outcome: Outcome, bins: RewardBins) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Of `Opinions` the last four: rewards, P(reward of 0) and P(end), [N] each, mask [N, A]."""
+    zero_bin = bins.centres.abs().argmin()
+    return (
+        read_reward(outcome, bins),
+        outcome.reward.softmax(-1)[:, zero_bin],
+        outcome.terminal.sigmoid(),
+        outcome.mask,
+    )
+
+
+def judge_kinds(scores: Tensor, keep: Tensor, kinds: Tensor, action_mask: Tensor) -> Tensor:
+    """Mask logits [N, A] from those of kinds of action, and from which actions are legal now.
+
+    scores: [N, K]; keep: [K], for what is legal now, against what is not; kinds: int64 [A], of each
+    action; action_mask: bool [N, A].
+    """
+    legal_now = action_mask.to(scores.dtype) * 2.0 - 1.0
+    return scores[:, kinds] + keep[kinds] * legal_now
+
+
 class OutcomeInput(NamedTuple):
     """What the heads read."""
 
@@ -151,10 +177,9 @@ class OutcomeHeads(nn.Module):
     def _judge_mask(
         self, seen: OutcomeInput, hidden: Tensor, things: Tensor, features: Tensor
     ) -> Tensor:
-        legal_now = seen.action_mask.to(hidden.dtype) * 2.0 - 1.0
-        logits = self.kind(hidden)[:, self.kinds] + self.keep[self.kinds] * legal_now
+        logits = judge_kinds(self.kind(hidden), self.keep, self.kinds, seen.action_mask)
         if self.from_board is None or self.from_planes is None or self.query is None:
-            return cast(Tensor, logits)
+            return logits
         of_cells = self.from_board(seen.board.flatten(1, 2)) + self.from_planes(things) * PLANE_GAIN
         query = self.query(hidden).view(hidden.shape[0], -1, features.shape[-1])
         of_cells = (of_cells + features @ query.transpose(1, 2)).flatten(1)

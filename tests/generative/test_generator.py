@@ -12,6 +12,7 @@ from tensordict import TensorDict
 
 from marl_cair.generative import GENERATORS, CCDNGenerator, GateReport
 from marl_cair.generative.heldout import is_heldout
+from marl_cair.generative.metrics import measure
 from marl_cair.replay.transition import check_transitions
 from tests.generative.conftest import SMALL, train
 from tests.generative.plane_game import (
@@ -64,6 +65,25 @@ def test_training_beats_the_copy_baseline_and_opens_the_gate(trained: CCDNGenera
     assert metrics["acceptance/real_rows"] > 0.85  # two tests may turn away 3 % each, and noise
     for plane in SPEC.moving_planes:
         assert metrics[f"plane_{plane}/accuracy"] > metrics[f"plane_{plane}/copy_accuracy"]
+
+
+def test_the_bound_of_ends_that_is_checked_is_the_one_that_is_applied(
+    trained: CCDNGenerator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checked = []
+
+    def note(*given: Any) -> dict[str, float]:
+        checked.append(given[-1])
+        return measure(*given)
+
+    monkeypatch.setattr("marl_cair.generative.generator.measure", note)
+    own = copy.deepcopy(trained)
+    # So strict that the rows, of which one half tunes, decide.
+    gate = replace(SMALL.gate, max_terminal_overlooked=0.0, certain_terminal=0.5)
+    own.config = replace(SMALL, gate=gate)
+    certainty = own.evaluate().acceptance.certainty
+    assert certainty.is_tuned
+    assert checked == [certainty]
 
 
 def test_loss_decreases(real_rows: TensorDict) -> None:

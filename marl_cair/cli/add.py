@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from marl_cair.cli.league import DEFAULT_OUT, tell
-from marl_cair.cli.match_options import add_answer_seconds
+from marl_cair.cli.match_options import add_answer_seconds, add_workers
 from marl_cair.league.agents import load_agent
 from marl_cair.league.extend import plan_extension
 from marl_cair.league.league import run_league
@@ -35,11 +35,6 @@ def make_parser() -> argparse.ArgumentParser:
         default=None,
         help="games of each new pair (default: as many as the league's pairs have on the median)",
     )
-    parser.add_argument(
-        "--workers",
-        type=int,
-        default=1,
-        help="processes that play; the results do not depend on it (default: %(default)s)",
-    )
+    add_workers(parser)
     add_answer_seconds(parser)
     return parser

@@ -9,7 +9,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
-from marl_cair.cli.match_options import add_answer_seconds, add_match_options
+from marl_cair.cli.match_options import (
+    add_answer_seconds,
+    add_match_options,
+    add_workers,
+    read_seconds,
+)
 from marl_cair.league.agents import find_scenario, load_agent
 from marl_cair.league.blocks import SEATINGS
 from marl_cair.league.export import FORMATS, QUERIES, export_league
@@ -48,7 +53,7 @@ def run(arguments: Sequence[str]) -> int:
             seating=options.seating,
             workers=options.workers,
             half_width_elo=options.ci,
-            max_seconds=read_seconds(options.time),
+            max_seconds=_read_time(options.time),
         ),
         functools.partial(load_agent, answer_seconds=options.answer_seconds),
     )
@@ -205,12 +210,7 @@ def make_parser() -> argparse.ArgumentParser:
         default="",
         help="as --ci, until so much time is over, for example 90s, 10m or 2h (default: no)",
     )
-    parser.add_argument(
-        "--workers",
-        type=int,
-        default=1,
-        help="processes that play; the results do not depend on it (default: %(default)s)",
-    )
+    add_workers(parser)
     add_answer_seconds(parser)
     parser.add_argument(
         "--out",
@@ -221,14 +221,11 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def read_seconds(text: str) -> float:
-    """Seconds of "90s", "10m" or "2h", 0 of "". Raises ValueError for other words."""
-    if not text:
-        return 0.0
-    try:
-        return float(text[:-1]) * {"s": 1.0, "m": 60.0, "h": 3600.0}[text[-1]]
-    except (KeyError, ValueError) as error:
-        raise ValueError(f"--time is {text!r}, it must be a number with s, m or h") from error
+def _read_time(text: str) -> float:
+    seconds = read_seconds(text) if text else 0.0
+    if seconds is None:
+        raise ValueError(f"--time is {text!r}, it must be a number with s, m or h")
+    return seconds
 
 
 def _add_folder(parser: argparse.ArgumentParser) -> None:

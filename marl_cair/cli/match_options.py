@@ -1,4 +1,4 @@
-"""The options that `evaluate`, `match` and `league` share: games, seed, game and scenario."""
+"""The options that `evaluate`, `match` and `league` share: games, seed, game, scenario and more."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import argparse
 
 from marl_cair.games import GAMES
 
+_SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
+
 
 def add_match_options(
     parser: argparse.ArgumentParser, games: int, games_of: str, trained: str, bots_alone: str
 ) -> None:
-    """Add --games, --seed, --game and --scenario.
+    """Add --games, --seed, and what `add_scenario_options` adds.
 
-    games: how many by default; games_of: against or of whom, for the help; trained: whose training
-    gives game and scenario; bots_alone: who takes the game's default scenario.
+    games: how many by default; games_of: against or of whom, for the help.
     """
     parser.add_argument(
         "--games",
@@ -27,6 +28,14 @@ def add_match_options(
         default=0,
         help="whole number; the same seed plays the same games (default: %(default)s)",
     )
+    add_scenario_options(parser, trained, bots_alone)
+
+
+def add_scenario_options(parser: argparse.ArgumentParser, trained: str, bots_alone: str) -> None:
+    """Add --game and --scenario.
+
+    trained: whose training gives both; bots_alone: who takes the game's default scenario.
+    """
     parser.add_argument(
         "--game",
         choices=list(GAMES),
@@ -37,6 +46,24 @@ def add_match_options(
         help="a scenario of the game, as `marl-cair games` lists them (default: the one of that "
         f"training; for {bots_alone} the game's default)",
     )
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Add --workers."""
+    parser.add_argument(
+        "--workers",
+        type=int,
+        default=1,
+        help="processes that play; the results do not depend on it (default: %(default)s)",
+    )
+
+
+def read_seconds(text: str) -> float | None:
+    """Seconds of "90s", "10m" or "2h"; None of what is no number with s, m or h."""
+    try:
+        return float(text[:-1]) * _SECONDS[text[-1:]]
+    except (KeyError, ValueError):
+        return None
 
 
 def add_answer_seconds(parser: argparse.ArgumentParser) -> None:

@@ -201,8 +201,12 @@ class ExplorationSettings:
 
     def epsilon_at(self, frames: int) -> float:
         """Linear from start to end over `anneal_frames`."""
-        done = min(1.0, frames / self.anneal_frames)
-        return self.epsilon_start + done * (self.epsilon_end - self.epsilon_start)
+        return _interpolate(self.epsilon_start, self.epsilon_end, frames / self.anneal_frames)
+
+
+def _interpolate(start: float, end: float, done: float) -> float:
+    """In a straight line from `start` to `end`, which is kept where `done` is above 1."""
+    return start + min(1.0, done) * (end - start)
 
 
 @dataclass(frozen=True)
@@ -245,7 +249,7 @@ class LearnerSettings:
     def learning_rate_at(self, done: float) -> float:
         """Linear from start to end over the share `done` of the run, 0..1."""
         end = self.learning_rate if self.learning_rate_end is None else self.learning_rate_end
-        return self.learning_rate + min(1.0, done) * (end - self.learning_rate)
+        return _interpolate(self.learning_rate, end, done)
 
     def __post_init__(self) -> None:
         for name in ("batch_size", "frames_per_update", "n_steps", "target_every_updates"):

@@ -94,18 +94,17 @@ class LeagueSettings:
         self._check_learners()
 
     def _check_learners(self) -> None:
-        config = self.learner_config(MAIN)
+        main = self.learner_config(MAIN).game
         for name in (MAIN_EXPLOITER, LEAGUE_EXPLOITER):
             if self.role(name).learners:
-                other = self.learner_config(name)
-                if (other.game.name, other.game.scenario) != (
-                    *(config.game.name, config.game.scenario),
-                ) or other.game.options != config.game.options:
+                other = self.learner_config(name).game
+                played = (other.name, other.scenario, other.options)
+                if played != (main.name, main.scenario, main.options):
                     raise ValueError(f"{name}.training.game is another than main's: all play one")
-        game = GAMES[config.game.name]
-        teams = game.make_spec(game.scenario(config.game.scenario, **config.game.options)).num_teams
+        game = GAMES[main.name]
+        teams = game.make_spec(game.scenario(main.scenario, **main.options)).num_teams
         allowed = "a scenario of two or more teams: a league is of rivals"
-        require(teams > 1, "training.game.scenario", config.game.scenario, allowed)
+        require(teams > 1, "training.game.scenario", main.scenario, allowed)
         games = self.final_games
         allowed = "even: every map seed is played once in each seat"
         require(teams != 2 or games % 2 == 0, "final_games", games, allowed)

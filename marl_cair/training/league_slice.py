@@ -101,8 +101,12 @@ def run_slice(
             max_minutes=budget.max_minutes,
         )
         seat = LeagueSeat(
-            *(shared, record.name, record.role, record.generation),
-            *(tuple(record.mains), record.reset_chance),
+            shared,
+            record.name,
+            record.role,
+            record.generation,
+            tuple(record.mains),
+            record.reset_chance,
         )
         result = train(config, True, show_progress, seat=seat, until_frames=goal)
         last_row = result.last_row or last_row
@@ -110,9 +114,12 @@ def run_slice(
         if result.is_over:
             _begin_anew(member, record, frames)
         if not result.is_over or result.was_interrupted:
-            is_done = frames >= budget.frames
             return SliceResult(
-                *(frames, record.generation, is_done, result.was_interrupted, last_row)
+                frames,
+                record.generation,
+                frames >= budget.frames,
+                result.was_interrupted,
+                last_row,
             )
 
 

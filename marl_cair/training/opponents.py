@@ -102,10 +102,11 @@ class OpponentBook:
                 agent = load_agent(source, game.name, scenario)
                 agent.name = name
                 self.pool.add(FOREIGN, agent, seed)
-            for place, path in seat.find_live_mains().items() if seat else ():
-                live = load_agent(path, game.name, scenario)
-                live.seed(seed + place)
-                self.pool.add_live(place, seat.mains[place] if seat else "", live)
+            if seat is not None:
+                for place, path in seat.find_live_mains().items():
+                    live = load_agent(path, game.name, scenario)
+                    live.seed(seed + place)
+                    self.pool.add_live(place, seat.mains[place], live)
         self._numbers: list[int] = []  # who is drawn now, and how often
         self._probabilities: list[float] = []
         self._drawn_for = (-1, -1)  # period and phase that the line-up is of

@@ -68,8 +68,9 @@ def test_training_beats_the_copy_baseline_and_opens_the_gate(trained: CCDNGenera
 
 
 def test_the_bound_of_ends_that_is_checked_is_the_one_that_is_applied(
-    trained: CCDNGenerator, monkeypatch: pytest.MonkeyPatch
+    real_rows: TensorDict, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Of who hardly knows an end, the doubtful rows decide, and one half of them tunes."""
     checked = []
 
     def note(*given: Any) -> dict[str, float]:
@@ -77,11 +78,7 @@ def test_the_bound_of_ends_that_is_checked_is_the_one_that_is_applied(
         return measure(*given)
 
     monkeypatch.setattr("marl_cair.generative.generator.measure", note)
-    own = copy.deepcopy(trained)
-    # So strict that the rows, of which one half tunes, decide.
-    gate = replace(SMALL.gate, max_terminal_overlooked=0.0, certain_terminal=0.5)
-    own.config = replace(SMALL, gate=gate)
-    certainty = own.evaluate().acceptance.certainty
+    certainty = train(real_rows, real_rows, 60).evaluate().acceptance.certainty
     assert certainty.is_tuned
     assert checked == [certainty]
 

@@ -7,7 +7,6 @@ ratings are of simulated games, half of them in each seat, two to a block.
 """
 
 import argparse
-import dataclasses
 import itertools
 import tempfile
 import time
@@ -17,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from marl_cair.checkpoint import AgentDescription, save_agent
+from benchmarks._networks import save_network
 from marl_cair.games import GAMES
 from marl_cair.league.agents import describe_agent, find_fingerprint, load_agent
 from marl_cair.league.arena import Arena, Rules
@@ -29,7 +28,7 @@ from marl_cair.league.payoffs import find_payoffs
 from marl_cair.league.ratings import Games, rate
 from marl_cair.league.schedule import schedule_meetings
 from marl_cair.league.store import LeagueStore
-from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+from marl_cair.policies.q_network import QNetworkConfig
 
 GAME, SCENARIO = "deep_line_wars", "10x15"
 BOTS = ("rusher", "economist", "turtle", "counter")
@@ -70,31 +69,6 @@ def measure_ratings(num_agents: int, num_games: int) -> None:
             seconds.append((time.perf_counter() - start, time.process_time() - cpu))
         wall, used = min(seconds)
         print(f"  {name:24} {wall:6.2f} s ({used:.2f} s of CPU)", flush=True)
-
-
-def save_network(folder: Path, body: str, seed: int) -> str:
-    """A checkpoint of an untrained network; an untrained one plays long games."""
-    game = GAMES[GAME]
-    scenario = game.scenario(SCENARIO)
-    spec = game.make_spec(scenario)
-    config = QNetworkConfig(body=body)
-    shape = spec.representations["planes"].shape
-    about = AgentDescription(
-        name=folder.name,
-        game=GAME,
-        game_version=game.version,
-        scenario=SCENARIO,
-        scenario_options=dataclasses.asdict(scenario),
-        representation="planes",
-        observation_shape=shape,
-        action_names=spec.action_names,
-        network=config.to_dict(),
-        frames=0,
-        updates=0,
-        seed=seed,
-    )
-    save_agent(folder, make_q_network(config, shape, spec.num_actions, seed=seed), about)
-    return str(folder)
 
 
 def measure_play(title: str, sources: list[str], num_games: int, workers: int, out: Path) -> None:
@@ -148,7 +122,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
         measure_play("bots", list(BOTS), options.play_games, options.workers, out)
-        networks = [save_network(out / f"net{seed}", "conv", seed) for seed in (0, 1)]
+        networks = [
+            save_network(
+                out / f"net{seed}", SCENARIO, "planes", QNetworkConfig(body="conv"), seed=seed
+            )
+            for seed in (0, 1)
+        ]
         measure_play("conv", networks, options.network_games, options.workers, out)
 
 

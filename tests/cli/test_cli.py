@@ -2,8 +2,7 @@
 
 import json
 import signal
-import subprocess
-import sys
+import threading
 import time
 
 import pytest
@@ -224,17 +223,26 @@ def test_train_resume_evaluate_and_league_from_end_to_end(tmp_path, capsys):
     assert "Ladder" in capsys.readouterr().out
 
 
-def test_an_interrupt_saves_and_exits_with_130(tmp_path):
-    words = [*SMALL, f"out={tmp_path / 'run'}", "total_frames=100000000"]
-    code = f"import sys; from marl_cair.cli import main; sys.exit(main(['train', *{words!r}]))"
-    process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 120
-    while not (tmp_path / "run" / "snapshots").exists() and time.monotonic() < deadline:
-        time.sleep(0.2)
-        if (tmp_path / "run" / "latest").exists():
-            break
-    process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=120)
-    assert process.returncode == 130
-    assert "go on with marl-cair train resume=" in told
-    assert (tmp_path / "run" / "resume" / "state.pt").is_file()
+def test_an_interrupt_saves_and_exits_with_130(tmp_path, capsys):
+    """Ctrl-C while it learns: the first agent has been saved."""
+    run = tmp_path / "run"
+    words = [*SMALL, f"out={run}", "total_frames=100000000", "checkpoint.every_frames=512"]
+
+    is_over = threading.Event()
+
+    def interrupt():
+        deadline = time.monotonic() + 120
+        while not (run / "latest").exists() and time.monotonic() < deadline:
+            if is_over.wait(0.05):
+                return
+        signal.raise_signal(signal.SIGINT)  # which Python hears in the main thread
+
+    terminal = threading.Thread(target=interrupt)
+    terminal.start()
+    try:
+        assert main(["train", *words]) == 130
+    finally:
+        is_over.set()
+        terminal.join()
+    assert "go on with marl-cair train resume=" in capsys.readouterr().err
+    assert (run / "resume" / "state.pt").is_file()

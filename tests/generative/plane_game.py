@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 
 from marl_cair.generative.settings import GeneratorSpec
+from tests.generative.rows import pack_rows
 
 ROWS, COLUMNS, BUILD_COLUMNS = 5, 7, 3
 TOWER, OWN_UNITS, ENEMY_UNITS, TERRAIN = range(4)
@@ -149,44 +150,16 @@ def play_randomly(num_worlds: int, num_steps: int, seed: int) -> TensorDict:
         actions = (odds.cumsum(1) <= levels).sum(1)
         rewards, terminated = game.step(actions)
         steps.append(
-            _pack(
-                observation, mask, actions, game.observe(), game.action_mask(), rewards, terminated
+            pack_rows(
+                torch.from_numpy(observation),
+                torch.from_numpy(actions),
+                torch.from_numpy(game.observe()),
+                torch.from_numpy(rewards),
+                torch.from_numpy(terminated),
+                (torch.from_numpy(mask), torch.from_numpy(game.action_mask())),
             )
         )
         game.reset(terminated)
     rows = torch.cat(steps)
     rows["index"] = torch.arange(rows.shape[0])
     return rows
-
-
-def _pack(
-    observation: NDArray[np.uint8],
-    mask: NDArray[np.bool_],
-    actions: NDArray[np.int64],
-    following: NDArray[np.uint8],
-    next_mask: NDArray[np.bool_],
-    rewards: NDArray[np.float32],
-    terminated: NDArray[np.bool_],
-) -> TensorDict:
-    num = actions.shape[0]
-    ends = torch.from_numpy(terminated)[:, None]
-    return TensorDict(
-        {
-            "observation": torch.from_numpy(observation),
-            "action_mask": torch.from_numpy(mask),
-            "action": torch.from_numpy(actions),
-            "next": {
-                "observation": torch.from_numpy(following),
-                "action_mask": torch.from_numpy(next_mask),
-                "reward": torch.from_numpy(rewards)[:, None],
-                "terminated": ends,
-                "done": ends.clone(),
-            },
-            "steps_to_next_obs": torch.ones(num, 1, dtype=torch.int64),
-            "is_generated": torch.zeros(num, 1, dtype=torch.bool),
-            "is_demonstration": torch.zeros(num, 1, dtype=torch.bool),
-            "opponent": torch.zeros(num, dtype=torch.int16),
-            "index": torch.zeros(num, dtype=torch.int64),
-        },
-        batch_size=[num],
-    )

@@ -9,7 +9,8 @@ from torch import Tensor
 
 from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec, NetworkSize
 from marl_cair.generative.coded import CodedGenerator, FrameCodec
-from marl_cair.replay.transition import NO_OPPONENT, TransitionSpec, check_transitions
+from marl_cair.replay.transition import TransitionSpec, check_transitions
+from tests.generative.rows import pack_rows
 
 SIDE, FRAMES = 16, 2
 SHAPE = (FRAMES, SIDE, SIDE)
@@ -36,28 +37,12 @@ def make_rows(num: int, generator: torch.Generator) -> TensorDict:
     now = (before + drift).clamp(0.0, 14.0)
     action = torch.randint(2, (num,), generator=generator)
     later = (now + 1.5 * (2.0 * action - 1.0)).clamp(0.0, 14.0)
-    ended = (later <= 0.0)[:, None]
-    ones, no = torch.ones(num, 2, dtype=torch.bool), torch.zeros(num, 1, dtype=torch.bool)
-    following = {
-        "observation": torch.stack([paint(now), paint(later)], 1),
-        "action_mask": ones,
-        "reward": (later > 11.0).float()[:, None],
-        "terminated": ended,
-        "done": ended.clone(),
-    }
-    return TensorDict(
-        {
-            "observation": torch.stack([paint(before), paint(now)], 1),
-            "action_mask": ones,
-            "action": action,
-            "next": TensorDict(following, [num]),
-            "steps_to_next_obs": torch.ones(num, 1, dtype=torch.int64),
-            "is_generated": no,
-            "is_demonstration": no,
-            "opponent": torch.full((num,), NO_OPPONENT, dtype=torch.int16),
-            "index": torch.arange(num),
-        },
-        [num],
+    return pack_rows(
+        torch.stack([paint(before), paint(now)], 1),
+        action,
+        torch.stack([paint(now), paint(later)], 1),
+        (later > 11.0).float(),
+        later <= 0.0,
     )
 
 

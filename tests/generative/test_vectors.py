@@ -9,13 +9,14 @@ from tensordict import TensorDict
 from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec, NetworkSize
 from marl_cair.generative.coded import CodedGenerator
 from marl_cair.generative.vectors import LEVELS, VectorCodec
-from marl_cair.replay.transition import NO_OPPONENT, TransitionSpec, check_transitions
+from marl_cair.replay.transition import TransitionSpec, check_transitions
+from tests.generative.rows import pack_rows
 
 LOW, HIGH = (-1.0, 0.0), (1.0, 10.0)
 SPEC = TransitionSpec((2,), num_actions=2, observation_dtype=torch.float32)
 
 
-def make_rows(num: int, first: int, generator: torch.Generator) -> TensorDict:
+def make_rows(num: int, generator: torch.Generator) -> TensorDict:
     """A ball that falls by half a unit and can be thrown up by two: it pays where it is high and
     the game is over at the ground.
     """
@@ -23,30 +24,7 @@ def make_rows(num: int, first: int, generator: torch.Generator) -> TensorDict:
     action = torch.randint(2, (num,), generator=generator)
     height = (now[:, 1] - 0.5 + 2.5 * action).clamp(0.0, 10.0)
     later = torch.stack([now[:, 0], height], 1)
-    ended = height <= 0.0
-    ones = torch.ones(num, 2, dtype=torch.bool)
-    no = torch.zeros(num, 1, dtype=torch.bool)
-    following = {
-        "observation": later,
-        "action_mask": ones,
-        "reward": (height > 5.0).float()[:, None],
-        "terminated": ended[:, None],
-        "done": ended[:, None],
-    }
-    return TensorDict(
-        {
-            "observation": now,
-            "action_mask": ones,
-            "action": action,
-            "next": TensorDict(following, [num]),
-            "steps_to_next_obs": torch.ones(num, 1, dtype=torch.int64),
-            "is_generated": no,
-            "is_demonstration": no,
-            "opponent": torch.full((num,), NO_OPPONENT, dtype=torch.int16),
-            "index": first + torch.arange(num),
-        },
-        [num],
-    )
+    return pack_rows(now, action, later, (height > 5.0).float(), height <= 0.0)
 
 
 def make_generator() -> CodedGenerator:
@@ -60,7 +38,7 @@ def make_generator() -> CodedGenerator:
 
 def test_a_vector_comes_back_to_within_half_a_level() -> None:
     codec = VectorCodec(LOW, HIGH)
-    vectors = make_rows(500, 0, torch.Generator().manual_seed(0))["observation"]
+    vectors = make_rows(500, torch.Generator().manual_seed(0))["observation"]
     planes = codec.encode(vectors, vectors.flip(0))
     for part in planes:
         assert part.shape == (500, *codec.shape)
@@ -95,7 +73,7 @@ def test_bounds_that_hold_nothing_are_refused(
 def test_a_falling_ball_is_learned_and_made() -> None:
     draws = torch.Generator().manual_seed(1)
     generator = make_generator()
-    rows = make_rows(6000, 0, draws)
+    rows = make_rows(6000, draws)
     generator.observe(rows)
     empty = generator.generate(rows[:5], 10)
     assert len(empty) == 0  # nothing before the gate has looked
@@ -120,7 +98,7 @@ def test_a_falling_ball_is_learned_and_made() -> None:
 
 def test_the_state_goes_on_with_the_same_bits() -> None:
     draws = torch.Generator().manual_seed(2)
-    rows = make_rows(1000, 0, draws)
+    rows = make_rows(1000, draws)
     one, other = make_generator(), make_generator()
     one.observe(rows)
     one.update(rows[:64])

@@ -1,12 +1,11 @@
 """Agents for the tests: a failing one, and checkpoints of untrained networks."""
 
-import dataclasses
 from multiprocessing import parent_process
 
-from marl_cair.checkpoint import AgentDescription, save_agent
+from benchmarks import _networks
 from marl_cair.games import GAMES
 from marl_cair.league.agents import load_agent
-from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+from marl_cair.policies.q_network import QNetworkConfig
 
 GAME = GAMES["deep_line_wars"]
 
@@ -60,23 +59,6 @@ def load_changed(source, **options):
 
 def save_network(folder, name="net", seed=0, game=GAME.name, **options):
     """A checkpoint of an untrained network for 11x11 boards; returns its folder as a string."""
-    scenario = GAME.scenario("11x11", **options)
-    spec = GAME.make_spec(scenario)
     config = QNetworkConfig(body="mlp", hidden_width=8)
-    shape = spec.representations["vector"].shape
-    about = AgentDescription(
-        name=name,
-        game=game,
-        game_version=GAME.version,
-        scenario="11x11",
-        scenario_options=dataclasses.asdict(scenario),
-        representation="vector",
-        observation_shape=shape,
-        action_names=spec.action_names,
-        network=config.to_dict(),
-        frames=0,
-        updates=0,
-        seed=seed,
-    )
-    save_agent(folder, make_q_network(config, shape, spec.num_actions, seed=seed), about)
-    return str(folder)
+    changes = {"name": name, "seed": seed, "game": game, "options": options}
+    return _networks.save_network(folder, "11x11", "vector", config, **changes)

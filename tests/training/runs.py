@@ -1,4 +1,4 @@
-"""A training run of seconds, and what makes two runs equal."""
+"""Training runs of seconds, what they have collected, and what makes two of them equal."""
 
 import dataclasses
 import hashlib
@@ -19,6 +19,8 @@ from marl_cair.training.config import (
     ReplaySettings,
     TrainConfig,
 )
+from marl_cair.training.metrics import Timers
+from marl_cair.training.trainer import iterate
 
 GAME = GAMES["deep_line_wars"]
 NEVER = 10**9
@@ -85,3 +87,27 @@ def digest(folder):
     for path in sorted((folder / "resume" / "replay").rglob("*.npy")):
         found.update(path.read_bytes())
     return found.hexdigest()
+
+
+def fill_replays(run):
+    """Collect what learning starts with, and put some of it among the generated rows; returns the
+    steps with which the run goes on.
+    """
+    steps = iterate(run, Timers())
+    while run.replay.real.num_sampleable < 300:
+        next(steps)
+    made = run.replay.real.sample_single_steps(100)
+    made["is_generated"][:] = True
+    made["index"][:] = -1
+    run.replay.generated.extend(made)
+    return steps
+
+
+def by_game(data):
+    """Each whole game: what was collected of it, time first."""
+    ended = data["next", "done"].squeeze(-1)
+    for world in range(len(data)):
+        start = 0
+        for end in ended[world].nonzero().flatten().tolist():
+            yield data[world, start : end + 1]
+            start = end + 1

@@ -15,7 +15,7 @@ from marl_cair.training.nfsp_settings import NfspSettings
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
 from tests.games import last_standing
-from tests.training.runs import digest, small, tiny
+from tests.training.runs import by_game, digest, fill_replays, small, tiny
 
 NFSP = NfspSettings(enabled=True, eta=0.3, capacity_rows=400, min_rows=50, batch_size=16)
 
@@ -31,15 +31,6 @@ def average_digest(folder):
     rows = (folder / "resume" / "reservoir" / "reservoir").glob("*.npy")
     parts = [value.numpy().tobytes() for value in weights]
     return digest(folder), parts, [path.read_bytes() for path in sorted(rows)]
-
-
-def by_game(data):
-    ended = data["next", "done"].squeeze(-1)
-    for world in range(len(data)):
-        start = 0
-        for end in ended[world].nonzero().flatten().tolist():
-            yield data[world, start : end + 1]
-            start = end + 1
 
 
 @pytest.mark.usefixtures("_test_game")
@@ -83,15 +74,7 @@ def test_generated_rows_are_a_fifth_of_what_q_learns_from_and_none_of_the_averag
     run = TrainingRun(config)
     remembered = []
     run.average_policy.reservoir.extend = lambda *rows: remembered.append(rows)
-    from marl_cair.training import trainer
-
-    steps = trainer.iterate(run, trainer.Timers())
-    while run.replay.real.num_sampleable < 300:
-        next(steps)
-    made = run.replay.real.sample_single_steps(100)
-    made["is_generated"][:] = True
-    made["index"][:] = -1
-    run.replay.generated.extend(made)
+    steps = fill_replays(run)
     run.replay.generated_open = True
     batch = run.replay.sample()
     assert int(batch["is_generated"].sum()) == round(0.2 * len(batch))

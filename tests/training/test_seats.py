@@ -16,7 +16,7 @@ from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
 from tests.games import last_standing
 from tests.games.last_standing import GAME, LEAVE, NOOP
-from tests.training.runs import digest, small
+from tests.training.runs import by_game, digest, small
 
 SCENARIOS = ["ffa-3", "ffa-4", "ffa-8", "duel", "teams", "uneven", "alone", "together"]
 
@@ -35,16 +35,6 @@ def collect(run, num_batches=6):
     data = torch.cat([next(batches) for _ in range(num_batches)], 1)
     run.close()
     return data
-
-
-def by_game(data):
-    """Each whole game: what was collected of it, time first."""
-    ended = data["next", "done"].squeeze(-1)
-    for world in range(len(data)):
-        start = 0
-        for end in ended[world].nonzero().flatten().tolist():
-            yield data[world, start : end + 1]
-            start = end + 1
 
 
 def was_out(game):

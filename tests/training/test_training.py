@@ -36,7 +36,7 @@ from marl_cair.training.metrics import read_log
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
 from tests.replay.streams import make_transitions
-from tests.training.runs import GAME, NEVER, digest, tiny
+from tests.training.runs import GAME, NEVER, digest, fill_replays, tiny
 
 
 @pytest.mark.parametrize("body", ["conv", "capsule"])
@@ -80,16 +80,7 @@ def test_a_cut_state_is_refused(tmp_path):
 
 def test_generated_rows_are_a_fifth_of_each_batch_only_while_the_gate_is_open(tmp_path):
     run = TrainingRun(tiny(tmp_path / "a"))
-    from marl_cair.training.metrics import Timers
-    from marl_cair.training.trainer import iterate
-
-    steps = iterate(run, Timers())
-    while run.replay.real.num_sampleable < 300:
-        next(steps)
-    made = run.replay.real.sample_single_steps(100)
-    made["is_generated"][:] = True
-    made["index"][:] = -1
-    run.replay.generated.extend(made)
+    fill_replays(run)
     assert not run.replay.sample()["is_generated"].any()
     run.replay.generated_open = True
     for _ in range(5):

@@ -33,7 +33,7 @@ TRAINING = {
         "reward": "sparse",
         "representation": "vector",
     },
-    "collector": {"num_worlds": 8, "steps_per_batch": 8},
+    "collector": {"num_worlds": 32, "steps_per_batch": 2},
     "replay": {
         "capacity_transitions": 1_000,
         "generated_capacity_transitions": 10,
@@ -52,7 +52,7 @@ def make_league(out, **changes):
         "out": str(out),
         "seed": 5,
         "total_frames": 768,
-        "slice_frames": 256,
+        "slice_frames": 384,
         "final_games": 0,
         "training": TRAINING,
         "main": {
@@ -60,7 +60,7 @@ def make_league(out, **changes):
             "mixture": {"main_self_play": 0.4, "pfsp": 0.4, "forgotten": 0.2},
             "snapshot_every_frames": 192,
         },
-        "main_exploiter": {"snapshot_every_frames": 384},
+        "main_exploiter": {"snapshot_every_frames": 320},
         "league_exploiter": {"snapshot_every_frames": 128, "reset_chance": 0.5},
     }
     return build_league({**values, **changes})
@@ -173,7 +173,7 @@ def test_a_league_that_was_stopped_and_killed_at_any_write_comes_to_the_same(lea
     the one before, and the next goes on from it.
     """
     settings = make_league(tmp_path / "league")
-    assert train_league(make_league(settings.out, total_frames=256), show_progress=False).is_done
+    assert train_league(make_league(settings.out, total_frames=384), show_progress=False).is_done
     hurried = dataclasses.replace(settings, max_minutes=1e-3)
     assert not train_league(hurried, show_progress=False).is_done
     kills = 0
@@ -186,7 +186,7 @@ def test_a_league_that_was_stopped_and_killed_at_any_write_comes_to_the_same(lea
                 kills += 1
                 continue
         break
-    assert train_league(settings, show_progress=False).slices == 12
+    assert train_league(settings, show_progress=False).slices == 8
     assert kills >= 4
     assert read_all(tmp_path / "league") == read_all(league)
 
@@ -245,7 +245,8 @@ def test_leagues_of_many_seats_and_of_average_policies_train_too(tmp_path, scena
         "game": {**TRAINING["game"], "scenario": scenario},
         "nfsp": {"enabled": True, "min_rows": 10, "batch_size": 8},
     }
-    values = {"training": training, "total_frames": 256, "slice_frames": 256}
+    main = {"learners": 1, "snapshot_every_frames": 64}
+    values = {"training": training, "main": main, "total_frames": 128, "slice_frames": 128}
     result = train_league(make_league(tmp_path / "league", **values), show_progress=False)
     assert result.is_done
     folder = tmp_path / "league" / "shared" / "live" / "main_0"

@@ -76,7 +76,8 @@ def format_options(settings: LeagueSettings) -> str:
 
 
 def _format_group(group: Any, indent: str) -> Iterator[str]:
-    comments = read_comments(type(group))
+    owner: type = type(group)
+    comments = read_comments(owner)
     for item in dataclasses.fields(group):
         value = getattr(group, item.name)
         if dataclasses.is_dataclass(value):

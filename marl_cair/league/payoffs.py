@@ -82,7 +82,7 @@ class Payoffs:
 
 def find_payoffs(num_agents: int, games: Games, seed: int = 0) -> Payoffs:
     """The payoff matrix of games as in `ratings.rate`; the same in whatever order they are."""
-    repeated = count_points(num_agents, split_pairs(_select(games, games.is_repeat)))[1]
+    repeated = count_points(num_agents, split_pairs(games.select(games.is_repeat)))[1]
     pairs = split_pairs(sort_games(games.count_once()))
     points, counts = count_points(num_agents, pairs)
     samples = _resample(num_agents, pairs, np.random.default_rng(seed))
@@ -127,16 +127,6 @@ def count_points(
 def find_shares(points: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray[np.float64]:
     """Float64 [n, n] points / counts; 0.5 where nothing was played."""
     return np.where(counts > 0, points / np.maximum(counts, 1), 0.5)
-
-
-def _select(games: Games, which: NDArray[np.bool_]) -> Games:
-    return Games(
-        games.agents[which],
-        games.points[which],
-        games.ranks[which],
-        games.blocks[which],
-        games.is_repeat[which],
-    )
 
 
 def _resample(num_agents: int, pairs: PairGames, rng: np.random.Generator) -> NDArray[np.float64]:

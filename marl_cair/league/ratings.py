@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -51,17 +51,21 @@ class Games:
     blocks: NDArray[np.int64]
     is_repeat: NDArray[np.bool_]
 
+    def select(self, which: NDArray[Any]) -> Games:
+        """The games of an index or a mask [N]; a repeat stays one."""
+        return Games(
+            self.agents[which],
+            self.points[which],
+            self.ranks[which],
+            self.blocks[which],
+            self.is_repeat[which],
+        )
+
     def count_once(self) -> Games:
         """Without repeats; blocks are numbered anew, without gaps."""
-        kept = ~self.is_repeat
-        _, blocks = np.unique(self.blocks[kept], return_inverse=True)
-        return Games(
-            self.agents[kept],
-            self.points[kept],
-            self.ranks[kept],
-            blocks.ravel().astype(np.int64),
-            self.is_repeat[kept],
-        )
+        kept = self.select(~self.is_repeat)
+        _, blocks = np.unique(kept.blocks, return_inverse=True)
+        return replace(kept, blocks=blocks.ravel().astype(np.int64))
 
     def digest(self, names: Sequence[str]) -> str:
         """A hash of all that ratings depend on."""
@@ -199,13 +203,7 @@ def sort_games(games: Games) -> Games:
     number = {block: n for n, block in enumerate(sorted(keys, key=lambda block: keys[block]))}
     blocks = np.array([number[block] for block in games.blocks[order].tolist()], np.int64)
     order = order[np.argsort(blocks, kind="stable")]
-    return Games(
-        games.agents[order],
-        games.points[order],
-        games.ranks[order],
-        np.sort(blocks),
-        games.is_repeat[order],
-    )
+    return replace(games.select(order), blocks=np.sort(blocks))
 
 
 def _restrict(games: Games, group: Sequence[int]) -> Rankings:

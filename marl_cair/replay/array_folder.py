@@ -44,6 +44,16 @@ def load_arrays(folder: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     return arrays, facts
 
 
+def require_layout(saved: Mapping[str, Any], own: Mapping[str, Any], what: str) -> None:
+    """Raise ValueError unless `saved` says the same as `own`; what: the replay, for the message."""
+    for name, value in own.items():
+        if saved.get(name) != value:
+            raise ValueError(
+                f"the saved {what} has {name} {saved.get(name)}, this one has {value}: make it "
+                "with the settings it was saved with"
+            )
+
+
 def _open_array(path: Path) -> NDArray[Any]:
     if path.stat().st_size < _MAPPED_FROM_BYTES:
         array: NDArray[Any] = np.load(path, allow_pickle=False)

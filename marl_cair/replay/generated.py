@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 
 from marl_cair.files import replaced_folder
-from marl_cair.replay.array_folder import load_arrays, save_arrays
+from marl_cair.replay.array_folder import load_arrays, require_layout, save_arrays
 from marl_cair.replay.sampler import draw_integers
 from marl_cair.replay.transition import (
     EXPERIENCE_KEYS,
@@ -120,12 +120,7 @@ class GeneratedReplay:
         }
 
     def _import(self, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> None:
-        for name, own in self._layout().items():
-            if facts.get(name) != own:
-                raise ValueError(
-                    f"the saved generated replay has {name} {facts.get(name)}, this one has {own}: "
-                    "make it with the settings it was saved with"
-                )
+        require_layout(facts, self._layout(), "generated replay")
         self._num_written = int(facts["num_written"])
         for key, field in self._ring.items():
             field.numpy()[: len(self)] = arrays[_file_name(key)]

@@ -21,7 +21,7 @@ from tensordict import TensorDict
 from torchrl.data.replay_buffers.storages import Storage
 
 from marl_cair.files import require_free_space
-from marl_cair.replay.array_folder import load_arrays, save_arrays
+from marl_cair.replay.array_folder import load_arrays, require_layout, save_arrays
 from marl_cair.replay.ring import (
     NO_ENTRY,
     NUM_SAMPLEABLE,
@@ -310,12 +310,7 @@ class EpisodeStorage(Storage):
         }
 
     def _import(self, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> None:
-        for name, own in self._layout().items():
-            if facts.get(name) != own:
-                raise ValueError(
-                    f"the saved replay has {name} {facts.get(name)}, this one has {own}: make the "
-                    "storage with the settings it was saved with"
-                )
+        require_layout(facts, self._layout(), "replay")
         self._empty()
         size = min(int(facts["num_written"]), self.max_size)
         for name in _SAVED_FIELDS:

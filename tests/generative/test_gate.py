@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import torch
+from tensordict import TensorDict
 
 from marl_cair.generative import GateConfig
 from marl_cair.generative.ensemble import Opinions
@@ -26,8 +27,10 @@ from marl_cair.generative.metrics import (
     find_auc,
     find_calibration_error,
     find_doubtful_ends,
+    measure,
     tune_certainty,
 )
+from tests.generative.conftest import train
 from tests.generative.plane_game import SPEC, TERRAIN, TOWER
 
 GOOD = {
@@ -187,6 +190,22 @@ def test_where_ends_are_hard_to_tell_doubt_begins_earlier() -> None:
     assert certainty.going_on == pytest.approx(0.07, abs=1e-3)
     overlooked = ~find_doubtful_ends(ends, certainty)
     assert float(overlooked.float().mean()) == pytest.approx(0.2, abs=0.05)
+
+
+def test_the_bound_of_ends_that_is_checked_is_the_one_that_is_applied(
+    real_rows: TensorDict, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of who hardly knows an end, the doubtful rows decide, and one half of them tunes."""
+    checked = []
+
+    def note(*given: Any) -> dict[str, float]:
+        checked.append(given[-1])
+        return measure(*given)
+
+    monkeypatch.setattr("marl_cair.generative.generator.measure", note)
+    certainty = train(real_rows, real_rows, 60).evaluate().acceptance.certainty
+    assert certainty.is_tuned
+    assert checked == [certainty]
 
 
 def test_a_report_survives_plain_data() -> None:

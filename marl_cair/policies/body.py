@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 if TYPE_CHECKING:
     from marl_cair.policies.config import QNetworkConfig
 
 MIN_SIDE = 8
 IMAGE_MIN_SIDE = 64  # pixels: from here an input is an image
-_FLAT = 1e-3  # standard deviation below which an image shows nothing
+_FLAT = 1e-6  # variance below which an image shows nothing
 
 
 class Body(nn.Module, ABC):
@@ -45,9 +46,7 @@ def standardise(images: Tensor) -> Tensor:
     grey frames of Flappy Bird its velocity is known to 74 % (of its variance) after 1,000 updates
     of 32, and not at all without this.
     """
-    centred = images - images.mean((1, 2, 3), keepdim=True)
-    deviation = centred.square().mean((1, 2, 3), keepdim=True).sqrt()
-    return centred / deviation.clamp_min(_FLAT)
+    return functional.layer_norm(images, images.shape[1:], eps=_FLAT)
 
 
 def standardise_changes(frames: Tensor) -> Tensor:
@@ -61,9 +60,7 @@ def standardise_changes(frames: Tensor) -> Tensor:
     """
     changes = (frames[:, 1:] - frames[:, :-1]).flip(1)
     planes = torch.cat([frames[:, -1:], changes], 1)
-    centred = planes - planes.mean((2, 3), keepdim=True)
-    deviation = centred.square().mean((2, 3), keepdim=True).sqrt()
-    return centred / deviation.clamp_min(_FLAT)
+    return functional.layer_norm(planes, planes.shape[2:], eps=_FLAT)
 
 
 def require_planes(body: str, shape: Sequence[int]) -> tuple[int, int, int]:

@@ -54,6 +54,10 @@ class Learner:
             reduction="mean",
         )
         self._loss.make_value_estimator(gamma=settings.gamma)
+        self._values = torch.empty(0)
+        if self.demonstration.bots:
+            inner = next(m for m in self._loss.value_network.modules() if isinstance(m, QNetwork))
+            inner.register_forward_hook(self._note_values)
         if settings.target == "soft":
             self._target = SoftUpdate(self._loss, tau=settings.target_tau)
         else:
@@ -87,6 +91,13 @@ class Learner:
             values["loss/margin"] = margin_loss.detach()
         return values
 
+    def _note_values(self, module: QNetwork, inputs: tuple[Tensor, ...], values: Tensor) -> None:
+        """Of all that the loss asks the network only Q(s, .) has gradients: the margin needs the
+        same, and a second pass would cost a third of an update.
+        """
+        if values.requires_grad:
+            self._values = values
+
     def _find_margin_loss(self, batch: TensorDict) -> Tensor:
         """Mean over the batch of max over legal a of (Q(s, a) + margin where a is not the shown
         action) - Q(s, shown action), 0 for rows that show nothing.
@@ -97,7 +108,7 @@ class Learner:
         if not shown.any():
             return torch.zeros(())
         action = batch["action"][shown, None]
-        values = self.network(batch["observation"][shown])
+        values = self._values[shown]
         wanted = values.gather(1, action)
         rivals = (values + self.demonstration.margin).scatter(1, action, wanted)
         legal = batch["action_mask"][shown]

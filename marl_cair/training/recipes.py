@@ -146,12 +146,13 @@ RECIPES = {
             *_FLAPPY,
             # From pictures alone too little is learned in an hour: the oracle takes turns, and so
             # shows what to do wherever the learner has come to.
-            "total_frames=300000",
+            "total_frames=200000",
             "policy.frame_differences=true",
             "demonstration.share=0.5",
             "demonstration.turn_decisions=50",
             "demonstration.margin=0.2",
-            "learner.frames_per_update=16",
+            # The number of updates decides, not that of decisions.
+            "learner.frames_per_update=8",
             "learner.n_steps=4",
             "learner.batch_size=64",
             "learner.learning_rate=1e-3",
@@ -160,7 +161,7 @@ RECIPES = {
             "generator.model.num_members=2",
             "generator.model.rare_share=0.5",
             "generator.batch_size=32",
-            "generator.frames_per_update=64",
+            "generator.frames_per_update=96",
             "generator.evaluate_every_frames=20000",
             "generator.rows_per_refill=500",
             "generator.model.heldout_capacity=1024",

@@ -130,7 +130,9 @@ RECIPES = {
             # The oracle does not die: it would soon play in all worlds, and nobody would err.
             "demonstration.until_frames=5000",
             "demonstration.margin=0.05",
-            "learner.frames_per_update=32",
+            # The number of updates decides, not that of decisions.
+            "total_frames=200000",
+            "learner.frames_per_update=8",
             "generator.evaluate_every_frames=10000",
             "learner.batch_size=256",
             "replay.capacity_transitions=500000",
@@ -151,7 +153,6 @@ RECIPES = {
             "demonstration.share=0.5",
             "demonstration.turn_decisions=50",
             "demonstration.margin=0.2",
-            # The number of updates decides, not that of decisions.
             "learner.frames_per_update=8",
             "learner.n_steps=4",
             "learner.batch_size=64",

@@ -16,7 +16,7 @@ from marl_cair.lookup import find_by_name
 
 LATEST = "latest"  # the learner itself: its number is 0
 LATEST_ID = 0
-BOTS = "bots"  # those that the pool has: all that can play the scenario
+BOTS, PFSP_BOTS = "bots", "pfsp_bots"  # those that the pool has: all that can play the scenario
 LEARNER = "learner"  # its kind, beside BOT, FOREIGN and SNAPSHOT
 
 Probabilities = NDArray[np.float64]
@@ -52,6 +52,11 @@ class Standings(NamedTuple):
         )
 
     @property
+    def bots(self) -> NDArray[np.int64]:
+        """Indices of the bots."""
+        return np.array([i for i, kind in enumerate(self.kinds) if kind == BOT], int)
+
+    @property
     def pool(self) -> NDArray[np.int64]:
         """Indices of the frozen policies, oldest first."""
         return np.array(
@@ -79,7 +84,7 @@ class SamplerOptions(NamedTuple):
     Attributes:
         delta: `delta_uniform` leaves out this share of the pool, the oldest.
         recency: `recent` weighs by exp(-recency * age), age from 0 (newest) to 1 (oldest).
-        power: of `pfsp` and `pfsp_easy`.
+        power: of `pfsp`, `pfsp_easy` and `pfsp_bots`.
     """
 
     delta: float = 0.5
@@ -97,8 +102,14 @@ def latest(standings: Standings, options: SamplerOptions) -> Probabilities:
 
 def bots(standings: Standings, options: SamplerOptions) -> Probabilities:
     """All bots evenly."""
-    chosen = np.array([i for i, kind in enumerate(standings.kinds) if kind == BOT], int)
+    chosen = standings.bots
     return standings.spread(chosen, np.ones(len(chosen)))
+
+
+def pfsp_bots(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """Bots as `pfsp` weighs the pool: hard, those that are not beaten yet."""
+    chosen = standings.bots
+    return standings.spread(chosen, (1.0 - standings.win_rate[chosen]) ** options.power)
 
 
 def uniform(standings: Standings, options: SamplerOptions) -> Probabilities:
@@ -213,6 +224,7 @@ SAMPLERS: dict[str, Sampler] = {
     "recent": recent,
     "nash": nash,
     BOTS: bots,
+    PFSP_BOTS: pfsp_bots,
     "main_self_play": main_self_play,
     "main_agents": main_agents,
     "forgotten": forgotten,

@@ -75,9 +75,9 @@ class OpponentSettings:
     """Who plays the other teams, where there are any; each rival team draws its own.
 
     Names in a mixture are bots, `agents`, or samplers (`league.opponents.SAMPLERS`): `latest` (the
-    newest self; it learns from those seats too), `bots` (all, evenly), and of the pool, which is
-    snapshots and `agents`, `uniform`, `delta_uniform`, `recent`, `pfsp`, `pfsp_variance`,
-    `pfsp_easy` and `nash`. Values are weights.
+    newest self; it learns from those seats too), `bots` (all, evenly), `pfsp_bots` (all, those that
+    are not beaten yet more often), and of the pool, which is snapshots and `agents`, `uniform`,
+    `delta_uniform`, `recent`, `pfsp`, `pfsp_variance`, `pfsp_easy` and `nash`. Values are weights.
     """
 
     mixture: dict[str, float] = field(  # weights by name of who is met
@@ -101,7 +101,7 @@ class OpponentSettings:
     redraw_every_frames: int = 10_000  # frames after which those are drawn anew
     delta: float = 0.5  # share of the pool, the oldest, that `delta_uniform` leaves out
     recency: float = 3.0  # of `recent`: weight exp(-recency * age), age 0..1
-    pfsp_power: float = 2.0  # of `pfsp`, (1 - win rate) ** power, and `pfsp_easy`
+    pfsp_power: float = 2.0  # of `pfsp` and `pfsp_bots`, (1 - win rate) ** power, and `pfsp_easy`
     half_life_frames: int = 100_000  # frames after which a game counts half in a win rate
     prior_games: float = 2.0  # even games that every win rate starts from
 

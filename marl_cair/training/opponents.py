@@ -17,6 +17,7 @@ from marl_cair.league.agents import load_agent
 from marl_cair.league.intervals import win_rate_interval
 from marl_cair.league.opponents import (
     BOTS,
+    PFSP_BOTS,
     SamplerOptions,
     draw_evenly,
     mix,
@@ -278,15 +279,17 @@ class OpponentBook:
 
 
 def make_bots(names: Collection[str], game: Game, scenario: Any) -> list[Agent]:
-    """The bots among `names`; where `bots` is one of them, all that can play the scenario.
+    """The bots among `names`; where `bots` or `pfsp_bots` is one of them, all that can play the
+    scenario.
 
     Raises:
         ValueError: a bot that is named cannot play it, or none can.
     """
     made: list[Agent] = []
     refused: ValueError | None = None
+    samplers = [name for name in (BOTS, PFSP_BOTS) if name in names]
     for name in game.bots:
-        if name not in names and BOTS not in names:
+        if name not in names and not samplers:
             continue
         try:
             made.append(game.bot(name, scenario))
@@ -295,7 +298,9 @@ def make_bots(names: Collection[str], game: Game, scenario: Any) -> list[Agent]:
                 raise ValueError(f"{error}; or leave {name!r} out of opponent.mixture") from error
             refused = error
     if refused and not made:
-        raise ValueError(f"{refused}; or leave {BOTS!r} out of opponent.mixture") from refused
+        raise ValueError(
+            f"{refused}; or leave {samplers[0]!r} out of opponent.mixture"
+        ) from refused
     return made
 
 

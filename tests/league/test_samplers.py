@@ -57,7 +57,7 @@ def test_every_sampler_gives_probabilities_for_any_record(name, num_bots, win_ra
     assert found.sum() == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("name", sorted(set(SAMPLERS) - {"bots"}))
+@pytest.mark.parametrize("name", sorted(set(SAMPLERS) - {"bots", "pfsp_bots"}))
 def test_before_there_is_a_pool_the_learner_meets_itself(name):
     assert SAMPLERS[name](standings([]), OPTIONS).tolist() == [1.0, 0.0, 0.0]
 
@@ -65,6 +65,13 @@ def test_before_there_is_a_pool_the_learner_meets_itself(name):
 def test_latest_and_bots_take_nobody_else():
     assert SAMPLERS["latest"](standings([0.2, 0.9]), OPTIONS).tolist() == [1, 0, 0, 0, 0]
     assert SAMPLERS["bots"](standings([0.2, 0.9]), OPTIONS).tolist() == [0, 0.5, 0.5, 0, 0]
+
+
+def test_bots_that_are_not_beaten_yet_are_met_more_often():
+    met = standings([0.2])
+    met.win_rate[1:3] = 0.5, 0.75
+    expected = [0, 0.25 / 0.3125, 0.0625 / 0.3125, 0]
+    assert SAMPLERS["pfsp_bots"](met, OPTIONS) == pytest.approx(expected)
 
 
 def test_prioritised_samplers_weigh_as_their_papers_say():

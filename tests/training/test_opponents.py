@@ -249,7 +249,15 @@ def test_a_checkpoint_is_an_opponent_by_its_name(tmp_path):
 
 
 def test_a_run_with_every_sampler_resumes_bit_for_bit(tmp_path):
-    samplers = ("pfsp", "pfsp_variance", "pfsp_easy", "delta_uniform", "recent", "nash", "bots")
+    samplers = (
+        "pfsp",
+        "pfsp_variance",
+        "pfsp_easy",
+        "delta_uniform",
+        "recent",
+        "nash",
+        "pfsp_bots",
+    )
     opponent = OpponentSettings(
         {"latest": 1.0, "mine": 1.0, **dict.fromkeys(samplers, 1.0)},
         agents={"mine": "users_module:make_quitter"},

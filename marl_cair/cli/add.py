@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import functools
 from collections.abc import Sequence
 from pathlib import Path
 
-from marl_cair.cli.league import DEFAULT_OUT, tell
+from marl_cair.cli.league import DEFAULT_OUT, add_no_replays, tell, tell_command
 from marl_cair.cli.match_options import add_answer_seconds, add_workers
 from marl_cair.league.agents import load_agent
 from marl_cair.league.extend import plan_extension
@@ -19,7 +20,10 @@ def run(arguments: Sequence[str]) -> int:
     options = make_parser().parse_args(arguments)
     load = functools.partial(load_agent, answer_seconds=options.answer_seconds)
     config = plan_extension(Path(options.out), options.agents, options.games, options.workers, load)
-    return tell(run_league(config, load))
+    told = tell_command("league add", arguments)
+    return tell(
+        run_league(dataclasses.replace(config, command=told, replays=not options.no_replays), load)
+    )
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -37,4 +41,5 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add_workers(parser)
     add_answer_seconds(parser)
+    add_no_replays(parser)
     return parser

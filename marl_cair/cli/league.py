@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -18,8 +19,9 @@ from marl_cair.cli.match_options import (
 from marl_cair.league.agents import find_scenario, load_agent
 from marl_cair.league.blocks import SEATINGS
 from marl_cair.league.export import FORMATS, QUERIES, export_league
-from marl_cair.league.league import LeagueConfig, LeagueResult, report_stored, run_league
+from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.report import FILES
+from marl_cair.league.reporting import LeagueResult, report_stored
 from marl_cair.league.store import STORE_FILE, LeagueStore
 
 DEFAULT_OUT = "runs/league"
@@ -54,6 +56,8 @@ def run(arguments: Sequence[str]) -> int:
             workers=options.workers,
             half_width_elo=options.ci,
             max_seconds=_read_time(options.time),
+            replays=not options.no_replays,
+            command=tell_command("league", arguments),
         ),
         functools.partial(load_agent, answer_seconds=options.answer_seconds),
     )
@@ -61,7 +65,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def report(arguments: Sequence[str]) -> int:
-    """Ratings of all stored games; plays nothing."""
+    """Ratings of all stored games; plays nothing but the few games that the report shows."""
     parser = argparse.ArgumentParser("marl-cair league report", description=report.__doc__)
     _add_folder(parser)
     parser.add_argument(
@@ -69,16 +73,33 @@ def report(arguments: Sequence[str]) -> int:
         action="store_true",
         help="alpha-Rank too; needs pip install 'marl_cair[openspiel]' (default: no)",
     )
+    add_no_replays(parser)
     options = parser.parse_args(arguments)
-    return tell(report_stored(Path(options.out), options.alpha_rank))
+    return tell(report_stored(Path(options.out), options.alpha_rank, not options.no_replays))
 
 
 def tell(result: LeagueResult) -> int:
     """Print what a league found; returns the exit code."""
+    page, *others = FILES
     sys.stdout.write(
-        f"{result.text}\n{', '.join(FILES[:-1])} and {FILES[-1]} are in {result.folder}\n"
+        f"{result.text}\nThe report is {result.folder / page}; beside it are "
+        f"{', '.join(others[:-1])} and {others[-1]}\n"
     )
     return EXIT_DONE
+
+
+def tell_command(name: str, arguments: Sequence[str]) -> str:
+    """The command as it was typed."""
+    return shlex.join(["marl-cair", *name.split(), *arguments])
+
+
+def add_no_replays(parser: argparse.ArgumentParser) -> None:
+    """Add --no-replays."""
+    parser.add_argument(
+        "--no-replays",
+        action="store_true",
+        help="no games to watch in the report: they are played once more for it (default: three)",
+    )
 
 
 def tell_status(arguments: Sequence[str]) -> int:
@@ -212,6 +233,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add_workers(parser)
     add_answer_seconds(parser)
+    add_no_replays(parser)
     parser.add_argument(
         "--out",
         default=DEFAULT_OUT,

@@ -297,6 +297,12 @@ class BatchedEngine:
         """Numbers of each seat beside what it observes, by name, fresh arrays [B, P]."""
         return {} if self.game.info is None else dict(self.game.info(self._worlds))
 
+    def map_names(self) -> tuple[str, ...]:
+        """The name of each world's map [B]; "" throughout where the game has no maps by name."""
+        if self.game.map_names is None:
+            return ("",) * self.num_worlds
+        return self.game.map_names(self._worlds, self.scenario)
+
     def render(self, world: int = 0, player: int | None = None) -> NDArray[np.uint8]:
         """What a person sees of one world, uint8 [height, width, 3]; `player` gives a seat's view.
 

@@ -167,6 +167,8 @@ class Game:
     gymnasium_prefix: str  # "DeepLineWars" of "marl_cair/DeepLineWars-10x15-v0"
     # World -> further numbers of each seat, by name [B, P]: environments give them as `infos`.
     info: Callable[[Any], Mapping[str, NDArray[Any]]] | None = None
+    # (World, scenario) -> the name of each world's map [B], where a scenario may have several.
+    map_names: Callable[[Any, Any], tuple[str, ...]] | None = None
 
     @property
     def rated_reward(self) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ from marl_cair.league.process import is_process, load_hosted, load_process
 from marl_cair.league.store import AgentRecord
 from marl_cair.lookup import find_by_name
 from marl_cair.policies.actor import PLAYS, SAMPLED, PolicyActor
+
+SHELVES = ("snapshots", "players", "live")  # folders of a run, or league, that hold checkpoints
 
 
 def load_agent(
@@ -96,11 +98,46 @@ def describe_agent(name: str, agent: Agent, game: Game, source: str = "") -> Age
         if agent.is_sampled:
             policy = f"sampled, epsilon {agent.epsilon:g}" if agent.epsilon else "sampled"
         configuration["network"] = agent.network.config.to_dict()
+        if is_checkpoint(source) and source:
+            configuration["training"] = describe_training(Path(source))
     elif isinstance(agent, ForeignAgent):
         kind, policy = "foreign", "its own"
     fingerprint = find_fingerprint(agent, game)
     about = json.dumps(configuration, sort_keys=True)
     return AgentRecord(fingerprint, name, kind, policy, game.version, about)
+
+
+def describe_training(folder: Path) -> dict[str, Any]:
+    """Of which run the checkpoint in `folder` is, and how long that had trained then: what tells
+    the snapshots of a run from those of another; empty where it cannot be read any more.
+    """
+    try:
+        about = read_description(folder)
+    except CheckpointError:
+        return {}
+    place = folder.absolute()
+    run, name = place.parent, about.name.partition("@")[0]  # snapshots are called run@frames
+    if run.name == "players":  # of a league: learner-generation-frames
+        name = place.name.rpartition("-")[0]
+    if run.name in SHELVES:
+        run = run.parent
+    return {"run": str(run), "name": name, "seed": about.seed, "frames": about.frames}
+
+
+def shorten_paths(paths: Sequence[str], taken: Collection[str] = ()) -> dict[str, str]:
+    """Each path by the fewest last parts that tell all apart, and from the names `taken`.
+
+    A folder's `latest` is left out, as it says nothing.
+    """
+    parts = {
+        path: [part for part in Path(path).absolute().parts if part not in ("/", "latest")]
+        for path in paths
+    }
+    for depth in range(1, max(map(len, parts.values()), default=0) + 1):
+        short = {path: "/".join(found[-depth:]) for path, found in parts.items()}
+        if len({*short.values(), *taken}) == len(short) + len(taken):
+            return short
+    return {path: path for path in parts}
 
 
 def find_fingerprint(agent: Agent, game: Game) -> str:

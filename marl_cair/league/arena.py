@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from marl_cair.games import GAMES
 from marl_cair.games.game import Agent, Game
+from marl_cair.games.scenario_checks import restore_fields
 from marl_cair.league.agents import find_fingerprint
 from marl_cair.league.blocks import (
     Design,
@@ -28,6 +29,7 @@ from marl_cair.league.blocks import (
 from marl_cair.league.playing import CHUNKS_AT_ONCE
 from marl_cair.league.schedule import Job
 from marl_cair.league.store import LeagueStore
+from marl_cair.lookup import find_by_name
 
 Load = Callable[..., Agent]
 
@@ -72,6 +74,15 @@ class Rules:
     def games_per_chunk(self) -> int:
         """Of every chunk."""
         return self.games_per_block * self.blocks_per_chunk
+
+    @classmethod
+    def read(cls, settings: Mapping[str, Any]) -> Rules:
+        """As a league file keeps them (`LeagueStore.settings`). Raises ValueError where it is of a
+        game or a scenario that there is not.
+        """
+        game = find_by_name("game", str(settings["game"]), GAMES)
+        scenario = game.scenario(None, **restore_fields(settings["scenario"]))
+        return cls(game, scenario, int(settings["seed"]), str(settings["seating"]))
 
     def play(self, line_up: Sequence[Entrant], chunks: Sequence[int]) -> list[PlayedGame]:
         """Games of whole chunks; see `blocks.play_blocks`."""

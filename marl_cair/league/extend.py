@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from marl_cair.games import GAMES
-from marl_cair.games.scenario_checks import restore_fields
 from marl_cair.league.agents import find_fingerprint, load_agent
-from marl_cair.league.arena import Load
+from marl_cair.league.arena import Load, Rules
 from marl_cair.league.league import LeagueConfig
 from marl_cair.league.store import STORE_FILE, AgentRecord, LeagueStore, LeagueStoreError
-from marl_cair.lookup import find_by_name
 
 
 def plan_extension(
@@ -44,9 +42,8 @@ def plan_extension(
             f"{folder} holds no games yet: play them first (`marl-cair league AGENT AGENT ... "
             f"--out {folder}`)"
         )
-    game = find_by_name("game", str(settings["game"]), GAMES)
-    fields = restore_fields(settings["scenario"])
-    scenario = game.scenario(None, **fields)
+    rules = Rules.read(settings)
+    game, scenario = rules.game, rules.scenario
     ladder = [_find_source(folder, records[number]) for number in played]
     for number, source in zip(played, ladder, strict=True):
         found = find_fingerprint(load(source, game=game.name, scenario=scenario), game)
@@ -63,12 +60,12 @@ def plan_extension(
         agents=tuple(agents),
         game=game.name,
         scenario=game.default_scenario,
-        scenario_options=fields,
+        scenario_options=dataclasses.asdict(scenario),
         games_per_pair=games_per_pair,
-        seed=int(settings["seed"]),
+        seed=rules.seed,
         out=str(folder),
         ladder=tuple(ladder),
-        seating=str(settings["seating"]),
+        seating=rules.seating,
         workers=workers,
     )
 

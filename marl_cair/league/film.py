@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,19 +16,28 @@ from marl_cair.games.game import Agent, Game
 from marl_cair.league.match import record_game
 from marl_cair.league.playing import map_seeds
 
-FRAME_MILLISECONDS = 80
 LAST_FRAME_MILLISECONDS = 2_500
-MAX_FRAMES = 300
-WIDTH = 480  # pixels
-NUM_COLOURS = 160
+
+
+class Size(NamedTuple):
+    """How large a film is: of longer games only every second, third, ... frame is kept."""
+
+    max_frames: int
+    width: int  # pixels
+    num_colours: int
+    frame_milliseconds: int
+
+
+FULL = Size(300, 480, 160, 80)
+SMALL = Size(120, 320, 96, 100)  # some hundred KiB: several of them fit into a report
 
 
 def replay_frames(
-    game: Game, scenario: Any, seed: int, actions: NDArray[np.int32]
+    game: Game, scenario: Any, map_seed: int, actions: NDArray[np.int32]
 ) -> Iterator[NDArray[np.uint8]]:
-    """Pictures uint8 [h, w, 3] of the start and of each decision of a `record_game`."""
+    """Pictures uint8 [h, w, 3] of the start and of each decision, actions [T, P, ...]."""
     engine = BatchedEngine(game, scenario)
-    engine.reset(map_seeds(seed, np.zeros(1, np.int64)))
+    engine.reset(np.array([map_seed], np.uint64))
     yield engine.render(0)
     for chosen in actions:
         engine.step(chosen[None])
@@ -45,34 +54,46 @@ def save_film(
 ) -> int:
     """Play the first game of `play_match`, `first` in seat 0, and write it as a GIF.
 
-    Returns the number of frames; of a long game only every second, third, ... is kept.
+    Returns the number of frames.
     """
     actions = record_game(first, second, game, scenario, seed)
-    every = -(-(len(actions) + 1) // MAX_FRAMES)
-    kept = [
-        frame
-        for index, frame in enumerate(replay_frames(game, scenario, seed, actions))
-        if index % every == 0 or index == len(actions)
+    map_seed = int(map_seeds(seed, np.zeros(1, np.int64))[0])
+    return write_film(path, replay_frames(game, scenario, map_seed, actions), len(actions) + 1)
+
+
+def write_film(
+    path: str | os.PathLike[str],
+    frames: Iterator[NDArray[np.uint8]],
+    num_frames: int,
+    size: Size = FULL,
+) -> int:
+    """Write pictures uint8 [h, w, 3] as a GIF that starts anew at its end; returns how many are
+    kept. The last always is.
+    """
+    every = -(-num_frames // size.max_frames)
+    images = [
+        _shrink(frame, size.width)
+        for index, frame in enumerate(frames)
+        if index % every == 0 or index == num_frames - 1
     ]
-    images = [_shrink(frame) for frame in kept]
     # One palette for all frames, from the busiest: colours then do not flicker.
-    palette = images[len(images) * 3 // 4].quantize(NUM_COLOURS)
-    frames = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-    durations = [FRAME_MILLISECONDS] * (len(frames) - 1) + [LAST_FRAME_MILLISECONDS]
+    palette = images[len(images) * 3 // 4].quantize(size.num_colours)
+    films = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    durations = [size.frame_milliseconds] * (len(films) - 1) + [LAST_FRAME_MILLISECONDS]
     with atomic_path(path) as unfinished:
-        frames[0].save(
+        films[0].save(
             unfinished,
             format="GIF",
             save_all=True,
-            append_images=frames[1:],
+            append_images=films[1:],
             duration=durations,
             loop=0,
-            optimize=False,
+            optimize=True,  # pixels that stay are not written again: a third of the size
         )
-    return len(frames)
+    return len(films)
 
 
-def _shrink(frame: NDArray[np.uint8]) -> Image.Image:
+def _shrink(frame: NDArray[np.uint8], width: int) -> Image.Image:
     image = Image.fromarray(frame)
-    height = round(image.height * WIDTH / image.width)
-    return image.resize((WIDTH, height), Image.Resampling.LANCZOS)
+    height = round(image.height * width / image.width)
+    return image.resize((width, height), Image.Resampling.LANCZOS)

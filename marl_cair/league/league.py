@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -19,13 +18,19 @@ from marl_cair.files import claim_output_folder
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game
 from marl_cair.league.adaptive import Played, Target, play_adaptively
-from marl_cair.league.agents import describe_agent, find_fingerprint, is_checkpoint, load_agent
+from marl_cair.league.agents import (
+    describe_agent,
+    find_fingerprint,
+    is_checkpoint,
+    load_agent,
+    shorten_paths,
+)
 from marl_cair.league.arena import Arena, Load, Rules
+from marl_cair.league.background import COMMANDS, VERSIONS, tell_versions
 from marl_cair.league.blocks import Entrant
 from marl_cair.league.match import require_rivals
 from marl_cair.league.process import PREFIX, is_process
-from marl_cair.league.ratings import Games, Rating, describe_method, rate
-from marl_cair.league.report import describe_league, make_table, write_report
+from marl_cair.league.reporting import LeagueResult, Showing, number_agents, rate_and_report
 from marl_cair.league.schedule import Job, schedule_meetings
 from marl_cair.league.store import STORE_FILE, LeagueStore, StoredGames
 from marl_cair.lookup import find_by_name
@@ -51,6 +56,8 @@ class LeagueConfig:
     workers: int = 1  # processes that play; results do not depend on it
     half_width_elo: float = 0.0  # above 0: play on until no 95 % interval is wider either way
     max_seconds: float = 0.0  # above 0: choose no further games then
+    replays: bool = True  # whether the report shows a few games
+    command: str = ""  # what was typed, for the report
 
     def __post_init__(self) -> None:
         everyone = [*self.agents, *self.ladder]
@@ -71,15 +78,6 @@ class LeagueConfig:
         ):
             if not 0.0 <= limit < math.inf:  # NaN too
                 raise ValueError(f"{name} is {limit}, it must be a finite number, 0 or more")
-
-
-@dataclass(frozen=True)
-class LeagueResult:
-    """What a league found."""
-
-    ratings: tuple[Rating, ...]  # best first
-    text: str  # ladder, matrix and plain words
-    folder: Path
 
 
 def run_league(
@@ -153,25 +151,16 @@ def _load_entrants(config: LeagueConfig, game: Game, scenario: Any, load: Load) 
 
 def _short_names(sources: Sequence[str], game: Game) -> list[str]:
     """Bots by their names, commands whole, folders by the fewest last parts of their paths that
-    tell them apart.
-
-    A folder's `latest` is left out, as it says nothing, and no folder takes the name of a bot.
+    tell them apart; no folder takes the name of a bot.
     """
     bots = {
         source: source.removeprefix(PREFIX) if is_process(source) else source.rpartition("/")[2]
         for source in sources
         if not is_checkpoint(source)
     }
-    parts = {
-        source: [part for part in Path(source).absolute().parts if part not in ("/", "latest")]
-        for source in sources
-        if source not in bots
-    }
-    for depth in range(1, max(map(len, parts.values()), default=0) + 1):
-        short = {source: "/".join(path[-depth:]) for source, path in parts.items()}
-        if len({*short.values(), *game.bots}) == len(short) + len(game.bots):
-            return [{**bots, **short}[source] for source in sources]
-    return [bots.get(source, source) for source in sources]
+    folders = [source for source in sources if source not in bots]
+    short = {**bots, **shorten_paths(folders, game.bots)}
+    return [short[source] for source in sources]
 
 
 def _play_and_rate(
@@ -200,12 +189,15 @@ def _play_and_rate(
         end = config.games_per_pair // rules.games_per_block if exact else None
         stored = _choose_games(rules, ids, jobs, stored, end)
     id_of = {one.fingerprint: number for one, number in zip(numbered, ids, strict=True)}
+    for key, told in ((COMMANDS, config.command), (VERSIONS, tell_versions())):
+        if told:
+            store.note(key, told)
     return rate_and_report(
         store,
         stored,
         {id_of[entrant.fingerprint]: entrant.name for entrant in entrants},
-        config.seed,
         Path(config.out),
+        Showing(config.replays, load, runs_foreign=True, show_progress=show_progress),
     )
 
 
@@ -249,77 +241,8 @@ def _play_jobs(
 
 def _as_played(stored: StoredGames, ids: Sequence[int]) -> Played:
     """The games with agents by their numbers in the league."""
-    games = _number_agents(stored, ids)
+    games = number_agents(stored, ids)
     return Played(games, np.sort(games.agents, axis=1), stored.numbers)
-
-
-def _number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
-    """The games with agents by their places in `ids`."""
-    place = {number: at for at, number in enumerate(ids)}
-    agents = np.array([[place[one] for one in row] for row in stored.agents.tolist()], np.int64)
-    return Games(
-        agents.reshape(stored.agents.shape),
-        stored.points,
-        stored.ranks,
-        stored.blocks,
-        stored.is_repeat,
-    )
-
-
-def rate_and_report(
-    store: LeagueStore,
-    stored: StoredGames,
-    names: Mapping[int, str],
-    seed: int,
-    folder: Path,
-    with_alpha_rank: bool = False,
-) -> LeagueResult:
-    """Rate stored games of the agents `names` (by id), keep the ratings, write the report.
-
-    Raises:
-        ValueError: no games, agents that no games compare, or alpha-Rank without OpenSpiel.
-    """
-    ids, called = list(names), list(names.values())
-    games = _number_agents(stored, ids)
-    ladder = rate(called, games, seed)
-    store.add_ratings(
-        describe_method(seed),
-        games.digest(called),
-        int((~games.is_repeat).sum()),
-        [
-            (
-                ids[called.index(r.name)],
-                *(r.elo, r.low, r.high, r.bound, r.group, r.probability_first, r.games, r.score),
-            )
-            for r in ladder.ratings
-        ],
-    )
-    forfeits = Counter(reason for reason in stored.reasons if reason)
-    table = make_table(called, games, ladder, sorted(forfeits.items()), seed, with_alpha_rank)
-    text = describe_league(table)
-    write_report(folder, table, text)
-    return LeagueResult(ladder.ratings, text, folder)
-
-
-def report_stored(folder: Path, with_alpha_rank: bool = False) -> LeagueResult:
-    """Rate all stored games of the league in `folder` and write its report; plays nothing.
-
-    Raises:
-        LeagueStoreError: no league file, or one that cannot be read.
-        ValueError: no games, agents that no games compare, or alpha-Rank without OpenSpiel.
-    """
-    store = LeagueStore(folder / STORE_FILE)
-    try:
-        stored = store.read_games()
-        played = set(stored.agents.ravel().tolist())
-        agents = {n: agent.name for n, agent in store.read_agents().items() if n in played}
-        if len(set(agents.values())) < len(agents):  # an agent that was trained on under its name
-            agents = {n: f"{name} ({n})" for n, name in agents.items()}
-        names = dict(sorted(agents.items(), key=lambda item: item[1]))
-        seed = int(store.settings["seed"])
-        return rate_and_report(store, stored, names, seed, folder, with_alpha_rank)
-    finally:
-        store.close()
 
 
 def _choose_games(

@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from marl_cair.files import atomic_path
-from marl_cair.league.report import LeagueTable
+from marl_cair.league.table import LeagueTable, find_elo_range
 
 DOT_COLOUR, BOUND_COLOUR = "#0072B2", "#D55E00"  # Okabe and Ito: told apart by the colour-blind
 STYLE: dict[Any, Any] = {  # matplotlib spells out all its keys as a type
@@ -57,14 +57,8 @@ def _caption(table: LeagueTable) -> str:
 
 def _draw_ladder(panel: Any, table: LeagueTable) -> None:
     ratings = table.ratings
-    ends = [
-        x
-        for r in ratings
-        for x, is_open in ((r.low, r.open_low), (r.elo, False), (r.high, r.open_high))
-        if not is_open
-    ]
-    span = max(ends) - min(ends) or 1.0
-    left, right = min(ends) - 0.1 * span, max(ends) + 0.1 * span
+    left, right = find_elo_range(ratings)
+    span = right - left
     for place, rating in enumerate(ratings):
         colour = BOUND_COLOUR if rating.is_bound else DOT_COLOUR
         low = left if rating.open_low else rating.low

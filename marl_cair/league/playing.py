@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -98,11 +98,16 @@ def start_engine(game: Game, scenario: Any, seed: int, chunks: Sequence[Chunk]) 
 
 
 def play_out(
-    engine: BatchedEngine, chunks: Sequence[Chunk], seatings: Sequence[Seating], seed: int
+    engine: BatchedEngine,
+    chunks: Sequence[Chunk],
+    seatings: Sequence[Seating],
+    seed: int,
+    watch: Callable[[Step], None] | None = None,
 ) -> Ended:
     """Play all games of `chunks` to their ends, on the engine of `start_engine`.
 
     A seat that forfeits ends its game: its team has lost, all teams that have not are left.
+    `watch` is told of each decision.
     """
     teams = engine.spec.team_of_seat
     shape = engine.num_worlds, engine.num_players
@@ -112,7 +117,10 @@ def play_out(
     out_since = np.full(shape, STILL_IN)
     forfeits: dict[tuple[int, int], str] = {}
     _add_boards(digests, engine, np.ones(engine.num_worlds, np.bool_))
-    for actions, running, out, given_up in play(engine, chunks, seatings, seed):
+    for step in play(engine, chunks, seatings, seed):
+        if watch is not None:
+            watch(step)
+        actions, running, out, given_up = step
         ended_now = [world for world, _ in given_up]
         is_told = running.copy()  # also to games that end here by a forfeit
         is_told[ended_now] = True

@@ -46,9 +46,13 @@ class StoredGames:
         points, ranks: float64 [N, T], as in `PlayedGame`.
         blocks: int64 [N], equal for games of one block and line-up.
         numbers: int64 [N], the number of the block within its line-up.
+        turns: int64 [N], the number of the game within its block.
+        map_seeds: uint64 [N].
         line_ups: int64 [N], equal for games of one line-up.
         is_repeat: bool [N], whether the game is the same, move by move, as one before it in which
             the same agents have played the same teams.
+        is_truncated: bool [N], whether the time limit has ended the game.
+        decisions: int64 [N], of each seat that was in to the end.
         reasons: of forfeits, N, "" where there is none.
         trajectories: N hashes.
     """
@@ -58,8 +62,12 @@ class StoredGames:
     ranks: NDArray[np.float64]
     blocks: NDArray[np.int64]
     numbers: NDArray[np.int64]
+    turns: NDArray[np.int64]
+    map_seeds: NDArray[np.uint64]
     line_ups: NDArray[np.int64]
     is_repeat: NDArray[np.bool_]
+    is_truncated: NDArray[np.bool_]
+    decisions: NDArray[np.int64]
     reasons: tuple[str, ...]
     trajectories: tuple[str, ...]
 
@@ -245,31 +253,42 @@ class LeagueStore:
         """All games, sorted by the agents' fingerprints, so that their order tells no history."""
         with self._named_errors():
             rows = self._database.execute(
-                "SELECT b.line_up, b.number, g.number, g.trajectory, g.reason, t.agent, t.points, "
-                "t.rank FROM team t JOIN game g ON g.id = t.game JOIN block b ON b.id = g.block "
+                "SELECT b.line_up, b.number, g.number, b.map_seed, g.is_truncated, g.decisions, "
+                "g.trajectory, g.reason, t.agent, t.points, t.rank "
+                "FROM team t JOIN game g ON g.id = t.game JOIN block b ON b.id = g.block "
                 "ORDER BY t.game, t.team"
             ).fetchall()
         num_teams = len(set(self.settings["team_of_seat"]))
+        firsts = rows[::num_teams]  # of each game
         prints = {number: agent.fingerprint for number, agent in self.read_agents().items()}
         names = {
-            text: tuple(prints[int(word)] for word in text.split()) for text in {r[0] for r in rows}
+            text: tuple(prints[int(word)] for word in text.split())
+            for text in {row[0] for row in firsts}
         }
-        firsts = range(0, len(rows), num_teams)
-        order = sorted(firsts, key=lambda at: (names[rows[at][0]], rows[at][1], rows[at][2]))
-        shape = len(order), num_teams
-        parts = [[rows[at + team] for team in range(num_teams)] for at in order]
-        agents = np.array([[row[5] for row in part] for part in parts], np.int64).reshape(shape)
-        line_ups = _number([part[0][0] for part in parts])
-        trajectories = tuple(str(part[0][3]) for part in parts)
+        rank = {text: place for place, text in enumerate(sorted(names, key=lambda t: names[t]))}
+        keys = np.array([(rank[r[0]], r[1], r[2]) for r in firsts], np.int64).reshape(-1, 3)
+        order = np.lexsort(keys.T[::-1])
+        parts = [firsts[place] for place in order.tolist()]
+
+        def by_team(column: int, kind: type) -> NDArray[Any]:
+            values: NDArray[Any] = np.array([row[column] for row in rows], kind)
+            return values.reshape(-1, num_teams)[order]
+
+        agents = by_team(8, np.int64)
+        trajectories = tuple(str(part[6]) for part in parts)
         return StoredGames(
             agents=agents,
-            points=np.array([[r[6] for r in part] for part in parts], np.float64).reshape(shape),
-            ranks=np.array([[r[7] for r in part] for part in parts], np.float64).reshape(shape),
-            blocks=_number([part[0][:2] for part in parts]),
-            numbers=np.array([part[0][1] for part in parts], np.int64),
-            line_ups=line_ups,
+            points=by_team(9, np.float64),
+            ranks=by_team(10, np.float64),
+            blocks=_number([part[:2] for part in parts]),
+            numbers=keys[order, 1],
+            turns=keys[order, 2],
+            map_seeds=np.array([int(part[3]) for part in parts], np.uint64),
+            line_ups=_number([part[0] for part in parts]),
             is_repeat=_find_repeats(agents, trajectories),
-            reasons=tuple(str(part[0][4]) for part in parts),
+            is_truncated=np.array([part[4] for part in parts], np.bool_),
+            decisions=np.array([part[5] for part in parts], np.int64),
+            reasons=tuple(str(part[7]) for part in parts),
             trajectories=trajectories,
         )
 
@@ -280,6 +299,16 @@ class LeagueStore:
                 "SELECT reason, count(*) FROM game WHERE status = 'forfeit' GROUP BY reason "
                 "ORDER BY reason"
             ).fetchall()
+
+    def note(self, key: str, value: str) -> None:
+        """Add `value` to the texts that are kept under `key`; one that is there stays once."""
+        with self._named_errors(), self._transaction():
+            told = read_meta(self._database).get(key, [])
+            if value not in told:
+                self._database.execute(
+                    "INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, json.dumps([*told, value]))
+                )
+            self.settings = read_meta(self._database)
 
     def read_rows(self, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
         """Names of the columns, and the rows."""

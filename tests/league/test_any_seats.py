@@ -6,9 +6,10 @@ import pytest
 from marl_cair.cli import main
 from marl_cair.games.game import NO_WINNER
 from marl_cair.league.intervals import block_interval, mean_interval
-from marl_cair.league.league import LeagueConfig, report_stored, run_league
+from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.match import GameResult, MatchResult, play_chunks, play_match, record_game
 from marl_cair.league.playing import map_seeds
+from marl_cair.league.reporting import report_stored
 from marl_cair.league.solo import compare, play_alone
 from marl_cair.league.store import LeagueStore, LeagueStoreError
 from tests.games import last_standing

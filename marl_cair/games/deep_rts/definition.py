@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from marl_cair.games.deep_rts.planes import (
 )
 from marl_cair.games.deep_rts.rulebook import make_rules
 from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, PAYS, REWARDS, SCENARIOS, Scenario
-from marl_cair.games.deep_rts.state import allocate
+from marl_cair.games.deep_rts.state import MAP_INDEX, allocate
 from marl_cair.games.deep_rts.tables import MAX_PLAYERS, PRODUCT_NAMES, RESOURCE_NAMES
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
@@ -80,6 +81,12 @@ def make_spec(scenario: Scenario) -> GameSpec:
         action_shape=(scenario.rows, scenario.columns) if scenario.actions == "grid" else (),
         teams=scenario.teams,
     )
+
+
+def name_maps(worlds: Any, scenario: Scenario) -> tuple[str, ...]:
+    """The name of the map that each world [B] is played on."""
+    maps = scenario.maps
+    return tuple(maps[index].name for index in worlds.clock[:, MAP_INDEX])
 
 
 def _reward_bound(scenario: Scenario) -> float:
@@ -187,4 +194,5 @@ GAME = Game(
     rewards=MappingProxyType(REWARDS),
     hidden_fields=_SCRATCH,
     gymnasium_prefix=GYMNASIUM_PREFIX,
+    map_names=name_maps,
 )

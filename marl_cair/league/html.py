@@ -1,0 +1,51 @@
+"""The report as one HTML page that needs nothing else: no network, no script, no other file."""
+
+from __future__ import annotations
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+from marl_cair.league.drawings import (
+    MOST_FULL_CELLS,
+    find_axis,
+    lay_out_bars,
+    lay_out_cells,
+    lay_out_curves,
+)
+from marl_cair.league.sections import Report
+
+TEMPLATE = "report.html.jinja"
+MOST_OPEN_ITEMS = 12  # of a list; a longer one is folded
+
+
+def write_page(report: Report) -> str:
+    """The text of `report.html`; what comes from outside (names, reasons, commands) is escaped."""
+    table = report.table
+    environment = Environment(
+        loader=PackageLoader("marl_cair.league"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["code"] = mark_code
+    return environment.get_template(TEMPLATE).render(
+        report=report,
+        axis=find_axis(table) if table.ratings else None,
+        bars=lay_out_bars(table),
+        cells=lay_out_cells(table),
+        is_full=len(table.names) <= MOST_FULL_CELLS,
+        chart=lay_out_curves(table, report.curves) if report.curves else None,
+        most_open_items=MOST_OPEN_ITEMS,
+    )
+
+
+def mark_code(text: str) -> Markup:
+    """`text` escaped, with what stands between backticks as code."""
+    parts = text.split("`")
+    if len(parts) % 2 == 0:  # a backtick alone is one
+        return escape(text)
+    return Markup("").join(
+        Markup("<code>{}</code>").format(part) if number % 2 else escape(part)
+        for number, part in enumerate(parts)
+    )

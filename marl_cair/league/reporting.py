@@ -1,0 +1,160 @@
+"""From the stored games of a league to its report: ratings, tables, a few games to watch."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from marl_cair.league.agents import load_agent
+from marl_cair.league.arena import Load, Rules
+from marl_cair.league.background import read_background
+from marl_cair.league.ratings import Games, Ladder, Rating, describe_method
+from marl_cair.league.replays import FOLDER as REPLAYS
+from marl_cair.league.replays import Replay, Theatre, choose_games, make_replays
+from marl_cair.league.report import write_report
+from marl_cair.league.store import STORE_FILE, LeagueStore, StoredGames
+from marl_cair.league.table import LeagueTable, make_table, try_to_rate
+from marl_cair.league.wording import describe_league
+
+
+@dataclass(frozen=True)
+class LeagueResult:
+    """What a league found."""
+
+    ratings: tuple[Rating, ...]  # best first
+    text: str  # ladder, matrix and plain words
+    folder: Path
+
+
+def number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
+    """The games with agents by their places in `ids`."""
+    place = {number: at for at, number in enumerate(ids)}
+    agents = np.array([[place[one] for one in row] for row in stored.agents.tolist()], np.int64)
+    return Games(
+        agents.reshape(stored.agents.shape),
+        stored.points,
+        stored.ranks,
+        stored.blocks,
+        stored.is_repeat,
+    )
+
+
+@dataclass(frozen=True)
+class Showing:
+    """What a report is to have beside the ratings.
+
+    Attributes:
+        replays: whether to show a few games.
+        load: how to get their agents, as `load_agent`.
+        runs_foreign: whether foreign code may run for that.
+        show_progress: on the terminal.
+        alpha_rank: whether to compute it.
+    """
+
+    replays: bool = True
+    load: Load = load_agent
+    runs_foreign: bool = False
+    show_progress: bool = False
+    alpha_rank: bool = False
+
+
+def rate_and_report(
+    store: LeagueStore,
+    stored: StoredGames,
+    names: Mapping[int, str],
+    folder: Path,
+    showing: Showing,
+) -> LeagueResult:
+    """Rate stored games of the agents `names` (by id), keep the ratings, write the report.
+
+    Where no games compare everybody, the report says so and has all but the ladder.
+
+    Raises:
+        ValueError: alpha-Rank without OpenSpiel.
+    """
+    ids, called, seed = list(names), list(names.values()), int(store.settings["seed"])
+    games = number_agents(stored, ids)
+    ladder, why_unrated = try_to_rate(called, games, seed)
+    if ladder is not None:
+        _keep_ratings(store, ladder, names, games, seed)
+    forfeits = sorted(Counter(reason for reason in stored.reasons if reason).items())
+    table = make_table(called, games, ladder, forfeits, seed, showing.alpha_rank, why_unrated)
+    replays, why_none = _replay(store, stored, names, table, folder, showing)
+    background = read_background(store, stored, names, games, replays, why_none)
+    text = describe_league(table)
+    write_report(folder, table, text, background)
+    return LeagueResult(table.ratings, text, folder)
+
+
+def _keep_ratings(
+    store: LeagueStore, ladder: Ladder, names: Mapping[int, str], games: Games, seed: int
+) -> None:
+    called = list(names.values())
+    id_of = {name: number for number, name in names.items()}
+    store.add_ratings(
+        describe_method(seed),
+        games.digest(called),
+        int((~games.is_repeat).sum()),
+        [
+            (
+                id_of[r.name],
+                *(r.elo, r.low, r.high, r.bound, r.group, r.probability_first, r.games, r.score),
+            )
+            for r in ladder.ratings
+        ],
+    )
+
+
+def _replay(
+    store: LeagueStore,
+    stored: StoredGames,
+    names: Mapping[int, str],
+    table: LeagueTable,
+    folder: Path,
+    showing: Showing,
+) -> tuple[tuple[Replay, ...], str]:
+    """A few games, and why there are none."""
+    if not showing.replays:
+        return (), "Replays were left out (--no-replays)."
+    choices = choose_games(stored, names, table.ratings)
+    theatre = Theatre(
+        Rules.read(store.settings),
+        str(store.settings["game_version"]),
+        store.read_agents(),
+        names,
+        folder / REPLAYS,
+        showing.load,
+        showing.runs_foreign,
+    )
+    replays = make_replays(theatre, stored, choices, showing.show_progress)
+    return replays, "" if replays else "There is no game to show: none was played to its end."
+
+
+def report_stored(
+    folder: Path, with_alpha_rank: bool = False, with_replays: bool = True
+) -> LeagueResult:
+    """Rate all stored games of the league in `folder` and write its report; plays nothing but the
+    few games that it shows, and no foreign code.
+
+    Raises:
+        LeagueStoreError: no league file, or one that cannot be read.
+        ValueError: alpha-Rank without OpenSpiel.
+    """
+    store = LeagueStore(folder / STORE_FILE)
+    try:
+        stored = store.read_games()
+        played = set(stored.agents.ravel().tolist())
+        agents = {
+            n: agent.name for n, agent in store.read_agents().items() if n in played or not played
+        }
+        if len(set(agents.values())) < len(agents):  # an agent that was trained on under its name
+            agents = {n: f"{name} ({n})" for n, name in agents.items()}
+        names = dict(sorted(agents.items(), key=lambda item: item[1]))
+        showing = Showing(with_replays, alpha_rank=with_alpha_rank)
+        return rate_and_report(store, stored, names, folder, showing)
+    finally:
+        store.close()

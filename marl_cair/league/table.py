@@ -1,0 +1,116 @@
+"""All numbers of a league's report, best agent first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.league.beyond import Beyond, look_beyond
+from marl_cair.league.payoffs import find_payoffs
+from marl_cair.league.ratings import ANCHOR, Games, Ladder, Rating, rate
+from marl_cair.league.shares import Share, find_team_shares
+
+
+@dataclass(frozen=True)
+class LeagueTable:
+    """All that a report shows of n agents and T teams, best first; without a ladder by name."""
+
+    names: tuple[str, ...]
+    ladder: Ladder | None  # None: the games compare not everybody
+    why_unrated: str  # "" with a ladder
+    points: NDArray[np.float64]  # [n, n], how often the row came in above the column, ties half
+    counts: NDArray[np.int64]  # [n, n] games of both
+    repeats: NDArray[np.int64]  # [n, n] games of both that are not counted: the same as another
+    low: NDArray[np.float64]  # [n, n] 95 % interval of points / counts, wide without games
+    high: NDArray[np.float64]
+    # Of the agents as they were given to `make_table`, not in the order of the ladder; None: no
+    # games.
+    beyond: Beyond | None
+    numbered_names: tuple[str, ...]  # in the order of the numbers of `beyond`
+    team_shares: Mapping[tuple[str, int], Share]  # by name and team, where it has played
+    num_games: int  # that are counted
+    forfeits: tuple[tuple[str, int], ...]  # reasons, and in how many games
+    num_teams: int
+
+    @property
+    def ratings(self) -> tuple[Rating, ...]:
+        """Best first; none without a ladder."""
+        return () if self.ladder is None else self.ladder.ratings
+
+    @property
+    def zero(self) -> str:
+        """What is rated 0."""
+        if ANCHOR in self.names:
+            return f"{ANCHOR} = 0"
+        is_whole = not self.ratings or self.ratings[-1].group == 0
+        return "mean = 0" if is_whole else "mean of the unmarked = 0"
+
+    @property
+    def shares(self) -> NDArray[np.float64]:
+        """Float64 [n, n] points / counts; not a number where nothing was played."""
+        shares = self.points / np.maximum(self.counts, 1)
+        return np.where(self.counts > 0, shares, np.nan)
+
+
+def find_elo_range(ratings: Sequence[Rating]) -> tuple[float, float]:
+    """The ends of an axis that holds all intervals, but for ends that only the prior holds."""
+    ends = [
+        elo
+        for r in ratings
+        for elo, is_open in ((r.low, r.open_low), (r.elo, False), (r.high, r.open_high))
+        if not is_open
+    ]
+    low, high = min(ends, default=0.0), max(ends, default=0.0)
+    margin = 0.1 * (high - low) or 1.0
+    return low - margin, high + margin
+
+
+def try_to_rate(names: Sequence[str], games: Games, seed: int) -> tuple[Ladder | None, str]:
+    """The ladder, or why there is none."""
+    try:
+        return rate(names, games, seed), ""
+    except ValueError as error:
+        return None, str(error)
+
+
+def make_table(
+    names: Sequence[str],
+    games: Games,
+    ladder: Ladder | None,
+    forfeits: Sequence[tuple[str, int]] = (),
+    seed: int = 0,
+    with_alpha_rank: bool = False,
+    why_unrated: str = "",
+) -> LeagueTable:
+    """The table of `ladder`; games as in `rate`, agents there by index in `names`.
+
+    Raises:
+        ValueError: alpha-Rank is asked for, and OpenSpiel is not installed.
+    """
+    ranked = [rating.name for rating in ladder.ratings] if ladder else list(names)
+    place = {name: number for number, name in enumerate(names)}
+    order = np.array([place[name] for name in ranked], np.int64)
+    payoffs = find_payoffs(len(names), games, seed)
+    num_games = int((~games.is_repeat).sum())
+    beyond = look_beyond(games, payoffs, order, seed, with_alpha_rank) if num_games else None
+    shown = payoffs.reorder(order)
+    shares = find_team_shares(len(names), games)
+    return LeagueTable(
+        tuple(ranked),
+        ladder,
+        why_unrated,
+        shown.points,
+        shown.counts,
+        shown.repeats,
+        shown.low,
+        shown.high,
+        beyond,
+        tuple(names),
+        {(names[agent], team): share for (agent, team), share in shares.items()},
+        num_games,
+        tuple(forfeits),
+        games.agents.shape[1],
+    )

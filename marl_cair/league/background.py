@@ -120,8 +120,7 @@ def find_curves(ratings: Sequence[Rating], records: Mapping[str, AgentRecord]) -
     runs: dict[tuple[str, str, int], dict[int, Point]] = {}
     for rating in ratings:
         record = records.get(rating.name)
-        about = json.loads(record.configuration).get("training") if record else None
-        if about:
+        if record and (about := _read_training(record)):
             key = str(about["run"]), str(about["name"]), int(about["seed"])
             frames = int(about["frames"])
             runs.setdefault(key, {})[frames] = Point(frames, rating)
@@ -132,6 +131,17 @@ def find_curves(ratings: Sequence[Rating], records: Mapping[str, AgentRecord]) -
         Curve(_tell_run(key, short[places[key]], several), tuple(points[f] for f in sorted(points)))
         for key, points in sorted(several.items())
     ]
+
+
+def tell_training(record: AgentRecord) -> str:
+    """How long an agent had been trained; "" where nothing is known of it."""
+    about = _read_training(record)
+    return f"{about['frames']:,} decisions, seed {about['seed']}" if about else ""
+
+
+def _read_training(record: AgentRecord) -> dict[str, Any]:
+    """As `agents.describe_training` has written it."""
+    return dict(json.loads(record.configuration).get("training", {}))
 
 
 def _find_place(folder: str, name: str) -> str:

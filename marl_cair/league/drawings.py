@@ -24,7 +24,7 @@ class Axis:
 
     left: float
     right: float
-    num_ticks: int = 5
+    num_ticks: int = 4
 
     def place(self, value: float) -> float:
         """Percent of the way; what lies outside is at the end."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
@@ -28,7 +30,7 @@ def write_page(report: Report) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["code"] = mark_code
+    environment.filters.update(breaks=allow_breaks, code=mark_code, sign=set_signs)
     return environment.get_template(TEMPLATE).render(
         report=report,
         axis=find_axis(table) if table.ratings else None,
@@ -38,6 +40,16 @@ def write_page(report: Report) -> str:
         chart=lay_out_curves(table, report.curves) if report.curves else None,
         most_open_items=MOST_OPEN_ITEMS,
     )
+
+
+def allow_breaks(name: str) -> Markup:
+    """`name` escaped, that may be broken after the parts of a path and of a word."""
+    return Markup("<wbr>").join(re.split(r"(?<=[/_@])", name))
+
+
+def set_signs(text: str) -> str:
+    """`text` with the signs of bounds that terminals of every code page can not show."""
+    return text.replace(">=", "\u2265").replace("<=", "\u2264")
 
 
 def mark_code(text: str) -> Markup:

@@ -21,24 +21,28 @@ STYLE: dict[Any, Any] = {  # matplotlib spells out all its keys as a type
 }
 WIDTH_INCHES = 7.2  # two columns of a paper
 DOTS_PER_INCH = 300
+MAX_PIXELS = 4_000  # of the longer side
+MOST_NUMBERS = 30  # agents; a larger matrix is shown by its colours alone
 ARROW_SHARE = 0.08  # of the ladder's width
 
 
 def draw_league(path: Path, table: LeagueTable) -> None:
     """Write ladder and matrix, both best first, as PNG, PDF or SVG, by the ending of `path`."""
-    size = len(table.ratings)
+    size = len(table.names)
     with rc_context(STYLE):
-        height = 1.25 + 0.27 * size
-        width = WIDTH_INCHES * max(1.0, size / 14.0)
+        height = 1.25 + (0.27 if size <= MOST_NUMBERS else 0.12) * size
+        width = WIDTH_INCHES * max(1.0, min(size, MOST_NUMBERS) / 14.0)
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         ladder, matrix = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 1.2))
-        _draw_matrix(matrix, table)
-        _draw_ladder(ladder, table)
+        if size:
+            _draw_matrix(matrix, table)
+            _draw_ladder(ladder, table)
         figure.supxlabel(_caption(table), fontsize=6.5, color="0.35", x=0.01, ha="left")
         dates = {"CreationDate": None} if path.suffix == ".pdf" else {}
         with atomic_path(path) as unfinished:
-            figure.savefig(unfinished, dpi=DOTS_PER_INCH, metadata=dates)
+            dots = min(DOTS_PER_INCH, MAX_PIXELS / max(width, height))
+            figure.savefig(unfinished, dpi=dots, metadata=dates)
 
 
 def _caption(table: LeagueTable) -> str:
@@ -72,9 +76,11 @@ def _draw_ladder(panel: Any, table: LeagueTable) -> None:
             panel.annotate("", (end, place), (start, place), arrowprops=arrow)
         if place and rating.group != ratings[place - 1].group:
             panel.axhline(place - 0.5, color="0.4", linewidth=0.7, linestyle=(0, (4, 3)))
-    panel.set_yticks(range(len(ratings)), table.names)
-    panel.set(xlim=(left, right), xlabel=f"Elo ({table.zero})")
-    panel.set_ylim(len(ratings) - 0.5, -0.5)
+    size = len(table.names)
+    panel.set_yticks(range(size), table.names, fontsize=8.0 if size <= MOST_NUMBERS else 5.0)
+    label = f"Elo ({table.zero})" if ratings else "no ladder: see the report"
+    panel.set(xlim=(left, right), xlabel=label)
+    panel.set_ylim(size - 0.5, -0.5)
     panel.axvline(0.0, color="black", linewidth=0.6, alpha=0.5)
     panel.grid(axis="x", alpha=0.25, linewidth=0.5)
     panel.spines[["top", "right", "left"]].set_visible(False)
@@ -82,11 +88,10 @@ def _draw_ladder(panel: Any, table: LeagueTable) -> None:
 
 
 def _draw_matrix(panel: Any, table: LeagueTable) -> None:
-    played = table.counts > 0
-    shares = np.where(played, table.points / np.maximum(table.counts, 1), np.nan)
+    shares, size = table.shares, len(table.names)
     panel.imshow(shares, cmap="PuOr", vmin=-0.15, vmax=1.15, aspect="auto")
     is_clear = (table.low > 0.5) | (table.high < 0.5)
-    for row, column in np.argwhere(played):
+    for row, column in np.argwhere(table.counts > 0) if size <= MOST_NUMBERS else ():
         share = shares[row, column]
         panel.text(
             column,
@@ -98,13 +103,13 @@ def _draw_matrix(panel: Any, table: LeagueTable) -> None:
             fontsize=7.0,
             fontweight="bold" if is_clear[row, column] else "normal",
         )
-    panel.set_xticks(
-        range(len(table.names)), table.names, rotation=38, ha="right", rotation_mode="anchor"
-    )
-    panel.set_xticks(np.arange(len(table.names) + 1) - 0.5, minor=True)
-    panel.set_yticks(np.arange(len(table.names) + 1) - 0.5, minor=True)
-    panel.grid(which="minor", color="white", linewidth=0.8)
-    number = int(table.counts.max())
+    if size <= MOST_NUMBERS:
+        turned: dict[str, Any] = {"rotation": 38, "ha": "right", "rotation_mode": "anchor"}
+        panel.set_xticks(range(size), table.names, **turned)
+        panel.set_xticks(np.arange(size + 1) - 0.5, minor=True)
+        panel.set_yticks(np.arange(size + 1) - 0.5, minor=True)
+        panel.grid(which="minor", color="white", linewidth=0.8)
+    number = int(table.counts.max(initial=0))
     what = "Score of row against column" if table.num_teams == 2 else "Row came in above column"
     panel.set_title(f"{what}, % (up to {number} games a pair)", fontsize=8.0)
     panel.spines[:].set_visible(False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from marl_cair.league.background import Background, Curve, find_curves
+from marl_cair.league.background import Background, Curve, find_curves, tell_training
 from marl_cair.league.beyond import tell_cycles, tell_fit
 from marl_cair.league.likelihood import PRIOR_ELO
 from marl_cair.league.shares import Share
@@ -268,9 +268,12 @@ def _tell_agents(table: LeagueTable, background: Background) -> Section:
         (name, background.records[name]) for name in table.names if name in background.records
     ]
     if records:
-        rows = tuple((n, r.kind, r.evaluation_policy, r.fingerprint) for n, r in records)
-        header = ("agent", "kind", "plays", "fingerprint")
-        tables.append(Table(header, rows, 4, "Agents"))
+        rows = tuple(
+            (name, record.kind, record.evaluation_policy, tell_training(record), record.fingerprint)
+            for name, record in records
+        )
+        header = ("agent", "kind", "plays", "trained for", "fingerprint")
+        tables.append(Table(header, rows, 5, "Agents"))
     if background.settings:
         tables.append(Table(("setting", "value"), background.settings, 2, "League"))
     words = () if tables else ("Nothing is known of how these games were played.",)

@@ -59,11 +59,11 @@ def _tell_best(table: LeagueTable) -> str:
             f"No agent of the groups below took a single point off {best.name}'s: how far ahead it "
             f"is of {second.name}, the second, these games do not limit."
         )
-    numbers = f"{gap.elo:+.0f} Elo [{gap.low:+.0f}, {gap.high:+.0f}]"
+    numbers = f"{gap.elo:.0f} Elo [{gap.low:.0f}, {gap.high:.0f}]"
     if gap.low > 0.0:
         return f"{best.name} is {numbers} ahead of {second.name}, the second; {sure}."
     return (
-        f"{best.name} has the highest rating, {numbers} against {second.name}, which may as well "
+        f"{best.name} has the highest rating, {numbers} ahead of {second.name}, which may as well "
         f"be the better one; {sure}."
     )
 

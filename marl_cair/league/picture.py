@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
+from matplotlib import colormaps, rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -21,13 +22,13 @@ STYLE: dict[Any, Any] = {  # matplotlib spells out all its keys as a type
 }
 WIDTH_INCHES = 7.2  # two columns of a paper
 DOTS_PER_INCH = 300
-MAX_PIXELS = 4_000  # of the longer side
+MAX_PIXELS = 3_200  # of the longer side
 MOST_NUMBERS = 30  # agents; a larger matrix is shown by its colours alone
 ARROW_SHARE = 0.08  # of the ladder's width
 
 
-def draw_league(path: Path, table: LeagueTable) -> None:
-    """Write ladder and matrix, both best first, as PNG, PDF or SVG, by the ending of `path`."""
+def draw_league(paths: Sequence[Path], table: LeagueTable) -> None:
+    """Write ladder and matrix, both best first, as PNG, PDF or SVG, by the endings of `paths`."""
     size = len(table.names)
     with rc_context(STYLE):
         height = 1.25 + (0.27 if size <= MOST_NUMBERS else 0.12) * size
@@ -39,10 +40,13 @@ def draw_league(path: Path, table: LeagueTable) -> None:
             _draw_matrix(matrix, table)
             _draw_ladder(ladder, table)
         figure.supxlabel(_caption(table), fontsize=6.5, color="0.35", x=0.01, ha="left")
-        dates = {"CreationDate": None} if path.suffix == ".pdf" else {}
-        with atomic_path(path) as unfinished:
-            dots = min(DOTS_PER_INCH, MAX_PIXELS / max(width, height))
-            figure.savefig(unfinished, dpi=dots, metadata=dates)
+        dots = min(DOTS_PER_INCH, MAX_PIXELS / max(width, height))
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # all is in its place: to find it takes a second
+        for path in paths:
+            dates = {"CreationDate": None} if path.suffix == ".pdf" else {}
+            with atomic_path(path) as unfinished:
+                figure.savefig(unfinished, dpi=dots, metadata=dates)
 
 
 def _caption(table: LeagueTable) -> str:
@@ -67,7 +71,7 @@ def _draw_ladder(panel: Any, table: LeagueTable) -> None:
         colour = BOUND_COLOUR if rating.is_bound else DOT_COLOUR
         low = left if rating.open_low else rating.low
         high = right if rating.open_high else rating.high
-        panel.plot((low, high), (place, place), color=colour, linewidth=1.6, solid_capstyle="butt")
+        panel.hlines(place, low, high, color=colour, linewidth=1.6)
         panel.plot(rating.elo, place, "o", color=colour, markersize=4)
         if rating.is_bound:
             start, way = (high, 1.0) if rating.bound == "lower" else (low, -1.0)
@@ -89,7 +93,9 @@ def _draw_ladder(panel: Any, table: LeagueTable) -> None:
 
 def _draw_matrix(panel: Any, table: LeagueTable) -> None:
     shares, size = table.shares, len(table.names)
-    panel.imshow(shares, cmap="PuOr", vmin=-0.15, vmax=1.15, aspect="auto")
+    # Coloured before it is enlarged: the other way round takes a second for every drawing.
+    colours = colormaps["PuOr"]((np.ma.masked_invalid(shares) + 0.15) / 1.3)
+    panel.imshow(colours, aspect="auto", interpolation="none")
     is_clear = (table.low > 0.5) | (table.high < 0.5)
     for row, column in np.argwhere(table.counts > 0) if size <= MOST_NUMBERS else ():
         share = shares[row, column]

@@ -49,8 +49,7 @@ def write_report(
     write_atomically(folder / "ladder.txt", text)
     for name, (header, rows) in _list_tables(report).items():
         write_atomically(folder / f"{name}.csv", _as_csv(header, rows))
-    for name in ("league.png", "league.pdf"):
-        draw_league(folder / name, table)
+    draw_league([folder / "league.png", folder / "league.pdf"], table)
     write_atomically(folder / "report.md", write_markdown(report))
     write_atomically(folder / "report.html", write_page(report))
 

@@ -3,31 +3,12 @@
 import csv
 import io
 
-import numpy as np
 import pytest
 from PIL import Image
 
-from marl_cair.league.ratings import Games, rate
-from marl_cair.league.report import describe_league, make_table, write_report
-
-NAMES = ["turtle", "economist", "rusher", "random"]
-EDGES = {(0, 1): 25, (0, 2): 40, (0, 3): 40, (1, 2): 40, (1, 3): 40, (2, 3): 30}
-
-
-def make(results=EDGES, names=NAMES, repeats=0, draws=0, forfeits=()):
-    """40 games of each pair, half of them in each seat; the last `repeats` are not counted."""
-    rows = []
-    for number, ((first, second), wins) in enumerate(results.items()):
-        scores = [1.0] * wins + [0.5] * draws + [0.0] * (40 - wins - draws)
-        for game, score in enumerate(scores):
-            agents, ranks = (first, second), (2.0 - score, 1.0 + score)
-            turn = -1 if game % 2 else 1
-            rows.append(
-                (agents[::turn], ranks[::turn], 20 * number + game // 2, game >= 40 - repeats)
-            )
-    agents, ranks, blocks, is_repeat = (np.array(column) for column in zip(*rows, strict=True))
-    games = Games(agents, 2.0 - ranks, ranks, blocks, is_repeat)
-    return make_table(names, games, rate(names, games), forfeits)
+from marl_cair.league.report import write_report
+from marl_cair.league.wording import describe_league
+from tests.league.leagues import EDGES, make
 
 
 def read_cells(folder, name):

@@ -1,0 +1,39 @@
+"""Made-up leagues for the tests of reports."""
+
+import numpy as np
+
+from marl_cair.league.ratings import Games, rate
+from marl_cair.league.table import make_table
+
+NAMES = ["turtle", "economist", "rusher", "random"]
+EDGES = {(0, 1): 25, (0, 2): 40, (0, 3): 40, (1, 2): 40, (1, 3): 40, (2, 3): 30}
+
+
+def make_games(results=EDGES, repeats=0, draws=0):
+    """40 games of each pair, half of them in each seat; the last `repeats` are not counted."""
+    rows = []
+    for number, ((first, second), wins) in enumerate(results.items()):
+        scores = [1.0] * wins + [0.5] * draws + [0.0] * (40 - wins - draws)
+        for game, score in enumerate(scores):
+            agents, ranks = (first, second), (2.0 - score, 1.0 + score)
+            turn = -1 if game % 2 else 1
+            rows.append(
+                (agents[::turn], ranks[::turn], 20 * number + game // 2, game >= 40 - repeats)
+            )
+    agents, ranks, blocks, is_repeat = (np.array(column) for column in zip(*rows, strict=True))
+    return Games(agents, 2.0 - ranks, ranks, blocks, is_repeat)
+
+
+def make(results=EDGES, names=NAMES, repeats=0, draws=0, forfeits=()):
+    """The table of `make_games`."""
+    games = make_games(results, repeats, draws)
+    return make_table(names, games, rate(names, games), forfeits)
+
+
+def no_games(num_teams=2):
+    """Nothing was played."""
+    shape = 0, num_teams
+    empty = np.zeros(0, np.int64)
+    return Games(
+        np.zeros(shape, np.int64), np.zeros(shape), np.zeros(shape), empty, empty.astype(np.bool_)
+    )

@@ -24,6 +24,8 @@ WIDTH_INCHES = 7.2  # two columns of a paper
 DOTS_PER_INCH = 300
 MAX_PIXELS = 3_200  # of the longer side
 MOST_NUMBERS = 30  # agents; a larger matrix is shown by its colours alone
+MOST_LETTERS = 40  # of a name; of longer ones the end is shown
+INCHES_PER_LETTER = 0.04  # that a turned name is higher for each
 ARROW_SHARE = 0.08  # of the ladder's width
 
 
@@ -32,6 +34,8 @@ def draw_league(paths: Sequence[Path], table: LeagueTable) -> None:
     size = len(table.names)
     with rc_context(STYLE):
         height = 1.25 + (0.27 if size <= MOST_NUMBERS else 0.12) * size
+        longest = max(map(len, _shorten(table.names)), default=0)
+        height += INCHES_PER_LETTER * max(0, longest - 12)
         width = WIDTH_INCHES * max(1.0, min(size, MOST_NUMBERS) / 14.0)
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
@@ -47,6 +51,12 @@ def draw_league(paths: Sequence[Path], table: LeagueTable) -> None:
             dates = {"CreationDate": None} if path.suffix == ".pdf" else {}
             with atomic_path(path) as unfinished:
                 figure.savefig(unfinished, dpi=dots, metadata=dates)
+
+
+def _shorten(names: Sequence[str]) -> list[str]:
+    return [
+        name if len(name) <= MOST_LETTERS else f"...{name[3 - MOST_LETTERS :]}" for name in names
+    ]
 
 
 def _caption(table: LeagueTable) -> str:
@@ -81,7 +91,9 @@ def _draw_ladder(panel: Any, table: LeagueTable) -> None:
         if place and rating.group != ratings[place - 1].group:
             panel.axhline(place - 0.5, color="0.4", linewidth=0.7, linestyle=(0, (4, 3)))
     size = len(table.names)
-    panel.set_yticks(range(size), table.names, fontsize=8.0 if size <= MOST_NUMBERS else 5.0)
+    panel.set_yticks(
+        range(size), _shorten(table.names), fontsize=8.0 if size <= MOST_NUMBERS else 5.0
+    )
     label = f"Elo ({table.zero})" if ratings else "no ladder: see the report"
     panel.set(xlim=(left, right), xlabel=label)
     panel.set_ylim(size - 0.5, -0.5)
@@ -94,7 +106,7 @@ def _draw_ladder(panel: Any, table: LeagueTable) -> None:
 def _draw_matrix(panel: Any, table: LeagueTable) -> None:
     shares, size = table.shares, len(table.names)
     # Coloured before it is enlarged: the other way round takes a second for every drawing.
-    colours = colormaps["PuOr"]((np.ma.masked_invalid(shares) + 0.15) / 1.3)
+    colours = colormaps["PuOr"]((np.ma.masked_invalid(shares) + 0.15) / 1.3, bytes=True)
     panel.imshow(colours, aspect="auto", interpolation="none")
     is_clear = (table.low > 0.5) | (table.high < 0.5)
     for row, column in np.argwhere(table.counts > 0) if size <= MOST_NUMBERS else ():
@@ -111,7 +123,7 @@ def _draw_matrix(panel: Any, table: LeagueTable) -> None:
         )
     if size <= MOST_NUMBERS:
         turned: dict[str, Any] = {"rotation": 38, "ha": "right", "rotation_mode": "anchor"}
-        panel.set_xticks(range(size), table.names, **turned)
+        panel.set_xticks(range(size), _shorten(table.names), **turned)
         panel.set_xticks(np.arange(size + 1) - 0.5, minor=True)
         panel.set_yticks(np.arange(size + 1) - 0.5, minor=True)
         panel.grid(which="minor", color="white", linewidth=0.8)

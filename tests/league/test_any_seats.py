@@ -242,7 +242,9 @@ def test_what_cannot_be_played_alone_is_refused(scenario, num_games, message):
 
 
 def play_league(folder, *agents, scenario="ffa-4", **changes):
-    config = LeagueConfig(agents, last_standing.NAME, scenario, out=str(folder), **changes)
+    config = LeagueConfig(
+        agents, last_standing.NAME, scenario, out=str(folder), replays=False, **changes
+    )
     return run_league(config, show_progress=False)
 
 

@@ -7,7 +7,7 @@ import pytest
 from marl_cair.cli import evaluate, league, main
 from tests.league.players import save_network
 
-BOTS = ["random", "turtle", "--scenario", "11x11", "--games", "2"]
+BOTS = ["random", "turtle", "--scenario", "11x11", "--games", "2", "--no-replays"]
 
 
 @pytest.mark.parametrize("command", [league, evaluate])

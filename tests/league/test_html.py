@@ -1,4 +1,4 @@
-"""The page and the Markdown file say what the text says, in any browser, whatever agents are called."""
+"""The page and the Markdown file say what the text says, whatever agents are called."""
 
 import dataclasses
 import html.parser

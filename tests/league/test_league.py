@@ -35,7 +35,11 @@ TABLES = ("ladder.csv", "winrates.csv", "differences.csv", "ladder.txt")
 
 def make_config(folder, **changes):
     config = LeagueConfig(
-        ("random", "economist", "turtle"), scenario="11x11", games_per_pair=4, out=str(folder)
+        ("random", "economist", "turtle"),
+        scenario="11x11",
+        games_per_pair=4,
+        out=str(folder),
+        replays=False,
     )
     return dataclasses.replace(config, **changes)
 

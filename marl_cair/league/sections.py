@@ -144,8 +144,7 @@ def _tell_matrix(table: LeagueTable) -> Section:
     if table.num_teams > 2:
         what = "how often the row's agent came in above the column's, ties count half"
     words = (
-        f"In %: {what}. In brackets the 95 % interval, then the number of games. Bold: clear of "
-        "50 %."
+        f"In %: {what}. With each its 95 % interval and the number of games; bold: clear of 50 %."
     )
     numbers = [str(place) for place in range(1, len(table.names) + 1)]
     rows = [

@@ -34,7 +34,8 @@ NETWORKS = ("conv", "capsule")
 # More of the bots than the default has: in minutes they teach more than a pool of beginners does.
 MIXTURE = {"latest": 0.3, "uniform": 0.1, "bots": 0.5, "random": 0.1}
 NEXT = """
-Look at   {out}/league/league.png   the ladder with 95 % intervals, and who beats whom
+Look at   {out}/league/report.html  the ladder with 95 % intervals, who beats whom, games to watch
+          {out}/league/league.png   the same as a picture
           {out}/curves.png          learning curves, generator, actions
           {out}/game.gif            a game of the conv network against the bot `counter`
 Try next  .venv/bin/marl-cair train policy=capsule opponent=self_play total_frames=1000000

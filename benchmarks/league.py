@@ -1,12 +1,14 @@
-"""Measure a league: games a minute on Deep Line Wars 10x15, and what ratings of many games take.
+"""Measure a league: games a minute on Deep Line Wars 10x15, what ratings of many games take, and
+what their report takes.
 
 python -m benchmarks.league [--agents 100] [--games 100000] [--play-games 960] [--workers 2]
-    [--network-games 512] [--skip-play] [--skip-ratings]
+    [--network-games 512] [--skip-play] [--skip-ratings] [--skip-report]
 Games are of a whole `run_league` in a folder that is thrown away, less the start of its workers;
 ratings are of simulated games, half of them in each seat, two to a block.
 """
 
 import argparse
+import dataclasses
 import itertools
 import tempfile
 import time
@@ -21,13 +23,14 @@ from marl_cair.games import GAMES
 from marl_cair.league.agents import describe_agent, find_fingerprint, load_agent
 from marl_cair.league.arena import Arena, Rules
 from marl_cair.league.averages import average_by_nash
-from marl_cair.league.blocks import Entrant
+from marl_cair.league.blocks import Entrant, PlayedGame
 from marl_cair.league.cycles import find_cycles
 from marl_cair.league.fit import check_fit
 from marl_cair.league.payoffs import find_payoffs
 from marl_cair.league.ratings import Games, rate
+from marl_cair.league.reporting import report_stored
 from marl_cair.league.schedule import schedule_meetings
-from marl_cair.league.store import LeagueStore
+from marl_cair.league.store import STORE_FILE, AgentRecord, LeagueStore
 from marl_cair.policies.q_network import QNetworkConfig
 
 GAME, SCENARIO = "deep_line_wars", "10x15"
@@ -69,6 +72,63 @@ def measure_ratings(num_agents: int, num_games: int) -> None:
             seconds.append((time.perf_counter() - start, time.process_time() - cpu))
         wall, used = min(seconds)
         print(f"  {name:24} {wall:6.2f} s ({used:.2f} s of CPU)", flush=True)
+
+
+def store_games(folder: Path, games: Games) -> None:
+    """A league file of the games, of agents that there are not."""
+    game = GAMES[GAME]
+    scenario = game.scenario(SCENARIO, reward=game.rated_reward)
+    settings = {
+        "game": GAME,
+        "game_version": game.version,
+        "scenario": dataclasses.asdict(scenario),
+        "seed": 0,
+        "seating": "all",
+        "team_of_seat": [0, 1],
+    }
+    order = np.lexsort((np.arange(len(games.agents)), *np.sort(games.agents, axis=1).T))
+    with closing(LeagueStore(folder / STORE_FILE, settings)) as store:
+        ids = [
+            store.add_agent(AgentRecord(name, name, "bot", "scripted", game.version, "{}"))
+            for name in (f"agent {number:03}" for number in range(int(games.agents.max()) + 1))
+        ]
+        line_ups = itertools.groupby(order.tolist(), lambda at: tuple(sorted(games.agents[at])))
+        for line_up, places in line_ups:
+            played = []
+            for number, place in enumerate(places):
+                agents, points = games.agents[place], tuple(games.points[place].tolist())
+                entries = tuple(line_up.index(agent) for agent in agents)
+                played.append(
+                    PlayedGame(
+                        block=number // 2,
+                        number=number % 2,
+                        map_seed=number // 2,
+                        entries=entries,
+                        points=points,
+                        ranks=tuple(2.0 - point for point in points),
+                        winner=int(points[1]),
+                        is_truncated=False,
+                        decisions=100,
+                        trajectory=str(place),
+                        forfeited=(False, False),
+                        reason="",
+                    )
+                )
+            store.add_games([ids[agent] for agent in line_up], played)
+
+
+def measure_report(num_agents: int, num_games: int) -> None:
+    """Print what `marl-cair league report` takes, without films, the best of two."""
+    with tempfile.TemporaryDirectory() as folder:
+        store_games(Path(folder), simulate(num_agents, num_games, 0))
+        seconds = []
+        for _ in range(2):
+            start, cpu = time.perf_counter(), time.process_time()
+            report_stored(Path(folder), with_replays=False)
+            seconds.append((time.perf_counter() - start, time.process_time() - cpu))
+        size = (Path(folder) / "report.html").stat().st_size
+    wall, used = min(seconds)
+    print(f"  {'report':24} {wall:6.2f} s ({used:.2f} s of CPU), {size / 1e6:.1f} MB", flush=True)
 
 
 def measure_play(title: str, sources: list[str], num_games: int, workers: int, out: Path) -> None:
@@ -114,9 +174,12 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--skip-play", action="store_true")
     parser.add_argument("--skip-ratings", action="store_true")
+    parser.add_argument("--skip-report", action="store_true")
     options = parser.parse_args()
     if not options.skip_ratings:
         measure_ratings(options.agents, options.games)
+    if not options.skip_report:
+        measure_report(options.agents, options.games)
     if options.skip_play:
         return
     with tempfile.TemporaryDirectory() as folder:

@@ -24,10 +24,8 @@ def shoot(browser: Browser, path: Path, width: int, scheme: str, start: str = ""
     page = browser.new_page(viewport=view, color_scheme=scheme)
     page.goto(path.absolute().as_uri())
     if start:
-        page.evaluate(
-            "key => document.querySelector(`[data-key=${key}]`).scrollIntoView({behavior:'instant'})",
-            start,
-        )
+        section = page.locator(f"[data-key={start}]")
+        section.evaluate("e => e.scrollIntoView({behavior: 'instant'})")
     return Image.open(io.BytesIO(page.screenshot()))
 
 

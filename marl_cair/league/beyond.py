@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,24 +33,21 @@ class Beyond:
 
 
 def look_beyond(
-    games: Games,
-    payoffs: Payoffs,
-    order: NDArray[np.int64],
-    seed: int = 0,
-    with_alpha_rank: bool = False,
+    games: Games, payoffs: Payoffs, seed: int = 0, with_alpha_rank: bool = False
 ) -> Beyond:
-    """All of it; games and payoffs by the same numbers of agents, order int64 [n].
+    """All of it; games and payoffs by the same numbers of agents, which are their order too.
 
     Raises:
         ValueError: alpha-Rank is asked for, and OpenSpiel is not installed.
     """
-    averages = {NASH: average_by_nash(payoffs)}
-    if with_alpha_rank:
-        averages[ALPHA_RANK] = average_by_alpha_rank(payoffs)
-    num_agents = len(order)
-    return Beyond(
-        check_fit(num_agents, games, seed), find_cycles(num_agents, games), averages, order
-    )
+    num_agents = len(payoffs.counts)
+    with ThreadPoolExecutor(1) as pool:
+        fit = pool.submit(check_fit, num_agents, games, seed)
+        cycles = find_cycles(num_agents, games)
+        averages = {NASH: average_by_nash(payoffs)}
+        if with_alpha_rank:
+            averages[ALPHA_RANK] = average_by_alpha_rank(payoffs)
+        return Beyond(fit.result(), cycles, averages, np.arange(num_agents))
 
 
 def describe_beyond(beyond: Beyond, names: Sequence[str], num_teams: int) -> str:

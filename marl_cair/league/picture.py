@@ -22,7 +22,7 @@ STYLE: dict[Any, Any] = {  # matplotlib spells out all its keys as a type
 }
 WIDTH_INCHES = 7.2  # two columns of a paper
 DOTS_PER_INCH = 300
-MAX_PIXELS = 3_200  # of the longer side
+MAX_PIXELS = 2_400  # of the longer side
 MOST_NUMBERS = 30  # agents; a larger matrix is shown by its colours alone
 MOST_LETTERS = 40  # of a name; of longer ones the end is shown
 INCHES_PER_LETTER = 0.04  # that a turned name is higher for each

@@ -17,7 +17,7 @@ from marl_cair.league.replays import FOLDER as REPLAYS
 from marl_cair.league.replays import Replay, Theatre, choose_games, make_replays
 from marl_cair.league.report import write_report
 from marl_cair.league.store import STORE_FILE, LeagueStore, StoredGames
-from marl_cair.league.table import LeagueTable, make_table, try_to_rate
+from marl_cair.league.table import LeagueTable, make_table
 from marl_cair.league.wording import describe_league
 
 
@@ -78,11 +78,10 @@ def rate_and_report(
     """
     ids, called, seed = list(names), list(names.values()), int(store.settings["seed"])
     games = number_agents(stored, ids)
-    ladder, why_unrated = try_to_rate(called, games, seed)
-    if ladder is not None:
-        _keep_ratings(store, ladder, names, games, seed)
     forfeits = sorted(Counter(reason for reason in stored.reasons if reason).items())
-    table = make_table(called, games, ladder, forfeits, seed, showing.alpha_rank, why_unrated)
+    table = make_table(called, games, forfeits, seed, showing.alpha_rank)
+    if table.ladder is not None:
+        _keep_ratings(store, table.ladder, names, games, seed)
     replays, why_none = _replay(store, stored, names, table, folder, showing)
     background = read_background(store, stored, names, games, replays, why_none)
     text = describe_league(table)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,34 +69,29 @@ def find_elo_range(ratings: Sequence[Rating]) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def try_to_rate(names: Sequence[str], games: Games, seed: int) -> tuple[Ladder | None, str]:
-    """The ladder, or why there is none."""
-    try:
-        return rate(names, games, seed), ""
-    except ValueError as error:
-        return None, str(error)
-
-
 def make_table(
     names: Sequence[str],
     games: Games,
-    ladder: Ladder | None,
     forfeits: Sequence[tuple[str, int]] = (),
     seed: int = 0,
     with_alpha_rank: bool = False,
-    why_unrated: str = "",
 ) -> LeagueTable:
-    """The table of `ladder`; games as in `rate`, agents there by index in `names`.
+    """Rate games as in `rate`, agents there by index in `names`, and find all that a report tells.
+
+    Where `rate` refuses them, there is no ladder, and the table says why.
 
     Raises:
         ValueError: alpha-Rank is asked for, and OpenSpiel is not installed.
     """
+    with ThreadPoolExecutor(1) as pool:  # compiled code does most of it: seconds of large leagues
+        rated = pool.submit(_try_to_rate, names, games, seed)
+        payoffs = find_payoffs(len(names), games, seed)
+        num_games = int((~games.is_repeat).sum())
+        beyond = look_beyond(games, payoffs, seed, with_alpha_rank) if num_games else None
+        ladder, why_unrated = rated.result()
     ranked = [rating.name for rating in ladder.ratings] if ladder else list(names)
     place = {name: number for number, name in enumerate(names)}
     order = np.array([place[name] for name in ranked], np.int64)
-    payoffs = find_payoffs(len(names), games, seed)
-    num_games = int((~games.is_repeat).sum())
-    beyond = look_beyond(games, payoffs, order, seed, with_alpha_rank) if num_games else None
     shown = payoffs.reorder(order)
     shares = find_team_shares(len(names), games)
     return LeagueTable(
@@ -107,10 +103,18 @@ def make_table(
         shown.repeats,
         shown.low,
         shown.high,
-        beyond,
+        None if beyond is None else replace(beyond, order=order),
         tuple(names),
         {(names[agent], team): share for (agent, team), share in shares.items()},
         num_games,
         tuple(forfeits),
         games.agents.shape[1],
     )
+
+
+def _try_to_rate(names: Sequence[str], games: Games, seed: int) -> tuple[Ladder | None, str]:
+    """The ladder, or why there is none."""
+    try:
+        return rate(names, games, seed), ""
+    except ValueError as error:
+        return None, str(error)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marl_cair.league.ratings import Games, rate
+from marl_cair.league.ratings import Games
 from marl_cair.league.table import make_table
 
 NAMES = ["turtle", "economist", "rusher", "random"]
@@ -27,7 +27,7 @@ def make_games(results=EDGES, repeats=0, draws=0):
 def make(results=EDGES, names=NAMES, repeats=0, draws=0, forfeits=()):
     """The table of `make_games`."""
     games = make_games(results, repeats, draws)
-    return make_table(names, games, rate(names, games), forfeits)
+    return make_table(names, games, forfeits)
 
 
 def no_games(num_teams=2):

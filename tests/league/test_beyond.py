@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
 
 from marl_cair.league.beyond import (
@@ -22,7 +21,7 @@ NAMES = ["paper", "rock", "scissors"]
 
 def look(games):
     size = int(games.agents.max()) + 1
-    return look_beyond(games, find_payoffs(size, games), np.arange(size))
+    return look_beyond(games, find_payoffs(size, games))
 
 
 @pytest.fixture(scope="module")

@@ -10,13 +10,13 @@ import pytest
 from marl_cair.league.background import Background, find_curves
 from marl_cair.league.html import write_page
 from marl_cair.league.markdown import escape, write_markdown
-from marl_cair.league.ratings import Games, rate
+from marl_cair.league.ratings import Games
 from marl_cair.league.replays import Replay
 from marl_cair.league.report import FILES, write_report
 from marl_cair.league.sections import make_report
 from marl_cair.league.shares import Share
 from marl_cair.league.store import AgentRecord
-from marl_cair.league.table import make_table, try_to_rate
+from marl_cair.league.table import make_table
 from marl_cair.league.verdict import tell_headline, tell_verdict
 from marl_cair.league.wording import describe_league, format_rating
 from tests.league.leagues import EDGES, NAMES, make, make_games, no_games
@@ -111,7 +111,7 @@ def test_colours_go_from_losing_to_winning():
 def test_the_matrix_of_many_agents_is_dense_and_tells_the_rest_on_hovering():
     names = [f"agent {number:02}" for number in range(20)]
     games = make_games({(n, n + 1): 25 for n in range(19)})
-    page = read_page(make_table(names, games, rate(names, games)))
+    page = read_page(make_table(names, games))
     cells = [about for tag, about in page.elements if tag == "td" and "title" in about]
     assert len(cells) == 38
     assert all(re.search(r"\[\d+, \d+\] against agent \d+, 40 games$", c["title"]) for c in cells)
@@ -297,9 +297,9 @@ def test_films_are_within_the_page_and_named_in_the_markdown(tmp_path):
 
 
 def unrated(names, games):
-    ladder, why = try_to_rate(names, games, 0)
-    assert ladder is None
-    return make_table(names, games, None, why_unrated=why)
+    table = make_table(names, games)
+    assert table.ladder is None
+    return table
 
 
 @pytest.mark.parametrize("num_agents", [0, 1, 3])
@@ -329,8 +329,7 @@ def test_agents_that_no_games_compare_have_a_matrix_and_no_ladder(tmp_path):
 
 def test_one_agent_alone_is_told():
     games = make_games({(0, 0): 25})
-    (table,) = [make_table(["a"], games, rate(["a"], games))]
-    page = read_page(table)
+    page = read_page(make_table(["a"], games))
     assert "a has nobody to be compared with" in page.text[""]
     assert "There are no two rated agents" in page.text["differences"]
 
@@ -341,7 +340,7 @@ def test_a_free_for_all_is_told_by_teams():
     blocks = np.repeat(np.arange(8), 3)
     games = Games(agents, (ranks == 1.0) * 1.0, ranks, blocks, np.zeros(24, np.bool_))
     names = ["a", "b", "random"]
-    page = read_page(make_table(names, games, rate(names, games)))
+    page = read_page(make_table(names, games))
     assert page.rows["shares"][0] == ["agent", "team 1", "team 2", "team 3"]
     assert page.rows["shares"][1][1].split()[0] == "100.0"
     assert "ties count half" in page.text["matrix"]

@@ -87,6 +87,15 @@ def test_what_is_stored_comes_back(store):
     assert store.read_blocks() == {tuple(ids): {0}}
 
 
+def test_notes_are_kept_once_and_do_not_refuse_the_file(store, path):
+    for text in ("league a b", "league a b", "league add c"):
+        store.note("commands", text)
+    assert store.settings["commands"] == ["league a b", "league add c"]
+    again = LeagueStore(path, SETTINGS)
+    again.close()
+    assert again.settings["commands"] == ["league a b", "league add c"]
+
+
 def test_a_block_is_stored_once(store):
     ids = add(store)
     store.add_games(ids, [played(0, 0, (0.0, 1.0)), played(1, 0), played(1, 1)])

@@ -5,15 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-# The bots are what the league is rated against and what nobody in it plays by itself.
+# The bots are what the league is rated against and what nobody in it plays by itself, so a main
+# agent meets those often that it does not beat yet.
 _DEEP_LINE_WARS: dict[str, Any] = {
     "out": "runs/league_deep_line_wars",
     "total_frames": 1_000_000,
     "slice_frames": 50_000,
-    "final_bots": ["random", "counter", "economist"],
+    "final_bots": ["random", "rusher", "turtle", "economist", "zigzag", "counter"],
+    "main": {
+        "mixture": {
+            "main_self_play": 0.2,
+            "pfsp": 0.3,
+            "forgotten": 0.1,
+            "bots": 0.1,
+            "pfsp_bots": 0.3,
+        },
+        "snapshot_every_frames": 50_000,
+    },
     "training": {
         "game": {"name": "deep_line_wars", "scenario": "10x15"},
-        "evaluation": {"every_frames": 50_000, "bots": ["random", "counter"]},
+        "learner": {"learning_rate_end": 0.0},
+        "evaluation": {"every_frames": 50_000, "bots": ["random", "counter", "economist"]},
     },
 }
 

@@ -16,6 +16,7 @@ from marl_cair.league.ratings import Games, Ladder, Rating, describe_method
 from marl_cair.league.replays import FOLDER as REPLAYS
 from marl_cair.league.replays import Replay, Theatre, choose_games, make_replays
 from marl_cair.league.report import write_report
+from marl_cair.league.sections import describe_more, make_report
 from marl_cair.league.store import STORE_FILE, LeagueStore, StoredGames
 from marl_cair.league.table import LeagueTable, make_table
 from marl_cair.league.wording import describe_league
@@ -26,7 +27,7 @@ class LeagueResult:
     """What a league found."""
 
     ratings: tuple[Rating, ...]  # best first
-    text: str  # ladder, matrix and plain words
+    text: str  # ladder, matrix, other tables and plain words
     folder: Path
 
 
@@ -84,7 +85,7 @@ def rate_and_report(
         _keep_ratings(store, table.ladder, names, games, seed)
     replays, why_none = _replay(store, stored, names, table, folder, showing)
     background = read_background(store, stored, names, games, replays, why_none)
-    text = describe_league(table)
+    text = describe_league(table, describe_more(make_report(table, background)))
     write_report(folder, table, text, background)
     return LeagueResult(table.ratings, text, folder)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from marl_cair.league.shares import Share
 from marl_cair.league.table import LeagueTable
 from marl_cair.league.verdict import tell_headline, tell_verdict
 from marl_cair.league.wording import (
+    LINE_WIDTH,
     compare_pairs,
     explain_bounds,
     format_rating,
@@ -32,6 +34,9 @@ LIMITS = (
     f"Ratings have a normal prior, of standard deviation {PRIOR_ELO:,.0f} Elo about their "
     "mean: it moves a rating where points are few."
 )
+
+
+_MORE = ("training", "shares")  # sections that a terminal shows as tables
 
 
 @dataclass(frozen=True)
@@ -95,6 +100,36 @@ def make_report(table: LeagueTable, background: Background | None = None) -> Rep
         _count(table, background),
         sections,
     )
+
+
+def describe_more(report: Report) -> list[str]:
+    """As text for a terminal what `wording.describe_league` does not tell: tables of snapshots,
+    seats and maps. One that is wider than a terminal is named by its file.
+    """
+    told = []
+    for section in report.sections:
+        for table in section.tables if section.key in _MORE else ():
+            title = table.title or section.title
+            text = format_table(table)
+            if max(map(len, text.split("\n"))) > LINE_WIDTH:
+                text = f"Too wide for a terminal: see {section.title!r} in report.md."
+            words = textwrap.fill(f"{title}: {section.words[0]}", LINE_WIDTH)
+            told.append(f"{words}\n{text}")
+    return told
+
+
+def format_table(table: Table) -> str:
+    """Columns of equal width: words from the left, numbers from the right."""
+    rows = [table.header, *table.rows]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [
+            cell.ljust(width) if place < table.num_words else cell.rjust(width)
+            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
 
 
 def _count(table: LeagueTable, background: Background) -> tuple[tuple[str, str], ...]:

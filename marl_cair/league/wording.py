@@ -24,8 +24,8 @@ CAVEAT = (
 LINE_WIDTH = 100
 
 
-def describe_league(table: LeagueTable) -> str:
-    """Ladder, matrix, differences and what is amiss, as text; ASCII but for names."""
+def describe_league(table: LeagueTable, more: Sequence[str] = ()) -> str:
+    """Ladder, matrix, differences, `more` and what is amiss, as text; ASCII but for names."""
     ladder, beyond = table.ladder, table.beyond
     parts = [
         _describe_ladder(table) if ladder else _fill(tell_no_ladder(table)),
@@ -34,6 +34,7 @@ def describe_league(table: LeagueTable) -> str:
         *([describe_beyond(beyond, table.numbered_names, table.num_teams)] if beyond else []),
         *(["\n".join(["Differences (Elo, 95 %)", *compare_pairs(table)])] if ladder else []),
         *([_fill(tell_seats(table))] if ladder else []),
+        *more,
         *map(_fill, warn_of_repeats(table)),
         *_tell_forfeits(table),
         *([CAVEAT] if ladder else []),

@@ -13,12 +13,12 @@ from marl_cair.league.markdown import escape, write_markdown
 from marl_cair.league.ratings import Games
 from marl_cair.league.replays import Replay
 from marl_cair.league.report import FILES, write_report
-from marl_cair.league.sections import make_report
+from marl_cair.league.sections import describe_more, make_report
 from marl_cair.league.shares import Share
 from marl_cair.league.store import AgentRecord
 from marl_cair.league.table import make_table
 from marl_cair.league.verdict import tell_headline, tell_verdict
-from marl_cair.league.wording import describe_league, format_rating
+from marl_cair.league.wording import LINE_WIDTH, describe_league, format_rating
 from tests.league.leagues import EDGES, NAMES, make, make_games, no_games
 
 EVIL = '<script>alert("x")</script>'
@@ -278,6 +278,30 @@ def test_maps_are_a_table_where_there_are_several():
     assert rows["lake"][place["rusher"]] == "100.0 [80-100] 4"
     assert rows["lake"][place["turtle"]] == ""
     assert "Two maps." in page.text["shares"]
+
+
+def test_a_terminal_shows_the_tables_of_snapshots_seats_and_maps():
+    table, background = runs()
+    shares = {(table.names[0], "hills"): Share(0.5, 0.4, 0.6, 8)}
+    report = make_report(table, dataclasses.replace(background, map_shares=shares))
+    text = describe_league(table, describe_more(report))
+    told = [" ".join(line.split()) for line in text.splitlines()]
+    for section in report.sections:
+        if section.key in ("training", "shares"):
+            assert section.tables
+            for row in (row for part in section.tables for row in part.rows):
+                assert " ".join(" ".join(row).split()) in told
+    assert max(map(len, text.splitlines())) <= LINE_WIDTH
+
+
+def test_a_table_that_is_too_wide_for_a_terminal_is_named():
+    names = [f"an agent of a long name {number}" for number in range(8)]
+    games = make_games({(n, n + 1): 25 for n in range(7)})
+    shares = {(name, "hills"): Share(0.5, 0.4, 0.6, 8) for name in names}
+    report = make_report(make_table(names, games), Background(map_shares=shares))
+    *_, maps = describe_more(report)
+    assert maps.startswith("By map: ")
+    assert maps.endswith("\nToo wide for a terminal: see 'Score by seat and map' in report.md.")
 
 
 def test_films_are_within_the_page_and_named_in_the_markdown(tmp_path):

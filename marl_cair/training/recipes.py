@@ -49,12 +49,18 @@ _LARGE_MAZE = (
     "evaluation.games=16",
 )
 
-# A crash is the end of some seconds' flight: what is later than that need not be foreseen.
+# A crash is the end of some seconds' flight: what is later than that need not be foreseen. The
+# oracle takes turns, and so shows what to do wherever the learner has come to. How much is learned
+# goes by the number of updates, not by that of decisions.
 _FLAPPY = (
     "max_ticks=1000",
     "learner.gamma=0.97",
     "learner.double=false",
     "demonstration.bots=[oracle]",
+    "demonstration.share=0.5",
+    "demonstration.turn_decisions=50",
+    "demonstration.margin=0.2",
+    "learner.frames_per_update=8",
     "exploration.epsilon_start=0.1",
     "exploration.epsilon_end=0.002",
     "exploration.anneal_frames=100000",
@@ -127,12 +133,7 @@ RECIPES = {
             "policy.body=mlp",
             "game.reward=alive",
             *_FLAPPY,
-            # The oracle does not die: it would soon play in all worlds, and nobody would err.
-            "demonstration.until_frames=5000",
-            "demonstration.margin=0.05",
-            # The number of updates decides, not that of decisions.
             "total_frames=200000",
-            "learner.frames_per_update=8",
             "generator.evaluate_every_frames=10000",
             "learner.batch_size=256",
             "replay.capacity_transitions=500000",
@@ -146,14 +147,8 @@ RECIPES = {
             "representation=gray_stack",
             "game.reward=alive",
             *_FLAPPY,
-            # From pictures alone too little is learned in an hour: the oracle takes turns, and so
-            # shows what to do wherever the learner has come to.
             "total_frames=200000",
             "policy.frame_differences=true",
-            "demonstration.share=0.5",
-            "demonstration.turn_decisions=50",
-            "demonstration.margin=0.2",
-            "learner.frames_per_update=8",
             "learner.n_steps=4",
             "learner.batch_size=64",
             "learner.learning_rate=1e-3",

@@ -243,6 +243,8 @@ def replaced_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 def find_folder(path: str | os.PathLike[str]) -> Path:
     """Where the content of `path` lies: beside it, if a `replaced_folder` was killed half way."""
     target = Path(path)
+    if not target.name:  # "." and "/" are there
+        return target
     old = target.with_name(target.name + _OLD_SUFFIX)
     return old if old.is_dir() and not target.exists() else target
 

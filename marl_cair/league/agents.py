@@ -98,7 +98,7 @@ def describe_agent(name: str, agent: Agent, game: Game, source: str = "") -> Age
         if agent.is_sampled:
             policy = f"sampled, epsilon {agent.epsilon:g}" if agent.epsilon else "sampled"
         configuration["network"] = agent.network.config.to_dict()
-        if is_checkpoint(source) and source:
+        if source and is_checkpoint(source):
             configuration["training"] = describe_training(Path(source))
     elif isinstance(agent, ForeignAgent):
         kind, policy = "foreign", "its own"

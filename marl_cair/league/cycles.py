@@ -9,6 +9,7 @@ is wrongly named, however many there could be.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,10 +84,17 @@ def find_chance(sums: NDArray[np.int64]) -> float:
         if size == 0:
             continue
         own = np.zeros(2 * size * number + 1)
-        own[:: 2 * size] = binom.pmf(np.arange(number + 1), number, 0.5)
+        own[:: 2 * size] = _toss(number)
         chances = np.convolve(chances, own)
     far = np.abs(np.arange(-total, total + 1)) >= abs(int(sums.sum()))
     return min(1.0, float(chances[far].sum()))
+
+
+@functools.lru_cache(maxsize=1_024)  # thousands of pairs have as many games
+def _toss(number: int) -> NDArray[np.float64]:
+    """Chances [number + 1] of so many heads."""
+    chances: NDArray[np.float64] = binom.pmf(np.arange(number + 1), number, 0.5)
+    return chances
 
 
 def _add_up(

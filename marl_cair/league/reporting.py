@@ -33,10 +33,9 @@ class LeagueResult:
 
 def number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
     """The games with agents by their places in `ids`."""
-    place = {number: at for at, number in enumerate(ids)}
-    agents = np.array([[place[one] for one in row] for row in stored.agents.tolist()], np.int64)
+    order = np.argsort(ids)
     return Games(
-        agents.reshape(stored.agents.shape),
+        order[np.searchsorted(ids, stored.agents, sorter=order)],
         stored.points,
         stored.ranks,
         stored.blocks,

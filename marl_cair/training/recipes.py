@@ -50,8 +50,9 @@ _LARGE_MAZE = (
 )
 
 # A crash is the end of some seconds' flight: what is later than that need not be foreseen. The
-# oracle takes turns, and so shows what to do wherever the learner has come to. How much is learned
-# goes by the number of updates, not by that of decisions.
+# oracle takes turns, and so shows what to do wherever the learner has come to; but where two
+# actions are as good a margin between them is wrong, and keeps who has seen enough from better.
+# How much is learned goes by the number of updates, not by that of decisions.
 _FLAPPY = (
     "max_ticks=1000",
     "learner.gamma=0.97",
@@ -59,7 +60,6 @@ _FLAPPY = (
     "demonstration.bots=[oracle]",
     "demonstration.share=0.5",
     "demonstration.turn_decisions=50",
-    "demonstration.margin=0.2",
     "learner.frames_per_update=8",
     "exploration.epsilon_start=0.1",
     "exploration.epsilon_end=0.002",
@@ -134,6 +134,8 @@ RECIPES = {
             "game.reward=alive",
             *_FLAPPY,
             "total_frames=200000",
+            "demonstration.until_frames=10000",
+            "demonstration.margin=0",
             "generator.evaluate_every_frames=10000",
             "learner.batch_size=256",
             "replay.capacity_transitions=500000",
@@ -149,6 +151,8 @@ RECIPES = {
             *_FLAPPY,
             "total_frames=200000",
             "policy.frame_differences=true",
+            "demonstration.until_frames=25000",
+            "demonstration.margin=0.1",
             "learner.n_steps=4",
             "learner.batch_size=64",
             "learner.learning_rate=1e-3",

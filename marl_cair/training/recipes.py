@@ -50,8 +50,8 @@ _LARGE_MAZE = (
 )
 
 # A crash is the end of some seconds' flight: what is later than that need not be foreseen. The
-# oracle takes turns, and so shows what to do wherever the learner has come to; but where two
-# actions are as good a margin between them is wrong, and keeps who has seen enough from better.
+# oracle takes turns, and so shows what to do wherever the learner has come to; from numbers for
+# 10,000 decisions, as where two actions are as good a margin between them is wrong.
 # How much is learned goes by the number of updates, not by that of decisions.
 _FLAPPY = (
     "max_ticks=1000",
@@ -151,8 +151,7 @@ RECIPES = {
             *_FLAPPY,
             "total_frames=200000",
             "policy.frame_differences=true",
-            "demonstration.until_frames=25000",
-            "demonstration.margin=0.1",
+            "demonstration.margin=0.2",
             "learner.n_steps=4",
             "learner.batch_size=64",
             "learner.learning_rate=1e-3",

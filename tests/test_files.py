@@ -228,12 +228,12 @@ def test_file_as_output_folder_is_refused(tmp_path):
         claim_output_folder(tmp_path / "a", "training", CONV)
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
 @pytest.mark.parametrize("path", [".", "/", ""])
 def test_folders_without_a_name_are_where_they_are(path):
     assert find_folder(path) == Path(path)
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
 def test_folder_whose_replacement_was_killed_between_the_renames_comes_back(tmp_path):
     """By `recover_folder`, or by the next replacement."""
     script = (

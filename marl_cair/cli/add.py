@@ -8,8 +8,8 @@ import functools
 from collections.abc import Sequence
 from pathlib import Path
 
-from marl_cair.cli.league import DEFAULT_OUT, add_no_replays, tell, tell_command
-from marl_cair.cli.match_options import add_answer_seconds, add_workers
+from marl_cair.cli.league import DEFAULT_OUT, tell, tell_command
+from marl_cair.cli.match_options import add_answer_seconds, add_no_replays, add_workers
 from marl_cair.league.agents import load_agent
 from marl_cair.league.extend import plan_extension
 from marl_cair.league.league import run_league

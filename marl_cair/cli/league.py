@@ -13,6 +13,7 @@ from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.match_options import (
     add_answer_seconds,
     add_match_options,
+    add_no_replays,
     add_workers,
     read_seconds,
 )
@@ -91,15 +92,6 @@ def tell(result: LeagueResult) -> int:
 def tell_command(name: str, arguments: Sequence[str]) -> str:
     """The command as it was typed."""
     return shlex.join(["marl-cair", *name.split(), *arguments])
-
-
-def add_no_replays(parser: argparse.ArgumentParser) -> None:
-    """Add --no-replays."""
-    parser.add_argument(
-        "--no-replays",
-        action="store_true",
-        help="no games to watch in the report: they are played once more for it (default: three)",
-    )
 
 
 def tell_status(arguments: Sequence[str]) -> int:

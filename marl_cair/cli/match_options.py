@@ -58,6 +58,15 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_no_replays(parser: argparse.ArgumentParser) -> None:
+    """Add --no-replays."""
+    parser.add_argument(
+        "--no-replays",
+        action="store_true",
+        help="no games to watch in the report: they are played once more for it (default: three)",
+    )
+
+
 def read_seconds(text: str) -> float | None:
     """Seconds of "90s", "10m" or "2h"; None of what is no number with s, m or h."""
     try:

@@ -101,9 +101,9 @@ def find_axis(table: LeagueTable) -> Axis:
     return Axis(*find_elo_range(table.ratings))
 
 
-def lay_out_bars(table: LeagueTable) -> list[Bar]:
+def lay_out_bars(table: LeagueTable, axis: Axis) -> list[Bar]:
     """Of the ladder, best first."""
-    axis, bars = find_axis(table), []
+    bars = []
     for place, rating in enumerate(table.ratings):
         low, high = _find_ends(rating, axis)
         arrow = {"lower": "right", "upper": "left"}.get(rating.bound, "")
@@ -115,27 +115,25 @@ def lay_out_bars(table: LeagueTable) -> list[Bar]:
 
 def lay_out_cells(table: LeagueTable) -> list[list[Cell | None]]:
     """Of the matrix, [n][n]; None where nothing was played."""
-    shares, what = table.shares, "scores" if table.num_teams == 2 else "comes in first with"
+    what = "scores" if table.num_teams == 2 else "comes in first with"
     rows: list[list[Cell | None]] = []
     for row, name in enumerate(table.names):
         cells: list[Cell | None] = []
         for column, other in enumerate(table.names):
-            count = int(table.counts[row, column])
-            if not count:
+            pair = table.pair(row, column)
+            if pair is None:
                 cells.append(None)
                 continue
-            share, low, high = (
-                100.0 * float(part[row, column]) for part in (shares, table.low, table.high)
-            )
+            share, low, high = (100.0 * part for part in (pair.share, pair.low, pair.high))
             told = f"{name} {what} {share:.1f} % [{low:.0f}, {high:.0f}] against {other}"
             cells.append(
                 Cell(
                     f"{share:.1f}",
                     f"{low:.0f}-{high:.0f}",
-                    str(count),
+                    str(pair.games),
                     round(NUM_LEVELS * share / 100.0),
                     low > 50.0 or high < 50.0,
-                    f"{told}, {count} games",
+                    f"{told}, {pair.games} games",
                 )
             )
         rows.append(cells)

@@ -23,6 +23,7 @@ MOST_OPEN_ITEMS = 12  # of a list; a longer one is folded
 def write_page(report: Report) -> str:
     """The text of `report.html`; what comes from outside (names, reasons, commands) is escaped."""
     table = report.table
+    axis = find_axis(table)
     environment = Environment(
         loader=PackageLoader("marl_cair.league"),
         autoescape=True,
@@ -33,8 +34,8 @@ def write_page(report: Report) -> str:
     environment.filters.update(breaks=allow_breaks, code=mark_code, sign=set_signs)
     return environment.get_template(TEMPLATE).render(
         report=report,
-        axis=find_axis(table) if table.ratings else None,
-        bars=lay_out_bars(table),
+        axis=axis,
+        bars=lay_out_bars(table, axis),
         cells=lay_out_cells(table),
         is_full=len(table.names) <= MOST_FULL_CELLS,
         chart=lay_out_curves(table, report.curves) if report.curves else None,

@@ -79,6 +79,14 @@ class _NotShownError(Exception):
     """Why a game cannot be shown, in words."""
 
 
+class _Programme(NamedTuple):
+    """What games are chosen from."""
+
+    stored: StoredGames
+    names: Mapping[int, str]
+    elo: Mapping[int, float]  # by id, best first; empty without a ladder
+
+
 def choose_games(
     stored: StoredGames, names: Mapping[int, str], ratings: Sequence[Rating]
 ) -> list[Choice]:
@@ -86,29 +94,24 @@ def choose_games(
 
     Games that repeat another or were forfeited are left out. ratings: best first, or none.
     """
-    usable = [
-        place
-        for place in np.flatnonzero(~stored.is_repeat).tolist()
-        if not stored.reasons[place] and set(stored.agents[place].tolist()) <= set(names)
-    ]
+    ids = {name: number for number, name in names.items()}
+    programme = _Programme(stored, names, {ids[one.name]: one.elo for one in ratings})
+    was_given_up = np.array([bool(reason) for reason in stored.reasons], np.bool_)
+    is_ours = np.isin(stored.agents, list(names)).all(axis=1)
+    left = np.flatnonzero(~stored.is_repeat & ~was_given_up & is_ours)
     choices: list[Choice] = []
     for find in (_find_best_pair, _find_upset, _find_longest):
-        taken = {choice.place for choice in choices}
-        left = np.array([place for place in usable if place not in taken], np.int64)
-        if len(left) and (choice := find(stored, names, ratings, left)):
+        if len(left) and (choice := find(programme, left)):
             choices.append(choice)
+            left = left[left != choice.place]
     return choices
 
 
-def _find_best_pair(
-    stored: StoredGames,
-    names: Mapping[int, str],
-    ratings: Sequence[Rating],
-    left: NDArray[np.int64],
-) -> Choice | None:
-    if len(ratings) < 2:
+def _find_best_pair(programme: _Programme, left: NDArray[np.int64]) -> Choice | None:
+    stored, names, elo = programme
+    if len(elo) < 2:
         return None
-    best, second = (_find_id(names, rating.name) for rating in ratings[:2])
+    best, second = list(elo)[:2]
     agents = stored.agents[left]
     together = left[(agents == best).any(axis=1) & (agents == second).any(axis=1)]
     if not len(together):
@@ -118,14 +121,9 @@ def _find_best_pair(
     return Choice("The best two", why, int(first))
 
 
-def _find_upset(
-    stored: StoredGames,
-    names: Mapping[int, str],
-    ratings: Sequence[Rating],
-    left: NDArray[np.int64],
-) -> Choice | None:
+def _find_upset(programme: _Programme, left: NDArray[np.int64]) -> Choice | None:
     """The game whose winner had the smallest chance by the ratings."""
-    elo = {_find_id(names, rating.name): rating.elo for rating in ratings}
+    stored, names, elo = programme
     if not elo:
         return None
     strength = np.array([[elo[one] for one in row] for row in stored.agents[left].tolist()])
@@ -143,16 +141,10 @@ def _find_upset(
     return Choice("The greatest upset", why, int(left[at]))
 
 
-def _find_longest(
-    stored: StoredGames,
-    names: Mapping[int, str],
-    ratings: Sequence[Rating],
-    left: NDArray[np.int64],
-) -> Choice:
-    place = int(left[stored.decisions[left].argmax()])
-    return Choice(
-        "The longest game", "Of the games not shown above it has the most decisions.", place
-    )
+def _find_longest(programme: _Programme, left: NDArray[np.int64]) -> Choice:
+    place = int(left[programme.stored.decisions[left].argmax()])
+    why = "Of the games not shown above it has the most decisions."
+    return Choice("The longest game", why, place)
 
 
 def make_replays(
@@ -266,7 +258,3 @@ def _write_small(path: Path, rules: Rules, map_seed: int, actions: NDArray[np.in
         write_film(path, frames, len(actions) + 1, size)
         if path.stat().st_size <= MAX_BYTES:
             return
-
-
-def _find_id(names: Mapping[int, str], name: str) -> int:
-    return next(number for number, called in names.items() if called == name)

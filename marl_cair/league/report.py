@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from marl_cair.files import write_atomically
-from marl_cair.league.background import Background
 from marl_cair.league.beyond import list_averages, list_cycles, list_fit
 from marl_cair.league.markdown import write_markdown
 from marl_cair.league.ratings import Rating
-from marl_cair.league.sections import Report, make_report
+from marl_cair.league.sections import Report
 from marl_cair.league.shares import Share
 from marl_cair.league.table import LeagueTable
 
@@ -38,18 +37,15 @@ FILES = (
 )
 
 
-def write_report(
-    folder: Path, table: LeagueTable, text: str, background: Background | None = None
-) -> None:
+def write_report(folder: Path, report: Report, text: str) -> None:
     """Write all of FILES to `folder`, each whole; `text` is that of `describe_league`."""
     from marl_cair.league.html import write_page  # noqa: PLC0415  # matplotlib only from here
     from marl_cair.league.picture import draw_league  # noqa: PLC0415  # the same
 
-    report = make_report(table, background)
     write_atomically(folder / "ladder.txt", text)
     for name, (header, rows) in _list_tables(report).items():
         write_atomically(folder / f"{name}.csv", _as_csv(header, rows))
-    draw_league([folder / "league.png", folder / "league.pdf"], table)
+    draw_league([folder / "league.png", folder / "league.pdf"], report.table)
     write_atomically(folder / "report.md", write_markdown(report))
     write_atomically(folder / "report.html", write_page(report))
 
@@ -121,22 +117,11 @@ def _list_ladder(ratings: Sequence[Rating]) -> tuple[Sequence[str], list[tuple[A
 
 def _list_matrix(table: LeagueTable) -> tuple[Sequence[str], list[tuple[Any, ...]]]:
     rows = []
-    for row, column in np.argwhere(table.counts > 0).tolist():
-        number = int(table.counts[row, column])
-        numbers = (
-            table.points[row, column] / number,
-            table.low[row, column],
-            table.high[row, column],
-        )
-        rows.append(
-            (
-                table.names[row],
-                table.names[column],
-                *(f"{value:.4f}" for value in numbers),
-                number,
-                table.repeats[row, column],
-            )
-        )
+    for row, column in np.ndindex(table.counts.shape):
+        pair = table.pair(row, column)
+        if pair is not None:
+            names = table.names[row], table.names[column]
+            rows.append((*names, *_format(pair), table.repeats[row, column]))
     header = ("agent", "opponent", "score", "low", "high", "games", "repeated_games")
     return header, rows
 

@@ -84,8 +84,9 @@ def rate_and_report(
         _keep_ratings(store, table.ladder, names, games, seed)
     replays, why_none = _replay(store, stored, names, table, folder, showing)
     background = read_background(store, stored, names, games, replays, why_none)
-    text = describe_league(table, describe_more(make_report(table, background)))
-    write_report(folder, table, text, background)
+    report = make_report(table, background)
+    text = describe_league(table, describe_more(report))
+    write_report(folder, report, text)
     return LeagueResult(table.ratings, text, folder)
 
 

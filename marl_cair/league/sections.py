@@ -183,20 +183,11 @@ def _tell_matrix(table: LeagueTable) -> Section:
     )
     numbers = [str(place) for place in range(1, len(table.names) + 1)]
     rows = [
-        (number, name, *(_format_cell(table, row, column) for column in range(len(table.names))))
+        (number, name, *(_format_share(table.pair(row, at)) for at in range(len(table.names))))
         for row, (number, name) in enumerate(zip(numbers, table.names, strict=True))
     ]
     matrix = Table(("", "agent", *numbers), tuple(rows), 2)
     return Section("matrix", title, (words,), (matrix,), notes=tuple(warn_of_repeats(table)))
-
-
-def _format_cell(table: LeagueTable, row: int, column: int) -> str:
-    count = int(table.counts[row, column])
-    if not count:
-        return ""
-    share = 100.0 * table.points[row, column] / count
-    low, high = 100.0 * table.low[row, column], 100.0 * table.high[row, column]
-    return f"{share:.1f} [{low:.0f}-{high:.0f}] {count}"
 
 
 def _tell_training(table: LeagueTable, curves: Iterable[Curve]) -> Section:

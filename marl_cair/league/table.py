@@ -55,6 +55,14 @@ class LeagueTable:
         shares = self.points / np.maximum(self.counts, 1)
         return np.where(self.counts > 0, shares, np.nan)
 
+    def pair(self, row: int, column: int) -> Share | None:
+        """What the row scores against the column; None where nothing was played."""
+        games = int(self.counts[row, column])
+        if not games:
+            return None
+        share = float(self.points[row, column]) / games
+        return Share(share, float(self.low[row, column]), float(self.high[row, column]), games)
+
 
 def find_elo_range(ratings: Sequence[Rating]) -> tuple[float, float]:
     """The ends of an axis that holds all intervals, but for ends that only the prior holds."""

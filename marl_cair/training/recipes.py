@@ -50,9 +50,9 @@ _LARGE_MAZE = (
 )
 
 # A crash is the end of some seconds' flight: what is later than that need not be foreseen. The
-# oracle takes turns, and so shows what to do wherever the learner has come to; from numbers for
-# 10,000 decisions, as where two actions are as good a margin between them is wrong.
-# How much is learned goes by the number of updates, not by that of decisions.
+# oracle takes turns, and so shows what to do wherever the learner has come to; from numbers only to
+# begin with, as a margin is wrong between two actions that are as good. How much is learned goes by
+# the number of updates, not by that of decisions.
 _FLAPPY = (
     "max_ticks=1000",
     "learner.gamma=0.97",

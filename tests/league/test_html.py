@@ -331,7 +331,7 @@ def test_a_league_without_games_says_so(tmp_path, num_agents):
     table = unrated(NAMES[:num_agents], no_games())
     text = describe_league(table)
     assert text == "No ladder: there are no games to rate: play some first.\n"
-    write_report(tmp_path, table, text)
+    write_report(tmp_path, make_report(table), text)
     assert {path.name for path in tmp_path.iterdir()} == set(FILES)
     page = Page((tmp_path / "report.html").read_text("utf-8"))
     assert "Nobody can be rated yet" in page.text[""]
@@ -345,7 +345,7 @@ def test_agents_that_no_games_compare_have_a_matrix_and_no_ladder(tmp_path):
     text = describe_league(table)
     assert text.startswith("No ladder: no games compare")
     assert "62.5" in text
-    write_report(tmp_path, table, text)
+    write_report(tmp_path, make_report(table), text)
     page = Page((tmp_path / "report.html").read_text("utf-8"))
     assert "no games compare" in page.text["ladder"]
     assert any("62.5" in cell for row in page.rows["matrix"] for cell in row)
@@ -372,7 +372,7 @@ def test_a_free_for_all_is_told_by_teams():
 
 def test_a_report_that_fails_leaves_the_old_one_whole(tmp_path, monkeypatch):
     table = make()
-    write_report(tmp_path, table, describe_league(table))
+    write_report(tmp_path, make_report(table), describe_league(table))
     before = (tmp_path / "report.html").read_text("utf-8")
     report = make_report(dataclasses.replace(table, why_unrated="x"))
 
@@ -381,6 +381,6 @@ def test_a_report_that_fails_leaves_the_old_one_whole(tmp_path, monkeypatch):
 
     monkeypatch.setattr("pathlib.Path.write_bytes", fail)
     with pytest.raises(OSError, match="disk"):
-        write_report(tmp_path, report.table, "")
+        write_report(tmp_path, report, "")
     assert (tmp_path / "report.html").read_text("utf-8") == before
     assert not list(tmp_path.glob(".*"))

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from marl_cair.league.report import write_report
+from marl_cair.league.sections import make_report
 from marl_cair.league.wording import describe_league
 from tests.league.leagues import EDGES, make
 
@@ -32,14 +33,14 @@ def test_a_league_without_bounds_does_not_speak_of_them():
 
 
 def test_bounds_are_marked_in_the_csv(tmp_path):
-    write_report(tmp_path, make(), "")
+    write_report(tmp_path, make_report(make()), "")
     bounds = {row["agent"]: row["bound"] for row in read_cells(tmp_path, "ladder.csv")}
     assert bounds == {"turtle": "lower", "economist": "lower", "rusher": "", "random": ""}
 
 
 def test_half_points_reach_the_intervals(tmp_path):
     table = make({(0, 1): 0}, ["a", "random"], draws=1)  # half a point in 40 games
-    write_report(tmp_path, table, "")
+    write_report(tmp_path, make_report(table), "")
     cells = {row["agent"]: row for row in read_cells(tmp_path, "winrates.csv")}
     assert float(cells["a"]["score"]) == 0.0125
     assert 0.0 < float(cells["a"]["low"]) < 0.0125 < float(cells["a"]["high"])
@@ -69,7 +70,7 @@ def test_differences_are_told_in_words():
 
 
 def test_differences_of_all_pairs_are_written(tmp_path):
-    write_report(tmp_path, make(), "")
+    write_report(tmp_path, make_report(make()), "")
     rows = {(r["agent"], r["opponent"]): r for r in read_cells(tmp_path, "differences.csv")}
     assert len(rows) == 12
     assert rows["turtle", "random"]["bound"] == "lower"
@@ -89,14 +90,14 @@ def test_no_number_of_the_report_is_infinite():
 def test_the_pictures_of_agents_with_long_names_are_drawn(tmp_path, number):
     names = ["process:" + "python3 bots/a.py " * 9, "b" * 60, "c", "random"]
     pairs = {pair: 25 for pair in EDGES if max(pair) < number}
-    write_report(tmp_path, make(pairs, names[:number]), "")
+    write_report(tmp_path, make_report(make(pairs, names[:number])), "")
     with Image.open(tmp_path / "league.png") as picture:
         assert picture.size[0] >= 2_000
 
 
 @pytest.mark.parametrize("results", [EDGES, dict.fromkeys(EDGES, 40)])
 def test_the_pictures_are_drawn(tmp_path, results):
-    write_report(tmp_path, make(results), "")
+    write_report(tmp_path, make_report(make(results)), "")
     with Image.open(tmp_path / "league.png") as picture:
         assert picture.size[0] >= 2_000
     assert (tmp_path / "league.pdf").read_bytes().startswith(b"%PDF")

@@ -167,7 +167,7 @@ def test_frame_differences_are_of_stacked_images_alone(body):
     config = QNetworkConfig(body=body, frame_differences=True)
     network = make_q_network(config, (4, 84, 84), 2, seed=0)
     stacks = random_bytes(3, 4, 84, 84)
-    assert torch.allclose(network(stacks), network(255 - stacks), atol=1e-3) is False
+    assert not torch.allclose(network(stacks), network(255 - stacks), atol=1e-3)
     assert torch.allclose(network(stacks), network(stacks.float() / 510 + 0.2), atol=1e-3)
     for shape in ((1, 84, 84), (4, 32, 32), (12,)):
         with pytest.raises(ValueError, match="frame_differences is True, but the observation"):

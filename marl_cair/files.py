@@ -10,7 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 RUN_MARKER = "run.json"
+_LOCK_FILE = ".lock"
 _LEFTOVER_MARK = ".unfinished"
 _FRESH_SUFFIX, _OLD_SUFFIX = _LEFTOVER_MARK, ".old"
 
@@ -96,31 +99,60 @@ def require_free_space(path: str | os.PathLike[str], num_bytes: int) -> None:
         )
 
 
+@contextmanager
 def claim_output_folder(
     folder: str | os.PathLike[str],
     kind: str,
     settings: Mapping[str, Any],
     resume: bool = False,
     how_to_resume: str = "resume it",
-) -> bool:
-    """Make `folder` the output folder of one run; return True where that run was here before.
+) -> Iterator[bool]:
+    """Make `folder` the output folder of one run, and keep other processes out of it for the block;
+    yield True where that run was here before.
 
     kind: what runs ("training", "league", ...); settings: what tells runs of a kind apart, as plain
     values by name, nested or not.
     A marker file `run.json` records both, so that a run of other settings is refused. A folder that
-    is new, empty, or was left by a run that died before its marker was written, is claimed.
-    This is no lock: two processes that claim one folder in the same instant are not told apart.
+    is new, empty, or was left by a run that died before its marker was written, is claimed. The
+    lock is the operating system's, so that it ends with its process, however that dies; within a
+    process a folder may be claimed more than once.
     Raises OutputFolderError for a folder of another run, for one that holds files but no marker,
-    and for the same run where `resume` is False.
+    for one in which another process runs, and for the same run where `resume` is False.
     """
     place = Path(folder)
     if place.exists() and not place.is_dir():
         raise OutputFolderError(f"output folder {place} is a file: give another folder")
     place.mkdir(parents=True, exist_ok=True)
     marker = place / RUN_MARKER
-    text = json.dumps({"kind": kind, "settings": settings}, indent=2) + "\n"
     if not marker.exists():
         _refuse_foreign_files(place)
+    with _locked(place):
+        yield _mark(place, kind, settings, resume, how_to_resume)
+
+
+@contextmanager
+def _locked(place: Path) -> Iterator[None]:
+    # One object for all claims of a folder in this process, so that it does not lock itself out.
+    lock = FileLock(place.resolve() / _LOCK_FILE, thread_local=False, is_singleton=True)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as error:
+        raise OutputFolderError(
+            f"another process is running in the output folder {place}: wait until it has ended "
+            "(after Ctrl-C it saves first), or give another folder"
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _mark(
+    place: Path, kind: str, settings: Mapping[str, Any], resume: bool, how_to_resume: str
+) -> bool:
+    marker = place / RUN_MARKER
+    text = json.dumps({"kind": kind, "settings": settings}, indent=2) + "\n"
+    if not marker.exists():
         write_atomically(marker, text)
         return False
     held_kind, held = _read_run_marker(marker)
@@ -180,8 +212,8 @@ def _read_run_marker(marker: Path) -> tuple[str, dict[str, Any]]:
 
 
 def _is_leftover(name: str) -> bool:
-    """Whether `name` is an unfinished file that a killed process left behind."""
-    return name.startswith(".") and _LEFTOVER_MARK in name
+    """Whether `name` is a lock, or an unfinished file, that a killed process left behind."""
+    return name == _LOCK_FILE or (name.startswith(".") and _LEFTOVER_MARK in name)
 
 
 def _sync_file(path: Path) -> None:

@@ -24,6 +24,11 @@ from marl_cair.files import (
 CONV = {"net": "conv", "n": {"lr": 1.0}}
 
 
+def claim(*arguments, **options) -> bool:
+    with claim_output_folder(*arguments, **options) as was_here:
+        return was_here
+
+
 def names_in(folder: Path) -> list[str]:
     return sorted(entry.name for entry in folder.iterdir())
 
@@ -147,16 +152,16 @@ def test_negative_size_is_an_error(tmp_path):
 
 
 def test_new_folder_is_claimed_and_marked(tmp_path):
-    assert claim_output_folder(tmp_path / "runs" / "demo", "training", CONV) is False
+    assert claim(tmp_path / "runs" / "demo", "training", CONV) is False
     record = json.loads((tmp_path / "runs" / "demo" / "run.json").read_text())
     assert record == {"kind": "training", "settings": CONV}
 
 
 def test_same_run_resumes_only_when_asked(tmp_path):
-    claim_output_folder(tmp_path, "training", CONV)
-    assert claim_output_folder(tmp_path, "training", CONV, resume=True) is True
+    claim(tmp_path, "training", CONV)
+    assert claim(tmp_path, "training", CONV, resume=True) is True
     with pytest.raises(OutputFolderError, match="already holds this training run: resume it"):
-        claim_output_folder(tmp_path, "training", CONV)
+        claim(tmp_path, "training", CONV)
 
 
 @pytest.mark.parametrize("resume", [False, True])
@@ -178,15 +183,15 @@ def test_same_run_resumes_only_when_asked(tmp_path):
     ],
 )
 def test_folder_of_another_run_is_refused(tmp_path, resume, kind, settings, message):
-    claim_output_folder(tmp_path, "training", CONV)
+    claim(tmp_path, "training", CONV)
     before = (tmp_path / "run.json").read_bytes()
     with pytest.raises(OutputFolderError, match=message):
-        claim_output_folder(tmp_path, kind, settings, resume)
+        claim(tmp_path, kind, settings, resume)
     assert (tmp_path / "run.json").read_bytes() == before
 
 
 def test_resume_of_a_new_folder_starts_afresh(tmp_path):
-    assert claim_output_folder(tmp_path / "new", "training", CONV, resume=True) is False
+    assert claim(tmp_path / "new", "training", CONV, resume=True) is False
 
 
 def test_folder_with_files_of_no_run_is_refused_and_left_alone(tmp_path):
@@ -195,7 +200,7 @@ def test_folder_with_files_of_no_run_is_refused_and_left_alone(tmp_path):
     with pytest.raises(
         OutputFolderError, match=r"of no run \(a\.py, b\.py, c\.py, \.\.\.\) and no"
     ):
-        claim_output_folder(tmp_path, "training", CONV, resume=True)
+        claim(tmp_path, "training", CONV, resume=True)
     assert names_in(tmp_path) == ["a.py", "b.py", "c.py", "d.py"]
 
 
@@ -204,13 +209,58 @@ def test_folder_whose_claim_was_killed_half_way_is_claimed_again(tmp_path):
     script = (
         "import os, signal, sys; from marl_cair import files\n"
         "files._sync_file = lambda path: os.kill(os.getpid(), signal.SIGKILL)\n"
-        "files.claim_output_folder(sys.argv[1], 'training', {'net': 'conv', 'n': {'lr': 1.0}})"
+        "with files.claim_output_folder(sys.argv[1], 'training', {'net': 'conv'}): pass"
     )
     run_killed_script(script, tmp_path)
-    assert len(names_in(tmp_path)) == 1
+    assert len([name for name in names_in(tmp_path) if name != ".lock"]) == 1
     assert "run.json" not in names_in(tmp_path)
-    assert claim_output_folder(tmp_path, "training", CONV, resume=True) is False
-    assert claim_output_folder(tmp_path, "training", CONV, resume=True) is True
+    assert claim(tmp_path, "training", CONV, resume=True) is False
+    assert claim(tmp_path, "training", CONV, resume=True) is True
+
+
+@pytest.fixture
+def other_process(tmp_path):
+    """A process that has claimed `tmp_path` as training with the settings CONV, and stays."""
+    script = (
+        "import sys, json; from marl_cair import files\n"
+        "with files.claim_output_folder(sys.argv[1], 'training', json.loads(sys.argv[2])):\n"
+        "    print('claimed', flush=True); sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path), json.dumps(CONV)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == "claimed\n"
+        yield process
+        process.kill()
+
+
+@pytest.mark.parametrize("settings", [CONV, {"net": "capsule"}])
+def test_folder_in_which_another_process_runs_is_refused(tmp_path, other_process, settings):
+    before = names_in(tmp_path)
+    with pytest.raises(OutputFolderError, match=r"another process is running in .*: wait until"):
+        claim(tmp_path, "training", settings, resume=True)
+    assert names_in(tmp_path) == before
+
+
+def test_folder_of_a_killed_process_is_free(tmp_path, other_process):
+    other_process.kill()
+    other_process.wait()
+    assert claim(tmp_path, "training", CONV, resume=True) is True
+
+
+def test_folder_is_free_after_the_block_and_within_the_process(tmp_path):
+    with (
+        claim_output_folder(tmp_path, "training", CONV) as was_here,
+        claim_output_folder(tmp_path, "training", CONV, resume=True) as is_here,
+    ):
+        assert (was_here, is_here) == (False, True)
+    script = (
+        "import sys, json; from marl_cair import files\n"
+        "with files.claim_output_folder(sys.argv[1], 'training', json.loads(sys.argv[2]), True):\n"
+        "    pass"
+    )
+    subprocess.run([sys.executable, "-c", script, str(tmp_path), json.dumps(CONV)], check=True)
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"kind": "training"}', "7"])
@@ -219,13 +269,13 @@ def test_marker_that_is_none_is_refused(tmp_path, content):
     with pytest.raises(
         OutputFolderError, match=r"run\.json is no run marker.*: give another folder"
     ):
-        claim_output_folder(tmp_path, "training", CONV, resume=True)
+        claim(tmp_path, "training", CONV, resume=True)
 
 
 def test_file_as_output_folder_is_refused(tmp_path):
     (tmp_path / "a").write_text("1")
     with pytest.raises(OutputFolderError, match="a is a file: give another folder"):
-        claim_output_folder(tmp_path / "a", "training", CONV)
+        claim(tmp_path / "a", "training", CONV)
 
 
 @pytest.mark.parametrize("path", [".", "/", ""])

@@ -110,14 +110,13 @@ def run_league(
         "scenario": dataclasses.asdict(rules.scenario),
         "seed": config.seed,
     }
-    claim_output_folder(folder, "league", settings, resume=True)
     teams = game.make_spec(rules.scenario).team_of_seat.tolist()
-    more = {"seating": rules.seating, "team_of_seat": teams}
-    store = LeagueStore(folder / STORE_FILE, {**settings, **more})
-    try:
+    more = {**settings, "seating": rules.seating, "team_of_seat": teams}
+    with (
+        claim_output_folder(folder, "league", settings, resume=True),
+        closing(LeagueStore(folder / STORE_FILE, more)) as store,
+    ):
         return _play_and_rate(config, rules, entrants, store, load, show_progress)
-    finally:
-        store.close()
 
 
 def _find_rules(config: LeagueConfig, game: Game, scenario: Any) -> Rules:

@@ -58,8 +58,8 @@ def standardise_changes(frames: Tensor) -> Tensor:
     1,000 updates of 32, `conv` and `capsule` miss 6 %, from the frames themselves 7.3 %
     (`python -m benchmarks.frames`).
     """
-    changes = (frames[:, 1:] - frames[:, :-1]).flip(1)
-    planes = torch.cat([frames[:, -1:], changes], 1)
+    changes = torch.unbind(frames[:, 1:] - frames[:, :-1], 1)
+    planes = torch.stack([frames[:, -1], *reversed(changes)], 1)
     return functional.layer_norm(planes, planes.shape[2:], eps=_FLAT)
 
 

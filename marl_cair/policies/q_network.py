@@ -121,7 +121,7 @@ def _require_frames(shape: tuple[int, ...]) -> None:
 
 def _to_float(observation: Tensor) -> Tensor:
     if observation.dtype == torch.uint8:
-        return observation.float() * UINT8_SCALE
+        return observation.float().mul_(UINT8_SCALE)
     if observation.is_floating_point():
         return observation.float()
     raise TypeError(

@@ -3,6 +3,7 @@
 from marl_cair.replay.buffer import EpisodeReplayBuffer, ReplayConfig, make_replay_buffer
 from marl_cair.replay.generated import GeneratedReplay
 from marl_cair.replay.mixed import MixedReplay
+from marl_cair.replay.prioritized import PrioritizedSampler
 from marl_cair.replay.rollout import Rollout
 from marl_cair.replay.sampler import UniformSampler
 from marl_cair.replay.storage import EpisodeStorage
@@ -20,6 +21,7 @@ __all__ = [
     "EpisodeStorage",
     "GeneratedReplay",
     "MixedReplay",
+    "PrioritizedSampler",
     "ReplayConfig",
     "Rollout",
     "TransitionSpec",

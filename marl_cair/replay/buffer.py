@@ -9,10 +9,10 @@ from typing import Any
 import torch
 from tensordict import TensorDict
 from torchrl.data import TensorDictReplayBuffer
-from torchrl.data.replay_buffers.samplers import Sampler
 from torchrl.data.replay_buffers.writers import Writer
 
 from marl_cair.files import replaced_folder
+from marl_cair.replay.prioritized import PrioritizedSampler
 from marl_cair.replay.rollout import Rollout
 from marl_cair.replay.sampler import UniformSampler
 from marl_cair.replay.storage import EpisodeStorage
@@ -29,15 +29,17 @@ class ReplayConfig:
     gamma: float = 0.99  # discount per step
     scratch_dir: str | None = None  # folder for observations on disk; None: in memory
     keep_scratch_files: bool = False
-    seed: int = 0  # of the uniform sampler
+    priority_alpha: float = 0.0  # how far TD errors decide what is drawn; 0: all alike
+    priority_beta: float = 0.4  # how far weights undo that to begin with
+    seed: int = 0  # of the sampler
 
 
 def make_replay_buffer(
-    config: ReplayConfig, spec: TransitionSpec, sampler: Sampler | None = None
+    config: ReplayConfig, spec: TransitionSpec, sampler: UniformSampler | None = None
 ) -> "EpisodeReplayBuffer":
     """Make the replay of real transitions of shape `spec`.
 
-    sampler: None draws uniformly, with `config.seed`.
+    sampler: None makes the one that `config` asks for.
     Raises ValueError for a setting out of range.
     """
     if config.batch_size < 1:
@@ -51,8 +53,15 @@ def make_replay_buffer(
         keep_files=config.keep_scratch_files,
     )
     if sampler is None:
-        sampler = UniformSampler(config.seed)
+        sampler = _make_sampler(config)
     return EpisodeReplayBuffer(storage, sampler, config.batch_size)
+
+
+def _make_sampler(config: ReplayConfig) -> UniformSampler:
+    if not config.priority_alpha:
+        return UniformSampler(config.seed)
+    alpha, beta = config.priority_alpha, config.priority_beta
+    return PrioritizedSampler(config.seed, config.capacity_transitions, alpha, beta)
 
 
 class EpisodeReplayBuffer(TensorDictReplayBuffer):
@@ -62,7 +71,7 @@ class EpisodeReplayBuffer(TensorDictReplayBuffer):
     saving is replaced, as it writes a pickle.
     """
 
-    def __init__(self, storage: EpisodeStorage, sampler: Sampler, batch_size: int) -> None:
+    def __init__(self, storage: EpisodeStorage, sampler: UniformSampler, batch_size: int) -> None:
         super().__init__(
             storage=storage,
             sampler=sampler,
@@ -98,16 +107,16 @@ class EpisodeReplayBuffer(TensorDictReplayBuffer):
         Raises RuntimeError while nothing can be sampled.
         """
         data, info = self._sample(self.batch_size if batch_size is None else batch_size)
-        data["index"] = info["index"]
+        data.update(info)  # "index", and "priority_weight" where not all are drawn alike
         return (data, info) if return_info else data
 
     def sample_single_steps(self, num_rows: int) -> TensorDict:
-        """Like `sample`, but each transition is one step whatever n_steps is.
+        """Transitions of one step whatever n_steps is, drawn evenly whatever the priorities are.
 
         Raises RuntimeError while nothing can be sampled.
         """
         with self._replay_lock:
-            index, _ = self._sampler.sample(self._storage, num_rows)
+            index = self._sampler.sample_evenly(self._storage, num_rows)
             return self.read_single_steps(index)
 
     def read_single_steps(self, index: torch.Tensor) -> TensorDict:
@@ -116,6 +125,17 @@ class EpisodeReplayBuffer(TensorDictReplayBuffer):
         data: TensorDict = self._storage.get_single_steps(index)
         data["index"] = index.clone()
         return data
+
+    def update_priority(self, index: torch.Tensor, priority: torch.Tensor) -> None:
+        """Take note of the TD errors `priority` [N] of the slots `index` [N], if they count."""
+        with self._replay_lock:
+            if isinstance(self._sampler, PrioritizedSampler):
+                self._sampler.update_priority(index, priority)
+
+    def anneal(self, done: float) -> None:
+        """Tell a prioritised sampler which share of the run is over, 0..1."""
+        if isinstance(self._sampler, PrioritizedSampler):
+            self._sampler.anneal(done)
 
     def add(self, data: Any) -> int:
         """Refuse: see `extend_rollout`."""

@@ -57,16 +57,31 @@ class MixedReplay:
         """Return TensorDict [batch_size] with the transition keys: real rows, then generated ones.
 
         Raises RuntimeError while no real transition can be sampled.
+        With `replay.priority_alpha` also "priority_weight" float32 [batch_size].
         """
         num_rows = self.batch_size if batch_size is None else batch_size
         num_generated = self._count_generated(num_rows)
         batch: TensorDict = self.real.sample(num_rows - num_generated)
         if num_generated:
+            weights = batch.pop("priority_weight", None)
             batch = _join_rows(batch, self.generated.sample(num_generated))
+            if weights is not None:  # generated rows keep their share of the loss
+                mean = weights.mean().expand(num_generated)
+                batch["priority_weight"] = torch.cat([weights, mean])
         if self._is_mixing():
             self._num_mixed += num_rows
             self._num_generated += num_generated
         return batch
+
+    def note_errors(self, batch: TensorDict, done: float) -> None:
+        """Take the TD errors of a batch that was learned from as priorities of its real rows.
+
+        batch: of `sample`, with "td_error" [batch_size, 1]; done: share of the run that is over.
+        """
+        real = ~batch["is_generated"].flatten()
+        errors = batch["td_error"].flatten()[real].sqrt()  # TorchRL writes squares
+        self.real.update_priority(batch["index"][real], errors)
+        self.real.anneal(done)
 
     def _is_mixing(self) -> bool:
         return self.generated_open and len(self.generated) > 0

@@ -32,22 +32,24 @@ class UniformSampler(Sampler):
 
         Raises RuntimeError while nothing can be sampled.
         """
-        num_sampleable = storage.num_sampleable
-        if num_sampleable == 0:
-            raise RuntimeError(
-                f"no transition to sample yet: the replay holds {len(storage)} entries, none of "
-                "which has a next observation; append more steps first"
-            )
+        return self.sample_evenly(storage, batch_size), {}
+
+    def sample_evenly(self, storage: EpisodeStorage, num_rows: int) -> torch.Tensor:
+        """Return `num_rows` slots, int64, whatever the learner's batches are drawn by.
+
+        Raises RuntimeError while nothing can be sampled.
+        """
+        num_sampleable = require_sampleable(storage)
         if num_sampleable < _LIST_BELOW * len(storage):
             slots = storage.sampleable_slots()
-            return slots[draw_integers(num_sampleable, batch_size, self._generator)], {}
-        index = draw_integers(len(storage), batch_size, self._generator)
+            return slots[draw_integers(num_sampleable, num_rows, self._generator)]
+        index = draw_integers(len(storage), num_rows, self._generator)
         rejected = ~storage.is_sampleable(index)
         while rejected.any():
             again = draw_integers(len(storage), int(rejected.sum()), self._generator)
             index[rejected] = again
             rejected = ~storage.is_sampleable(index)
-        return index, {}
+        return index
 
     def _sampleable_count(self, storage: EpisodeStorage, batch_size: int) -> int:
         return storage.num_sampleable
@@ -71,6 +73,17 @@ class UniformSampler(Sampler):
         """Read what `dumps` wrote."""
         arrays, _ = load_arrays(Path(path))
         self._generator.set_state(torch.from_numpy(np.array(arrays["generator"])))
+
+
+def require_sampleable(storage: EpisodeStorage) -> int:
+    """How many steps of `storage` can be sampled; raises RuntimeError where none can."""
+    num_sampleable = storage.num_sampleable
+    if num_sampleable == 0:
+        raise RuntimeError(
+            f"no transition to sample yet: the replay holds {len(storage)} entries, none of "
+            "which has a next observation; append more steps first"
+        )
+    return num_sampleable
 
 
 def draw_integers(bound: int, num_draws: int, generator: torch.Generator) -> torch.Tensor:

@@ -142,6 +142,10 @@ class EpisodeStorage(Storage):
         """Whether each slot of `index` [N] int64, in 0..len - 1, starts a transition: bool [N]."""
         return torch.from_numpy(self._ring.sampleable[index.numpy()])
 
+    def is_step(self, index: torch.Tensor) -> torch.Tensor:
+        """Whether each slot of `index` [N] int64 holds a step and no tail: bool [N]."""
+        return torch.from_numpy(self._ring.action[index.numpy()] != NO_ENTRY)
+
     def sampleable_slots(self) -> torch.Tensor:
         """All slots that start a transition, ascending: int64 [num_sampleable]."""
         return torch.from_numpy(np.flatnonzero(self._ring.sampleable[: len(self)]))

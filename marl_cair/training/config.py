@@ -217,8 +217,13 @@ class ReplaySettings:
     generated_capacity_transitions: int = 20_000  # the newest generated ones
     min_transitions: int = 5_000  # transitions; learning starts with these
     scratch_dir: str | None = None  # observations on disk in this folder; None: in memory
+    priority_alpha: float = 0.0  # how far TD errors decide which ones are drawn; 0: all are alike
+    priority_beta: float = 0.4  # how far weights undo that to begin with; wholly at total_frames
 
     def __post_init__(self) -> None:
+        for name in ("priority_alpha", "priority_beta"):
+            value = getattr(self, name)
+            require(0.0 <= value <= 1.0, f"replay.{name}", value, "0..1")
         low = self.min_transitions
         require(low >= 1, "replay.min_transitions", low, "1 or more")
         capacity = self.capacity_transitions

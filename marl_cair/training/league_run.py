@@ -64,16 +64,16 @@ def train_league(
     """
     folder = Path(settings.out)
     fixed = {k: v for k, v in dataclasses.asdict(settings).items() if k not in FREE}
-    claim_output_folder(folder, RUN_KIND, fixed, resume=True)
-    text = OmegaConf.to_yaml(OmegaConf.create(to_plain(dataclasses.asdict(settings))))
-    write_atomically(folder / SETTINGS_FILE, text)
-    _make_members(settings, folder)
-    stopped = _take_turns(settings, folder, play_slice, show_progress)
-    done = read_progress(folder)
-    if stopped is not None:
-        return LeagueTraining(folder, done, False, stopped.was_interrupted, "")
-    report = _write_report(settings, folder, show_progress)
-    return LeagueTraining(folder, done, True, False, report)
+    with claim_output_folder(folder, RUN_KIND, fixed, resume=True):
+        text = OmegaConf.to_yaml(OmegaConf.create(to_plain(dataclasses.asdict(settings))))
+        write_atomically(folder / SETTINGS_FILE, text)
+        _make_members(settings, folder)
+        stopped = _take_turns(settings, folder, play_slice, show_progress)
+        done = read_progress(folder)
+        if stopped is not None:
+            return LeagueTraining(folder, done, False, stopped.was_interrupted, "")
+        report = _write_report(settings, folder, show_progress)
+        return LeagueTraining(folder, done, True, False, report)
 
 
 def _make_members(settings: LeagueSettings, folder: Path) -> None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
 import json
 import math
-import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +49,7 @@ from marl_cair.training.config_file import save_config
 from marl_cair.training.demonstrations import Demonstrators
 from marl_cair.training.generators import make_generator
 from marl_cair.training.learner import Learner
+from marl_cair.training.memory import keep_freed_memory
 from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
 from marl_cair.training.opponents import OpponentBook
 from marl_cair.training.own_play import OwnPolicies
@@ -85,7 +85,8 @@ class TrainingRun:
         self.folder = Path(config.out)
         if config.torch_threads is not None:
             torch.set_num_threads(config.torch_threads)
-        _keep_freed_memory()
+        keep_freed_memory()
+        self._claim = ExitStack()
         self._seeds = [
             int(n) for n in np.random.SeedSequence(config.seed).generate_state(_NUM_SEEDS)
         ]
@@ -159,6 +160,8 @@ class TrainingRun:
             n_steps=config.learner.n_steps,
             gamma=config.learner.gamma,
             scratch_dir=config.replay.scratch_dir,
+            priority_alpha=config.replay.priority_alpha,
+            priority_beta=config.replay.priority_beta,
             seed=self._seeds[1],
         )
         real = make_replay_buffer(settings, self.transition_spec)
@@ -185,7 +188,9 @@ class TrainingRun:
             needed += 2 * self.config.nfsp.capacity_rows * (spec.row_bytes + spec.mask_bytes + 4)
         require_free_space(self.folder, needed)
         advice = f"go on with `marl-cair train resume={self.folder}`"
-        claim_output_folder(self.folder, RUN_KIND, fixed_settings(self.config), resume, advice)
+        fixed = fixed_settings(self.config)
+        claim = claim_output_folder(self.folder, RUN_KIND, fixed, resume, advice)
+        self._claim.enter_context(claim)
 
     def _make_learner(self) -> None:
         config = self.config
@@ -358,9 +363,10 @@ class TrainingRun:
         torch.set_rng_state(state["torch_rng"])
 
     def close(self) -> None:
-        """Shut the collector and the log."""
+        """Shut the collector and the log, and let other processes into the folder."""
         self.collector.shutdown()
         self.log.close()
+        self._claim.close()
 
 
 def fixed_settings(config: TrainConfig) -> dict[str, Any]:
@@ -382,16 +388,3 @@ def _to_arrays(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _to_arrays(item) for name, item in value.items()}
     return value.numpy() if isinstance(value, torch.Tensor) else value
-
-
-def _keep_freed_memory() -> None:
-    """Tell glibc to keep activations' memory between updates: giving pages back and taking them
-    again costs a fifth of an update.
-    """
-    if sys.platform != "linux":
-        return
-    libc = ctypes.CDLL(None)
-    if hasattr(libc, "mallopt"):
-        trim_threshold, mmap_threshold = -1, -3
-        libc.mallopt(mmap_threshold, 32 << 20)
-        libc.mallopt(trim_threshold, 1 << 30)

@@ -152,7 +152,10 @@ def _learn(run: TrainingRun, before: int) -> None:
     every = settings.frames_per_update
     for _ in range(run.frames // every - before // every):
         done = run.frames / run.config.total_frames
-        run.means.add(run.learner.update(run.replay.sample(), done))
+        batch = run.replay.sample()
+        run.means.add(run.learner.update(batch, done))
+        if run.config.replay.priority_alpha:
+            run.replay.note_errors(batch, done)
 
 
 def _generate(run: TrainingRun, before: int) -> None:

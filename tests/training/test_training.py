@@ -48,6 +48,17 @@ def test_a_resumed_run_equals_one_that_was_never_stopped(tmp_path, body):
     assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
 
 
+def test_a_resumed_run_with_priorities_equals_one_that_was_never_stopped(tmp_path):
+    """Beta does not rise here, as it would with the share of another `total_frames`."""
+    replay = ReplaySettings(2_000, 300, min_transitions=300, priority_alpha=0.6, priority_beta=1.0)
+    train(tiny(tmp_path / "whole", replay=replay), show_progress=False)
+    train(tiny(tmp_path / "parts", 1_280, replay=replay), show_progress=False)
+    train(tiny(tmp_path / "parts", replay=replay), resume=True, show_progress=False)
+    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
+    train(tiny(tmp_path / "even"), show_progress=False)
+    assert digest(tmp_path / "whole") != digest(tmp_path / "even")
+
+
 def test_the_same_seed_gives_the_same_run_and_another_does_not(tmp_path):
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         train(tiny(tmp_path / name, 768, seed=seed), show_progress=False)
@@ -192,6 +203,16 @@ def test_without_decay_the_average_is_the_newest_network():
     pairs = zip(learner.network.parameters(), learner.average.parameters(), strict=True)
     for newest, average in pairs:
         torch.testing.assert_close(newest, average)
+
+
+def test_rows_count_in_the_loss_by_their_weights():
+    batch, learner = make_batch(), make_learner()
+    batch["priority_weight"] = torch.tensor([0.5, 0.0, 0.0, 0.25])
+    loss = learner.update(batch)["loss/all"]
+    error = batch["td_error"].flatten().sqrt()
+    losses = torch.where(error < 1.0, error.square() / 2, error - 0.5)
+    assert float(loss) == pytest.approx(float((2.0 * losses[0] + losses[3]) / 3.0), rel=1e-5)
+    assert float(loss) != pytest.approx(float(losses.mean()), rel=1e-2)
 
 
 def test_the_learning_rate_falls_in_a_straight_line_to_its_end():

@@ -77,24 +77,22 @@ def find_chance(sums: NDArray[np.int64]) -> float:
 
     Exact: equal sizes together are a binomial, and different sizes are convolved.
     """
-    sizes, numbers = np.unique(np.abs(sums), return_counts=True)
-    total = int(np.abs(sums).sum())
+    numbers = np.bincount(np.abs(sums))  # of each size
+    return _find_chance(tuple(numbers[1:].tolist()), abs(int(sums.sum())))
+
+
+@functools.lru_cache(maxsize=4_096)  # thousands of pairs have as many games, and much the same sums
+def _find_chance(numbers: tuple[int, ...], distance: int) -> float:
+    """numbers: how many sums have the sizes 1, 2, ...; distance: of their sum from 0."""
     chances = np.ones(1)  # of sums from -span to span, by steps of 1
-    for size, number in zip(sizes.tolist(), numbers.tolist(), strict=True):
-        if size == 0:
-            continue
-        own = np.zeros(2 * size * number + 1)
-        own[:: 2 * size] = _toss(number)
-        chances = np.convolve(chances, own)
-    far = np.abs(np.arange(-total, total + 1)) >= abs(int(sums.sum()))
+    for size, number in enumerate(numbers, 1):
+        if number:
+            own = np.zeros(2 * size * number + 1)
+            own[:: 2 * size] = binom.pmf(np.arange(number + 1), number, 0.5)
+            chances = np.convolve(chances, own)
+    span = len(chances) // 2
+    far = np.abs(np.arange(-span, span + 1)) >= distance
     return min(1.0, float(chances[far].sum()))
-
-
-@functools.lru_cache(maxsize=1_024)  # thousands of pairs have as many games
-def _toss(number: int) -> NDArray[np.float64]:
-    """Chances [number + 1] of so many heads."""
-    chances: NDArray[np.float64] = binom.pmf(np.arange(number + 1), number, 0.5)
-    return chances
 
 
 def _add_up(

@@ -9,6 +9,7 @@ from scipy.special import logsumexp, softmax
 
 _TOLERANCE = 1e-9  # of a game's largest payoff
 _PLAYS = 1e-7  # a share, or a loss, that is surely above 0
+_FEW = 12  # rows of a first, small program
 
 
 def exploitability(payoff: NDArray[np.float64], mixture: NDArray[np.float64]) -> float:
@@ -32,9 +33,10 @@ def maximum_entropy_nash(payoff: NDArray[np.float64]) -> NDArray[np.float64]:
     if scale == 0.0:
         return np.full(len(payoff), 1.0 / max(1, len(payoff)))
     matrix = payoff / scale
-    if (sole := _find_sole_equilibrium(matrix)) is not None:
+    near = _find_any_equilibrium(matrix)
+    if (sole := _find_sole_equilibrium(matrix, near)) is not None:
         return sole
-    inner = _find_inner_equilibrium(matrix)
+    inner = _find_inner_equilibrium(matrix, near)
     support = np.flatnonzero(inner > _PLAYS)
     spread = _spread_over(matrix, support)
     # Where the dual does not converge, the mean of the programs' corners is an equilibrium too.
@@ -53,14 +55,16 @@ def _check(payoff: NDArray[np.float64]) -> None:
         )
 
 
-def _find_sole_equilibrium(matrix: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _find_sole_equilibrium(
+    matrix: NDArray[np.float64], near: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
     """The only equilibrium [K], as payoffs without ties have it; None where there may be others.
+    near: it, to the tolerance of a program.
 
     It is the only one where each row either plays or loses against it, and no other mixture of
     those that play is even against them all (Kaplansky 1945, "A contribution to von Neumann's
     theory of games").
     """
-    near = _solve(matrix, np.zeros(len(matrix)))
     for least in (_PLAYS, 1e-5, 1e-3):  # the program allows a little gain, and so a little too much
         plays = near > least
         _, sizes, right = np.linalg.svd(matrix[np.ix_(plays, plays)])
@@ -76,14 +80,32 @@ def _find_sole_equilibrium(matrix: NDArray[np.float64]) -> NDArray[np.float64] |
     return None
 
 
+def _find_any_equilibrium(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of a program over the best rows, and those that gain against what it finds, until none does
+    (McMahan, Gordon, Blum 2003, double oracle): most rows of a league play in no equilibrium.
+    """
+    rows = np.argsort(-matrix.sum(1), kind="stable")[:_FEW]
+    while True:
+        mixture = np.zeros(len(matrix))
+        mixture[rows] = _solve(matrix[np.ix_(rows, rows)], np.zeros(len(rows)))
+        gain = matrix @ mixture
+        gain[rows] = 0.0  # but for rounding
+        better = np.flatnonzero(gain > _TOLERANCE)
+        if not len(better):
+            return mixture
+        best = better[np.argsort(-gain[better], kind="stable")[:_FEW]]
+        rows = np.concatenate([rows, best])
+
+
 def _solve(matrix: NDArray[np.float64], aim: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The equilibrium [K] of the smallest product with `aim` [K]."""
-    size = len(matrix)
+    """Shares [N] of columns against which no row of `matrix` [K, N] gains, of the smallest product
+    with `aim` [N].
+    """
     found = linprog(
         aim,
         A_ub=matrix,
-        b_ub=np.full(size, _TOLERANCE),
-        A_eq=np.ones((1, size)),
+        b_ub=np.full(len(matrix), _TOLERANCE),
+        A_eq=np.ones((1, len(aim))),
         b_eq=[1.0],
         method="highs",
     )
@@ -94,23 +116,28 @@ def _solve(matrix: NDArray[np.float64], aim: NDArray[np.float64]) -> NDArray[np.
     return mixture
 
 
-def _find_inner_equilibrium(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def _find_inner_equilibrium(
+    matrix: NDArray[np.float64], near: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """An equilibrium [K] in which every row plays that plays in any: the mean of those in which
-    each row in turn plays as much as it can.
+    each row in turn plays as much as it can. near: some equilibrium.
     """
-    size = len(matrix)
+    # Who loses against one equilibrium plays in none.
+    rows = np.flatnonzero(matrix @ near > -_PLAYS)
+    columns = matrix[:, rows]
     corners = []
-    seen = np.zeros(size, np.bool_)
-    for row in range(size):
-        if seen[row]:
+    seen = np.zeros(len(rows), np.bool_)
+    for place in range(len(rows)):
+        if seen[place]:
             continue
-        aim = np.zeros(size)
-        aim[row] = -1.0
-        corner = _solve(matrix, aim)
+        aim = np.zeros(len(rows))
+        aim[place] = -1.0
+        corner = _solve(columns, aim)
         corners.append(corner)
         seen |= corner > _PLAYS
+    inner = np.zeros(len(matrix))
     mean = np.mean(corners, axis=0)
-    inner: NDArray[np.float64] = mean / mean.sum()
+    inner[rows] = mean / mean.sum()
     return inner
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
 
 from marl_cair.files import atomic_path
@@ -29,8 +30,8 @@ INCHES_PER_LETTER = 0.04  # that a turned name is higher for each
 ARROW_SHARE = 0.08  # of the ladder's width
 
 
-def draw_league(paths: Sequence[Path], table: LeagueTable) -> None:
-    """Write ladder and matrix, both best first, as PNG, PDF or SVG, by the endings of `paths`."""
+def draw_league(folder: Path, table: LeagueTable) -> None:
+    """Write ladder and matrix, both best first, as `league.png` and `league.pdf`."""
     size = len(table.names)
     with rc_context(STYLE):
         height = 1.25 + (0.27 if size <= MOST_NUMBERS else 0.12) * size
@@ -38,19 +39,22 @@ def draw_league(paths: Sequence[Path], table: LeagueTable) -> None:
         height += INCHES_PER_LETTER * max(0, longest - 12)
         width = WIDTH_INCHES * max(1.0, min(size, MOST_NUMBERS) / 14.0)
         figure = Figure(figsize=(width, height), layout="constrained")
-        FigureCanvasAgg(figure)
         ladder, matrix = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 1.2))
         if size:
             _draw_matrix(matrix, table)
             _draw_ladder(ladder, table)
         figure.supxlabel(_caption(table), fontsize=6.5, color="0.35", x=0.01, ha="left")
         dots = min(DOTS_PER_INCH, MAX_PIXELS / max(width, height))
+        figure.set_dpi(dots)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # all is in its place: to find it takes a second
-        for path in paths:
-            dates = {"CreationDate": None} if path.suffix == ".pdf" else {}
-            with atomic_path(path) as unfinished:
-                figure.savefig(unfinished, dpi=dots, metadata=dates)
+        # Canvases draw once, `savefig` twice.
+        canvas: Any = FigureCanvasAgg(figure)
+        with atomic_path(folder / "league.png") as unfinished:
+            canvas.print_png(unfinished)
+        canvas = FigureCanvasPdf(figure)
+        with atomic_path(folder / "league.pdf") as unfinished:
+            canvas.print_pdf(unfinished, metadata={"CreationDate": None})
 
 
 def _shorten(names: Sequence[str]) -> list[str]:

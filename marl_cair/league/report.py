@@ -45,7 +45,7 @@ def write_report(folder: Path, report: Report, text: str) -> None:
     write_atomically(folder / "ladder.txt", text)
     for name, (header, rows) in _list_tables(report).items():
         write_atomically(folder / f"{name}.csv", _as_csv(header, rows))
-    draw_league([folder / "league.png", folder / "league.pdf"], report.table)
+    draw_league(folder, report.table)
     write_atomically(folder / "report.md", write_markdown(report))
     write_atomically(folder / "report.html", write_page(report))
 

@@ -30,6 +30,7 @@ RENAMED_OPTIONS = {"pool_recency": "recency"}
 NO_GENERATOR = "none"
 TARGET_UPDATES = ("soft", "hard")
 LOSSES = ("smooth_l1", "l2")
+ENDLESS_FRAMES = 10**9  # as total_frames: the clock ends the run
 
 
 @dataclass(frozen=True)
@@ -342,6 +343,9 @@ class TrainConfig:
     total_frames: int = 500_000  # decisions of one world; the run ends there
     max_minutes: float | None = None  # of this sitting; None: no limit
     synthetic_fraction: float = 0.2  # generated share of each batch, 0..0.9
+    initial_agent: str | None = (
+        None  # folder of one whose network begins; None: a new one
+    )
     torch_threads: int | None = None  # None: as torch chooses; fixed numbers give equal bits
     game: GameSettings = field(default_factory=GameSettings)
     policy: QNetworkConfig = field(default_factory=QNetworkConfig)

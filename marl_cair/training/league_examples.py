@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 # The bots are what the league is rated against and what nobody in it plays by itself, so a main
-# agent meets those often that it does not beat yet.
+# agent meets those often that it does not beat yet. Two cores have time for one kind of exploiter
+# in an evening, and for a generator that learns half as often as usual.
 _DEEP_LINE_WARS: dict[str, Any] = {
     "out": "runs/league_deep_line_wars",
-    "total_frames": 1_000_000,
+    "total_frames": 500_000,
     "slice_frames": 50_000,
     "final_bots": ["random", "rusher", "turtle", "economist", "zigzag", "counter"],
     "main": {
@@ -22,9 +23,11 @@ _DEEP_LINE_WARS: dict[str, Any] = {
         },
         "snapshot_every_frames": 50_000,
     },
+    "league_exploiter": {"learners": 0},
     "training": {
         "game": {"name": "deep_line_wars", "scenario": "10x15"},
         "learner": {"learning_rate_end": 0.0},
+        "generator": {"frames_per_update": 128, "refill_every_frames": 8_000},
         "evaluation": {"every_frames": 50_000, "bots": ["random", "counter", "economist"]},
     },
 }

@@ -48,6 +48,7 @@ from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import save_config
 from marl_cair.training.demonstrations import Demonstrators
 from marl_cair.training.generators import make_generator
+from marl_cair.training.initial_network import make_initial_network
 from marl_cair.training.learner import Learner
 from marl_cair.training.memory import keep_freed_memory
 from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
@@ -194,8 +195,11 @@ class TrainingRun:
 
     def _make_learner(self) -> None:
         config = self.config
-        network = make_q_network(
-            self.policy, self.seen.shape, self.spec.num_actions, seed=self._seeds[4]
+        network = make_initial_network(
+            config.initial_agent,
+            self.policy,
+            (self.game.name, self.seen.name, self.seen.shape, self.spec.num_actions),
+            seed=self._seeds[4],
         )
         self.learner = Learner(network, config.learner, config.demonstration)
         exploration = MaskedEpsilonGreedy(self._seeds[5], self.spec.action_groups)

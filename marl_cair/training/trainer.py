@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from marl_cair.generative.generator import Generator
 from marl_cair.league.shared import LeagueSeat
-from marl_cair.training.config import TrainConfig
+from marl_cair.training.config import ENDLESS_FRAMES, TrainConfig
 from marl_cair.training.evaluation import evaluate
 from marl_cair.training.metrics import Timers
 from marl_cair.training.rollout import make_rollout
@@ -67,7 +67,7 @@ def train(
         goal = min(goal, until_frames)
     deadline = None if config.max_minutes is None else time.monotonic() + 60 * config.max_minutes
     bar = tqdm(
-        total=goal,
+        total=goal if goal < ENDLESS_FRAMES else None,
         initial=run.frames,
         unit=" frames",
         disable=not show_progress,

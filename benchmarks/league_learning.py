@@ -1,0 +1,232 @@
+"""Train a league, an agent against random play alone, and a best response; rate them: the self-play
+results of the README.
+
+    python -m benchmarks.league_learning [--game deep_line_wars] [--league league.yaml]
+        [--alone-frames 150000] [--games 200] [--past-games 40] [--budget 20m] [--workers 2]
+        [--out runs/self_play_<game>] [--picture docs/images/self_play_<game>.png]
+        [option=value ...]
+
+The league is the ready-made one of the game (`marl-cair league train --example`), or `--league`.
+`--games` of the main agent against each bot and against the agent that met random play alone, and
+`--past-games` of each of its past selves against everybody, are one ladder; the best response is
+rated by `marl-cair league exploit` (options with `=` go to it) on map seeds that nothing else has
+seen. The same command again goes on where it was stopped. Writes <out>/results.csv and the picture,
+and prints the table as Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from scipy.stats import spearmanr
+
+from benchmarks.learning import train, trained_minutes
+from marl_cair.checkpoint import read_description
+from marl_cair.cli import main as marl_cair
+from marl_cair.cli.league_train import format_example
+from marl_cair.files import atomic_path, write_atomically
+from marl_cair.training.curves import COLOURS
+from marl_cair.training.league_examples import EXAMPLES
+from marl_cair.training.league_settings import load_league
+
+MAIN, ALONE = "main_0", "alone"
+_PAST = re.compile(rf"{MAIN}-\d+-(\d+)$")  # the name of a frozen player ends in its decisions
+COLUMNS = ("what", "against", "value", "low", "high", "games")
+
+
+class Rated(NamedTuple):
+    """A row of the ladder."""
+
+    elo: float
+    low: float
+    high: float
+
+
+def run(words: list[str]) -> None:
+    """One command of marl-cair; exits where that fails or is interrupted."""
+    if code := marl_cair(words):
+        sys.exit(code)
+
+
+def list_options(settings: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """Nested settings as words of `marl-cair train`."""
+    for name, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from list_options(value, f"{prefix}{name}.")
+        elif isinstance(value, list):
+            yield f"{prefix}{name}=[{','.join(map(str, value))}]"
+        else:
+            yield f"{prefix}{name}={value}"
+
+
+def train_all(options: argparse.Namespace, out: Path) -> tuple[Path, Path]:
+    """The league, then the agent against random play alone; returns the folders of both agents."""
+    file = options.league or out / "league.yaml"
+    if not file.exists():
+        write_atomically(file, format_example(options.game))
+    league = load_league(file)
+    folder = out / "league"
+    run(["league", "train", str(file), "--out", str(folder)])
+    training = dict(league.training)
+    game = dict(training.pop("game"))
+    words = [f"game={game['name']}", f"scenario={game['scenario']}", *list_options(training)]
+    limits = ["opponent.mixture={random: 1}", f"total_frames={options.alone_frames}"]
+    alone = out / ALONE
+    train(alone, None, [*words, *limits, "checkpoint.include_replay=false"])
+    return folder, alone
+
+
+def play(options: argparse.Namespace, out: Path, league: Path, alone: Path) -> Path:
+    """The ladder of all, and the best response to the main agent; returns the ladder's folder."""
+    best = league / "shared" / "live" / MAIN
+    ladder, workers = out / "ladder", ["--workers", str(options.workers)]
+    bots = [str(name) for name in EXAMPLES[options.game]["final_bots"]]
+    now = [str(best), str(alone / "latest"), *bots]
+    players = sorted((league / "shared" / "players").iterdir())
+    now_at = read_description(best).frames  # frozen too, at the end of the league
+    past = [
+        str(path)
+        for path in players
+        if (found := _PAST.search(path.name)) and int(found[1]) != now_at
+    ]
+    where = ["--out", str(ladder), *workers]
+    run(["league", *now, "--games", str(options.games), "--no-replays", *where])
+    run(["league", *past, "--ladder", *now, "--games", str(options.past_games), *where])
+    exploit = ["--budget", options.budget, "--seeds", "1", "--out", str(out / "exploit")]
+    run(["league", "exploit", str(best), *exploit, *options.words])
+    return ladder
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """The rows of a CSV file."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def read_ladder(ladder: Path) -> dict[str, Rated]:
+    """Ratings by name."""
+    return {
+        row["agent"]: Rated(*(float(row[name]) for name in Rated._fields))
+        for row in read_table(ladder / "ladder.csv")
+    }
+
+
+def find_progress(rated: Mapping[str, Rated], decisions: int) -> list[tuple[int, Rated]]:
+    """Ratings of the main agent and its past selves by their decisions, ascending."""
+    past = {int(found[1]): r for name, r in rated.items() if (found := _PAST.search(name))}
+    return sorted({**past, decisions: rated[MAIN]}.items())
+
+
+def draw(
+    progress: list[tuple[int, Rated]],
+    rated: Mapping[str, Rated],
+    scores: Mapping[str, Mapping[str, str]],
+    path: Path,
+) -> None:
+    """Ratings of the selves over decisions beside all others, and what the newest scores."""
+    figure = Figure(figsize=(9.0, 3.9), layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, width_ratios=(1.45, 1.0))
+    thousands = [frames / 1_000 for frames, _ in progress]
+    elo = [r.elo for _, r in progress]
+    errors = [[r.elo - r.low for _, r in progress], [r.high - r.elo for _, r in progress]]
+    left.errorbar(thousands, elo, errors, color=COLOURS[0], marker="o", capsize=2, markersize=4)
+    others = {name: r for name, r in rated.items() if name != MAIN and not _PAST.search(name)}
+    for name, r in others.items():
+        left.axhline(r.elo, color="0.6", linewidth=0.8, linestyle="--", zorder=0)
+        told = "met random play alone" if name == ALONE else name
+        left.annotate(
+            told,
+            (1.0, r.elo),
+            xycoords=("axes fraction", "data"),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=7,
+            color="0.3",
+        )
+    left.set(xlabel="decisions (thousands)", ylabel="Elo (random = 0), 95 %", xlim=(0, None))
+    left.set_title("The main agent and its past selves", fontsize=9)
+    names = sorted(scores, key=lambda name: float(scores[name]["score"]))
+    values = [100 * float(scores[name]["score"]) for name in names]
+    ends = [
+        [100 * abs(float(scores[name][end]) - float(scores[name]["score"])) for name in names]
+        for end in ("low", "high")
+    ]
+    right.barh(names, values, xerr=ends, color=COLOURS[5], error_kw={"capsize": 2, "lw": 0.9})
+    right.axvline(50, color="black", linewidth=0.7)
+    right.set(xlim=(0, 100), xlabel="score of the main agent, %, 95 %")
+    right.set_title("The main agent against", fontsize=9)
+    for panel in (left, right):
+        panel.spines[["top", "right"]].set_visible(False)
+        panel.grid(alpha=0.25)
+        panel.tick_params(labelsize=7.5)
+    with atomic_path(path) as unfinished:
+        figure.savefig(unfinished, dpi=150)
+
+
+def main() -> None:
+    """Train, play, print and draw."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--game", choices=("deep_line_wars", "deep_rts"), default="deep_line_wars")
+    parser.add_argument("--league", type=Path, help="YAML (default: the example of the game)")
+    parser.add_argument("--alone-frames", type=int, default=150_000, help="against random alone")
+    parser.add_argument("--games", type=int, default=200, help="of each pair of today's agents")
+    parser.add_argument("--past-games", type=int, default=40, help="of each pair of past selves")
+    parser.add_argument("--budget", default="20m", help="of the best response")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, help="default: runs/self_play_<game>")
+    parser.add_argument("--picture", type=Path, help="default: <out>/self_play.png")
+    options, words = parser.parse_known_args()
+    options.words = words
+    out = options.out or Path("runs") / f"self_play_{options.game}"
+    league, alone = train_all(options, out)
+    ladder = play(options, out, league, alone)
+    rated = read_ladder(ladder)
+    decisions = read_description(league / "shared" / "live" / MAIN).frames
+    progress = find_progress(rated, decisions)
+    scores = {
+        row["opponent"]: row
+        for row in read_table(ladder / "winrates.csv")
+        if row["agent"] == MAIN and not _PAST.search(row["opponent"])
+    }
+    told = json.loads((out / "exploit" / "exploit.json").read_text("utf-8"))
+    response = next(one for one in told["responses"] if one["name"] == told["chosen"])
+    rank = spearmanr([frames for frames, _ in progress], [r.elo for _, r in progress]).statistic
+    rows: list[tuple[object, ...]] = [
+        ("main agent scores", name, *(row[key] for key in ("score", "low", "high", "games")))
+        for name, row in scores.items()
+    ]
+    about = (response["score"], response["low"], response["high"], response["games"])
+    rows.append((f"best response of {options.budget} scores", MAIN, *about))
+    rows.append(("rank correlation of rating with decisions", "", rank, "", "", len(progress)))
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
+    write_atomically(out / "results.csv", text.getvalue())
+    draw(progress, rated, scores, options.picture or out / "self_play.png")
+    minutes = sum(
+        trained_minutes(path.parent) for path in (league / "members").glob("*/*/config.yaml")
+    )
+    print(f"{minutes:.0f} minutes of the league, {decisions:,} decisions of the main agent\n")
+    print("| what | against | result | games |\n|---|---|---|---|")
+    for what, against, value, low, high, number in rows:
+        if low == "":
+            print(f"| {what} | | {value:.2f} | {number} agents |")
+        else:
+            shares = (f"{100 * float(str(one)):.1f}" for one in (value, low, high))
+            result = "{} % [{}, {}]".format(*shares)
+            print(f"| {what} | `{against}` | {result} | {number} |")
+
+
+if __name__ == "__main__":
+    main()

@@ -343,9 +343,7 @@ class TrainConfig:
     total_frames: int = 500_000  # decisions of one world; the run ends there
     max_minutes: float | None = None  # of this sitting; None: no limit
     synthetic_fraction: float = 0.2  # generated share of each batch, 0..0.9
-    initial_agent: str | None = (
-        None  # folder of one whose network begins; None: a new one
-    )
+    initial_agent: str | None = None  # folder of one whose network begins; None: a new one
     torch_threads: int | None = None  # None: as torch chooses; fixed numbers give equal bits
     game: GameSettings = field(default_factory=GameSettings)
     policy: QNetworkConfig = field(default_factory=QNetworkConfig)

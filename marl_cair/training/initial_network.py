@@ -2,10 +2,35 @@
 
 from __future__ import annotations
 
-from marl_cair.checkpoint import load_network
-from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
+import dataclasses
 
+from marl_cair.checkpoint import load_network, read_description
+from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
+from marl_cair.training.config import TrainConfig
+
+KNOWING_EPSILON = 0.2  # exploration of a learner that knows how to play, to begin with
 Seen = tuple[str, str, tuple[int, ...], int]  # game, representation, its shape, number of actions
+
+
+def begin_as(agent: str, config: TrainConfig) -> TrainConfig:
+    """The settings of a run that begins with the network of the agent in folder `agent`, explores
+    little, and meets its opponents at once.
+
+    Raises CheckpointError where `agent` is no agent's folder.
+    """
+    about = read_description(agent)
+    exploration = config.exploration
+    start = min(KNOWING_EPSILON, exploration.epsilon_start)
+    return dataclasses.replace(
+        config,
+        initial_agent=agent,
+        policy=QNetworkConfig.from_dict(about.network),
+        game=dataclasses.replace(config.game, representation=about.representation),
+        opponent=dataclasses.replace(config.opponent, warmup_frames=0),
+        exploration=dataclasses.replace(
+            exploration, epsilon_start=start, epsilon_end=min(start, exploration.epsilon_end)
+        ),
+    )
 
 
 def make_initial_network(

@@ -14,6 +14,8 @@ from omegaconf import OmegaConf
 from tqdm import tqdm
 
 from marl_cair.files import claim_output_folder, find_folder, write_atomically
+from marl_cair.games import GAMES
+from marl_cair.league.agents import find_fingerprint, load_agent
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.shared import LIVE_FOLDER, MAIN, PLAYERS, read_players, read_records
 from marl_cair.training.config_file import to_plain
@@ -79,8 +81,10 @@ def train_league(
 def _make_members(settings: LeagueSettings, folder: Path) -> None:
     mains = tuple(name for name, role in settings.learners if role == MAIN)
     for place, (name, role) in enumerate(settings.learners):
-        chance = settings.role(role).reset_chance
-        record = MemberRecord(name, role, mains, chance, settings.seed, place)
+        own = settings.role(role)
+        record = MemberRecord(
+            name, role, mains, own.reset_chance, own.begins_as_main, settings.seed, place
+        )
         seed = derive_seed(settings.seed, place, 0)
         make_member(folder / MEMBERS / name, record, settings.learner_config(role, seed=seed))
 
@@ -145,8 +149,7 @@ def _write_report(settings: LeagueSettings, folder: Path, show_progress: bool) -
     text = _describe_learners(settings, folder) + _describe_records(folder / SHARED)
     if settings.final_games:
         config = settings.learner_config(MAIN)
-        live = [folder / SHARED / LIVE_FOLDER / name for name, _ in settings.learners]
-        agents = (*(str(path) for path in live if find_folder(path).is_dir()), *settings.final_bots)
+        agents = (*_find_learners(settings, folder), *settings.final_bots)
         # Others took part before the league was continued: they stay in the folder of then.
         out = folder / EVALUATION / f"{read_progress(folder):05d}"
         result = run_league(
@@ -164,6 +167,19 @@ def _write_report(settings: LeagueSettings, folder: Path, show_progress: bool) -
         text += f"\nThe learners as they are now, {out}:\n\n{result.text}\n"
     write_atomically(folder / REPORT_FILE, text)
     return text
+
+
+def _find_learners(settings: LeagueSettings, folder: Path) -> list[str]:
+    """The learners as they are now, less those that are still what they began as."""
+    game = settings.learner_config(MAIN).game
+    scenario = GAMES[game.name].scenario(game.scenario, **game.options)
+    found: dict[str, str] = {}
+    for name, _ in settings.learners:
+        path = folder / SHARED / LIVE_FOLDER / name
+        if find_folder(path).is_dir():
+            agent = load_agent(path, game.name, scenario)
+            found.setdefault(find_fingerprint(agent, GAMES[game.name]), str(path))
+    return list(found.values())
 
 
 def _describe_learners(settings: LeagueSettings, folder: Path) -> str:

@@ -40,6 +40,7 @@ class RoleSettings:
     snapshot_every_frames: int = 100_000  # frames after which a player is frozen in any case
     snapshot_margin: float | None = 0.2  # sooner if a win rate surely above 1/2 by it; null: never
     reset_chance: float = 0.0  # that the learner begins anew once it has frozen a player
+    begins_as_main: bool = False  # anew means with a main agent's network then, not with a new one
     training: dict[str, Any] = field(  # options of `marl-cair train` for this role alone, by group
         default_factory=dict
     )
@@ -53,7 +54,8 @@ def _main() -> RoleSettings:
 
 
 def _main_exploiter() -> RoleSettings:
-    return RoleSettings(mixture={"main_agents": 1.0}, reset_chance=1.0)
+    # A new network loses every game against a main agent of some age, and learns nothing by it.
+    return RoleSettings(mixture={"main_agents": 1.0}, reset_chance=1.0, begins_as_main=True)
 
 
 def _league_exploiter() -> RoleSettings:

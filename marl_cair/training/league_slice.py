@@ -14,9 +14,11 @@ from pathlib import Path
 
 from marl_cair.checkpoint import CheckpointError
 from marl_cair.files import write_atomically
-from marl_cair.league.shared import LeagueSeat
+from marl_cair.league.agents import is_checkpoint
+from marl_cair.league.shared import LIVE_FOLDER, LeagueSeat
 from marl_cair.training.config import TrainConfig
-from marl_cair.training.config_file import load_config, save_config
+from marl_cair.training.config_file import CONFIG_FILE, load_config, save_config
+from marl_cair.training.initial_network import begin_as
 from marl_cair.training.league_settings import derive_seed
 from marl_cair.training.run import RESUME_FOLDER
 from marl_cair.training.trainer import train
@@ -32,6 +34,7 @@ class MemberRecord:
         name, role: of the learner.
         mains: the names of all main agents.
         reset_chance: that it begins anew once it has frozen a player.
+        begins_as_main: whether it then has a main agent's network, and not a new one.
         league_seed, place: seeds derive from them; place is in the order of turns.
         generation: how often it has begun anew.
         frames_before: decisions of all generations before.
@@ -41,6 +44,7 @@ class MemberRecord:
     role: str
     mains: tuple[str, ...]
     reset_chance: float
+    begins_as_main: bool
     league_seed: int
     place: int
     generation: int = 0
@@ -94,7 +98,7 @@ def run_slice(
         if goal <= 0:
             return SliceResult(record.frames_before, record.generation, True, False, last_row)
         config = dataclasses.replace(
-            load_config(member),
+            _begin(member, shared, record),
             out=str(member / f"{record.generation:03d}"),
             seed=derive_seed(record.league_seed, record.place, record.generation),
             total_frames=budget.total_frames - record.frames_before,
@@ -121,6 +125,17 @@ def run_slice(
                 result.was_interrupted,
                 last_row,
             )
+
+
+def _begin(member: Path, shared: Path, record: MemberRecord) -> TrainConfig:
+    """The settings of the learner's generation; what it begins with is decided once."""
+    config, run = load_config(member), member / f"{record.generation:03d}"
+    main = str(shared / LIVE_FOLDER / record.mains[record.generation % len(record.mains)])
+    if (run / CONFIG_FILE).is_file():
+        begins_as_main = load_config(run).initial_agent is not None
+    else:
+        begins_as_main = record.begins_as_main and is_checkpoint(main)
+    return begin_as(main, config) if begins_as_main else config
 
 
 def _begin_anew(member: Path, record: MemberRecord, frames: int) -> None:

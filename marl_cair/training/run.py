@@ -22,6 +22,7 @@ from marl_cair.checkpoint import (
 )
 from marl_cair.files import (
     claim_output_folder,
+    find_folder,
     recover_folder,
     replaced_folder,
     require_free_space,
@@ -84,6 +85,7 @@ class TrainingRun:
     ) -> None:
         self.config, self.seat = config, seat
         self.folder = Path(config.out)
+        self._resumes = resume and find_folder(self.folder / RESUME_FOLDER).is_dir()
         if config.torch_threads is not None:
             torch.set_num_threads(config.torch_threads)
         keep_freed_memory()
@@ -103,7 +105,7 @@ class TrainingRun:
         self.best_score = -math.inf  # of all evaluations
         self.gate_is_open = False
         recover_folder(self.folder / RESUME_FOLDER)
-        if resume and (self.folder / RESUME_FOLDER).is_dir():
+        if self._resumes:
             self.restore()
         self.book.join_league()
         self.log = RunLog(self.folder, self.frames)
@@ -196,7 +198,7 @@ class TrainingRun:
     def _make_learner(self) -> None:
         config = self.config
         network = make_initial_network(
-            config.initial_agent,
+            None if self._resumes else config.initial_agent,
             self.policy,
             (self.game.name, self.seen.name, self.seen.shape, self.spec.num_actions),
             seed=self._seeds[4],
@@ -374,9 +376,9 @@ class TrainingRun:
 
 
 def fixed_settings(config: TrainConfig) -> dict[str, Any]:
-    """The settings that a resumed run must share: all but how long and where."""
+    """The settings that a resumed run must share: all but how long, where, and whence."""
     values = dataclasses.asdict(config)
-    for free in ("out", "total_frames", "max_minutes"):
+    for free in ("out", "total_frames", "max_minutes", "initial_agent"):
         del values[free]
     return values
 

@@ -15,6 +15,7 @@ import torch
 from marl_cair.checkpoint import CheckpointError, load_network
 from marl_cair.files import OutputFolderError
 from marl_cair.league.shared import ROLES, read_players, read_records
+from marl_cair.training.config_file import load_config
 from marl_cair.training.league_run import train_league
 from marl_cair.training.league_settings import LeagueSettings, RoleSettings, build_league
 from marl_cair.training.league_slice import Budget, SliceResult, read_member, run_slice
@@ -121,6 +122,48 @@ def test_a_main_exploiter_begins_anew_with_each_player_and_a_main_agent_never(le
     assert read_member(league / "members" / "main_0").generation == 0
     mains = [p for p in read_players(league / "shared") if p.role == "main"]
     assert len(mains) >= 2 * (768 // 192)
+
+
+def test_a_main_exploiter_begins_as_the_main_agents_in_turn(league):
+    for name, wanted in (
+        ("main_0", [None]),
+        ("league_exploiter_0", [None]),
+        ("main_exploiter_0", ["main_0", "main_1"]),
+    ):
+        for generation, main in enumerate(wanted):
+            config = load_config(league / "members" / name / f"{generation:03d}")
+            assert config.initial_agent == (main and str(league / "shared" / "live" / main))
+            assert config.exploration.epsilon_start == (1.0 if main is None else 0.2)
+
+
+def test_a_new_generation_begins_with_the_weights_of_the_main_agent(tmp_path):
+    settings = make_league(tmp_path, total_frames=384, slice_frames=384)
+    fresh = train_league(
+        dataclasses.replace(
+            settings,
+            out=str(tmp_path / "fresh"),
+            main_exploiter=dataclasses.replace(settings.main_exploiter, begins_as_main=False),
+        ),
+        show_progress=False,
+    )
+    begun = train_league(
+        dataclasses.replace(
+            settings,
+            out=str(tmp_path / "begun"),
+            # Nothing is learned, so that the first player is what it began with.
+            main_exploiter=dataclasses.replace(
+                settings.main_exploiter, training={"learner": {"learning_rate": 1e-12}}
+            ),
+        ),
+        show_progress=False,
+    )
+    for result, is_main in ((begun, True), (fresh, False)):
+        shared = result.folder / "shared"
+        first = next(p for p in read_players(shared) if p.owner == "main_exploiter_0")
+        nets = [load_network(shared / part)[0] for part in (f"players/{first.name}", "live/main_0")]
+        pairs = zip(*(net.parameters() for net in nets), strict=True)
+        same = all(torch.allclose(a, b, atol=1e-6) for a, b in pairs)
+        assert same == is_main
 
 
 def test_each_role_meets_whom_it_should(league):
@@ -260,10 +303,13 @@ def test_leagues_of_many_seats_and_of_average_policies_train_too(tmp_path, scena
 def test_the_report_rates_the_learners_as_they_are_and_tells_their_payoffs(tmp_path):
     values = {"total_frames": 64, "final_games": 2, "final_bots": ["idle"]}
     result = train_league(make_league(tmp_path / "league", **values), show_progress=False)
-    for words in ("main_exploiter_0", "Ladder", "idle", "Won in training", "frozen players"):
+    for words in ("league_exploiter_0", "Ladder", "idle", "Won in training", "frozen players"):
         assert words in result.text
     assert (tmp_path / "league" / "report.txt").read_text("utf-8") == result.text
-    assert (tmp_path / "league" / "evaluation" / "00004" / "ladder.csv").is_file()
+    ladder = tmp_path / "league" / "evaluation" / "00004" / "ladder.csv"
+    rated = {line.partition(",")[0] for line in ladder.read_text("utf-8").splitlines()[1:]}
+    # The main exploiter has learned nothing yet, and is the main agent that it began as.
+    assert rated == {"main_0", "main_1", "league_exploiter_0", "idle"}
 
 
 def test_a_folder_of_other_settings_is_refused(league):

@@ -144,9 +144,8 @@ def draw(
     others = {name: r for name, r in rated.items() if name != MAIN and not _PAST.search(name)}
     for name, r in others.items():
         left.axhline(r.elo, color="0.6", linewidth=0.8, linestyle="--", zorder=0)
-        told = "met random play alone" if name == ALONE else name
         left.annotate(
-            told,
+            _tell(name),
             (1.0, r.elo),
             xycoords=("axes fraction", "data"),
             xytext=(3, 0),
@@ -163,16 +162,24 @@ def draw(
         [100 * abs(float(scores[name][end]) - float(scores[name]["score"])) for name in names]
         for end in ("low", "high")
     ]
-    right.barh(names, values, xerr=ends, color=COLOURS[5], error_kw={"capsize": 2, "lw": 0.9})
+    labels = [_tell(name) for name in names]
+    right.barh(labels, values, xerr=ends, color=COLOURS[5], error_kw={"capsize": 2, "lw": 0.9})
     right.axvline(50, color="black", linewidth=0.7)
     right.set(xlim=(0, 100), xlabel="score of the main agent, %, 95 %")
     right.set_title("The main agent against", fontsize=9)
     for panel in (left, right):
         panel.spines[["top", "right"]].set_visible(False)
         panel.grid(alpha=0.25)
+        panel.set_axisbelow(True)
         panel.tick_params(labelsize=7.5)
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.label.set_size(8)
     with atomic_path(path) as unfinished:
         figure.savefig(unfinished, dpi=150)
+
+
+def _tell(name: str) -> str:
+    return "only met random" if name == ALONE else name
 
 
 def main() -> None:

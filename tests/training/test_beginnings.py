@@ -1,0 +1,76 @@
+"""What a run begins with, and what it draws: an agent's network, prioritised rows."""
+
+import pytest
+import torch
+
+from marl_cair.checkpoint import CheckpointError, load_network
+from marl_cair.policies.q_network import QNetworkConfig
+from marl_cair.training.config import GameSettings, ReplaySettings
+from marl_cair.training.run import TrainingRun
+from marl_cair.training.trainer import train
+from tests.training.runs import digest, tiny
+from tests.training.test_training import make_batch, make_learner
+
+
+def test_a_resumed_run_with_priorities_equals_one_that_was_never_stopped(tmp_path):
+    """Beta does not rise here, as it would with the share of another `total_frames`."""
+    replay = ReplaySettings(2_000, 300, min_transitions=300, priority_alpha=0.6, priority_beta=1.0)
+    train(tiny(tmp_path / "whole", replay=replay), show_progress=False)
+    train(tiny(tmp_path / "parts", 1_280, replay=replay), show_progress=False)
+    train(tiny(tmp_path / "parts", replay=replay), resume=True, show_progress=False)
+    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
+    train(tiny(tmp_path / "even"), show_progress=False)
+    assert digest(tmp_path / "whole") != digest(tmp_path / "even")
+
+
+def test_a_run_begins_with_the_network_of_an_agent(tmp_path):
+    train(tiny(tmp_path / "first", 640), show_progress=False)
+    agent = tmp_path / "first" / "latest"
+    kept, _ = load_network(agent)
+    run = TrainingRun(tiny(tmp_path / "next", initial_agent=str(agent), seed=5))
+    loss = dict(run.learner.state_dict()["loss"])
+    new = TrainingRun(tiny(tmp_path / "new", seed=5))
+    for name, weights in kept.state_dict().items():
+        for network in (run.learner.network, run.learner.average):
+            assert torch.equal(network.state_dict()[name], weights), name
+    assert sum(torch.equal(a, b) for a in kept.parameters() for b in loss.values()) >= 2 * len(
+        list(kept.parameters())
+    )  # online and target
+    pairs = zip(new.learner.network.parameters(), kept.parameters(), strict=True)
+    assert any(not torch.equal(a, b) for a, b in pairs)
+    run.close()
+    new.close()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"policy": QNetworkConfig(hidden_width=33)}, "whose policy is .*hidden_width=32"),
+        ({"game": GameSettings(scenario="10x15")}, r"observation shape is \(28, 11, 11\), but"),
+        (
+            {
+                "game": GameSettings(scenario="11x11", representation="image"),
+                "synthetic_fraction": 0.0,
+            },
+            "whose representation is planes, but this run's is image",
+        ),
+    ],
+)
+def test_an_initial_agent_of_something_else_is_refused(tmp_path, changes, message):
+    train(tiny(tmp_path / "first", 128), show_progress=False)
+    agent = str(tmp_path / "first" / "latest")
+    with pytest.raises(ValueError, match=message):
+        TrainingRun(tiny(tmp_path / "next", initial_agent=agent, **changes))
+    assert not (tmp_path / "next").exists()
+    with pytest.raises(CheckpointError, match="is no agent checkpoint"):
+        TrainingRun(tiny(tmp_path / "next", initial_agent=str(tmp_path)))
+
+
+def test_rows_count_in_the_loss_by_their_weights():
+    batch, learner = make_batch(), make_learner()
+    batch["priority_weight"] = torch.tensor([0.5, 0.0, 0.0, 0.25])
+    loss = learner.update(batch)["loss/all"]
+    error = batch["td_error"].flatten().sqrt()
+    losses = torch.where(error < 1.0, error.square() / 2, error - 0.5)
+    assert float(loss) == pytest.approx(float((2.0 * losses[0] + losses[3]) / 3.0), rel=1e-5)
+    assert float(loss) != pytest.approx(float(losses.mean()), rel=1e-2)

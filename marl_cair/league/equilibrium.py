@@ -9,6 +9,7 @@ from scipy.special import logsumexp, softmax
 
 _TOLERANCE = 1e-9  # of a game's largest payoff
 _PLAYS = 1e-7  # a share, or a loss, that is surely above 0
+_LOSES = 1e-5  # a loss against an equilibrium that a program found, to its tolerance
 _FEW = 12  # rows of a first, small program
 
 
@@ -122,23 +123,20 @@ def _find_inner_equilibrium(
     """An equilibrium [K] in which every row plays that plays in any: the mean of those in which
     each row in turn plays as much as it can. near: some equilibrium.
     """
-    # Who loses against one equilibrium plays in none.
-    rows = np.flatnonzero(matrix @ near > -_PLAYS)
-    columns = matrix[:, rows]
+    # Who loses against one equilibrium plays in none. The programs stay over all columns: without
+    # the others' last tiny shares there may be no mixture within the tolerance.
+    seen = matrix @ near < -_LOSES
     corners = []
-    seen = np.zeros(len(rows), np.bool_)
-    for place in range(len(rows)):
+    for place in range(len(matrix)):
         if seen[place]:
             continue
-        aim = np.zeros(len(rows))
+        aim = np.zeros(len(matrix))
         aim[place] = -1.0
-        corner = _solve(columns, aim)
+        corner = _solve(matrix, aim)
         corners.append(corner)
         seen |= corner > _PLAYS
-    inner = np.zeros(len(matrix))
-    mean = np.mean(corners, axis=0)
-    inner[rows] = mean / mean.sum()
-    return inner
+    inner: NDArray[np.float64] = np.mean(corners, axis=0)
+    return inner / inner.sum()
 
 
 def _spread_over(matrix: NDArray[np.float64], support: NDArray[np.int64]) -> NDArray[np.float64]:

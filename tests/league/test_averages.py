@@ -9,6 +9,7 @@ from marl_cair.league import averages as averages_module
 from marl_cair.league.averages import average_by_alpha_rank, average_by_nash, find_alpha_rank
 from marl_cair.league.equilibrium import exploitability, maximum_entropy_nash
 from marl_cair.league.payoffs import find_payoffs
+from tests.league.leagues import make_games
 from tests.league.paper_games import from_rows, simulate, sweep
 
 RPS = np.array([[0.0, -1.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 1.0, 0.0]])
@@ -58,6 +59,16 @@ def test_equilibria_without_ties_are_exact(size):
     payoff = np.random.default_rng(size).normal(size=(size, size))
     payoff -= payoff.T
     assert exploitability(payoff, maximum_entropy_nash(payoff)) < 1e-7
+
+
+def test_many_agents_of_whom_only_neighbours_have_met():
+    """Most payoffs are drawn from all that there can be: each draw is a game of its own, and some
+    have equilibria whose rows lose by no more than a program's tolerance.
+    """
+    found = average_by_nash(find_payoffs(20, make_games({(n, n + 1): 25 for n in range(19)})))
+    assert found.weights.sum() == pytest.approx(1.0)
+    assert (found.low <= found.weights).all()
+    assert (found.weights <= found.high).all()
 
 
 def test_the_average_of_one_that_beats_all_is_that_one(monkeypatch):

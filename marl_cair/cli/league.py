@@ -151,6 +151,13 @@ def add(arguments: Sequence[str]) -> int:
     return command.run(arguments)
 
 
+def mix(arguments: Sequence[str]) -> int:
+    """One agent of several."""
+    from marl_cair.cli import mix as command  # which imports this package
+
+    return command.run(arguments)
+
+
 def run_exploit(arguments: Sequence[str]) -> int:
     """Best responses trained against one agent."""
     from marl_cair.cli import exploit  # torchrl takes seconds, and only this trains
@@ -171,6 +178,7 @@ SUBCOMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "status": tell_status,
     "export": export,
     "add": add,
+    "mix": mix,
     "exploit": run_exploit,
 }
 

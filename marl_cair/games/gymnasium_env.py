@@ -14,6 +14,7 @@ from marl_cair.games import make_engine
 from marl_cair.games.action_forms import make_action_form
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Agent
+from marl_cair.games.mixed_agent import MixedAgent
 from marl_cair.games.parallel_env import (
     RENDER_MODES,
     check_render_mode,
@@ -50,10 +51,24 @@ class _LearnerSeat:
         )
         self.seeds = EpisodeSeeds(num_worlds)
         self.opponent.seed(self.seeds.seed)
+        self._members = np.zeros(num_worlds, np.int64)  # of a mixture, who plays in each world
 
     def restart(self, seed: int) -> None:
         self.seeds.restart(seed)
         self.opponent.seed(seed)
+
+    def start_games(self, worlds: NDArray[np.bool_]) -> None:
+        """New games in worlds bool [B]."""
+        if isinstance(self.opponent, MixedAgent):
+            self._members[worlds] = self.opponent.draw(int(worlds.sum()))
+        self.engine.reset(self.seeds.next(worlds), worlds)
+
+    def _answer(self, seen: NDArray[Any], masks: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """The opponent's actions [B, ...] of what one seat sees in all worlds."""
+        rows = np.ascontiguousarray(seen), np.ascontiguousarray(masks)
+        if isinstance(self.opponent, MixedAgent):
+            return self.opponent.act_as(self._members, *rows)
+        return self.opponent.act(*rows)
 
     @property
     def terminated(self) -> NDArray[np.bool_]:
@@ -84,9 +99,7 @@ class _LearnerSeat:
         seen, masks = engine.observe(self.opponent.representation), engine.action_mask()
         for seat in range(engine.num_players):
             if seat != self.seat:
-                everyone[:, seat] = self.opponent.act(
-                    np.ascontiguousarray(seen[:, seat]), np.ascontiguousarray(masks[:, seat])
-                )
+                everyone[:, seat] = self._answer(seen[:, seat], masks[:, seat])
         engine.step(everyone)
 
 
@@ -134,7 +147,7 @@ class GameEnv(gymnasium.Env[Any, Any]):
         super().reset(seed=seed)
         if seed is not None:
             self._table.restart(seed)
-        self.engine.reset(self._table.seeds.next())
+        self._table.start_games(np.ones(1, np.bool_))
         return self._look()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -283,7 +296,7 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         }
 
     def _restart(self, mask: NDArray[np.bool_]) -> None:
-        self.engine.reset(self._table.seeds.next(mask), mask)
+        self._table.start_games(mask)
         self._ended = self._ended & ~mask
 
     def _look(self) -> tuple[Any, dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""`load_agent`: a checkpoint or a scripted bot as an agent that acts, and who it is."""
+"""`load_agent`: a checkpoint, a mixture or a bot as an agent that acts, and who it is."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from marl_cair.checkpoint import AgentDescription, CheckpointError, load_network
 from marl_cair.files import find_folder
 from marl_cair.games import GAMES
 from marl_cair.games.game import Agent, Game
+from marl_cair.games.mixed_agent import MixedAgent
 from marl_cair.league.foreign import ForeignAgent, load_foreign
+from marl_cair.league.mixtures import is_mixture, read_mixture
 from marl_cair.league.process import is_process, load_hosted, load_process
 from marl_cair.league.store import AgentRecord
 from marl_cair.lookup import find_by_name
@@ -32,10 +34,10 @@ def load_agent(
     """An agent by name or path; `agent.act(observations, action_mask)` gives actions.
 
     Args:
-        source: a checkpoint's folder, or a bot as "deep_line_wars/rusher" (just "rusher" where
-            `game` is given), or "module:function" of anybody's (see `league.foreign`), or
-            "process:COMMAND" (see `league.process`). A folder that exists is taken before a bot's
-            name.
+        source: the folder of a checkpoint or of a mixture, or a bot as "deep_line_wars/rusher"
+            (just "rusher" where `game` is given), or "module:function" of anybody's (see
+            `league.foreign`), or "process:COMMAND" (see `league.process`). A folder that exists is
+            taken before a bot's name.
         game: the game that it is to play; a checkpoint of another game is refused.
         scenario: a scenario (or its name) that it is to play; None: the one that it was trained
             on, or the game's default.
@@ -49,6 +51,12 @@ def load_agent(
         UnknownNameError: no such bot or game; names the nearest.
     """
     path = Path(source)
+    if is_mixture(source):
+        mixture = read_mixture(source)
+        members = [
+            load_agent(one, game, scenario, epsilon, answer_seconds) for one in mixture.sources
+        ]
+        return MixedAgent(members, mixture.weights, path.absolute().name)
     if is_checkpoint(source):
         return _load_checkpoint(path, game, scenario, epsilon)
     if is_process(source) or is_foreign(source):
@@ -102,6 +110,12 @@ def describe_agent(name: str, agent: Agent, game: Game, source: str = "") -> Age
             configuration["training"] = describe_training(Path(source))
     elif isinstance(agent, ForeignAgent):
         kind, policy = "foreign", "its own"
+    elif isinstance(agent, MixedAgent):
+        kind, policy = "mixture", f"one of {len(agent.members)}, drawn before each game"
+        configuration["members"] = {
+            find_fingerprint(member, game): weight
+            for member, weight in zip(agent.members, agent.weights.tolist(), strict=True)
+        }
     fingerprint = find_fingerprint(agent, game)
     about = json.dumps(configuration, sort_keys=True)
     return AgentRecord(fingerprint, name, kind, policy, game.version, about)
@@ -147,6 +161,10 @@ def find_fingerprint(agent: Agent, game: Game) -> str:
     """
     if isinstance(agent, ForeignAgent):
         return agent.fingerprint
+    if isinstance(agent, MixedAgent):
+        prints = [find_fingerprint(member, game) for member in agent.members]
+        mixed = sorted(zip(prints, agent.weights.tolist(), strict=True))
+        return hashlib.blake2b(json.dumps(mixed).encode(), digest_size=16).hexdigest()
     if not isinstance(agent, PolicyActor):
         return f"{game.name} {game.version} {agent.name}"
     network = agent.network
@@ -175,6 +193,7 @@ def find_scenario(
         CheckpointError: a broken checkpoint; or no scenario is named and two checkpoints differ.
         UnknownNameError: no such game.
     """
+    agents = [source for agent in agents for source in _list_members(agent)]
     trained = [(name, read_description(name)) for name in agents if is_checkpoint(name)]
     prefixes = [name.rpartition("/")[0] for name in agents]
     named = [about.game for _, about in trained] + [name for name in prefixes if name in GAMES]
@@ -194,6 +213,10 @@ def find_scenario(
                 f"{_tell_difference(other, chosen)}: say by --scenario what all are to play"
             )
     return game, chosen.pop("scenario"), chosen
+
+
+def _list_members(source: str) -> tuple[str, ...]:
+    return read_mixture(source).sources if is_mixture(source) else (source,)
 
 
 def _tell_difference(own: dict[str, Any], other: dict[str, Any]) -> str:

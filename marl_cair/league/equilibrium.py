@@ -1,4 +1,6 @@
-"""The maximum-entropy Nash equilibrium of a symmetric zero-sum game of two players."""
+"""Mixed strategies of zero-sum games of two players: the maximum-entropy Nash equilibrium of a
+symmetric one, and the safest mixture of some rows.
+"""
 
 from __future__ import annotations
 
@@ -42,6 +44,55 @@ def maximum_entropy_nash(payoff: NDArray[np.float64]) -> NDArray[np.float64]:
     spread = _spread_over(matrix, support)
     # Where the dual does not converge, the mean of the programs' corners is an equilibrium too.
     return spread if exploitability(matrix, spread) <= 1e-6 else inner
+
+
+def find_safest_mixture(scores: NDArray[np.float64], slack: float) -> NDArray[np.float64]:
+    """The most even mixture [K] of rows whose least score against a column is within `slack` of the
+    highest least score that any mixture has.
+
+    scores: float64 [K, N], what rows score against columns. A linear program gives the highest
+    least score; among the mixtures near it the one of highest entropy is
+    softmax(scores @ multipliers). Scores that come from games are not known better than some slack,
+    and the program's own answer leaves out rows for differences that are none.
+
+    Raises:
+        ValueError: no row or column, scores that are not finite, or a slack that is not above 0.
+    """
+    if scores.ndim != 2 or not scores.size or not np.isfinite(scores).all():
+        raise ValueError(f"scores have shape {list(scores.shape)}, they must be finite, [K, N]")
+    if not slack > 0.0:
+        raise ValueError(f"slack is {slack}, it must be above 0")
+    num_rows, num_columns = scores.shape
+    program = linprog(
+        np.append(np.zeros(num_rows), -1.0),
+        A_ub=np.column_stack([-scores.T, np.ones(num_columns)]),
+        b_ub=np.zeros(num_columns),
+        A_eq=[[1.0] * num_rows + [0.0]],
+        b_eq=[1.0],
+        bounds=[(0.0, None)] * num_rows + [(None, None)],
+        method="highs",
+    )
+    if program.status != 0:
+        raise ArithmeticError(f"the linear program of a mixture failed: {program.message}")
+    above = scores - (float(program.x[-1]) - slack)
+
+    def dual(multipliers: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        logits = above @ multipliers
+        return float(logsumexp(logits)), above.T @ softmax(logits)
+
+    found = minimize(
+        dual,
+        np.zeros(num_columns),
+        jac=True,
+        bounds=[(0.0, None)] * num_columns,
+        method="L-BFGS-B",
+        options={"maxiter": 5_000, "maxfun": 20_000, "ftol": 0.0, "gtol": 1e-8},
+    )
+    mixture: NDArray[np.float64] = softmax(above @ found.x)
+    if (mixture @ above).min() >= -1e-3 * slack:
+        return mixture
+    corner = np.maximum(program.x[:-1], 0.0)
+    return np.asarray(corner / corner.sum(), np.float64)
 
 
 def _check(payoff: NDArray[np.float64]) -> None:
@@ -136,7 +187,8 @@ def _find_inner_equilibrium(
         corners.append(corner)
         seen |= corner > _PLAYS
     inner: NDArray[np.float64] = np.mean(corners, axis=0)
-    return inner / inner.sum()
+    inner /= inner.sum()
+    return inner
 
 
 def _spread_over(matrix: NDArray[np.float64], support: NDArray[np.int64]) -> NDArray[np.float64]:

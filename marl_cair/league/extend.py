@@ -44,14 +44,7 @@ def plan_extension(
         )
     rules = Rules.read(settings)
     game, scenario = rules.game, rules.scenario
-    ladder = [_find_source(folder, records[number]) for number in played]
-    for number, source in zip(played, ladder, strict=True):
-        found = find_fingerprint(load(source, game=game.name, scenario=scenario), game)
-        if found != records[number].fingerprint:
-            raise LeagueStoreError(
-                f"{source} is no longer the agent that has played in {folder} as "
-                f"{records[number].name}: bring that one back, or play a new league"
-            )
+    ladder = find_sources(folder, rules, [records[number] for number in played], load)
     if games_per_pair is None:
         _, counts = np.unique(np.sort(stored.agents, axis=1), axis=0, return_counts=True)
         size = stored.agents.shape[1]
@@ -68,6 +61,26 @@ def plan_extension(
         seating=rules.seating,
         workers=workers,
     )
+
+
+def find_sources(
+    folder: Path, rules: Rules, records: Sequence[AgentRecord], load: Load = load_agent
+) -> list[str]:
+    """Where agents of the league in `folder` are from, as `load_agent` takes it.
+
+    Raises:
+        LeagueStoreError: it is not known, or what is there is another agent by now.
+        CheckpointError, ForeignAgentError, UnknownNameError: one of them cannot be loaded.
+    """
+    sources = [_find_source(folder, record) for record in records]
+    for record, source in zip(records, sources, strict=True):
+        agent = load(source, game=rules.game.name, scenario=rules.scenario)
+        if find_fingerprint(agent, rules.game) != record.fingerprint:
+            raise LeagueStoreError(
+                f"{source} is no longer the agent that has played in {folder} as {record.name}: "
+                "bring that one back, or play a new league"
+            )
+    return sources
 
 
 def _find_source(folder: Path, record: AgentRecord) -> str:

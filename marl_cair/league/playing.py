@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import NO_WINNER, Agent, Game
+from marl_cair.games.mixed_agent import MixedAgent
 from marl_cair.games.randomness import episode_seeds
 from marl_cair.games.standings import share_points
 from marl_cair.league.ranks import STILL_IN, rank_teams
@@ -161,9 +162,16 @@ def play(
     """Step until all games have ended; yields after each step.
 
     An agent is shown the running games of one chunk at a time, the seats that are still in, in the
-    order of its places.
+    order of its places. Of a mixture one member plays all seats of a team in a game.
     """
     streams = [_start_streams(seating, seed, chunks) for seating in seatings]
+    members = [
+        [
+            _draw_members(seating.agent, state, chunk.places[entry], engine.spec.team_of_seat)
+            for state, chunk in zip(states, chunks, strict=True)
+        ]
+        for entry, (seating, states) in enumerate(zip(seatings, streams, strict=True))
+    ]
     names = {seating.agent.representation for seating in seatings}
     starts = np.cumsum([0, *(chunk.num_games for chunk in chunks)])
     stopped = np.zeros(engine.num_worlds, np.bool_)  # by a forfeit
@@ -183,7 +191,11 @@ def play(
                     continue
                 at = worlds[acts], seats[acts]
                 agent.load_state_dict(state)
-                chosen = agent.act(seen[agent.representation][at], masks[at])
+                rows = seen[agent.representation][at], masks[at]
+                if isinstance(agent, MixedAgent):
+                    chosen = agent.act_as(members[entry][place][acts], *rows)
+                else:
+                    chosen = agent.act(*rows)
                 states[place] = agent.state_dict()
                 if (given_up := (chosen.reshape(len(chosen), -1) == FORFEIT).any(1)).any():
                     reason = f"{agent.name} {getattr(agent, 'failure', 'gave up')}"
@@ -230,3 +242,18 @@ def _start_streams(seating: Seating, seed: int, chunks: Sequence[Chunk]) -> list
         seating.agent.seed(int.from_bytes(digest, "big") >> 1)  # torch takes 63 bits
         streams.append(seating.agent.state_dict())
     return streams
+
+
+def _draw_members(
+    agent: Agent, state: dict[str, Any], places: Places, teams: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Who of a mixture plays at each of `places` [N]: int64 [N], drawn for each team and game, in
+    the order of the places: a match between two teams is the same from both sides.
+    """
+    if not isinstance(agent, MixedAgent):
+        return np.zeros(len(places.game), np.int64)
+    agent.load_state_dict(state)
+    keys = places.game * (int(teams.max()) + 1) + teams[places.seat]
+    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    turn = np.argsort(np.argsort(first))
+    return np.asarray(agent.draw(len(first))[turn[which]], np.int64)

@@ -89,7 +89,7 @@ class OpponentSettings:
         default_factory=lambda: {"random": 1.0}
     )
     agents: dict[str, str] = (
-        field(  # others by name: a checkpoint's folder, or package.module:function
+        field(  # others by name: a checkpoint's folder, a mixture's, or package.module:function
             default_factory=dict
         )
     )

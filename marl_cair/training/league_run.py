@@ -17,6 +17,8 @@ from marl_cair.files import claim_output_folder, find_folder, write_atomically
 from marl_cair.games import GAMES
 from marl_cair.league.agents import find_fingerprint, load_agent
 from marl_cair.league.league import LeagueConfig, run_league
+from marl_cair.league.mixing import describe_mixture, mix_league
+from marl_cair.league.mixtures import save_mixture
 from marl_cair.league.shared import LIVE_FOLDER, MAIN, PLAYERS, read_players, read_records
 from marl_cair.training.config_file import to_plain
 from marl_cair.training.league_settings import LeagueSettings, derive_seed
@@ -31,9 +33,9 @@ from marl_cair.training.league_slice import (
 
 RUN_KIND = "league training"
 SETTINGS_FILE, PROGRESS_FILE, REPORT_FILE = "league.yaml", "progress.json", "report.txt"
-MEMBERS, SHARED, EVALUATION = "members", "shared", "evaluation"
+MEMBERS, SHARED, EVALUATION, MIXTURE = "members", "shared", "evaluation", "mixture"
 # What the same league may be continued with.
-FREE = ("out", "total_frames", "max_minutes", "final_games", "final_bots")
+FREE = ("out", "total_frames", "max_minutes", "final_games", "final_bots", "final_past")
 
 Slice = Callable[[Path, Path, Budget, bool], SliceResult]
 
@@ -165,20 +167,29 @@ def _write_report(settings: LeagueSettings, folder: Path, show_progress: bool) -
             show_progress=show_progress,
         )
         text += f"\nThe learners as they are now, {out}:\n\n{result.text}\n"
+        mixed = mix_league(out)
+        save_mixture(folder / MIXTURE, mixed.sources, mixed.weights)
+        text += f"\nThe league as one agent, {folder / MIXTURE}: {describe_mixture(mixed)}"
     write_atomically(folder / REPORT_FILE, text)
     return text
 
 
 def _find_learners(settings: LeagueSettings, folder: Path) -> list[str]:
-    """The learners as they are now, less those that are still what they began as."""
+    """The learners as they are now and what they froze last, each agent once: some learners are
+    still what they began as.
+    """
     game = settings.learner_config(MAIN).game
     scenario = GAMES[game.name].scenario(game.scenario, **game.options)
     found: dict[str, str] = {}
+    players = read_players(folder / SHARED)
     for name, _ in settings.learners:
-        path = folder / SHARED / LIVE_FOLDER / name
-        if find_folder(path).is_dir():
-            agent = load_agent(path, game.name, scenario)
-            found.setdefault(find_fingerprint(agent, GAMES[game.name]), str(path))
+        own = [player.name for player in players if player.owner == name]
+        past = [folder / SHARED / PLAYERS / player for player in own]
+        live = folder / SHARED / LIVE_FOLDER / name
+        for path in (live, *reversed(past[max(0, len(past) - settings.final_past) :])):
+            if find_folder(path).is_dir():
+                agent = load_agent(path, game.name, scenario)
+                found.setdefault(find_fingerprint(agent, GAMES[game.name]), str(path))
     return list(found.values())
 
 

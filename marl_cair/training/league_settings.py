@@ -73,6 +73,7 @@ class LeagueSettings:
     max_minutes: float | None = None  # of this sitting; null: no limit
     final_games: int = 40  # games of each pair in the evaluation at the end; 0: none
     final_bots: tuple[str, ...] = ("random",)  # bots that take part in it
+    final_past: int = 4  # players that each learner froze last, which take part in it too
     main: RoleSettings = field(default_factory=_main)
     main_exploiter: RoleSettings = field(default_factory=_main_exploiter)
     league_exploiter: RoleSettings = field(default_factory=_league_exploiter)
@@ -87,6 +88,7 @@ class LeagueSettings:
         minutes, games = self.max_minutes, self.final_games
         require(minutes is None or minutes > 0, "max_minutes", minutes, "above 0, or null")
         require(games >= 0, "final_games", games, "0 or more")
+        require(self.final_past >= 0, "final_past", self.final_past, "0 or more")
         for name in ROLES:
             role = self.role(name)
             require(role.learners >= 0, f"{name}.learners", role.learners, "0 or more")

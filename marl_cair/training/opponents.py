@@ -15,6 +15,7 @@ from marl_cair.checkpoint import AgentDescription, save_agent
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents import load_agent
 from marl_cair.league.intervals import win_rate_interval
+from marl_cair.league.mixtures import is_mixture, read_mixture
 from marl_cair.league.opponents import (
     BOTS,
     PFSP_BOTS,
@@ -79,7 +80,8 @@ class OpponentBook:
         seed: int,
         seat: LeagueSeat | None = None,
     ) -> None:
-        self.settings, self.seat, self._seed = settings, seat, seed
+        self.settings = settings = expand_mixtures(settings)
+        self.seat, self._seed = seat, seed
         self.is_over = False  # in a league: a player was frozen, and the learner begins anew
         self.is_alone = game.make_spec(scenario).num_teams == 1
         self.live_rating = LiveRating()
@@ -276,6 +278,37 @@ class OpponentBook:
         self._last_snapshot_frames = state["last_snapshot_frames"]
         self.is_over = state["is_over"]
         self.live_rating.load_state_dict(state["live_rating"])
+
+
+def expand_mixtures(settings: OpponentSettings) -> OpponentSettings:
+    """The same opponents with the members of mixtures in the mixtures' places, called name_00,
+    name_01, ...: one is drawn for each game, and what it plays is booked to it.
+
+    Raises:
+        CheckpointError: a mixture that cannot be read.
+        ValueError: another agent has the name of a member.
+    """
+    agents = {name: one for name, one in settings.agents.items() if not is_mixture(one)}
+    shares: dict[str, dict[str, float]] = {name: {name: 1.0} for name in agents}
+    for name in [name for name in settings.agents if name not in shares]:
+        mixture = read_mixture(settings.agents[name])
+        members = {f"{name}_{place:02}": one for place, one in enumerate(mixture.sources)}
+        for taken in agents.keys() & members:
+            raise ValueError(f"opponent.agents has {taken!r}, as a member of {name} is called")
+        agents |= members
+        shares[name] = dict(zip(members, mixture.weights, strict=True))
+
+    def expand(weights: Mapping[str, float]) -> dict[str, float]:
+        met: dict[str, float] = {}
+        for name, weight in weights.items():
+            for member, share in shares.get(name, {name: 1.0}).items():
+                met[member] = met.get(member, 0.0) + share * weight
+        return met
+
+    if len(shares) == len(agents):
+        return settings
+    mixture_now, at_first = expand(settings.mixture), expand(settings.warmup_mixture)
+    return replace(settings, agents=agents, mixture=mixture_now, warmup_mixture=at_first)
 
 
 def make_bots(names: Collection[str], game: Game, scenario: Any) -> list[Agent]:

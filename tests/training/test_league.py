@@ -14,6 +14,7 @@ import torch
 
 from marl_cair.checkpoint import CheckpointError, load_network
 from marl_cair.files import OutputFolderError
+from marl_cair.league.mixtures import read_mixture
 from marl_cair.league.shared import ROLES, read_players, read_records
 from marl_cair.training.config_file import load_config
 from marl_cair.training.league_run import train_league
@@ -310,6 +311,31 @@ def test_the_report_rates_the_learners_as_they_are_and_tells_their_payoffs(tmp_p
     rated = {line.partition(",")[0] for line in ladder.read_text("utf-8").splitlines()[1:]}
     # The main exploiter has learned nothing yet, and is the main agent that it began as.
     assert rated == {"main_0", "main_1", "league_exploiter_0", "idle"}
+    assert "The league as one agent" in result.text
+    mixture = read_mixture(tmp_path / "league" / "mixture")
+    assert {Path(source).parent.name for source in mixture.sources} == {"members"}
+
+
+@pytest.mark.parametrize("final_past", [0, 2])
+def test_the_report_rates_what_learners_froze_last_too(tmp_path, final_past):
+    values = {"total_frames": 768, "final_games": 2, "final_past": final_past}
+    alone = {"main_exploiter": {"learners": 0}, "league_exploiter": {"learners": 0}}
+    settings = make_league(tmp_path / "league", **values, **alone, final_bots=["idle"])
+    train_league(settings, show_progress=False)
+    ladder = next((tmp_path / "league" / "evaluation").glob("*/ladder.csv"))
+    rated = {line.partition(",")[0] for line in ladder.read_text("utf-8").splitlines()[1:]}
+    players = [player.name for player in read_players(tmp_path / "league" / "shared")]
+    past = {name for owner in ("main_0", "main_1") for name in players if name.startswith(owner)}
+    newest = {
+        name
+        for owner in ("main_0", "main_1")
+        for name in [name for name in players if name.startswith(owner)][-final_past:]
+    }
+    assert len(past) > 4
+    live = {name for name in rated if name in ("main_0", "main_1")}
+    # What is frozen at the end is the learner as it is now, and takes part once.
+    assert rated - live - {"idle"} <= (newest if final_past else set())
+    assert len(rated) == 1 + 2 + 2 * max(0, final_past - 1)
 
 
 def test_a_folder_of_other_settings_is_refused(league):

@@ -10,6 +10,7 @@ import torch
 
 from marl_cair.league.agents import find_fingerprint
 from marl_cair.league.foreign import ForeignAgentError
+from marl_cair.league.mixtures import save_mixture
 from marl_cair.league.opponents import LATEST_ID
 from marl_cair.league.pool import FIRST_NUMBERS, FOREIGN, SNAPSHOT
 from marl_cair.replay.transition import NO_OPPONENT
@@ -246,6 +247,24 @@ def test_a_checkpoint_is_an_opponent_by_its_name(tmp_path):
     again = make_run(tmp_path / "again", "duel", {"older": 1.0}, agents=agents)
     assert (collect(again, 2)["player", "opponent"] == FIRST_NUMBERS[FOREIGN]).all()
     assert again.book.pool.name(FIRST_NUMBERS[FOREIGN]) == "older"
+
+
+def test_each_member_of_a_mixture_is_met_as_often_as_it_plays_there_and_by_a_name_of_its_own(
+    tmp_path,
+):
+    train(small(tmp_path / "run", "duel", {"random": 1.0}, frames=256), show_progress=False)
+    save_mixture(tmp_path / "mix", [str(tmp_path / "run" / "latest"), "idle"], (1, 3))
+    agents = {"mixed": str(tmp_path / "mix"), "mine": "users_module:make_quitter"}
+    met = {"mixed": 4.0, "mine": 1.0, "random": 1.0}
+    book = make_run(tmp_path / "again", "duel", met, agents=agents).book
+    drawn = [book.pool.name(number) for number in book.draw(6_000, 1_000).tolist()]
+    shares = {name: drawn.count(name) / 1_000 for name in set(drawn)}
+    assert shares == pytest.approx(
+        {"mixed_00": 1.0, "mixed_01": 3.0, "mine": 1.0, "random": 1.0}, abs=0.25
+    )
+    taken = {"mixed": agents["mixed"], "mixed_01": "users_module:make_quitter"}
+    with pytest.raises(ValueError, match="has 'mixed_01', as a member of mixed is called"):
+        make_run(tmp_path / "taken", "duel", {"mixed": 1.0}, agents=taken)
 
 
 def test_a_run_with_every_sampler_resumes_bit_for_bit(tmp_path):

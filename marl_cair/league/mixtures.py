@@ -1,0 +1,100 @@
+"""Mixtures of agents on disk: a folder with `mixture.json` and copies of its members' checkpoints.
+
+The folder is an agent as a checkpoint is: see `games.mixed_agent` for how it plays.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from marl_cair.checkpoint import CheckpointError
+from marl_cair.files import find_folder, replaced_folder
+
+MIXTURE_FILE = "mixture.json"
+FORMAT = "marl_cair mixture"
+FORMAT_VERSION = 1
+_MEMBERS = "members"
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """What `mixture.json` says.
+
+    Attributes:
+        sources: of the members, as `load_agent` takes them; checkpoints lie in the folder.
+        weights: chances of the members, above 0, in sum 1.
+    """
+
+    sources: tuple[str, ...]
+    weights: tuple[float, ...]
+
+
+def is_mixture(folder: str | os.PathLike[str]) -> bool:
+    """Whether `folder` holds a mixture."""
+    return (find_folder(folder) / MIXTURE_FILE).is_file()
+
+
+def save_mixture(
+    folder: str | os.PathLike[str], sources: Sequence[str], weights: Sequence[float]
+) -> None:
+    """Write a mixture to `folder`, in place of one that is there, whole or not at all.
+
+    sources: of the members, as `load_agent` takes them; of folders it keeps copies. weights:
+    chances in proportion, all above 0.
+
+    Raises:
+        FileExistsError: `folder` holds something else.
+    """
+    target = Path(folder)
+    if target.exists() and not is_mixture(target):
+        raise FileExistsError(f"{folder} is there and is no mixture: give another folder")
+    total = sum(weights)
+    with replaced_folder(target) as fresh:
+        members = []
+        for number, (source, weight) in enumerate(zip(sources, weights, strict=True)):
+            member: dict[str, object] = {"weight": weight / total}
+            place = find_folder(source)
+            if place.is_dir():
+                inside = f"{_MEMBERS}/{number:02}"
+                shutil.copytree(place, fresh / inside)
+                member |= {"folder": inside, "from": str(Path(source).absolute())}
+            else:
+                member["agent"] = source
+            members.append(member)
+        record = {"format": FORMAT, "format_version": FORMAT_VERSION, "members": members}
+        (fresh / MIXTURE_FILE).write_text(json.dumps(record, indent=2) + "\n", "utf-8")
+
+
+def read_mixture(folder: str | os.PathLike[str]) -> Mixture:
+    """What the mixture in `folder` is of.
+
+    Raises:
+        CheckpointError: it is no mixture, a broken one, or one of a newer format.
+    """
+    place = find_folder(folder)
+    path = place / MIXTURE_FILE
+    try:
+        record = json.loads(path.read_text("utf-8"))
+        if record["format"] != FORMAT:
+            raise ValueError("it is of another program")
+        if record["format_version"] != FORMAT_VERSION:
+            raise ValueError(
+                f"its format version is {record['format_version']}, this program reads "
+                f"{FORMAT_VERSION}"
+            )
+        members = record["members"]
+        sources = [
+            str(place / member["folder"]) if "folder" in member else str(member["agent"])
+            for member in members
+        ]
+        weights = [float(member["weight"]) for member in members]
+        if not members or not all(0 < weight <= 1 for weight in weights):
+            raise ValueError(f"its members have the weights {weights}, all must be above 0")
+        return Mixture(tuple(sources), tuple(weights))
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise CheckpointError(f"{path} cannot be read as a mixture of agents: {error!r}") from error

@@ -1,0 +1,199 @@
+"""Mixtures: the safest of a league, a folder that is an agent, and one member for each game."""
+
+import json
+
+import numpy as np
+import pytest
+
+from marl_cair.checkpoint import CheckpointError
+from marl_cair.cli import main
+from marl_cair.games import GAMES
+from marl_cair.league.agents import describe_agent, find_fingerprint, find_scenario, load_agent
+from marl_cair.league.equilibrium import find_safest_mixture
+from marl_cair.league.match import play_chunks, play_match
+from marl_cair.league.mixing import mix_league
+from marl_cair.league.mixtures import read_mixture, save_mixture
+from marl_cair.league.store import LeagueStoreError
+from marl_cair.lookup import UnknownNameError
+from tests.games import rock_paper_scissors
+from tests.league.players import GAME, save_network
+
+RPS = np.array([[0.5, 0.0, 1.0], [1.0, 0.5, 0.0], [0.0, 1.0, 0.5]])
+THROWS = ("rock", "paper", "scissors")
+SCENARIO = GAME.scenario("11x11", reward=GAME.rated_reward)
+
+
+@pytest.fixture
+def _know_the_game(monkeypatch):
+    monkeypatch.setitem(GAMES.modules, rock_paper_scissors.NAME, rock_paper_scissors)
+
+
+@pytest.mark.parametrize(
+    ("scores", "wanted"),
+    [
+        (RPS, [1 / 3, 1 / 3, 1 / 3]),
+        (RPS[:2], [0.5 - 0.02 * 2 / 3, 0.5 + 0.02 * 2 / 3]),
+        (np.array([[0.9, 0.8], [0.1, 0.2]]), None),
+        (np.array([[0.6, 0.7], [0.6, 0.7], [0.6, 0.7]]), [1 / 3, 1 / 3, 1 / 3]),
+    ],
+)
+def test_the_safest_mixture_of_known_games(scores, wanted):
+    mixture = find_safest_mixture(scores, 0.02)
+    assert mixture.sum() == pytest.approx(1.0)
+    if wanted is None:  # one row is better everywhere: the other gets what the slack allows
+        assert (mixture @ scores).min() == pytest.approx(0.78, abs=1e-4)
+    elif len(scores) == 2:
+        assert (mixture @ scores).min() >= 1 / 3 - 0.02 - 1e-4
+    else:
+        assert mixture == pytest.approx(wanted, abs=1e-3)
+
+
+def test_the_safest_mixture_is_within_its_slack_and_more_even_with_more_of_it():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        scores = np.round(rng.random((rng.integers(2, 12), rng.integers(2, 20))), 2)
+        entropies = []
+        best = (find_safest_mixture(scores, 1e-4) @ scores).min()
+        for slack in (0.01, 0.05, 0.2):
+            mixture = find_safest_mixture(scores, slack)
+            assert (mixture >= 0).all()
+            assert (mixture @ scores).min() >= best - slack - 1e-3
+            entropies.append(-(mixture * np.log(mixture + 1e-300)).sum())
+        assert entropies == sorted(entropies)
+
+
+@pytest.mark.parametrize(
+    ("scores", "slack"), [(np.zeros((0, 2)), 0.1), (np.full((2, 2), np.nan), 0.1), (RPS, 0.0)]
+)
+def test_scores_that_are_none_are_refused(scores, slack):
+    with pytest.raises(ValueError, match="finite|above 0"):
+        find_safest_mixture(scores, slack)
+
+
+@pytest.mark.usefixtures("_know_the_game")
+def test_one_member_is_drawn_for_each_game_in_whatever_company_it_is_played(tmp_path):
+    save_mixture(tmp_path / "mix", [f"rock_paper_scissors/{name}" for name in THROWS], (2, 1, 1))
+    game = GAMES[rock_paper_scissors.NAME]
+    scenario = game.scenario("fair")
+    mixed, paper = load_agent(tmp_path / "mix"), load_agent("rock_paper_scissors/paper")
+    match = play_match(paper, mixed, game, scenario, 800, 0)
+    won, drawn = match.wins / 800, match.draws / 800
+    assert (won, drawn) == pytest.approx((0.5, 0.25), abs=0.06)
+    again = play_chunks(paper, mixed, game, scenario, 0, range(5, 9))
+    assert again.results == match.results[5 * 8 : 9 * 8]
+    turned = play_match(mixed, paper, game, scenario, 800, 0)
+    assert turned.score == pytest.approx(1 - match.score)
+
+
+@pytest.fixture(scope="module")
+def nets(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("nets")
+    return [save_network(folder / name, name, seed) for seed, name in enumerate("abc")]
+
+
+def test_a_mixture_holds_all_that_it_plays_with(tmp_path, nets):
+    folder = tmp_path / "mix"
+    save_mixture(folder, [nets[0], nets[1], nets[2]], (1, 2, 1))
+    mixture = read_mixture(folder)
+    assert mixture.weights == (0.25, 0.5, 0.25)
+    assert all(str(folder) in source for source in mixture.sources)
+    moved = folder.rename(tmp_path / "moved")
+    agent = load_agent(moved, GAME.name, SCENARIO)
+    prints = [find_fingerprint(member, GAME) for member in agent.members]
+    assert prints[0] == find_fingerprint(load_agent(nets[0], GAME.name, SCENARIO), GAME)
+    record = describe_agent("moved", agent, GAME, str(moved))
+    assert (record.kind, record.evaluation_policy) == (
+        "mixture",
+        "one of 3, drawn before each game",
+    )
+    assert json.loads(record.configuration)["members"] == dict(
+        zip(prints, mixture.weights, strict=True)
+    )
+    assert find_scenario([str(moved)])[1] == "11x11"
+
+
+def test_weights_and_members_tell_mixtures_apart_and_their_order_does_not(tmp_path, nets):
+    def fingerprint(sources, weights):
+        save_mixture(tmp_path / "mix", sources, weights)
+        return find_fingerprint(load_agent(tmp_path / "mix", GAME.name, SCENARIO), GAME)
+
+    usual = fingerprint(nets[:2], (1, 2))
+    assert fingerprint(nets[1::-1], (2, 1)) == usual
+    assert fingerprint(nets[:2], (1, 1)) != usual
+    assert fingerprint(nets[1:], (1, 2)) != usual
+
+
+def test_a_folder_of_something_else_is_not_replaced(tmp_path, nets):
+    with pytest.raises(FileExistsError, match="is no mixture"):
+        save_mixture(nets[0], nets[1:], (1, 1))
+    assert load_agent(nets[0], GAME.name, SCENARIO).name == "a"
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        "nothing",
+        {"format": "another"},
+        {"format": "marl_cair mixture", "format_version": 2},
+        {"format": "marl_cair mixture", "format_version": 1, "members": []},
+        {
+            "format": "marl_cair mixture",
+            "format_version": 1,
+            "members": [{"agent": "turtle", "weight": 0}],
+        },
+        {"format": "marl_cair mixture", "format_version": 1, "members": [{"weight": 1}]},
+    ],
+)
+def test_a_damaged_mixture_is_refused(tmp_path, record):
+    text = record if isinstance(record, str) else json.dumps(record)
+    (tmp_path / "mixture.json").write_text(text, "utf-8")
+    with pytest.raises(CheckpointError, match="cannot be read as a mixture"):
+        load_agent(tmp_path, GAME.name, SCENARIO)
+
+
+@pytest.fixture(scope="module")
+def league(tmp_path_factory, nets):
+    folder = tmp_path_factory.mktemp("mixing") / "league"
+    words = [*nets, "random", "turtle", "--games", "8", "--no-replays", "--out", str(folder)]
+    assert main(["league", *words]) == 0
+    return folder
+
+
+def test_a_league_is_mixed_by_one_command(league, nets, tmp_path, capsys):
+    assert main(["league", "mix", str(league), "--out", str(tmp_path / "best")]) == 0
+    told = capsys.readouterr().out
+    assert "each of the 5 agents" in told
+    found = mix_league(league)
+    assert set(found.sources) <= set(nets)
+    assert read_mixture(tmp_path / "best").weights == pytest.approx(found.weights)
+    agents = [str(tmp_path / "best"), "turtle", "--games", "8", "--no-replays"]
+    assert main(["league", *agents, "--out", str(tmp_path / "league")]) == 0
+    assert "best" in capsys.readouterr().out
+
+
+def test_bots_can_be_mixed_by_their_names(league):
+    found = mix_league(league, ("turtle", "random"), slack=0.5)
+    assert set(found.sources) == {"turtle", "random"}
+    assert sum(found.weights) == pytest.approx(1.0)
+
+
+def test_names_that_are_not_in_the_league_are_refused(league):
+    with pytest.raises(UnknownNameError, match="turtl"):
+        mix_league(league, ("turtl",))
+
+
+def test_agents_that_have_not_met_cannot_be_mixed(tmp_path, nets):
+    out = str(tmp_path / "league")
+    words = ["--games", "2", "--no-replays", "--out", out]
+    assert main(["league", *nets[:2], "--ladder", "turtle", "random", *words]) == 0
+    assert mix_league(tmp_path / "league").num_agents == 4
+    with pytest.raises(LeagueStoreError, match="have not met"):
+        mix_league(tmp_path / "league", ("turtle", "random"))
+
+
+def test_a_league_without_networks_says_so(tmp_path):
+    out = str(tmp_path / "league")
+    words = ["random", "turtle", "--scenario", "11x11", "--games", "2", "--no-replays"]
+    assert main(["league", *words, "--out", out]) == 0
+    with pytest.raises(LeagueStoreError, match="no network has played"):
+        mix_league(tmp_path / "league")

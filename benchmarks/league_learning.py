@@ -1,4 +1,4 @@
-"""Train a league, an agent against random play alone, and a best response; rate them: the self-play
+"""Train a league, an agent against random play alone, and best responses; rate them: the self-play
 results of the README.
 
     python -m benchmarks.league_learning [--game deep_line_wars] [--league league.yaml]
@@ -7,11 +7,11 @@ results of the README.
         [option=value ...]
 
 The league is the ready-made one of the game (`marl-cair league train --example`), or `--league`.
-`--games` of the main agent against each bot and against the agent that met random play alone, and
-`--past-games` of each of its past selves against everybody, are one ladder; the best response is
-rated by `marl-cair league exploit` (options with `=` go to it) on map seeds that nothing else has
-seen. The same command again goes on where it was stopped. Writes <out>/results.csv and the picture,
-and prints the table as Markdown.
+`--games` of the main agent and of the league's mixture against each bot and against the agent that
+met random play alone, and `--past-games` of each past self against everybody, are one ladder; best
+responses to both are rated by `marl-cair league exploit` (options with `=` go to it) on map seeds
+that nothing else has seen. The same command again goes on where it was stopped. Writes
+<out>/results.csv and the picture, and prints the table as Markdown.
 """
 
 from __future__ import annotations
@@ -37,9 +37,10 @@ from marl_cair.cli.league_train import format_example
 from marl_cair.files import atomic_path, write_atomically
 from marl_cair.training.curves import COLOURS
 from marl_cair.training.league_examples import EXAMPLES
+from marl_cair.training.league_run import MIXTURE
 from marl_cair.training.league_settings import load_league
 
-MAIN, ALONE = "main_0", "alone"
+MAIN, ALONE, EXPLOIT = "main_0", "alone", "exploit"
 _PAST = re.compile(rf"{MAIN}-\d+-(\d+)$")  # the name of a frozen player ends in its decisions
 COLUMNS = ("what", "against", "value", "low", "high", "games")
 
@@ -78,8 +79,10 @@ def train_all(options: argparse.Namespace, out: Path) -> tuple[Path, Path]:
     folder = out / "league"
     run(["league", "train", str(file), "--out", str(folder)])
     training = dict(league.training)
-    game = dict(training.pop("game"))
-    words = [f"game={game['name']}", f"scenario={game['scenario']}", *list_options(training)]
+    training.pop("game", None)
+    game = league.learner_config("main").game
+    words = [f"game={game.name}", f"scenario={game.scenario}", *list_options(training)]
+    words += [f"representation={game.representation}", *list_options(game.options)]
     limits = ["opponent.mixture={random: 1}", f"total_frames={options.alone_frames}"]
     alone = out / ALONE
     train(alone, None, [*words, *limits, "checkpoint.include_replay=false"])
@@ -87,11 +90,11 @@ def train_all(options: argparse.Namespace, out: Path) -> tuple[Path, Path]:
 
 
 def play(options: argparse.Namespace, out: Path, league: Path, alone: Path) -> Path:
-    """The ladder of all, and the best response to the main agent; returns the ladder's folder."""
+    """The ladder of all, and the best responses; returns the ladder's folder."""
     best = league / "shared" / "live" / MAIN
     ladder, workers = out / "ladder", ["--workers", str(options.workers)]
     bots = [str(name) for name in EXAMPLES[options.game]["final_bots"]]
-    now = [str(best), str(alone / "latest"), *bots]
+    now = [str(best), str(league / MIXTURE), str(alone / "latest"), *bots]
     players = sorted((league / "shared" / "players").iterdir())
     now_at = read_description(best).frames  # frozen too, at the end of the league
     past = [
@@ -102,8 +105,9 @@ def play(options: argparse.Namespace, out: Path, league: Path, alone: Path) -> P
     where = ["--out", str(ladder), *workers]
     run(["league", *now, "--games", str(options.games), "--no-replays", *where])
     run(["league", *past, "--ladder", *now, "--games", str(options.past_games), *where])
-    exploit = ["--budget", options.budget, "--seeds", "1", "--out", str(out / "exploit")]
-    run(["league", "exploit", str(best), *exploit, *options.words])
+    for name, agent in ((MAIN, best), (MIXTURE, league / MIXTURE)):
+        exploit = ["--budget", options.budget, "--seeds", "1", "--out", str(out / EXPLOIT / name)]
+        run(["league", "exploit", str(agent), *exploit, *options.words])
     return ladder
 
 
@@ -119,6 +123,22 @@ def read_ladder(ladder: Path) -> dict[str, Rated]:
         row["agent"]: Rated(*(float(row[name]) for name in Rated._fields))
         for row in read_table(ladder / "ladder.csv")
     }
+
+
+def read_scores(ladder: Path, agent: str) -> dict[str, dict[str, str]]:
+    """What `agent` scores against today's others, by their names."""
+    return {
+        row["opponent"]: row
+        for row in read_table(ladder / "winrates.csv")
+        if row["agent"] == agent and not _PAST.search(row["opponent"])
+    }
+
+
+def read_response(folder: Path) -> dict[str, Any]:
+    """Score, interval and games of the best response that was chosen."""
+    told = json.loads((folder / "exploit.json").read_text("utf-8"))
+    chosen: dict[str, Any] = next(r for r in told["responses"] if r["name"] == told["chosen"])
+    return chosen
 
 
 def find_progress(rated: Mapping[str, Rated], decisions: int) -> list[tuple[int, Rated]]:
@@ -202,20 +222,17 @@ def main() -> None:
     rated = read_ladder(ladder)
     decisions = read_description(league / "shared" / "live" / MAIN).frames
     progress = find_progress(rated, decisions)
-    scores = {
-        row["opponent"]: row
-        for row in read_table(ladder / "winrates.csv")
-        if row["agent"] == MAIN and not _PAST.search(row["opponent"])
-    }
-    told = json.loads((out / "exploit" / "exploit.json").read_text("utf-8"))
-    response = next(one for one in told["responses"] if one["name"] == told["chosen"])
+    scores = read_scores(ladder, MAIN)
     rank = spearmanr([frames for frames, _ in progress], [r.elo for _, r in progress]).statistic
+    values = ("score", "low", "high", "games")
     rows: list[tuple[object, ...]] = [
-        ("main agent scores", name, *(row[key] for key in ("score", "low", "high", "games")))
-        for name, row in scores.items()
+        (f"{told} scores", name, *(row[key] for key in values))
+        for told, agent in (("main agent", MAIN), ("mixture", MIXTURE))
+        for name, row in read_scores(ladder, agent).items()
     ]
-    about = (response["score"], response["low"], response["high"], response["games"])
-    rows.append((f"best response of {options.budget} scores", MAIN, *about))
+    for name in (MAIN, MIXTURE):
+        found = read_response(out / EXPLOIT / name)
+        rows.append((f"best response of {options.budget} scores", name, *map(found.get, values)))
     rows.append(("rank correlation of rating with decisions", "", rank, "", "", len(progress)))
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])

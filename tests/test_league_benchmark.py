@@ -1,0 +1,34 @@
+"""The benchmark behind the README's self-play results, on a league of seconds."""
+
+import csv
+
+import yaml
+
+from marl_cair.training.league_examples import EXAMPLES
+from tests.benchmark_runs import read_table
+
+SHORT = (
+    *("collector.num_worlds=16", "collector.steps_per_batch=8", "policy.hidden_width=16"),
+    *("replay.min_transitions=200", "learner.batch_size=16", "torch_threads=1"),
+)
+
+
+def test_the_table_tells_the_main_agent_the_mixture_and_who_beats_them(tmp_path):
+    league = {**EXAMPLES["tiny"], "league_exploiter": {"learners": 0}, "total_frames": 512}
+    (tmp_path / "league.yaml").write_text(yaml.safe_dump(league), "utf-8")
+    options = ["--league", str(tmp_path / "league.yaml"), "--alone-frames", "512", "--games", "2"]
+    options += ["--past-games", "2", "--budget", "512", "--workers", "1", "--out", str(tmp_path)]
+    table = read_table("league_learning", "| what", [*options, *SHORT])
+    assert "| best response of 512 scores | `mixture` |" in table
+    assert (tmp_path / "self_play.png").read_bytes().startswith(b"\x89PNG")
+    with (tmp_path / "results.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    told = {(row["what"], row["against"]) for row in rows}
+    for agent in ("main agent", "mixture"):
+        assert {(f"{agent} scores", name) for name in ("random", "counter", "alone")} <= told
+    for name in ("main_0", "mixture"):
+        assert ("best response of 512 scores", name) in told
+    for row in rows[:-1]:
+        assert 0 <= float(row["low"]) <= float(row["value"]) <= float(row["high"]) <= 1
+    assert rows[-1]["what"] == "rank correlation of rating with decisions"
+    assert int(rows[-1]["games"]) >= 2

@@ -136,6 +136,11 @@ def _locked(place: Path) -> Iterator[None]:
     lock = FileLock(place.resolve() / _LOCK_FILE, thread_local=False, is_singleton=True)
     try:
         lock.acquire(timeout=0)
+    except NotImplementedError as error:
+        raise OutputFolderError(
+            f"the file system of {place} keeps no locks, so that two processes could write into "
+            "one folder: give a folder on another disk"
+        ) from error
     except Timeout as error:
         raise OutputFolderError(
             f"another process is running in the output folder {place}: wait until it has ended "
@@ -192,7 +197,8 @@ def _list_differences(held: Any, wanted: Any, name: str = "") -> list[str]:
 
 def _refuse_foreign_files(place: Path) -> None:
     names = sorted(entry.name for entry in place.iterdir() if not _is_leftover(entry.name))
-    if names:
+    # The marker may be of another process that has begun just now: the lock decides.
+    if names and RUN_MARKER not in names:
         shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
         raise OutputFolderError(
             f"output folder {place} holds files of no run ({shown}) and no {RUN_MARKER}: give a "

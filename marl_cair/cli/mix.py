@@ -21,7 +21,7 @@ DEFAULT_OUT = "runs/mixture"
 
 def run(arguments: Sequence[str]) -> int:
     """Find the weights, write the agent and tell; returns the exit code."""
-    options = make_parser().parse_args(arguments)
+    options = make_parser().parse_intermixed_args(arguments)
     found = mix_league(Path(options.folder), options.agents, options.slack)
     save_mixture(options.out, found.sources, found.weights)
     sys.stdout.write(f"{describe_mixture(found)}{options.out} is this agent\n")

@@ -57,6 +57,7 @@ def find_safest_mixture(scores: NDArray[np.float64], slack: float) -> NDArray[np
 
     Raises:
         ValueError: no row or column, scores that are not finite, or a slack that is not above 0.
+        ArithmeticError: the solver fails.
     """
     if scores.ndim != 2 or not scores.size or not np.isfinite(scores).all():
         raise ValueError(f"scores have shape {list(scores.shape)}, they must be finite, [K, N]")

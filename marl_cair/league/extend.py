@@ -83,11 +83,15 @@ def find_sources(
     return sources
 
 
+def read_source(record: AgentRecord) -> str:
+    """Where an agent of a league is from, "" where that is not known."""
+    return str(json.loads(record.configuration).get("source") or "")
+
+
 def _find_source(folder: Path, record: AgentRecord) -> str:
-    source = json.loads(record.configuration).get("source")
-    if not source:
+    if not (source := read_source(record)):
         raise LeagueStoreError(
             f"{folder} does not say where {record.name} is from, as it was played by an older "
             "marl_cair: give the command that played it once more, with the new agents in it"
         )
-    return str(source)
+    return source

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,14 +13,21 @@ from marl_cair.games.mixed_agent import MixedAgent
 from marl_cair.league.agents import load_agent
 from marl_cair.league.arena import Load, Rules
 from marl_cair.league.equilibrium import find_safest_mixture
-from marl_cair.league.extend import find_sources
+from marl_cair.league.extend import find_sources, read_source
+from marl_cair.league.mixtures import qualify_bot, require_data
 from marl_cair.league.payoffs import count_points, find_shares, split_pairs
-from marl_cair.league.reporting import number_agents
-from marl_cair.league.store import STORE_FILE, AgentRecord, LeagueStore, LeagueStoreError
+from marl_cair.league.reporting import name_agents, number_agents
+from marl_cair.league.store import (
+    STORE_FILE,
+    AgentRecord,
+    LeagueStore,
+    LeagueStoreError,
+    StoredGames,
+)
 from marl_cair.lookup import find_by_name
 
 SLACK = 0.02  # of a score, that evenness may cost
-_LEAST = 0.005  # smaller weights are left out
+_LEAST = 0.02  # of the largest weight; smaller ones are left out
 
 
 @dataclass(frozen=True)
@@ -46,54 +53,65 @@ class SafestMixture:
 
 
 def mix_league(
-    folder: Path, names: Sequence[str] = (), slack: float = SLACK, load: Load = load_agent
+    folder: Path,
+    names: Sequence[str] = (),
+    slack: float = SLACK,
+    load: Load = load_agent,
+    among: Collection[str] = (),
 ) -> SafestMixture:
     """Of the agents `names` of the league in `folder` (default: all its networks), the most even
     mixture whose least score against any agent of the league is within `slack` of the highest.
 
+    among: fingerprints of the agents that count, as members and as opponents; default: all that
+    have played.
+
     Raises:
-        LeagueStoreError: no league, one without games, agents that have not met, or one that is
-            another by now.
+        LeagueStoreError: no league, one without games, agents that have not met, or a member that
+            is another by now.
+        CheckpointError: a member that cannot be loaded.
         UnknownNameError: the league has no agent of that name.
-        ValueError: a slack that is not above 0, or members that look at different representations.
+        ValueError: a slack that is not above 0, members that look at different representations, or
+            one that is neither a checkpoint nor a bot.
+        ArithmeticError: the solver found no weights.
     """
     store = LeagueStore(folder / STORE_FILE)
     try:
         settings, stored, records = store.settings, store.read_games(), store.read_agents()
     finally:
         store.close()
-    ids = sorted(set(stored.agents.ravel().tolist()))
-    rows = _choose_rows(folder, [records[number] for number in ids], names)
-    games = number_agents(stored, ids).count_once()
-    points, counts = count_points(len(ids), split_pairs(games))
-    own = np.eye(len(ids), dtype=np.bool_)
-    if len(
-        unmet := np.argwhere((counts == 0) & ~own & np.isin(np.arange(len(ids)), rows)[:, None])
-    ):
-        one, other = (records[ids[number]].name for number in unmet[0])
-        raise LeagueStoreError(
-            f"{one} and {other} have not met in {folder}, so nobody knows what a mixture scores: "
-            "let all play all (marl-cair league), or name others"
-        )
-    scores = find_shares(points, counts)[rows]
+    rules = Rules.read(settings)
+    played = set(stored.agents.ravel().tolist())
+    agents = {
+        number: record
+        for number, record in records.items()
+        if number in played and (not among or record.fingerprint in among)
+    }
+    if not agents:
+        raise LeagueStoreError(f"{folder} holds no games yet: play them first (`marl-cair league`)")
+    called, ids = name_agents(agents), list(agents)
+    rows = [ids.index(number) for number in _choose_members(folder, agents, called, names)]
+    scores = _find_scores(folder, stored, called, rows)
     weights = find_safest_mixture(scores, slack)
-    kept = [int(place) for place in np.argsort(-weights) if weights[place] >= _LEAST]
+    order = np.argsort(-weights, kind="stable")
+    kept = order[weights[order] >= _LEAST * weights.max()]
     weights = weights[kept] / weights[kept].sum()
-    chosen, rules = [ids[rows[place]] for place in kept], Rules.read(settings)
-    sources = find_sources(folder, rules, [records[number] for number in chosen], load)
-    # Raises where they cannot play as one agent.
-    MixedAgent(
-        [load(one, game=rules.game.name, scenario=rules.scenario) for one in sources], weights
-    )
+    chosen = [ids[rows[place]] for place in kept.tolist()]
+    sources = [
+        qualify_bot(source, rules.game)
+        for source in find_sources(folder, rules, [agents[number] for number in chosen], load)
+    ]
+    members = [load(one, game=rules.game.name, scenario=rules.scenario) for one in sources]
+    MixedAgent(members, weights.tolist())  # raises where they cannot play as one agent
+    require_data(sources)
     against = weights @ scores[kept]
     single = int(scores.min(1).argmax())
     return SafestMixture(
-        tuple(records[number].name for number in chosen),
+        tuple(called[number] for number in chosen),
         tuple(sources),
         tuple(weights.tolist()),
         float(against.min()),
-        records[ids[int(against.argmin())]].name,
-        records[ids[rows[single]]].name,
+        called[ids[int(against.argmin())]],
+        called[ids[rows[single]]],
         float(scores[single].min()),
         len(ids),
     )
@@ -113,18 +131,42 @@ def describe_mixture(found: SafestMixture) -> str:
     )
 
 
-def _choose_rows(
-    folder: Path, records: Sequence[AgentRecord], names: Sequence[str]
-) -> NDArray[np.int64]:
-    """Places of the agents that may be members."""
-    places = {record.name: place for place, record in enumerate(records)}
+def _choose_members(
+    folder: Path,
+    agents: Mapping[int, AgentRecord],
+    called: Mapping[int, str],
+    names: Sequence[str],
+) -> list[int]:
+    """Ids of the agents that may be members."""
     if names:
-        found = [find_by_name("agent of the league", name, places) for name in names]
-        return np.unique(np.array(found, np.int64))
-    networks = [place for place, record in enumerate(records) if record.kind == "network"]
+        ids = {name: number for number, name in called.items()}
+        return sorted({find_by_name("agent of the league", name, ids) for name in names})
+    # Where a checkpoint was trained on under its name, the newest is what lies there.
+    newest = {record.configuration: number for number, record in agents.items()}
+    by_source = {read_source(agents[number]): number for number in newest.values()}
+    networks = sorted(n for n in by_source.values() if agents[n].kind == "network")
     if not networks:
         raise LeagueStoreError(
             f"no network has played in {folder}: name the agents that are to be mixed, of "
-            f"{', '.join(places) or 'a league that has games'}"
+            f"{', '.join(called.values())}"
         )
-    return np.array(networks, np.int64)
+    return networks
+
+
+def _find_scores(
+    folder: Path, stored: StoredGames, called: Mapping[int, str], rows: Sequence[int]
+) -> NDArray[np.float64]:
+    """What the agents at `rows` score against all, float64 [K, N]; 0.5 against themselves."""
+    ids, names = list(called), list(called.values())
+    both = stored.select(np.asarray(np.isin(stored.agents, ids).all(axis=1), np.bool_))
+    pairs = split_pairs(number_agents(both, ids).count_once())
+    points, counts = count_points(len(ids), pairs)
+    is_unmet = counts[rows] == 0
+    is_unmet[np.arange(len(rows)), rows] = False
+    if is_unmet.any():
+        row, other = np.argwhere(is_unmet)[0].tolist()
+        raise LeagueStoreError(
+            f"{names[rows[row]]} and {names[other]} have not met in {folder}, so nobody knows what "
+            "a mixture scores: let all play all (marl-cair league), or name others"
+        )
+    return find_shares(points, counts)[rows]

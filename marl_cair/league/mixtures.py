@@ -1,6 +1,7 @@
 """Mixtures of agents on disk: a folder with `mixture.json` and copies of its members' checkpoints.
 
-The folder is an agent as a checkpoint is: see `games.mixed_agent` for how it plays.
+The folder is an agent as a checkpoint is: see `games.mixed_agent` for how it plays. Its members are
+checkpoints and bots, so that loading it runs nothing that its files say.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from pathlib import Path
 
 from marl_cair.checkpoint import CheckpointError
 from marl_cair.files import find_folder, replaced_folder
+from marl_cair.games.game import Game
+from marl_cair.league.process import is_process
 
 MIXTURE_FILE = "mixture.json"
 FORMAT = "marl_cair mixture"
@@ -26,7 +29,7 @@ class Mixture:
     """What `mixture.json` says.
 
     Attributes:
-        sources: of the members, as `load_agent` takes them; checkpoints lie in the folder.
+        sources: of the members: folders in the mixture's, or bots as "game/bot".
         weights: chances of the members, above 0, in sum 1.
     """
 
@@ -34,9 +37,25 @@ class Mixture:
     weights: tuple[float, ...]
 
 
-def is_mixture(folder: str | os.PathLike[str]) -> bool:
-    """Whether `folder` holds a mixture."""
-    return (find_folder(folder) / MIXTURE_FILE).is_file()
+def is_mixture(source: str | os.PathLike[str]) -> bool:
+    """Whether `source` is the folder of a mixture."""
+    return not is_process(source) and (find_folder(source) / MIXTURE_FILE).is_file()
+
+
+def qualify_bot(source: str, game: Game) -> str:
+    """`source`, as "game/bot" where it is a bot's bare name."""
+    return f"{game.name}/{source}" if source in game.bots else source
+
+
+def require_data(sources: Sequence[str]) -> None:
+    """Raise ValueError where a member is neither a folder nor a bot as "game/bot"."""
+    for source in sources:
+        if is_process(source) or (":" in source and not find_folder(source).is_dir()):
+            raise ValueError(
+                f"{source} is code, which a mixture cannot hold: name checkpoints and bots alone"
+            )
+        if "/" not in source and not find_folder(source).is_dir():
+            raise ValueError(f"{source} is no folder: write a bot as game/bot")
 
 
 def save_mixture(
@@ -44,19 +63,26 @@ def save_mixture(
 ) -> None:
     """Write a mixture to `folder`, in place of one that is there, whole or not at all.
 
-    sources: of the members, as `load_agent` takes them; of folders it keeps copies. weights:
-    chances in proportion, all above 0.
+    sources: of the members: folders of checkpoints, of which it keeps copies, or of mixtures, whose
+    members take their place, and bots as "game/bot". weights: chances in proportion, all above 0.
 
     Raises:
         FileExistsError: `folder` holds something else.
+        CheckpointError: a mixture among the members cannot be read.
+        ValueError: a member that is foreign code, or no folder and no bot.
     """
     target = Path(folder)
     if target.exists() and not is_mixture(target):
         raise FileExistsError(f"{folder} is there and is no mixture: give another folder")
+    require_data(sources)
+    flat: list[tuple[str, float]] = []
+    for source, weight in zip(sources, weights, strict=True):
+        inner = read_mixture(source) if is_mixture(source) else Mixture((source,), (1.0,))
+        flat += [(s, w * weight) for s, w in zip(inner.sources, inner.weights, strict=True)]
     total = sum(weights)
     with replaced_folder(target) as fresh:
         members = []
-        for number, (source, weight) in enumerate(zip(sources, weights, strict=True)):
+        for number, (source, weight) in enumerate(flat):
             member: dict[str, object] = {"weight": weight / total}
             place = find_folder(source)
             if place.is_dir():
@@ -95,6 +121,7 @@ def read_mixture(folder: str | os.PathLike[str]) -> Mixture:
         weights = [float(member["weight"]) for member in members]
         if not members or not all(0 < weight <= 1 for weight in weights):
             raise ValueError(f"its members have the weights {weights}, all must be above 0")
+        require_data(sources)
         return Mixture(tuple(sources), tuple(weights))
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise CheckpointError(f"{path} cannot be read as a mixture of agents: {error!r}") from error

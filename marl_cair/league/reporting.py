@@ -17,7 +17,7 @@ from marl_cair.league.replays import FOLDER as REPLAYS
 from marl_cair.league.replays import Replay, Theatre, choose_games, make_replays
 from marl_cair.league.report import write_report
 from marl_cair.league.sections import describe_more, make_report
-from marl_cair.league.store import STORE_FILE, LeagueStore, StoredGames
+from marl_cair.league.store import STORE_FILE, AgentRecord, LeagueStore, StoredGames
 from marl_cair.league.table import LeagueTable, make_table
 from marl_cair.league.wording import describe_league
 
@@ -32,15 +32,26 @@ class LeagueResult:
 
 
 def number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
-    """The games with agents by their places in `ids`."""
+    """The games with agents by their places in `ids`. Raises KeyError for one that is not there."""
     order = np.argsort(ids)
+    places = np.searchsorted(ids, stored.agents, sorter=order)
+    if missing := set(stored.agents.ravel().tolist()) - set(ids):
+        raise KeyError(f"agents {sorted(missing)} have played and are not among {list(ids)}")
     return Games(
-        order[np.searchsorted(ids, stored.agents, sorter=order)],
+        order[places],
         stored.points,
         stored.ranks,
         stored.blocks,
         stored.is_repeat,
     )
+
+
+def name_agents(agents: Mapping[int, AgentRecord]) -> dict[int, str]:
+    """Names by id, with the ids where two are the same: one that was trained on under its name."""
+    names = {number: agent.name for number, agent in agents.items()}
+    if len(set(names.values())) < len(names):
+        return {number: f"{name} ({number})" for number, name in names.items()}
+    return names
 
 
 @dataclass(frozen=True)
@@ -148,12 +159,8 @@ def report_stored(
     try:
         stored = store.read_games()
         played = set(stored.agents.ravel().tolist())
-        agents = {
-            n: agent.name for n, agent in store.read_agents().items() if n in played or not played
-        }
-        if len(set(agents.values())) < len(agents):  # an agent that was trained on under its name
-            agents = {n: f"{name} ({n})" for n, name in agents.items()}
-        names = dict(sorted(agents.items(), key=lambda item: item[1]))
+        agents = {n: one for n, one in store.read_agents().items() if n in played or not played}
+        names = dict(sorted(name_agents(agents).items(), key=lambda item: item[1]))
         showing = Showing(with_replays, alpha_rank=with_alpha_rank)
         return rate_and_report(store, stored, names, folder, showing)
     finally:

@@ -119,7 +119,7 @@ class PrioritizedSampler(UniformSampler):
         return {"priorities": self._sums[self._num_leaves : self._num_leaves + self._capacity]}
 
     def _export_facts(self) -> dict[str, Any]:
-        return {"highest": self._highest, "num_known": self._num_known}
+        return {"highest": self._highest, "num_known": self._num_known, "beta": self.beta}
 
     def _import(self, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> None:
         priorities = arrays["priorities"]
@@ -131,6 +131,7 @@ class PrioritizedSampler(UniformSampler):
         self._sums[:] = 0.0
         set_priorities(self._sums, np.arange(self._capacity), np.asarray(priorities, np.float64))
         self._highest, self._num_known = float(facts["highest"]), int(facts["num_known"])
+        self.beta = float(facts["beta"])
 
 
 @njit(cache=True, nogil=True)

@@ -5,11 +5,20 @@ from __future__ import annotations
 import dataclasses
 
 from marl_cair.checkpoint import load_network, read_description
+from marl_cair.league.agents import is_checkpoint
+from marl_cair.policies.actor import GREEDY
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
 from marl_cair.training.config import TrainConfig
 
 KNOWING_EPSILON = 0.2  # exploration of a learner that knows how to play, to begin with
 Seen = tuple[str, str, tuple[int, ...], int]  # game, representation, its shape, number of actions
+
+
+def can_begin_as(agent: str) -> bool:
+    """Whether `agent` is the folder of a network whose outputs are values of actions; those of an
+    average policy (NFSP) are logits.
+    """
+    return is_checkpoint(agent) and read_description(agent).plays == GREEDY
 
 
 def begin_as(agent: str, config: TrainConfig) -> TrainConfig:
@@ -40,13 +49,18 @@ def make_initial_network(
 
     Raises:
         CheckpointError: `source` is no agent's folder.
-        ValueError: the agent is of another game, sees or does something else, or has another
-            policy.
+        ValueError: the agent is of another game, sees or does something else, has another policy,
+            or plays an average policy.
     """
     _, _, shape, num_actions = seen
     if source is None:
         return make_q_network(policy, shape, num_actions, seed=seed)
     network, about = load_network(source)
+    if about.plays != GREEDY:
+        raise ValueError(
+            f"initial_agent is {source}, which plays {about.plays}: what its network gives are "
+            "logits of an average policy and no values of actions; give a greedy agent"
+        )
     names = ("game", "representation", "observation shape", "number of actions", "policy")
     there = (about.game, about.representation, about.observation_shape, len(about.action_names))
     for name, its, own in zip(names, (*there, network.config), (*seen, policy), strict=True):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -167,11 +167,19 @@ def _write_report(settings: LeagueSettings, folder: Path, show_progress: bool) -
             show_progress=show_progress,
         )
         text += f"\nThe learners as they are now, {out}:\n\n{result.text}\n"
-        mixed = mix_league(out)
+        write_atomically(folder / REPORT_FILE, text)
+        mixed = mix_league(out, among=_find_fingerprints(settings, agents))
         save_mixture(folder / MIXTURE, mixed.sources, mixed.weights)
         text += f"\nThe league as one agent, {folder / MIXTURE}: {describe_mixture(mixed)}"
     write_atomically(folder / REPORT_FILE, text)
     return text
+
+
+def _find_fingerprints(settings: LeagueSettings, agents: Sequence[str]) -> set[str]:
+    """Of `agents`: the folder may hold games of others, who took part with other settings."""
+    about = settings.learner_config(MAIN).game
+    game, scenario = GAMES[about.name], GAMES[about.name].scenario(about.scenario, **about.options)
+    return {find_fingerprint(load_agent(one, game.name, scenario), game) for one in agents}
 
 
 def _find_learners(settings: LeagueSettings, folder: Path) -> list[str]:

@@ -14,11 +14,10 @@ from pathlib import Path
 
 from marl_cair.checkpoint import CheckpointError
 from marl_cair.files import write_atomically
-from marl_cair.league.agents import is_checkpoint
 from marl_cair.league.shared import LIVE_FOLDER, LeagueSeat
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import CONFIG_FILE, load_config, save_config
-from marl_cair.training.initial_network import begin_as
+from marl_cair.training.initial_network import begin_as, can_begin_as
 from marl_cair.training.league_settings import derive_seed
 from marl_cair.training.run import RESUME_FOLDER
 from marl_cair.training.trainer import train
@@ -134,7 +133,7 @@ def _begin(member: Path, shared: Path, record: MemberRecord) -> TrainConfig:
     if (run / CONFIG_FILE).is_file():
         begins_as_main = load_config(run).initial_agent is not None
     else:
-        begins_as_main = record.begins_as_main and is_checkpoint(main)
+        begins_as_main = record.begins_as_main and can_begin_as(main)
     return begin_as(main, config) if begins_as_main else config
 
 

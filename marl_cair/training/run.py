@@ -105,7 +105,8 @@ class TrainingRun:
         self.best_score = -math.inf  # of all evaluations
         self.gate_is_open = False
         recover_folder(self.folder / RESUME_FOLDER)
-        if self._resumes:
+        # Asked again: another process may have saved its first state here since.
+        if resume and (self.folder / RESUME_FOLDER).is_dir():
             self.restore()
         self.book.join_league()
         self.log = RunLog(self.folder, self.frames)

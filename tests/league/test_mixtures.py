@@ -8,11 +8,12 @@ import pytest
 from marl_cair.checkpoint import CheckpointError
 from marl_cair.cli import main
 from marl_cair.games import GAMES
+from marl_cair.league import mixing
 from marl_cair.league.agents import describe_agent, find_fingerprint, find_scenario, load_agent
 from marl_cair.league.equilibrium import find_safest_mixture
 from marl_cair.league.match import play_chunks, play_match
 from marl_cair.league.mixing import mix_league
-from marl_cair.league.mixtures import read_mixture, save_mixture
+from marl_cair.league.mixtures import is_mixture, read_mixture, save_mixture
 from marl_cair.league.store import LeagueStoreError
 from marl_cair.lookup import UnknownNameError
 from tests.games import rock_paper_scissors
@@ -32,7 +33,8 @@ def _know_the_game(monkeypatch):
     ("scores", "wanted"),
     [
         (RPS, [1 / 3, 1 / 3, 1 / 3]),
-        (RPS[:2], [0.5 - 0.02 * 2 / 3, 0.5 + 0.02 * 2 / 3]),
+        # More rock than a third costs half as much against paper.
+        (RPS[:2], [1 / 3 + 0.04, 2 / 3 - 0.04]),
         (np.array([[0.9, 0.8], [0.1, 0.2]]), None),
         (np.array([[0.6, 0.7], [0.6, 0.7], [0.6, 0.7]]), [1 / 3, 1 / 3, 1 / 3]),
     ],
@@ -42,8 +44,6 @@ def test_the_safest_mixture_of_known_games(scores, wanted):
     assert mixture.sum() == pytest.approx(1.0)
     if wanted is None:  # one row is better everywhere: the other gets what the slack allows
         assert (mixture @ scores).min() == pytest.approx(0.78, abs=1e-4)
-    elif len(scores) == 2:
-        assert (mixture @ scores).min() >= 1 / 3 - 0.02 - 1e-4
     else:
         assert mixture == pytest.approx(wanted, abs=1e-3)
 
@@ -123,6 +123,32 @@ def test_weights_and_members_tell_mixtures_apart_and_their_order_does_not(tmp_pa
     assert fingerprint(nets[1:], (1, 2)) != usual
 
 
+def test_members_of_a_mixture_take_its_place(tmp_path, nets):
+    save_mixture(tmp_path / "inner", nets[:2], (1, 3))
+    save_mixture(tmp_path / "outer", [str(tmp_path / "inner"), nets[2]], (1, 1))
+    mixture = read_mixture(tmp_path / "outer")
+    assert mixture.weights == pytest.approx((0.125, 0.375, 0.5))
+    assert find_scenario([str(tmp_path / "outer")])[1] == "11x11"
+
+
+@pytest.mark.parametrize("source", ["users_module:make", "process:python3 bot.py", "turtle"])
+def test_code_and_bots_of_no_game_are_no_members(tmp_path, source):
+    with pytest.raises(
+        ValueError, match=r"name checkpoints and bots alone|write a bot as game/bot"
+    ):
+        save_mixture(tmp_path / "mix", [source], (1,))
+    assert not (tmp_path / "mix").exists()
+    record = {"format": "marl_cair mixture", "format_version": 1}
+    record["members"] = [{"agent": source, "weight": 1}]
+    (tmp_path / "mixture.json").write_text(json.dumps(record), "utf-8")
+    with pytest.raises(CheckpointError, match="cannot be read as a mixture"):
+        load_agent(tmp_path, GAME.name, SCENARIO)
+
+
+def test_a_long_command_is_no_mixture():
+    assert not is_mixture("process:python3 -c " + "x" * 5_000)
+
+
 def test_a_folder_of_something_else_is_not_replaced(tmp_path, nets):
     with pytest.raises(FileExistsError, match="is no mixture"):
         save_mixture(nets[0], nets[1:], (1, 1))
@@ -160,7 +186,8 @@ def league(tmp_path_factory, nets):
 
 
 def test_a_league_is_mixed_by_one_command(league, nets, tmp_path, capsys):
-    assert main(["league", "mix", str(league), "--out", str(tmp_path / "best")]) == 0
+    names = ["a", "b", "c"]
+    assert main(["league", "mix", str(league), "--out", str(tmp_path / "best"), *names]) == 0
     told = capsys.readouterr().out
     assert "each of the 5 agents" in told
     found = mix_league(league)
@@ -173,8 +200,33 @@ def test_a_league_is_mixed_by_one_command(league, nets, tmp_path, capsys):
 
 def test_bots_can_be_mixed_by_their_names(league):
     found = mix_league(league, ("turtle", "random"), slack=0.5)
-    assert set(found.sources) == {"turtle", "random"}
+    assert set(found.sources) == {"deep_line_wars/turtle", "deep_line_wars/random"}
     assert sum(found.weights) == pytest.approx(1.0)
+
+
+def test_only_who_is_among_the_agents_counts(league, nets):
+    agents = [load_agent(name, GAME.name, SCENARIO) for name in (nets[0], nets[1], "turtle")]
+    found = mix_league(league, among={find_fingerprint(agent, GAME) for agent in agents})
+    assert found.num_agents == 3
+    assert set(found.sources) <= set(nets[:2])
+
+
+def test_many_equals_are_all_members(league, monkeypatch):
+    monkeypatch.setattr(mixing, "find_safest_mixture", lambda scores, slack: np.full(3, 1 / 300))
+    assert mix_league(league).weights == pytest.approx((1 / 3,) * 3)
+
+
+def test_of_a_checkpoint_that_was_trained_on_the_newest_may_be_a_member(tmp_path, nets):
+    own, words = str(tmp_path / "net"), ["--games", "2", "--no-replays"]
+    words += ["--out", str(tmp_path / "league")]
+    for seed in (7, 8):
+        save_network(tmp_path / "net", seed=seed)
+        assert main(["league", own, nets[0], "turtle", *words]) == 0
+    with pytest.raises(LeagueStoreError, match=r"net \(\d\) and net \(\d\) have not met"):
+        mix_league(tmp_path / "league")
+    now = [load_agent(name, GAME.name, SCENARIO) for name in (own, nets[0], "turtle")]
+    found = mix_league(tmp_path / "league", among={find_fingerprint(a, GAME) for a in now})
+    assert set(found.sources) <= {own, nets[0]}
 
 
 def test_names_that_are_not_in_the_league_are_refused(league):

@@ -6,6 +6,8 @@ import torch
 from marl_cair.checkpoint import CheckpointError, load_network
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.training.config import GameSettings, ReplaySettings
+from marl_cair.training.initial_network import can_begin_as
+from marl_cair.training.nfsp_settings import NfspSettings
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
 from tests.training.runs import digest, tiny
@@ -13,10 +15,9 @@ from tests.training.test_training import make_batch, make_learner
 
 
 def test_a_resumed_run_with_priorities_equals_one_that_was_never_stopped(tmp_path):
-    """Beta does not rise here, as it would with the share of another `total_frames`."""
-    replay = ReplaySettings(2_000, 300, min_transitions=300, priority_alpha=0.6, priority_beta=1.0)
+    replay = ReplaySettings(2_000, 300, min_transitions=300, priority_alpha=0.6)
     train(tiny(tmp_path / "whole", replay=replay), show_progress=False)
-    train(tiny(tmp_path / "parts", 1_280, replay=replay), show_progress=False)
+    train(tiny(tmp_path / "parts", replay=replay), show_progress=False, until_frames=1_280)
     train(tiny(tmp_path / "parts", replay=replay), resume=True, show_progress=False)
     assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
     train(tiny(tmp_path / "even"), show_progress=False)
@@ -74,3 +75,26 @@ def test_rows_count_in_the_loss_by_their_weights():
     losses = torch.where(error < 1.0, error.square() / 2, error - 0.5)
     assert float(loss) == pytest.approx(float((2.0 * losses[0] + losses[3]) / 3.0), rel=1e-5)
     assert float(loss) != pytest.approx(float(losses.mean()), rel=1e-2)
+
+
+def test_logits_of_an_average_policy_are_no_values_to_begin_with(tmp_path):
+    nfsp = NfspSettings(enabled=True, min_rows=50, batch_size=16)
+    train(tiny(tmp_path / "first", 640, nfsp=nfsp), show_progress=False)
+    agent = str(tmp_path / "first" / "latest")
+    assert not can_begin_as(agent)
+    with pytest.raises(ValueError, match="logits of an average policy"):
+        TrainingRun(tiny(tmp_path / "next", initial_agent=agent))
+
+
+def test_a_state_that_another_process_saved_while_this_one_began_is_taken_up(tmp_path, monkeypatch):
+    make = TrainingRun._make_collector
+
+    def make_late(run):
+        monkeypatch.setattr(TrainingRun, "_make_collector", make)
+        train(tiny(tmp_path / "run", 640), show_progress=False)
+        make(run)
+
+    monkeypatch.setattr(TrainingRun, "_make_collector", make_late)
+    run = TrainingRun(tiny(tmp_path / "run", 640), resume=True)
+    assert run.frames == 640
+    run.close()

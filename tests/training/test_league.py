@@ -296,6 +296,9 @@ def test_leagues_of_many_seats_and_of_average_policies_train_too(tmp_path, scena
     folder = tmp_path / "league" / "shared" / "live" / "main_0"
     assert load_network(folder)[1].plays == "sampled"
     assert read_players(tmp_path / "league" / "shared")
+    # An average policy's outputs are no values of actions.
+    exploiter = tmp_path / "league" / "members" / "main_exploiter_0" / "000"
+    assert load_config(exploiter).initial_agent is None
 
 
 # --- the end, and what is refused ------------------------------------------------------------

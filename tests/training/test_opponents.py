@@ -25,6 +25,7 @@ from tests.games.last_standing import FINISH, LEAVE
 from tests.training.runs import digest, small
 
 FIRST = FIRST_NUMBERS[SNAPSHOT]
+IDLE = "last_standing/idle"
 
 
 @pytest.fixture(autouse=True)
@@ -253,7 +254,7 @@ def test_each_member_of_a_mixture_is_met_as_often_as_it_plays_there_and_by_a_nam
     tmp_path,
 ):
     train(small(tmp_path / "run", "duel", {"random": 1.0}, frames=256), show_progress=False)
-    save_mixture(tmp_path / "mix", [str(tmp_path / "run" / "latest"), "idle"], (1, 3))
+    save_mixture(tmp_path / "mix", [str(tmp_path / "run" / "latest"), IDLE], (1, 3))
     agents = {"mixed": str(tmp_path / "mix"), "mine": "users_module:make_quitter"}
     met = {"mixed": 4.0, "mine": 1.0, "random": 1.0}
     book = make_run(tmp_path / "again", "duel", met, agents=agents).book

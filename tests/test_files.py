@@ -1,5 +1,6 @@
 """Files are written whole or not at all; an output folder belongs to one run."""
 
+import errno
 import json
 import os
 import signal
@@ -241,6 +242,16 @@ def test_folder_in_which_another_process_runs_is_refused(tmp_path, other_process
     with pytest.raises(OutputFolderError, match=r"another process is running in .*: wait until"):
         claim(tmp_path, "training", settings, resume=True)
     assert names_in(tmp_path) == before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows locks files on any disk")
+def test_folder_on_a_file_system_without_locks_is_refused(tmp_path, monkeypatch):
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    with pytest.raises(OutputFolderError, match=r"keeps no locks.*: give a folder on another disk"):
+        claim(tmp_path, "training", CONV)
 
 
 def test_folder_of_a_killed_process_is_free(tmp_path, other_process):

@@ -121,6 +121,11 @@ def describe_agent(name: str, agent: Agent, game: Game, source: str = "") -> Age
     return AgentRecord(fingerprint, name, kind, policy, game.version, about)
 
 
+def read_source(record: AgentRecord) -> str:
+    """Where an agent of a league is from, as `load_agent` takes it; "" where that is not known."""
+    return str(json.loads(record.configuration).get("source") or "")
+
+
 def describe_training(folder: Path) -> dict[str, Any]:
     """Of which run the checkpoint in `folder` is, and how long that had trained then: what tells
     the snapshots of a run from those of another; empty where it cannot be read any more.

@@ -4,6 +4,8 @@ symmetric one, and the safest mixture of some rows.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog, minimize
@@ -77,19 +79,7 @@ def find_safest_mixture(scores: NDArray[np.float64], slack: float) -> NDArray[np
         raise ArithmeticError(f"the linear program of a mixture failed: {program.message}")
     above = scores - (float(program.x[-1]) - slack)
 
-    def dual(multipliers: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        logits = above @ multipliers
-        return float(logsumexp(logits)), above.T @ softmax(logits)
-
-    found = minimize(
-        dual,
-        np.zeros(num_columns),
-        jac=True,
-        bounds=[(0.0, None)] * num_columns,
-        method="L-BFGS-B",
-        options={"maxiter": 5_000, "maxfun": 20_000, "ftol": 0.0, "gtol": 1e-8},
-    )
-    mixture: NDArray[np.float64] = softmax(above @ found.x)
+    mixture = _find_most_even(above, [(0.0, None)] * num_columns)
     if (mixture @ above).min() >= -1e-3 * slack:
         return mixture
     corner = np.maximum(program.x[:-1], 0.0)
@@ -196,21 +186,32 @@ def _spread_over(matrix: NDArray[np.float64], support: NDArray[np.int64]) -> NDA
     """Highest entropy over `support` where its rows gain 0 and no other row gains: the dual, whose
     gradient is what the rows gain.
     """
-    columns = matrix[:, support]
-    bounds = [(None if row in set(support.tolist()) else 0.0, None) for row in range(len(matrix))]
+    rows = set(support.tolist())
+    bounds = [(None if row in rows else 0.0, None) for row in range(len(matrix))]
+    mixture = np.zeros(len(matrix))
+    mixture[support] = _find_most_even(-matrix[:, support].T, bounds)
+    return mixture
+
+
+def _find_most_even(
+    above: NDArray[np.float64], bounds: Sequence[tuple[float | None, float | None]]
+) -> NDArray[np.float64]:
+    """The mixture [K] of highest entropy of which `mixture @ above` is 0 in each column [N] whose
+    multiplier is free, and 0 or more where it is bounded below by 0: above [K, N].
+
+    Where there is one and the dual converges; else another, which the caller must test.
+    """
 
     def dual(multipliers: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        logits = -multipliers @ columns
-        return float(logsumexp(logits)), -columns @ softmax(logits)
+        logits = above @ multipliers
+        return float(logsumexp(logits)), above.T @ softmax(logits)
 
     found = minimize(
         dual,
-        np.zeros(len(matrix)),
+        np.zeros(above.shape[1]),
         jac=True,
         bounds=bounds,
         method="L-BFGS-B",
         options={"maxiter": 5_000, "maxfun": 20_000, "ftol": 0.0, "gtol": 1e-10},
     )
-    mixture = np.zeros(len(matrix))
-    mixture[support] = softmax(-found.x @ columns)
-    return mixture
+    return np.asarray(softmax(above @ found.x), np.float64)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from marl_cair.league.agents import find_fingerprint, load_agent
+from marl_cair.games.game import Agent
+from marl_cair.league.agents import find_fingerprint, load_agent, read_source
 from marl_cair.league.arena import Load, Rules
 from marl_cair.league.league import LeagueConfig
 from marl_cair.league.store import STORE_FILE, AgentRecord, LeagueStore, LeagueStoreError
@@ -44,7 +44,9 @@ def plan_extension(
         )
     rules = Rules.read(settings)
     game, scenario = rules.game, rules.scenario
-    ladder = find_sources(folder, rules, [records[number] for number in played], load)
+    ladder = [find_source(folder, records[number]) for number in played]
+    for number, source in zip(played, ladder, strict=True):
+        load_played(folder, rules, records[number], source, load)
     if games_per_pair is None:
         _, counts = np.unique(np.sort(stored.agents, axis=1), axis=0, return_counts=True)
         size = stored.agents.shape[1]
@@ -63,32 +65,28 @@ def plan_extension(
     )
 
 
-def find_sources(
-    folder: Path, rules: Rules, records: Sequence[AgentRecord], load: Load = load_agent
-) -> list[str]:
-    """Where agents of the league in `folder` are from, as `load_agent` takes it.
+def load_played(
+    folder: Path, rules: Rules, record: AgentRecord, source: str, load: Load = load_agent
+) -> Agent:
+    """The agent from `source` that has played in the league in `folder`.
 
     Raises:
-        LeagueStoreError: it is not known, or what is there is another agent by now.
-        CheckpointError, ForeignAgentError, UnknownNameError: one of them cannot be loaded.
+        LeagueStoreError: what is there is another agent by now.
+        CheckpointError, ForeignAgentError, UnknownNameError: it cannot be loaded.
     """
-    sources = [_find_source(folder, record) for record in records]
-    for record, source in zip(records, sources, strict=True):
-        agent = load(source, game=rules.game.name, scenario=rules.scenario)
-        if find_fingerprint(agent, rules.game) != record.fingerprint:
-            raise LeagueStoreError(
-                f"{source} is no longer the agent that has played in {folder} as {record.name}: "
-                "bring that one back, or play a new league"
-            )
-    return sources
+    agent = load(source, game=rules.game.name, scenario=rules.scenario)
+    if find_fingerprint(agent, rules.game) != record.fingerprint:
+        raise LeagueStoreError(
+            f"{source} is no longer the agent that has played in {folder} as {record.name}: "
+            "bring that one back, or play a new league"
+        )
+    return agent
 
 
-def read_source(record: AgentRecord) -> str:
-    """Where an agent of a league is from, "" where that is not known."""
-    return str(json.loads(record.configuration).get("source") or "")
-
-
-def _find_source(folder: Path, record: AgentRecord) -> str:
+def find_source(folder: Path, record: AgentRecord) -> str:
+    """Where an agent of the league in `folder` is from. Raises LeagueStoreError where that is not
+    known.
+    """
     if not (source := read_source(record)):
         raise LeagueStoreError(
             f"{folder} does not say where {record.name} is from, as it was played by an older "

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.mixed_agent import MixedAgent
-from marl_cair.league.agents import load_agent
+from marl_cair.league.agents import load_agent, read_source
 from marl_cair.league.arena import Load, Rules
 from marl_cair.league.equilibrium import find_safest_mixture
-from marl_cair.league.extend import find_sources, read_source
+from marl_cair.league.extend import find_source, load_played
 from marl_cair.league.mixtures import qualify_bot, require_data
 from marl_cair.league.payoffs import count_points, find_shares, split_pairs
 from marl_cair.league.reporting import name_agents, number_agents
@@ -96,13 +96,13 @@ def mix_league(
     kept = order[weights[order] >= _LEAST * weights.max()]
     weights = weights[kept] / weights[kept].sum()
     chosen = [ids[rows[place]] for place in kept.tolist()]
-    sources = [
-        qualify_bot(source, rules.game)
-        for source in find_sources(folder, rules, [agents[number] for number in chosen], load)
-    ]
-    members = [load(one, game=rules.game.name, scenario=rules.scenario) for one in sources]
-    MixedAgent(members, weights.tolist())  # raises where they cannot play as one agent
+    sources = [qualify_bot(find_source(folder, agents[one]), rules.game) for one in chosen]
     require_data(sources)
+    members = [
+        load_played(folder, rules, agents[number], source, load)
+        for number, source in zip(chosen, sources, strict=True)
+    ]
+    MixedAgent(members, weights.tolist())  # raises where they cannot play as one agent
     against = weights @ scores[kept]
     single = int(scores.min(1).argmax())
     return SafestMixture(
@@ -142,9 +142,8 @@ def _choose_members(
         ids = {name: number for number, name in called.items()}
         return sorted({find_by_name("agent of the league", name, ids) for name in names})
     # Where a checkpoint was trained on under its name, the newest is what lies there.
-    newest = {record.configuration: number for number, record in agents.items()}
-    by_source = {read_source(agents[number]): number for number in newest.values()}
-    networks = sorted(n for n in by_source.values() if agents[n].kind == "network")
+    newest = {read_source(record) or number: number for number, record in agents.items()}
+    networks = sorted(number for number in newest.values() if agents[number].kind == "network")
     if not networks:
         raise LeagueStoreError(
             f"no network has played in {folder}: name the agents that are to be mixed, of "

@@ -16,7 +16,7 @@ from scipy.special import softmax
 from tqdm import tqdm
 
 from marl_cair.files import write_atomically
-from marl_cair.league.agents import find_fingerprint
+from marl_cair.league.agents import find_fingerprint, read_source
 from marl_cair.league.arena import Load, Rules, one_torch_thread
 from marl_cair.league.blocks import Entrant, make_chunk, seat_line_up
 from marl_cair.league.film import SMALL, Size, replay_frames, write_film
@@ -235,8 +235,7 @@ def _play_again(
 
 def _load(theatre: Theatre, number: int) -> Entrant:
     record, name = theatre.records[number], theatre.names[number]
-    source = json.loads(record.configuration).get("source")
-    if not source:
+    if not (source := read_source(record)):
         raise _NotShownError(f"The league file does not say where {name} is from.")
     if record.kind == "foreign" and not theatre.runs_foreign:
         raise _NotShownError(f"{name} is foreign code, which is run only where games are played.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -151,12 +151,12 @@ def _write_report(settings: LeagueSettings, folder: Path, show_progress: bool) -
     text = _describe_learners(settings, folder) + _describe_records(folder / SHARED)
     if settings.final_games:
         config = settings.learner_config(MAIN)
-        agents = (*_find_learners(settings, folder), *settings.final_bots)
+        agents = _find_agents(settings, folder)
         # Others took part before the league was continued: they stay in the folder of then.
         out = folder / EVALUATION / f"{read_progress(folder):05d}"
         result = run_league(
             LeagueConfig(
-                agents=agents,
+                agents=tuple(agents.values()),
                 game=config.game.name,
                 scenario=config.game.scenario,
                 scenario_options=config.game.options,
@@ -168,37 +168,35 @@ def _write_report(settings: LeagueSettings, folder: Path, show_progress: bool) -
         )
         text += f"\nThe learners as they are now, {out}:\n\n{result.text}\n"
         write_atomically(folder / REPORT_FILE, text)
-        mixed = mix_league(out, among=_find_fingerprints(settings, agents))
+        # The folder may hold games of others, who took part with other settings.
+        mixed = mix_league(out, among=set(agents))
         save_mixture(folder / MIXTURE, mixed.sources, mixed.weights)
         text += f"\nThe league as one agent, {folder / MIXTURE}: {describe_mixture(mixed)}"
     write_atomically(folder / REPORT_FILE, text)
     return text
 
 
-def _find_fingerprints(settings: LeagueSettings, agents: Sequence[str]) -> set[str]:
-    """Of `agents`: the folder may hold games of others, who took part with other settings."""
+def _find_agents(settings: LeagueSettings, folder: Path) -> dict[str, str]:
+    """Who takes part in the evaluation, by fingerprint: the learners as they are now, what they
+    froze last, and bots. Each agent once: some learners are still what they began as.
+    """
     about = settings.learner_config(MAIN).game
     game, scenario = GAMES[about.name], GAMES[about.name].scenario(about.scenario, **about.options)
-    return {find_fingerprint(load_agent(one, game.name, scenario), game) for one in agents}
-
-
-def _find_learners(settings: LeagueSettings, folder: Path) -> list[str]:
-    """The learners as they are now and what they froze last, each agent once: some learners are
-    still what they began as.
-    """
-    game = settings.learner_config(MAIN).game
-    scenario = GAMES[game.name].scenario(game.scenario, **game.options)
-    found: dict[str, str] = {}
     players = read_players(folder / SHARED)
+    sources: list[str] = []
     for name, _ in settings.learners:
         own = [player.name for player in players if player.owner == name]
-        past = [folder / SHARED / PLAYERS / player for player in own]
-        live = folder / SHARED / LIVE_FOLDER / name
-        for path in (live, *reversed(past[max(0, len(past) - settings.final_past) :])):
-            if find_folder(path).is_dir():
-                agent = load_agent(path, game.name, scenario)
-                found.setdefault(find_fingerprint(agent, GAMES[game.name]), str(path))
-    return list(found.values())
+        newest = reversed(own[max(0, len(own) - settings.final_past) :])
+        paths = (
+            folder / SHARED / LIVE_FOLDER / name,
+            *(folder / SHARED / PLAYERS / n for n in newest),
+        )
+        sources += [str(path) for path in paths if find_folder(path).is_dir()]
+    found: dict[str, str] = {}
+    for source in (*sources, *settings.final_bots):
+        agent = load_agent(source, game.name, scenario)
+        found.setdefault(find_fingerprint(agent, game), source)
+    return found
 
 
 def _describe_learners(settings: LeagueSettings, folder: Path) -> str:

@@ -112,8 +112,10 @@ class LeagueSettings:
         games = self.final_games
         allowed = "even: every map seed is played once in each seat"
         require(teams != 2 or games % 2 == 0, "final_games", games, allowed)
-        for bot in self.final_bots:
+        for place, bot in enumerate(self.final_bots):
             find_by_name(f"{game.name} bot", bot, game.bots)
+            if bot in self.final_bots[:place]:
+                raise ValueError(f"final_bots has {bot!r} twice: name each bot once")
 
     def role(self, name: str) -> RoleSettings:
         """The settings of one of ROLES."""

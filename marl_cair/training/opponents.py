@@ -288,10 +288,12 @@ def expand_mixtures(settings: OpponentSettings) -> OpponentSettings:
         CheckpointError: a mixture that cannot be read.
         ValueError: another agent has the name of a member.
     """
-    agents = {name: one for name, one in settings.agents.items() if not is_mixture(one)}
-    shares: dict[str, dict[str, float]] = {name: {name: 1.0} for name in agents}
-    for name in [name for name in settings.agents if name not in shares]:
-        mixture = read_mixture(settings.agents[name])
+    mixtures = {n: read_mixture(one) for n, one in settings.agents.items() if is_mixture(one)}
+    if not mixtures:
+        return settings
+    agents = {name: one for name, one in settings.agents.items() if name not in mixtures}
+    shares: dict[str, dict[str, float]] = {}
+    for name, mixture in mixtures.items():
         members = {f"{name}_{place:02}": one for place, one in enumerate(mixture.sources)}
         for taken in agents.keys() & members:
             raise ValueError(f"opponent.agents has {taken!r}, as a member of {name} is called")
@@ -305,10 +307,12 @@ def expand_mixtures(settings: OpponentSettings) -> OpponentSettings:
                 met[member] = met.get(member, 0.0) + share * weight
         return met
 
-    if len(shares) == len(agents):
-        return settings
-    mixture_now, at_first = expand(settings.mixture), expand(settings.warmup_mixture)
-    return replace(settings, agents=agents, mixture=mixture_now, warmup_mixture=at_first)
+    return replace(
+        settings,
+        agents=agents,
+        mixture=expand(settings.mixture),
+        warmup_mixture=expand(settings.warmup_mixture),
+    )
 
 
 def make_bots(names: Collection[str], game: Game, scenario: Any) -> list[Agent]:

@@ -3,10 +3,12 @@
 import dataclasses
 import hashlib
 
+import numpy as np
 import torch
 
 from marl_cair.games import GAMES
-from marl_cair.policies.q_network import QNetworkConfig
+from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.config import (
     CheckpointSettings,
     CollectorSettings,
@@ -19,8 +21,10 @@ from marl_cair.training.config import (
     ReplaySettings,
     TrainConfig,
 )
+from marl_cair.training.learner import Learner
 from marl_cair.training.metrics import Timers
 from marl_cair.training.trainer import iterate
+from tests.replay.streams import make_transitions
 
 GAME = GAMES["deep_line_wars"]
 NEVER = 10**9
@@ -111,3 +115,15 @@ def by_game(data):
         for end in ended[world].nonzero().flatten().tolist():
             yield data[world, start : end + 1]
             start = end + 1
+
+
+def make_learner(**settings):
+    network = make_q_network(QNetworkConfig(hidden_width=8), (2, 8, 8), 3, seed=0)
+    return Learner(network, LearnerSettings(batch_size=4, learning_rate=0.05, **settings))
+
+
+def make_batch():
+    rows = make_transitions(np.random.default_rng(0), 4, TransitionSpec((2, 8, 8), 3))
+    rows["steps_to_next_obs"] = torch.ones(4, 1, dtype=torch.int64)
+    rows["is_generated"] = torch.zeros(4, 1, dtype=torch.bool)
+    return rows

@@ -10,8 +10,7 @@ from marl_cair.training.initial_network import can_begin_as
 from marl_cair.training.nfsp_settings import NfspSettings
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
-from tests.training.runs import digest, tiny
-from tests.training.test_training import make_batch, make_learner
+from tests.training.runs import digest, make_batch, make_learner, tiny
 
 
 def test_a_resumed_run_with_priorities_equals_one_that_was_never_stopped(tmp_path):

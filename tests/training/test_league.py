@@ -366,6 +366,7 @@ def test_a_damaged_learner_is_refused(tmp_path):
         ({"league_exploiter": {"reset_chance": 2}}, "league_exploiter.reset_chance is 2.0, it m"),
         ({"final_games": 3}, "final_games is 3, it must be even"),
         ({"final_bots": ["counter"]}, "unknown last_standing bot 'counter'"),
+        ({"final_bots": ["idle", "idle"]}, "final_bots has 'idle' twice"),
         ({"training": {**TRAINING, "seed": 1}}, "training.seed is given: the league has its own"),
         (
             {"training": {**TRAINING, "opponent": {"mixture": {}}}},

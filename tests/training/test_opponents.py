@@ -263,6 +263,10 @@ def test_each_member_of_a_mixture_is_met_as_often_as_it_plays_there_and_by_a_nam
     assert shares == pytest.approx(
         {"mixed_00": 1.0, "mixed_01": 3.0, "mine": 1.0, "random": 1.0}, abs=0.25
     )
+    save_mixture(tmp_path / "single", [IDLE], (1,))
+    alone = {"only": str(tmp_path / "single")}
+    settings = make_run(tmp_path / "one", "duel", {"only": 1.0}, agents=alone).book.settings
+    assert (settings.agents, settings.mixture) == ({"only_00": IDLE}, {"only_00": 1.0})
     taken = {"mixed": agents["mixed"], "mixed_01": "users_module:make_quitter"}
     with pytest.raises(ValueError, match="has 'mixed_01', as a member of mixed is called"):
         make_run(tmp_path / "taken", "duel", {"mixed": 1.0}, agents=taken)

@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 import torch
 
@@ -15,8 +14,7 @@ from marl_cair.files import OutputFolderError
 from marl_cair.generative.gate import GateReport
 from marl_cair.league.agents import load_agent
 from marl_cair.league.match import play_match
-from marl_cair.policies.q_network import QNetworkConfig, make_q_network
-from marl_cair.replay.transition import TransitionSpec
+from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.training.config import (
     CheckpointSettings,
     CollectorSettings,
@@ -35,8 +33,15 @@ from marl_cair.training.learner import Learner
 from marl_cair.training.metrics import read_log
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
-from tests.replay.streams import make_transitions
-from tests.training.runs import GAME, NEVER, digest, fill_replays, tiny
+from tests.training.runs import (
+    GAME,
+    NEVER,
+    digest,
+    fill_replays,
+    make_batch,
+    make_learner,
+    tiny,
+)
 
 
 @pytest.mark.parametrize("body", ["conv", "capsule"])
@@ -156,18 +161,6 @@ def test_gradients_reach_every_parameter_of_both_networks(tmp_path):
             assert parameter.grad is not None, name
             assert parameter.grad.abs().sum() > 0, name
         run.close()
-
-
-def make_learner(**settings):
-    network = make_q_network(QNetworkConfig(hidden_width=8), (2, 8, 8), 3, seed=0)
-    return Learner(network, LearnerSettings(batch_size=4, learning_rate=0.05, **settings))
-
-
-def make_batch():
-    rows = make_transitions(np.random.default_rng(0), 4, TransitionSpec((2, 8, 8), 3))
-    rows["steps_to_next_obs"] = torch.ones(4, 1, dtype=torch.int64)
-    rows["is_generated"] = torch.zeros(4, 1, dtype=torch.bool)
-    return rows
 
 
 def test_averaged_weights_are_the_moving_average_of_the_weights():

@@ -136,7 +136,7 @@ def _locked(place: Path) -> Iterator[None]:
     lock = FileLock(place.resolve() / _LOCK_FILE, thread_local=False, is_singleton=True)
     try:
         lock.acquire(timeout=0)
-    except NotImplementedError as error:
+    except NotImplementedError as error:  # filelock before 3.24; later ones fall back to a marker
         raise OutputFolderError(
             f"the file system of {place} keeps no locks, so that two processes could write into "
             "one folder: give a folder on another disk"

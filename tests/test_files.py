@@ -1,6 +1,5 @@
 """Files are written whole or not at all; an output folder belongs to one run."""
 
-import errno
 import json
 import os
 import signal
@@ -245,11 +244,29 @@ def test_folder_in_which_another_process_runs_is_refused(tmp_path, other_process
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows locks files on any disk")
-def test_folder_on_a_file_system_without_locks_is_refused(tmp_path, monkeypatch):
-    def refuse(*_: object) -> None:
-        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
+def test_on_a_file_system_without_locks_a_folder_belongs_to_one_process_all_the_same(tmp_path):
+    script = (
+        "import errno, fcntl, os, signal, sys, warnings; from marl_cair import files\n"
+        "def refuse(*_): raise OSError(errno.ENOSYS, 'no flock')\n"
+        "fcntl.flock = refuse; warnings.simplefilter('ignore')\n"
+        "def claim(): return files.claim_output_folder(sys.argv[1], 'training', {}, resume=True)\n"
+        "with claim():\n"
+        "    if os.fork() == 0:\n"
+        "        try:\n"
+        "            with claim(): os._exit(0)\n"
+        "        except files.OutputFolderError: os._exit(3)\n"
+        "    if os.waitstatus_to_exitcode(os.wait()[1]) == 3:\n"
+        "        os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    run_killed_script(script, tmp_path)
+    run_killed_script(script, tmp_path)  # what the first has left locks nobody out
 
-    monkeypatch.setattr("fcntl.flock", refuse)
+
+def test_folder_is_refused_where_filelock_can_keep_no_lock(tmp_path, monkeypatch):
+    def acquire(*_: object, **__: object) -> None:  # as before its version 3.24
+        raise NotImplementedError("FileSystem does not appear to support flock")
+
+    monkeypatch.setattr("filelock.FileLock.acquire", acquire)
     with pytest.raises(OutputFolderError, match=r"keeps no locks.*: give a folder on another disk"):
         claim(tmp_path, "training", CONV)
 

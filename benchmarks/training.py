@@ -32,11 +32,11 @@ from marl_cair.training.config import (
     CheckpointSettings,
     CollectorSettings,
     EvaluationSettings,
-    LearnerSettings,
     OpponentSettings,
     ReplaySettings,
     TrainConfig,
 )
+from marl_cair.training.learner_settings import LearnerSettings
 from marl_cair.training.metrics import Timers
 
 WORLDS, STEPS, CAPACITY, MIN_TRANSITIONS = 128, 16, 100_000, 5_000

@@ -172,8 +172,16 @@ def train(arguments: Sequence[str]) -> int:
     return run_training(arguments)
 
 
+def train_psro(arguments: Sequence[str]) -> int:
+    """Best responses, one after the other: `cli.league_train`."""
+    from marl_cair.cli.league_train import run_psro
+
+    return run_psro(arguments)
+
+
 SUBCOMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "train": train,
+    "psro": train_psro,
     "report": report,
     "status": tell_status,
     "export": export,
@@ -192,7 +200,8 @@ def make_parser() -> argparse.ArgumentParser:
         epilog="`marl-cair league report FOLDER` rates all that is stored, `league status FOLDER` "
         f"tells what that is, `league export FOLDER` writes it ({', '.join(QUERIES)}) as CSV, JSON "
         "or Parquet. `league add AGENT` adds an agent, `league exploit AGENT` trains against it, "
-        "`league train FILE` trains a league (--help tells more).",
+        "`league train FILE` trains a league, `league psro FILE` best responses one after the "
+        "other (--help tells more).",
     )
     parser.add_argument(
         "agents",

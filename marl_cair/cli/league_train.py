@@ -1,4 +1,6 @@
-"""`marl-cair league train`: learners that train against one another, from a YAML file."""
+"""`marl-cair league train` and `marl-cair league psro`: learners that train against one another,
+from a YAML file.
+"""
 
 from __future__ import annotations
 
@@ -7,55 +9,106 @@ import dataclasses
 import json
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED
 from marl_cair.cli.options import read_comments
 from marl_cair.lookup import find_by_name
-from marl_cair.training.league_examples import EXAMPLES
-from marl_cair.training.league_run import train_league
+from marl_cair.training.league_examples import EXAMPLES, PSRO_EXAMPLES
+from marl_cair.training.league_run import LeagueTraining, train_league
 from marl_cair.training.league_settings import LeagueSettings, build_league, load_league
+from marl_cair.training.psro import PsroResult, train_psro
+from marl_cair.training.psro_settings import PsroSettings, build_psro, load_psro
 
 _WIDTH = 100
 
 
+class _Command(NamedTuple):
+    """One of the commands: its words, what it does, its files, and what runs one."""
+
+    words: str
+    about: str
+    parts: str  # what it is done in
+    more: str  # the option that makes it longer
+    examples: Mapping[str, dict[str, Any]]
+    build: Callable[[Mapping[str, Any]], Any]
+    load: Callable[[str], Any]
+    train: Callable[[Any], LeagueTraining | PsroResult]
+
+
 def run_training(arguments: Sequence[str]) -> int:
     """Main agents and exploiters that train against one another in turns, as in AlphaStar."""
-    options = _make_parser().parse_args(arguments)
+    about = run_training.__doc__ or ""
+    return _run(
+        _Command(
+            "train",
+            about,
+            "slices",
+            "total_frames",
+            EXAMPLES,
+            build_league,
+            load_league,
+            train_league,
+        ),
+        LeagueSettings(),
+        arguments,
+    )
+
+
+def run_psro(arguments: Sequence[str]) -> int:
+    """Best responses, one after the other, each to mixtures of all that were there before
+    (policy-space response oracles), and the safest mixture of them as one agent.
+    """
+    about = " ".join((run_psro.__doc__ or "").split())
+    return _run(
+        _Command(
+            "psro", about, "rounds", "rounds", PSRO_EXAMPLES, build_psro, load_psro, train_psro
+        ),
+        PsroSettings(),
+        arguments,
+    )
+
+
+def _run(command: _Command, defaults: Any, arguments: Sequence[str]) -> int:
+    words = f"marl-cair league {command.words}"
+    options = _make_parser(command, words, defaults).parse_args(arguments)
     if options.example is not None:
-        find_by_name("example", options.example, EXAMPLES)
-        sys.stdout.write(format_example(options.example))
+        find_by_name("example", options.example, command.examples)
+        values = command.build(command.examples[options.example])
+        head = f"# {words} league.yaml; this is the example {options.example}.\n"
+        sys.stdout.write(head + format_options(values))
         return EXIT_DONE
     if options.file is None:
-        raise ValueError("no file is given: write marl-cair league train league.yaml")
-    settings = load_league(options.file)
+        raise ValueError(f"no file is given: write {words} league.yaml")
+    settings = command.load(options.file)
     changes = {"out": options.out, "max_minutes": options.minutes}
     given = {name: value for name, value in changes.items() if value is not None}
-    result = train_league(dataclasses.replace(settings, **given))
+    result = command.train(dataclasses.replace(settings, **given))
     if not result.is_done:
         why = "interrupted" if result.was_interrupted else "time is over"
-        again = " ".join(["marl-cair league train", *arguments])
-        sys.stderr.write(f"{why}, {result.slices} slices are done: go on with {again}\n")
+        again = " ".join([words, *arguments])
+        done = getattr(result, command.parts)
+        sys.stderr.write(f"{why}, {done} {command.parts} are done: go on with {again}\n")
         return EXIT_INTERRUPTED if result.was_interrupted else EXIT_DONE
     sys.stdout.write(f"{result.text}\nThis report is in {result.folder}/report.txt\n")
     return EXIT_DONE
 
 
-def _make_parser() -> argparse.ArgumentParser:
+def _make_parser(command: _Command, words: str, defaults: Any) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        "marl-cair league train",
-        description=f"{run_training.__doc__} The same command again goes on where it stopped, and "
-        "with more total_frames in the file from where it had ended.",
+        words,
+        description=f"{command.about} The same command again goes on where it stopped, and with "
+        f"more {command.more} in the file from where it had ended.",
         epilog="options of the file, with their defaults:\n\n"
-        + textwrap.indent(format_options(LeagueSettings()), "  "),
+        + textwrap.indent(format_options(defaults), "  "),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("file", nargs="?", help="YAML, as --example writes it")
     parser.add_argument(
         "--example",
         metavar="NAME",
-        help=f"print the file of a ready-made league, and end: {', '.join(EXAMPLES)}",
+        help=f"print a ready-made file, and end: {', '.join(command.examples)}",
     )
     parser.add_argument("--out", help="output folder, in place of the file's")
     parser.add_argument(
@@ -64,14 +117,8 @@ def _make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def format_example(name: str) -> str:
-    """The YAML of one of EXAMPLES: every option, with its comment."""
-    head = f"# marl-cair league train league.yaml; this is the example {name}.\n"
-    return head + format_options(build_league(EXAMPLES[name]))
-
-
-def format_options(settings: LeagueSettings) -> str:
-    """All options as YAML, each with what it is."""
+def format_options(settings: Any) -> str:
+    """All options of a dataclass as YAML, each with what it is."""
     return "\n".join(_format_group(settings, "")) + "\n"
 
 

@@ -17,7 +17,8 @@ from marl_cair.games import GAMES
 from marl_cair.generative import GENERATORS
 from marl_cair.policies import NETWORKS
 from marl_cair.policies.heads import HEADS
-from marl_cair.training.config import LOSSES, NO_GENERATOR, TARGET_UPDATES, TrainConfig
+from marl_cair.training.config import NO_GENERATOR, TrainConfig
+from marl_cair.training.learner_settings import LOSSES, TARGET_UPDATES
 
 
 @dataclass(frozen=True)

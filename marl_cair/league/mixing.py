@@ -131,6 +131,26 @@ def describe_mixture(found: SafestMixture) -> str:
     )
 
 
+def read_scores(
+    folder: Path, fingerprints: Sequence[str], rows: Sequence[int]
+) -> NDArray[np.float64]:
+    """What the agents at `rows` of N score against all N in the league in `folder`: float64
+    [K, N], shares of points; 0.5 against themselves.
+
+    Raises LeagueStoreError: no league, an agent that is not in it, or two that have not met.
+    """
+    store = LeagueStore(folder / STORE_FILE)
+    try:
+        stored, records = store.read_games(), store.read_agents()
+    finally:
+        store.close()
+    ids = {record.fingerprint: number for number, record in records.items()}
+    if missing := [one for one in fingerprints if one not in ids]:
+        raise LeagueStoreError(f"{folder} has no agent of the fingerprint {missing[0]}")
+    called = {ids[one]: records[ids[one]].name for one in fingerprints}
+    return _find_scores(folder, stored, called, rows)
+
+
 def _choose_members(
     folder: Path,
     agents: Mapping[int, AgentRecord],

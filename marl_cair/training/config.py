@@ -19,6 +19,7 @@ from marl_cair.lookup import find_by_name
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.replay.mixed import MAX_FRACTION
 from marl_cair.training.checks import require
+from marl_cair.training.learner_settings import LearnerSettings, interpolate
 from marl_cair.training.nfsp_settings import NfspSettings
 
 # Half its newest self, half what it must not forget, after AlphaStar and OpenAI Five. That it is
@@ -28,8 +29,6 @@ SELF_PLAY = {"latest": 0.5, "pfsp": 0.35, "uniform": 0.1, "bots": 0.05}
 RENAMED_OPPONENTS = {"pool": "uniform", "scripted": "bots"}
 RENAMED_OPTIONS = {"pool_recency": "recency"}
 NO_GENERATOR = "none"
-TARGET_UPDATES = ("soft", "hard")
-LOSSES = ("smooth_l1", "l2")
 ENDLESS_FRAMES = 10**9  # as total_frames: the clock ends the run
 
 
@@ -202,12 +201,7 @@ class ExplorationSettings:
 
     def epsilon_at(self, frames: int) -> float:
         """Linear from start to end over `anneal_frames`."""
-        return _interpolate(self.epsilon_start, self.epsilon_end, frames / self.anneal_frames)
-
-
-def _interpolate(start: float, end: float, done: float) -> float:
-    """In a straight line from `start` to `end`, which is kept where `done` is above 1."""
-    return start + min(1.0, done) * (end - start)
+        return interpolate(self.epsilon_start, self.epsilon_end, frames / self.anneal_frames)
 
 
 @dataclass(frozen=True)
@@ -234,53 +228,13 @@ class ReplaySettings:
 
 
 @dataclass(frozen=True)
-class LearnerSettings:
-    """The Q-learning update."""
-
-    batch_size: int = 128  # transitions, generated ones included
-    frames_per_update: int = 64  # frames collected for each update
-    learning_rate: float = 5e-4  # of Adam
-    learning_rate_end: float | None = None  # at total_frames, in a straight line; None: the same
-    gamma: float = 0.99  # discount per decision
-    n_steps: int = 8  # decisions whose rewards are summed before the target network is asked
-    double: bool = True  # the online network chooses the action that the target network values
-    loss: str = "smooth_l1"  # of the TD error
-    target: str = "soft"  # how the target network follows: a little always, or by copies
-    target_tau: float = 0.01  # share of the online weights taken over at each update (soft)
-    target_every_updates: int = 500  # updates between two copies (hard)
-    average_decay: float = 0.995  # of the averaged weights at each update; 0: the newest weights
-    max_grad_norm: float = 10.0  # longer gradients are shortened to it
-    reward_scale: float = 1.0  # rewards are multiplied by it before they are stored
-
-    def learning_rate_at(self, done: float) -> float:
-        """Linear from start to end over the share `done` of the run, 0..1."""
-        end = self.learning_rate if self.learning_rate_end is None else self.learning_rate_end
-        return _interpolate(self.learning_rate, end, done)
-
-    def __post_init__(self) -> None:
-        for name in ("batch_size", "frames_per_update", "n_steps", "target_every_updates"):
-            require(getattr(self, name) >= 1, f"learner.{name}", getattr(self, name), "1 or more")
-        for name in ("learning_rate", "max_grad_norm", "reward_scale"):
-            require(getattr(self, name) > 0, f"learner.{name}", getattr(self, name), "above 0")
-        end = self.learning_rate_end
-        require(end is None or end >= 0, "learner.learning_rate_end", end, "0 or more")
-        require(0 <= self.gamma <= 1, "learner.gamma", self.gamma, "in 0..1")
-        require(
-            0 < self.target_tau <= 1, "learner.target_tau", self.target_tau, "above 0, at most 1"
-        )
-        decay = self.average_decay
-        require(0 <= decay < 1, "learner.average_decay", decay, "0 or more, below 1")
-        find_by_name("learner.target", self.target, dict.fromkeys(TARGET_UPDATES))
-        find_by_name("learner.loss", self.loss, dict.fromkeys(LOSSES))
-
-
-@dataclass(frozen=True)
 class GeneratorSettings:
     """When the generator of artificial transitions learns, is measured and generates."""
 
     name: str = "ccdn"  # "none": all transitions are real
     batch_size: int = 64  # real transitions of its own update
-    frames_per_update: int = 64  # frames collected for each of its updates
+    frames_per_update: int = 64  # frames collected for each of its updates while the gate is shut
+    open_frames_per_update: int = 256  # the same while it is open: what it knows it keeps with less
     evaluate_every_frames: int = 25_000  # frames between two looks at the gate
     # At these numbers a generated row is learned from as often as a real one: a fifth of each
     # batch, out of a fifth of all rows that come in.
@@ -293,6 +247,7 @@ class GeneratorSettings:
         for name in (
             "batch_size",
             "frames_per_update",
+            "open_frames_per_update",
             "evaluate_every_frames",
             "refill_every_frames",
             "rows_per_refill",

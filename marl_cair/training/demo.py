@@ -19,12 +19,12 @@ from marl_cair.training.config import (
     CollectorSettings,
     EvaluationSettings,
     ExplorationSettings,
-    LearnerSettings,
     OpponentSettings,
     ReplaySettings,
     TrainConfig,
 )
 from marl_cair.training.curves import draw_curves
+from marl_cair.training.learner_settings import LearnerSettings
 from marl_cair.training.run import LATEST_FOLDER
 from marl_cair.training.trainer import train
 

@@ -1,4 +1,6 @@
-"""Leagues to begin with, by name: `marl-cair league train --example` writes them as YAML."""
+"""Leagues to begin with, by name: `--example` of `marl-cair league train` and of `marl-cair league
+psro` writes them as YAML.
+"""
 
 from __future__ import annotations
 
@@ -82,8 +84,34 @@ _TINY: dict[str, Any] = {
     },
 }
 
+# Rates fall to 0 in each round: what is frozen at a constant rate is one of a wide scatter. The
+# gate opens late in so short a run, so the generator learns often and is asked often.
+_PSRO_DEEP_LINE_WARS: dict[str, Any] = {
+    "out": "runs/psro_deep_line_wars",
+    "bots": ["random", "rusher", "turtle", "economist", "zigzag", "counter"],
+    "training": {
+        "game": {"name": "deep_line_wars", "scenario": "10x15"},
+        "learner": {"learning_rate_end": 0.0},
+        "evaluation": {"every_frames": 100_000, "bots": ["random", "counter", "economist"]},
+    },
+}
+
+_PSRO_TINY: dict[str, Any] = {
+    "out": "runs/psro_tiny",
+    "rounds": 2,
+    "round_frames": 512,
+    "first_round_frames": 512,
+    "games_per_pair": 2,
+    "training": _TINY["training"],
+}
+
 EXAMPLES: Mapping[str, dict[str, Any]] = {
     "deep_line_wars": _DEEP_LINE_WARS,
     "deep_rts": _DEEP_RTS,
     "tiny": _TINY,
+}
+
+PSRO_EXAMPLES: Mapping[str, dict[str, Any]] = {
+    "deep_line_wars": _PSRO_DEEP_LINE_WARS,
+    "tiny": _PSRO_TINY,
 }

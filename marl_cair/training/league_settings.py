@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import typing
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -131,7 +131,11 @@ class LeagueSettings:
         """The training of a learner of `role`. Raises ValueError for options that cannot be."""
         settings = self.role(role)
         for place, given in (("training", self.training), (f"{role}.training", settings.training)):
-            _refuse_taken(place, given)
+            refuse_given(place, given, _TAKEN, "the league has its own, {name}")
+            opponent = given.get("opponent", {})
+            if isinstance(opponent, Mapping):
+                why = "set it for a role, main.{name}"
+                refuse_given(f"{place}.opponent", opponent, _TAKEN_OPPONENT, why)
         values = _merge(self.training, settings.training)
         opponent = {
             **values.get("opponent", {}),
@@ -154,6 +158,11 @@ def load_league(path: str | Path) -> LeagueSettings:
     Raises:
         ValueError: no such file, no YAML, an unknown option, or a value that is not allowed.
     """
+    return build_league(read_options(path))
+
+
+def read_options(path: str | Path) -> dict[str, Any]:
+    """What stands in a YAML file. Raises ValueError: no such file, no YAML, or no options."""
     place = Path(path)
     if not place.is_file():
         raise ValueError(f"{path} is no file: give a YAML file, or begin with --example")
@@ -163,7 +172,7 @@ def load_league(path: str | Path) -> LeagueSettings:
         raise ValueError(f"{path} cannot be read: {error}") from error
     if not isinstance(values, dict) or not values:  # an empty file is hardly meant
         raise ValueError(f"{path} must hold options by name, for example seed: 3")
-    return build_league(typing.cast(dict[str, Any], values))
+    return typing.cast(dict[str, Any], values)
 
 
 def build_league(values: Mapping[str, Any]) -> LeagueSettings:
@@ -182,14 +191,11 @@ def build_league(values: Mapping[str, Any]) -> LeagueSettings:
     return league
 
 
-def _refuse_taken(place: str, given: Mapping[str, Any]) -> None:
-    for name in _TAKEN:
+def refuse_given(place: str, given: Mapping[str, Any], names: Collection[str], advice: str) -> None:
+    """Raise ValueError where one of `names` is given at `place`; the advice may hold {name}."""
+    for name in names:
         if name in given:
-            raise ValueError(f"{place}.{name} is given: the league has its own, {name}")
-    opponent = given.get("opponent", {})
-    for name in _TAKEN_OPPONENT:
-        if isinstance(opponent, Mapping) and name in opponent:
-            raise ValueError(f"{place}.opponent.{name} is given: set it for a role, main.{name}")
+            raise ValueError(f"{place}.{name} is given: {advice.format(name=name)}")
 
 
 def _merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

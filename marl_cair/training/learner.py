@@ -14,7 +14,8 @@ from torchrl.modules import QValueActor
 from torchrl.objectives import DQNLoss, HardUpdate, SoftUpdate
 
 from marl_cair.policies.q_network import QNetwork
-from marl_cair.training.config import DemonstrationSettings, LearnerSettings
+from marl_cair.training.config import DemonstrationSettings
+from marl_cair.training.learner_settings import LearnerSettings
 
 # Of the averaged weights' warm-up: after n updates they average over no more than about n / 10.
 _AVERAGE_WARMUP = 10
@@ -72,6 +73,7 @@ class Learner:
     def update(self, batch: TensorDict, done: float = 0.0) -> dict[str, Tensor | float]:
         """One gradient step on rows with the transition keys; returns scalars for the log.
 
+        batch: gets "td_error" [N, 1], squared.
         done: share of the run that is over, 0..1, for the learning rate.
         """
         td_loss = self._loss(batch)["loss"]

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from marl_cair.cli import main
-from marl_cair.cli.league_train import format_example
+from marl_cair.cli.league_train import format_options
 from marl_cair.cli.options import list_options, read_comments
 from marl_cair.training.league_examples import EXAMPLES
 from marl_cair.training.league_settings import (
@@ -83,7 +83,7 @@ def test_wrong_words_are_refused(words, message, capsys):
 @pytest.mark.slow
 def test_the_tiny_example_runs_to_its_report_and_once_more_at_once(tmp_path, capsys):
     path = tmp_path / "league.yaml"
-    path.write_text(format_example("tiny"), "utf-8")
+    path.write_text(format_options(build_league(EXAMPLES["tiny"])), "utf-8")
     words = ["league", "train", str(path), "--out", str(tmp_path / "out")]
     assert main([*words, "--minutes", "0.0001"]) == 0
     assert "time is over, 0 slices are done" in capsys.readouterr().err

@@ -16,12 +16,12 @@ from marl_cair.training.config import (
     ExplorationSettings,
     GameSettings,
     GeneratorSettings,
-    LearnerSettings,
     OpponentSettings,
     ReplaySettings,
     TrainConfig,
 )
 from marl_cair.training.learner import Learner
+from marl_cair.training.learner_settings import LearnerSettings
 from marl_cair.training.metrics import Timers
 from marl_cair.training.trainer import iterate
 from tests.replay.streams import make_transitions

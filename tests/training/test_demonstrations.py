@@ -8,9 +8,10 @@ import torch
 
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.transition import TransitionSpec
-from marl_cair.training.config import DemonstrationSettings, LearnerSettings, TrainConfig
+from marl_cair.training.config import DemonstrationSettings, TrainConfig
 from marl_cair.training.demonstrations import Demonstrators
 from marl_cair.training.learner import Learner
+from marl_cair.training.learner_settings import LearnerSettings
 from marl_cair.training.metrics import read_log
 from marl_cair.training.rollout import make_rollout
 from marl_cair.training.run import TrainingRun

@@ -8,8 +8,9 @@ import torch
 
 from marl_cair.checkpoint import read_description
 from marl_cair.league.agents import describe_agent, find_fingerprint, load_agent
-from marl_cair.training.config import GeneratorSettings, LearnerSettings, ReplaySettings
+from marl_cair.training.config import GeneratorSettings, ReplaySettings
 from marl_cair.training.demonstrations import NOBODY
+from marl_cair.training.learner_settings import LearnerSettings
 from marl_cair.training.metrics import read_log
 from marl_cair.training.nfsp_settings import NfspSettings
 from marl_cair.training.run import TrainingRun

@@ -21,11 +21,11 @@ from marl_cair.training.config import (
     ExplorationSettings,
     GameSettings,
     GeneratorSettings,
-    LearnerSettings,
     OpponentSettings,
     ReplaySettings,
     TrainConfig,
 )
+from marl_cair.training.learner_settings import LearnerSettings
 from marl_cair.training.nfsp_settings import NfspSettings
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import Timers, iterate

@@ -8,7 +8,8 @@ import torch
 
 from marl_cair.league.opponents import LATEST_ID
 from marl_cair.replay.transition import NO_OPPONENT
-from marl_cair.training.config import LearnerSettings, ReplaySettings
+from marl_cair.training.config import ReplaySettings
+from marl_cair.training.learner_settings import LearnerSettings
 from marl_cair.training.metrics import read_log
 from marl_cair.training.opponents import make_bots
 from marl_cair.training.rollout import make_rollout

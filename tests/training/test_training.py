@@ -22,7 +22,6 @@ from marl_cair.training.config import (
     ExplorationSettings,
     GameSettings,
     GeneratorSettings,
-    LearnerSettings,
     OpponentSettings,
     ReplaySettings,
     TrainConfig,
@@ -30,6 +29,7 @@ from marl_cair.training.config import (
 from marl_cair.training.config_file import build_config, load_config
 from marl_cair.training.evaluation import evaluate_against_bots
 from marl_cair.training.learner import Learner
+from marl_cair.training.learner_settings import LearnerSettings
 from marl_cair.training.metrics import read_log
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train

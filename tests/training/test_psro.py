@@ -1,0 +1,188 @@
+"""Best responses come to the known equilibria; a stop changes nothing; bad files are refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+from marl_cair import games
+from marl_cair.checkpoint import CheckpointError
+from marl_cair.files import OutputFolderError
+from marl_cair.games import GAMES
+from marl_cair.league.agents import find_fingerprint, load_agent
+from marl_cair.league.mixtures import read_mixture
+from marl_cair.training import psro
+from marl_cair.training.psro import train_psro, weigh_opponents
+from marl_cair.training.psro_settings import build_psro
+from marl_cair.training.trainer import train
+from tests.games import rock_paper_scissors
+
+NAME = rock_paper_scissors.NAME
+TRAINING = {
+    "torch_threads": 1,
+    "synthetic_fraction": 0.0,
+    "game": {"name": NAME, "scenario": "fair", "representation": "vector"},
+    "policy": {"body": "mlp", "hidden_width": 8},
+    "opponent": {"warmup_frames": 0},
+    "collector": {"num_worlds": 32, "steps_per_batch": 4},
+    "exploration": {"epsilon_end": 0.2, "anneal_frames": 256},
+    "replay": {
+        "capacity_transitions": 2_000,
+        "generated_capacity_transitions": 10,
+        "min_transitions": 64,
+    },
+    "learner": {
+        "batch_size": 64,
+        "frames_per_update": 8,
+        "n_steps": 1,
+        "learning_rate": 0.01,
+        "average_decay": 0.0,
+    },
+    "generator": {"name": "none"},
+    "evaluation": {"bots": []},
+}
+
+
+@pytest.fixture(autouse=True)
+def _know_the_game(monkeypatch):
+    monkeypatch.setitem(games.GAMES.modules, NAME, rock_paper_scissors)
+
+
+def make(out, **changes):
+    values = {
+        "out": str(out),
+        "rounds": 2,
+        "round_frames": 1_024,
+        "first_round_frames": 512,
+        "bots": ["rock"],
+        "games_per_pair": 20,
+        "even_share": 0.1,
+        "training": TRAINING,
+        **changes,
+    }
+    return build_psro(values)
+
+
+def run(out, **changes):
+    return train_psro(make(out, **changes), show_progress=False)
+
+
+def find_throws(folder):
+    """What each member of the mixture throws, and how often it is drawn."""
+    mixture = read_mixture(folder)
+    scenario = GAMES[NAME].scenario("fair")
+    shares = np.zeros(3)
+    for source, weight in zip(mixture.sources, mixture.weights, strict=True):
+        agent = load_agent(source, NAME, scenario)
+        shares[agent.act(np.ones((1, 1), np.float32), np.ones((1, 3), bool))[0]] += weight
+    return shares
+
+
+def test_rounds_find_every_throw_and_mix_them_as_the_equilibrium_does(tmp_path):
+    result = run(tmp_path / "out", rounds=4)
+    assert (result.rounds, result.is_done, result.was_interrupted) == (4, True, False)
+    assert find_throws(tmp_path / "out" / "mixture") == pytest.approx([1 / 3] * 3, abs=0.05)
+    assert "response 0 100.0%; it begins anew, against all bots alike" in result.text
+    assert (tmp_path / "out" / "report.txt").read_text("utf-8") == result.text
+    assert not list((tmp_path / "out").glob("rounds/*/run/resume"))
+    assert run(tmp_path / "out", rounds=4) == result
+
+
+def test_half_the_games_are_against_the_own_mixture_half_against_who_is_hardest_for_it():
+    # Networks throw paper and scissors, the third agent, a bot, rock.
+    scores = np.array([[0.5, 0.0, 1.0], [1.0, 0.5, 0.0], [0.0, 1.0, 0.5]])
+    weights = weigh_opponents(scores[:2], [0, 1], slack=0.001, even_share=0.0)
+    safest, hardest = np.array([1, 2, 0]) / 3, np.array([0, 2, 1]) / 3
+    assert weights == pytest.approx((safest + hardest) / 2, abs=0.01)
+    even = weigh_opponents(scores[:2], [0, 1], slack=0.001, even_share=0.6)
+    assert even == pytest.approx(0.4 * weights + 0.2)
+    assert weigh_opponents(scores, [0, 1, 2], 0.001, 0.0) == pytest.approx([1 / 3] * 3, abs=1e-3)
+
+
+def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path, monkeypatch):
+    whole = run(tmp_path / "whole")
+    assert run(tmp_path / "parts", rounds=1).is_done  # and then one round more
+    with monkeypatch.context() as patched:
+        patched.setattr(psro, "train", lambda *words: train(*words, until_frames=640))
+        stopped = run(tmp_path / "parts")
+    assert (stopped.rounds, stopped.is_done) == (1, False)
+    assert (tmp_path / "parts" / "rounds" / "001" / "run" / "resume").is_dir()
+    stopped = run(tmp_path / "parts", max_minutes=1e-6)
+    assert (stopped.rounds, stopped.is_done) == (1, False)
+    parts = run(tmp_path / "parts")
+    scenario = GAMES[NAME].scenario("fair")
+    for name in ("player_000", "player_001"):
+        agents = [
+            load_agent(tmp_path / part / "players" / name, NAME, scenario)
+            for part in ("whole", "parts")
+        ]
+        assert len({find_fingerprint(agent, GAMES[NAME]) for agent in agents}) == 1
+    told = [one.text.replace(str(one.folder), "") for one in (whole, parts)]
+    assert told[0] == told[1]
+
+
+def test_who_is_there_from_the_start_is_met_and_begun_as(tmp_path):
+    run(tmp_path / "first", rounds=1)
+    player = str(tmp_path / "first" / "players" / "player_000")
+    run(tmp_path / "next", rounds=1, begin_with=[player])
+    plan = json.loads((tmp_path / "next" / "rounds" / "000" / "plan.json").read_text("utf-8"))
+    assert plan["start"] == player
+    assert set(plan["met"]) == {"begin_0", "rock"}
+    assert sum(weight for _, weight in plan["met"].values()) == pytest.approx(1.0)
+
+
+def test_a_folder_of_other_settings_is_refused(tmp_path):
+    run(tmp_path / "out", rounds=1)
+    with pytest.raises(OutputFolderError, match="even_share"):
+        run(tmp_path / "out", rounds=1, even_share=0.2)
+
+
+def test_a_damaged_plan_is_named(tmp_path):
+    run(tmp_path / "out", max_minutes=1e-6)
+    path = tmp_path / "out" / "rounds" / "000" / "plan.json"
+    path.parent.mkdir(parents=True)
+    path.write_text("{", "utf-8")
+    with pytest.raises(ValueError, match=r"plan.json cannot be read .* delete it"):
+        run(tmp_path / "out")
+
+
+def test_an_agent_that_is_not_there_is_refused_before_anything_is_written(tmp_path):
+    with pytest.raises((CheckpointError, ValueError), match="nowhere"):
+        run(tmp_path / "out", begin_with=[str(tmp_path / "nowhere")])
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"rounds": 0}, "rounds is 0, it must be 1 or more"),
+        ({"games_per_pair": 3}, "games_per_pair is 3, it must be even and 2 or more"),
+        ({"even_share": 1.5}, "even_share is 1.5, it must be 0..1"),
+        ({"slack": 0}, "slack is 0.0, it must be above 0, below 1"),
+        ({"bots": []}, r"bots is \[\], it must be one or more"),
+        ({"bots": ["rock", "rock"]}, "bots has 'rock' twice"),
+        ({"bots": ["rok"]}, f"unknown {NAME} bot 'rok': nearest are 'rock'"),
+        ({"begin_with": ["a", "a"]}, "begin_with has 'a' twice"),
+        ({"round": 3}, "unknown option 'round': nearest are 'rounds'"),
+        ({"training": {**TRAINING, "seed": 3}}, "training.seed is given: each response has its"),
+        (
+            {"training": {**TRAINING, "opponent": {"mixture": {"rock": 1}}}},
+            "training.opponent.mixture is given: responses meet bots",
+        ),
+        ({"training": {**TRAINING, "learner": {"gama": 1}}}, "unknown option 'gama'"),
+        (
+            {
+                "bots": ["random"],
+                "training": {
+                    "game": {"name": "flappy_bird", "scenario": "race-4"},
+                    "evaluation": {"bots": []},
+                },
+            },
+            "training.game.scenario is 'race-4', it must be a scenario of two teams",
+        ),
+    ],
+)
+def test_bad_settings_are_refused(changes, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        make(tmp_path / "out", **changes)
+    assert not (tmp_path / "out").exists()

@@ -33,12 +33,12 @@ from scipy.stats import spearmanr
 from benchmarks.learning import train, trained_minutes
 from marl_cair.checkpoint import read_description
 from marl_cair.cli import main as marl_cair
-from marl_cair.cli.league_train import format_example
+from marl_cair.cli.league_train import format_options
 from marl_cair.files import atomic_path, write_atomically
 from marl_cair.training.curves import COLOURS
 from marl_cair.training.league_examples import EXAMPLES
 from marl_cair.training.league_run import MIXTURE
-from marl_cair.training.league_settings import load_league
+from marl_cair.training.league_settings import build_league, load_league
 
 MAIN, ALONE, EXPLOIT = "main_0", "alone", "exploit"
 _PAST = re.compile(rf"{MAIN}-\d+-(\d+)$")  # the name of a frozen player ends in its decisions
@@ -74,7 +74,7 @@ def train_all(options: argparse.Namespace, out: Path) -> tuple[Path, Path]:
     """The league, then the agent against random play alone; returns the folders of both agents."""
     file = options.league or out / "league.yaml"
     if not file.exists():
-        write_atomically(file, format_example(options.game))
+        write_atomically(file, format_options(build_league(EXAMPLES[options.game])))
     league = load_league(file)
     folder = out / "league"
     run(["league", "train", str(file), "--out", str(folder)])
@@ -149,11 +149,12 @@ def find_progress(rated: Mapping[str, Rated], decisions: int) -> list[tuple[int,
 
 def draw(
     progress: list[tuple[int, Rated]],
-    rated: Mapping[str, Rated],
+    others: Mapping[str, Rated],
     scores: Mapping[str, Mapping[str, str]],
+    titles: tuple[str, str],
     path: Path,
 ) -> None:
-    """Ratings of the selves over decisions beside all others, and what the newest scores."""
+    """Ratings of some over decisions beside `others`, and what one of them scores."""
     figure = Figure(figsize=(9.0, 3.9), layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, width_ratios=(1.45, 1.0))
@@ -161,7 +162,6 @@ def draw(
     elo = [r.elo for _, r in progress]
     errors = [[r.elo - r.low for _, r in progress], [r.high - r.elo for _, r in progress]]
     left.errorbar(thousands, elo, errors, color=COLOURS[0], marker="o", capsize=2, markersize=4)
-    others = {name: r for name, r in rated.items() if name != MAIN and not _PAST.search(name)}
     for name, r in others.items():
         left.axhline(r.elo, color="0.6", linewidth=0.8, linestyle="--", zorder=0)
         left.annotate(
@@ -175,7 +175,7 @@ def draw(
             color="0.3",
         )
     left.set(xlabel="decisions (thousands)", ylabel="Elo (random = 0), 95 %", xlim=(0, None))
-    left.set_title("The main agent and its past selves", fontsize=9)
+    left.set_title(titles[0], fontsize=9)
     names = sorted(scores, key=lambda name: float(scores[name]["score"]))
     values = [100 * float(scores[name]["score"]) for name in names]
     ends = [
@@ -185,8 +185,8 @@ def draw(
     labels = [_tell(name) for name in names]
     right.barh(labels, values, xerr=ends, color=COLOURS[5], error_kw={"capsize": 2, "lw": 0.9})
     right.axvline(50, color="black", linewidth=0.7)
-    right.set(xlim=(0, 100), xlabel="score of the main agent, %, 95 %")
-    right.set_title("The main agent against", fontsize=9)
+    right.set(xlim=(0, 100), xlabel="score, %, 95 %")
+    right.set_title(f"{titles[1]} against", fontsize=9)
     for panel in (left, right):
         panel.spines[["top", "right"]].set_visible(False)
         panel.grid(alpha=0.25)
@@ -196,6 +196,25 @@ def draw(
             axis.label.set_size(8)
     with atomic_path(path) as unfinished:
         figure.savefig(unfinished, dpi=150)
+
+
+def write_rows(rows: list[tuple[object, ...]], out: Path) -> None:
+    """COLUMNS of all rows as <out>/results.csv."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
+    write_atomically(out / "results.csv", text.getvalue())
+
+
+def print_rows(rows: list[tuple[object, ...]]) -> None:
+    """The same as Markdown."""
+    print("| what | against | result | games |\n|---|---|---|---|")
+    for what, against, value, low, high, number in rows:
+        if low == "":
+            print(f"| {what} | | {value:.2f} | {number} agents |")
+        else:
+            shares = (f"{100 * float(str(one)):.1f}" for one in (value, low, high))
+            result = "{} % [{}, {}]".format(*shares)
+            print(f"| {what} | `{against}` | {result} | {number} |")
 
 
 def _tell(name: str) -> str:
@@ -234,22 +253,15 @@ def main() -> None:
         found = read_response(out / EXPLOIT / name)
         rows.append((f"best response of {options.budget} scores", name, *map(found.get, values)))
     rows.append(("rank correlation of rating with decisions", "", rank, "", "", len(progress)))
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
-    write_atomically(out / "results.csv", text.getvalue())
-    draw(progress, rated, scores, options.picture or out / "self_play.png")
+    write_rows(rows, out)
+    others = {name: r for name, r in rated.items() if name != MAIN and not _PAST.search(name)}
+    titles = "The main agent and its past selves", "The main agent"
+    draw(progress, others, scores, titles, options.picture or out / "self_play.png")
     minutes = sum(
         trained_minutes(path.parent) for path in (league / "members").glob("*/*/config.yaml")
     )
     print(f"{minutes:.0f} minutes of the league, {decisions:,} decisions of the main agent\n")
-    print("| what | against | result | games |\n|---|---|---|---|")
-    for what, against, value, low, high, number in rows:
-        if low == "":
-            print(f"| {what} | | {value:.2f} | {number} agents |")
-        else:
-            shares = (f"{100 * float(str(one)):.1f}" for one in (value, low, high))
-            result = "{} % [{}, {}]".format(*shares)
-            print(f"| {what} | `{against}` | {result} | {number} |")
+    print_rows(rows)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import csv
 
 import yaml
 
-from marl_cair.training.league_examples import EXAMPLES
+from marl_cair.training.league_examples import EXAMPLES, PSRO_EXAMPLES
 from tests.benchmark_runs import read_table
 
 SHORT = (
@@ -32,3 +32,26 @@ def test_the_table_tells_the_main_agent_the_mixture_and_who_beats_them(tmp_path)
         assert 0 <= float(row["low"]) <= float(row["value"]) <= float(row["high"]) <= 1
     assert rows[-1]["what"] == "rank correlation of rating with decisions"
     assert int(rows[-1]["games"]) >= 2
+
+
+def test_the_table_of_rounds_tells_the_mixture_each_response_and_who_beats_them(tmp_path):
+    (tmp_path / "tiny.yaml").write_text(yaml.safe_dump(PSRO_EXAMPLES["tiny"]), "utf-8")
+    options = ["--psro", str(tmp_path / "tiny.yaml"), "--games", "2", "--budget", "512"]
+    options += ["--workers", "1", "--out", str(tmp_path)]
+    table = read_table("psro_learning", "| what", [*options, *SHORT])
+    assert "| best response of 512 scores | `mixture` |" in table
+    assert (tmp_path / "psro.png").read_bytes().startswith(b"\x89PNG")
+    with (tmp_path / "results.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    told = [row["what"] for row in rows]
+    assert {("mixture scores", row) for row in ("random", "player_000", "player_001")} <= {
+        (row["what"], row["against"]) for row in rows
+    }
+    assert told[-4:] == [
+        "player_000 scores least",
+        "player_001 scores least",
+        "best response of 512 scores",
+        "rank correlation of rating with decisions",
+    ]
+    for row in rows[:-1]:
+        assert 0 <= float(row["low"]) <= float(row["value"]) <= float(row["high"]) <= 1

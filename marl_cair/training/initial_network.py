@@ -10,7 +10,11 @@ from marl_cair.policies.actor import GREEDY
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
 from marl_cair.training.config import TrainConfig
 
-KNOWING_EPSILON = 0.2  # exploration of a learner that knows how to play, to begin with
+# A learner that knows how to play loses it within minutes where it goes on as one that does not:
+# with large steps of an optimiser that has seen nothing yet, on the first few games alone.
+KNOWING_EPSILON = 0.05  # exploration to begin with
+KNOWING_RATE = 0.3  # of the usual learning rate
+KNOWING_SHARE = 8  # of the replay's capacity one in so many transitions are there before it learns
 Seen = tuple[str, str, tuple[int, ...], int]  # game, representation, its shape, number of actions
 
 
@@ -23,13 +27,15 @@ def can_begin_as(agent: str) -> bool:
 
 def begin_as(agent: str, config: TrainConfig) -> TrainConfig:
     """The settings of a run that begins with the network of the agent in folder `agent`, explores
-    little, and meets its opponents at once.
+    little, learns in small steps and from many games at once, and meets its opponents from the
+    first game on.
 
     Raises CheckpointError where `agent` is no agent's folder.
     """
     about = read_description(agent)
-    exploration = config.exploration
+    exploration, replay, learner = config.exploration, config.replay, config.learner
     start = min(KNOWING_EPSILON, exploration.epsilon_start)
+    end = learner.learning_rate_end
     return dataclasses.replace(
         config,
         initial_agent=agent,
@@ -38,6 +44,17 @@ def begin_as(agent: str, config: TrainConfig) -> TrainConfig:
         opponent=dataclasses.replace(config.opponent, warmup_frames=0),
         exploration=dataclasses.replace(
             exploration, epsilon_start=start, epsilon_end=min(start, exploration.epsilon_end)
+        ),
+        learner=dataclasses.replace(
+            learner,
+            learning_rate=KNOWING_RATE * learner.learning_rate,
+            learning_rate_end=None if end is None else KNOWING_RATE * end,
+        ),
+        replay=dataclasses.replace(
+            replay,
+            min_transitions=max(
+                replay.min_transitions, replay.capacity_transitions // KNOWING_SHARE
+            ),
         ),
     )
 

@@ -84,8 +84,7 @@ _TINY: dict[str, Any] = {
     },
 }
 
-# Rates fall to 0 in each round: what is frozen at a constant rate is one of a wide scatter. The
-# gate opens late in so short a run, so the generator learns often and is asked often.
+# Rates fall to 0 in each round: what is frozen at a constant rate is one of a wide scatter.
 _PSRO_DEEP_LINE_WARS: dict[str, Any] = {
     "out": "runs/psro_deep_line_wars",
     "bots": ["random", "rusher", "turtle", "economist", "zigzag", "counter"],
@@ -93,6 +92,16 @@ _PSRO_DEEP_LINE_WARS: dict[str, Any] = {
         "game": {"name": "deep_line_wars", "scenario": "10x15"},
         "learner": {"learning_rate_end": 0.0},
         "evaluation": {"every_frames": 100_000, "bots": ["random", "counter", "economist"]},
+    },
+}
+
+_PSRO_DEEP_RTS: dict[str, Any] = {
+    "out": "runs/psro_deep_rts",
+    "bots": _DEEP_RTS["final_bots"],
+    "training": {
+        **_DEEP_RTS["training"],
+        "learner": {**_DEEP_RTS["training"]["learner"], "learning_rate_end": 0.0},
+        "evaluation": {"every_frames": 100_000, "bots": ["random", "mixed"]},
     },
 }
 
@@ -113,5 +122,6 @@ EXAMPLES: Mapping[str, dict[str, Any]] = {
 
 PSRO_EXAMPLES: Mapping[str, dict[str, Any]] = {
     "deep_line_wars": _PSRO_DEEP_LINE_WARS,
+    "deep_rts": _PSRO_DEEP_RTS,
     "tiny": _PSRO_TINY,
 }

@@ -33,9 +33,9 @@ TRAINING = {
     },
     "learner": {
         "batch_size": 64,
-        "frames_per_update": 8,
+        "frames_per_update": 4,
         "n_steps": 1,
-        "learning_rate": 0.01,
+        "learning_rate": 0.05,
         "average_decay": 0.0,
     },
     "generator": {"name": "none"},
@@ -52,7 +52,7 @@ def make(out, **changes):
     values = {
         "out": str(out),
         "rounds": 2,
-        "round_frames": 1_024,
+        "round_frames": 2_048,
         "first_round_frames": 512,
         "bots": ["rock"],
         "games_per_pair": 20,

@@ -1,0 +1,114 @@
+"""Best responses in rounds, rated; and how far the mixture of them can be exploited.
+
+    python -m benchmarks.psro_learning [--game deep_line_wars] [--begin AGENT ...]
+        [--psro psro.yaml] [--games 200] [--budget 20m] [--workers 2] [--out runs/psro_<game>]
+        [--picture <out>/psro.png] [option=value ...]
+
+The rounds are the ready-made ones of the game (`marl-cair league psro --example`), or `--psro`;
+`--begin` takes the place of the file's `begin_with`. The mixture, all responses, those they began
+with and the bots are one ladder, `--games` of each pair; a best response to the mixture is rated by
+`marl-cair league exploit` (options with `=` go to it) on map seeds that nothing else has seen. The
+same command again goes on where it was stopped. Writes <out>/results.csv and the picture, and
+prints the table as Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+
+from scipy.stats import spearmanr
+
+from benchmarks.league_learning import (
+    Rated,
+    draw,
+    print_rows,
+    read_ladder,
+    read_response,
+    read_scores,
+    run,
+    write_rows,
+)
+from benchmarks.learning import trained_minutes
+from marl_cair.checkpoint import read_description
+from marl_cair.cli.league_train import format_options
+from marl_cair.files import write_atomically
+from marl_cair.training.league_examples import PSRO_EXAMPLES
+from marl_cair.training.psro import MIXTURE, PLAYERS, ROUNDS
+from marl_cair.training.psro_settings import PsroSettings, build_psro, load_psro
+
+LADDER, EXPLOIT, FOLDER = "ladder", "exploit", "rounds"
+
+
+def play(options: argparse.Namespace, settings: PsroSettings, out: Path) -> list[Path]:
+    """The rounds, the ladder of all, and the best response; returns the players' folders."""
+    file, folder = out / "psro.yaml", out / FOLDER
+    write_atomically(file, format_options(settings))
+    run(["league", "psro", str(file), "--out", str(folder)])
+    players = sorted(path for path in (folder / PLAYERS).iterdir() if path.is_dir())
+    everyone = [folder / MIXTURE, *players, *settings.begin_with, *settings.bots]
+    words = ["--games", str(options.games), "--workers", str(options.workers)]
+    run(["league", *map(str, everyone), *words, "--out", str(out / LADDER)])
+    exploit = ["--budget", options.budget, "--seeds", "1", "--out", str(out / EXPLOIT)]
+    run(["league", "exploit", str(folder / MIXTURE), *exploit, *options.words])
+    return players
+
+
+def tabulate(
+    out: Path, players: list[Path], progress: list[tuple[int, Rated]], budget: str
+) -> list[tuple[object, ...]]:
+    """What the mixture scores, what each response scores at worst, and the best response."""
+    values = ("score", "low", "high", "games")
+    rows: list[tuple[object, ...]] = [
+        ("mixture scores", name, *(row[key] for key in values))
+        for name, row in read_scores(out / LADDER, MIXTURE).items()
+    ]
+    for player in players:
+        scores = read_scores(out / LADDER, player.name).values()
+        row = min(scores, key=lambda one: float(one["score"]))
+        rows.append((f"{player.name} scores least", row["opponent"], *(row[key] for key in values)))
+    found = read_response(out / EXPLOIT)
+    rows.append((f"best response of {budget} scores", MIXTURE, *map(found.get, values)))
+    rank = spearmanr([at for at, _ in progress], [r.elo for _, r in progress]).statistic
+    rows.append(("rank correlation of rating with decisions", "", rank, "", "", len(progress)))
+    return rows
+
+
+def main() -> None:
+    """Train, play, print and draw."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--game", choices=tuple(PSRO_EXAMPLES), default="deep_line_wars")
+    parser.add_argument("--begin", nargs="*", help="agents (default: as the file says)")
+    parser.add_argument("--psro", type=Path, help="YAML (default: the example of the game)")
+    parser.add_argument("--games", type=int, default=200, help="of each pair")
+    parser.add_argument("--budget", default="20m", help="of the best response")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, help="default: runs/psro_<game>")
+    parser.add_argument("--picture", type=Path, help="default: <out>/psro.png")
+    options, options.words = parser.parse_known_args()
+    out = options.out or Path("runs") / f"psro_{options.game}"
+    settings = load_psro(options.psro) if options.psro else build_psro(PSRO_EXAMPLES[options.game])
+    if options.begin is not None:
+        settings = dataclasses.replace(settings, begin_with=tuple(options.begin))
+    players = play(options, settings, out)
+    rated = read_ladder(out / LADDER)
+    decisions, progress = 0, []
+    for player in players:
+        decisions += read_description(player).frames
+        progress.append((decisions, rated[player.name]))
+    rows = tabulate(out, players, progress, options.budget)
+    write_rows(rows, out)
+    names = {player.name for player in players}
+    others = {name: one for name, one in rated.items() if name not in names}
+    titles = "Best responses, one after the other", "Their mixture"
+    scores = read_scores(out / LADDER, MIXTURE)
+    draw(progress, others, scores, titles, options.picture or out / "psro.png")
+    runs = (out / FOLDER / ROUNDS).glob("*/run/config.yaml")
+    minutes = sum(trained_minutes(path.parent) for path in runs)
+    print(f"{minutes:.0f} minutes of training, {decisions:,} decisions\n")
+    print_rows(rows)
+
+
+if __name__ == "__main__":
+    main()

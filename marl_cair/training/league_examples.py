@@ -84,13 +84,15 @@ _TINY: dict[str, Any] = {
     },
 }
 
-# Rates fall to 0 in each round: what is frozen at a constant rate is one of a wide scatter.
+# Rates fall to 0 in each round: what is frozen at a constant rate is one of a wide scatter. To
+# generate rows takes as long as to learn from them: half as many, each learned from twice as often.
 _PSRO_DEEP_LINE_WARS: dict[str, Any] = {
     "out": "runs/psro_deep_line_wars",
     "bots": ["random", "rusher", "turtle", "economist", "zigzag", "counter"],
     "training": {
         "game": {"name": "deep_line_wars", "scenario": "10x15"},
         "learner": {"learning_rate_end": 0.0},
+        "generator": {"refill_every_frames": 8_000},
         "evaluation": {"every_frames": 100_000, "bots": ["random", "counter", "economist"]},
     },
 }

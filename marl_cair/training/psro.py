@@ -213,21 +213,25 @@ def _read_scores(settings: PsroSettings, entrants: Sequence[_Entrant]) -> NDArra
     return read_scores(Path(settings.out) / EVALUATION, fingerprints, _find_networks(entrants))
 
 
-def _play(settings: PsroSettings, entrants: list[_Entrant], show_progress: bool) -> str:
-    """Let the networks play all, what has been played aside; returns the league's tables."""
+def _play(
+    settings: PsroSettings, entrants: list[_Entrant], show_progress: bool, is_final: bool = False
+) -> str:
+    """Let the networks play all, and in the end all play all, what has been played aside; returns
+    the league's tables.
+    """
     about = settings.response_config(0, {}, None).game
-    networks = _find_networks(entrants)
+    playing = range(len(entrants)) if is_final else _find_networks(entrants)
     result = run_league(
         LeagueConfig(
-            agents=tuple(entrants[n].source for n in networks),
-            ladder=tuple(one.source for n, one in enumerate(entrants) if n not in networks),
+            agents=tuple(entrants[n].source for n in playing),
+            ladder=tuple(one.source for n, one in enumerate(entrants) if n not in playing),
             game=about.name,
             scenario=about.scenario,
             scenario_options=about.options,
             games_per_pair=settings.games_per_pair,
             seed=settings.seed,
             out=str(Path(settings.out) / EVALUATION),
-            replays=False,
+            replays=is_final,
         ),
         show_progress=show_progress,
     )
@@ -238,7 +242,7 @@ def _report(settings: PsroSettings, show_progress: bool) -> str:
     """Rate all, write the mixture, and tell."""
     folder = Path(settings.out)
     entrants = _find_entrants(settings, settings.rounds)
-    text = _play(settings, entrants, show_progress)
+    text = _play(settings, entrants, show_progress, is_final=True)
     fingerprints = [one.fingerprint for one in entrants]
     scores = _read_scores(settings, entrants)
     mixed = mix_league(folder / EVALUATION, slack=settings.slack, among=set(fingerprints))

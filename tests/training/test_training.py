@@ -30,9 +30,9 @@ from marl_cair.training.config_file import build_config, load_config
 from marl_cair.training.evaluation import evaluate_against_bots
 from marl_cair.training.learner import Learner
 from marl_cair.training.learner_settings import LearnerSettings
-from marl_cair.training.metrics import read_log
+from marl_cair.training.metrics import Timers, read_log
 from marl_cair.training.run import TrainingRun
-from marl_cair.training.trainer import train
+from marl_cair.training.trainer import iterate, train
 from tests.training.runs import (
     GAME,
     NEVER,
@@ -96,14 +96,22 @@ def test_generated_rows_are_a_fifth_of_each_batch_only_while_the_gate_is_open(tm
     run.close()
 
 
-def test_new_rows_are_generated_at_intervals_while_the_gate_is_open(tmp_path, monkeypatch):
-    from marl_cair.training.metrics import Timers
-    from marl_cair.training.trainer import iterate
-
-    settings = GeneratorSettings(evaluate_every_frames=512, refill_every_frames=128)
+def test_while_the_gate_is_open_rows_are_generated_and_the_generator_learns_less_often(
+    tmp_path, monkeypatch
+):
+    settings = GeneratorSettings(
+        frames_per_update=64,
+        open_frames_per_update=256,
+        evaluate_every_frames=512,
+        refill_every_frames=128,
+    )
     run = TrainingRun(tiny(tmp_path / "a", generator=settings))
     looks = iter([True, True, False])
-    made = []
+    made, learned = [], []
+
+    def update(rows):
+        learned.append(run.frames)
+        return {}
 
     def look():
         return GateReport(next(looks), ())
@@ -112,12 +120,17 @@ def test_new_rows_are_generated_at_intervals_while_the_gate_is_open(tmp_path, mo
         made.append(run.frames)
         return starts[:0]
 
+    monkeypatch.setattr(run.generator, "update", update)
     monkeypatch.setattr(run.generator, "evaluate", look)
     monkeypatch.setattr(run.generator, "generate", generate)
     steps = iterate(run, Timers())
     while run.frames < 1_920:
         next(steps)
     assert made == list(range(512, 1536, 128))
+    assert [at for at in learned if at > 384] == [
+        *(512, 512, 768, 1024, 1280, 1536),
+        *(1664, 1664, 1792, 1792, 1920, 1920),
+    ]
     run.close()
 
 

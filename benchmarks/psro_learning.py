@@ -35,7 +35,7 @@ from marl_cair.checkpoint import read_description
 from marl_cair.cli.league_train import format_options
 from marl_cair.files import write_atomically
 from marl_cair.training.league_examples import PSRO_EXAMPLES
-from marl_cair.training.psro import MIXTURE, PLAYERS, ROUNDS
+from marl_cair.training.psro import MIXTURE, ROUNDS, find_entrants
 from marl_cair.training.psro_settings import PsroSettings, build_psro, load_psro
 
 LADDER, EXPLOIT, FOLDER = "ladder", "exploit", "rounds"
@@ -46,13 +46,14 @@ def play(options: argparse.Namespace, settings: PsroSettings, out: Path) -> list
     file, folder = out / "psro.yaml", out / FOLDER
     write_atomically(file, format_options(settings))
     run(["league", "psro", str(file), "--out", str(folder)])
-    players = sorted(path for path in (folder / PLAYERS).iterdir() if path.is_dir())
-    everyone = [folder / MIXTURE, *players, *settings.begin_with, *settings.bots]
+    here = dataclasses.replace(settings, out=str(folder))
+    entrants = find_entrants(here, settings.rounds)  # each once
+    everyone = [str(folder / MIXTURE), *(one.source for one in entrants)]
     words = ["--games", str(options.games), "--workers", str(options.workers)]
-    run(["league", *map(str, everyone), *words, "--out", str(out / LADDER)])
+    run(["league", *everyone, *words, "--out", str(out / LADDER)])
     exploit = ["--budget", options.budget, "--seeds", "1", "--out", str(out / EXPLOIT)]
     run(["league", "exploit", str(folder / MIXTURE), *exploit, *options.words])
-    return players
+    return [Path(one.source) for one in entrants if one.name.startswith("player_")]
 
 
 def tabulate(

@@ -28,6 +28,7 @@ class _Command(NamedTuple):
     """One of the commands: its words, what it does, its files, and what runs one."""
 
     words: str
+    file: str  # how its file may be called
     about: str
     parts: str  # what it is done in
     more: str  # the option that makes it longer
@@ -43,6 +44,7 @@ def run_training(arguments: Sequence[str]) -> int:
     return _run(
         _Command(
             "train",
+            "league.yaml",
             about,
             "slices",
             "total_frames",
@@ -63,7 +65,15 @@ def run_psro(arguments: Sequence[str]) -> int:
     about = " ".join((run_psro.__doc__ or "").split())
     return _run(
         _Command(
-            "psro", about, "rounds", "rounds", PSRO_EXAMPLES, build_psro, load_psro, train_psro
+            "psro",
+            "psro.yaml",
+            about,
+            "rounds",
+            "rounds",
+            PSRO_EXAMPLES,
+            build_psro,
+            load_psro,
+            train_psro,
         ),
         PsroSettings(),
         arguments,
@@ -76,11 +86,11 @@ def _run(command: _Command, defaults: Any, arguments: Sequence[str]) -> int:
     if options.example is not None:
         find_by_name("example", options.example, command.examples)
         values = command.build(command.examples[options.example])
-        head = f"# {words} league.yaml; this is the example {options.example}.\n"
+        head = f"# {words} {command.file}; this is the example {options.example}.\n"
         sys.stdout.write(head + format_options(values))
         return EXIT_DONE
     if options.file is None:
-        raise ValueError(f"no file is given: write {words} league.yaml")
+        raise ValueError(f"no file is given: write {words} {command.file}")
     settings = command.load(options.file)
     changes = {"out": options.out, "max_minutes": options.minutes}
     given = {name: value for name, value in changes.items() if value is not None}

@@ -14,7 +14,7 @@ from marl_cair.training.config import TrainConfig
 # with large steps of an optimiser that has seen nothing yet, on the first few games alone.
 KNOWING_EPSILON = 0.05  # exploration to begin with
 KNOWING_RATE = 0.3  # of the usual learning rate
-KNOWING_SHARE = 8  # of the replay's capacity one in so many transitions are there before it learns
+KNOWING_SHARE = 8  # one part in so many of the replay, or of a shorter run, comes before learning
 Seen = tuple[str, str, tuple[int, ...], int]  # game, representation, its shape, number of actions
 
 
@@ -36,6 +36,9 @@ def begin_as(agent: str, config: TrainConfig) -> TrainConfig:
     exploration, replay, learner = config.exploration, config.replay, config.learner
     start = min(KNOWING_EPSILON, exploration.epsilon_start)
     end = learner.learning_rate_end
+    first = min(
+        replay.capacity_transitions, config.total_frames, config.opponent.snapshot_every_frames
+    )
     return dataclasses.replace(
         config,
         initial_agent=agent,
@@ -51,10 +54,7 @@ def begin_as(agent: str, config: TrainConfig) -> TrainConfig:
             learning_rate_end=None if end is None else KNOWING_RATE * end,
         ),
         replay=dataclasses.replace(
-            replay,
-            min_transitions=max(
-                replay.min_transitions, replay.capacity_transitions // KNOWING_SHARE
-            ),
+            replay, min_transitions=max(replay.min_transitions, first // KNOWING_SHARE)
         ),
     )
 

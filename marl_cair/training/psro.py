@@ -6,7 +6,7 @@ import dataclasses
 import json
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from omegaconf import OmegaConf
 from tqdm import tqdm
 
+from marl_cair.checkpoint import CheckpointError, read_description
 from marl_cair.files import (
     claim_output_folder,
+    find_folder,
     recover_folder,
     replaced_folder,
     write_atomically,
@@ -27,12 +29,12 @@ from marl_cair.league.agents import find_fingerprint, load_agent
 from marl_cair.league.equilibrium import find_safest_mixture
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.mixing import describe_mixture, mix_league, read_scores
-from marl_cair.league.mixtures import save_mixture
+from marl_cair.league.mixtures import is_mixture, save_mixture
 from marl_cair.training.config_file import to_plain
 from marl_cair.training.initial_network import can_begin_as
 from marl_cair.training.psro_settings import PsroSettings, fixed_options
 from marl_cair.training.run import LATEST_FOLDER, RESUME_FOLDER
-from marl_cair.training.trainer import TrainResult, train
+from marl_cair.training.trainer import train
 
 RUN_KIND = "policy-space response oracles"
 SETTINGS_FILE, PLAN_FILE, REPORT_FILE = "psro.yaml", "plan.json", "report.txt"
@@ -53,14 +55,14 @@ class PsroResult:
 class _Plan(NamedTuple):
     """Whom a response meets, and what it begins as."""
 
-    met: dict[str, tuple[str, float]]  # source and weight by name; empty: all bots alike
-    start: str | None  # folder of an agent
+    met: dict[str, float]  # weights by name of an `Entrant`
+    start: str | None  # name of one; None: it begins anew
 
 
-class _Entrant(NamedTuple):
+class Entrant(NamedTuple):
     """An agent that takes part."""
 
-    name: str  # of a response player_000, of an agent of the beginning begin_0, of a bot its own
+    name: str  # of a response player_000, of an agent of `begin_with` begin_0, of a bot its own
     source: str  # as `load_agent` takes it
     fingerprint: str
 
@@ -75,48 +77,86 @@ def train_psro(settings: PsroSettings, show_progress: bool = True) -> PsroResult
 
     Raises:
         OutputFolderError: the folder holds something else, or a run of other settings.
-        CheckpointError: an agent of `begin_with` that cannot be read; or is no network to begin as.
+        CheckpointError: one of `begin_with` that cannot be read, or is no greedy network.
+        ValueError: agents of `begin_with` that look at different representations.
         As `training.trainer.train`, and as `league.league.run_league`.
     """
     folder = Path(settings.out)
-    _find_entrants(settings, 0)  # what cannot be loaded is refused before anything is written
+    _check_beginnings(settings)
+    find_entrants(settings, 0)  # what cannot be loaded is refused before anything is written
     with claim_output_folder(folder, RUN_KIND, fixed_options(settings), resume=True):
         text = OmegaConf.to_yaml(OmegaConf.create(to_plain(dataclasses.asdict(settings))))
         write_atomically(folder / SETTINGS_FILE, text)
-        begun = time.monotonic()
+        for number, source in enumerate(settings.begin_with):
+            own = _find_player(settings, f"begin_{number}")
+            recover_folder(own)
+            if not own.is_dir():
+                with replaced_folder(own) as fresh:
+                    shutil.copytree(find_folder(source), fresh, dirs_exist_ok=True)
+        minutes = settings.max_minutes
+        deadline = None if minutes is None else time.monotonic() + 60 * minutes
         for number in range(settings.rounds):
-            recover_folder(_find_player(settings, number))
-            if _find_player(settings, number).is_dir():
-                continue
-            left = None
-            if settings.max_minutes is not None:
-                left = settings.max_minutes - (time.monotonic() - begun) / 60
-                if left <= 0:
-                    return PsroResult(folder, number, False, False, "")
-            result = _respond(settings, number, left, show_progress)
-            if result.was_interrupted or not _find_player(settings, number).is_dir():
-                done = number + _find_player(settings, number).is_dir()
-                return PsroResult(folder, done, False, result.was_interrupted, "")
+            player = _find_player(settings, _name_player(number))
+            recover_folder(player)
+            if not player.is_dir():
+                was_interrupted = _respond(settings, number, deadline, show_progress)
+                if was_interrupted or not player.is_dir():
+                    done = number + player.is_dir()
+                    return PsroResult(folder, done, False, was_interrupted, "")
+            # What it would go on from: its replay is by far the largest of all that was written.
+            run = settings.response_config(number, {}, None).out
+            shutil.rmtree(Path(run) / RESUME_FOLDER, ignore_errors=True)
         return PsroResult(folder, settings.rounds, True, False, _report(settings, show_progress))
 
 
+def _check_beginnings(settings: PsroSettings) -> None:
+    """Whether responses can begin as each of `begin_with`, and be mixed with all of them."""
+    seen: dict[str, str] = {}
+    for number, given in enumerate(settings.begin_with):
+        own = _find_player(settings, f"begin_{number}")
+        source = str(own) if own.is_dir() else given
+        if is_mixture(source) or not can_begin_as(source):
+            raise CheckpointError(
+                f"begin_with has {given}, which is no folder of a greedy network: give one (of a "
+                "mixture its members, of a bot its name in `bots`)"
+            )
+        settings.response_config(0, {}, source)
+        seen[read_description(source).representation] = given
+    if len(seen) > 1:
+        told = ", ".join(f"{source} at {name}" for name, source in seen.items())
+        raise ValueError(
+            f"agents of begin_with look at different representations ({told}): what is mixed must "
+            "look at the same"
+        )
+
+
 def _respond(
-    settings: PsroSettings, number: int, minutes: float | None, show_progress: bool
-) -> TrainResult:
-    """Train response `number`, and freeze it once it has had its frames."""
+    settings: PsroSettings, number: int, deadline: float | None, show_progress: bool
+) -> bool:
+    """Train response `number`, and freeze it once it has had its frames; returns whether it was
+    interrupted.
+    """
     plan = _find_plan(settings, number, show_progress)
-    config = settings.response_config(number, plan.met, plan.start)
-    result = train(dataclasses.replace(config, max_minutes=minutes), True, show_progress)
+    left = None if deadline is None else (deadline - time.monotonic()) / 60
+    if left is not None and left <= 0:
+        return False
+    sources = {one.name: one.source for one in find_entrants(settings, number)}
+    met = {name: (sources[name], weight) for name, weight in plan.met.items()}
+    start = None if plan.start is None else sources[plan.start]
+    config = settings.response_config(number, met, start)
+    result = train(dataclasses.replace(config, max_minutes=left), True, show_progress)
     if result.frames >= config.total_frames:
-        with replaced_folder(_find_player(settings, number)) as fresh:
+        with replaced_folder(_find_player(settings, _name_player(number))) as fresh:
             shutil.copytree(result.folder / LATEST_FOLDER, fresh, dirs_exist_ok=True)
-        # What it would go on from: its replay is by far the largest of all that was written.
-        shutil.rmtree(result.folder / RESUME_FOLDER, ignore_errors=True)
-    return result
+    return result.was_interrupted
 
 
-def _find_player(settings: PsroSettings, number: int) -> Path:
-    return Path(settings.out) / PLAYERS / f"player_{number:03}"
+def _find_player(settings: PsroSettings, name: str) -> Path:
+    return Path(settings.out).resolve() / PLAYERS / name
+
+
+def _name_player(number: int) -> str:
+    return f"player_{number:03}"
 
 
 def _find_plan(settings: PsroSettings, number: int, show_progress: bool) -> _Plan:
@@ -124,20 +164,17 @@ def _find_plan(settings: PsroSettings, number: int, show_progress: bool) -> _Pla
     path = Path(settings.out) / ROUNDS / f"{number:03}" / PLAN_FILE
     if path.is_file():
         return _read_plan(path)
-    entrants = _find_entrants(settings, number)
+    entrants = find_entrants(settings, number)
     networks = _find_networks(entrants)
     if networks:
         _play(settings, entrants, show_progress)
         scores = _read_scores(settings, entrants)
         weights = weigh_opponents(scores, networks, settings.slack, settings.even_share)
         best = networks[int((scores @ weights).argmax())]
-        met = {
-            one.name: (one.source, float(weight))
-            for one, weight in zip(entrants, weights, strict=True)
-        }
-        plan = _Plan(met, entrants[best].source)
+        names = [one.name for one in entrants]
+        plan = _Plan(dict(zip(names, weights.tolist(), strict=True)), names[best])
     else:
-        plan = _Plan({}, None)
+        plan = _Plan(dict.fromkeys(settings.bots, 1.0 / len(settings.bots)), None)
     write_atomically(path, json.dumps(plan._asdict(), indent=1) + "\n")
     if show_progress:
         tqdm.write(f"response {number} {_describe_plan(plan)}")
@@ -150,10 +187,10 @@ def weigh_opponents(
     """How often a response meets each of N agents, float64 [N] in sum 1.
 
     The networks play one game with all agents, bots among them: they choose a mixture whose least
-    score is the highest, the others one that leaves them the least. Half the games are against the
-    first, in which a response finds what is wrong with it, half against the second, from which it
-    learns what the networks lack. Among networks alone the two are the same. `even_share` of the
-    games are against all agents alike, so that nobody is forgotten.
+    score is the highest, the others one that leaves them the least. `even_share` of the games are
+    against all agents alike, so that nobody is forgotten; half of the rest are against the first
+    mixture, in which a response finds what is wrong with it, half against the second, from which it
+    learns what the networks lack. Among networks alone the two are the same.
 
     networks: places of K of the N agents; scores: [K, N], shares of points of these against all.
     """
@@ -167,8 +204,7 @@ def weigh_opponents(
 def _read_plan(path: Path) -> _Plan:
     try:
         told = json.loads(path.read_text("utf-8"))
-        met = {name: (str(source), float(part)) for name, (source, part) in told["met"].items()}
-        return _Plan(met, told["start"])
+        return _Plan({n: float(part) for n, part in told["met"].items()}, told["start"])
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(
             f"{path} cannot be read ({error!r}): delete it, and it is decided anew"
@@ -178,43 +214,46 @@ def _read_plan(path: Path) -> _Plan:
 def _describe_plan(plan: _Plan) -> str:
     if plan.start is None:
         return "begins anew, against all bots alike"
-    names = {source: name for name, (source, _) in plan.met.items()}
-    likely = sorted(((part, name) for name, (_, part) in plan.met.items()), reverse=True)[:5]
+    likely = sorted(((part, name) for name, part in plan.met.items()), reverse=True)[:5]
     told = ", ".join(f"{name} {part:.0%}" for part, name in likely)
-    return f"begins as {names[plan.start]}, against {told}"
+    return f"begins as {plan.start}, against {told}"
 
 
-def _find_entrants(settings: PsroSettings, number: int) -> list[_Entrant]:
+def find_entrants(settings: PsroSettings, number: int) -> list[Entrant]:
     """All that take part before response `number`, each once: one that has learned nothing is
     whom it began as.
     """
     about = settings.response_config(0, {}, None).game
     game = GAMES[about.name]
     scenario = game.scenario(about.scenario, **{**about.options, "reward": game.rated_reward})
-    sources = {f"begin_{n}": source for n, source in enumerate(settings.begin_with)}
-    sources |= {f"player_{n:03}": str(_find_player(settings, n)) for n in range(number)}
+    sources = {}
+    for n, given in enumerate(settings.begin_with):
+        own = _find_player(settings, f"begin_{n}")  # the copy: what it is of may have changed
+        sources[f"begin_{n}"] = str(own) if own.is_dir() else given
+    players = [_name_player(n) for n in range(number)]
+    sources |= {name: str(_find_player(settings, name)) for name in players}
     sources |= {bot: f"{game.name}/{bot}" for bot in settings.bots}
-    found: dict[str, _Entrant] = {}
+    found: dict[str, Entrant] = {}
     for name, source in sources.items():
         agent = load_agent(source, game=game.name, scenario=scenario)
         fingerprint = find_fingerprint(agent, game)
-        found.setdefault(fingerprint, _Entrant(name, source, fingerprint))
+        found.setdefault(fingerprint, Entrant(name, source, fingerprint))
     return list(found.values())
 
 
-def _find_networks(entrants: Sequence[_Entrant]) -> list[int]:
+def _find_networks(entrants: Sequence[Entrant]) -> list[int]:
     """Places of those that mixtures are made of, and responses begin as."""
     return [n for n, one in enumerate(entrants) if can_begin_as(one.source)]
 
 
-def _read_scores(settings: PsroSettings, entrants: Sequence[_Entrant]) -> NDArray[np.float64]:
+def _read_scores(settings: PsroSettings, entrants: Sequence[Entrant]) -> NDArray[np.float64]:
     """What the networks score against all, [K, N]."""
     fingerprints = [one.fingerprint for one in entrants]
     return read_scores(Path(settings.out) / EVALUATION, fingerprints, _find_networks(entrants))
 
 
 def _play(
-    settings: PsroSettings, entrants: list[_Entrant], show_progress: bool, is_final: bool = False
+    settings: PsroSettings, entrants: list[Entrant], show_progress: bool, is_final: bool = False
 ) -> str:
     """Let the networks play all, and in the end all play all, what has been played aside; returns
     the league's tables.
@@ -241,28 +280,28 @@ def _play(
 def _report(settings: PsroSettings, show_progress: bool) -> str:
     """Rate all, write the mixture, and tell."""
     folder = Path(settings.out)
-    entrants = _find_entrants(settings, settings.rounds)
+    entrants = find_entrants(settings, settings.rounds)
     text = _play(settings, entrants, show_progress, is_final=True)
     fingerprints = [one.fingerprint for one in entrants]
     scores = _read_scores(settings, entrants)
     mixed = mix_league(folder / EVALUATION, slack=settings.slack, among=set(fingerprints))
     save_mixture(folder / MIXTURE, mixed.sources, mixed.weights)
-    text += "\nEach response against whom it met (50 % is what an equal has):\n"
-    place = {one.source: n for n, one in enumerate(entrants)}
-    rows = {entrants[n].source: row for row, n in enumerate(_find_networks(entrants))}
+    text += "\nEach response against whom it met, and who it began as against the same:\n"
+    places = {one.name: n for n, one in enumerate(entrants)}
+    rows = {entrants[n].name: scores[row] for row, n in enumerate(_find_networks(entrants))}
     for number in range(settings.rounds):
-        plan = _find_plan(settings, number, show_progress)
-        met = plan.met or {
-            one.name: (one.source, 1 / len(settings.bots))
-            for one in entrants
-            if one.name in settings.bots
-        }
-        row = rows.get(str(_find_player(settings, number)))
+        name, plan = _name_player(number), _find_plan(settings, number, show_progress)
         told = "has learned nothing"
-        if row is not None:
-            score = sum(part * scores[row, place[source]] for source, part in met.values())
-            told = f"{score:.1%}"
-        text += f"  response {number} {told}; it {_describe_plan(plan)}\n"
+        if name in rows:
+            told = f"{_weigh(rows[name], plan, places):.1%}"
+        if plan.start is not None:
+            told += f" ({_weigh(rows[plan.start], plan, places):.1%})"
+        text += f"  {name} {told}; it {_describe_plan(plan)}\n"
     text += f"\nAll of them as one agent, {folder / MIXTURE}: {describe_mixture(mixed)}"
     write_atomically(folder / REPORT_FILE, text)
     return text
+
+
+def _weigh(scores: NDArray[np.float64], plan: _Plan, places: Mapping[str, int]) -> float:
+    """Mean score against whom a plan says."""
+    return sum(part * float(scores[places[name]]) for name, part in plan.met.items())

@@ -37,7 +37,7 @@ class PsroSettings:
     max_minutes: float | None = None  # of this sitting; null: no limit
     begin_with: tuple[str, ...] = ()  # agents that take part from the start: checkpoint folders
     bots: tuple[str, ...] = ("random",)  # bots that are met, and to be safe against
-    games_per_pair: int = 40  # games by which agents are weighed; further ones rate the outcome
+    games_per_pair: int = 40  # games of each pair, by which agents are weighed
     even_share: float = 0.25  # of a response's games are against all alike, the rest by mixtures
     slack: float = SLACK  # of a mixture's least score (0..1), that its evenness may cost
     training: dict[str, Any] = field(  # options of `marl-cair train` for all responses, by group
@@ -70,10 +70,19 @@ class PsroSettings:
         game = GAMES[about.name]
         for bot in self.bots:
             find_by_name(f"{game.name} bot", bot, game.bots)
-        self.response_config(0, {}, None)
         spec = game.make_spec(game.scenario(about.scenario, **about.options))
         allowed = "a scenario of two teams: what a mixture is worth is reckoned for two"
         require(spec.num_teams == 2, "training.game.scenario", about.scenario, allowed)
+        config = self.response_config(0, {}, None)
+        if config.nfsp.enabled:
+            raise ValueError(
+                "training.nfsp.enabled is True, but responses begin as one another, which an "
+                "average policy cannot: leave it out; mixtures take its place here"
+            )
+        least = 2 * config.replay.min_transitions
+        for name in ("round_frames", "first_round_frames"):
+            allowed = f"{least} or more, twice training.replay.min_transitions"
+            require(getattr(self, name) >= least, name, getattr(self, name), allowed)
 
     def response_config(
         self, number: int, met: Mapping[str, tuple[str, float]], start: str | None
@@ -96,7 +105,9 @@ class PsroSettings:
             "snapshot_margin": None,
         }
         frames = self.first_round_frames if start is None else self.round_frames
+        checkpoint = {"every_frames": max(1, frames // 4), **self.training.get("checkpoint", {})}
         about = {
+            "checkpoint": checkpoint,
             "out": str(Path(self.out) / "rounds" / f"{number:03}" / "run"),
             "seed": derive_seed(self.seed, number, 0),
             "total_frames": frames,

@@ -163,8 +163,9 @@ def _generate(run: TrainingRun, before: int) -> None:
     settings, generator = run.config.generator, run.generator
     if generator is None or run.replay.real.num_sampleable < run.config.replay.min_transitions:
         return
-    is_open = run.gate_is_open
-    every = settings.open_frames_per_update if is_open else settings.frames_per_update
+    every = settings.frames_per_update
+    if run.gate_is_open:
+        every = max(every, settings.open_frames_per_update)
     for _ in range(run.frames // every - before // every):
         rows = run.replay.real.sample_single_steps(settings.batch_size)
         losses = generator.update(rows)

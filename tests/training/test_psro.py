@@ -1,6 +1,8 @@
 """Best responses come to the known equilibria; a stop changes nothing; bad files are refused."""
 
 import json
+import re
+import shutil
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from marl_cair.checkpoint import CheckpointError
 from marl_cair.files import OutputFolderError
 from marl_cair.games import GAMES
 from marl_cair.league.agents import find_fingerprint, load_agent
-from marl_cair.league.mixtures import read_mixture
+from marl_cair.league.mixtures import read_mixture, save_mixture
 from marl_cair.training import psro
 from marl_cair.training.psro import train_psro, weigh_opponents
 from marl_cair.training.psro_settings import build_psro
@@ -82,7 +84,10 @@ def test_rounds_find_every_throw_and_mix_them_as_the_equilibrium_does(tmp_path):
     result = run(tmp_path / "out", rounds=4)
     assert (result.rounds, result.is_done, result.was_interrupted) == (4, True, False)
     assert find_throws(tmp_path / "out" / "mixture") == pytest.approx([1 / 3] * 3, abs=0.05)
-    assert "response 0 100.0%; it begins anew, against all bots alike" in result.text
+    assert "player_000 100.0%; it begins anew, against all bots alike" in result.text
+    # Against paper all but always, and now and then the bot's rock.
+    answer = r"player_001 9\d\.\d% \(5\d\.\d%\); it begins as player_000, against player_000 9\d%"
+    assert re.search(answer, result.text)
     assert (tmp_path / "out" / "report.txt").read_text("utf-8") == result.text
     assert not list((tmp_path / "out").glob("rounds/*/run/resume"))
     assert run(tmp_path / "out", rounds=4) == result
@@ -121,14 +126,35 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path, monkeypatch):
     assert told[0] == told[1]
 
 
-def test_who_is_there_from_the_start_is_met_and_begun_as(tmp_path):
-    run(tmp_path / "first", rounds=1)
-    player = str(tmp_path / "first" / "players" / "player_000")
-    run(tmp_path / "next", rounds=1, begin_with=[player])
+def begin(folder):
+    """A folder of an agent to begin with."""
+    run(folder, rounds=1)
+    return str(folder / "players" / "player_000")
+
+
+def test_who_is_there_from_the_start_is_met_and_begun_as_even_if_it_is_gone_later(
+    tmp_path, monkeypatch
+):
+    player = begin(tmp_path / "first")
+    again = {"rounds": 1, "begin_with": [player]}
+    with monkeypatch.context() as patched:
+        patched.setattr(psro, "train", lambda *words: train(*words, until_frames=640))
+        assert not run(tmp_path / "next", **again).is_done
     plan = json.loads((tmp_path / "next" / "rounds" / "000" / "plan.json").read_text("utf-8"))
-    assert plan["start"] == player
+    assert plan["start"] == "begin_0"
     assert set(plan["met"]) == {"begin_0", "rock"}
-    assert sum(weight for _, weight in plan["met"].values()) == pytest.approx(1.0)
+    assert sum(plan["met"].values()) == pytest.approx(1.0)
+    shutil.rmtree(tmp_path / "first")
+    monkeypatch.chdir(tmp_path)
+    assert run("next", **again).is_done  # the same folder, spelled otherwise
+
+
+def test_what_a_kill_between_freezing_and_clearing_leaves_is_cleared_by_the_next_call(tmp_path):
+    run(tmp_path / "out", rounds=1)
+    left = tmp_path / "out" / "rounds" / "000" / "run" / "resume"
+    left.mkdir()
+    run(tmp_path / "out", rounds=1)
+    assert not left.exists()
 
 
 def test_a_folder_of_other_settings_is_refused(tmp_path):
@@ -138,24 +164,36 @@ def test_a_folder_of_other_settings_is_refused(tmp_path):
 
 
 def test_a_damaged_plan_is_named(tmp_path):
-    run(tmp_path / "out", max_minutes=1e-6)
+    run(tmp_path / "out", max_minutes=1e-9)
     path = tmp_path / "out" / "rounds" / "000" / "plan.json"
-    path.parent.mkdir(parents=True)
     path.write_text("{", "utf-8")
     with pytest.raises(ValueError, match=r"plan.json cannot be read .* delete it"):
         run(tmp_path / "out")
 
 
-def test_an_agent_that_is_not_there_is_refused_before_anything_is_written(tmp_path):
-    with pytest.raises((CheckpointError, ValueError), match="nowhere"):
-        run(tmp_path / "out", begin_with=[str(tmp_path / "nowhere")])
-    assert not (tmp_path / "out").exists()
+def test_whom_responses_cannot_begin_as_is_refused_before_anything_is_written(tmp_path):
+    out, player = tmp_path / "out", begin(tmp_path / "first")
+    save_mixture(tmp_path / "mix", [player], [1.0])
+    for given in ("nowhere", "mix"):
+        with pytest.raises(CheckpointError, match=f"begin_with has .*{given}, which is no folder"):
+            run(out, begin_with=[str(tmp_path / given)])
+    with pytest.raises(CheckpointError, match="begin_with has rock, which is no folder"):
+        run(out, begin_with=["rock"])
+    other = tmp_path / "other"
+    shutil.copytree(player, other)
+    about = json.loads((other / "agent.json").read_text("utf-8"))
+    (other / "agent.json").write_text(json.dumps({**about, "representation": "planes"}), "utf-8")
+    with pytest.raises(ValueError, match=r"representation"):
+        run(out, begin_with=[player, str(other)])
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"rounds": 0}, "rounds is 0, it must be 1 or more"),
+        ({"round_frames": 100}, "round_frames is 100, it must be 128 or more, twice training.rep"),
+        ({"training": {**TRAINING, "nfsp": {"enabled": True}}}, "training.nfsp.enabled is True"),
         ({"games_per_pair": 3}, "games_per_pair is 3, it must be even and 2 or more"),
         ({"even_share": 1.5}, "even_share is 1.5, it must be 0..1"),
         ({"slack": 0}, "slack is 0.0, it must be above 0, below 1"),
@@ -182,7 +220,6 @@ def test_an_agent_that_is_not_there_is_refused_before_anything_is_written(tmp_pa
         ),
     ],
 )
-def test_bad_settings_are_refused(changes, message, tmp_path):
+def test_bad_settings_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
-        make(tmp_path / "out", **changes)
-    assert not (tmp_path / "out").exists()
+        make("unused", **changes)

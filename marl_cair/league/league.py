@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import closing
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -99,6 +99,25 @@ def run_league(
         OutputFolderError, LeagueStoreError: the folder holds something else, or a league of other
             settings; or its file cannot be written.
     """
+    with _open_league(config, load) as (rules, entrants, store):
+        ids, jobs = _play(config, rules, entrants, store, load, show_progress)
+        return _rate(config, rules, entrants, ids, jobs, store, load, show_progress)
+
+
+def play_league(
+    config: LeagueConfig,
+    load: Load = load_agent,
+    show_progress: bool = True,
+) -> None:
+    """Play as `run_league` does, and rate nothing. Raises as that."""
+    with _open_league(config, load) as (rules, entrants, store):
+        _play(config, rules, entrants, store, load, show_progress)
+
+
+@contextmanager
+def _open_league(
+    config: LeagueConfig, load: Load
+) -> Iterator[tuple[Rules, list[Entrant], LeagueStore]]:
     game = find_by_name("game", config.game, GAMES)
     options = {**config.scenario_options, "reward": game.rated_reward}
     rules = _find_rules(config, game, game.scenario(config.scenario, **options))
@@ -116,7 +135,7 @@ def run_league(
         claim_output_folder(folder, "league", settings, resume=True),
         closing(LeagueStore(folder / STORE_FILE, more)) as store,
     ):
-        return _play_and_rate(config, rules, entrants, store, load, show_progress)
+        yield rules, entrants, store
 
 
 def _find_rules(config: LeagueConfig, game: Game, scenario: Any) -> Rules:
@@ -162,14 +181,15 @@ def _short_names(sources: Sequence[str], game: Game) -> list[str]:
     return [short[source] for source in sources]
 
 
-def _play_and_rate(
+def _play(
     config: LeagueConfig,
     rules: Rules,
     entrants: list[Entrant],
     store: LeagueStore,
     load: Load,
     show_progress: bool,
-) -> LeagueResult:
+) -> tuple[list[int], list[Job]]:
+    """Play what the schedule says; returns the agents' numbers in the store, and the jobs."""
     # Numbered by fingerprint: a line-up is the same whatever its agents are called today.
     numbered = sorted(entrants, key=lambda entrant: entrant.fingerprint)
     ids = [
@@ -179,6 +199,22 @@ def _play_and_rate(
     ladder = frozenset(n for n, one in enumerate(numbered) if one.source in config.ladder)
     with closing(Arena(rules, numbered, ids, store, config.workers, load)) as arena:
         jobs = _play_jobs(config, rules, arena, store, ladder, show_progress)
+    for key, told in ((COMMANDS, config.command), (VERSIONS, tell_versions())):
+        if told:
+            store.note(key, told)
+    return ids, jobs
+
+
+def _rate(
+    config: LeagueConfig,
+    rules: Rules,
+    entrants: list[Entrant],
+    ids: list[int],
+    jobs: list[Job],
+    store: LeagueStore,
+    load: Load,
+    show_progress: bool,
+) -> LeagueResult:
     is_adaptive = config.half_width_elo > 0.0 or config.max_seconds > 0.0
     stored = store.read_games()
     if config.ladder:  # what it has played before counts too
@@ -187,10 +223,8 @@ def _play_and_rate(
         exact = rules.num_teams == 2 and not is_adaptive
         end = config.games_per_pair // rules.games_per_block if exact else None
         stored = _choose_games(rules, ids, jobs, stored, end)
+    numbered = sorted(entrants, key=lambda entrant: entrant.fingerprint)
     id_of = {one.fingerprint: number for one, number in zip(numbered, ids, strict=True)}
-    for key, told in ((COMMANDS, config.command), (VERSIONS, tell_versions())):
-        if told:
-            store.note(key, told)
     return rate_and_report(
         store,
         stored,

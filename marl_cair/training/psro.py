@@ -27,7 +27,7 @@ from marl_cair.files import (
 from marl_cair.games import GAMES
 from marl_cair.league.agents import find_fingerprint, load_agent
 from marl_cair.league.equilibrium import find_safest_mixture
-from marl_cair.league.league import LeagueConfig, run_league
+from marl_cair.league.league import LeagueConfig, play_league, run_league
 from marl_cair.league.mixing import describe_mixture, mix_league, read_scores
 from marl_cair.league.mixtures import is_mixture, save_mixture
 from marl_cair.training.config_file import to_plain
@@ -167,7 +167,7 @@ def _find_plan(settings: PsroSettings, number: int, show_progress: bool) -> _Pla
     entrants = find_entrants(settings, number)
     networks = _find_networks(entrants)
     if networks:
-        _play(settings, entrants, show_progress)
+        play_league(_make_league(settings, entrants, False), show_progress=show_progress)
         scores = _read_scores(settings, entrants)
         weights = weigh_opponents(scores, networks, settings.slack, settings.even_share)
         best = networks[int((scores @ weights).argmax())]
@@ -252,36 +252,31 @@ def _read_scores(settings: PsroSettings, entrants: Sequence[Entrant]) -> NDArray
     return read_scores(Path(settings.out) / EVALUATION, fingerprints, _find_networks(entrants))
 
 
-def _play(
-    settings: PsroSettings, entrants: list[Entrant], show_progress: bool, is_final: bool = False
-) -> str:
-    """Let the networks play all, and in the end all play all, what has been played aside; returns
-    the league's tables.
-    """
+def _make_league(
+    settings: PsroSettings, entrants: Sequence[Entrant], is_final: bool
+) -> LeagueConfig:
+    """Games of the networks against all, in the end of all against all."""
     about = settings.response_config(0, {}, None).game
     playing = range(len(entrants)) if is_final else _find_networks(entrants)
-    result = run_league(
-        LeagueConfig(
-            agents=tuple(entrants[n].source for n in playing),
-            ladder=tuple(one.source for n, one in enumerate(entrants) if n not in playing),
-            game=about.name,
-            scenario=about.scenario,
-            scenario_options=about.options,
-            games_per_pair=settings.games_per_pair,
-            seed=settings.seed,
-            out=str(Path(settings.out) / EVALUATION),
-            replays=is_final,
-        ),
-        show_progress=show_progress,
+    return LeagueConfig(
+        agents=tuple(entrants[n].source for n in playing),
+        ladder=tuple(one.source for n, one in enumerate(entrants) if n not in playing),
+        game=about.name,
+        scenario=about.scenario,
+        scenario_options=about.options,
+        games_per_pair=settings.games_per_pair,
+        seed=settings.seed,
+        out=str(Path(settings.out) / EVALUATION),
     )
-    return result.text
 
 
 def _report(settings: PsroSettings, show_progress: bool) -> str:
     """Rate all, write the mixture, and tell."""
     folder = Path(settings.out)
     entrants = find_entrants(settings, settings.rounds)
-    text = _play(settings, entrants, show_progress, is_final=True)
+    text = run_league(
+        _make_league(settings, entrants, is_final=True), show_progress=show_progress
+    ).text
     fingerprints = [one.fingerprint for one in entrants]
     scores = _read_scores(settings, entrants)
     mixed = mix_league(folder / EVALUATION, slack=settings.slack, among=set(fingerprints))

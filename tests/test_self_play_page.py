@@ -10,7 +10,7 @@ import pytest
 from marl_cair.cli import main
 from marl_cair.cli.compose import compose_config
 from marl_cair.cli.league import make_parser
-from marl_cair.training.league_examples import EXAMPLES
+from marl_cair.training.league_examples import EXAMPLES, PSRO_EXAMPLES
 
 PAGE = (Path(__file__).parents[1] / "docs/self_play.md").read_text("utf-8")
 COMMANDS = [
@@ -54,6 +54,8 @@ def test_the_command_is_understood(command):
             assert f"frames_{name:010d}" in PAGE
     elif words[:2] == ["league", "train"]:
         assert words[2:] == ["league.yaml"] or words[3] in EXAMPLES
+    elif words[:2] == ["league", "psro"]:
+        assert words[2:] == ["psro.yaml"] or words[3] in PSRO_EXAMPLES
     else:
         make_parser().parse_args(words[1:])
 
@@ -75,3 +77,4 @@ def test_the_commands_run_one_after_another(tmp_path, monkeypatch):
         else:
             assert main(words) == 0, command
     assert Path("runs/after_league/ladder.csv").is_file()
+    assert Path("runs/after_psro/ladder.csv").is_file()

@@ -134,7 +134,7 @@ def test_a_main_exploiter_begins_as_the_main_agents_in_turn(league):
         for generation, main in enumerate(wanted):
             config = load_config(league / "members" / name / f"{generation:03d}")
             assert config.initial_agent == (main and str(league / "shared" / "live" / main))
-            assert config.exploration.epsilon_start == (1.0 if main is None else 0.2)
+            assert config.exploration.epsilon_start == (1.0 if main is None else 0.05)
 
 
 def test_a_new_generation_begins_with_the_weights_of_the_main_agent(tmp_path):

@@ -52,6 +52,7 @@ class Knowledge(NamedTuple):
 
     speed: int  # hundredths of a pixel per tick
     pipe_gap: int  # pixels
+    ticks_per_step: int  # ticks that a decision lasts
     groups: NDArray[np.int16]  # [actions] kind of each action
 
 
@@ -69,7 +70,9 @@ class Search(NamedTuple):
 
 def make_knowledge(scenario: Scenario, spec: GameSpec) -> Knowledge:
     """What bots know of a scenario."""
-    return Knowledge(scenario.speed_hundredths, scenario.pipe_gap, spec.action_groups)
+    return Knowledge(
+        scenario.speed_hundredths, scenario.pipe_gap, scenario.ticks_per_step, spec.action_groups
+    )
 
 
 def make_search() -> Search:
@@ -145,6 +148,7 @@ def find_way(
     """The first action of a way past both pipes that are in sight: 0, 1, or -1 for none.
 
     Depth first through all ways, the likelier action first; states are tried once.
+    ends, tops: of both pipes, hundredths of a pixel and pixels.
     """
     search.number[0] += 1
     number = int(search.number[0])
@@ -163,10 +167,14 @@ def find_way(
                 return -1
             depth -= 1
             continue
-        near = 0 if ends[0] > known.speed * depth else 1
-        wants = search.y[depth] > flap_line(tops[near], known.pipe_gap)
-        flaps = wants if search.tried[depth] == UNTRIED else not wants
-        search.tried[depth] += 1
+        if depth % known.ticks_per_step == 0:
+            near = 0 if ends[0] > known.speed * depth else 1
+            wants = search.y[depth] > flap_line(tops[near], known.pipe_gap)
+            flaps = wants if search.tried[depth] == UNTRIED else not wants
+            search.tried[depth] += 1
+        else:  # between two decisions a bird glides
+            flaps = False
+            search.tried[depth] = TRIED_BOTH
         velocity = 0 if flaps else int(search.velocity[depth])
         has_flapped = False
         if not search.has_flapped[depth]:

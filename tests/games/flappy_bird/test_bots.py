@@ -55,6 +55,14 @@ def test_the_oracle_does_not_die_without_wind(scenario):
     assert not engine.eliminated.any()
 
 
+@pytest.mark.parametrize("ticks_per_step", [2, 3])
+def test_the_oracle_plans_by_how_often_it_decides(ticks_per_step):
+    engine = start("classic", 8, max_ticks=3_000, ticks_per_step=ticks_per_step)
+    fly(engine, "oracle", 3_000 // ticks_per_step)
+    assert engine.truncated.all()
+    assert not engine.eliminated.any()
+
+
 def test_bots_are_as_strong_as_their_names():
     passed = {name: fly(start("classic", 32, max_ticks=1_500), name, 1_500) for name in BOTS}
     means = {name: counts.mean() for name, counts in passed.items()}

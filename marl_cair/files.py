@@ -287,6 +287,12 @@ def find_folder(path: str | os.PathLike[str]) -> Path:
     return old if old.is_dir() and not target.exists() else target
 
 
+def copy_folder(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:
+    """Make `target` a copy of the folder `source`, whole or not at all."""
+    with replaced_folder(target) as fresh:
+        shutil.copytree(find_folder(source), fresh, dirs_exist_ok=True)
+
+
 def recover_folder(path: str | os.PathLike[str]) -> None:
     """Clear up after a `replaced_folder` that was killed: the old folder returns if none is there.
 

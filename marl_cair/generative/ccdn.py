@@ -177,7 +177,7 @@ class CCDN(nn.Module):
             image, place = places // area, places % area
             outputs = self.cell_head(features.index_select(0, places))
             outputs = outputs + of_planes.index_select(0, image)
-            outputs = outputs.view(places.numel(), -1, planes).transpose(0, 1)
+            outputs = outputs.view(places.numel(), self.outputs_per_cell, planes).transpose(0, 1)
             flat = (image[:, None] * planes + torch.arange(planes)) * area + place[:, None]
             candidates = gather_candidates(
                 encoding.planes, shifts, self.step_results, flat.flatten()

@@ -88,6 +88,14 @@ class CodedGenerator:
         """Go on from `state_dict`."""
         self.generator.load_state_dict(state)
 
+    def export_knowledge(self) -> dict[str, Any]:
+        """Of the generator."""
+        return self.generator.export_knowledge()
+
+    def import_knowledge(self, knowledge: dict[str, Any]) -> None:
+        """Begin with `export_knowledge`."""
+        self.generator.import_knowledge(knowledge)
+
 
 def _convert(
     rows: TensorDict, convert: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]

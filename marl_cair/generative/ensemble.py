@@ -132,7 +132,10 @@ class Ensemble:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Raises ValueError where the state has another number of members."""
+        """Learning rates stay those of this ensemble.
+
+        Raises ValueError where the state has another number of members.
+        """
         if len(state["members"]) != len(self.members):
             raise ValueError(
                 f"the saved generator has {len(state['members'])} members, this one "
@@ -144,7 +147,10 @@ class Ensemble:
             network.load_state_dict(saved)
         self.steps.load_state_dict(state["steps"])
         for optimizer, saved in zip(self.optimizers, state["optimizers"], strict=True):
+            peaks = [group["peak"] for group in optimizer.param_groups]
             optimizer.load_state_dict(saved)
+            for group, peak in zip(optimizer.param_groups, peaks, strict=True):
+                group["peak"] = peak
         self.num_updates = state["num_updates"]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from typing import Any, Protocol, cast
 
 import torch
@@ -58,6 +60,12 @@ class Generator(Protocol):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from `state_dict`."""
+
+    def export_knowledge(self) -> dict[str, Any]:
+        """What it has learned, for another run: data only, and of no row that it has seen."""
+
+    def import_knowledge(self, knowledge: dict[str, Any]) -> None:
+        """Begin with what another has learned; only rows of this run judge it."""
 
 
 class CCDNGenerator:
@@ -219,6 +227,20 @@ class CCDNGenerator:
         saved = state["report"]
         self.last_report = None if saved is None else GateReport.from_dict(saved)
 
+    def export_knowledge(self) -> dict[str, Any]:
+        """Networks, optimisers and the steps that values take, and what they were made for."""
+        return {**_describe(self.spec, self.config), "ensemble": self.ensemble.state_dict()}
+
+    def import_knowledge(self, knowledge: dict[str, Any]) -> None:
+        """Begin with the networks of `export_knowledge`; the gate stays shut until `evaluate`.
+
+        Raises ValueError where they were made for other transitions, or of another size.
+        """
+        for name, own in _describe(self.spec, self.config).items():
+            if knowledge.get(name) != own:
+                raise ValueError(f"its {name} is {knowledge.get(name)}, but this run's is {own}")
+        self.ensemble.load_state_dict(knowledge["ensemble"])
+
     def _propose(self, starts: TensorDict, num_rows: int) -> tuple[TensorDict, Opinions]:
         generator = self._generators[_GENERATING]
         places = torch.randint(starts.shape[0], (num_rows,), generator=generator)
@@ -297,3 +319,10 @@ class CCDNGenerator:
 
 def _any(refusals: dict[str, Tensor]) -> Tensor:
     return torch.stack(list(refusals.values())).any(0)
+
+
+def _describe(spec: GeneratorSpec, config: GeneratorConfig) -> dict[str, Any]:
+    """What networks can only be used with again."""
+    described = {**asdict(spec), "num_members": config.num_members, "size": asdict(config.size)}
+    # Tuples are lists once they have been saved.
+    return cast(dict[str, Any], json.loads(json.dumps(described)))

@@ -87,7 +87,7 @@ def _find_cell_nll(
     """Estimated negative log likelihood [N] of the moving planes of `state`."""
     later = state.observation[:, network.moving]
     changed = (later != encoding.planes).any(1).flatten()
-    quiet = torch.arange(offset, changed.numel(), stride)
+    quiet = torch.arange(min(offset, changed.numel()), changed.numel(), stride)
     quiet = quiet[~changed[quiet]]
     busy = changed.nonzero().squeeze(-1)
     places = torch.cat([busy, quiet])

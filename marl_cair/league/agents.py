@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +119,18 @@ def describe_agent(name: str, agent: Agent, game: Game, source: str = "") -> Age
     fingerprint = find_fingerprint(agent, game)
     about = json.dumps(configuration, sort_keys=True)
     return AgentRecord(fingerprint, name, kind, policy, game.version, about)
+
+
+def find_distinct(sources: Iterable[str], game: Game, scenario: Any) -> dict[str, str]:
+    """The agents at `sources` by fingerprint, each once: the first of those that are the same.
+
+    Raises as `load_agent`.
+    """
+    found: dict[str, str] = {}
+    for source in sources:
+        agent = load_agent(source, game.name, scenario)
+        found.setdefault(find_fingerprint(agent, game), source)
+    return found
 
 
 def read_source(record: AgentRecord) -> str:

@@ -100,8 +100,15 @@ def run_league(
             settings; or its file cannot be written.
     """
     with _open_league(config, load) as (rules, entrants, store):
-        ids, jobs = _play(config, rules, entrants, store, load, show_progress)
-        return _rate(config, rules, entrants, ids, jobs, store, load, show_progress)
+        id_of, jobs = _play(config, rules, entrants, store, load, show_progress)
+        stored = _choose_rated(config, rules, list(id_of.values()), jobs, store.read_games())
+        return rate_and_report(
+            store,
+            stored,
+            {id_of[entrant.fingerprint]: entrant.name for entrant in entrants},
+            Path(config.out),
+            Showing(config.replays, load, runs_foreign=True, show_progress=show_progress),
+        )
 
 
 def play_league(
@@ -188,8 +195,10 @@ def _play(
     store: LeagueStore,
     load: Load,
     show_progress: bool,
-) -> tuple[list[int], list[Job]]:
-    """Play what the schedule says; returns the agents' numbers in the store, and the jobs."""
+) -> tuple[dict[str, int], list[Job]]:
+    """Play what the schedule says; returns the agents' numbers in the store by fingerprint, and the
+    jobs.
+    """
     # Numbered by fingerprint: a line-up is the same whatever its agents are called today.
     numbered = sorted(entrants, key=lambda entrant: entrant.fingerprint)
     ids = [
@@ -202,36 +211,19 @@ def _play(
     for key, told in ((COMMANDS, config.command), (VERSIONS, tell_versions())):
         if told:
             store.note(key, told)
-    return ids, jobs
+    return {one.fingerprint: number for one, number in zip(numbered, ids, strict=True)}, jobs
 
 
-def _rate(
-    config: LeagueConfig,
-    rules: Rules,
-    entrants: list[Entrant],
-    ids: list[int],
-    jobs: list[Job],
-    store: LeagueStore,
-    load: Load,
-    show_progress: bool,
-) -> LeagueResult:
-    is_adaptive = config.half_width_elo > 0.0 or config.max_seconds > 0.0
-    stored = store.read_games()
+def _choose_rated(
+    config: LeagueConfig, rules: Rules, ids: list[int], jobs: list[Job], stored: StoredGames
+) -> StoredGames:
+    """The games that ratings are of."""
     if config.ladder:  # what it has played before counts too
-        stored = stored.select(np.asarray(np.isin(stored.agents, ids).all(axis=1), np.bool_))
-    else:
-        exact = rules.num_teams == 2 and not is_adaptive
-        end = config.games_per_pair // rules.games_per_block if exact else None
-        stored = _choose_games(rules, ids, jobs, stored, end)
-    numbered = sorted(entrants, key=lambda entrant: entrant.fingerprint)
-    id_of = {one.fingerprint: number for one, number in zip(numbered, ids, strict=True)}
-    return rate_and_report(
-        store,
-        stored,
-        {id_of[entrant.fingerprint]: entrant.name for entrant in entrants},
-        Path(config.out),
-        Showing(config.replays, load, runs_foreign=True, show_progress=show_progress),
-    )
+        return stored.select(np.asarray(np.isin(stored.agents, ids).all(axis=1), np.bool_))
+    is_adaptive = config.half_width_elo > 0.0 or config.max_seconds > 0.0
+    exact = rules.num_teams == 2 and not is_adaptive
+    end = config.games_per_pair // rules.games_per_block if exact else None
+    return _choose_games(rules, ids, jobs, stored, end)
 
 
 def _play_jobs(

@@ -69,6 +69,12 @@ class GameSettings:
         game = GAMES[self.name]
         return self.reward or ("shaped" if "shaped" in game.rewards else game.rated_reward)
 
+    @property
+    def rated_scenario(self) -> Any:
+        """The scenario as agents are rated on it, with the game's rated reward."""
+        game = GAMES[self.name]
+        return game.scenario(self.scenario, **{**self.options, "reward": game.rated_reward})
+
 
 @dataclass(frozen=True)
 class OpponentSettings:
@@ -299,6 +305,7 @@ class TrainConfig:
     max_minutes: float | None = None  # of this sitting; None: no limit
     synthetic_fraction: float = 0.2  # generated share of each batch, 0..0.9
     initial_agent: str | None = None  # folder of one whose network begins; None: a new one
+    initial_generator: str | None = None  # folder of a run whose generator begins; None: a new one
     torch_threads: int | None = None  # None: as torch chooses; fixed numbers give equal bits
     game: GameSettings = field(default_factory=GameSettings)
     policy: QNetworkConfig = field(default_factory=QNetworkConfig)

@@ -29,8 +29,21 @@ CONFIG_FILE = "config.yaml"
 
 def save_config(config: TrainConfig) -> None:
     """Write the configuration to `<out>/config.yaml`, from which `resume` takes it."""
-    text = OmegaConf.to_yaml(OmegaConf.create(to_plain(dataclasses.asdict(config))))
-    write_atomically(Path(config.out) / CONFIG_FILE, text)
+    write_settings(config, Path(config.out) / CONFIG_FILE)
+
+
+def write_settings(settings: Any, path: Path) -> None:
+    """Write a dataclass of settings to `path` as YAML."""
+    text = OmegaConf.to_yaml(OmegaConf.create(to_plain(dataclasses.asdict(settings))))
+    write_atomically(path, text)
+
+
+def fixed_settings(config: TrainConfig) -> dict[str, Any]:
+    """The settings that a resumed run must share: all but how long, where, and whence."""
+    values = dataclasses.asdict(config)
+    for free in ("out", "total_frames", "max_minutes", "initial_agent", "initial_generator"):
+        del values[free]
+    return values
 
 
 def load_config(folder: str | os.PathLike[str]) -> TrainConfig:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 
+from marl_cair.checkpoint import CheckpointError, load_tensors, save_tensors
+from marl_cair.files import atomic_path
+from marl_cair.games import GAMES
 from marl_cair.games.game import GameSpec, Representation
 from marl_cair.generative import GENERATORS
 from marl_cair.generative.coded import CodedGenerator, FrameCodec
@@ -14,20 +18,76 @@ from marl_cair.generative.settings import GeneratorSpec
 from marl_cair.generative.vectors import VectorCodec
 from marl_cair.training.config import NO_GENERATOR, TrainConfig
 
+GENERATOR_FILE = "generator.pt"  # in a run's folder
 SHADES_TAKEN_FOR_EQUAL = 8  # of 255, in pictures
 
 
 def make_generator(
-    config: TrainConfig, seen: Representation, spec: GameSpec, seed: int
+    config: TrainConfig, seen: Representation, spec: GameSpec, seed: int, source: str | None
 ) -> Generator | None:
-    """The generator that `config` names, or None where it wants no generated transitions.
+    """The generator that `config` names, or None where it wants no generated transitions. It
+    begins with what that of the run in folder `source` has learned, where one is given.
 
     Raises:
-        ValueError: agents see neither planes nor a stack of frames nor a vector.
+        ValueError: agents see neither planes nor a stack of frames nor a vector; the generator at
+            `source` is of other transitions or another size, or none is wanted here.
+        CheckpointError: there is none at `source`, or it cannot be read.
     """
     settings = config.generator
     if settings.name == NO_GENERATOR or config.synthetic_fraction == 0:
+        if source is not None:
+            raise ValueError(
+                f"initial_generator is {source}, but this run has no generator: leave it out, or "
+                f"set generator.name and synthetic_fraction (now {config.synthetic_fraction})"
+            )
         return None
+    generator = _make(config, seen, spec, seed)
+    if source is not None:
+        _load_knowledge(generator, source)
+    return generator
+
+
+def check_generator(config: TrainConfig) -> None:
+    """Raises ValueError where a run of `config` could not have the generator that it names."""
+    about = config.game
+    game = GAMES[about.name]
+    spec = game.make_spec(game.scenario(about.scenario, **about.options))
+    make_generator(config, spec.representations[about.representation], spec, 0, None)
+
+
+def save_generator(generator: Generator, folder: Path) -> None:
+    """Write what it has learned to `folder`, for runs that begin with it."""
+    with atomic_path(folder / GENERATOR_FILE) as unfinished:
+        save_tensors(generator.export_knowledge(), unfinished)
+
+
+def find_generator(folder: Path) -> str | None:
+    """The folder of a run, if there is a generator in it to begin with."""
+    return str(folder) if (folder / GENERATOR_FILE).is_file() else None
+
+
+def _load_knowledge(generator: Generator, source: str) -> None:
+    if find_generator(Path(source)) is None:
+        raise CheckpointError(
+            f"initial_generator is {source}, where no {GENERATOR_FILE} is: give the folder of a "
+            "run that had a generator, such as runs/train"
+        )
+    knowledge = load_tensors(Path(source) / GENERATOR_FILE)
+    try:
+        generator.import_knowledge(dict(knowledge))
+    except ValueError as error:
+        raise ValueError(
+            f"initial_generator is {source}, which this run cannot begin with: {error}"
+        ) from error
+    except (KeyError, RuntimeError, TypeError) as error:
+        raise CheckpointError(
+            f"{Path(source) / GENERATOR_FILE} is damaged ({error!r}): bring it back, or leave "
+            "initial_generator out"
+        ) from error
+
+
+def _make(config: TrainConfig, seen: Representation, spec: GameSpec, seed: int) -> Generator:
+    settings = config.generator
     make = GENERATORS[settings.name]
     model = dataclasses.replace(settings.model, seed=seed)
     bound = spec.reward_bound * config.learner.reward_scale

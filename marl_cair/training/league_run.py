@@ -10,17 +10,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
 from tqdm import tqdm
 
 from marl_cair.files import claim_output_folder, find_folder, write_atomically
 from marl_cair.games import GAMES
-from marl_cair.league.agents import find_fingerprint, load_agent
+from marl_cair.league.agents import find_distinct
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.mixing import describe_mixture, mix_league
 from marl_cair.league.mixtures import save_mixture
 from marl_cair.league.shared import LIVE_FOLDER, MAIN, PLAYERS, read_players, read_records
-from marl_cair.training.config_file import to_plain
+from marl_cair.training.config_file import write_settings
 from marl_cair.training.league_settings import LeagueSettings, derive_seed
 from marl_cair.training.league_slice import (
     Budget,
@@ -69,8 +68,7 @@ def train_league(
     folder = Path(settings.out)
     fixed = {k: v for k, v in dataclasses.asdict(settings).items() if k not in FREE}
     with claim_output_folder(folder, RUN_KIND, fixed, resume=True):
-        text = OmegaConf.to_yaml(OmegaConf.create(to_plain(dataclasses.asdict(settings))))
-        write_atomically(folder / SETTINGS_FILE, text)
+        write_settings(settings, folder / SETTINGS_FILE)
         _make_members(settings, folder)
         stopped = _take_turns(settings, folder, play_slice, show_progress)
         done = read_progress(folder)
@@ -192,11 +190,7 @@ def _find_agents(settings: LeagueSettings, folder: Path) -> dict[str, str]:
             *(folder / SHARED / PLAYERS / n for n in newest),
         )
         sources += [str(path) for path in paths if find_folder(path).is_dir()]
-    found: dict[str, str] = {}
-    for source in (*sources, *settings.final_bots):
-        agent = load_agent(source, game.name, scenario)
-        found.setdefault(find_fingerprint(agent, game), source)
-    return found
+    return find_distinct((*sources, *settings.final_bots), game, scenario)
 
 
 def _describe_learners(settings: LeagueSettings, folder: Path) -> str:

@@ -15,7 +15,7 @@ from omegaconf import OmegaConf
 from marl_cair.games import GAMES
 from marl_cair.league.shared import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, ROLES
 from marl_cair.lookup import find_by_name
-from marl_cair.training.checks import require
+from marl_cair.training.checks import require, require_once
 from marl_cair.training.config import OpponentSettings, TrainConfig
 from marl_cair.training.config_file import build_config, build_value, to_plain
 
@@ -112,10 +112,9 @@ class LeagueSettings:
         games = self.final_games
         allowed = "even: every map seed is played once in each seat"
         require(teams != 2 or games % 2 == 0, "final_games", games, allowed)
-        for place, bot in enumerate(self.final_bots):
+        for bot in self.final_bots:
             find_by_name(f"{game.name} bot", bot, game.bots)
-            if bot in self.final_bots[:place]:
-                raise ValueError(f"final_bots has {bot!r} twice: name each bot once")
+        require_once("final_bots", self.final_bots)
 
     def role(self, name: str) -> RoleSettings:
         """The settings of one of ROLES."""
@@ -132,10 +131,8 @@ class LeagueSettings:
         settings = self.role(role)
         for place, given in (("training", self.training), (f"{role}.training", settings.training)):
             refuse_given(place, given, _TAKEN, "the league has its own, {name}")
-            opponent = given.get("opponent", {})
-            if isinstance(opponent, Mapping):
-                why = "set it for a role, main.{name}"
-                refuse_given(f"{place}.opponent", opponent, _TAKEN_OPPONENT, why)
+            why = "set it for a role, main.{name}"
+            refuse_given(f"{place}.opponent", given.get("opponent"), _TAKEN_OPPONENT, why)
         values = _merge(self.training, settings.training)
         opponent = {
             **values.get("opponent", {}),
@@ -191,10 +188,12 @@ def build_league(values: Mapping[str, Any]) -> LeagueSettings:
     return league
 
 
-def refuse_given(place: str, given: Mapping[str, Any], names: Collection[str], advice: str) -> None:
-    """Raise ValueError where one of `names` is given at `place`; the advice may hold {name}."""
+def refuse_given(place: str, given: object, names: Collection[str], advice: str) -> None:
+    """Raise ValueError where one of `names` is given at `place`; the advice may hold {name}. What
+    are no options by name is left to who reads them.
+    """
     for name in names:
-        if name in given:
+        if isinstance(given, Mapping) and name in given:
             raise ValueError(f"{place}.{name} is given: {advice.format(name=name)}")
 
 

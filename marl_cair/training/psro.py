@@ -13,24 +13,23 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from omegaconf import OmegaConf
 from tqdm import tqdm
 
 from marl_cair.checkpoint import CheckpointError, read_description
 from marl_cair.files import (
     claim_output_folder,
-    find_folder,
+    copy_folder,
     recover_folder,
-    replaced_folder,
     write_atomically,
 )
 from marl_cair.games import GAMES
-from marl_cair.league.agents import find_fingerprint, load_agent
+from marl_cair.league.agents import find_distinct
 from marl_cair.league.equilibrium import find_safest_mixture
 from marl_cair.league.league import LeagueConfig, play_league, run_league
 from marl_cair.league.mixing import describe_mixture, mix_league, read_scores
 from marl_cair.league.mixtures import is_mixture, save_mixture
-from marl_cair.training.config_file import to_plain
+from marl_cair.training.config_file import write_settings
+from marl_cair.training.generators import check_generator, find_generator
 from marl_cair.training.initial_network import can_begin_as
 from marl_cair.training.psro_settings import PsroSettings, fixed_options
 from marl_cair.training.run import LATEST_FOLDER, RESUME_FOLDER
@@ -71,9 +70,8 @@ def train_psro(settings: PsroSettings, show_progress: bool = True) -> PsroResult
     """Train `rounds` best responses, rate them, and write the safest mixture of all networks.
 
     Whom each meets says `weigh_opponents`; it begins as the network that scores most against them.
-    The same call again goes on where an
-    interrupt or a kill stopped it, and with more rounds from where it had ended; the bits are those
-    of a run that was never stopped.
+    The same call again goes on where an interrupt or a kill stopped it, and with more rounds from
+    where it had ended; the bits are those of a run that was never stopped.
 
     Raises:
         OutputFolderError: the folder holds something else, or a run of other settings.
@@ -85,14 +83,12 @@ def train_psro(settings: PsroSettings, show_progress: bool = True) -> PsroResult
     _check_beginnings(settings)
     find_entrants(settings, 0)  # what cannot be loaded is refused before anything is written
     with claim_output_folder(folder, RUN_KIND, fixed_options(settings), resume=True):
-        text = OmegaConf.to_yaml(OmegaConf.create(to_plain(dataclasses.asdict(settings))))
-        write_atomically(folder / SETTINGS_FILE, text)
-        for number, source in enumerate(settings.begin_with):
-            own = _find_player(settings, f"begin_{number}")
+        write_settings(settings, folder / SETTINGS_FILE)
+        for name, source in _find_beginnings(settings).items():
+            own = _find_player(settings, name)
             recover_folder(own)
             if not own.is_dir():
-                with replaced_folder(own) as fresh:
-                    shutil.copytree(find_folder(source), fresh, dirs_exist_ok=True)
+                copy_folder(source, own)
         minutes = settings.max_minutes
         deadline = None if minutes is None else time.monotonic() + 60 * minutes
         for number in range(settings.rounds):
@@ -104,24 +100,21 @@ def train_psro(settings: PsroSettings, show_progress: bool = True) -> PsroResult
                     done = number + player.is_dir()
                     return PsroResult(folder, done, False, was_interrupted, "")
             # What it would go on from: its replay is by far the largest of all that was written.
-            run = settings.response_config(number, {}, None).out
-            shutil.rmtree(Path(run) / RESUME_FOLDER, ignore_errors=True)
+            shutil.rmtree(_find_run(settings, number) / RESUME_FOLDER, ignore_errors=True)
         return PsroResult(folder, settings.rounds, True, False, _report(settings, show_progress))
 
 
 def _check_beginnings(settings: PsroSettings) -> None:
     """Whether responses can begin as each of `begin_with`, and be mixed with all of them."""
     seen: dict[str, str] = {}
-    for number, given in enumerate(settings.begin_with):
-        own = _find_player(settings, f"begin_{number}")
-        source = str(own) if own.is_dir() else given
+    for source in _find_beginnings(settings).values():
         if is_mixture(source) or not can_begin_as(source):
             raise CheckpointError(
-                f"begin_with has {given}, which is no folder of a greedy network: give one (of a "
+                f"begin_with has {source}, which is no folder of a greedy network: give one (of a "
                 "mixture its members, of a bot its name in `bots`)"
             )
-        settings.response_config(0, {}, source)
-        seen[read_description(source).representation] = given
+        check_generator(settings.response_config(0, {}, source))
+        seen[read_description(source).representation] = source
     if len(seen) > 1:
         told = ", ".join(f"{source} at {name}" for name, source in seen.items())
         raise ValueError(
@@ -143,16 +136,37 @@ def _respond(
     sources = {one.name: one.source for one in find_entrants(settings, number)}
     met = {name: (sources[name], weight) for name, weight in plan.met.items()}
     start = None if plan.start is None else sources[plan.start]
-    config = settings.response_config(number, met, start)
-    result = train(dataclasses.replace(config, max_minutes=left), True, show_progress)
+    config = dataclasses.replace(
+        settings.response_config(number, met, start),
+        out=str(_find_run(settings, number)),
+        max_minutes=left,
+    )
+    if number > 0:  # what generates goes on from response to response
+        own = find_generator(_find_run(settings, number - 1))
+        config = dataclasses.replace(config, initial_generator=own or config.initial_generator)
+    result = train(config, True, show_progress)
     if result.frames >= config.total_frames:
-        with replaced_folder(_find_player(settings, _name_player(number))) as fresh:
-            shutil.copytree(result.folder / LATEST_FOLDER, fresh, dirs_exist_ok=True)
+        copy_folder(result.folder / LATEST_FOLDER, _find_player(settings, _name_player(number)))
     return result.was_interrupted
+
+
+def _find_beginnings(settings: PsroSettings) -> dict[str, str]:
+    """Sources of `begin_with` by name: the copies, once they are there, as what they are of may
+    have changed.
+    """
+    found = {f"begin_{number}": source for number, source in enumerate(settings.begin_with)}
+    for name in found:
+        if (own := _find_player(settings, name)).is_dir():
+            found[name] = str(own)
+    return found
 
 
 def _find_player(settings: PsroSettings, name: str) -> Path:
     return Path(settings.out).resolve() / PLAYERS / name
+
+
+def _find_run(settings: PsroSettings, number: int) -> Path:
+    return Path(settings.out) / ROUNDS / f"{number:03}" / "run"
 
 
 def _name_player(number: int) -> str:
@@ -161,7 +175,7 @@ def _name_player(number: int) -> str:
 
 def _find_plan(settings: PsroSettings, number: int, show_progress: bool) -> _Plan:
     """Decided once, and kept for who goes on."""
-    path = Path(settings.out) / ROUNDS / f"{number:03}" / PLAN_FILE
+    path = _find_run(settings, number).with_name(PLAN_FILE)
     if path.is_file():
         return _read_plan(path)
     entrants = find_entrants(settings, number)
@@ -223,22 +237,14 @@ def find_entrants(settings: PsroSettings, number: int) -> list[Entrant]:
     """All that take part before response `number`, each once: one that has learned nothing is
     whom it began as.
     """
-    about = settings.response_config(0, {}, None).game
-    game = GAMES[about.name]
-    scenario = game.scenario(about.scenario, **{**about.options, "reward": game.rated_reward})
-    sources = {}
-    for n, given in enumerate(settings.begin_with):
-        own = _find_player(settings, f"begin_{n}")  # the copy: what it is of may have changed
-        sources[f"begin_{n}"] = str(own) if own.is_dir() else given
+    game = GAMES[settings.game.name]
+    sources = _find_beginnings(settings)
     players = [_name_player(n) for n in range(number)]
     sources |= {name: str(_find_player(settings, name)) for name in players}
     sources |= {bot: f"{game.name}/{bot}" for bot in settings.bots}
-    found: dict[str, Entrant] = {}
-    for name, source in sources.items():
-        agent = load_agent(source, game=game.name, scenario=scenario)
-        fingerprint = find_fingerprint(agent, game)
-        found.setdefault(fingerprint, Entrant(name, source, fingerprint))
-    return list(found.values())
+    names = {source: name for name, source in sources.items()}
+    found = find_distinct(sources.values(), game, settings.game.rated_scenario)
+    return [Entrant(names[source], source, fingerprint) for fingerprint, source in found.items()]
 
 
 def _find_networks(entrants: Sequence[Entrant]) -> list[int]:
@@ -256,7 +262,7 @@ def _make_league(
     settings: PsroSettings, entrants: Sequence[Entrant], is_final: bool
 ) -> LeagueConfig:
     """Games of the networks against all, in the end of all against all."""
-    about = settings.response_config(0, {}, None).game
+    about = settings.game
     playing = range(len(entrants)) if is_final else _find_networks(entrants)
     return LeagueConfig(
         agents=tuple(entrants[n].source for n in playing),

@@ -11,8 +11,8 @@ from typing import Any
 from marl_cair.games import GAMES
 from marl_cair.league.mixing import SLACK
 from marl_cair.lookup import find_by_name
-from marl_cair.training.checks import require
-from marl_cair.training.config import ENDLESS_FRAMES, TrainConfig
+from marl_cair.training.checks import require, require_once
+from marl_cair.training.config import ENDLESS_FRAMES, GameSettings, TrainConfig
 from marl_cair.training.config_file import build_config, build_value, to_plain
 from marl_cair.training.initial_network import begin_as
 from marl_cair.training.league_settings import derive_seed, read_options, refuse_given
@@ -54,19 +54,15 @@ class PsroSettings:
         require(0 <= self.even_share <= 1, "even_share", self.even_share, "0..1")
         require(0 < self.slack < 1, "slack", self.slack, "above 0, below 1")
         for name, given in (("begin_with", self.begin_with), ("bots", self.bots)):
-            for place, one in enumerate(given):
-                if one in given[:place]:
-                    raise ValueError(f"{name} has {one!r} twice: name each once")
+            require_once(name, given)
         require(len(self.bots) > 0, "bots", list(self.bots), "one or more: the first to be met")
         refuse_given("training", self.training, _TAKEN, "each response has its own")
-        opponent = self.training.get("opponent", {})
-        if isinstance(opponent, Mapping):
-            why = "responses meet bots, begin_with, and one another"
-            refuse_given("training.opponent", opponent, _TAKEN_OPPONENT, why)
+        why = "responses meet bots, begin_with, and one another"
+        refuse_given("training.opponent", self.training.get("opponent"), _TAKEN_OPPONENT, why)
         self._check_game()
 
     def _check_game(self) -> None:
-        about = build_config(self.training).game
+        about = self.game
         game = GAMES[about.name]
         for bot in self.bots:
             find_by_name(f"{game.name} bot", bot, game.bots)
@@ -84,10 +80,15 @@ class PsroSettings:
             allowed = f"{least} or more, twice training.replay.min_transitions"
             require(getattr(self, name) >= least, name, getattr(self, name), allowed)
 
+    @property
+    def game(self) -> GameSettings:
+        """What is played."""
+        return build_config(self.training).game
+
     def response_config(
         self, number: int, met: Mapping[str, tuple[str, float]], start: str | None
     ) -> TrainConfig:
-        """The training of response `number`, 0, 1, ...
+        """The training of response `number`, 0, 1, ..., but for its folder.
 
         met: source and weight of each opponent by name; where it is empty, all bots alike. start:
         folder of the agent that it begins as; None: it begins anew.
@@ -108,7 +109,6 @@ class PsroSettings:
         checkpoint = {"every_frames": max(1, frames // 4), **self.training.get("checkpoint", {})}
         about = {
             "checkpoint": checkpoint,
-            "out": str(Path(self.out) / "rounds" / f"{number:03}" / "run"),
             "seed": derive_seed(self.seed, number, 0),
             "total_frames": frames,
         }

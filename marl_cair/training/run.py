@@ -46,9 +46,9 @@ from marl_cair.replay.reservoir import Reservoir
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.average_policy import AveragePolicy
 from marl_cair.training.config import TrainConfig
-from marl_cair.training.config_file import save_config
+from marl_cair.training.config_file import fixed_settings, save_config
 from marl_cair.training.demonstrations import Demonstrators
-from marl_cair.training.generators import make_generator
+from marl_cair.training.generators import make_generator, save_generator
 from marl_cair.training.initial_network import make_initial_network
 from marl_cair.training.learner import Learner
 from marl_cair.training.memory import keep_freed_memory
@@ -179,7 +179,8 @@ class TrainingRun:
             config.learner.batch_size,
             generated_open=False,
         )
-        self.generator = make_generator(self.config, self.seen, self.spec, self._seeds[3])
+        source = None if self._resumes else config.initial_generator
+        self.generator = make_generator(config, self.seen, self.spec, self._seeds[3], source)
 
     def _claim_folder(self, resume: bool) -> None:
         real = self.replay.real
@@ -302,7 +303,12 @@ class TrainingRun:
         self.book.add_snapshot(self.rated_network, about)
 
     def save_state(self) -> None:
-        """Write all that a resumed run needs to `<out>/resume`, whole or not at all."""
+        """Write all that a resumed run needs to `<out>/resume`, whole or not at all.
+
+        What the generator has learned is written to the run's folder too, for other runs.
+        """
+        if self.generator:
+            save_generator(self.generator, self.folder)
         state = {
             "frames": self.frames,
             "best_score": self.best_score,
@@ -374,14 +380,6 @@ class TrainingRun:
         self.collector.shutdown()
         self.log.close()
         self._claim.close()
-
-
-def fixed_settings(config: TrainConfig) -> dict[str, Any]:
-    """The settings that a resumed run must share: all but how long, where, and whence."""
-    values = dataclasses.asdict(config)
-    for free in ("out", "total_frames", "max_minutes", "initial_agent"):
-        del values[free]
-    return values
 
 
 def _to_tensors(value: Any) -> Any:

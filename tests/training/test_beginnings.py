@@ -1,12 +1,17 @@
-"""What a run begins with, and what it draws: an agent's network, prioritised rows."""
+"""What a run begins with, and what it draws: networks of others, prioritised rows."""
+
+import dataclasses
 
 import pytest
 import torch
 
-from marl_cair.checkpoint import CheckpointError, load_network
+from marl_cair.checkpoint import CheckpointError, load_network, load_tensors, save_tensors
+from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.policies.q_network import QNetworkConfig
-from marl_cair.training.config import GameSettings, ReplaySettings
+from marl_cair.training.config import GameSettings, GeneratorSettings, ReplaySettings
+from marl_cair.training.generators import GENERATOR_FILE
 from marl_cair.training.initial_network import can_begin_as
+from marl_cair.training.league_slice import MemberRecord, _begin, make_member
 from marl_cair.training.nfsp_settings import NfspSettings
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
@@ -97,3 +102,86 @@ def test_a_state_that_another_process_saved_while_this_one_began_is_taken_up(tmp
     run = TrainingRun(tiny(tmp_path / "run", 640), resume=True)
     assert run.frames == 640
     run.close()
+
+
+def test_a_run_begins_with_what_the_generator_of_another_has_learned(tmp_path):
+    train(tiny(tmp_path / "first", 1_280), show_progress=False)
+    source = str(tmp_path / "first")
+    saved = load_tensors(tmp_path / "first" / GENERATOR_FILE)["ensemble"]
+    run = TrainingRun(tiny(tmp_path / "next", initial_generator=source, seed=5))
+    own = run.generator.state_dict()
+    assert own["ensemble"]["num_updates"] == saved["num_updates"] >= 7
+    for name in ("members", "averages"):
+        for ours, theirs in zip(own["ensemble"][name], saved[name], strict=True):
+            assert all(torch.equal(ours[key], theirs[key]) for key in theirs)
+    # Rows of this run alone judge it.
+    assert own["report"] is None
+    assert own["heldout"]["num_rows"] == 0
+    assert not run.gate_is_open
+    run.close()
+    train(tiny(tmp_path / "next", initial_generator=source, seed=5), True, show_progress=False)
+    learned = load_tensors(tmp_path / "next" / GENERATOR_FILE)["ensemble"]
+    assert learned["num_updates"] > saved["num_updates"]
+
+
+def test_a_resumed_run_needs_no_initial_generator_any_more(tmp_path):
+    train(tiny(tmp_path / "first", 512), show_progress=False)
+    config = tiny(tmp_path / "parts", initial_generator=str(tmp_path / "first"))
+    whole = dataclasses.replace(config, out=str(tmp_path / "whole"))
+    train(whole, show_progress=False)
+    train(config, show_progress=False, until_frames=1_280)
+    (tmp_path / "first" / GENERATOR_FILE).unlink()
+    train(config, resume=True, show_progress=False)
+    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
+    knowledge = [load_tensors(tmp_path / run / GENERATOR_FILE) for run in ("whole", "parts")]
+    assert repr(knowledge[0]) == repr(knowledge[1])
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        (
+            {"game": GameSettings(scenario="10x15")},
+            ValueError,
+            r"observation_shape is \[28, 11, 11",
+        ),
+        (
+            {"generator": GeneratorSettings(model=GeneratorConfig(num_members=2))},
+            ValueError,
+            "its num_members is 3, but this run's is 2",
+        ),
+        ({"synthetic_fraction": 0.0}, ValueError, "this run has no generator: leave it out, or"),
+        ({"initial_generator": "nowhere"}, CheckpointError, "nowhere, where no generator.pt is"),
+    ],
+)
+def test_an_initial_generator_of_something_else_is_refused(tmp_path, changes, error, message):
+    train(tiny(tmp_path / "first", 128), show_progress=False)
+    config = tiny(tmp_path / "next", initial_generator=str(tmp_path / "first"))
+    with pytest.raises(error, match=message):
+        TrainingRun(dataclasses.replace(config, **changes))
+    assert not (tmp_path / "next").exists()
+
+
+def test_a_learner_of_a_league_that_begins_anew_keeps_its_generator(tmp_path):
+    member, shared = tmp_path / "member", tmp_path / "shared"
+    record = MemberRecord("main_exploiter_0", "main_exploiter", ("main_0",), 1.0, False, 0, 0)
+    make_member(member, record, tiny(member))
+    assert _begin(member, shared, record).initial_generator is None
+    train(tiny(member / "000", 128), show_progress=False)
+    anew = _begin(member, shared, dataclasses.replace(record, generation=1))
+    assert anew.initial_generator == str(member / "000")
+    assert anew.initial_agent is None
+
+
+def test_a_damaged_generator_is_named(tmp_path):
+    train(tiny(tmp_path / "first", 128), show_progress=False)
+    path = tmp_path / "first" / GENERATOR_FILE
+    config = tiny(tmp_path / "next", initial_generator=str(tmp_path / "first"))
+    knowledge = dict(load_tensors(path))
+    del knowledge["ensemble"]["steps"]
+    save_tensors(knowledge, path)
+    with pytest.raises(CheckpointError, match=r"first/generator.pt is damaged \(KeyError"):
+        TrainingRun(config)
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(CheckpointError, match=r"generator.pt is cut short"):
+        TrainingRun(config)

@@ -14,10 +14,12 @@ from marl_cair.games import GAMES
 from marl_cair.league.agents import find_fingerprint, load_agent
 from marl_cair.league.mixtures import read_mixture, save_mixture
 from marl_cair.training import psro
+from marl_cair.training.config import GameSettings
 from marl_cair.training.psro import train_psro, weigh_opponents
 from marl_cair.training.psro_settings import build_psro
 from marl_cair.training.trainer import train
 from tests.games import rock_paper_scissors
+from tests.training.runs import tiny
 
 NAME = rock_paper_scissors.NAME
 TRAINING = {
@@ -42,6 +44,10 @@ TRAINING = {
     },
     "generator": {"name": "none"},
     "evaluation": {"bots": []},
+}
+PICTURES = {
+    "game": GameSettings(scenario="11x11", representation="image"),
+    "synthetic_fraction": 0.0,
 }
 
 
@@ -126,6 +132,22 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path, monkeypatch):
     assert told[0] == told[1]
 
 
+def test_each_response_begins_with_what_the_generator_before_it_has_learned(tmp_path, monkeypatch):
+    generator = {"name": "ccdn", "frames_per_update": 256, "batch_size": 8}
+    training = {**TRAINING, "synthetic_fraction": 0.2, "generator": generator}
+    begun_with = []
+
+    def note(config, *words):
+        begun_with.append(config.initial_generator)
+        return train(config, *words)
+
+    monkeypatch.setattr(psro, "train", note)
+    run(tmp_path / "out", round_frames=512, training=training)
+    assert begun_with == [None, str(tmp_path / "out" / "rounds" / "000" / "run")]
+    run(tmp_path / "real")
+    assert begun_with[2:] == [None, None]
+
+
 def begin(folder):
     """A folder of an agent to begin with."""
     run(folder, rounds=1)
@@ -185,6 +207,16 @@ def test_whom_responses_cannot_begin_as_is_refused_before_anything_is_written(tm
     (other / "agent.json").write_text(json.dumps({**about, "representation": "planes"}), "utf-8")
     with pytest.raises(ValueError, match=r"representation"):
         run(out, begin_with=[player, str(other)])
+    train(tiny(tmp_path / "picture", 128, **PICTURES), show_progress=False)
+    with pytest.raises(ValueError, match=r"generator 'ccdn' works on `planes`.*not on 'image'"):
+        run(
+            out,
+            begin_with=[str(tmp_path / "picture" / "latest")],
+            bots=["random"],
+            training={"game": {"name": "deep_line_wars", "scenario": "11x11"}},
+            round_frames=20_000,
+            first_round_frames=20_000,
+        )
     assert not out.exists()
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import marl_cair
 from marl_cair.lookup import find_by_name
 
-HOURS = ("learning", "opponents")  # benchmarks that run for hours, only when they are named
+# Benchmarks that run for hours, only when they are named.
+HOURS = ("learning", "league_learning", "opponents", "psro_learning", "solo_learning")
 
 
 def run(arguments: Sequence[str]) -> int:

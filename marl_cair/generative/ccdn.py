@@ -25,6 +25,7 @@ from marl_cair.generative.cells import (
     gather_candidates,
 )
 from marl_cair.generative.economy import EconomyChain, ScalarTables, apply_changes
+from marl_cair.generative.open_cells import OpenCells
 from marl_cair.generative.outcome import Outcome, OutcomeHeads, OutcomeInput, RewardBins
 from marl_cair.generative.readout import SUM_UNIT, NearReadout, flatten_board
 from marl_cair.generative.settings import NO_CELL, GeneratorSpec, NetworkSize
@@ -157,32 +158,40 @@ class CCDN(nn.Module):
         return functional.relu(mixed + _convolve(self.conv3, mixed))
 
     def find_cells(
-        self, encoding: Encoding, changes: Tensor, board: Tensor, places: Tensor | None = None
+        self, encoding: Encoding, changes: Tensor, board: Tensor, places: Tensor
     ) -> CellDistribution:
-        """Distributions of all moving planes at `places`, or at all.
+        """Distributions of all moving planes at `places`, over [M, P] flattened.
 
-        places: int64 [M], into the N * H * W places of the boards. The distributions run over
-        [M, P] flattened, those of all places over [N, P, H, W] flattened.
+        places: int64 [M], into the N * H * W places of the boards.
         """
-        num, planes, rows, columns = encoding.planes.shape
-        shifts, area = self.size.shifts, rows * columns
-        features = board.flatten(0, 2)
-        known = self.economy.embed_changes(changes).sum(1)
-        of_planes = self.plane_head(torch.cat([encoding.context, known], -1))
-        if places is None:
-            outputs = self.cell_head(features).view(num, area, -1) + of_planes[:, None]
-            outputs = outputs.view(num, area, -1, planes).permute(2, 0, 3, 1)
-            candidates = gather_candidates(encoding.planes, shifts, self.step_results)
-        else:
-            image, place = places // area, places % area
-            outputs = self.cell_head(features.index_select(0, places))
-            outputs = outputs + of_planes.index_select(0, image)
-            outputs = outputs.view(places.numel(), self.outputs_per_cell, planes).transpose(0, 1)
-            flat = (image[:, None] * planes + torch.arange(planes)) * area + place[:, None]
-            candidates = gather_candidates(
-                encoding.planes, shifts, self.step_results, flat.flatten()
-            )
+        planes, rows, columns = encoding.planes.shape[1:]
+        area = rows * columns
+        image, place = places // area, places % area
+        outputs = self.cell_head(board.flatten(0, 2).index_select(0, places))
+        outputs = outputs + self._judge_planes(encoding, changes).index_select(0, image)
+        outputs = outputs.view(places.numel(), self.outputs_per_cell, planes).transpose(0, 1)
+        flat = (image[:, None] * planes + torch.arange(planes)) * area + place[:, None]
+        candidates = gather_candidates(
+            encoding.planes, self.size.shifts, self.step_results, flat.flatten()
+        )
         return build_distribution(outputs.reshape(self.outputs_per_cell, -1), candidates)
+
+    @torch.no_grad()
+    def open_cells(self, encoding: Encoding, changes: Tensor, board: Tensor) -> OpenCells:
+        """All cells of all moving planes, for who asks for single values and for few of them."""
+        head = self.cell_head
+        return OpenCells(
+            torch.addmm(head.bias[:, None], head.weight, board.flatten(0, 2).T),
+            self._judge_planes(encoding, changes),
+            encoding.planes.contiguous(),
+            self.size.shifts,
+            self.step_results,
+        )
+
+    def _judge_planes(self, encoding: Encoding, changes: Tensor) -> Tensor:
+        known = self.economy.embed_changes(changes).sum(1)
+        judged: Tensor = self.plane_head(torch.cat([encoding.context, known], -1))
+        return judged
 
     def judge(self, encoding: Encoding, state: NextState, action_mask: Tensor) -> Outcome:
         """Reward, end and next mask of the transition to `state`."""
@@ -202,23 +211,28 @@ class CCDN(nn.Module):
         encoding = self.encode(observation, action)
         changes = self.economy.decode(encoding.outlook, encoding.scalars, generator)
         board = self.reveal_economy(encoding, changes)
-        cells = self.find_cells(encoding, changes, board)
-        planes = self._decode_planes(encoding, cells, generator)
+        planes = self._decode_planes(self.open_cells(encoding, changes, board), generator)
         following = observation.clone()
         following[:, self.moving] = planes
         scalars = apply_changes(encoding.scalars, changes)
         following[:, self.spec.num_spatial :] = scalars[:, :, None, None]
         return following
 
-    def _decode_planes(
-        self, encoding: Encoding, cells: CellDistribution, generator: torch.Generator | None
-    ) -> Tensor:
-        num, planes = encoding.planes.shape[:2]
-        appears = (cells.candidates[:-1].amax(0) == 0.0).view(num, planes, -1)
+    def _decode_planes(self, cells: OpenCells, generator: torch.Generator | None) -> Tensor:
+        own = cells.planes
+        stays = cells.find_masses(own)
         offsets = None
         if generator is not None:
-            offsets = torch.rand(num, planes, generator=generator)[:, self.event_of_plane]
-        return decode_cells(cells, appears, offsets, generator).view_as(encoding.planes)
+            offsets = torch.rand(own.shape[:2], generator=generator)[:, self.event_of_plane]
+        decoded = decode_cells(
+            own.flatten().float(),
+            stays.masses.flatten(),
+            cells.select,
+            stays.is_lone,
+            offsets,
+            generator,
+        )
+        return decoded.view_as(own)
 
 
 def _pool(board: Tensor) -> Tensor:

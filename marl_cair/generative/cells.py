@@ -9,6 +9,7 @@ logistic that is rounded to 0..255. Copying is thus exact and a moved thing keep
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -39,6 +40,9 @@ class CellDistribution(NamedTuple):
         return CellDistribution(*(part[..., chosen] for part in self))
 
 
+Select = Callable[[Tensor], CellDistribution]  # of the cells with these numbers, int64 [m]
+
+
 def count_outputs(num_shifts: int, num_steps: int) -> int:
     """How many network outputs one cell of one plane takes: weights, mean, log scale."""
     return num_shifts + num_steps + 3 + 1 + 2
@@ -60,14 +64,11 @@ def build_distribution(
 
 
 def gather_candidates(
-    planes: Tensor,
-    shifts: tuple[tuple[int, int], ...],
-    step_results: Tensor,
-    flat: Tensor | None = None,
+    planes: Tensor, shifts: tuple[tuple[int, int], ...], step_results: Tensor, flat: Tensor
 ) -> Tensor:
     """Candidate values of cells: [own, one per shift, one per step, 0, 255], beyond the board 0.
 
-    planes: uint8 [N, P, H, W]; flat: int64 [M] into its N*P*H*W cells, None for all.
+    planes: uint8 [N, P, H, W]; flat: int64 [M] into its N*P*H*W cells.
     step_results: uint8 [P, K + 1, 256], results of K steps of the own value, and of the one that
         values take which come from a neighbour (`StepTable.results`).
     Returns float32 [K', M]. Shift (dr, dc) gives the value from (row - dr, column - dc).
@@ -75,23 +76,15 @@ def gather_candidates(
     rows, columns = planes.shape[2:]
     reach = max((max(abs(dr), abs(dc)) for dr, dc in shifts), default=0)
     padded = functional.pad(_arrive(planes, step_results[:, -1]), (reach, reach, reach, reach))
-    own = planes.flatten()
+    own = planes.flatten()[flat]
     of_plane = torch.arange(planes.shape[1]) * step_results[0].numel()
-    if flat is None:
-        places = (planes + of_plane[:, None, None]).flatten()
-        near = [
-            padded[..., reach - dr : reach - dr + rows, reach - dc : reach - dc + columns].flatten()
-            for dr, dc in shifts
-        ]
-    else:
-        own = own[flat]
-        places = own + of_plane[flat // (rows * columns) % planes.shape[1]]
-        wide = columns + 2 * reach
-        column, line = flat % columns, flat // columns
-        row, image = line % rows, line // rows
-        start = (image * (rows + 2 * reach) + row + reach) * wide + column + reach
-        values = padded.flatten()
-        near = [values[start - (dr * wide + dc)] for dr, dc in shifts]
+    places = own + of_plane[flat // (rows * columns) % planes.shape[1]]
+    wide = columns + 2 * reach
+    column, line = flat % columns, flat // columns
+    row, image = line % rows, line // rows
+    start = (image * (rows + 2 * reach) + row + reach) * wide + column + reach
+    values = padded.flatten()
+    near = [values[start - (dr * wide + dc)] for dr, dc in shifts]
     results, num_steps = step_results.flatten(), step_results.shape[1] - 1
     stepped = [results[places + step * NUM_VALUES] for step in range(num_steps)]
     ends = [torch.full_like(own, 0), torch.full_like(own, NUM_VALUES - 1)]
@@ -109,8 +102,12 @@ def _arrive(planes: Tensor, results: Tensor) -> Tensor:
 
 def find_log_prob(cells: CellDistribution, values: Tensor) -> Tensor:
     """Log probability [M] of whole values [M]."""
-    mass = find_mass(cells, values)
-    return (mass * (1.0 - FLOOR_SHARE) + FLOOR_SHARE / 256.0).log()
+    return take_log(find_mass(cells, values))
+
+
+def take_log(masses: Tensor) -> Tensor:
+    """Log probabilities of what has `masses` before the floor."""
+    return (masses * (1.0 - FLOOR_SHARE) + FLOOR_SHARE / 256.0).log()
 
 
 def find_mass(cells: CellDistribution, values: Tensor) -> Tensor:
@@ -127,14 +124,16 @@ def _find_logistic_mass(cells: CellDistribution, values: Tensor) -> Tensor:
     return torch.where(values >= MAX_VALUE, 1.0, upper) - torch.where(values <= 0.0, 0.0, lower)
 
 
-def find_mode(cells: CellDistribution) -> tuple[Tensor, Tensor]:
-    """The likeliest value [M] of each cell and its probability [M]."""
-    values = cells.candidates[0].clone()
-    masses = find_mass(cells, values)
+def find_mode(own: Tensor, own_masses: Tensor, select: Select) -> tuple[Tensor, Tensor]:
+    """The likeliest value [M] of each cell and its probability [M].
+
+    own: the cells' values now; own_masses: their probability to stay.
+    """
+    values, masses = own.clone(), own_masses.clone()
     # Nearly all cells stay as they are; only the others are searched.
     unsure = (masses <= 0.5).nonzero().squeeze(-1)
     if unsure.numel():
-        part = cells.select(unsure)
+        part = select(unsure)
         best, best_mass = values[unsure], masses[unsure]
         for option in [*part.candidates[1:], part.mean.round().clamp(0.0, MAX_VALUE)]:
             mass = find_mass(part, option)
@@ -164,21 +163,24 @@ def sample_others(cells: CellDistribution, modes: Tensor, generator: torch.Gener
 
 
 def decode_cells(
-    cells: CellDistribution,
+    own: Tensor,
+    own_masses: Tensor,
+    select: Select,
     appears: Tensor,
     offsets: Tensor | None,
     generator: torch.Generator | None,
 ) -> Tensor:
     """Values uint8 [M]: sampled, or the likeliest without a generator.
 
-    appears: bool [N, P, cells]; offsets: [N, P], both of `choose_surprises`.
+    own, own_masses, select: of `find_mode`. appears: bool [N, P, cells]; offsets: [N, P], both of
+    `choose_surprises`.
     """
-    values, masses = find_mode(cells)
+    values, masses = find_mode(own, own_masses, select)
     if generator is not None and offsets is not None:
         odds = (1.0 - masses).clamp(0.0, 1.0).view(appears.shape)
         chosen = choose_surprises(odds, appears, offsets).flatten().nonzero().squeeze(-1)
         if chosen.numel():
-            values[chosen] = sample_others(cells.select(chosen), values[chosen], generator)
+            values[chosen] = sample_others(select(chosen), values[chosen], generator)
     return values.to(torch.uint8)
 
 

@@ -13,7 +13,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.generative.ccdn import CCDN, Encoding, NextState
-from marl_cair.generative.cells import find_log_prob
+from marl_cair.generative.cells import take_log
 from marl_cair.generative.economy import find_changes
 from marl_cair.generative.frame_network import FrameCCDN, ask_frames, find_frame_losses
 from marl_cair.generative.loss import RareCorrection, find_losses
@@ -87,9 +87,9 @@ def _ask_boards(network: CCDN, rows: TensorDict) -> tuple[Tensor, ...]:
 
 
 def _find_cell_log_probs(network: CCDN, encoding: Encoding, state: NextState) -> Tensor:
-    values = state.observation[:, network.moving].flatten().float()
-    cells = network.find_cells(encoding, state.changes, state.board)
-    return find_log_prob(cells, values).view(state.observation.shape[0], -1)
+    cells = network.open_cells(encoding, state.changes, state.board)
+    masses = cells.find_masses(state.observation[:, network.moving]).masses
+    return take_log(masses).flatten(1)
 
 
 def _group_frame_parameters(network: FrameCCDN, config: GeneratorConfig) -> Groups:

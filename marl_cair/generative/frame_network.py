@@ -18,6 +18,7 @@ from marl_cair.generative.cells import (
     build_distribution,
     decode_cells,
     find_log_prob,
+    find_mass,
 )
 from marl_cair.generative.loss import RareCorrection, find_outcome_losses
 from marl_cair.generative.outcome import FINE_REACH, Outcome, RewardBins, judge_kinds, read_outcome
@@ -152,7 +153,9 @@ class FrameCCDN(nn.Module):
         offsets, appears = None, torch.zeros_like(newest, dtype=torch.bool)
         if generator is not None:
             offsets = torch.rand(len(newest), 1, generator=generator)
-        decoded = decode_cells(pixels, appears, offsets, generator)
+        own = pixels.candidates[0]
+        masses = find_mass(pixels, own)
+        decoded = decode_cells(own, masses, pixels.select, appears, offsets, generator)
         following[:, -1] = decoded.view_as(following[:, -1])
         return following
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
 from torch import Tensor
 
@@ -16,6 +17,7 @@ from marl_cair.generative.cells import (
     gather_candidates,
     sample_others,
 )
+from marl_cair.generative.open_cells import OpenCells
 
 SHIFTS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 NO_STEPS = torch.arange(256, dtype=torch.uint8).repeat(2, 1, 1)  # of two planes
@@ -52,7 +54,8 @@ def test_log_prob_of_an_impossible_value_is_finite() -> None:
 def test_mode_is_the_value_of_largest_mass_where_it_is_likely() -> None:
     cells = make_cells(200, seed=1)
     masses = find_all_masses(cells)
-    values, mass = find_mode(cells)
+    own = cells.candidates[0]
+    values, mass = find_mode(own, find_mass(cells, own), cells.select)
     best = masses.max(0)
     sure = best.values > 0.5
     assert sure.sum() > 20
@@ -74,19 +77,73 @@ def test_candidates_beyond_the_board_are_empty() -> None:
     ]  # fmt: skip
 
 
-def test_candidates_of_all_cells_equal_those_of_chosen_cells() -> None:
-    planes = torch.randint(0, 256, (3, 2, 4, 5), dtype=torch.uint8)
-    everywhere = gather_candidates(planes, ((0, 2), (-1, 1)), NO_STEPS)
-    cells = torch.arange(planes.numel())
-    chosen = gather_candidates(planes, ((0, 2), (-1, 1)), NO_STEPS, cells)
-    assert torch.equal(everywhere, chosen)
+def test_candidates_are_the_values_around_and_after_the_steps_of_a_plane() -> None:
+    planes = torch.arange(1, 41, dtype=torch.uint8).view(1, 2, 4, 5)
+    results = torch.arange(256, dtype=torch.uint8).repeat(2, 2, 1)
+    results[1, 0] = results[1, 0] + 100  # the second plane's step
+    results[1, 1, 1:] = 7  # what comes to a cell of the second plane
+    found = gather_candidates(planes, ((0, 2), (-1, 1)), results, torch.tensor([7, 27, 35]))
+    # Row 1, column 2: from two to the left, and from the next row, one to the left.
+    assert found.T.tolist() == [
+        [8, 6, 12, 8, 0, 255],
+        [28, 7, 7, 128, 0, 255],
+        [36, 0, 0, 136, 0, 255],  # beyond the board
+    ]
+
+
+@pytest.mark.parametrize(
+    ("shape", "shifts"),
+    [((3, 4, 6, 5), SHIFTS), ((1, 2, 4, 7), ((0, 2), (-1, 1), (-2, 0))), ((2, 1, 1, 3), ())],
+)
+def test_open_cells_say_what_distributions_say(shape, shifts) -> None:
+    generator = torch.Generator().manual_seed(len(shifts))
+    num, num_planes, rows, columns = shape
+
+    def draw(*size: int) -> torch.Tensor:
+        return torch.randn(*size, generator=generator)
+
+    planes = torch.randint(0, 256, shape, generator=generator) * (draw(*shape) > 1.0)
+    planes = planes.to(torch.uint8)
+    results = torch.randint(0, 256, (num_planes, 3, 256), generator=generator).to(torch.uint8)
+    results[..., 0] = 0
+    num_outputs = num_planes * count_outputs(len(shifts), 2)
+    cells = OpenCells(
+        3.0 * draw(num_outputs, num * rows * columns),
+        draw(num, num_outputs),
+        planes,
+        shifts,
+        results,
+    )
+    everywhere = cells.select(torch.arange(planes.numel()))
+    changed = torch.randint(0, 256, shape, generator=generator).to(torch.uint8)
+    ends = torch.where(draw(*shape) > 0.0, 255, 0).to(torch.uint8)
+    for values in (planes, planes.roll(1, -1), changed, ends):
+        found = cells.find_masses(values)
+        wanted = find_mass(everywhere, values.flatten().float())
+        torch.testing.assert_close(found.masses.flatten(), wanted, atol=3e-6, rtol=1e-4)
+    lone = everywhere.candidates[:-1].amax(0) == 0.0
+    assert torch.equal(found.is_lone.flatten(), lone)
+    assert lone.any()
+    assert not lone.all()
+
+
+def test_open_cells_stay_finite_where_the_network_is_sure_of_one_thing() -> None:
+    planes = torch.tensor([[[[0, 200]]]], dtype=torch.uint8)
+    outputs = torch.zeros(count_outputs(0, 0), 2)
+    outputs[:4] = torch.tensor([-1e4, -1e4, -1e4, 1e4])[:, None]  # a new value, of the logistic
+    outputs[-1] = torch.tensor([1e4, -1e4])  # as wide, and as narrow, as it can be
+    cells = OpenCells(outputs, torch.zeros(1, 6), planes, (), torch.zeros(1, 1, 256).byte())
+    found = cells.find_masses(planes).masses.flatten()
+    wanted = find_mass(cells.select(torch.arange(2)), planes.flatten().float())
+    torch.testing.assert_close(found, wanted, atol=1e-6, rtol=0.0)
 
 
 def test_samples_follow_the_masses_without_the_mode() -> None:
     one = make_cells(1, seed=4)
     num = 40_000
     cells = one.select(torch.zeros(num, dtype=torch.int64))
-    mode = find_mode(one)[0]
+    own = one.candidates[0]
+    mode = find_mode(own, find_mass(one, own), one.select)[0]
     drawn = sample_others(cells, mode.expand(num), torch.Generator().manual_seed(0))
     counts = torch.bincount(drawn.long(), minlength=256) / num
     masses = find_all_masses(one)[:, 0].clone()

@@ -1,0 +1,129 @@
+"""What generated rows cost beside what learning from rows costs, in one run.
+
+    python -m benchmarks.generator [--rows 1000] [--repeats 5]
+
+On Deep Line Wars 10x15 with one torch thread: an update of the learner (conv, 128 rows), an update
+of the generator (64 rows), and what a generated row takes: its next state decoded by one of three
+networks, then judged by all three. Processor time, the best of `--repeats`, as a Markdown table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+from tensordict import TensorDict
+
+from marl_cair.generative.ccdn import CCDN
+from marl_cair.generative.ensemble import CHUNK_ROWS
+from marl_cair.generative.generator import CCDNGenerator
+from marl_cair.generative.open_cells import OpenCells
+from marl_cair.training.config import EvaluationSettings, GameSettings, TrainConfig
+from marl_cair.training.learner_settings import LearnerSettings
+from marl_cair.training.metrics import Timers
+from marl_cair.training.run import TrainingRun
+from marl_cair.training.trainer import iterate
+
+COLLECTED = 4_096  # decisions
+LEARNER_ROWS, GENERATOR_ROWS = 128, 64
+
+
+def best_seconds(work: Callable[[], object], repeats: int) -> float:
+    """Processor time of `work`, once warm."""
+    taken = []
+    for _ in range(repeats + 1):
+        start = time.process_time()
+        work()
+        taken.append(time.process_time() - start)
+    return min(taken[1:])
+
+
+def collect(folder: Path) -> TrainingRun:
+    """A run with some thousand decisions in its replay."""
+    run = TrainingRun(
+        TrainConfig(
+            out=str(folder),
+            torch_threads=1,
+            game=GameSettings(scenario="10x15"),
+            learner=LearnerSettings(batch_size=LEARNER_ROWS),
+            evaluation=EvaluationSettings(bots=()),
+        )
+    )
+    rounds = iterate(run, Timers())
+    while run.frames < COLLECTED:
+        next(rounds)
+    return run
+
+
+@torch.no_grad()
+def open_all(network: CCDN, rows: TensorDict) -> list[OpenCells]:
+    """The cells of `rows` in chunks, as when they are judged."""
+    opened = []
+    for part in rows.split(CHUNK_ROWS):
+        encoding = network.encode(part["observation"], part["action"])
+        changes = torch.zeros(encoding.scalars.shape, dtype=torch.int64)
+        board = network.reveal_economy(encoding, changes)
+        opened.append(network.open_cells(encoding, changes, board))
+    return opened
+
+
+def measure(run: TrainingRun, num_rows: int, repeats: int) -> list[tuple[str, float]]:
+    """Names and seconds."""
+    generator = run.generator
+    if not isinstance(generator, CCDNGenerator):
+        raise TypeError(f"the run's generator is {generator!r}, expected a CCDNGenerator")
+    ensemble, rows = generator.ensemble, run.replay.real.sample_single_steps(num_rows)
+    drawn = torch.Generator().manual_seed(0)
+    batch, one_step = run.replay.sample(), run.replay.real.sample_single_steps(GENERATOR_ROWS)
+    network = ensemble.averages[0]
+    if not isinstance(network, CCDN):
+        raise TypeError(f"the generator's network is {type(network)}, expected CCDN")
+    opened = open_all(network, rows)
+
+    def learn() -> None:
+        run.learner.update(batch.clone(), 0.5)
+
+    def decode() -> None:
+        ensemble.propose(rows["observation"], rows["action"], drawn)
+
+    def judge_cells() -> None:
+        for cells in opened:
+            cells.find_masses(cells.planes)
+
+    works: dict[str, Callable[[], object]] = {
+        f"the learner's update, {LEARNER_ROWS} rows": learn,
+        f"the generator's update, {GENERATOR_ROWS} rows": lambda: generator.update(one_step),
+        f"decoding {num_rows:,} rows": decode,
+        f"judging {num_rows:,} rows by three networks": lambda: ensemble.ask(rows),
+        f"of that, the cells of {num_rows:,} rows by one network": judge_cells,
+    }
+    return [(name, best_seconds(work, repeats)) for name, work in works.items()]
+
+
+def make_table(measured: list[tuple[str, float]]) -> str:
+    """Seconds, and how many updates of the learner that is."""
+    reference = measured[0][1]
+    lines = ["| work | ms | updates of the learner |", "|---|---|---|"]
+    for name, seconds in measured:
+        lines.append(f"| {name} | {1_000 * seconds:.1f} | {seconds / reference:.2f} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--rows", type=int, default=1_000)
+    parser.add_argument("--repeats", type=int, default=5)
+    words = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        run = collect(Path(folder) / "run")
+        print(make_table(measure(run, words.rows, words.repeats)))
+        run.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -2,6 +2,8 @@
 
 import json
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -183,6 +185,13 @@ def test_unknown_commands_name_the_nearest(capsys):
     assert "nearest are 'league'" in capsys.readouterr().err
     assert main([]) == 0
     assert main(["--version"]) == 0
+
+
+def test_the_package_runs_as_the_command_does():
+    command = [sys.executable, "-m", "marl_cair", "leage"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "nearest are 'league'" in done.stderr
 
 
 def test_games_as_json_lists_ids_shapes_and_actions(capsys):

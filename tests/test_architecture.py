@@ -37,6 +37,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training": {"games", "policies", "replay", "generative", "checkpoint", "league"},
     # "" is what `import marl_cair` gives every user; the registries tell --help the choices.
     "cli": {"", "games", "policies", "generative", "checkpoint", "league", "training"},
+    "__main__": {"cli"},
 }
 TORCH = {"torch", "torchrl", "tensordict"}
 # The only files of games/ that may import a library which the rules must not know.

@@ -49,24 +49,18 @@ _LARGE_MAZE = (
     "evaluation.games=16",
 )
 
-# A crash is the end of some seconds' flight: what is later than that need not be foreseen. The
-# oracle takes turns, and so shows what to do wherever the learner has come to; from numbers only to
-# begin with, as a margin is wrong between two actions that are as good. How much is learned goes by
-# the number of updates, not by that of decisions.
+# The oracle takes turns, and so shows what to do wherever the learner has come to. How much is
+# learned goes by the number of updates, not by that of decisions.
 _FLAPPY = (
     "max_ticks=1000",
-    "learner.gamma=0.97",
     "learner.double=false",
     "demonstration.bots=[oracle]",
     "demonstration.share=0.5",
-    "demonstration.turn_decisions=50",
     "learner.frames_per_update=8",
     "exploration.epsilon_start=0.1",
     "exploration.epsilon_end=0.002",
-    "exploration.anneal_frames=100000",
     "collector.num_worlds=64",
     "evaluation.bots=[reflex]",
-    "evaluation.every_frames=50000",
     "checkpoint.every_frames=1000000",
 )
 
@@ -134,6 +128,12 @@ RECIPES = {
             "game.reward=alive",
             *_FLAPPY,
             "total_frames=200000",
+            # A crash is the end of some seconds' flight: what is later need not be foreseen.
+            "learner.gamma=0.97",
+            "exploration.anneal_frames=100000",
+            "evaluation.every_frames=50000",
+            "demonstration.turn_decisions=50",
+            # To begin with alone: a margin is wrong between two actions that are as good.
             "demonstration.until_frames=10000",
             "demonstration.margin=0",
             "generator.evaluate_every_frames=10000",
@@ -143,16 +143,23 @@ RECIPES = {
         ),
     ),
     "flappy_bird_gray": Recipe(
-        "Flappy Bird from four grey frames: passes twenty pipes and more",
+        "Flappy Bird from four grey frames, ten decisions a second: passes fifty pipes and more",
         (
             "game=flappy_bird",
             "representation=gray_stack",
             "game.reward=alive",
             *_FLAPPY,
-            "total_frames=200000",
+            "total_frames=150000",
+            # What one of thirty decisions a second is worth is lost in what frames leave unsure.
+            "game.options.ticks_per_step=3",
+            "learner.gamma=0.92",
+            "exploration.anneal_frames=75000",
+            "evaluation.every_frames=25000",
             "policy.frame_differences=true",
+            # Short turns: most is learned from what follows where the learner has led.
+            "demonstration.turn_decisions=12",
             "demonstration.margin=0.2",
-            "learner.n_steps=4",
+            "learner.n_steps=2",
             "learner.batch_size=64",
             "learner.learning_rate=1e-3",
             "learner.learning_rate_end=0",

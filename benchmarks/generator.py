@@ -18,6 +18,7 @@ from pathlib import Path
 import torch
 from tensordict import TensorDict
 
+from benchmarks._timing import best_seconds
 from marl_cair.generative.ccdn import CCDN
 from marl_cair.generative.ensemble import CHUNK_ROWS
 from marl_cair.generative.generator import CCDNGenerator
@@ -30,16 +31,6 @@ from marl_cair.training.trainer import iterate
 
 COLLECTED = 4_096  # decisions
 LEARNER_ROWS, GENERATOR_ROWS = 128, 64
-
-
-def best_seconds(work: Callable[[], object], repeats: int) -> float:
-    """Processor time of `work`, once warm."""
-    taken = []
-    for _ in range(repeats + 1):
-        start = time.process_time()
-        work()
-        taken.append(time.process_time() - start)
-    return min(taken[1:])
 
 
 def collect(folder: Path) -> TrainingRun:
@@ -101,7 +92,9 @@ def measure(run: TrainingRun, num_rows: int, repeats: int) -> list[tuple[str, fl
         f"judging {num_rows:,} rows by three networks": lambda: ensemble.ask(rows),
         f"of that, the cells of {num_rows:,} rows by one network": judge_cells,
     }
-    return [(name, best_seconds(work, repeats)) for name, work in works.items()]
+    for work in works.values():  # once to warm up
+        work()
+    return [(name, best_seconds(work, repeats, time.process_time)) for name, work in works.items()]
 
 
 def make_table(measured: list[tuple[str, float]]) -> str:

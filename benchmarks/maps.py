@@ -6,26 +6,15 @@ Times are the best of the repeats; both sides check the map.
 
 import argparse
 import tempfile
-import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from benchmarks._timing import best_seconds
 from marl_cair.games.deep_rts.map_generator import generate_map
 from marl_cair.games.deep_rts.maps import read_text_map, write_text_map
 
 SIDES = (15, 31, 64, 128)
 NUM_PLAYERS = 4
-
-
-def best_seconds(work: Callable[[], object], repeats: int) -> float:
-    """Seconds of the fastest of some runs."""
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return min(times)
 
 
 def main() -> None:

@@ -324,5 +324,5 @@ def _any(refusals: dict[str, Tensor]) -> Tensor:
 def _describe(spec: GeneratorSpec, config: GeneratorConfig) -> dict[str, Any]:
     """What networks can only be used with again."""
     described = {**asdict(spec), "num_members": config.num_members, "size": asdict(config.size)}
-    # Tuples are lists once they have been saved.
+    # A tuple and a list of the same numbers are alike, whatever the settings were written in.
     return cast(dict[str, Any], json.loads(json.dumps(described)))

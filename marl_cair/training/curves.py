@@ -49,8 +49,11 @@ def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathL
     for panel in panels.flat:
         panel.spines[["top", "right"]].set_visible(False)
         panel.grid(alpha=0.25)
-    for panel in panels.flat:
         panel.set_xlabel("decisions (thousands)")
+        panel.title.set_fontsize(11)  # the longest is as wide as its panel
+        for line in panel.lines:
+            if len(line.get_xdata()) == 1:  # of a run that was cut short: no line to be seen
+                line.set_marker(".")
     with atomic_path(path) as unfinished:
         figure.savefig(unfinished, dpi=130)
 
@@ -152,6 +155,8 @@ def _draw_collected(panel: Any, logs: Mapping[str, Rows]) -> None:
 
 def _draw_actions(panel: Any, logs: Mapping[str, Rows]) -> None:
     label, rows = list(logs.items())[-1]
+    if len(rows) == 1:  # the mean since the run began
+        rows = [{**rows[0], "frames": 0.0}, rows[0]]
     names = _names(logs, "actions/")
     frames = np.array([row["frames"] / 1_000 for row in rows])
     shares = [[row.get(name, 0.0) for row in rows] for name in names]

@@ -61,18 +61,21 @@ def save_generator(generator: Generator, folder: Path) -> None:
         save_tensors(generator.export_knowledge(), unfinished)
 
 
-def find_generator(folder: Path) -> str | None:
-    """The folder of a run, if there is a generator in it to begin with."""
-    return str(folder) if (folder / GENERATOR_FILE).is_file() else None
+def take_over_generator(config: TrainConfig, before: Path) -> TrainConfig:
+    """The settings of a run that begins with the generator of the run in `before`, if any."""
+    if not (before / GENERATOR_FILE).is_file():
+        return config
+    return dataclasses.replace(config, initial_generator=str(before))
 
 
 def _load_knowledge(generator: Generator, source: str) -> None:
-    if find_generator(Path(source)) is None:
+    path = Path(source) / GENERATOR_FILE
+    if not path.is_file():
         raise CheckpointError(
             f"initial_generator is {source}, where no {GENERATOR_FILE} is: give the folder of a "
             "run that had a generator, such as runs/train"
         )
-    knowledge = load_tensors(Path(source) / GENERATOR_FILE)
+    knowledge = load_tensors(path)
     try:
         generator.import_knowledge(dict(knowledge))
     except ValueError as error:
@@ -81,8 +84,7 @@ def _load_knowledge(generator: Generator, source: str) -> None:
         ) from error
     except (KeyError, RuntimeError, TypeError) as error:
         raise CheckpointError(
-            f"{Path(source) / GENERATOR_FILE} is damaged ({error!r}): bring it back, or leave "
-            "initial_generator out"
+            f"{path} is damaged ({error!r}): bring it back, or leave initial_generator out"
         ) from error
 
 

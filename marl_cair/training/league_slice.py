@@ -17,7 +17,7 @@ from marl_cair.files import write_atomically
 from marl_cair.league.shared import LIVE_FOLDER, LeagueSeat
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import CONFIG_FILE, load_config, save_config
-from marl_cair.training.generators import find_generator
+from marl_cair.training.generators import take_over_generator
 from marl_cair.training.initial_network import begin_as, can_begin_as
 from marl_cair.training.league_settings import derive_seed
 from marl_cair.training.run import RESUME_FOLDER
@@ -136,8 +136,7 @@ def _begin(member: Path, shared: Path, record: MemberRecord) -> TrainConfig:
     else:
         begins_as_main = record.begins_as_main and can_begin_as(main)
     if record.generation > 0:
-        before = find_generator(member / f"{record.generation - 1:03d}")
-        config = dataclasses.replace(config, initial_generator=before or config.initial_generator)
+        config = take_over_generator(config, member / f"{record.generation - 1:03d}")
     return begin_as(main, config) if begins_as_main else config
 
 

@@ -29,7 +29,7 @@ from marl_cair.league.league import LeagueConfig, play_league, run_league
 from marl_cair.league.mixing import describe_mixture, mix_league, read_scores
 from marl_cair.league.mixtures import is_mixture, save_mixture
 from marl_cair.training.config_file import write_settings
-from marl_cair.training.generators import check_generator, find_generator
+from marl_cair.training.generators import check_generator, take_over_generator
 from marl_cair.training.initial_network import can_begin_as
 from marl_cair.training.psro_settings import PsroSettings, fixed_options
 from marl_cair.training.run import LATEST_FOLDER, RESUME_FOLDER
@@ -107,13 +107,14 @@ def train_psro(settings: PsroSettings, show_progress: bool = True) -> PsroResult
 def _check_beginnings(settings: PsroSettings) -> None:
     """Whether responses can begin as each of `begin_with`, and be mixed with all of them."""
     seen: dict[str, str] = {}
+    config = settings.response_config(0, {}, None)
     for source in _find_beginnings(settings).values():
         if is_mixture(source) or not can_begin_as(source):
             raise CheckpointError(
                 f"begin_with has {source}, which is no folder of a greedy network: give one (of a "
                 "mixture its members, of a bot its name in `bots`)"
             )
-        check_generator(settings.response_config(0, {}, source))
+        config = settings.response_config(0, {}, source)
         seen[read_description(source).representation] = source
     if len(seen) > 1:
         told = ", ".join(f"{source} at {name}" for name, source in seen.items())
@@ -121,6 +122,7 @@ def _check_beginnings(settings: PsroSettings) -> None:
             f"agents of begin_with look at different representations ({told}): what is mixed must "
             "look at the same"
         )
+    check_generator(config)
 
 
 def _respond(
@@ -142,8 +144,7 @@ def _respond(
         max_minutes=left,
     )
     if number > 0:  # what generates goes on from response to response
-        own = find_generator(_find_run(settings, number - 1))
-        config = dataclasses.replace(config, initial_generator=own or config.initial_generator)
+        config = take_over_generator(config, _find_run(settings, number - 1))
     result = train(config, True, show_progress)
     if result.frames >= config.total_frames:
         copy_folder(result.folder / LATEST_FOLDER, _find_player(settings, _name_player(number)))

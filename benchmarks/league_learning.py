@@ -23,6 +23,7 @@ import json
 import re
 import sys
 from collections.abc import Iterator, Mapping
+from math import isnan, nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -106,7 +107,8 @@ def play(options: argparse.Namespace, out: Path, league: Path, alone: Path) -> P
     run(["league", *now, "--games", str(options.games), "--no-replays", *where])
     run(["league", *past, "--ladder", *now, "--games", str(options.past_games), *where])
     for name, agent in ((MAIN, best), (MIXTURE, league / MIXTURE)):
-        exploit = ["--budget", options.budget, "--seeds", "1", "--out", str(out / EXPLOIT / name)]
+        exploit = ["--budget", options.budget, "--seeds", "1", "--games", str(2 * options.games)]
+        exploit += ["--out", str(out / EXPLOIT / name)]
         run(["league", "exploit", str(agent), *exploit, *options.words])
     return ladder
 
@@ -198,6 +200,12 @@ def draw(
         figure.savefig(unfinished, dpi=150)
 
 
+def correlate_ranks(progress: list[tuple[int, Rated]]) -> float:
+    """Spearman's rank correlation of ratings with decisions; nan where all ratings are alike."""
+    decisions, elo = [at for at, _ in progress], [rated.elo for _, rated in progress]
+    return float(spearmanr(decisions, elo).statistic) if len(set(elo)) > 1 else nan
+
+
 def write_rows(rows: list[tuple[object, ...]], out: Path) -> None:
     """COLUMNS of all rows as <out>/results.csv."""
     text = io.StringIO()
@@ -210,7 +218,8 @@ def print_rows(rows: list[tuple[object, ...]]) -> None:
     print("| what | against | result | games |\n|---|---|---|---|")
     for what, against, value, low, high, number in rows:
         if low == "":
-            print(f"| {what} | | {value:.2f} | {number} agents |")
+            told = "not defined: all ratings are alike" if isnan(value) else f"{value:.2f}"
+            print(f"| {what} | | {told} | {number} agents |")
         else:
             shares = (f"{100 * float(str(one)):.1f}" for one in (value, low, high))
             result = "{} % [{}, {}]".format(*shares)
@@ -227,7 +236,12 @@ def main() -> None:
     parser.add_argument("--game", choices=("deep_line_wars", "deep_rts"), default="deep_line_wars")
     parser.add_argument("--league", type=Path, help="YAML (default: the example of the game)")
     parser.add_argument("--alone-frames", type=int, default=150_000, help="against random alone")
-    parser.add_argument("--games", type=int, default=200, help="of each pair of today's agents")
+    parser.add_argument(
+        "--games",
+        type=int,
+        default=200,
+        help="of each pair of today's agents; a best response's twice",
+    )
     parser.add_argument("--past-games", type=int, default=40, help="of each pair of past selves")
     parser.add_argument("--budget", default="20m", help="of the best response")
     parser.add_argument("--workers", type=int, default=2)
@@ -242,7 +256,7 @@ def main() -> None:
     decisions = read_description(league / "shared" / "live" / MAIN).frames
     progress = find_progress(rated, decisions)
     scores = read_scores(ladder, MAIN)
-    rank = spearmanr([frames for frames, _ in progress], [r.elo for _, r in progress]).statistic
+    rank = correlate_ranks(progress)
     values = ("score", "low", "high", "games")
     rows: list[tuple[object, ...]] = [
         (f"{told} scores", name, *(row[key] for key in values))

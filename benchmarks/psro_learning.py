@@ -18,10 +18,9 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from scipy.stats import spearmanr
-
 from benchmarks.league_learning import (
     Rated,
+    correlate_ranks,
     draw,
     print_rows,
     read_ladder,
@@ -51,7 +50,8 @@ def play(options: argparse.Namespace, settings: PsroSettings, out: Path) -> list
     everyone = [str(folder / MIXTURE), *(one.source for one in entrants)]
     words = ["--games", str(options.games), "--workers", str(options.workers)]
     run(["league", *everyone, *words, "--out", str(out / LADDER)])
-    exploit = ["--budget", options.budget, "--seeds", "1", "--out", str(out / EXPLOIT)]
+    exploit = ["--budget", options.budget, "--seeds", "1", "--games", str(2 * options.games)]
+    exploit += ["--out", str(out / EXPLOIT)]
     run(["league", "exploit", str(folder / MIXTURE), *exploit, *options.words])
     return [Path(one.source) for one in entrants if one.name.startswith("player_")]
 
@@ -71,7 +71,7 @@ def tabulate(
         rows.append((f"{player.name} scores least", row["opponent"], *(row[key] for key in values)))
     found = read_response(out / EXPLOIT)
     rows.append((f"best response of {budget} scores", MIXTURE, *map(found.get, values)))
-    rank = spearmanr([at for at, _ in progress], [r.elo for _, r in progress]).statistic
+    rank = correlate_ranks(progress)
     rows.append(("rank correlation of rating with decisions", "", rank, "", "", len(progress)))
     return rows
 
@@ -82,7 +82,9 @@ def main() -> None:
     parser.add_argument("--game", choices=tuple(PSRO_EXAMPLES), default="deep_line_wars")
     parser.add_argument("--begin", nargs="*", help="agents (default: as the file says)")
     parser.add_argument("--psro", type=Path, help="YAML (default: the example of the game)")
-    parser.add_argument("--games", type=int, default=200, help="of each pair")
+    parser.add_argument(
+        "--games", type=int, default=200, help="of each pair; the best response's twice"
+    )
     parser.add_argument("--budget", default="20m", help="of the best response")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, help="default: runs/psro_<game>")

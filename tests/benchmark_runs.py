@@ -1,17 +1,25 @@
 """Runs of seconds of the scripts in benchmarks/."""
 
-import subprocess
+import contextlib
+import io
+import runpy
 import sys
 from pathlib import Path
+from unittest import mock
 
 ROOT = Path(__file__).parents[1]
 
 
 def read_table(name, start, words):
-    """What `python -m benchmarks.<name> <words>` prints from its table on, which begins with
-    `start`.
+    """What `python -m benchmarks.<name> <words>`, in this process, prints from its table on, which
+    begins with `start`.
     """
-    command = [sys.executable, "-m", f"benchmarks.{name}", *words]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout[done.stdout.index(start) :]
+    said = io.StringIO()
+    with (
+        mock.patch.object(sys, "argv", [name, *map(str, words)]),
+        contextlib.chdir(ROOT),
+        contextlib.redirect_stdout(said),
+    ):
+        sys.modules.pop(f"benchmarks.{name}", None)  # one benchmark uses another
+        runpy.run_module(f"benchmarks.{name}", run_name="__main__")
+    return said.getvalue()[said.getvalue().index(start) :]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,16 +32,21 @@ FULL = Size(300, 480, 160, 80)
 SMALL = Size(120, 320, 96, 100)  # some hundred KiB: several of them fit into a report
 
 
-def replay_frames(
-    game: Game, scenario: Any, map_seed: int, actions: NDArray[np.int32]
-) -> Iterator[NDArray[np.uint8]]:
-    """Pictures uint8 [h, w, 3] of the start and of each decision, actions [T, P, ...]."""
+def film_game(
+    game: Game, scenario: Any, map_seed: int, actions: NDArray[np.int32], size: Size
+) -> list[Image.Image]:
+    """Pictures of the start, of as many of the decisions, actions [T, P, ...], as `size` keeps, and
+    of the end.
+    """
     engine = BatchedEngine(game, scenario)
     engine.reset(np.array([map_seed], np.uint64))
-    yield engine.render(0)
-    for chosen in actions:
+    every = -(-(len(actions) + 1) // size.max_frames)
+    images = [shrink(engine.render(0), size.width)]
+    for number, chosen in enumerate(actions, start=1):
         engine.step(chosen[None])
-        yield engine.render(0)
+        if number % every == 0 or number == len(actions):
+            images.append(shrink(engine.render(0), size.width))
+    return images
 
 
 def save_film(
@@ -58,24 +63,13 @@ def save_film(
     """
     actions = record_game(first, second, game, scenario, seed)
     map_seed = int(map_seeds(seed, np.zeros(1, np.int64))[0])
-    return write_film(path, replay_frames(game, scenario, map_seed, actions), len(actions) + 1)
+    images = film_game(game, scenario, map_seed, actions, FULL)
+    write_film(path, images, FULL)
+    return len(images)
 
 
-def write_film(
-    path: str | os.PathLike[str],
-    frames: Iterator[NDArray[np.uint8]],
-    num_frames: int,
-    size: Size = FULL,
-) -> int:
-    """Write pictures uint8 [h, w, 3] as a GIF that starts anew at its end; returns how many are
-    kept. The last always is.
-    """
-    every = -(-num_frames // size.max_frames)
-    images = [
-        _shrink(frame, size.width)
-        for index, frame in enumerate(frames)
-        if index % every == 0 or index == num_frames - 1
-    ]
+def write_film(path: str | os.PathLike[str], images: Sequence[Image.Image], size: Size) -> None:
+    """Write pictures as a GIF that starts anew at its end."""
     # One palette for all frames, from the busiest: colours then do not flicker.
     palette = images[len(images) * 3 // 4].quantize(size.num_colours)
     films = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
@@ -90,10 +84,10 @@ def write_film(
             loop=0,
             optimize=True,  # pixels that stay are not written again: a third of the size
         )
-    return len(films)
 
 
-def _shrink(frame: NDArray[np.uint8], width: int) -> Image.Image:
+def shrink(frame: NDArray[np.uint8], width: int) -> Image.Image:
+    """A picture uint8 [h, w, 3], `width` pixels wide."""
     image = Image.fromarray(frame)
     height = round(image.height * width / image.width)
-    return image.resize((width, height), Image.Resampling.LANCZOS)
+    return image.resize((width, height), Image.Resampling.LANCZOS, reducing_gap=2.0)

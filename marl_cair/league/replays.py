@@ -19,7 +19,7 @@ from marl_cair.files import write_atomically
 from marl_cair.league.agents import find_fingerprint, read_source
 from marl_cair.league.arena import Load, Rules, one_torch_thread
 from marl_cair.league.blocks import Entrant, make_chunk, seat_line_up
-from marl_cair.league.film import SMALL, Size, replay_frames, write_film
+from marl_cair.league.film import SMALL, film_game, write_film
 from marl_cair.league.groups import ELO_PER_LOGIT
 from marl_cair.league.playing import Step, play_out, start_engine
 from marl_cair.league.ratings import Rating
@@ -251,9 +251,9 @@ def _load(theatre: Theatre, number: int) -> Entrant:
 
 def _write_small(path: Path, rules: Rules, map_seed: int, actions: NDArray[np.int32]) -> None:
     """A film of at most MAX_BYTES where half or a quarter of the frames suffice for that."""
-    for halvings in range(NUM_SIZES):
-        size = Size(SMALL.max_frames >> halvings, *SMALL[1:])
-        frames = replay_frames(rules.game, rules.scenario, map_seed, actions)
-        write_film(path, frames, len(actions) + 1, size)
+    images = film_game(rules.game, rules.scenario, map_seed, actions, SMALL)
+    for _ in range(NUM_SIZES):
+        write_film(path, images, SMALL)
         if path.stat().st_size <= MAX_BYTES:
             return
+        images = [*images[:-1:2], images[-1]]

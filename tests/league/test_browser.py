@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from marl_cair.league.background import Background
-from marl_cair.league.film import SMALL, write_film
+from marl_cair.league.film import SMALL, shrink, write_film
 from marl_cair.league.html import write_page
 from marl_cair.league.replays import Replay
 from marl_cair.league.sections import make_report
@@ -83,7 +83,7 @@ def browser():
 def page_file(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     frames = np.random.default_rng(0).integers(0, 255, (4, 30, 40, 3), np.uint8)
-    write_film(folder / "a.gif", iter(frames), len(frames), SMALL)
+    write_film(folder / "a.gif", [shrink(frame, SMALL.width) for frame in frames], SMALL)
     training = '{"training": {"run": "/runs/a", "name": "a", "seed": 0, "frames": %d}}'
     background = Background(
         title="Deep RTS",

@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import itertools
 import os
 import sqlite3
 import subprocess
@@ -84,7 +83,8 @@ def test_a_league_writes_tables_and_a_picture(tmp_path):
 
 def test_the_order_of_the_agents_changes_nothing(tmp_path):
     tables, games = set(), set()
-    for number, agents in enumerate(itertools.permutations(("random", "rusher", "turtle"))):
+    first = ("random", "rusher", "turtle")
+    for number, agents in enumerate((first, first[::-1], first[1:] + first[:1])):
         play(tmp_path / str(number), agents=agents)
         tables.add(tuple(read(tmp_path / str(number))))
         games.add(tuple(read_games(tmp_path / str(number))))
@@ -131,11 +131,11 @@ def test_an_interrupted_league_goes_on_to_the_same_tables(tmp_path, calls):
 
 
 @pytest.mark.parametrize(
-    ("kills", "games"), [(3, 400), pytest.param(20, 2_000, marks=pytest.mark.slow)]
+    ("kills", "games"), [(2, 200), pytest.param(20, 2_000, marks=pytest.mark.slow)]
 )
 def test_a_league_that_is_killed_again_and_again_goes_on_to_the_same_tables(tmp_path, kills, games):
     words = ["league", "random", "economist", "turtle", "--scenario", "11x11"]
-    words += ["--games", str(games), "--out", str(tmp_path / "a")]
+    words += ["--games", str(games), "--no-replays", "--out", str(tmp_path / "a")]
     code = f"import sys; from marl_cair.cli import main; sys.exit(main({words!r}))"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     moments = np.random.default_rng(time.time_ns()).uniform(0.0, 0.4, kills).tolist()

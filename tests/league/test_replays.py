@@ -13,8 +13,9 @@ from marl_cair.games import GAMES
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.league.agents import describe_training, shorten_paths
 from marl_cair.league.background import read_background
-from marl_cair.league.film import SMALL, write_film
+from marl_cair.league.film import SMALL, film_game, shrink, write_film
 from marl_cair.league.league import LeagueConfig, run_league
+from marl_cair.league.match import record_game
 from marl_cair.league.playing import map_seeds
 from marl_cair.league.ratings import Games, Rating
 from marl_cair.league.replays import FOLDER, choose_games
@@ -206,14 +207,24 @@ def test_a_league_without_games_has_a_report(tmp_path):
 
 
 def test_a_film_keeps_few_frames_and_the_last(tmp_path):
-    greys = np.repeat(np.arange(0, 256, 4, dtype=np.uint8).reshape(8, 8, 1), 3, axis=2)
-    frames = [np.roll(greys, number, axis=(0, 1)) for number in range(100)]
-    size = SMALL._replace(max_frames=10, width=8)
-    assert write_film(tmp_path / "a.gif", iter(frames), len(frames), size) == 11
+    game = GAMES["deep_line_wars"]
+    scenario = game.scenario("11x11")
+    players = [game.bot(name, scenario) for name in ("random", "turtle")]
+    actions = record_game(*players, game, scenario, 0)
+    images = film_game(game, scenario, 3, actions[:100], SMALL._replace(max_frames=10))
+    assert len(images) == 11
+    engine = BatchedEngine(game, scenario)
+    engine.reset(np.array([3], np.uint64))
+    for chosen in actions[:100]:
+        engine.step(chosen[None])
+    last = np.array(shrink(engine.render(0), SMALL.width)).astype(int)
+    write_film(tmp_path / "a.gif", images, SMALL)
     with Image.open(tmp_path / "a.gif") as film:
-        film.seek(film.n_frames - 1)
-        last = np.array(film.convert("RGB")).astype(int)
-    assert np.abs(last - frames[99]).max() <= 8
+        assert film.n_frames == 11
+        film.seek(10)
+        shown = np.array(film.convert("RGB")).astype(int)
+    assert np.abs(shown - last).mean() <= 4
+    assert np.abs(shown - np.array(images[0])).mean() > 4
 
 
 def test_snapshots_know_their_run_and_their_age(tmp_path):

@@ -201,7 +201,7 @@ def draw(
 
 
 def correlate_ranks(progress: list[tuple[int, Rated]]) -> float:
-    """Spearman's rank correlation of ratings with decisions; nan where all ratings are alike."""
+    """Spearman's rank correlation of ratings with decisions; nan where no two ratings differ."""
     decisions, elo = [at for at, _ in progress], [rated.elo for _, rated in progress]
     return float(spearmanr(decisions, elo).statistic) if len(set(elo)) > 1 else nan
 
@@ -218,7 +218,7 @@ def print_rows(rows: list[tuple[object, ...]]) -> None:
     print("| what | against | result | games |\n|---|---|---|---|")
     for what, against, value, low, high, number in rows:
         if low == "":
-            told = "not defined: all ratings are alike" if isnan(value) else f"{value:.2f}"
+            told = "not defined: no two ratings differ" if isnan(value) else f"{value:.2f}"
             print(f"| {what} | | {told} | {number} agents |")
         else:
             shares = (f"{100 * float(str(one)):.1f}" for one in (value, low, high))

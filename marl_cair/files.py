@@ -12,6 +12,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+MAX_TOLD = 80  # letters of a value in an error
 RUN_MARKER = "run.json"
 _LOCK_FILE = ".lock"
 _LEFTOVER_MARK = ".unfinished"
@@ -192,7 +193,13 @@ def _list_differences(held: Any, wanted: Any, name: str = "") -> list[str]:
                 held.get(key), wanted.get(key), f"{name}.{key}" if name else key
             )
         ]
-    return [] if held == wanted else [f"{name} is {held!r} there, {wanted!r} here"]
+    return [] if held == wanted else [f"{name} is {_tell(held)} there, {_tell(wanted)} here"]
+
+
+def _tell(value: Any) -> str:
+    """A value as it is written, its beginning where it is long."""
+    text = repr(value)
+    return text if len(text) <= MAX_TOLD else f"{text[:MAX_TOLD]}..."
 
 
 def _refuse_foreign_files(place: Path) -> None:

@@ -139,6 +139,9 @@ class AtImport(ast.NodeTransformer):
     def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
         """Dropped."""
 
+    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> None:
+        """Dropped."""
+
 
 def top_level_imports(tree: ast.Module) -> Iterator[str]:
     """Roots of what is imported with the module, not inside its functions."""

@@ -1,11 +1,13 @@
 """The settings of a Q-network: plain data that a checkpoint carries, checked when made."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 
 from marl_cair import policies
 from marl_cair.lookup import find_by_name
 from marl_cair.policies.heads import HEADS
+
+NO_CELL = -1  # of `action_cells`: the action points at no cell
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,9 @@ class QNetworkConfig:
     action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
     distances: bool = False  # distances over the board too: for ways longer than kernels reach
     obstacle_planes: tuple[int, ...] = ()  # of `distances`: planes that block ways, to begin with
+    cell_values: bool = False  # actions that point at a cell: also by what lies around it
+    action_cells: tuple[int, ...] = ()  # that each action points at, -1: none; empty: the game's
+    action_kinds: tuple[int, ...] = ()  # of each action: one kind shares weights; empty: the game's
     vector_low: tuple[float, ...] = ()  # of each entry of a vector, seen as -1; empty: the game's
     vector_high: tuple[float, ...] = ()  # of each entry of a vector, seen as 1; empty: the game's
     frame_differences: bool = False  # of stacked images: the newest, and what changed before it
@@ -47,11 +52,19 @@ class QNetworkConfig:
             _require_at_least(1, "hidden_width", self.hidden_width)
         if self.action_embedding is not None:
             _require_at_least(0, "action_embedding", self.action_embedding)
-        object.__setattr__(self, "obstacle_planes", tuple(self.obstacle_planes))
+        for name, least in (("obstacle_planes", 0), ("action_cells", NO_CELL), ("action_kinds", 0)):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+            for place, value in enumerate(getattr(self, name)):
+                _require_at_least(least, f"{name}[{place}]", value)
         if self.obstacle_planes and not self.distances:
             raise ValueError(
                 f"obstacle_planes is {list(self.obstacle_planes)}, but distances is False: set it "
                 "to True, or leave obstacle_planes empty"
+            )
+        if (self.action_cells or self.action_kinds) and not self.cell_values:
+            raise ValueError(
+                "action_cells or action_kinds are given, but cell_values is False: set it to True, "
+                "or leave them empty"
             )
         for name in ("vector_low", "vector_high"):
             object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
@@ -78,6 +91,18 @@ class QNetworkConfig:
         if self.vector_low or not (isinstance(low, tuple) and isinstance(high, tuple)):
             return self
         return replace(self, vector_low=low, vector_high=high)
+
+    def with_actions(self, cells: Sequence[int], kinds: Sequence[int]) -> "QNetworkConfig":
+        """These settings with the cell (or NO_CELL) and the kind of each action, each where
+        `cell_values` asks for it and it is not there.
+        """
+        if not self.cell_values:
+            return self
+        return replace(
+            self,
+            action_cells=self.action_cells or tuple(cells),
+            action_kinds=self.action_kinds or tuple(kinds),
+        )
 
     def resolve_hidden_width(self) -> int:
         """Return the number F of features between body and head."""

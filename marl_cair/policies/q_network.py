@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from marl_cair import policies
 from marl_cair.lookup import find_by_name
 from marl_cair.policies.body import is_image, require_planes, standardise, standardise_changes
+from marl_cair.policies.cell_values import CellValues
 from marl_cair.policies.config import CapsuleSizes, QNetworkConfig
 from marl_cair.policies.distances import DistanceMaps
 from marl_cair.policies.heads import HEADS
@@ -59,6 +60,11 @@ class QNetwork(nn.Module):
         self.head = HEADS[config.head](
             self.body.num_features, num_actions, config.resolve_action_embedding()
         )
+        self.cells: CellValues | None = None
+        if config.cell_values:
+            about = config.action_cells, config.action_kinds
+            _require_per_action(num_actions, *about)
+            self.cells = CellValues(self.observation_shape, self.body.num_features, *about)
 
     def forward(self, observation: Tensor) -> Tensor:
         """Observation uint8 or float [..., *observation_shape] -> action values float32 [..., A].
@@ -85,7 +91,10 @@ class QNetwork(nn.Module):
             seen = (seen - self.middle) / self.reach
         elif is_image(self.observation_shape):
             seen = standardise(seen)
-        values: Tensor = self.head(self._find_features(seen))
+        features = self._find_features(seen)
+        values: Tensor = self.head(features)
+        if self.cells is not None:
+            values = self.cells(seen, features, values)
         return values.float().reshape(*batch_shape, self.num_actions)
 
     def _find_features(self, observation: Tensor) -> Tensor:
@@ -96,6 +105,15 @@ class QNetwork(nn.Module):
         planes, read = self.distances(observation)
         features = read + self.body(planes)
         return features
+
+
+def _require_per_action(num_actions: int, cells: Sequence[int], kinds: Sequence[int]) -> None:
+    if not len(cells) == len(kinds) == num_actions:
+        raise ValueError(
+            f"cell_values is True for {num_actions} actions, but action_cells has {len(cells)} "
+            f"entries and action_kinds {len(kinds)}: give one for each action, as "
+            "`QNetworkConfig.with_actions` does"
+        )
 
 
 def make_q_network(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from textwrap import shorten
 
 from marl_cair.checkpoint import load_network, read_description
+from marl_cair.games.game import GameSpec, Representation
 from marl_cair.league.agents import is_checkpoint
 from marl_cair.policies.actor import GREEDY
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
@@ -16,6 +18,23 @@ KNOWING_EPSILON = 0.05  # exploration to begin with
 KNOWING_RATE = 0.3  # of the usual learning rate
 KNOWING_SHARE = 8  # one part in so many of the replay, or of a shorter run, comes before learning
 Seen = tuple[str, str, tuple[int, ...], int]  # game, representation, its shape, number of actions
+
+
+def fit_policy(policy: QNetworkConfig, seen: Representation, spec: GameSpec) -> QNetworkConfig:
+    """The settings of a network with what only the game knows: bounds of a vector's entries, and
+    cells and kinds of the actions.
+
+    Raises ValueError where actions are to be valued by cells and `seen` does not show them.
+    """
+    policy = policy.with_bounds(seen.low, seen.high)
+    board = spec.representations.get("planes")
+    if policy.cell_values and board is not None and seen.shape[1:] != board.shape[1:]:
+        raise ValueError(
+            f"policy.cell_values is True, but representation {seen.name!r} {seen.shape} does not "
+            f"show the {' x '.join(map(str, board.shape[1:]))} cells that actions point at: take "
+            "representation=planes, or set policy.cell_values=false"
+        )
+    return policy.with_actions(spec.action_cells.tolist(), spec.action_groups.tolist())
 
 
 def can_begin_as(agent: str) -> bool:
@@ -80,10 +99,22 @@ def make_initial_network(
         )
     names = ("game", "representation", "observation shape", "number of actions", "policy")
     there = (about.game, about.representation, about.observation_shape, len(about.action_names))
-    for name, its, own in zip(names, (*there, network.config), (*seen, policy), strict=True):
+    its_policy, own_policy = _differing(network.config, policy)
+    for name, its, own in zip(names, (*there, its_policy), (*seen, own_policy), strict=True):
         if its != own:
             raise ValueError(
                 f"initial_agent is {source}, whose {name} is {its}, but this run's is {own}: give "
                 "an agent that was trained with the same, or change the run's"
             )
     return network.train()
+
+
+def _differing(its: QNetworkConfig, own: QNetworkConfig) -> tuple[str, str]:
+    """The settings in which two policies differ, as short words of each."""
+    pairs = [(name, value, own.to_dict()[name]) for name, value in its.to_dict().items()]
+    different = [(name, values) for name, *values in pairs if values[0] != values[1]]
+    first, second = (
+        ", ".join(f"{name}={shorten(str(values[side]), 60)}" for name, values in different)
+        for side in (0, 1)
+    )
+    return first, second

@@ -49,7 +49,7 @@ from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import fixed_settings, save_config
 from marl_cair.training.demonstrations import Demonstrators
 from marl_cair.training.generators import make_generator, save_generator
-from marl_cair.training.initial_network import make_initial_network
+from marl_cair.training.initial_network import fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
 from marl_cair.training.memory import keep_freed_memory
 from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
@@ -150,7 +150,7 @@ class TrainingRun:
         )
         self.spec = self.env.engine.spec
         self.seen = self.env.engine.representation(game.representation)
-        self.policy = self.config.policy.with_bounds(self.seen.low, self.seen.high)
+        self.policy = fit_policy(self.config.policy, self.seen, self.spec)
 
     def _make_replay(self) -> None:
         config = self.config

@@ -46,7 +46,7 @@ from tests.training.runs import (
 
 @pytest.mark.parametrize("body", ["conv", "capsule"])
 def test_a_resumed_run_equals_one_that_was_never_stopped(tmp_path, body):
-    policy = QNetworkConfig(body=body, hidden_width=32)
+    policy = QNetworkConfig(body=body, hidden_width=32, cell_values=body == "capsule")
     train(tiny(tmp_path / "whole", policy=policy), show_progress=False)
     train(tiny(tmp_path / "parts", 1_280, policy=policy), show_progress=False)
     train(tiny(tmp_path / "parts", policy=policy), resume=True, show_progress=False)

@@ -1,0 +1,76 @@
+"""Values of actions that point at a cell of the board, from what lies around that cell."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from marl_cair.policies.config import NO_CELL
+
+NUM_CHANNELS = 32
+
+
+class CellValues(nn.Module):
+    """Planes float32 [N, C, H, W], features [N, F] and values [N, A] -> values [N, A].
+
+    A dense head learns for each cell anew what a tower or an order there is worth. Here the same
+    kernels look at every cell (5 x 5 cells around it) together with the features of the whole
+    board, as where to act is chosen in AlphaStar (Vinyals et al. 2019) and GridNet (Han et al.
+    2019); actions of one kind share weights. What they find is added to the head's values, and is 0
+    before anything is learned. Values of actions that point at no cell stay as they are. The planes
+    are those of the observation alone, without what `DistanceMaps` adds.
+
+    Raises ValueError where the observation is no board, no action points at a cell, or one points
+    beyond the board.
+    """
+
+    actions: Tensor
+    places: Tensor
+
+    def __init__(
+        self,
+        shape: Sequence[int],
+        num_features: int,
+        action_cells: Sequence[int],
+        action_kinds: Sequence[int],
+    ) -> None:
+        super().__init__()
+        if len(shape) != 3:
+            raise ValueError(
+                "cell_values reads boards [C, H, W], but the observation has shape "
+                f"{tuple(shape)}: take representation=planes, or set cell_values to False"
+            )
+        num_planes, num_cells = shape[0], shape[1] * shape[2]
+        cells, kinds = np.array(action_cells, np.int64), np.array(action_kinds, np.int64)
+        pointing = np.flatnonzero(cells != NO_CELL)
+        if len(pointing) == 0:
+            raise ValueError(
+                "cell_values is True, but none of the actions points at a cell of the board: set "
+                "it to False"
+            )
+        if cells.max() >= num_cells:
+            raise ValueError(
+                f"an action points at cell {cells.max()}, but the observation has the cells "
+                f"0..{num_cells - 1}: take representation=planes, or set cell_values to False"
+            )
+        pointing_kinds, which = np.unique(kinds[pointing], return_inverse=True)
+        self.register_buffer("actions", torch.from_numpy(pointing), persistent=False)
+        places = torch.from_numpy(which * num_cells + cells[pointing])
+        self.register_buffer("places", places, persistent=False)
+        self.near = nn.Sequential(
+            nn.Conv2d(num_planes, NUM_CHANNELS, 3, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(NUM_CHANNELS, NUM_CHANNELS, 3, padding=1),
+        )
+        self.far = nn.Linear(num_features, NUM_CHANNELS)
+        self.values = nn.Conv2d(NUM_CHANNELS, len(pointing_kinds), 1)
+        with torch.no_grad():
+            for weight in self.values.parameters():
+                weight.zero_()
+
+    def forward(self, planes: Tensor, features: Tensor, values: Tensor) -> Tensor:
+        near = self.near(planes.contiguous(memory_format=torch.channels_last))
+        seen = torch.relu(near + self.far(features)[:, :, None, None])
+        found = self.values(seen).flatten(1).index_select(1, self.places)
+        return values.index_add(1, self.actions, found)

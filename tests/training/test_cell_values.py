@@ -1,0 +1,62 @@
+"""Runs whose networks value actions by cells: the game tells which, checkpoints keep them."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from marl_cair.checkpoint import load_network
+from marl_cair.games import GAMES
+from marl_cair.league.agents import load_agent
+from marl_cair.policies.q_network import QNetworkConfig
+from marl_cair.training.config import GameSettings, OpponentSettings
+from marl_cair.training.initial_network import begin_as
+from marl_cair.training.trainer import train
+from tests.training.runs import tiny
+
+POLICY = QNetworkConfig(hidden_width=16, cell_values=True)
+
+
+def test_cells_are_the_games_and_go_with_the_agent(tmp_path):
+    config = tiny(tmp_path / "a", 1_024, policy=POLICY, synthetic_fraction=0.0)
+    latest = train(config, show_progress=False).folder / "latest"
+    network, about = load_network(latest)
+    game = GAMES["deep_line_wars"]
+    spec = game.make_spec(game.scenario("11x11"))
+    assert network.config.action_cells == tuple(spec.action_cells.tolist())
+    assert network.config.action_kinds == tuple(spec.action_groups.tolist())
+    assert about.network["cell_values"] is True
+    assert network.cells.values.weight.abs().max() > 0, "nothing was learned"
+    assert load_agent(latest, "deep_line_wars", game.scenario("11x11")).name == about.name
+
+    again = begin_as(str(latest), dataclasses.replace(config, out=str(tmp_path / "b")))
+    begun, _ = load_network(train(again, show_progress=False).folder / "latest")
+    assert begun.config == network.config
+    assert not torch.equal(begun.cells.values.weight, network.cells.values.weight)
+
+
+def test_a_game_without_cells_is_refused_before_anything_is_written(tmp_path):
+    game = GameSettings("deep_maze", "15x15-race-2p")
+    config = tiny(
+        tmp_path / "a", game=game, policy=POLICY, opponent=OpponentSettings({"latest": 1.0})
+    )
+    with pytest.raises(ValueError, match="none of the actions points at a cell of the board"):
+        train(config, show_progress=False)
+    assert not (tmp_path / "a").exists()
+
+
+def test_pictures_do_not_show_the_cells_and_differing_policies_are_told_shortly(tmp_path):
+    config = tiny(tmp_path / "a", 512, policy=POLICY, synthetic_fraction=0.0)
+    game = dataclasses.replace(config.game, representation="image")
+    with pytest.raises(ValueError, match=r"'image' \(3, .*\) does not show the 11 x 11 cells that"):
+        train(dataclasses.replace(config, game=game), show_progress=False)
+    latest = train(config, show_progress=False).folder / "latest"
+    other = dataclasses.replace(
+        config,
+        out=str(tmp_path / "b"),
+        policy=QNetworkConfig(hidden_width=16),
+        initial_agent=str(latest),
+    )
+    with pytest.raises(ValueError, match="whose policy is cell_values=True, action_cells=") as told:
+        train(other, show_progress=False)
+    assert len(str(told.value)) < 600

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from marl_cair.games import GAMES
+from marl_cair.games.compiled import is_compiling
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.randomness import episode_seeds
 from tests.games.cases import (
@@ -173,7 +174,8 @@ def test_planes_written_in_place_are_those_written_anew(case):
     engine = case.engine(3)
     engine.reset(seeds_of(3))
     saved = engine.snapshot([0])
-    for decision, numbers in enumerate(luck_of(engine).numbers):
+    num_decisions = NUM_DECISIONS if is_compiling() else 20
+    for decision, numbers in enumerate(luck_of(engine, num_decisions).numbers):
         engine.step(choose_actions(engine, numbers))
         if decision % 7 == 3:
             engine.reset(seeds_of(3, seed=decision), np.array([False, True, False]))

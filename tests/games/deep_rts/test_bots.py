@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks._matches import play_match
 from marl_cair.games import make_engine
+from marl_cair.games.compiled import is_compiling
 from marl_cair.games.deep_rts.bot_doctrines import DOCTRINES
 from marl_cair.games.deep_rts.bot_economy import cell_action
 from marl_cair.games.deep_rts.bot_plans import SCOUT_WORKERS, scout
@@ -97,10 +98,11 @@ def positions():
 
 @pytest.mark.parametrize("options", CASES)
 def test_every_bot_only_gives_legal_actions(options):
+    num_decisions = 80 if is_compiling() else 20
     for name in BOTS:
         engine = make_game(1, **options)
         others = [make_bot(engine, "random", seat) for seat in range(1, engine.spec.num_players)]
-        for _, mask, actions in play(engine, [make_bot(engine, name), *others], 80):
+        for _, mask, actions in play(engine, [make_bot(engine, name), *others], num_decisions):
             assert np.take_along_axis(mask, actions[:, :, None], 2).all()
         assert (engine.illegal_actions == 0).all()
 

@@ -107,10 +107,14 @@ def play(options: argparse.Namespace, out: Path, league: Path, alone: Path) -> P
     run(["league", *now, "--games", str(options.games), "--no-replays", *where])
     run(["league", *past, "--ladder", *now, "--games", str(options.past_games), *where])
     for name, agent in ((MAIN, best), (MIXTURE, league / MIXTURE)):
-        exploit = ["--budget", options.budget, "--seeds", "1", "--games", str(2 * options.games)]
-        exploit += ["--out", str(out / EXPLOIT / name)]
-        run(["league", "exploit", str(agent), *exploit, *options.words])
+        exploit(agent, options, out / EXPLOIT / name)
     return ladder
+
+
+def exploit(agent: Path, options: argparse.Namespace, out: Path) -> None:
+    """A best response to `agent`, rated by twice as many games as a pair plays."""
+    words = ["--budget", options.budget, "--seeds", "1", "--games", str(2 * options.games)]
+    run(["league", "exploit", str(agent), *words, "--out", str(out), *options.words])
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
@@ -200,10 +204,11 @@ def draw(
         figure.savefig(unfinished, dpi=150)
 
 
-def correlate_ranks(progress: list[tuple[int, Rated]]) -> float:
-    """Spearman's rank correlation of ratings with decisions; nan where no two ratings differ."""
+def tell_progress(progress: list[tuple[int, Rated]]) -> tuple[object, ...]:
+    """A row of Spearman's rank correlation: nan where no two ratings differ."""
     decisions, elo = [at for at, _ in progress], [rated.elo for _, rated in progress]
-    return float(spearmanr(decisions, elo).statistic) if len(set(elo)) > 1 else nan
+    rank = float(spearmanr(decisions, elo).statistic) if len(set(elo)) > 1 else nan
+    return "rank correlation of rating with decisions", "", rank, "", "", len(progress)
 
 
 def write_rows(rows: list[tuple[object, ...]], out: Path) -> None:
@@ -256,7 +261,6 @@ def main() -> None:
     decisions = read_description(league / "shared" / "live" / MAIN).frames
     progress = find_progress(rated, decisions)
     scores = read_scores(ladder, MAIN)
-    rank = correlate_ranks(progress)
     values = ("score", "low", "high", "games")
     rows: list[tuple[object, ...]] = [
         (f"{told} scores", name, *(row[key] for key in values))
@@ -266,7 +270,7 @@ def main() -> None:
     for name in (MAIN, MIXTURE):
         found = read_response(out / EXPLOIT / name)
         rows.append((f"best response of {options.budget} scores", name, *map(found.get, values)))
-    rows.append(("rank correlation of rating with decisions", "", rank, "", "", len(progress)))
+    rows.append(tell_progress(progress))
     write_rows(rows, out)
     others = {name: r for name, r in rated.items() if name != MAIN and not _PAST.search(name)}
     titles = "The main agent and its past selves", "The main agent"

@@ -20,13 +20,14 @@ from pathlib import Path
 
 from benchmarks.league_learning import (
     Rated,
-    correlate_ranks,
     draw,
+    exploit,
     print_rows,
     read_ladder,
     read_response,
     read_scores,
     run,
+    tell_progress,
     write_rows,
 )
 from benchmarks.learning import trained_minutes
@@ -50,9 +51,7 @@ def play(options: argparse.Namespace, settings: PsroSettings, out: Path) -> list
     everyone = [str(folder / MIXTURE), *(one.source for one in entrants)]
     words = ["--games", str(options.games), "--workers", str(options.workers)]
     run(["league", *everyone, *words, "--out", str(out / LADDER)])
-    exploit = ["--budget", options.budget, "--seeds", "1", "--games", str(2 * options.games)]
-    exploit += ["--out", str(out / EXPLOIT)]
-    run(["league", "exploit", str(folder / MIXTURE), *exploit, *options.words])
+    exploit(folder / MIXTURE, options, out / EXPLOIT)
     return [Path(one.source) for one in entrants if one.name.startswith("player_")]
 
 
@@ -71,8 +70,7 @@ def tabulate(
         rows.append((f"{player.name} scores least", row["opponent"], *(row[key] for key in values)))
     found = read_response(out / EXPLOIT)
     rows.append((f"best response of {budget} scores", MIXTURE, *map(found.get, values)))
-    rank = correlate_ranks(progress)
-    rows.append(("rank correlation of rating with decisions", "", rank, "", "", len(progress)))
+    rows.append(tell_progress(progress))
     return rows
 
 

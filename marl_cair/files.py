@@ -193,11 +193,13 @@ def _list_differences(held: Any, wanted: Any, name: str = "") -> list[str]:
                 held.get(key), wanted.get(key), f"{name}.{key}" if name else key
             )
         ]
-    return [] if held == wanted else [f"{name} is {_tell(held)} there, {_tell(wanted)} here"]
+    return (
+        [] if held == wanted else [f"{name} is {tell_value(held)} there, {tell_value(wanted)} here"]
+    )
 
 
-def _tell(value: Any) -> str:
-    """A value as it is written, its beginning where it is long."""
+def tell_value(value: Any) -> str:
+    """A value as it is written, for an error: only its beginning where it is long."""
     text = repr(value)
     return text if len(text) <= MAX_TOLD else f"{text[:MAX_TOLD]}..."
 

@@ -143,19 +143,10 @@ class AtImport(ast.NodeTransformer):
         """Dropped."""
 
 
-def top_level_imports(tree: ast.Module) -> Iterator[str]:
-    """Roots of what is imported with the module, not inside its functions."""
-    pending: list[ast.AST] = list(tree.body)
-    while pending:
-        node = pending.pop()
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
-            continue
-        if isinstance(node, ast.Import):
-            yield from (alias.name.split(".")[0] for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            yield str(node.module).split(".")[0]
-        else:
-            pending.extend(ast.iter_child_nodes(node))
+def imports_at_import(path: Path) -> set[str]:
+    """Full names of what is imported with the module, not inside its functions."""
+    tree = AtImport().visit(RuntimeOnly().visit(copy.deepcopy(read_tree(path))))
+    return set(imported_modules(path, tree))
 
 
 every_source = pytest.mark.parametrize("path", SOURCES, ids=relative)
@@ -222,10 +213,8 @@ def test_bots_do_not_peek_at_the_state(path):
 
 @every_source
 def test_optional_libraries_are_imported_when_used(path):
-    assert (
-        OPTIONAL & set(top_level_imports(RuntimeOnly().visit(copy.deepcopy(read_tree(path)))))
-        == set()
-    )
+    imported = {name.split(".")[0] for name in imports_at_import(path)}
+    assert OPTIONAL & imported == set()
 
 
 @every_source
@@ -338,10 +327,7 @@ def test_every_module_imports_without_side_effects(tmp_path, alone):
 def test_modules_import_one_another_in_one_direction():
     """Where there is no circle, each can be imported first."""
     sources = {module_name(path): path for path in SOURCES}
-    graph = {}
-    for name, path in sources.items():
-        tree = AtImport().visit(RuntimeOnly().visit(copy.deepcopy(read_tree(path))))
-        graph[name] = sources.keys() & set(imported_modules(path, tree))
+    graph = {name: sources.keys() & imports_at_import(path) for name, path in sources.items()}
     assert sum(map(len, graph.values())) > len(sources)
     graphlib.TopologicalSorter(graph).prepare()  # CycleError names the circle
 

@@ -28,7 +28,8 @@ from marl_cair.generative.economy import EconomyChain, ScalarTables, apply_chang
 from marl_cair.generative.open_cells import OpenCells
 from marl_cair.generative.outcome import Outcome, OutcomeHeads, OutcomeInput, RewardBins
 from marl_cair.generative.readout import SUM_UNIT, NearReadout, flatten_board
-from marl_cair.generative.settings import NO_CELL, GeneratorSpec, NetworkSize
+from marl_cair.generative.settings import GeneratorSpec, NetworkSize
+from marl_cair.policies.config import NO_CELL
 
 READOUT_CHANNELS = 8
 COPY_BIAS = 3.0  # logit of "keeps its value" before training: almost every cell does

@@ -14,8 +14,9 @@ from torch.nn import functional
 
 from marl_cair.generative.economy import NUM_VALUES, ScalarTables
 from marl_cair.generative.readout import BoardReadout, SideReadout, compare, flatten_board
-from marl_cair.generative.settings import NO_CELL, GeneratorSpec, NetworkSize
+from marl_cair.generative.settings import GeneratorSpec, NetworkSize
 from marl_cair.generative.ways import WayReadout
+from marl_cair.policies.config import NO_CELL
 
 PLANE_GAIN = 4.0  # of the mask head's planes: a quarter of the full value counts as 1
 FINE_REACH = 2.0  # standard deviations that the correction of the bins' mean stays within

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+from marl_cair.policies.config import NO_CELL
 from marl_cair.replay.transition import TransitionSpec
-
-NO_CELL = -1  # an action that names no cell of the board
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from textwrap import shorten
 
 from marl_cair.checkpoint import load_network, read_description
+from marl_cair.files import tell_value
 from marl_cair.games.game import GameSpec, Representation
 from marl_cair.league.agents import is_checkpoint
 from marl_cair.policies.actor import GREEDY
@@ -99,8 +99,8 @@ def make_initial_network(
         )
     names = ("game", "representation", "observation shape", "number of actions", "policy")
     there = (about.game, about.representation, about.observation_shape, len(about.action_names))
-    its_policy, own_policy = _differing(network.config, policy)
-    for name, its, own in zip(names, (*there, its_policy), (*seen, own_policy), strict=True):
+    policies = _tell_differences(network.config, policy)
+    for name, its, own in zip(names, (*there, policies[0]), (*seen, policies[1]), strict=True):
         if its != own:
             raise ValueError(
                 f"initial_agent is {source}, whose {name} is {its}, but this run's is {own}: give "
@@ -109,12 +109,14 @@ def make_initial_network(
     return network.train()
 
 
-def _differing(its: QNetworkConfig, own: QNetworkConfig) -> tuple[str, str]:
-    """The settings in which two policies differ, as short words of each."""
-    pairs = [(name, value, own.to_dict()[name]) for name, value in its.to_dict().items()]
-    different = [(name, values) for name, *values in pairs if values[0] != values[1]]
-    first, second = (
-        ", ".join(f"{name}={shorten(str(values[side]), 60)}" for name, values in different)
-        for side in (0, 1)
-    )
-    return first, second
+def _tell_differences(its: QNetworkConfig, own: QNetworkConfig) -> tuple[str, str]:
+    """The settings in which two policies differ, in words for each: never alike if they do."""
+    first, second = its.to_dict(), own.to_dict()
+    words: list[tuple[str, str]] = []
+    for name, value in first.items():
+        if value != second[name]:
+            told = tell_value(value), tell_value(second[name])
+            if told[0] == told[1]:
+                told = f"{told[0]} (another one)", told[1]
+            words.append((f"{name}={told[0]}", f"{name}={told[1]}"))
+    return ", ".join(one for one, _ in words), ", ".join(one for _, one in words)

@@ -60,3 +60,9 @@ def test_pictures_do_not_show_the_cells_and_differing_policies_are_told_shortly(
     with pytest.raises(ValueError, match="whose policy is cell_values=True, action_cells=") as told:
         train(other, show_progress=False)
     assert len(str(told.value)) < 600
+
+    its = load_network(latest)[0].config
+    kinds = (*its.action_kinds[:-1], its.action_kinds[-1] + 1)  # beyond what is told of them
+    other = dataclasses.replace(other, policy=dataclasses.replace(its, action_kinds=kinds))
+    with pytest.raises(ValueError, match="whose policy is action_kinds="):
+        train(other, show_progress=False)

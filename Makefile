@@ -16,7 +16,7 @@ export OMP_NUM_THREADS := 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test test-all test-bounds test-plain lint benchmark clean
+.PHONY: help demo compile test test-all test-bounds test-plain lint benchmark clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -25,11 +25,12 @@ demo: $(STAMP) ## train, play and rate small agents; ends with a report to open
 	unset OMP_NUM_THREADS; $(RUN) scripts/demo.py
 
 # The whole suite comes last, so that its closing line is the last line. All of it within 15 minutes
-# on two cores: bounds checks, which compile every rule once more, are of `test-all`.
-test: lint $(if $(PYTEST_ARGS),,test-plain) ## all checks but the slow ones
+# on two cores: bounds checks, which compile every rule once more, are of `test-all`. Rules are
+# compiled before it by both workers together: each would else wait for what the other compiles.
+test: lint $(if $(PYTEST_ARGS),,test-plain compile) ## all checks but the slow ones
 	$(PYTEST) $(PYTEST_ARGS)
 
-test-all: lint $(if $(PYTEST_ARGS),,test-bounds test-plain) ## the slow tests too, and the game tests with bounds checks
+test-all: lint $(if $(PYTEST_ARGS),,test-bounds test-plain compile) ## the slow tests too, and the game tests with bounds checks
 	$(PYTEST) -m "slow or not slow" $(PYTEST_ARGS)
 
 test-bounds: $(STAMP) ## game tests in which an index out of range raises
@@ -37,6 +38,9 @@ test-bounds: $(STAMP) ## game tests in which an index out of range raises
 
 test-plain: $(STAMP) ## short game tests with the compiler off
 	NUMBA_DISABLE_JIT=1 $(PYTEST) -m "plain_python and not slow" tests/games
+
+compile: $(STAMP) ## compile the rules of all games, so that nothing waits for it later
+	$(RUN) -m marl_cair compile --workers $(NUM_WORKERS)
 
 lint: $(STAMP) ## style, format and types
 	$(RUN) -m ruff check .

@@ -1,4 +1,4 @@
-"""The console command `marl-cair`: train, evaluate, match, league, games, benchmark."""
+"""The console command `marl-cair`: train, evaluate, match, league, games, compile, benchmark."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "match": ("match", "compare two agents in any scenario, of one seat or many"),
     "league": ("league", "rate any set of agents by a round-robin, with 95 % intervals"),
     "games": ("games", "list games, scenarios, representations, actions and bots"),
+    "compile": ("compile", "compile the rules of games now, for images and clusters"),
     "benchmark": ("benchmark", "run the speed measurements of a source checkout"),
 }
 EXIT_DONE, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 2, 130

@@ -2,7 +2,7 @@
 
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 ANNOUNCE_AFTER_SECONDS = 1.0
@@ -15,6 +15,11 @@ def _announce(game: str) -> None:
         _announced_games.add(game)
         message = f"marl_cair: compiling the rules of {game} (once for each version) ...\n"
         sys.stderr.write(message)
+
+
+def announce_nothing(games: Iterable[str]) -> None:
+    """Leave these games out in this process: somebody else tells what it is doing."""
+    _announced_games.update(games)
 
 
 @contextmanager

@@ -14,12 +14,14 @@ directly under games/: no game imports another), numba's version and that settin
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from filelock import FileLock
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
@@ -31,7 +33,6 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 _GAMES = Path(__file__).parent
 _CONFIG: Any = numba.config  # fills in its settings when imported, unseen by type checkers
-_NJIT: Any = numba.njit  # takes target options, such as _nrt, that its types leave out
 
 
 def cache_root() -> Path:
@@ -140,7 +141,8 @@ class _Rule(CPUDispatcher):
     ) -> None:
         options = targetoptions or {}
         super().__init__(py_func, locals or {}, options | _PART_OPTIONS, _PartCompiler)
-        self._entry_options = {name: options[name] for name in options.keys() - _PART_OPTIONS}
+        own = {name: options[name] for name in options.keys() - _PART_OPTIONS}
+        self._entry_options = {"nopython": True, "boundscheck": None, **own}
 
     def __call__(self, *arguments: Any) -> Any:
         return self.entry(*arguments)
@@ -152,13 +154,43 @@ class _Rule(CPUDispatcher):
         # Numba reads the folder when it decorates. The user's own setting is put back at once.
         _CONFIG.CACHE_DIR = _cache_dir(_sources_of(self.py_func))
         try:
-            return _NJIT(cache=True, **self._entry_options)(self.py_func)
+            entry: Any = _Entry(self.py_func, targetoptions=self._entry_options)
+            entry.enable_caching()
         finally:
             _CONFIG.CACHE_DIR = users_folder
+        return entry
 
     def add_overload(self, cres: Any) -> None:
         """Keep a part for the rules that call it, and tell Python's side nothing of it."""
         self.overloads[tuple(cres.signature.args)] = cres
+
+
+class _Entry(CPUDispatcher):
+    """What Python calls of a rule. Of the processes that want its code at one time, one compiles
+    and the others wait to read it: numba alone would let each compile, and the last to finish
+    would drop from the cache what the others had added.
+    """
+
+    def compile(self, sig: Any) -> Any:
+        with self._locked():
+            return super().compile(sig)  # looks into the cache first
+
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        kept: Any = self._cache  # type: ignore[attr-defined]
+        folder, code = Path(kept.cache_path), self.py_func.__code__
+        folder.mkdir(parents=True, exist_ok=True)
+        name = f"{self.py_func.__module__}.{code.co_qualname}-{code.co_firstlineno}"
+        lock = FileLock(folder / f"{hashlib.sha256(name.encode()).hexdigest()[:16]}.lock")
+        try:
+            lock.acquire()
+        except NotImplementedError:  # this file system keeps no locks: each process for itself
+            yield
+            return
+        try:
+            yield
+        finally:
+            lock.release()
 
 
 class _PartCompiler(CompilerBase):

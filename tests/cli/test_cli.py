@@ -172,7 +172,7 @@ def test_help_tells_every_option_with_default_and_meaning():
     assert "generated share of each batch" in text
 
 
-@pytest.mark.parametrize("command", ["evaluate", "league", "games", "benchmark"])
+@pytest.mark.parametrize("command", ["evaluate", "league", "games", "compile", "benchmark"])
 def test_every_command_has_help(command, capsys):
     with pytest.raises(SystemExit) as stopped:
         main([command, "--help"])

@@ -4,6 +4,7 @@ import os
 import pickle
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numba
@@ -117,7 +118,7 @@ def test_the_users_own_cache_folder_is_left_alone(monkeypatch):
 
 def test_the_users_cache_folder_is_restored_after_a_failure(monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", "/users/choice")
-    monkeypatch.setattr(compiled_module, "_NJIT", None)
+    monkeypatch.setattr(compiled_module, "_Entry", None)
     with pytest.raises(TypeError):
         compiled(lambda number: number)(4)
     assert numba.config.CACHE_DIR == "/users/choice"
@@ -234,6 +235,41 @@ def test_the_process_knows_whether_it_compiles():
 
 def read_entry(numbers, index):
     return numbers[index]
+
+
+COMPILE_TOGETHER = """
+import sys
+import time
+from pathlib import Path
+import marl_cair
+engine = marl_cair.make_engine("flappy_bird")
+Path(sys.argv[1]).touch()
+while not Path(sys.argv[2]).exists():
+    pass
+engine.reset(0)
+print(sum(engine.game.reset.entry.stats.cache_misses.values()))
+"""
+
+
+def test_of_processes_that_want_the_same_code_at_one_time_one_compiles(tmp_path):
+    environment = {**os.environ, "MARL_CAIR_CACHE": str(tmp_path), "NUMBA_DISABLE_JIT": "0"}
+    environment["PYTHONPATH"] = os.pathsep.join(sys.path)
+    ready, start = [tmp_path / "first", tmp_path / "second"], tmp_path / "start"
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", COMPILE_TOGETHER, str(path), str(start)],
+            env=environment,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for path in ready
+    ]
+    while not all(path.exists() for path in ready):
+        assert all(process.poll() is None for process in processes)
+        time.sleep(0.01)
+    start.touch()
+    compiled_by = [int(process.communicate()[0]) for process in processes]
+    assert sorted(compiled_by) == [0, 1]
 
 
 READ_BEYOND = """

@@ -140,6 +140,19 @@ print(engine.num_players, marl_cair.GAMES["foreign"].title)
     assert done.stdout.split("\n")[0] == "3 Last standing", done.stderr
 
 
+LIST_AND_ASK = """
+from marl_cair import GAMES
+from marl_cair.cli import main
+assert main(["games", "--json"]) == 0
+print(end="\\0")
+try:
+    GAMES["{name}"]
+    print("there", end="")
+except ValueError as error:
+    print(type(error).__name__, error)
+"""
+
+
 @pytest.mark.parametrize(
     ("name", "text", "why"),
     [
@@ -156,20 +169,21 @@ print(engine.num_players, marl_cair.GAMES["foreign"].title)
 )
 def test_a_broken_package_is_told_and_keeps_no_other_game_from_loading(tmp_path, name, text, why):
     install(tmp_path, name, "foreign_game", text)
-    listed, warned = list_games(tmp_path)
-    assert set(listed) == set(GAMES)
-    assert "BrokenGameWarning" in warned
-    assert f"the game '{name}' of foreign_game (foreign_game) cannot be loaded" in warned
-    assert why in warned
-    helped = run_python(
-        tmp_path, "-W", "ignore", "-c", "from marl_cair.cli import main; main(['train', '--help'])"
-    )
+    done = run_python(tmp_path, "-c", LIST_AND_ASK.format(name=name))
+    listed, asked = done.stdout.split("\0")
+    assert set(json.loads(listed)) == set(GAMES)
+    assert "BrokenGameWarning" in done.stderr
+    assert f"the game '{name}' of foreign_game (foreign_game) cannot be loaded" in done.stderr
+    assert why in done.stderr
+    if name in GAMES:
+        assert asked == "there"
+    else:
+        assert asked.startswith(f"GameLoadError the game '{name}' of foreign_game")
+
+
+def test_commands_do_without_a_broken_package(tmp_path):
+    install(tmp_path, "foreign", "foreign_game", "import no_such_module_anywhere")
+    helped = run_python(tmp_path, "-m", "marl_cair", "train", "--help")
     assert helped.returncode == 0
     assert "deep_rts_duel" in helped.stdout
-    asked = run_python(
-        tmp_path, "-W", "ignore", "-c", f"import marl_cair; marl_cair.GAMES[{name!r}]"
-    )
-    if name in GAMES:
-        assert asked.returncode == 0
-    else:
-        assert f"GameLoadError: the game '{name}' of foreign_game" in asked.stderr
+    assert "BrokenGameWarning" in helped.stderr

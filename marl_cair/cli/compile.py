@@ -1,0 +1,50 @@
+"""`marl-cair compile`: compile the rules of games now, so that no first call has to wait for it.
+
+For the image of a container, or before many processes begin on one machine. What is compiled is
+kept in $MARL_CAIR_CACHE, else in the user's cache folder, until a rule or numba changes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+
+from tqdm import tqdm
+
+from marl_cair.cli import EXIT_DONE
+from marl_cair.games import GAMES
+from marl_cair.games.compiled import cache_root, is_compiling
+from marl_cair.games.precompile import compile_parts, list_parts
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Compile, with a progress bar; returns the exit code.
+
+    Raises:
+        UnknownNameError: no such game; names the nearest.
+        ValueError: fewer than one worker, or the compiler is off.
+    """
+    parser = argparse.ArgumentParser("marl-cair compile", description=__doc__)
+    parser.add_argument("games", nargs="*", metavar="GAME", help="default: all games")
+    parser.add_argument(
+        "--workers", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)"
+    )
+    options = parser.parse_args(arguments)
+    if not is_compiling():
+        raise ValueError("NUMBA_DISABLE_JIT is set, so that rules are not compiled: unset it")
+    began = time.monotonic()
+    games = list(dict.fromkeys(options.games)) or list(GAMES.load_all())
+    parts = list_parts(games)
+    bar = tqdm(total=len(parts), unit="part", disable=None)
+    with bar:
+        for part in compile_parts(parts, options.workers):
+            bar.set_postfix_str(f"{part.game} {part.use}")
+            bar.update()
+    seconds = time.monotonic() - began
+    sys.stdout.write(
+        f"compiled the rules of {', '.join(games)} in {seconds:.0f} s: {cache_root()}\n"
+    )
+    return EXIT_DONE

@@ -1,0 +1,89 @@
+"""Compile the rules of games before anybody plays them, in several processes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from typing import NamedTuple
+
+from marl_cair.games.announcing import announce_nothing
+from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.registry import GAMES
+
+
+class Part(NamedTuple):
+    """What one process compiles: one use of a game, in all of its scenarios."""
+
+    game: str
+    use: str  # of `_USES`, or the name of a representation
+
+
+def list_parts(games: Sequence[str]) -> list[Part]:
+    """All parts of these games, first what the others need, then what takes longest; so the
+    processes seldom wait for one another.
+
+    Raises:
+        UnknownNameError: no such game; names the nearest.
+    """
+    uses = [*_USES]
+    for name in games:
+        game = GAMES[name]
+        for scenario in game.scenarios.values():
+            uses += game.make_spec(scenario).representations
+    return [Part(name, use) for use in dict.fromkeys(uses) for name in games]
+
+
+def compile_parts(parts: Sequence[Part], num_workers: int) -> Iterator[Part]:
+    """Compile them all on so many processes; yields each part when it is done.
+
+    What has been compiled stays in the cache (`cache_root()`) however this ends.
+
+    Raises:
+        ValueError: num_workers below 1.
+    """
+    if num_workers < 1:
+        raise ValueError(f"num_workers is {num_workers}, it must be at least 1")
+    games = tuple(dict.fromkeys(part.game for part in parts))
+    spawn = get_context("spawn")
+    with ProcessPoolExecutor(num_workers, spawn, announce_nothing, (games,)) as pool:
+        tasks = {pool.submit(compile_part, part): part for part in parts}
+        try:
+            for task in as_completed(tasks):
+                task.result()
+                yield tasks[task]
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def compile_part(part: Part) -> None:
+    """Use the game in that way once in each of its scenarios: the first use compiles."""
+    game = GAMES[part.game]
+    for scenario in game.scenarios.values():
+        engine = BatchedEngine(game, scenario)
+        engine.reset(0)
+        if part.use in _USES:
+            _USES[part.use](engine)
+        elif part.use in engine.spec.representations:
+            engine.observe(part.use)
+
+
+def _step(engine: BatchedEngine) -> None:
+    mask = engine.action_mask()
+    engine.step(mask.argmax(-1))
+
+
+def _decide(engine: BatchedEngine) -> None:
+    mask = engine.action_mask()
+    for name in engine.game.bots:
+        bot = engine.game.bot(name, engine.scenario)
+        bot.seed(0)
+        bot.act(engine.observe(bot.representation)[:, 0], mask[:, 0])
+
+
+_USES: dict[str, Callable[[BatchedEngine], object]] = {
+    "reset": lambda engine: None,
+    "step": _step,
+    "bots": _decide,
+    "picture": lambda engine: engine.render(),
+}

@@ -1,0 +1,112 @@
+"""`marl-cair compile`: afterwards nobody waits for the compiler."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from marl_cair.cli import main
+from marl_cair.games import GAMES
+from marl_cair.games.precompile import list_parts
+from tests.games.test_registry import install
+
+ROOT = Path(__file__).parents[2]
+
+# A game of a package, of which one function is a compiled rule.
+GAME_MODULE = """
+import dataclasses
+from marl_cair.games.compiled import compiled
+from tests.games import last_standing
+
+@compiled
+def allow_all(worlds, rules, out, first, last):
+    out[first:last] = True
+
+SCENARIOS = {"duel": last_standing.GAME.scenarios["duel"]}
+GYMNASIUM_PREFIX = "Foreign"
+GAME = dataclasses.replace(
+    last_standing.GAME, name="foreign", scenarios=SCENARIOS, gymnasium_prefix="Foreign",
+    default_scenario="duel", legal_actions=allow_all,
+)
+"""
+COUNT_COMPILED = """
+from numba.core import event
+with event.install_recorder("numba:compile") as compiled:
+    import marl_cair
+    engine = marl_cair.make_engine("{game}", {scenario!r}, num_worlds=3, num_threads=2)
+    engine.reset(engine.action_mask()[:, 0, 0].astype("uint64"))
+    engine.step(engine.action_mask().argmax(-1))
+    for representation in engine.spec.representations:
+        engine.observe(representation)
+    for name in engine.game.bots:
+        bot = engine.game.bot(name, engine.scenario)
+        bot.act(engine.observe(bot.representation)[:, 1], engine.action_mask()[:, 1])
+    engine.render()
+print(len(compiled.buffer))
+"""
+
+
+def run(folder, cache, *arguments):
+    """What a process prints that finds packages in `folder` and has a compiler cache of its own."""
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={
+            **os.environ,
+            "MARL_CAIR_CACHE": str(cache),
+            "NUMBA_DISABLE_JIT": "0",
+            "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}",
+        },
+    )
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    ("game", "scenario"),
+    [("foreign", "duel"), pytest.param("flappy_bird", "race-4-windy", marks=pytest.mark.slow)],
+)
+def test_after_it_nothing_is_compiled_any_more(tmp_path, game, scenario):
+    install(tmp_path, "foreign", "foreign_game", GAME_MODULE)
+    cache, play = tmp_path / "cache", COUNT_COMPILED.format(game=game, scenario=scenario)
+    told = run(tmp_path, cache, "-m", "marl_cair", "compile", game, "--workers", "2")
+    assert told.startswith(f"compiled the rules of {game} in ")
+    assert told.endswith(f" s: {cache}\n")
+    assert run(tmp_path, cache, "-c", play) == "0\n"
+    assert int(run(tmp_path, tmp_path / "empty", "-c", play)) > 0
+
+
+def test_every_way_of_use_of_every_game_is_compiled_and_resets_first():
+    parts = list_parts(list(GAMES))
+    assert len(set(parts)) == len(parts)
+    assert {part.use for part in parts[: len(GAMES)]} == {"reset"}
+    for name, game in GAMES.items():
+        uses = {part.use for part in parts if part.game == name}
+        assert {"reset", "step", "bots", "picture"} <= uses
+        for scenario in game.scenarios.values():
+            assert game.make_spec(scenario).representations.keys() <= uses
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["flapy_bird"], "nearest are 'flappy_bird'"),
+        (["flappy_bird", "--workers", "0"], "num_workers is 0, it must be at least 1"),
+    ],
+)
+def test_it_refuses_with_one_line(words, message, capsys):
+    assert main(["compile", *words]) == 2
+    told = capsys.readouterr().err
+    assert message in told
+    assert told.count("\n") == 1
+
+
+def test_without_the_compiler_it_says_so():
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-m", "marl_cair", "compile"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "NUMBA_DISABLE_JIT is set" in done.stderr

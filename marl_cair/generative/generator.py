@@ -62,7 +62,9 @@ class Generator(Protocol):
         """Go on from `state_dict`."""
 
     def export_knowledge(self) -> dict[str, Any]:
-        """What it has learned, for another run: data only, and of no row that it has seen."""
+        """What it has learned, for another run: data only, and of no row that it has seen. What
+        `state_dict` has too is the same under the same name, so that it is written once.
+        """
 
     def import_knowledge(self, knowledge: dict[str, Any]) -> None:
         """Begin with what another has learned; only rows of this run judge it."""

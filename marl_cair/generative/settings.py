@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 from marl_cair.policies.config import NO_CELL
 from marl_cair.replay.transition import TransitionSpec
@@ -174,6 +174,21 @@ class NetworkSize:
     steps: int = 6  # of each plane's own values that are candidates, the commonest ones
     distances: bool = False  # rewards see how far the way is from what moves to what is static
     obstacle_planes: tuple[int, ...] = ()  # of `distances`: planes that block ways, to begin with
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if type(item.default) is int:
+                _require_int(value >= 1, f"size.{item.name}", value, "1 or more")
+        if self.factors > self.readout:
+            raise ValueError(
+                f"size.factors is {self.factors}, expected at most size.readout, {self.readout}: "
+                "they are the first of these"
+            )
+        if self.reward_bins % 2 == 0:
+            raise ValueError(
+                f"size.reward_bins is {self.reward_bins}, expected an odd number: one is exactly 0"
+            )
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -55,10 +58,28 @@ def check_generator(config: TrainConfig) -> None:
     make_generator(config, spec.representations[about.representation], spec, 0, None)
 
 
-def save_generator(generator: Generator, folder: Path) -> None:
-    """Write what it has learned to `folder`, for runs that begin with it."""
+def save_generator(generator: Generator, folder: Path) -> dict[str, Any]:
+    """Write what it has learned to `folder`; returns the rest of its state."""
+    knowledge = generator.export_knowledge()
+    save_tensors(knowledge, folder / GENERATOR_FILE)
+    state = generator.state_dict()
+    return {name: state[name] for name in state.keys() - knowledge.keys()}
+
+
+def restore_generator(generator: Generator, folder: Path, rest: Mapping[str, Any]) -> None:
+    """Go on from what `save_generator` wrote to `folder` and returned."""
+    generator.load_state_dict({**load_tensors(folder / GENERATOR_FILE), **rest})
+
+
+def publish_generator(source: Path, folder: Path) -> None:
+    """Give what `save_generator` wrote to `source` a second name in `folder`, for runs that begin
+    with it: it is large, and it stays when `source` goes.
+    """
     with atomic_path(folder / GENERATOR_FILE) as unfinished:
-        save_tensors(generator.export_knowledge(), unfinished)
+        try:
+            unfinished.hardlink_to(source / GENERATOR_FILE)
+        except OSError:  # not every file system has second names
+            shutil.copyfile(source / GENERATOR_FILE, unfinished)
 
 
 def take_over_generator(config: TrainConfig, before: Path) -> TrainConfig:

@@ -44,11 +44,11 @@ from marl_cair.replay.generated import GeneratedReplay
 from marl_cair.replay.mixed import MixedReplay
 from marl_cair.replay.reservoir import Reservoir
 from marl_cair.replay.transition import TransitionSpec
+from marl_cair.training import generators
 from marl_cair.training.average_policy import AveragePolicy
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import fixed_settings, save_config
 from marl_cair.training.demonstrations import Demonstrators
-from marl_cair.training.generators import make_generator, save_generator
 from marl_cair.training.initial_network import fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
 from marl_cair.training.memory import keep_freed_memory
@@ -180,7 +180,9 @@ class TrainingRun:
             generated_open=False,
         )
         source = None if self._resumes else config.initial_generator
-        self.generator = make_generator(config, self.seen, self.spec, self._seeds[3], source)
+        self.generator = generators.make_generator(
+            config, self.seen, self.spec, self._seeds[3], source
+        )
 
     def _claim_folder(self, resume: bool) -> None:
         real = self.replay.real
@@ -307,8 +309,6 @@ class TrainingRun:
 
         What the generator has learned is written to the run's folder too, for other runs.
         """
-        if self.generator:
-            save_generator(self.generator, self.folder)
         state = {
             "frames": self.frames,
             "best_score": self.best_score,
@@ -319,18 +319,21 @@ class TrainingRun:
             "statistics": self.statistics.export_state(),
             "means": self.means.export_state(),
             "env": _to_tensors(self.env.game_state()),
-            "generator": self.generator.state_dict() if self.generator else None,
             "torch_rng": torch.get_rng_state(),
         }
         if self.average_policy:
             state["average_policy"] = self.average_policy.state_dict()
             state["rated"] = self.rated.state_dict()
         with replaced_folder(self.folder / RESUME_FOLDER) as fresh:
+            if self.generator:
+                state["generator"] = generators.save_generator(self.generator, fresh)
             save_tensors(state, fresh / STATE_FILE)
             if self.config.checkpoint.include_replay:
                 self.replay.save(fresh / REPLAY_FOLDER)
             if self.average_policy:  # it is the mean of all time: nothing could bring it back
                 self.average_policy.save_rows(fresh / RESERVOIR_FOLDER)
+        if self.generator:
+            generators.publish_generator(self.folder / RESUME_FOLDER, self.folder)
 
     def restore(self) -> None:
         """Continue from `save_state`.
@@ -363,7 +366,7 @@ class TrainingRun:
         self.means.import_state(state["means"])
         self.env.load_game_state(_to_arrays(state["env"]))
         if self.generator:
-            self.generator.load_state_dict(state["generator"])
+            generators.restore_generator(self.generator, folder, state["generator"])
         if (folder / REPLAY_FOLDER).is_dir():
             self.replay.load(folder / REPLAY_FOLDER)
         self.replay.generated_open = self.gate_is_open

@@ -219,7 +219,7 @@ _BY_GOAL = {
     for case in QUICK_CASES
 }
 PLAIN_CASES = list(dict.fromkeys([*DEFAULT_CASES, *_BY_GOAL.values()]))
-PLAIN_DECISIONS = 100
+PLAIN_DECISIONS = 50
 PRINT_DIGESTS = """
 from tests.games.test_determinism import *
 for case in PLAIN_CASES:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from marl_cair.generative import GateConfig, GeneratorConfig, GeneratorSpec
+from marl_cair.generative.settings import NetworkSize
 from tests.generative.plane_game import NUM_ACTIONS, SPEC
 
 
@@ -43,6 +44,19 @@ def test_spec_refuses(changes: dict[str, Any], message: str) -> None:
 def test_generator_config_refuses(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         GeneratorConfig(**changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"channels": 0}, "size.channels is 0, expected 1 or more"),
+        ({"readout": 8}, "size.factors is 12, expected at most size.readout, 8"),
+        ({"reward_bins": 64}, "size.reward_bins is 64, expected an odd number"),
+    ],
+)
+def test_network_size_refuses(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        NetworkSize(**changes)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from marl_cair.games import GAMES
+from marl_cair.generative.settings import GeneratorConfig, NetworkSize
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.config import (
@@ -30,6 +31,11 @@ GAME = GAMES["deep_line_wars"]
 NEVER = 10**9
 
 
+SMALL_GENERATOR = GeneratorConfig(
+    num_members=2, size=NetworkSize(channels=8, hidden=16, readout=8, factors=4, near_factors=4)
+)
+
+
 def tiny(folder, frames=2_560, **changes):
     config = TrainConfig(
         out=str(folder),
@@ -47,7 +53,10 @@ def tiny(folder, frames=2_560, **changes):
         replay=ReplaySettings(3_000, 300, min_transitions=300),
         learner=LearnerSettings(batch_size=20, frames_per_update=64),
         generator=GeneratorSettings(
-            batch_size=16, frames_per_update=128, evaluate_every_frames=1_024
+            model=SMALL_GENERATOR,
+            batch_size=16,
+            frames_per_update=128,
+            evaluate_every_frames=1_024,
         ),
         evaluation=EvaluationSettings(every_frames=NEVER, bots=()),
         checkpoint=CheckpointSettings(every_frames=NEVER),

@@ -1,6 +1,8 @@
 """What a run begins with, and what it draws: networks of others, prioritised rows."""
 
 import dataclasses
+import shutil
+from pathlib import Path
 
 import pytest
 import torch
@@ -13,7 +15,7 @@ from marl_cair.training.generators import GENERATOR_FILE
 from marl_cair.training.initial_network import can_begin_as
 from marl_cair.training.league_slice import MemberRecord, _begin, make_member
 from marl_cair.training.nfsp_settings import NfspSettings
-from marl_cair.training.run import TrainingRun
+from marl_cair.training.run import RESUME_FOLDER, TrainingRun
 from marl_cair.training.trainer import train
 from tests.training.runs import digest, make_batch, make_learner, tiny
 
@@ -137,6 +139,26 @@ def test_a_resumed_run_needs_no_initial_generator_any_more(tmp_path):
     assert repr(knowledge[0]) == repr(knowledge[1])
 
 
+def test_what_the_generator_has_learned_is_on_disk_once_and_stays_when_the_state_goes(
+    tmp_path, monkeypatch
+):
+    train(tiny(tmp_path / "run", 512), show_progress=False)
+    published, kept = tmp_path / "run" / GENERATOR_FILE, tmp_path / "run" / RESUME_FOLDER
+    assert published.samefile(kept / GENERATOR_FILE)
+
+    def refuse(self, target):
+        raise OSError("no second names")
+
+    monkeypatch.setattr(Path, "hardlink_to", refuse)
+    train(tiny(tmp_path / "run", 640), resume=True, show_progress=False)
+    assert not published.samefile(kept / GENERATOR_FILE)
+    assert published.read_bytes() == (kept / GENERATOR_FILE).read_bytes()
+    shutil.rmtree(kept)
+    run = TrainingRun(tiny(tmp_path / "next", initial_generator=str(tmp_path / "run")))
+    assert run.generator.state_dict()["ensemble"]["num_updates"] > 0
+    run.close()
+
+
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
@@ -146,9 +168,9 @@ def test_a_resumed_run_needs_no_initial_generator_any_more(tmp_path):
             r"observation_shape is \[28, 11, 11",
         ),
         (
-            {"generator": GeneratorSettings(model=GeneratorConfig(num_members=2))},
+            {"generator": GeneratorSettings(model=GeneratorConfig(num_members=3))},
             ValueError,
-            "its num_members is 3, but this run's is 2",
+            "its num_members is 2, but this run's is 3",
         ),
         ({"synthetic_fraction": 0.0}, ValueError, "this run has no generator: leave it out, or"),
         ({"initial_generator": "nowhere"}, CheckpointError, "nowhere, where no generator.pt is"),

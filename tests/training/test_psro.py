@@ -1,5 +1,6 @@
 """Best responses come to the known equilibria; a stop changes nothing; bad files are refused."""
 
+import functools
 import json
 import re
 import shutil
@@ -71,7 +72,7 @@ def make(out, **changes):
     return build_psro(values)
 
 
-def run(out, **changes):
+def run_psro(out, **changes):
     return train_psro(make(out, **changes), show_progress=False)
 
 
@@ -87,7 +88,7 @@ def find_throws(folder):
 
 
 def test_rounds_find_every_throw_and_mix_them_as_the_equilibrium_does(tmp_path):
-    result = run(tmp_path / "out", rounds=4)
+    result = run_psro(tmp_path / "out", rounds=4)
     assert (result.rounds, result.is_done, result.was_interrupted) == (4, True, False)
     assert find_throws(tmp_path / "out" / "mixture") == pytest.approx([1 / 3] * 3, abs=0.05)
     assert "player_000 100.0%; it begins anew, against all bots alike" in result.text
@@ -96,7 +97,7 @@ def test_rounds_find_every_throw_and_mix_them_as_the_equilibrium_does(tmp_path):
     assert re.search(answer, result.text)
     assert (tmp_path / "out" / "report.txt").read_text("utf-8") == result.text
     assert not list((tmp_path / "out").glob("rounds/*/run/resume"))
-    assert run(tmp_path / "out", rounds=4) == result
+    assert run_psro(tmp_path / "out", rounds=4) == result
 
 
 def test_half_the_games_are_against_the_own_mixture_half_against_who_is_hardest_for_it():
@@ -111,6 +112,7 @@ def test_half_the_games_are_against_the_own_mixture_half_against_who_is_hardest_
 
 
 def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path, monkeypatch):
+    run = functools.partial(run_psro, round_frames=1_024)
     whole = run(tmp_path / "whole")
     assert run(tmp_path / "parts", rounds=1).is_done  # and then one round more
     with monkeypatch.context() as patched:
@@ -142,74 +144,78 @@ def test_each_response_begins_with_what_the_generator_before_it_has_learned(tmp_
         return train(config, *words)
 
     monkeypatch.setattr(psro, "train", note)
-    run(tmp_path / "out", round_frames=512, training=training)
+    run_psro(tmp_path / "out", round_frames=512, training=training)
     assert begun_with == [None, str(tmp_path / "out" / "rounds" / "000" / "run")]
-    run(tmp_path / "real")
+    run_psro(tmp_path / "real", round_frames=512)
     assert begun_with[2:] == [None, None]
 
 
-def begin(folder):
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
     """A folder of an agent to begin with."""
-    run(folder, rounds=1)
-    return str(folder / "players" / "player_000")
+    folder = tmp_path_factory.mktemp("begun")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(games.GAMES.modules, NAME, rock_paper_scissors)
+        run_psro(folder, rounds=1)
+    return folder / "players" / "player_000"
 
 
 def test_who_is_there_from_the_start_is_met_and_begun_as_even_if_it_is_gone_later(
-    tmp_path, monkeypatch
+    tmp_path, monkeypatch, begun
 ):
-    player = begin(tmp_path / "first")
+    player = str(shutil.copytree(begun, tmp_path / "first" / "player_000"))
     again = {"rounds": 1, "begin_with": [player]}
     with monkeypatch.context() as patched:
         patched.setattr(psro, "train", lambda *words: train(*words, until_frames=640))
-        assert not run(tmp_path / "next", **again).is_done
+        assert not run_psro(tmp_path / "next", **again).is_done
     plan = json.loads((tmp_path / "next" / "rounds" / "000" / "plan.json").read_text("utf-8"))
     assert plan["start"] == "begin_0"
     assert set(plan["met"]) == {"begin_0", "rock"}
     assert sum(plan["met"].values()) == pytest.approx(1.0)
     shutil.rmtree(tmp_path / "first")
     monkeypatch.chdir(tmp_path)
-    assert run("next", **again).is_done  # the same folder, spelled otherwise
+    assert run_psro("next", **again).is_done  # the same folder, spelled otherwise
 
 
 def test_what_a_kill_between_freezing_and_clearing_leaves_is_cleared_by_the_next_call(tmp_path):
-    run(tmp_path / "out", rounds=1)
+    run_psro(tmp_path / "out", rounds=1)
     left = tmp_path / "out" / "rounds" / "000" / "run" / "resume"
     left.mkdir()
-    run(tmp_path / "out", rounds=1)
+    run_psro(tmp_path / "out", rounds=1)
     assert not left.exists()
 
 
 def test_a_folder_of_other_settings_is_refused(tmp_path):
-    run(tmp_path / "out", rounds=1)
+    run_psro(tmp_path / "out", rounds=1)
     with pytest.raises(OutputFolderError, match="even_share"):
-        run(tmp_path / "out", rounds=1, even_share=0.2)
+        run_psro(tmp_path / "out", rounds=1, even_share=0.2)
 
 
 def test_a_damaged_plan_is_named(tmp_path):
-    run(tmp_path / "out", max_minutes=1e-9)
+    run_psro(tmp_path / "out", max_minutes=1e-9)
     path = tmp_path / "out" / "rounds" / "000" / "plan.json"
     path.write_text("{", "utf-8")
     with pytest.raises(ValueError, match=r"plan.json cannot be read .* delete it"):
-        run(tmp_path / "out")
+        run_psro(tmp_path / "out")
 
 
-def test_whom_responses_cannot_begin_as_is_refused_before_anything_is_written(tmp_path):
-    out, player = tmp_path / "out", begin(tmp_path / "first")
+def test_whom_responses_cannot_begin_as_is_refused_before_anything_is_written(tmp_path, begun):
+    out, player = tmp_path / "out", str(begun)
     save_mixture(tmp_path / "mix", [player], [1.0])
     for given in ("nowhere", "mix"):
         with pytest.raises(CheckpointError, match=f"begin_with has .*{given}, which is no folder"):
-            run(out, begin_with=[str(tmp_path / given)])
+            run_psro(out, begin_with=[str(tmp_path / given)])
     with pytest.raises(CheckpointError, match="begin_with has rock, which is no folder"):
-        run(out, begin_with=["rock"])
+        run_psro(out, begin_with=["rock"])
     other = tmp_path / "other"
     shutil.copytree(player, other)
     about = json.loads((other / "agent.json").read_text("utf-8"))
     (other / "agent.json").write_text(json.dumps({**about, "representation": "planes"}), "utf-8")
     with pytest.raises(ValueError, match=r"representation"):
-        run(out, begin_with=[player, str(other)])
+        run_psro(out, begin_with=[player, str(other)])
     train(tiny(tmp_path / "picture", 128, **PICTURES), show_progress=False)
     with pytest.raises(ValueError, match=r"generator 'ccdn' works on `planes`.*not on 'image'"):
-        run(
+        run_psro(
             out,
             begin_with=[str(tmp_path / "picture" / "latest")],
             bots=["random"],

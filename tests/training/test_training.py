@@ -44,7 +44,7 @@ from tests.training.runs import (
 )
 
 
-@pytest.mark.parametrize("body", ["conv", "capsule"])
+@pytest.mark.parametrize("body", ["conv", pytest.param("capsule", marks=pytest.mark.slow)])
 def test_a_resumed_run_equals_one_that_was_never_stopped(tmp_path, body):
     policy = QNetworkConfig(body=body, hidden_width=32, cell_values=body == "capsule")
     train(tiny(tmp_path / "whole", policy=policy), show_progress=False)
@@ -276,10 +276,11 @@ def test_the_learner_beats_random_on_a_small_board(tmp_path):
     assert match.score >= 0.8
 
 
-def test_the_log_holds_both_kinds_of_loss_and_the_action_shares(tmp_path):
-    train(tiny(tmp_path / "a", 10_240), show_progress=False)
+def test_the_log_holds_both_kinds_of_loss_and_the_action_shares(tmp_path, monkeypatch):
+    monkeypatch.setattr("marl_cair.training.trainer.LOG_EVERY_FRAMES", 2_000)
+    train(tiny(tmp_path / "a", 2_048), show_progress=False)
     row = read_log(tmp_path / "a" / "log.csv")[-1]
-    assert row["frames"] == 10_240
+    assert row["frames"] == 2_048
     assert {"td_error/real", "loss/all", "frames_per_second", "gate/passed"} <= set(row)
     shares = [value for name, value in row.items() if name.startswith("actions/")]
     assert sum(shares) == pytest.approx(1.0)

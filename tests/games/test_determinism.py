@@ -174,7 +174,7 @@ def test_planes_written_in_place_are_those_written_anew(case):
     engine = case.engine(3)
     engine.reset(seeds_of(3))
     saved = engine.snapshot([0])
-    num_decisions = NUM_DECISIONS if is_compiling() else 20
+    num_decisions = NUM_DECISIONS if is_compiling() else 12
     for decision, numbers in enumerate(luck_of(engine, num_decisions).numbers):
         engine.step(choose_actions(engine, numbers))
         if decision % 7 == 3:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from marl_cair.games.compiled import is_compiling
 from marl_cair.games.deep_maze.observation import ID_UNKNOWN
 from marl_cair.games.deep_maze.rendering import PANEL_LEFT
 from marl_cair.games.deep_maze.state import GOAL, IN_SIGHT, OPEN, WALL
@@ -178,7 +179,7 @@ def change_unseen(table, player=0):
 @pytest.mark.parametrize("remembers", [True, False])
 def test_no_representation_and_no_mask_depends_on_what_was_not_seen(scenario, remembers):
     table = Table(scenario, remembers=remembers, vision=2)
-    for _ in wander(table, 12):
+    for _ in wander(table, 12 if is_compiling() else 6):
         pass
     assert not table.engine.terminated[0]
     before = {name: table.see(name) for name in TELLING}

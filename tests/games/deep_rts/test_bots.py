@@ -98,7 +98,7 @@ def positions():
 
 @pytest.mark.parametrize("options", CASES)
 def test_every_bot_only_gives_legal_actions(options):
-    num_decisions = 80 if is_compiling() else 20
+    num_decisions = 80 if is_compiling() else 10
     for name in BOTS:
         engine = make_game(1, **options)
         others = [make_bot(engine, "random", seat) for seat in range(1, engine.spec.num_players)]

@@ -31,48 +31,52 @@ NUM_COURSE_PIPES = 6  # the spacing of the pipes repeats after three
 _ALIVE = (1 << (GROUND_TOP - BIRD_HEIGHT + 1)) - 2
 
 # Found with the search below once and for all, so that most scenarios are named without it:
-# (speed and wind at most, gap at least).
+# (speed and wind at most, gap at least), where a bird may flap in every tick.
 SURELY_PLAYABLE = ((400, 300, 96), (500, 300, 108), (500, 0, 80))
 
 Birds = dict[tuple[int, bool], int]  # heights by velocity and whether the last tick was a flap
 
 
-def is_playable(pipe_gap: int, speed: int, wind: int) -> bool:
+def is_playable(pipe_gap: int, speed: int, wind: int, ticks_per_step: int = 1) -> bool:
     """True if some sequence of flaps passes gaps that are by turns as high and as low as can be.
 
     pipe_gap: pixels. speed, wind: hundredths of a pixel per tick; a wind is tried that blows
-    without an end upwards, and one downwards.
+    without an end upwards, and one downwards. ticks_per_step: a bird may flap in the first of so
+    many ticks.
     """
     for most_speed, most_wind, least_gap in SURELY_PLAYABLE:
-        if speed <= most_speed and wind <= most_wind and pipe_gap >= least_gap:
+        is_easier = speed <= most_speed and wind <= most_wind and pipe_gap >= least_gap
+        if is_easier and ticks_per_step == 1:
             return True
-    return search_course(pipe_gap, speed, wind)
+    return search_course(pipe_gap, speed, wind, ticks_per_step)
 
 
 @cache
-def search_course(pipe_gap: int, speed: int, wind: int) -> bool:
+def search_course(pipe_gap: int, speed: int, wind: int, ticks_per_step: int = 1) -> bool:
     """As `is_playable`, found by the search."""
     pixels = -(-wind // HUNDREDTHS)
     return all(
-        _passes_course(pipe_gap, speed, blow, first)
+        _passes_course(pipe_gap, speed, blow, first, ticks_per_step)
         for first in (0, 1)
         for blow in {-pixels, pixels}
     )
 
 
-def _passes_course(pipe_gap: int, speed: int, blow: int, first: int) -> bool:
+def _passes_course(pipe_gap: int, speed: int, blow: int, first: int, ticks_per_step: int) -> bool:
     """Whether birds are left when all pipes are passed; gap `first` of the two extremes begins."""
     edges = gap_tops(pipe_gap)
     pipes = [(x * HUNDREDTHS, edges[(first + index) % 2]) for index, x in enumerate(FIRST_PIPES_X)]
     birds: Birds = {(FLAP_VELOCITY, True): 1 << (START_Y + FLAP_VELOCITY)}
-    num_met = len(pipes)
+    num_met, tick = len(pipes), 0  # in which the bird flaps by itself
     while num_met < len(pipes) + NUM_COURSE_PIPES and birds:
         for index, (x, _) in enumerate(pipes):
             if x < RENEW_BELOW_X * HUNDREDTHS:
                 pipes[index] = (RENEWED_X_HUNDREDTHS, edges[(first + num_met) % 2])
                 num_met += 1
         pipes = [(x - speed, top) for x, top in pipes]
-        birds = _keep(_move(birds, blow), _free_heights(pipes, pipe_gap))
+        tick += 1
+        birds = _move(birds, blow, may_flap=tick % ticks_per_step == 0)
+        birds = _keep(birds, _free_heights(pipes, pipe_gap))
     return bool(birds)
 
 
@@ -89,15 +93,15 @@ def _keep(birds: Birds, free: int) -> Birds:
     return {motion: heights & free for motion, heights in birds.items() if heights & free}
 
 
-def _move(birds: Birds, blow: int) -> Birds:
-    """Every bird both glides and flaps."""
+def _move(birds: Birds, blow: int, may_flap: bool) -> Birds:
+    """Every bird glides, and where it may it flaps too."""
     moved: Birds = {}
     for (velocity, has_flapped), heights in birds.items():
         if has_flapped:  # no gravity in this tick, and a flap only brakes
             motions = ((velocity, False), (0, False))
         else:
             motions = ((min(MAX_FALL, velocity + GRAVITY), False), (FLAP_VELOCITY, True))
-        for motion in motions:
+        for motion in motions if may_flap else motions[:1]:
             shift = motion[0] + blow
             there = heights << shift if shift >= 0 else heights >> -shift
             moved[motion] = moved.get(motion, 0) | there

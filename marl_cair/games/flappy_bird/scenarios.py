@@ -65,11 +65,15 @@ class Scenario:
                 f"flappy_bird: pipe_gap is {self.pipe_gap}, but the bird is {BIRD_HEIGHT} pixels "
                 f"high: it must be a whole number in {BIRD_HEIGHT + 1}..{MAX_GAP}"
             )
-        if not is_playable(self.pipe_gap, self.speed_hundredths, self.wind_hundredths):
+        numbers = self.pipe_gap, self.speed_hundredths, self.wind_hundredths
+        if not is_playable(*numbers, self.ticks_per_step):
+            seldom, mend = "", ""
+            if self.ticks_per_step > 1:
+                seldom, mend = f" at ticks_per_step {self.ticks_per_step}", " or fewer ticks"
             raise ValueError(
                 f"flappy_bird: pipe_gap {self.pipe_gap}, pipe_speed {self.pipe_speed} and wind "
-                f"{self.wind} cannot be played: no sequence of flaps passes the highest gap after "
-                "the lowest; take a larger gap, slower pipes or less wind"
+                f"{self.wind} cannot be played{seldom}: no sequence of flaps passes the highest "
+                f"gap after the lowest; take a larger gap, slower pipes, less wind{mend}"
             )
 
     @property

@@ -22,6 +22,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 from filelock import FileLock
+from numba.core import sigutils
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
@@ -31,6 +32,7 @@ from numba.core.typing.typeof import Purpose, typeof
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+_LONGEST_WAIT = 600.0  # seconds that a process waits for what another one compiles
 _GAMES = Path(__file__).parent
 _CONFIG: Any = numba.config  # fills in its settings when imported, unseen by type checkers
 
@@ -172,6 +174,9 @@ class _Entry(CPUDispatcher):
     """
 
     def compile(self, sig: Any) -> Any:
+        known: Any = self.overloads.get(tuple(sigutils.normalize_signature(sig)[0]))
+        if known is not None:
+            return known.entry_point
         with self._locked():
             return super().compile(sig)  # looks into the cache first
 
@@ -183,9 +188,9 @@ class _Entry(CPUDispatcher):
         name = f"{self.py_func.__module__}.{code.co_qualname}-{code.co_firstlineno}"
         lock = FileLock(folder / f"{hashlib.sha256(name.encode()).hexdigest()[:16]}.lock")
         try:
-            lock.acquire()
-        except NotImplementedError:  # this file system keeps no locks: each process for itself
-            yield
+            lock.acquire(timeout=_LONGEST_WAIT)
+        except (NotImplementedError, OSError):  # no locks here, or a holder that hangs: unlocked,
+            yield  # the code is compiled once more than needed
             return
         try:
             yield

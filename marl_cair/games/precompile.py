@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import chain
 from multiprocessing import get_context
 from typing import NamedTuple
 
 from marl_cair.games.announcing import announce_nothing
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.registry import GAMES
+
+_MOST_WORKERS = 61  # that Windows can wait for
 
 
 class Part(NamedTuple):
@@ -26,12 +29,13 @@ def list_parts(games: Sequence[str]) -> list[Part]:
     Raises:
         UnknownNameError: no such game; names the nearest.
     """
-    uses = [*_USES]
+    uses: dict[str, list[str]] = {use: list(games) for use in _USES}
     for name in games:
         game = GAMES[name]
-        for scenario in game.scenarios.values():
-            uses += game.make_spec(scenario).representations
-    return [Part(name, use) for use in dict.fromkeys(uses) for name in games]
+        seen = [game.make_spec(scenario).representations for scenario in game.scenarios.values()]
+        for use in dict.fromkeys(chain.from_iterable(seen)):
+            uses.setdefault(use, []).append(name)
+    return [Part(name, use) for use, names in uses.items() for name in names]
 
 
 def compile_parts(parts: Sequence[Part], num_workers: int) -> Iterator[Part]:
@@ -46,6 +50,7 @@ def compile_parts(parts: Sequence[Part], num_workers: int) -> Iterator[Part]:
         raise ValueError(f"num_workers is {num_workers}, it must be at least 1")
     games = tuple(dict.fromkeys(part.game for part in parts))
     spawn = get_context("spawn")
+    num_workers = min(num_workers, len(parts), _MOST_WORKERS)
     with ProcessPoolExecutor(num_workers, spawn, announce_nothing, (games,)) as pool:
         tasks = {pool.submit(compile_part, part): part for part in parts}
         try:

@@ -185,9 +185,9 @@ class NetworkSize:
                 f"size.factors is {self.factors}, expected at most size.readout, {self.readout}: "
                 "they are the first of these"
             )
-        if self.reward_bins % 2 == 0:
+        if self.reward_bins % 2 == 0 or self.reward_bins < 3:
             raise ValueError(
-                f"size.reward_bins is {self.reward_bins}, expected an odd number: one is exactly 0"
+                f"size.reward_bins is {self.reward_bins}, expected an odd number, 3 or more"
             )
 
 

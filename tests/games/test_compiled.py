@@ -264,11 +264,15 @@ def test_of_processes_that_want_the_same_code_at_one_time_one_compiles(tmp_path)
         )
         for path in ready
     ]
-    while not all(path.exists() for path in ready):
-        assert all(process.poll() is None for process in processes)
-        time.sleep(0.01)
-    start.touch()
-    compiled_by = [int(process.communicate()[0]) for process in processes]
+    try:
+        while not all(path.exists() for path in ready):
+            assert all(process.poll() is None for process in processes)
+            time.sleep(0.01)
+        start.touch()
+        compiled_by = [int(process.communicate(timeout=300)[0]) for process in processes]
+    finally:
+        for process in processes:
+            process.kill()
     assert sorted(compiled_by) == [0, 1]
 
 

@@ -8,6 +8,7 @@ them is a shift. It needs neither NumPy nor the compiler, so that scenarios can 
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 from marl_cair.games.flappy_bird.tables import (
     BIRD_HEIGHT,
@@ -26,7 +27,6 @@ from marl_cair.games.flappy_bird.tables import (
     gap_tops,
 )
 
-NUM_COURSE_PIPES = 6  # the spacing of the pipes repeats after three
 # Heights at which a bird is alive: 1..GROUND_TOP - BIRD_HEIGHT.
 _ALIVE = (1 << (GROUND_TOP - BIRD_HEIGHT + 1)) - 2
 
@@ -44,10 +44,11 @@ def is_playable(pipe_gap: int, speed: int, wind: int, ticks_per_step: int = 1) -
     without an end upwards, and one downwards. ticks_per_step: a bird may flap in the first of so
     many ticks.
     """
-    for most_speed, most_wind, least_gap in SURELY_PLAYABLE:
-        is_easier = speed <= most_speed and wind <= most_wind and pipe_gap >= least_gap
-        if is_easier and ticks_per_step == 1:
-            return True
+    if ticks_per_step == 1 and any(
+        speed <= most_speed and wind <= most_wind and pipe_gap >= least_gap
+        for most_speed, most_wind, least_gap in SURELY_PLAYABLE
+    ):
+        return True
     return search_course(pipe_gap, speed, wind, ticks_per_step)
 
 
@@ -63,21 +64,26 @@ def search_course(pipe_gap: int, speed: int, wind: int, ticks_per_step: int = 1)
 
 
 def _passes_course(pipe_gap: int, speed: int, blow: int, first: int, ticks_per_step: int) -> bool:
-    """Whether birds are left when all pipes are passed; gap `first` of the two extremes begins."""
+    """Whether birds pass pipes without an end; gap `first` of the two extremes begins."""
     edges = gap_tops(pipe_gap)
     pipes = [(x * HUNDREDTHS, edges[(first + index) % 2]) for index, x in enumerate(FIRST_PIPES_X)]
     birds: Birds = {(FLAP_VELOCITY, True): 1 << (START_Y + FLAP_VELOCITY)}
     num_met, tick = len(pipes), 0  # in which the bird flaps by itself
-    while num_met < len(pipes) + NUM_COURSE_PIPES and birds:
+    been: set[Any] = set()
+    while birds:
         for index, (x, _) in enumerate(pipes):
             if x < RENEW_BELOW_X * HUNDREDTHS:
                 pipes[index] = (RENEWED_X_HUNDREDTHS, edges[(first + num_met) % 2])
                 num_met += 1
+                state = tuple(pipes), tick % ticks_per_step, num_met % 2, frozenset(birds.items())
+                if state in been:  # and so again and again
+                    return True
+                been.add(state)
         pipes = [(x - speed, top) for x, top in pipes]
         tick += 1
         birds = _move(birds, blow, may_flap=tick % ticks_per_step == 0)
         birds = _keep(birds, _free_heights(pipes, pipe_gap))
-    return bool(birds)
+    return False
 
 
 def _free_heights(pipes: list[tuple[int, int]], pipe_gap: int) -> int:

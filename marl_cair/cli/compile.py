@@ -1,7 +1,8 @@
 """`marl-cair compile`: compile the rules of games now, so that no first call has to wait for it.
 
 For the image of a container, or before many processes begin on one machine. What is compiled is
-kept in $MARL_CAIR_CACHE, else in the user's cache folder, until a rule or numba changes.
+kept in $MARL_CAIR_CACHE, else in the user's cache folder, until a rule, numba or the processor
+changes.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ def run(arguments: Sequence[str]) -> int:
     Raises:
         UnknownNameError: no such game; names the nearest.
         ValueError: fewer than one worker, or the compiler is off.
+        OSError: a worker process has died.
     """
     parser = argparse.ArgumentParser("marl-cair compile", description=__doc__)
     parser.add_argument("games", nargs="*", metavar="GAME", help="default: all games")
@@ -38,8 +40,7 @@ def run(arguments: Sequence[str]) -> int:
     began = time.monotonic()
     games = list(dict.fromkeys(options.games)) or list(GAMES.load_all())
     parts = list_parts(games)
-    bar = tqdm(total=len(parts), unit="part", disable=None)
-    with bar:
+    with tqdm(total=len(parts), unit="part", disable=None) as bar:
         for part in compile_parts(parts, options.workers):
             bar.set_postfix_str(f"{part.game} {part.use}")
             bar.update()

@@ -189,8 +189,9 @@ class _Entry(CPUDispatcher):
         lock = FileLock(folder / f"{hashlib.sha256(name.encode()).hexdigest()[:16]}.lock")
         try:
             lock.acquire(timeout=_LONGEST_WAIT)
-        except (NotImplementedError, OSError):  # no locks here, or a holder that hangs: unlocked,
-            yield  # the code is compiled once more than needed
+        except (NotImplementedError, OSError):
+            # The file system keeps no locks, or who holds it hangs. A lock only saves work.
+            yield
             return
         try:
             yield

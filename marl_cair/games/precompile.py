@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from itertools import chain
 from multiprocessing import get_context
 from typing import NamedTuple
@@ -45,6 +46,7 @@ def compile_parts(parts: Sequence[Part], num_workers: int) -> Iterator[Part]:
 
     Raises:
         ValueError: num_workers below 1.
+        OSError: a worker process has died.
     """
     if num_workers < 1:
         raise ValueError(f"num_workers is {num_workers}, it must be at least 1")
@@ -57,6 +59,11 @@ def compile_parts(parts: Sequence[Part], num_workers: int) -> Iterator[Part]:
             for task in as_completed(tasks):
                 task.result()
                 yield tasks[task]
+        except BrokenProcessPool as error:
+            raise OSError(
+                f"a worker process has died ({error}): see whether memory is short, or give "
+                "--workers 1; what is compiled is kept"
+            ) from error
         finally:
             pool.shutdown(cancel_futures=True)
 

@@ -97,26 +97,27 @@ def make_initial_network(
             f"initial_agent is {source}, which plays {about.plays}: what its network gives are "
             "logits of an average policy and no values of actions; give a greedy agent"
         )
-    names = ("game", "representation", "observation shape", "number of actions", "policy")
+    names = ("game", "representation", "observation shape", "number of actions")
     there = (about.game, about.representation, about.observation_shape, len(about.action_names))
-    policies = _tell_differences(network.config, policy)
-    for name, its, own in zip(names, (*there, policies[0]), (*seen, policies[1]), strict=True):
-        if its != own:
-            raise ValueError(
-                f"initial_agent is {source}, whose {name} is {its}, but this run's is {own}: give "
-                "an agent that was trained with the same, or change the run's"
-            )
+    compared = zip(names, there, seen, strict=True)
+    differing: list[tuple[str, object, object]] = [it for it in compared if it[1] != it[2]]
+    if network.config != policy:
+        differing.append(("policy", *_tell_differences(network.config, policy)))
+    if differing:
+        name, its, own = differing[0]
+        raise ValueError(
+            f"initial_agent is {source}, whose {name} is {its}, but this run's is {own}: give "
+            "an agent that was trained with the same, or change the run's"
+        )
     return network.train()
 
 
 def _tell_differences(its: QNetworkConfig, own: QNetworkConfig) -> tuple[str, str]:
-    """The settings in which two policies differ, in words for each: never alike if they do."""
+    """The settings in which two policies differ, in words for each."""
     first, second = its.to_dict(), own.to_dict()
-    words: list[tuple[str, str]] = []
-    for name, value in first.items():
-        if value != second[name]:
-            told = tell_value(value), tell_value(second[name])
-            if told[0] == told[1]:
-                told = f"{told[0]} (another one)", told[1]
-            words.append((f"{name}={told[0]}", f"{name}={told[1]}"))
-    return ", ".join(one for one, _ in words), ", ".join(one for _, one in words)
+    names = [name for name in first if first[name] != second[name]]
+    its_words, own_words = (
+        ", ".join(f"{name}={tell_value(values[name])}" for name in names)
+        for values in (first, second)
+    )
+    return its_words, own_words

@@ -18,6 +18,7 @@ from marl_cair.league.opponents import SAMPLERS
 from marl_cair.lookup import UnknownNameError
 from marl_cair.training.config_file import load_config, save_config
 from marl_cair.training.recipes import RECIPES
+from tests.refusals import assert_refused
 
 SMALL = (
     "scenario=11x11",
@@ -156,10 +157,7 @@ def test_configuration_survives_its_file(tmp_path):
     ],
 )
 def test_train_refuses_with_one_line(words, message, capsys):
-    assert main(["train", *words]) == 2
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    assert_refused(capsys, message, "train", *words)
 
 
 def test_help_tells_every_option_with_default_and_meaning():

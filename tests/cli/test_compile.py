@@ -1,18 +1,11 @@
 """`marl-cair compile`: afterwards nobody waits for the compiler."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
-from marl_cair.cli import main
 from marl_cair.games import GAMES
 from marl_cair.games.precompile import list_parts
-from tests.games.test_registry import install
-
-ROOT = Path(__file__).parents[2]
+from tests.games.test_registry import install, run_python
+from tests.refusals import assert_refused
 
 # A game of a package, of which one function is a compiled rule.
 GAME_MODULE = """
@@ -50,18 +43,9 @@ print(len(compiled.buffer))
 
 def run(folder, cache, *arguments):
     """What a process prints that finds packages in `folder` and has a compiler cache of its own."""
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={
-            **os.environ,
-            "MARL_CAIR_CACHE": str(cache),
-            "NUMBA_DISABLE_JIT": "0",
-            "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}",
-        },
-    )
+    settings = {"MARL_CAIR_CACHE": str(cache), "NUMBA_DISABLE_JIT": "0"}
+    done = run_python(folder, *arguments, **settings)
+    assert done.returncode == 0, done.stderr
     return done.stdout
 
 
@@ -98,15 +82,10 @@ def test_every_way_of_use_of_every_game_is_compiled_and_resets_first():
     ],
 )
 def test_it_refuses_with_one_line(words, message, capsys):
-    assert main(["compile", *words]) == 2
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    assert_refused(capsys, message, "compile", *words)
 
 
-def test_without_the_compiler_it_says_so():
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
-    command = [sys.executable, "-m", "marl_cair", "compile"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+def test_without_the_compiler_it_says_so(tmp_path):
+    done = run_python(tmp_path, "-m", "marl_cair", "compile", NUMBA_DISABLE_JIT="1")
     assert done.returncode == 2
     assert "NUMBA_DISABLE_JIT is set" in done.stderr

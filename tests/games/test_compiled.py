@@ -245,7 +245,7 @@ import marl_cair
 engine = marl_cair.make_engine("flappy_bird")
 Path(sys.argv[1]).touch()
 while not Path(sys.argv[2]).exists():
-    pass
+    time.sleep(0.001)
 engine.reset(0)
 print(sum(engine.game.reset.entry.stats.cache_misses.values()))
 """
@@ -274,6 +274,28 @@ def test_of_processes_that_want_the_same_code_at_one_time_one_compiles(tmp_path)
         for process in processes:
             process.kill()
     assert sorted(compiled_by) == [0, 1]
+
+
+@pytest.mark.skipif(not is_compiling(), reason="NUMBA_DISABLE_JIT=1")
+@pytest.mark.parametrize("error", [NotImplementedError("no flock"), OSError("no locks available")])
+def test_where_no_lock_can_be_kept_rules_are_compiled_all_the_same(monkeypatch, error):
+    def acquire(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("filelock.FileLock.acquire", acquire)
+    assert compiled(read_entry)(np.array([3, 4]), 1) == 4
+
+
+@pytest.mark.skipif(not is_compiling(), reason="NUMBA_DISABLE_JIT=1")
+def test_code_that_a_process_has_waits_for_no_other_process(monkeypatch):
+    rule, numbers = compiled(read_entry), np.array([3, 4])
+    rule(numbers, 1)
+
+    def acquire(*_: object, **__: object) -> None:
+        pytest.fail("a lock is asked for")
+
+    monkeypatch.setattr("filelock.FileLock.acquire", acquire)
+    assert settled(rule, numbers, 1)(numbers, 0) == 3
 
 
 READ_BEYOND = """

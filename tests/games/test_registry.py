@@ -105,14 +105,14 @@ def install(folder, name, module, text):
     (metadata / "entry_points.txt").write_text(f"[marl_cair.games]\n{name} = {module}\n")
 
 
-def run_python(folder, *arguments):
+def run_python(folder, *arguments, **settings):
     return subprocess.run(
         [sys.executable, *arguments],
         capture_output=True,
         text=True,
         check=False,
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}"},
+        env={**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", **settings},
     )
 
 

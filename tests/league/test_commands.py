@@ -6,6 +6,7 @@ import pytest
 
 from marl_cair.cli import evaluate, league, main
 from tests.league.players import save_network
+from tests.refusals import assert_refused
 
 BOTS = ["random", "turtle", "--scenario", "11x11", "--games", "2", "--no-replays"]
 
@@ -43,10 +44,7 @@ def test_bad_input_is_refused_in_one_line(tmp_path, capsys, words, message):
     net = save_network(tmp_path / "net", game="chess")
     words = [word.format(net=net, folder=tmp_path) for word in words]
     out = ["--out", str(tmp_path / "league")] if words[0] == "league" else []
-    assert main([*words, *out]) == 2
-    captured = capsys.readouterr()
-    assert message in captured.err
-    assert captured.err.count("\n") == 1
+    assert_refused(capsys, message, *words, *out)
     assert not (tmp_path / "league").exists()
 
 

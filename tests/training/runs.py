@@ -29,8 +29,6 @@ from tests.replay.streams import make_transitions
 
 GAME = GAMES["deep_line_wars"]
 NEVER = 10**9
-
-
 SMALL_GENERATOR = GeneratorConfig(
     num_members=2, size=NetworkSize(channels=8, hidden=16, readout=8, factors=4, near_factors=4)
 )

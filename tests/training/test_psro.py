@@ -1,6 +1,5 @@
 """Best responses come to the known equilibria; a stop changes nothing; bad files are refused."""
 
-import functools
 import json
 import re
 import shutil
@@ -72,7 +71,7 @@ def make(out, **changes):
     return build_psro(values)
 
 
-def run_psro(out, **changes):
+def run(out, **changes):
     return train_psro(make(out, **changes), show_progress=False)
 
 
@@ -88,7 +87,7 @@ def find_throws(folder):
 
 
 def test_rounds_find_every_throw_and_mix_them_as_the_equilibrium_does(tmp_path):
-    result = run_psro(tmp_path / "out", rounds=4)
+    result = run(tmp_path / "out", rounds=4)
     assert (result.rounds, result.is_done, result.was_interrupted) == (4, True, False)
     assert find_throws(tmp_path / "out" / "mixture") == pytest.approx([1 / 3] * 3, abs=0.05)
     assert "player_000 100.0%; it begins anew, against all bots alike" in result.text
@@ -97,7 +96,7 @@ def test_rounds_find_every_throw_and_mix_them_as_the_equilibrium_does(tmp_path):
     assert re.search(answer, result.text)
     assert (tmp_path / "out" / "report.txt").read_text("utf-8") == result.text
     assert not list((tmp_path / "out").glob("rounds/*/run/resume"))
-    assert run_psro(tmp_path / "out", rounds=4) == result
+    assert run(tmp_path / "out", rounds=4) == result
 
 
 def test_half_the_games_are_against_the_own_mixture_half_against_who_is_hardest_for_it():
@@ -112,17 +111,17 @@ def test_half_the_games_are_against_the_own_mixture_half_against_who_is_hardest_
 
 
 def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path, monkeypatch):
-    run = functools.partial(run_psro, round_frames=1_024)
-    whole = run(tmp_path / "whole")
-    assert run(tmp_path / "parts", rounds=1).is_done  # and then one round more
+    shorter = {"round_frames": 1_024}
+    whole = run(tmp_path / "whole", **shorter)
+    assert run(tmp_path / "parts", rounds=1, **shorter).is_done  # and then one round more
     with monkeypatch.context() as patched:
         patched.setattr(psro, "train", lambda *words: train(*words, until_frames=640))
-        stopped = run(tmp_path / "parts")
+        stopped = run(tmp_path / "parts", **shorter)
     assert (stopped.rounds, stopped.is_done) == (1, False)
     assert (tmp_path / "parts" / "rounds" / "001" / "run" / "resume").is_dir()
-    stopped = run(tmp_path / "parts", max_minutes=1e-6)
+    stopped = run(tmp_path / "parts", max_minutes=1e-6, **shorter)
     assert (stopped.rounds, stopped.is_done) == (1, False)
-    parts = run(tmp_path / "parts")
+    parts = run(tmp_path / "parts", **shorter)
     scenario = GAMES[NAME].scenario("fair")
     for name in ("player_000", "player_001"):
         agents = [
@@ -144,9 +143,9 @@ def test_each_response_begins_with_what_the_generator_before_it_has_learned(tmp_
         return train(config, *words)
 
     monkeypatch.setattr(psro, "train", note)
-    run_psro(tmp_path / "out", round_frames=512, training=training)
+    run(tmp_path / "out", round_frames=512, training=training)
     assert begun_with == [None, str(tmp_path / "out" / "rounds" / "000" / "run")]
-    run_psro(tmp_path / "real", round_frames=512)
+    run(tmp_path / "real", round_frames=512)
     assert begun_with[2:] == [None, None]
 
 
@@ -156,7 +155,7 @@ def begun(tmp_path_factory):
     folder = tmp_path_factory.mktemp("begun")
     with pytest.MonkeyPatch.context() as patched:
         patched.setitem(games.GAMES.modules, NAME, rock_paper_scissors)
-        run_psro(folder, rounds=1)
+        run(folder, rounds=1)
     return folder / "players" / "player_000"
 
 
@@ -167,36 +166,36 @@ def test_who_is_there_from_the_start_is_met_and_begun_as_even_if_it_is_gone_late
     again = {"rounds": 1, "begin_with": [player]}
     with monkeypatch.context() as patched:
         patched.setattr(psro, "train", lambda *words: train(*words, until_frames=640))
-        assert not run_psro(tmp_path / "next", **again).is_done
+        assert not run(tmp_path / "next", **again).is_done
     plan = json.loads((tmp_path / "next" / "rounds" / "000" / "plan.json").read_text("utf-8"))
     assert plan["start"] == "begin_0"
     assert set(plan["met"]) == {"begin_0", "rock"}
     assert sum(plan["met"].values()) == pytest.approx(1.0)
     shutil.rmtree(tmp_path / "first")
     monkeypatch.chdir(tmp_path)
-    assert run_psro("next", **again).is_done  # the same folder, spelled otherwise
+    assert run("next", **again).is_done  # the same folder, spelled otherwise
 
 
 def test_what_a_kill_between_freezing_and_clearing_leaves_is_cleared_by_the_next_call(tmp_path):
-    run_psro(tmp_path / "out", rounds=1)
+    run(tmp_path / "out", rounds=1)
     left = tmp_path / "out" / "rounds" / "000" / "run" / "resume"
     left.mkdir()
-    run_psro(tmp_path / "out", rounds=1)
+    run(tmp_path / "out", rounds=1)
     assert not left.exists()
 
 
 def test_a_folder_of_other_settings_is_refused(tmp_path):
-    run_psro(tmp_path / "out", rounds=1)
+    run(tmp_path / "out", rounds=1)
     with pytest.raises(OutputFolderError, match="even_share"):
-        run_psro(tmp_path / "out", rounds=1, even_share=0.2)
+        run(tmp_path / "out", rounds=1, even_share=0.2)
 
 
 def test_a_damaged_plan_is_named(tmp_path):
-    run_psro(tmp_path / "out", max_minutes=1e-9)
+    run(tmp_path / "out", max_minutes=1e-9)
     path = tmp_path / "out" / "rounds" / "000" / "plan.json"
     path.write_text("{", "utf-8")
     with pytest.raises(ValueError, match=r"plan.json cannot be read .* delete it"):
-        run_psro(tmp_path / "out")
+        run(tmp_path / "out")
 
 
 def test_whom_responses_cannot_begin_as_is_refused_before_anything_is_written(tmp_path, begun):
@@ -204,18 +203,18 @@ def test_whom_responses_cannot_begin_as_is_refused_before_anything_is_written(tm
     save_mixture(tmp_path / "mix", [player], [1.0])
     for given in ("nowhere", "mix"):
         with pytest.raises(CheckpointError, match=f"begin_with has .*{given}, which is no folder"):
-            run_psro(out, begin_with=[str(tmp_path / given)])
+            run(out, begin_with=[str(tmp_path / given)])
     with pytest.raises(CheckpointError, match="begin_with has rock, which is no folder"):
-        run_psro(out, begin_with=["rock"])
+        run(out, begin_with=["rock"])
     other = tmp_path / "other"
     shutil.copytree(player, other)
     about = json.loads((other / "agent.json").read_text("utf-8"))
     (other / "agent.json").write_text(json.dumps({**about, "representation": "planes"}), "utf-8")
     with pytest.raises(ValueError, match=r"representation"):
-        run_psro(out, begin_with=[player, str(other)])
+        run(out, begin_with=[player, str(other)])
     train(tiny(tmp_path / "picture", 128, **PICTURES), show_progress=False)
     with pytest.raises(ValueError, match=r"generator 'ccdn' works on `planes`.*not on 'image'"):
-        run_psro(
+        run(
             out,
             begin_with=[str(tmp_path / "picture" / "latest")],
             bots=["random"],

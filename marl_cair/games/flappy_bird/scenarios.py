@@ -67,13 +67,14 @@ class Scenario:
             )
         numbers = self.pipe_gap, self.speed_hundredths, self.wind_hundredths
         if not is_playable(*numbers, self.ticks_per_step):
-            seldom, mend = "", ""
+            seldom, mends = "", "slower pipes or less wind"
             if self.ticks_per_step > 1:
-                seldom, mend = f" at ticks_per_step {self.ticks_per_step}", " or fewer ticks"
+                seldom = f" at ticks_per_step {self.ticks_per_step}"
+                mends = "slower pipes, less wind or fewer ticks"
             raise ValueError(
                 f"flappy_bird: pipe_gap {self.pipe_gap}, pipe_speed {self.pipe_speed} and wind "
                 f"{self.wind} cannot be played{seldom}: no sequence of flaps passes the highest "
-                f"gap after the lowest; take a larger gap, slower pipes, less wind{mend}"
+                f"gap after the lowest; take a larger gap, {mends}"
             )
 
     @property

@@ -32,7 +32,7 @@ def run(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser("marl-cair compile", description=__doc__)
     parser.add_argument("games", nargs="*", metavar="GAME", help="default: all games")
     parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)"
+        "--workers", type=int, default=_count_cores(), help="processes (default: a core each)"
     )
     options = parser.parse_args(arguments)
     if not is_compiling():
@@ -49,3 +49,10 @@ def run(arguments: Sequence[str]) -> int:
         f"compiled the rules of {', '.join(games)} in {seconds:.0f} s: {cache_root()}\n"
     )
     return EXIT_DONE
+
+
+def _count_cores() -> int:
+    """Those that this process may use: a job of a cluster often has a few of many."""
+    if hasattr(os, "sched_getaffinity"):  # Linux
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

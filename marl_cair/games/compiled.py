@@ -15,7 +15,7 @@ directly under games/: no game imports another), numba's version and that settin
 import hashlib
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -177,8 +177,15 @@ class _Entry(CPUDispatcher):
         known: Any = self.overloads.get(tuple(sigutils.normalize_signature(sig)[0]))
         if known is not None:
             return known.entry_point
-        with self._locked():
+        # What is on disk already many processes may read at one time.
+        with nullcontext() if self._is_kept(sig) else self._locked():
             return super().compile(sig)  # looks into the cache first
+
+    def _is_kept(self, sig: Any) -> bool:
+        kept: Any = self._cache  # type: ignore[attr-defined]
+        context: Any = self.targetctx
+        key = kept._index_key(sig, context.codegen())
+        return key in kept._cache_file._load_index()
 
     @contextmanager
     def _locked(self) -> Iterator[None]:

@@ -13,13 +13,7 @@ import numpy as np
 import torch
 from torchrl.collectors import Collector
 
-from marl_cair.checkpoint import (
-    AgentDescription,
-    CheckpointError,
-    load_tensors,
-    save_agent,
-    save_tensors,
-)
+from marl_cair.checkpoint import AgentDescription, CheckpointError, save_agent
 from marl_cair.files import (
     claim_output_folder,
     find_folder,
@@ -56,10 +50,11 @@ from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
 from marl_cair.training.opponents import OpponentBook
 from marl_cair.training.own_play import OwnPolicies
 from marl_cair.training.seats import SeatRouter
+from marl_cair.training.state_file import load_state, save_state, to_arrays, to_tensors
 
 LATEST_FOLDER, BEST_FOLDER, SNAPSHOT_FOLDER = "latest", "best", "snapshots"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
-STATE_FILE, REPLAY_FOLDER, RESERVOIR_FOLDER = "state.pt", "replay", "reservoir"
+REPLAY_FOLDER, RESERVOIR_FOLDER = "replay", "reservoir"
 RUN_KIND = "training"
 _NUM_SEEDS = 14
 _SPARE_BYTES = 64 << 20  # logs, agents, pictures
@@ -318,7 +313,7 @@ class TrainingRun:
             "router": self.router.export_state(),
             "statistics": self.statistics.export_state(),
             "means": self.means.export_state(),
-            "env": _to_tensors(self.env.game_state()),
+            "env": to_tensors(self.env.game_state()),
             "torch_rng": torch.get_rng_state(),
         }
         if self.average_policy:
@@ -327,7 +322,7 @@ class TrainingRun:
         with replaced_folder(self.folder / RESUME_FOLDER) as fresh:
             if self.generator:
                 state["generator"] = generators.save_generator(self.generator, fresh)
-            save_tensors(state, fresh / STATE_FILE)
+            save_state(state, fresh)
             if self.config.checkpoint.include_replay:
                 self.replay.save(fresh / REPLAY_FOLDER)
             if self.average_policy:  # it is the mean of all time: nothing could bring it back
@@ -339,10 +334,10 @@ class TrainingRun:
         """Continue from `save_state`.
 
         Raises:
-            CheckpointError: the state cannot be read, or is of other settings.
+            CheckpointError: the state cannot be read, or is of other settings or another version.
         """
         folder = self.folder / RESUME_FOLDER
-        state = load_tensors(folder / STATE_FILE)
+        state = load_state(folder)
         try:
             self._import_state(state, folder)
         except (KeyError, RuntimeError, TypeError, ValueError) as error:
@@ -364,7 +359,7 @@ class TrainingRun:
         self.router.import_state(state["router"])
         self.statistics.import_state(state["statistics"])
         self.means.import_state(state["means"])
-        self.env.load_game_state(_to_arrays(state["env"]))
+        self.env.load_game_state(to_arrays(state["env"]))
         if self.generator:
             generators.restore_generator(self.generator, folder, state["generator"])
         if (folder / REPLAY_FOLDER).is_dir():
@@ -383,16 +378,3 @@ class TrainingRun:
         self.collector.shutdown()
         self.log.close()
         self._claim.close()
-
-
-def _to_tensors(value: Any) -> Any:
-    """Arrays within nested dictionaries become tensors, which load as data only."""
-    if isinstance(value, dict):
-        return {name: _to_tensors(item) for name, item in value.items()}
-    return torch.from_numpy(value) if isinstance(value, np.ndarray) else value
-
-
-def _to_arrays(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _to_arrays(item) for name, item in value.items()}
-    return value.numpy() if isinstance(value, torch.Tensor) else value

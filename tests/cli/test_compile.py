@@ -1,7 +1,10 @@
 """`marl-cair compile`: afterwards nobody waits for the compiler."""
 
+import os
+
 import pytest
 
+from marl_cair.cli import main
 from marl_cair.games import GAMES
 from marl_cair.games.precompile import list_parts
 from tests.games.test_registry import install, run_python
@@ -89,3 +92,19 @@ def test_without_the_compiler_it_says_so(tmp_path):
     done = run_python(tmp_path, "-m", "marl_cair", "compile", NUMBA_DISABLE_JIT="1")
     assert done.returncode == 2
     assert "NUMBA_DISABLE_JIT is set" in done.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="Linux alone tells")
+def test_by_default_there_are_as_many_workers_as_cores_that_it_may_use(monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        "marl_cair.cli.compile.compile_parts", lambda _, num: asked.append(num) or []
+    )
+    before = os.sched_getaffinity(0)
+    try:
+        for cores in ({min(before)}, before):
+            os.sched_setaffinity(0, cores)
+            main(["compile", "flappy_bird"])
+    finally:
+        os.sched_setaffinity(0, before)
+    assert asked == [1, len(before)]

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -283,11 +284,12 @@ def test_where_no_lock_can_be_kept_rules_are_compiled_all_the_same(monkeypatch, 
         raise error
 
     monkeypatch.setattr("filelock.FileLock.acquire", acquire)
+    monkeypatch.setattr("marl_cair.games.compiled._Entry._is_kept", lambda *_: False)
     assert compiled(read_entry)(np.array([3, 4]), 1) == 4
 
 
 @pytest.mark.skipif(not is_compiling(), reason="NUMBA_DISABLE_JIT=1")
-def test_code_that_a_process_has_waits_for_no_other_process(monkeypatch):
+def test_code_in_the_process_or_on_disk_waits_for_no_other_process(monkeypatch):
     rule, numbers = compiled(read_entry), np.array([3, 4])
     rule(numbers, 1)
 
@@ -296,6 +298,9 @@ def test_code_that_a_process_has_waits_for_no_other_process(monkeypatch):
 
     monkeypatch.setattr("filelock.FileLock.acquire", acquire)
     assert settled(rule, numbers, 1)(numbers, 0) == 3
+    begun_later: Any = compiled(read_entry)
+    assert begun_later(numbers, 1) == 4
+    assert sum(begun_later.entry.stats.cache_hits.values()) == 1
 
 
 READ_BEYOND = """

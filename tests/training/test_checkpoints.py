@@ -1,12 +1,14 @@
 """Agent checkpoints: what does not fit, is cut short or holds code is refused by name."""
 
+import dataclasses
 import shutil
 
 import pytest
 import torch
 
-from marl_cair.checkpoint import CheckpointError, load_network
+from marl_cair.checkpoint import CheckpointError, load_network, load_tensors, save_tensors
 from marl_cair.league.agents import load_agent
+from marl_cair.training.state_file import STATE_FILE
 from marl_cair.training.trainer import train
 from tests.training.runs import GAME, tiny
 
@@ -80,3 +82,24 @@ class TestCheckpoints:
         (agent / "weights.pt").unlink()
         with pytest.raises(CheckpointError, match="is missing: the checkpoint is incomplete"):
             load_agent(agent)
+
+
+class TestStates:
+    """What a run goes on from."""
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            ({"version": 2}, r"state.pt has version 2, this marl_cair resumes 1: .*/a/latest"),
+            ({"version": None}, "state.pt has version 0"),  # from before they had one
+            ({"frames": None}, "does not fit this run's settings, or is damaged: KeyError"),
+        ],
+    )
+    def test_state_of_something_else(self, tmp_path, change, message):
+        config = tiny(tmp_path / "a", 256)
+        train(dataclasses.replace(config, total_frames=128), show_progress=False)
+        path = tmp_path / "a" / "resume" / STATE_FILE
+        state = {**load_tensors(path), **change}
+        save_tensors({name: value for name, value in state.items() if value is not None}, path)
+        with pytest.raises(CheckpointError, match=message):
+            train(config, resume=True, show_progress=False)

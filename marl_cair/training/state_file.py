@@ -1,0 +1,50 @@
+"""The file of a resumable state: its version, and arrays as tensors, which load as data only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from marl_cair.checkpoint import CheckpointError, load_tensors, save_tensors
+
+STATE_FILE = "state.pt"
+STATE_VERSION = 1  # of what `TrainingRun.save_state` puts into it; raise it when that changes
+
+
+def save_state(state: dict[str, Any], folder: Path) -> None:
+    """Write tensors and plain data to `folder`."""
+    save_tensors({"version": STATE_VERSION, **state}, folder / STATE_FILE)
+
+
+def load_state(folder: Path) -> dict[str, Any]:
+    """Read what `save_state` wrote.
+
+    Raises:
+        CheckpointError: it cannot be read, or another version of marl_cair wrote it.
+    """
+    state = dict(load_tensors(folder / STATE_FILE))
+    version = state.get("version", 0)  # 0: before they were numbered
+    if version != STATE_VERSION:
+        raise CheckpointError(
+            f"{folder / STATE_FILE} has version {version}, this marl_cair resumes {STATE_VERSION}: "
+            "go on with the marl_cair that wrote it, or begin a new run as its agent with "
+            f"initial_agent={folder.parent / 'latest'}"
+        )
+    return state
+
+
+def to_tensors(value: Any) -> Any:
+    """Arrays within nested dictionaries become tensors."""
+    if isinstance(value, dict):
+        return {name: to_tensors(item) for name, item in value.items()}
+    return torch.from_numpy(value) if isinstance(value, np.ndarray) else value
+
+
+def to_arrays(value: Any) -> Any:
+    """Undo `to_tensors`."""
+    if isinstance(value, dict):
+        return {name: to_arrays(item) for name, item in value.items()}
+    return value.numpy() if isinstance(value, torch.Tensor) else value

@@ -24,7 +24,7 @@ from marl_cair.generative.metrics import decide_mask, examine, measure
 from marl_cair.generative.outcome import RewardBins
 from marl_cair.generative.rare import RareCounts, Stratum
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
-from marl_cair.replay.transition import NO_INDEX, NO_OPPONENT, check_transitions
+from marl_cair.replay.transition import NO_ACTION, NO_INDEX, NO_OPPONENT, check_transitions
 
 _TRAINING, _GENERATING, _EVALUATING = range(3)
 
@@ -259,7 +259,7 @@ class CCDNGenerator:
         rows["next", "reward"] = opinions.reward.mean(0).clamp(low, high)[:, None]
         rows["next", "terminated"], rows["next", "done"] = terminated, terminated.clone()
         rows["is_generated"].fill_(True)
-        rows["is_demonstration"].fill_(False)
+        rows["expert_action"].fill_(NO_ACTION)
         rows["index"].fill_(NO_INDEX)
         rows["opponent"].fill_(NO_OPPONENT)
         return rows, opinions

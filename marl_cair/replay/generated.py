@@ -18,9 +18,10 @@ from marl_cair.replay.array_folder import load_arrays, require_layout, save_arra
 from marl_cair.replay.sampler import draw_integers
 from marl_cair.replay.transition import (
     EXPERIENCE_KEYS,
-    IS_DEMONSTRATION,
+    EXPERT_ACTION,
     IS_GENERATED,
     NEXT_DONE,
+    NO_ACTION,
     NO_INDEX,
     NO_OPPONENT,
     STEPS_TO_NEXT_OBS,
@@ -137,7 +138,7 @@ def make_transitions(drawn: Mapping[Key, torch.Tensor], is_generated: bool) -> T
     current = {key: value for key, value in drawn.items() if isinstance(key, str)}
     labels = {
         str(IS_GENERATED): torch.full((num_rows, 1), is_generated),
-        str(IS_DEMONSTRATION): torch.zeros(num_rows, 1, dtype=torch.bool),
+        str(EXPERT_ACTION): torch.full((num_rows,), NO_ACTION, dtype=torch.int64),
         "opponent": torch.full((num_rows,), NO_OPPONENT, dtype=torch.int16),
         "index": torch.full((num_rows,), NO_INDEX, dtype=torch.int64),
     }

@@ -30,7 +30,7 @@ class Ring(NamedTuple):
     reward: NDArray[np.float32]
     terminated: NDArray[np.bool_]
     done: NDArray[np.bool_]
-    demonstrated: NDArray[np.bool_]  # the action was chosen by a demonstrator
+    expert_action: NDArray[np.int32]  # what a demonstrator would do, or NO_ENTRY
     opponent: NDArray[np.int16]
     successor: NDArray[np.int64]  # slot of the stream's next entry, or NO_ENTRY
     sampleable: NDArray[np.bool_]  # has a successor; never true for a tail
@@ -47,7 +47,7 @@ class Steps(NamedTuple):
     terminated: NDArray[np.bool_]  # [T * S]
     truncated: NDArray[np.bool_]  # [T * S]
     learned: NDArray[np.bool_]  # [T * S]
-    demonstrated: NDArray[np.bool_]  # [T * S]
+    expert_action: NDArray[np.int64]  # [T * S]
     opponent: NDArray[np.int16]  # [T * S]
     final_row: NDArray[np.int64]  # [T * S] row in the two fields below, or NO_ENTRY
     final_observation: NDArray[np.uint8]  # [K, C * H * W * itemsize]
@@ -66,7 +66,7 @@ class Rows(NamedTuple):
     next_terminated: NDArray[np.bool_]  # [N]
     next_done: NDArray[np.bool_]  # [N]
     steps_to_next_obs: NDArray[np.int64]  # [N]
-    is_demonstration: NDArray[np.bool_]  # [N]
+    expert_action: NDArray[np.int64]  # [N]
     opponent: NDArray[np.int16]  # [N]
 
 
@@ -131,7 +131,7 @@ def append_steps(
         done = steps.terminated[k] or steps.truncated[k]
         ring.action[slot] = steps.action[k]
         ring.reward[slot] = steps.reward[k]
-        ring.demonstrated[slot] = steps.demonstrated[k]
+        ring.expert_action[slot] = steps.expert_action[k]
         ring.opponent[slot] = steps.opponent[k]
         ring.terminated[slot] = steps.terminated[k]
         ring.done[slot] = done
@@ -156,7 +156,7 @@ def write_entry(
     ring.successor[slot] = NO_ENTRY
     ring.action[slot] = NO_ENTRY
     ring.reward[slot] = 0.0
-    ring.demonstrated[slot] = False
+    ring.expert_action[slot] = NO_ENTRY
     ring.opponent[slot] = NO_ENTRY
     ring.terminated[slot] = False
     ring.done[slot] = False
@@ -221,7 +221,7 @@ def gather_transitions(
         rows.next_terminated[n] = ring.terminated[last]
         rows.next_done[n] = ring.done[last]
         rows.steps_to_next_obs[n] = num_steps
-        rows.is_demonstration[n] = ring.demonstrated[first]
+        rows.expert_action[n] = ring.expert_action[first]
         rows.opponent[n] = ring.opponent[first]
         read_entry(ring, first, rows.observation[n], rows.action_mask[n], board_bytes, num_cells)
         read_entry(

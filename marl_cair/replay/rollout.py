@@ -32,8 +32,8 @@ class Rollout:
     observation [T, S, *shape]; action_mask bool [T, S, A]; action int64 [T, S]; reward float32
     [T, S], the reward of the step; terminated, truncated bool [T, S] (both: terminated counts);
     learned bool [T, S]: steps to store, a stream that pauses without an end is not linked over the
-    gap; demonstrated bool [T, S], whether a demonstrator chose the action; opponent int16 [T, S],
-    who was met, NO_OPPONENT where nobody is known.
+    gap; expert_action int64 [T, S], what a demonstrator did or would do, NO_ACTION where none says;
+    opponent int16 [T, S], who was met, NO_OPPONENT where nobody is known.
     final_step int64 [K]: t * S + s of K terminated or truncated steps, each once;
     final_observation [K, *shape]; final_action_mask bool [K, A], after a terminated step it may
     allow nothing. Rows of steps that are not learned are skipped.
@@ -46,7 +46,7 @@ class Rollout:
     terminated: torch.Tensor
     truncated: torch.Tensor
     learned: torch.Tensor
-    demonstrated: torch.Tensor
+    expert_action: torch.Tensor
     opponent: torch.Tensor
     final_step: torch.Tensor
     final_observation: torch.Tensor
@@ -76,7 +76,7 @@ def check_rollout(rollout: Rollout, spec: TransitionSpec) -> Steps:
         terminated=_as_array(rollout.terminated, num_steps),
         truncated=_as_array(rollout.truncated, num_steps),
         learned=_as_array(rollout.learned, num_steps),
-        demonstrated=_as_array(rollout.demonstrated, num_steps),
+        expert_action=_as_array(rollout.expert_action, num_steps),
         opponent=_as_array(rollout.opponent, num_steps),
         final_row=_place_final_rows(rollout),
         final_observation=_as_bytes(rollout.final_observation, num_final, spec),
@@ -102,7 +102,7 @@ def _check_fields(rollout: Rollout, spec: TransitionSpec) -> None:
         "terminated": (torch.bool, per_step),
         "truncated": (torch.bool, per_step),
         "learned": (torch.bool, per_step),
-        "demonstrated": (torch.bool, per_step),
+        "expert_action": (torch.int64, per_step),
         "opponent": (torch.int16, per_step),
         "final_step": (torch.int64, per_final),
         "final_observation": (spec.observation_dtype, per_final + spec.observation_shape),

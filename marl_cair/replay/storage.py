@@ -90,7 +90,7 @@ class EpisodeStorage(Storage):
             reward=np.empty(capacity, np.float32),
             terminated=np.empty(capacity, np.bool_),
             done=np.empty(capacity, np.bool_),
-            demonstrated=np.empty(capacity, np.bool_),
+            expert_action=np.empty(capacity, np.int32),
             opponent=np.empty(capacity, np.int16),
             successor=np.empty(capacity, np.int64),
             sampleable=np.zeros(capacity, np.bool_),
@@ -229,7 +229,7 @@ class EpisodeStorage(Storage):
             next_terminated=np.empty(num_rows, np.bool_),
             next_done=np.empty(num_rows, np.bool_),
             steps_to_next_obs=np.empty(num_rows, np.int64),
-            is_demonstration=np.empty(num_rows, np.bool_),
+            expert_action=np.empty(num_rows, np.int64),
             opponent=np.empty(num_rows, np.int16),
         )
 
@@ -253,7 +253,7 @@ class EpisodeStorage(Storage):
                 "next": following,
                 "steps_to_next_obs": torch.from_numpy(rows.steps_to_next_obs).unsqueeze(1),
                 "is_generated": torch.zeros(num_rows, 1, dtype=torch.bool),
-                "is_demonstration": torch.from_numpy(rows.is_demonstration).unsqueeze(1),
+                "expert_action": torch.from_numpy(rows.expert_action),
                 "opponent": torch.from_numpy(rows.opponent),
             },
             [num_rows],

@@ -19,7 +19,7 @@ NEXT_TERMINATED: Key = ("next", "terminated")
 NEXT_DONE: Key = ("next", "done")
 STEPS_TO_NEXT_OBS: Key = "steps_to_next_obs"
 IS_GENERATED: Key = "is_generated"
-IS_DEMONSTRATION: Key = "is_demonstration"
+EXPERT_ACTION: Key = "expert_action"
 OPPONENT: Key = "opponent"
 INDEX: Key = "index"
 
@@ -36,12 +36,13 @@ EXPERIENCE_KEYS: tuple[Key, ...] = (
 LABEL_KEYS: tuple[Key, ...] = (
     STEPS_TO_NEXT_OBS,
     IS_GENERATED,
-    IS_DEMONSTRATION,
+    EXPERT_ACTION,
     OPPONENT,
     INDEX,
 )
 TRANSITION_KEYS: tuple[Key, ...] = EXPERIENCE_KEYS + LABEL_KEYS
 
+NO_ACTION = -1  # of EXPERT_ACTION: nobody shows what to do
 NO_OPPONENT = -1  # the row met nobody that is known by number, or several
 NO_INDEX = -1  # the row lies in no ring of real transitions
 
@@ -114,7 +115,7 @@ class TransitionSpec:
             NEXT_DONE: (torch.bool, (1,)),
             STEPS_TO_NEXT_OBS: (torch.int64, (1,)),
             IS_GENERATED: (torch.bool, (1,)),
-            IS_DEMONSTRATION: (torch.bool, (1,)),
+            EXPERT_ACTION: (torch.int64, ()),
             OPPONENT: (torch.int16, ()),
             INDEX: (torch.int64, ()),
         }

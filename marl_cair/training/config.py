@@ -157,12 +157,14 @@ class OpponentSettings:
 @dataclass(frozen=True)
 class DemonstrationSettings:
     """Games in which a bot plays the learner's seats, and the learner learns from what it does:
-    deep Q-learning from demonstrations (Hester et al. 2018).
+    deep Q-learning from demonstrations (Hester et al. 2018). With `advise` bots also say what they
+    would do where the learner plays itself (DAgger, Ross et al. 2011).
     """
 
     bots: tuple[str, ...] = ()  # who shows how to play, one for each such game; (): nobody
     share: float = 0.25  # of games
     until_frames: int | None = None  # frames after which no such game begins; None: never
+    advise: bool = False  # bots tell what they would do in all other games, and turns, too
     turn_decisions: int | None = None  # after so many it is drawn anew who plays; None: whole games
     margin: float = 0.1  # by which the shown action is to be worth more than any other legal one
     margin_weight: float = 1.0  # of that loss, beside the TD error's

@@ -19,7 +19,8 @@ class Demonstrators:
     """Who plays the learner's team in each world, drawn anew when its game begins.
 
     With `turn_decisions` also within games: a bot then shows what to do where the learner has come
-    to, and the learner goes on from where a bot has led (as in DAgger, Ross et al. 2011).
+    to, and the learner goes on from where a bot has led. With `advise` a bot tells what it would do
+    wherever none plays (as in DAgger, Ross et al. 2011).
 
     Args:
         settings: bots, and their share of the games.
@@ -42,6 +43,7 @@ class Demonstrators:
             bot.seed(seed + number)
         self._rng = np.random.default_rng(seed)
         self.playing = np.full(num_worlds, NOBODY, np.int8)  # [B], index into `bots`
+        self.telling = self.playing.copy()  # [B], the same: who plays, or else advises
         self._decisions_left = np.zeros(num_worlds, np.int64)  # of the turn under way
 
     @property
@@ -64,7 +66,9 @@ class Demonstrators:
         chosen = self._rng.integers(0, len(self.bots), count)
         if until is not None and frames >= until:
             shown[:] = False
+            chosen[:] = NOBODY
         self.playing[starting] = np.where(shown, chosen, NOBODY)
+        self.telling[starting] = chosen if self.settings.advise else self.playing[starting]
 
     def _begin_turns(self, starting: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """The worlds [B] in which a turn begins. A game's first turn is of any length up to the
@@ -84,6 +88,7 @@ class Demonstrators:
         return {
             "rng": export_rng(self._rng),
             "playing": self.playing.tolist(),
+            "telling": self.telling.tolist(),
             "decisions_left": self._decisions_left.tolist(),
             "bots": [bot.state_dict() for bot in self.bots],
         }
@@ -92,6 +97,7 @@ class Demonstrators:
         """Continue from `state_dict`."""
         import_rng(self._rng, state["rng"])
         self.playing = np.array(state["playing"], np.int8)
+        self.telling = np.array(state["telling"], np.int8)
         self._decisions_left = np.array(state["decisions_left"], np.int64)
         for bot, saved in zip(self.bots, state["bots"], strict=True):
             bot.load_state_dict(saved)

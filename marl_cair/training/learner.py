@@ -14,6 +14,7 @@ from torchrl.modules import QValueActor
 from torchrl.objectives import DQNLoss, HardUpdate, SoftUpdate
 
 from marl_cair.policies.q_network import QNetwork
+from marl_cair.replay.transition import NO_ACTION
 from marl_cair.training.config import DemonstrationSettings
 from marl_cair.training.learner_settings import LearnerSettings
 
@@ -101,15 +102,15 @@ class Learner:
             self._values = values
 
     def _find_margin_loss(self, batch: TensorDict) -> Tensor:
-        """Mean over the batch of max over legal a of (Q(s, a) + margin where a is not the shown
-        action) - Q(s, shown action), 0 for rows that show nothing.
+        """Mean over the batch of max over legal a of (Q(s, a) + margin where a is not the expert's
+        action) - Q(s, the expert's action), 0 for rows where nobody shows it.
         """
         if not self.demonstration.bots:
             return torch.zeros(())
-        shown = batch["is_demonstration"].flatten()
+        shown = batch["expert_action"] != NO_ACTION
         if not shown.any():
             return torch.zeros(())
-        action = batch["action"][shown, None]
+        action = batch["expert_action"][shown, None]
         values = self._values[shown]
         wanted = values.gather(1, action)
         rivals = (values + self.demonstration.margin).scatter(1, action, wanted)

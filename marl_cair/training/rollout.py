@@ -32,7 +32,7 @@ def make_rollout(data: TensorDictBase, reward_scale: float) -> Rollout:
         terminated=terminated,
         truncated=truncated,
         learned=learned,
-        demonstrated=_by_time(group["demonstrated"]),
+        expert_action=_by_time(group["expert_action"]),
         opponent=_by_time(group["opponent"]),
         final_step=final_step,
         final_observation=following["observation"][final],

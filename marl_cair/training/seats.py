@@ -16,7 +16,7 @@ from marl_cair.games.game import Agent
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
 from marl_cair.league.foreign import require_answers
 from marl_cair.league.opponents import LATEST_ID
-from marl_cair.replay.transition import NO_OPPONENT
+from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT
 from marl_cair.training.demonstrations import NOBODY, Demonstrators
 from marl_cair.training.metrics import Decisions, EpisodeStatistics, find_meetings
 from marl_cair.training.opponents import OpponentBook, export_rng, import_rng
@@ -56,7 +56,7 @@ class SeatRouter(TensorDictModuleBase):
         self.out_keys = [
             (GROUP, "action"),
             (GROUP, "learned"),
-            (GROUP, "demonstrated"),
+            (GROUP, "expert_action"),
             (GROUP, "opponent"),
         ]
         if own.average is not None:
@@ -89,10 +89,11 @@ class SeatRouter(TensorDictModuleBase):
         return own.exploration.epsilon_at(self.frames)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write ("player", "action") int64, "learned" bool and "opponent" int16, each [B, P]; with
-        NFSP "answered" bool too, the decisions of the Q-network.
+        """Write ("player", "action") int64, "learned" bool, "expert_action" int64 and "opponent"
+        int16, each [B, P]; with NFSP "answered" bool too, the decisions of the Q-network.
 
-        "opponent" is the one that is met, NO_OPPONENT where there are several or none.
+        "expert_action" is what a demonstrator does or would do, NO_ACTION elsewhere. "opponent" is
+        the one that is met, NO_OPPONENT where there are several or none.
         """
         group = tensordict.get(GROUP)
         if self.frames:
@@ -109,11 +110,11 @@ class SeatRouter(TensorDictModuleBase):
         self._play_own(learned & ~self._shown, starting, group, actions)
         mask = group.get("action_mask")
         self._play_opponents(group, mask, actions)
-        self._demonstrate(group, mask, actions)
+        expert_actions = self._demonstrate(group, mask, actions)
         self._actions = actions.numpy().copy()
         group.set("action", actions)
         group.set("learned", torch.from_numpy(learned))
-        group.set("demonstrated", torch.from_numpy(learned & self._shown))
+        group.set("expert_action", expert_actions)
         met = torch.from_numpy(self._met).unsqueeze(1).expand(-1, self._players)
         group.set("opponent", met.contiguous())
         self.frames += len(self.opponent)
@@ -183,12 +184,17 @@ class SeatRouter(TensorDictModuleBase):
         found: NDArray[np.bool_] = shown[:, None] & (self._team[:, None] == self._teams)
         return found
 
-    def _demonstrate(self, group: TensorDictBase, mask: Tensor, actions: Tensor) -> None:
-        shown = self._shown & ~self._out
+    def _demonstrate(self, group: TensorDictBase, mask: Tensor, actions: Tensor) -> Tensor:
+        """Let demonstrators choose where they play; returns what they do, or would do, [B, P]."""
+        expert_actions = torch.full_like(actions, NO_ACTION)
+        helped = (self._team[:, None] == self._teams) & ~self._out
         for number, bot in enumerate(self._demonstrators.bots):
-            played = shown & (self._demonstrators.playing == number)[:, None]
-            if played.any():
-                self._act(bot, torch.from_numpy(played), group, mask, actions)
+            told = helped & (self._demonstrators.telling == number)[:, None]
+            if told.any():
+                self._act(bot, torch.from_numpy(told), group, mask, expert_actions)
+        played = torch.from_numpy(self._shown & ~self._out)
+        actions[played] = expert_actions[played]
+        return expert_actions
 
     def _act(
         self, agent: Agent, rows: Tensor, group: TensorDictBase, mask: Tensor, actions: Tensor

@@ -6,7 +6,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from marl_cair.replay.transition import NO_OPPONENT
+from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT
 
 
 def pack_rows(
@@ -40,7 +40,7 @@ def pack_rows(
             "next": TensorDict(following, [num]),
             "steps_to_next_obs": torch.ones(num, 1, dtype=torch.int64),
             "is_generated": no,
-            "is_demonstration": no.clone(),
+            "expert_action": torch.full((num,), NO_ACTION, dtype=torch.int64),
             "opponent": torch.full((num,), NO_OPPONENT, dtype=torch.int16),
             "index": torch.arange(num),
         },

@@ -12,7 +12,7 @@ from tensordict import TensorDict
 from marl_cair import make_engine
 from marl_cair.games.randomness import episode_seeds
 from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec
-from marl_cair.replay.transition import check_transitions
+from marl_cair.replay.transition import NO_ACTION, check_transitions
 
 NUM_WORLDS = 64
 
@@ -68,7 +68,7 @@ def play_randomly(engine: Any, num_steps: int) -> TensorDict:
             },
             "steps_to_next_obs": np.ones((NUM_WORLDS, 1), np.int64),
             "is_generated": np.zeros((NUM_WORLDS, 1), bool),
-            "is_demonstration": np.zeros((NUM_WORLDS, 1), bool),
+            "expert_action": np.full(NUM_WORLDS, NO_ACTION),
             "opponent": np.zeros(NUM_WORLDS, np.int16),
             "index": worlds + NUM_WORLDS * len(steps),
         }

@@ -33,7 +33,7 @@ def make_rollout(
         terminated=torch.from_numpy(terminated),
         truncated=torch.from_numpy(truncated),
         learned=torch.from_numpy(rng.random(shape) < learned_rate),
-        demonstrated=torch.from_numpy(rng.random(shape) < 0.2),
+        expert_action=torch.from_numpy(rng.integers(-1, spec.num_actions, shape)),
         opponent=torch.from_numpy(rng.integers(-1, 9, shape).astype(np.int16)),
         final_step=torch.from_numpy(final_step),
         final_observation=make_observations(rng, final_step.shape, spec),
@@ -137,7 +137,7 @@ class ListReplay:
             self.episodes.append(self.running[s])
         episode = self.running[s]
         names = ("observation", "action_mask", "action", "reward", "terminated")
-        names += ("demonstrated", "opponent")
+        names += ("expert_action", "opponent")
         step = {name: getattr(rollout, name)[t, s].clone() for name in names}
         slot = self.num_written % self.capacity
         episode.steps.append({**step, "entry": self.num_written})
@@ -191,6 +191,6 @@ class ListReplay:
             ("next", "done"): torch.tensor([is_end]),
             "steps_to_next_obs": torch.tensor([len(chain)]),
             "is_generated": torch.tensor([False]),
-            "is_demonstration": chain[0]["demonstrated"].reshape(1),
+            "expert_action": chain[0]["expert_action"],
             "opponent": chain[0]["opponent"],
         }

@@ -224,8 +224,8 @@ def test_a_slot_that_starts_no_transition_is_refused(slot):
 def test_a_million_steps_of_deep_line_wars_take_less_than_four_gigabytes():
     spec = TransitionSpec((28, 10, 15), num_actions=185, num_uniform=10)
     storage = EpisodeStorage(spec, 1000)
-    fields = 18 * 150 + 10 + 24 + 4 + 4 + 1 + 1 + 1 + 2 + 8 + 1
-    assert storage.nbytes_per_step == fields == 2756
+    fields = 18 * 150 + 10 + 24 + 4 + 4 + 1 + 1 + 4 + 2 + 8 + 1
+    assert storage.nbytes_per_step == fields == 2759
     assert storage.nbytes_per_step * 1_000_000 <= 4 * GB
 
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
-from marl_cair.replay.transition import TransitionSpec
+from marl_cair.replay.transition import NO_ACTION, TransitionSpec
 from marl_cair.training.config import DemonstrationSettings, TrainConfig
 from marl_cair.training.demonstrations import Demonstrators
 from marl_cair.training.learner import Learner
@@ -32,6 +32,11 @@ def shown_by(*bots, **settings):
     return DemonstrationSettings(bots=bots, **settings)
 
 
+def shown_in(data):
+    """Where a bot plays, bool [..., P]; or, with `advise`, where one tells what it would do."""
+    return data["player", "expert_action"] != NO_ACTION
+
+
 def make_run(tmp_path, scenario, mixture, demonstration):
     return TrainingRun(small(tmp_path / "run", scenario, mixture, demonstration=demonstration))
 
@@ -44,7 +49,7 @@ def test_the_bot_plays_the_learners_team_for_whole_games_in_its_share_of_them(tm
     run = make_run(tmp_path, scenario, {"random": 1.0}, shown_by("idle", share=0.4))
     shares = []
     for game in by_game(collect(run, 12)):
-        shown, learned = game["player", "demonstrated"], game["player", "learned"]
+        shown, learned = shown_in(game), game["player", "learned"]
         shares.append(bool(shown.any()))
         assert torch.equal(shown, learned & shares[-1])
         if shares[-1]:
@@ -56,10 +61,23 @@ def test_the_bot_plays_the_learners_team_for_whole_games_in_its_share_of_them(tm
 def test_against_itself_one_team_is_shown_and_the_other_plays_on(tmp_path):
     run = make_run(tmp_path, "teams", {"latest": 1.0}, shown_by("idle", share=1.0))
     for game in by_game(collect(run)):
-        shown = game["player", "demonstrated"]
+        shown = shown_in(game)
         teams = {int(run.spec.team_of_seat[seat]) for seat in shown.any(0).nonzero().flatten()}
         assert len(teams) == 1
         assert torch.equal(game["player", "learned"], ~was_out(game))
+
+
+@pytest.mark.parametrize("scenario", ["teams", "alone"])
+@pytest.mark.parametrize("turn", [None, 5])
+def test_bots_that_advise_tell_what_to_do_where_the_learner_plays(tmp_path, scenario, turn):
+    demonstration = shown_by("idle", share=0.4, turn_decisions=turn, advise=True)
+    run = make_run(tmp_path, scenario, {"random": 1.0}, demonstration)
+    data = collect(run, 12)
+    told, learned = data["player", "expert_action"], data["player", "learned"]
+    assert (told[learned] == NOOP).all()  # all that `idle` says
+    assert (told[~learned] == NO_ACTION).all()
+    followed = (data["player", "action"][learned] == NOOP).float().mean().item()
+    assert 0.4 < followed < 0.9  # it plays in its share of games alone
 
 
 def test_several_bots_take_turns(tmp_path):
@@ -67,12 +85,14 @@ def test_several_bots_take_turns(tmp_path):
     data = collect(run, 12)
     asked = {bot.name: len(bot.rows) for bot in run.demonstrators.bots}
     assert min(asked["random"], asked["scorer"]) > 100
-    assert torch.equal(data["player", "demonstrated"], data["player", "learned"])
+    assert torch.equal(shown_in(data), data["player", "learned"])
 
 
-def test_no_game_is_shown_after_until_frames(tmp_path):
-    run = make_run(tmp_path, "duel", {"idle": 1.0}, shown_by("idle", share=1.0, until_frames=256))
-    shown = collect(run, 12)["player", "demonstrated"].any(-1)
+@pytest.mark.parametrize("advise", [False, True])
+def test_no_game_is_shown_after_until_frames(tmp_path, advise):
+    demonstration = shown_by("idle", share=1.0, until_frames=256, advise=advise)
+    run = make_run(tmp_path, "duel", {"idle": 1.0}, demonstration)
+    shown = shown_in(collect(run, 12)).any(-1)
     begun = run.config.collector.num_worlds
     assert shown[:, : 256 // begun].all()
     assert not shown[:, -32:].any()
@@ -84,8 +104,8 @@ def test_in_turns_bot_and_learner_play_the_same_games(tmp_path):
     lengths, mixed = [], 0
     data = collect(run, 12)
     for game in by_game(data):
-        shown = game["player", "demonstrated"].any(-1).numpy()
-        assert (game["player", "action"][game["player", "demonstrated"]] == NOOP).all()
+        shown = shown_in(game).any(-1).numpy()
+        assert (game["player", "action"][shown_in(game)] == NOOP).all()
         mixed += len(set(shown.tolist())) > 1
         changes = np.flatnonzero(np.diff(shown))
         lengths += np.diff(changes).tolist()
@@ -117,7 +137,7 @@ def test_games_that_a_bot_has_helped_in_are_nobodys(tmp_path):
     run = make_run(tmp_path, "duel", {"random": 1.0}, demonstration)
     data = collect(run, 12)
     run.router(data[:, -1]["next"])
-    own = [game for game in by_game(data) if not game["player", "demonstrated"].any()]
+    own = [game for game in by_game(data) if not shown_in(game).any()]
     row = run.statistics.report(run.book.name, run.spec.action_group_names)
     points, returns = zip(*(_count(game, run) for game in own), strict=True)
     assert row["episodes/finished"] == len(own) > 5
@@ -135,10 +155,13 @@ def test_replay_knows_which_actions_were_shown(tmp_path):
     for rollout in rollouts:
         run.replay.real.extend_rollout(rollout)
     rows = run.replay.real.sample(4_000)
-    shown = rows["is_demonstration"].squeeze(1)
-    stored = torch.cat([rollout.demonstrated[rollout.learned] for rollout in rollouts])
+    shown = rows["expert_action"] != NO_ACTION
+    stored = (
+        torch.cat([rollout.expert_action[rollout.learned] for rollout in rollouts]) != NO_ACTION
+    )
     assert shown.float().mean() == pytest.approx(stored.float().mean().item(), abs=0.05)
     assert (rows["action"][shown] == NOOP).all()
+    assert (rows["expert_action"][shown] == NOOP).all()
     assert (rows["action"][~shown] != NOOP).any()
     run.close()
 
@@ -148,8 +171,8 @@ def test_shown_games_count_neither_as_the_learners_wins_nor_as_its_actions(tmp_p
     data = collect(run, 12)
     run.router(data[:, -1]["next"])
     whole = list(by_game(data))
-    own = [game for game in whole if not game["player", "demonstrated"].any()]
-    shown = [game for game in whole if game["player", "demonstrated"].any()]
+    own = [game for game in whole if not shown_in(game).any()]
+    shown = [game for game in whole if shown_in(game).any()]
     row = run.statistics.report(run.book.name, run.spec.action_group_names)
     points, returns = zip(*(_count(game, run) for game in own), strict=True)
     assert row["episodes/finished"] == len(own) > 10
@@ -157,7 +180,7 @@ def test_shown_games_count_neither_as_the_learners_wins_nor_as_its_actions(tmp_p
     assert row["episodes/return"] == pytest.approx(np.mean(returns), abs=1e-6)
     seen = [_count(game, run)[1] for game in shown]
     assert row["demonstrations/return"] == pytest.approx(np.mean(seen), abs=1e-6)
-    chosen = data["player", "learned"] & ~data["player", "demonstrated"]
+    chosen = data["player", "learned"] & ~shown_in(data)
     share = (data["player", "action"][chosen] == NOOP).float().mean().item()
     assert row["actions/" + run.spec.action_group_names[NOOP]] == pytest.approx(share)
 
@@ -180,7 +203,7 @@ def make_batch(num_shown):
     rows = make_transitions(np.random.default_rng(0), 4, TransitionSpec((2, 8, 8), 3))
     rows["steps_to_next_obs"] = torch.ones(4, 1, dtype=torch.int64)
     rows["is_generated"] = torch.zeros(4, 1, dtype=torch.bool)
-    rows["is_demonstration"] = torch.arange(4)[:, None] < num_shown
+    rows["expert_action"] = torch.where(torch.arange(4) < num_shown, rows["action"], NO_ACTION)
     return rows
 
 
@@ -199,11 +222,24 @@ def test_the_margin_loss_is_the_formula_over_legal_actions():
     assert float(learner.update(batch)["loss/margin"]) == pytest.approx(wanted / 4, abs=1e-6)
 
 
+def test_the_margin_is_the_experts_where_the_learner_did_something_else():
+    learner = make_learner(margin=0.5, margin_weight=10.0)
+    batch = make_batch(0)
+    batch["action_mask"][:] = True
+    batch["action"][:] = 0
+    batch["expert_action"][:] = torch.tensor([1, 2, 1, 2])
+    for _ in range(300):
+        learner.update(batch)
+    values = learner.network(batch["observation"]).detach()
+    assert values.argmax(-1).tolist() == [1, 2, 1, 2]
+
+
 def test_the_margin_is_learned_for_shown_rows_and_only_for_them():
     learner = make_learner(margin=0.5, margin_weight=10.0)
     batch = make_batch(2)
     batch["action_mask"][:] = True
     batch["action"][:] = torch.tensor([0, 2, 0, 2])
+    batch["expert_action"][:] = torch.tensor([0, 2, NO_ACTION, NO_ACTION])
     for _ in range(300):
         learner.update(batch)
     values = learner.network(batch["observation"]).detach()
@@ -230,7 +266,9 @@ def test_without_demonstrators_flagged_rows_change_nothing():
 def test_a_resumed_run_with_demonstrations_equals_one_that_was_never_stopped(
     tmp_path, scenario, turn
 ):
-    demonstration = shown_by("random", "scorer", share=0.5, turn_decisions=turn)
+    demonstration = shown_by(
+        "random", "scorer", share=0.5, turn_decisions=turn, advise=scenario == "teams"
+    )
     whole = small(tmp_path / "whole", scenario, demonstration=demonstration)
     train(whole, show_progress=False)
     parts = dataclasses.replace(whole, out=str(tmp_path / "parts"))
@@ -250,7 +288,7 @@ def test_bots_that_look_at_other_planes_than_the_learner_can_show(tmp_path):
     config = dataclasses.replace(config, game=game, policy=policy, synthetic_fraction=0.0)
     run = TrainingRun(config)
     data = next(iter(run.collector))
-    assert data["player", "demonstrated"].any()
+    assert shown_in(data).any()
     run.close()
 
 

@@ -8,6 +8,7 @@ import torch
 
 from marl_cair.checkpoint import read_description
 from marl_cair.league.agents import describe_agent, find_fingerprint, load_agent
+from marl_cair.replay.transition import NO_ACTION
 from marl_cair.training.config import GeneratorSettings, ReplaySettings
 from marl_cair.training.demonstrations import NOBODY
 from marl_cair.training.learner_settings import LearnerSettings
@@ -65,7 +66,9 @@ def test_only_own_real_decisions_of_the_q_network_with_a_choice_are_remembered(t
     choice = group["action_mask"].sum(-1) > 1
     wanted = group["answered"] & choice
     assert run.average_policy.reservoir.num_seen == int(wanted.sum()) > 0
-    assert not (group["answered"] & (group["demonstrated"] | ~group["learned"])).any()
+    assert not (
+        group["answered"] & ((group["expert_action"] != NO_ACTION) | ~group["learned"])
+    ).any()
     assert (run.demonstrators.playing != NOBODY).any()
     run.close()
 

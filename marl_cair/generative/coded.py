@@ -80,6 +80,13 @@ class CodedGenerator:
         made = self.generator.generate(_convert(starts, self.codec.encode), num_rows)
         return _convert(made, self.codec.decode)
 
+    def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
+        """What follows on each state and action of `starts`, and whether it is accepted."""
+        coded = starts.copy()
+        coded[OBSERVATION], _ = self.codec.encode(starts[OBSERVATION], starts[OBSERVATION])
+        rows, accepted = self.generator.predict(coded)
+        return _convert(rows, self.codec.decode), accepted
+
     def state_dict(self) -> dict[str, Any]:
         """Of the generator; the codec is the game's."""
         return self.generator.state_dict()

@@ -55,6 +55,11 @@ class Generator(Protocol):
     def generate(self, starts: TensorDict, num_rows: int) -> TensorDict:
         """Up to `num_rows` accepted transitions from the states of `starts`; none while shut."""
 
+    def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
+        """What follows on each state and action of `starts`, and whether it is accepted: bool [N],
+        false while shut.
+        """
+
     def state_dict(self) -> dict[str, Any]:
         """Everything that a resumed run needs to go on with the same bits."""
 
@@ -200,6 +205,19 @@ class CCDNGenerator:
         self._note_generation(num_made, num_proposed, refused)
         return torch.cat(made)
 
+    def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
+        """One transition for each of `starts`, of which "observation", "action_mask" and "action"
+        are read, and whether it passes all tests of a generated row: bool [N], false while shut.
+        """
+        report = self.last_report
+        if report is None or not report.passed:
+            nothing = make_empty_transitions(self.spec, starts.shape[0])
+            return nothing, torch.zeros(starts.shape[0], dtype=torch.bool)
+        rows, opinions = self._follow(
+            starts["observation"], starts["action_mask"], starts["action"]
+        )
+        return rows, ~_any(self._find_refusals(rows, opinions, report.acceptance))
+
     def state_dict(self) -> dict[str, Any]:
         """Networks, optimisers, counts, rings, random generators, last report: data only."""
         report = None if self.last_report is None else self.last_report.to_dict()
@@ -248,8 +266,13 @@ class CCDNGenerator:
         places = torch.randint(starts.shape[0], (num_rows,), generator=generator)
         observation, mask = starts["observation"][places], starts["action_mask"][places]
         action = self._choose_actions(starts["action"][places], mask, generator)
-        following = self.ensemble.propose(observation, action, generator)
-        rows = make_empty_transitions(self.spec, num_rows)
+        return self._follow(observation, mask, action)
+
+    def _follow(
+        self, observation: Tensor, mask: Tensor, action: Tensor
+    ) -> tuple[TensorDict, Opinions]:
+        following = self.ensemble.propose(observation, action, self._generators[_GENERATING])
+        rows = make_empty_transitions(self.spec, observation.shape[0])
         rows["observation"], rows["action_mask"], rows["action"] = observation, mask, action
         rows["next", "observation"] = following
         opinions = self.ensemble.ask(rows)

@@ -157,8 +157,10 @@ RECIPES = {
             "exploration.anneal_frames=75000",
             "evaluation.every_frames=25000",
             "policy.frame_differences=true",
-            # Short turns: most is learned from what follows where the learner has led.
+            # Most is learned from what follows where the learner has led: short turns, and what the
+            # oracle would do in the learner's own.
             "demonstration.turn_decisions=18",
+            "demonstration.advise=true",
             "demonstration.margin=0.2",
             "learner.n_steps=3",
             "learner.batch_size=64",

@@ -12,10 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from tensordict import TensorDictBase
+from torch import Tensor
 from tqdm import tqdm
 
 from marl_cair.generative.generator import Generator
+from marl_cair.generative.rollouts import extend_rollouts
 from marl_cair.league.shared import LeagueSeat
+from marl_cair.policies.actor import masked_argmax
 from marl_cair.training.config import ENDLESS_FRAMES, TrainConfig
 from marl_cair.training.evaluation import evaluate
 from marl_cair.training.metrics import Timers
@@ -194,9 +197,17 @@ def _refill(run: TrainingRun, generator: Generator) -> None:
         return
     rows = run.config.generator.rows_per_refill
     made = generator.generate(run.replay.real.sample_single_steps(rows), rows)
-    if len(made):
-        run.replay.generated.extend(made)
     run.means.add({"generator/generated_rows": float(len(made))})
+    if len(made):
+        learned, network = run.config.learner, run.learner.average
+        steps = min(run.config.generator.rollout_steps, learned.n_steps)
+
+        def choose(observation: Tensor, mask: Tensor) -> Tensor:
+            return masked_argmax(network(observation), mask)
+
+        made = extend_rollouts(generator, made, steps, learned.gamma, choose)
+        run.replay.generated.extend(made)
+        run.means.add({"generator/steps": made["steps_to_next_obs"].float().mean()})
 
 
 def _tell(run: TrainingRun, tag: str, text: str) -> None:

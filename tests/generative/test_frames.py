@@ -85,6 +85,13 @@ def test_a_film_is_learned_and_goes_on() -> None:
     pays = (made["next", "reward"].squeeze(-1) > 0.5).float()
     sure = (after - 11.0).abs() > 0.5
     assert float((pays == (after > 11.0).float())[sure].float().mean()) > 0.95
+    new = make_rows(400, draws)
+    predicted, accepted = generator.predict(new.select("observation", "action_mask", "action"))
+    assert torch.equal(predicted["observation"], new["observation"])
+    assert torch.equal(predicted["next", "observation"][:, 0], new["observation"][:, 1])
+    drawn, real = (find_place(part["next", "observation"][:, 1]) for part in (predicted, new))
+    assert float(accepted.float().mean()) > 0.5
+    assert float((drawn - real)[accepted].abs().mean()) < 0.25
 
 
 def find_place(pictures: Tensor) -> Tensor:

@@ -11,7 +11,6 @@ import torch
 
 from marl_cair.checkpoint import CheckpointError, load_network
 from marl_cair.files import OutputFolderError
-from marl_cair.generative.gate import GateReport
 from marl_cair.league.agents import load_agent
 from marl_cair.league.match import play_match
 from marl_cair.policies.q_network import QNetworkConfig
@@ -30,9 +29,9 @@ from marl_cair.training.config_file import build_config, load_config
 from marl_cair.training.evaluation import evaluate_against_bots
 from marl_cair.training.learner import Learner
 from marl_cair.training.learner_settings import LearnerSettings
-from marl_cair.training.metrics import Timers, read_log
+from marl_cair.training.metrics import read_log
 from marl_cair.training.run import TrainingRun
-from marl_cair.training.trainer import iterate, train
+from marl_cair.training.trainer import train
 from tests.training.runs import (
     GAME,
     NEVER,
@@ -93,44 +92,6 @@ def test_generated_rows_are_a_fifth_of_each_batch_only_while_the_gate_is_open(tm
         assert batch.shape[0] == 20
         assert int(batch["is_generated"].sum()) == 4
         assert torch.isfinite(torch.as_tensor(run.learner.update(batch)["loss/all"]))
-    run.close()
-
-
-def test_while_the_gate_is_open_rows_are_generated_and_the_generator_learns_less_often(
-    tmp_path, monkeypatch
-):
-    settings = GeneratorSettings(
-        frames_per_update=64,
-        open_frames_per_update=256,
-        evaluate_every_frames=512,
-        refill_every_frames=128,
-    )
-    run = TrainingRun(tiny(tmp_path / "a", generator=settings))
-    looks = iter([True, True, False])
-    made, learned = [], []
-
-    def update(rows):
-        learned.append(run.frames)
-        return {}
-
-    def look():
-        return GateReport(next(looks), ())
-
-    def generate(starts, num_rows):
-        made.append(run.frames)
-        return starts[:0]
-
-    monkeypatch.setattr(run.generator, "update", update)
-    monkeypatch.setattr(run.generator, "evaluate", look)
-    monkeypatch.setattr(run.generator, "generate", generate)
-    steps = iterate(run, Timers())
-    while run.frames < 1_920:
-        next(steps)
-    assert made == list(range(512, 1536, 128))
-    assert [at for at in learned if at > 384] == [
-        *(512, 512, 768, 1024, 1280, 1536),
-        *(1664, 1664, 1792, 1792, 1920, 1920),
-    ]
     run.close()
 
 

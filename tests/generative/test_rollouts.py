@@ -1,0 +1,125 @@
+"""Generated transitions of several decisions."""
+
+from __future__ import annotations
+
+import copy
+
+import pytest
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from marl_cair.generative import CCDNGenerator
+from marl_cair.generative.heldout import make_empty_transitions
+from marl_cair.generative.rollouts import extend_rollouts
+from marl_cair.replay.transition import check_transitions
+from tests.generative.conftest import SMALL
+from tests.generative.plane_game import INTERVAL, NOOP, SPEC, TIME_TO_INCOME
+
+CLOCK = SPEC.num_spatial + TIME_TO_INCOME
+GAMMA = 0.5
+
+
+def wait(observation: Tensor, mask: Tensor) -> Tensor:
+    """The no-op, always."""
+    assert mask[:, NOOP].all()
+    return torch.full((len(observation),), NOOP)
+
+
+def read_clock(observation: Tensor) -> Tensor:
+    """Steps until income, int64 [N]."""
+    return (observation[:, CLOCK, 0, 0].double() * INTERVAL / 255).round().long()
+
+
+class Staircase(CCDNGenerator):
+    """Its states are numbers that go up by the action; each step pays the number reached. 9 is the
+    end, and it does not answer for what follows on a number of `unsure`.
+    """
+
+    unsure: tuple[int, ...] = ()
+
+    def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
+        """One step up, by hand."""
+        now = starts["observation"][:, 0, 0, 0].long()
+        rows = make_stairs(now, starts["action"])
+        return rows, torch.tensor([int(number) not in self.unsure for number in now])
+
+
+def make_stairs(now: Tensor, action: Tensor) -> TensorDict:
+    rows = make_empty_transitions(SPEC, len(now))
+    reached = now + action
+    rows["observation"][:] = now[:, None, None, None]
+    rows["next", "observation"][:] = reached[:, None, None, None]
+    rows["action"], rows["action_mask"][:] = action, True
+    rows["next", "action_mask"][:] = True
+    rows["next", "reward"] = reached[:, None].float()
+    rows["next", "terminated"] = rows["next", "done"] = (reached >= 9)[:, None]
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("start", "unsure", "steps", "total", "end"),
+    [
+        (0, (), 4, 1 + 2 / 2 + 3 / 4 + 4 / 8, 4),  # as long as asked for
+        (7, (), 2, 8 + 9 / 2, 9),  # to the end of the game
+        (8, (), 1, 9.0, 9),  # over at once
+        (0, (2,), 2, 1 + 2 / 2, 2),  # as far as it is sure
+        (0, (1,), 1, 1.0, 1),
+    ],
+)
+def test_rows_are_discounted_sums_up_to_the_end_or_to_what_is_unsure(
+    trained: CCDNGenerator, start: int, unsure: tuple[int, ...], steps: int, total: float, end: int
+) -> None:
+    stairs = Staircase(trained.config, SPEC)
+    stairs.unsure = unsure
+    others = torch.tensor([4, start, 8])  # each row goes its own way
+    rows = make_stairs(others, torch.ones(3, dtype=torch.int64))
+    before = rows.clone()
+    made = extend_rollouts(stairs, rows, 4, GAMMA, lambda seen, _: torch.ones(len(seen)).long())
+    row = made[1]
+    assert row["steps_to_next_obs"].tolist() == [steps]
+    assert float(row["next", "reward"]) == total
+    assert int(row["next", "observation"].amax()) == end
+    assert bool(row["next", "terminated"]) is bool(row["next", "done"]) is (end == 9)
+    for key in ("observation", "action", "action_mask"):
+        assert torch.equal(made[key], before[key])
+
+
+def test_rows_of_one_step_stay_as_they_are(trained: CCDNGenerator, real_rows: TensorDict) -> None:
+    rows = copy.deepcopy(trained).generate(real_rows[:200], 100)
+    made = extend_rollouts(trained, rows.clone(), 1, GAMMA, wait)
+    assert (made == rows).all()
+
+
+def test_a_trained_generator_goes_on_as_the_game_does(
+    trained: CCDNGenerator, real_rows: TensorDict
+) -> None:
+    generator = copy.deepcopy(trained)
+    made = extend_rollouts(generator, generator.generate(real_rows[:500], 300), 4, GAMMA, wait)
+    check_transitions(made, SPEC.transition)
+    steps = made["steps_to_next_obs"].squeeze(1)
+    assert 1 <= int(steps.min()) < int(steps.max()) <= 4
+    assert float(steps.float().mean()) > 2.0
+    going_on = ~made["next", "terminated"].squeeze(1)
+    before, after = read_clock(made["observation"]), read_clock(made["next", "observation"])
+    wanted = (before - steps - 1) % INTERVAL + 1
+    assert float((after == wanted)[going_on].float().mean()) > 0.95
+
+
+def test_while_the_gate_is_shut_no_prediction_is_accepted(real_rows: TensorDict) -> None:
+    generator = CCDNGenerator(SMALL, SPEC)
+    rows, accepted = generator.predict(real_rows[:5])
+    assert rows.batch_size == accepted.shape == (5,)
+    assert not accepted.any()
+
+
+def test_predictions_are_of_the_actions_that_are_given(
+    trained: CCDNGenerator, real_rows: TensorDict
+) -> None:
+    generator = copy.deepcopy(trained)
+    starts = real_rows[:300].select("observation", "action_mask", "action")
+    rows, accepted = generator.predict(starts)
+    check_transitions(rows[accepted], SPEC.transition)
+    for key in ("observation", "action_mask", "action"):
+        assert torch.equal(rows[key], starts[key])
+    assert 0.3 < float(accepted.float().mean()) < 1.0

@@ -1,4 +1,6 @@
-"""Settings of every test run: no window, no threads of its own, the same examples every time."""
+"""Settings of every test run: no window, no threads of its own, the same examples every time, and
+no waiting for the disk.
+"""
 
 import os
 
@@ -9,6 +11,7 @@ os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 # A first example may compile for seconds, so neither a deadline nor "too slow" says anything.
@@ -19,3 +22,13 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("repeatable")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_waiting_for_the_disk():
+    """What is written only has to outlast a power cut where users run it; a league of seconds syncs
+    thousands of times, for a minute. That files are synced, and when, is a test of test_files.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda descriptor: None)
+        yield

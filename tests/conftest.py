@@ -3,6 +3,7 @@ no waiting for the disk.
 """
 
 import os
+from pathlib import Path
 
 # Read when the libraries are first imported, so set before any test module is.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -32,3 +33,15 @@ def _no_waiting_for_the_disk():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda descriptor: None)
         yield
+
+
+def pytest_collection_modifyitems(items):
+    """Modules that train, a minute each, come before the many quick ones of the games: else one of
+    them comes last, and all workers but one have nothing to do (with --no-loadscope-reorder).
+    """
+    games = Path(__file__).parent / "games"
+
+    def find_turn(item):
+        return 0 if not item.path.is_relative_to(games) else 1 + (item.path.parent != games)
+
+    items.sort(key=find_turn)

@@ -37,7 +37,7 @@ TRAINING = {
     },
     "learner": {
         "batch_size": 64,
-        "frames_per_update": 4,
+        "frames_per_update": 8,
         "n_steps": 1,
         "learning_rate": 0.05,
         "average_decay": 0.0,

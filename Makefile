@@ -8,7 +8,8 @@ TORCH := $(shell sed -n 's/^\(torch==[^ ;]*\).*/\1/p' constraints.txt)
 # What pytest runs: `make test PYTEST_ARGS=tests/test_lookup.py` runs that alone.
 PYTEST_ARGS ?=
 NUM_WORKERS ?= 2
-PYTEST := $(RUN) -m pytest -n $(NUM_WORKERS) --dist loadscope
+# A worker takes whole modules, in the order of tests/conftest.py and not by their number of tests.
+PYTEST := $(RUN) -m pytest -n $(NUM_WORKERS) --dist loadscope --no-loadscope-reorder
 
 # One thread for each test worker: more would only wait for one another.
 export OMP_NUM_THREADS := 1

@@ -21,7 +21,9 @@ PROGRAMS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("ut
 def demo(tmp_path_factory):
     """A demonstration cut short by its own options."""
     folder = tmp_path_factory.mktemp("readme") / "runs" / "demo"
-    settings = DemoSettings(str(folder), frames=1_024, league_games=2, num_worlds=32)
+    settings = DemoSettings(
+        str(folder), frames=1_024, evaluation_games=2, league_games=2, num_worlds=32
+    )
     run_demo(settings)
     return folder
 

@@ -169,6 +169,8 @@ class Game:
     info: Callable[[Any], Mapping[str, NDArray[Any]]] | None = None
     # (World, scenario) -> the name of each world's map [B], where a scenario may have several.
     map_names: Callable[[Any, Any], tuple[str, ...]] | None = None
+    # Options of a scenario whose actions have another number of axes: rules are compiled for each.
+    other_shapes: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def rated_reward(self) -> str:

@@ -7,7 +7,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from itertools import chain
 from multiprocessing import get_context
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from marl_cair.games.announcing import announce_nothing
 from marl_cair.games.engine import BatchedEngine
@@ -71,13 +71,20 @@ def compile_parts(parts: Sequence[Part], num_workers: int) -> Iterator[Part]:
 def compile_part(part: Part) -> None:
     """Use the game in that way once in each of its scenarios: the first use compiles."""
     game = GAMES[part.game]
-    for scenario in game.scenarios.values():
+    for scenario in _list_scenarios(part):
         engine = BatchedEngine(game, scenario)
         engine.reset(0)
         if part.use in _USES:
             _USES[part.use](engine)
         elif part.use in engine.spec.representations:
             engine.observe(part.use)
+
+
+def _list_scenarios(part: Part) -> list[Any]:
+    """What a game looks like does not depend on the shape of its actions: only steps do."""
+    game = GAMES[part.game]
+    others = game.other_shapes if part.use == "step" else ()
+    return [*game.scenarios.values(), *(game.scenario(**options) for options in others)]
 
 
 def _step(engine: BatchedEngine) -> None:

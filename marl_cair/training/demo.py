@@ -52,6 +52,7 @@ class DemoSettings:
     out: str = "runs/demo"  # output folder
     frames: int = 200_000  # decisions of each network
     max_minutes: float = 3.4  # minutes of training of each network
+    evaluation_games: int = 32  # games of each evaluation against a bot
     league_games: int = 40  # games of each pair
     num_worlds: int = 128  # games at one time in training
     seed: int = 0  # of everything random
@@ -85,7 +86,9 @@ def make_config(settings: DemoSettings, network: str) -> TrainConfig:
             capacity_transitions=100_000, min_transitions=min(5_000, settings.frames // 4)
         ),
         learner=LearnerSettings(),
-        evaluation=EvaluationSettings(every_frames=every, games=32, bots=("random", "counter")),
+        evaluation=EvaluationSettings(
+            every_frames=every, games=settings.evaluation_games, bots=("random", "counter")
+        ),
         checkpoint=CheckpointSettings(every_frames=settings.frames),
     )
 

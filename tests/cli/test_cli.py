@@ -1,5 +1,6 @@
 """The console command: what it refuses, what it composes, and one small run from end to end."""
 
+import contextlib
 import json
 import signal
 import subprocess
@@ -16,7 +17,7 @@ from marl_cair.cli.train import describe_options
 from marl_cair.games import GAMES
 from marl_cair.league.opponents import SAMPLERS
 from marl_cair.lookup import UnknownNameError
-from marl_cair.training.config_file import load_config, save_config
+from marl_cair.training.config_file import build_config, load_config, save_config
 from marl_cair.training.recipes import RECIPES
 from tests.refusals import assert_refused
 
@@ -54,17 +55,24 @@ def test_every_choice_of_a_group_composes(group):
         compose_config([f"{group}={choice}"])
 
 
+def test_every_bot_and_every_way_of_self_play_is_a_choice_that_composes():
+    games = {bot: name for name in GAMES for bot in GAMES[name].bots}
+    choices = list_groups()["opponent"]
+    assert set(choices) == {"self_play", *SAMPLERS, *games}
+    for choice, settings in choices.items():
+        game = games.get(choice, next(iter(GAMES)))
+        config = compose_config([f"game={game}", f"opponent={choice}"])
+        assert config.opponent.mixture == settings["mixture"]
+
+
 @pytest.mark.parametrize("game", GAMES)
-def test_every_bot_and_every_way_of_self_play_is_an_opponent(game):
-    bots = set(GAMES[game].bots)
-    others = {"self_play", *SAMPLERS}
-    foreign = {bot for name in GAMES for bot in GAMES[name].bots} - bots
-    assert set(list_groups()["opponent"]) == bots | others | foreign
-    for choice in bots | others:
-        compose_config([f"game={game}", f"opponent={choice}"])
-    for choice in foreign:
-        with pytest.raises(UnknownNameError, match=choice):
-            compose_config([f"game={game}", f"opponent={choice}"])
+def test_opponents_in_a_game_are_its_bots_and_all_ways_of_self_play(game):
+    own = {"self_play", *SAMPLERS, *GAMES[game].bots}
+    groups = list_groups()
+    for choice, opponent in groups["opponent"].items():
+        refused = pytest.raises(UnknownNameError, match=choice)
+        with contextlib.nullcontext() if choice in own else refused:
+            build_config({"game": groups["game"][game], "opponent": opponent})
 
 
 def test_shorthands_and_numbers_that_are_names():

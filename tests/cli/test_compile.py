@@ -3,10 +3,13 @@
 import os
 
 import pytest
+from numba import typeof
 
 from marl_cair.cli import main
 from marl_cair.games import GAMES
-from marl_cair.games.precompile import list_parts
+from marl_cair.games import engine as engine_module
+from marl_cair.games.precompile import Part, compile_part, list_parts
+from tests.games.cases import DEFAULT_CASES
 from tests.games.test_registry import install, run_python
 from tests.refusals import assert_refused
 
@@ -75,6 +78,25 @@ def test_every_way_of_use_of_every_game_is_compiled_and_resets_first():
         specs = [game.make_spec(scenario) for scenario in game.scenarios.values()]
         seen = {name for spec in specs for name in spec.representations}
         assert uses == {"reset", "step", "bots", "picture"} | seen
+
+
+@pytest.mark.parametrize("case", DEFAULT_CASES, ids=str)
+def test_a_step_with_every_kind_of_actions_is_compiled(case, monkeypatch):
+    """Of what the kernels are given only the types count, so nothing needs to run here."""
+    given = set()
+
+    def note(kernel, *arguments):
+        given.add((kernel, tuple(map(typeof, arguments))))
+        return lambda *_: None
+
+    monkeypatch.setattr(engine_module, "settled", note)
+    compile_part(Part(case.game, "step"))
+    ahead = given.copy()
+    engine = case.engine()
+    engine.reset(0)
+    engine.step(engine.action_mask().argmax(-1))
+    assert len(ahead) >= 3
+    assert given == ahead
 
 
 @pytest.mark.parametrize(

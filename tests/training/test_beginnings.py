@@ -22,11 +22,11 @@ from tests.training.runs import digest, make_batch, make_learner, tiny
 
 def test_a_resumed_run_with_priorities_equals_one_that_was_never_stopped(tmp_path):
     replay = ReplaySettings(2_000, 300, min_transitions=300, priority_alpha=0.6)
-    train(tiny(tmp_path / "whole", replay=replay), show_progress=False)
-    train(tiny(tmp_path / "parts", replay=replay), show_progress=False, until_frames=1_280)
-    train(tiny(tmp_path / "parts", replay=replay), resume=True, show_progress=False)
+    train(tiny(tmp_path / "whole", 1_280, replay=replay), show_progress=False)
+    train(tiny(tmp_path / "parts", 1_280, replay=replay), show_progress=False, until_frames=640)
+    train(tiny(tmp_path / "parts", 1_280, replay=replay), resume=True, show_progress=False)
     assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
-    train(tiny(tmp_path / "even"), show_progress=False)
+    train(tiny(tmp_path / "even", 1_280), show_progress=False)
     assert digest(tmp_path / "whole") != digest(tmp_path / "even")
 
 
@@ -56,10 +56,10 @@ def test_a_run_begins_with_the_network_of_an_agent(tmp_path):
         ({"game": GameSettings(scenario="10x15")}, r"observation shape is \(28, 11, 11\), but"),
         (
             {
-                "game": GameSettings(scenario="11x11", representation="image"),
+                "game": GameSettings(scenario="11x11", representation="gray"),
                 "synthetic_fraction": 0.0,
             },
-            "whose representation is planes, but this run's is image",
+            "whose representation is planes, but this run's is gray",
         ),
     ],
 )

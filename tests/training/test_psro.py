@@ -37,7 +37,7 @@ TRAINING = {
     },
     "learner": {
         "batch_size": 64,
-        "frames_per_update": 4,
+        "frames_per_update": 8,
         "n_steps": 1,
         "learning_rate": 0.05,
         "average_decay": 0.0,
@@ -46,7 +46,7 @@ TRAINING = {
     "evaluation": {"bots": []},
 }
 PICTURES = {
-    "game": GameSettings(scenario="11x11", representation="image"),
+    "game": GameSettings(scenario="11x11", representation="gray"),
     "synthetic_fraction": 0.0,
 }
 
@@ -213,7 +213,7 @@ def test_whom_responses_cannot_begin_as_is_refused_before_anything_is_written(tm
     with pytest.raises(ValueError, match=r"representation"):
         run(out, begin_with=[player, str(other)])
     train(tiny(tmp_path / "picture", 128, **PICTURES), show_progress=False)
-    with pytest.raises(ValueError, match=r"generator 'ccdn' works on `planes`.*not on 'image'"):
+    with pytest.raises(ValueError, match=r"generator 'ccdn' works on `planes`.*not on 'gray'"):
         run(
             out,
             begin_with=[str(tmp_path / "picture" / "latest")],

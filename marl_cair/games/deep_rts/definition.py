@@ -195,4 +195,5 @@ GAME = Game(
     hidden_fields=_SCRATCH,
     gymnasium_prefix=GYMNASIUM_PREFIX,
     map_names=name_maps,
+    other_shapes=(MappingProxyType({"actions": "grid"}),),
 )

@@ -67,9 +67,9 @@ def measure(run: TrainingRun, num_rows: int, repeats: int) -> list[tuple[str, fl
     generator = run.generator
     if not isinstance(generator, CCDNGenerator):
         raise TypeError(f"the run's generator is {generator!r}, expected a CCDNGenerator")
-    ensemble, rows = generator.ensemble, run.replay.real.sample_single_steps(num_rows)
+    ensemble, rows = generator.ensemble, run.replay.real.sample_steps(num_rows)
     drawn = torch.Generator().manual_seed(0)
-    batch, one_step = run.replay.sample(), run.replay.real.sample_single_steps(GENERATOR_ROWS)
+    batch, one_step = run.replay.sample(), run.replay.real.sample_steps(GENERATOR_ROWS)
     network = ensemble.averages[0]
     if not isinstance(network, CCDN):
         raise TypeError(f"the generator's network is {type(network)}, expected CCDN")

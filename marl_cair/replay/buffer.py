@@ -110,19 +110,20 @@ class EpisodeReplayBuffer(TensorDictReplayBuffer):
         data.update(info)  # "index", and "priority_weight" where not all are drawn alike
         return (data, info) if return_info else data
 
-    def sample_single_steps(self, num_rows: int) -> TensorDict:
-        """Transitions of one step whatever n_steps is, drawn evenly whatever the priorities are.
+    def sample_steps(self, num_rows: int, num_steps: int = 1) -> TensorDict:
+        """Transitions of `num_steps` steps (no more than n_steps), drawn evenly whatever the
+        priorities are.
 
         Raises RuntimeError while nothing can be sampled.
         """
         with self._replay_lock:
             index = self._sampler.sample_evenly(self._storage, num_rows)
-            return self.read_single_steps(index)
+            return self.read_steps(index, num_steps)
 
-    def read_single_steps(self, index: torch.Tensor) -> TensorDict:
-        """The one-step transitions at slots `index` int64 [N], where they can be sampled."""
+    def read_steps(self, index: torch.Tensor, num_steps: int = 1) -> TensorDict:
+        """The same at slots `index` int64 [N], where they can be sampled."""
         index = index[self._storage.is_sampleable(index)]
-        data: TensorDict = self._storage.get_single_steps(index)
+        data: TensorDict = self._storage.get_steps(index, num_steps)
         data["index"] = index.clone()
         return data
 

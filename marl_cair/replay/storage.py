@@ -192,9 +192,11 @@ class EpisodeStorage(Storage):
         """
         return self._gather(index, self._discounts)
 
-    def get_single_steps(self, index: Any) -> TensorDict:
-        """Return as `get`, but of one step each whatever n_steps is: what a world model learns."""
-        return self._gather(index, self._discounts[:1])
+    def get_steps(self, index: Any, num_steps: int) -> TensorDict:
+        """Return as `get`, but of up to `num_steps` steps, no more than n_steps: a world model
+        learns of one.
+        """
+        return self._gather(index, self._discounts[:num_steps])
 
     def _gather(self, index: Any, discounts: NDArray[np.float64]) -> TensorDict:
         slots = self._as_slots(index)

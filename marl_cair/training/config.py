@@ -248,7 +248,7 @@ class GeneratorSettings:
     # batch, out of a fifth of all rows that come in.
     refill_every_frames: int = 4_000  # frames between two refills while the gate is open
     rows_per_refill: int = 1_000  # transitions
-    rollout_steps: int = 8  # decisions of a generated one at most, and no more than learner.n_steps
+    rollout_steps: int = 1  # the last decisions of a generated row, made up; those before are real
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:

@@ -16,7 +16,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from marl_cair.generative.generator import Generator
-from marl_cair.generative.rollouts import extend_rollouts
+from marl_cair.generative.rollouts import Rollouts, generate_rows
 from marl_cair.league.shared import LeagueSeat
 from marl_cair.policies.actor import masked_argmax
 from marl_cair.training.config import ENDLESS_FRAMES, TrainConfig
@@ -141,7 +141,7 @@ def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
             run.average_policy.remember(data)
     if run.generator:
         with timers.measure("generate"):
-            run.generator.observe(run.replay.real.read_single_steps(slots))
+            run.generator.observe(run.replay.real.read_steps(slots))
 
 
 def _learn(run: TrainingRun, before: int) -> None:
@@ -170,7 +170,7 @@ def _generate(run: TrainingRun, before: int) -> None:
     if run.gate_is_open:
         every = max(every, settings.open_frames_per_update)
     for _ in range(run.frames // every - before // every):
-        rows = run.replay.real.sample_single_steps(settings.batch_size)
+        rows = run.replay.real.sample_steps(settings.batch_size)
         losses = generator.update(rows)
         run.means.add({f"generator/{name}": value for name, value in losses.items()})
     if _is_due(before, run.frames, settings.evaluate_every_frames):
@@ -195,19 +195,19 @@ def _refill(run: TrainingRun, generator: Generator) -> None:
     """Generate new transitions while the gate is open."""
     if not run.gate_is_open:
         return
-    rows = run.config.generator.rows_per_refill
-    made = generator.generate(run.replay.real.sample_single_steps(rows), rows)
-    run.means.add({"generator/generated_rows": float(len(made))})
+    settings, learned, network = run.config.generator, run.config.learner, run.learner.average
+    num_generated = min(settings.rollout_steps, learned.n_steps)
+    rollouts = Rollouts(learned.n_steps - num_generated, num_generated, learned.gamma)
+
+    def choose(observation: Tensor, mask: Tensor) -> Tensor:
+        return masked_argmax(network(observation), mask)
+
+    real, num_rows = run.replay.real, settings.rows_per_refill
+    made = generate_rows(generator, real, num_rows, rollouts, choose)
     if len(made):
-        learned, network = run.config.learner, run.learner.average
-        steps = min(run.config.generator.rollout_steps, learned.n_steps)
-
-        def choose(observation: Tensor, mask: Tensor) -> Tensor:
-            return masked_argmax(network(observation), mask)
-
-        made = extend_rollouts(generator, made, steps, learned.gamma, choose)
         run.replay.generated.extend(made)
         run.means.add({"generator/steps": made["steps_to_next_obs"].float().mean()})
+    run.means.add({"generator/generated_rows": float(len(made))})
 
 
 def _tell(run: TrainingRun, tag: str, text: str) -> None:

@@ -11,8 +11,10 @@ from torch import Tensor
 
 from marl_cair.generative import CCDNGenerator
 from marl_cair.generative.heldout import make_empty_transitions
-from marl_cair.generative.rollouts import extend_rollouts
-from marl_cair.replay.transition import check_transitions
+from marl_cair.generative.rollouts import Rollouts, extend_rollouts, generate_rows
+from marl_cair.replay.buffer import EpisodeReplayBuffer, ReplayConfig, make_replay_buffer
+from marl_cair.replay.rollout import Rollout
+from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT, check_transitions
 from tests.generative.conftest import SMALL
 from tests.generative.plane_game import INTERVAL, NOOP, SPEC, TIME_TO_INCOME
 
@@ -26,6 +28,11 @@ def wait(observation: Tensor, mask: Tensor) -> Tensor:
     return torch.full((len(observation),), NOOP)
 
 
+def go_up(observation: Tensor, mask: Tensor) -> Tensor:
+    """One stair."""
+    return torch.ones(len(observation), dtype=torch.int64)
+
+
 def read_clock(observation: Tensor) -> Tensor:
     """Steps until income, int64 [N]."""
     return (observation[:, CLOCK, 0, 0].double() * INTERVAL / 255).round().long()
@@ -37,6 +44,11 @@ class Staircase(CCDNGenerator):
     """
 
     unsure: tuple[int, ...] = ()
+
+    def generate(self, starts: TensorDict, num_rows: int) -> TensorDict:
+        """One step up from as many of the starts."""
+        rows, accepted = self.predict(starts[torch.arange(num_rows) % len(starts)])
+        return rows[accepted]
 
     def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
         """One step up, by hand."""
@@ -60,7 +72,7 @@ def make_stairs(now: Tensor, action: Tensor) -> TensorDict:
 @pytest.mark.parametrize(
     ("start", "unsure", "steps", "total", "end"),
     [
-        (0, (), 4, 1 + 2 / 2 + 3 / 4 + 4 / 8, 4),  # as long as asked for
+        (0, (), 4, 1 + 2 / 2 + 3 / 4 + 4 / 8, 4),  # three more, as asked for
         (7, (), 2, 8 + 9 / 2, 9),  # to the end of the game
         (8, (), 1, 9.0, 9),  # over at once
         (0, (2,), 2, 1 + 2 / 2, 2),  # as far as it is sure
@@ -75,7 +87,7 @@ def test_rows_are_discounted_sums_up_to_the_end_or_to_what_is_unsure(
     others = torch.tensor([4, start, 8])  # each row goes its own way
     rows = make_stairs(others, torch.ones(3, dtype=torch.int64))
     before = rows.clone()
-    made = extend_rollouts(stairs, rows, 4, GAMMA, lambda seen, _: torch.ones(len(seen)).long())
+    made = extend_rollouts(stairs, rows, 3, GAMMA, go_up)
     row = made[1]
     assert row["steps_to_next_obs"].tolist() == [steps]
     assert float(row["next", "reward"]) == total
@@ -85,17 +97,65 @@ def test_rows_are_discounted_sums_up_to_the_end_or_to_what_is_unsure(
         assert torch.equal(made[key], before[key])
 
 
-def test_rows_of_one_step_stay_as_they_are(trained: CCDNGenerator, real_rows: TensorDict) -> None:
-    rows = copy.deepcopy(trained).generate(real_rows[:200], 100)
-    made = extend_rollouts(trained, rows.clone(), 1, GAMMA, wait)
-    assert (made == rows).all()
+def climb(num_floors: int) -> EpisodeReplayBuffer:
+    """Replay of returns of four steps that holds games from 0 up to the 9th stair."""
+    real = make_replay_buffer(ReplayConfig(200, n_steps=4, gamma=GAMMA), SPEC.transition)
+    steps = make_stairs(torch.arange(9).repeat(num_floors), torch.ones(9 * num_floors).long())
+    ends = steps["next", "terminated"].flatten()
+    final = ends.nonzero().flatten()
+    no = torch.zeros(len(steps), 1, dtype=torch.bool)
+    real.extend_rollout(
+        Rollout(
+            observation=steps["observation"][:, None],
+            action_mask=steps["action_mask"][:, None],
+            action=steps["action"][:, None],
+            reward=steps["next", "reward"],
+            terminated=ends[:, None],
+            truncated=no,
+            learned=~no,
+            expert_action=torch.full((len(steps), 1), NO_ACTION),
+            opponent=torch.full((len(steps), 1), NO_OPPONENT, dtype=torch.int16),
+            final_step=final,
+            final_observation=steps["next", "observation"][final],
+            final_action_mask=steps["next", "action_mask"][final],
+        )
+    )
+    return real
+
+
+@pytest.mark.parametrize(("num_real", "num_generated"), [(3, 1), (2, 2), (0, 4)])
+def test_real_steps_are_gone_on_with_and_ends_are_generated_where_they_come_sooner(
+    trained: CCDNGenerator, num_real: int, num_generated: int
+) -> None:
+    stairs = Staircase(trained.config, SPEC)
+    stairs.unsure = (6,)
+    rollouts = Rollouts(num_real, num_generated, GAMMA)
+    made = generate_rows(stairs, climb(20), 300, rollouts, go_up)
+    assert 290 <= len(made) <= 310
+    for row in made:
+        start, steps = int(row["observation"].amax()), int(row["steps_to_next_obs"])
+        rewards = [start + 1 + step for step in range(steps)]
+        assert float(row["next", "reward"]) == pytest.approx(
+            sum(GAMMA**step * reward for step, reward in enumerate(rewards))
+        )
+        assert int(row["next", "observation"].amax()) == start + steps
+        assert bool(row["next", "terminated"]) == (start + steps == 9)
+    lengths = made["steps_to_next_obs"].flatten()
+    starts = made["observation"].flatten(1).amax(1)
+    assert int(lengths.max()) == 4
+    if num_real:
+        # Those that meet the end within their real steps: their first step is generated.
+        assert (lengths[starts > 9 - num_real] == 1).all()
+        # Nothing follows for sure on 6, where their real steps end.
+        assert not (starts == 6 - num_real).any()
+        assert {*range(9 - num_real, 9)} - {6} <= set(starts.tolist())
 
 
 def test_a_trained_generator_goes_on_as_the_game_does(
     trained: CCDNGenerator, real_rows: TensorDict
 ) -> None:
     generator = copy.deepcopy(trained)
-    made = extend_rollouts(generator, generator.generate(real_rows[:500], 300), 4, GAMMA, wait)
+    made = extend_rollouts(generator, generator.generate(real_rows[:500], 300), 3, GAMMA, wait)
     check_transitions(made, SPEC.transition)
     steps = made["steps_to_next_obs"].squeeze(1)
     assert 1 <= int(steps.min()) < int(steps.max()) <= 4

@@ -175,7 +175,7 @@ def test_the_generator_still_learns_from_even_draws():
     first = buffer.sample(1)
     buffer.update_priority(first["index"], torch.tensor([1e6]))
     assert (buffer.sample(100)["index"] == first["index"]).float().mean() > 0.9
-    drawn = torch.cat([buffer.sample_single_steps(100)["index"] for _ in range(300)])
+    drawn = torch.cat([buffer.sample_steps(100)["index"] for _ in range(300)])
     counts = torch.bincount(drawn, minlength=CAPACITY)[buffer._storage.sampleable_slots()]
     assert chisquare(counts.numpy()).pvalue > 0.01
 

@@ -107,7 +107,7 @@ def fill_replays(run):
     steps = iterate(run, Timers())
     while run.replay.real.num_sampleable < 300:
         next(steps)
-    made = run.replay.real.sample_single_steps(100)
+    made = run.replay.real.sample_steps(100)
     made["is_generated"][:] = True
     made["index"][:] = -1
     run.replay.generated.extend(made)

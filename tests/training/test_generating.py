@@ -33,7 +33,7 @@ def test_while_the_gate_is_open_rows_are_generated_and_the_generator_learns_less
         return GateReport(next(looks), ())
 
     def generate(starts, num_rows):
-        made.append(run.frames)
+        made.append(run.frames)  # several times: more is asked for where too few are made
         return starts[:0]
 
     monkeypatch.setattr(run.generator, "update", update)
@@ -42,7 +42,7 @@ def test_while_the_gate_is_open_rows_are_generated_and_the_generator_learns_less
     steps = iterate(run, Timers())
     while run.frames < 1_920:
         next(steps)
-    assert made == list(range(512, 1536, 128))
+    assert sorted(set(made)) == list(range(512, 1536, 128))
     assert [at for at in learned if at > 384] == [
         *(512, 512, 768, 1024, 1280, 1536),
         *(1664, 1664, 1792, 1792, 1920, 1920),
@@ -50,9 +50,11 @@ def test_while_the_gate_is_open_rows_are_generated_and_the_generator_learns_less
     run.close()
 
 
-@pytest.mark.parametrize(("rollout_steps", "n_steps", "longest"), [(1, 8, 1), (3, 8, 3), (8, 2, 2)])
+@pytest.mark.parametrize(
+    ("rollout_steps", "n_steps", "asked"), [(1, 8, 1), (3, 8, 3), (8, 2, 1), (1, 1, 0)]
+)
 def test_generated_rows_have_as_many_decisions_as_real_ones_and_as_may_be(
-    tmp_path, monkeypatch, rollout_steps, n_steps, longest
+    tmp_path, monkeypatch, rollout_steps, n_steps, asked
 ):
     settings = GeneratorSettings(
         frames_per_update=64,
@@ -66,20 +68,23 @@ def test_generated_rows_have_as_many_decisions_as_real_ones_and_as_may_be(
     run = TrainingRun(dataclasses.replace(config, learner=learner))
 
     def make(num):  # real rows in place of those of a generator that has learned
-        return run.replay.real.sample_single_steps(num)
+        return run.replay.real.sample_steps(num)
 
     monkeypatch.setattr(run.generator, "evaluate", lambda: GateReport(True, ()))
     monkeypatch.setattr(run.generator, "generate", lambda _, num: make(num))
-    monkeypatch.setattr(
-        run.generator,
-        "predict",
-        lambda starts: (make(len(starts)), torch.ones(len(starts), dtype=torch.bool)),
-    )
+
+    def predict(starts):
+        asked_at.append(run.frames)
+        return make(len(starts)), torch.ones(len(starts), dtype=torch.bool)
+
+    asked_at = []
+    monkeypatch.setattr(run.generator, "predict", predict)
     steps = iterate(run, Timers())
     while run.frames < 1_024:
         next(steps)
     rows = run.replay.generated.sample(300)
-    assert int(rows["steps_to_next_obs"].max()) == longest
+    assert int(rows["steps_to_next_obs"].max()) == n_steps
+    assert asked_at.count(512) == asked  # how many decisions it was to go on with
     batch = run.replay.sample()
     assert batch["is_generated"].any()
     assert run.learner.update(batch)["loss/all"].isfinite()

@@ -178,7 +178,7 @@ def test_the_generator_learns_nothing_of_seats_that_are_out(tmp_path):
         rollout = make_rollout(next(batches), 1.0)
         num_leaving += int((rollout.learned & (rollout.action == LEAVE)).sum())
         slots = run.replay.real.extend_rollout(rollout)
-        heard.append(run.replay.real.read_single_steps(slots))
+        heard.append(run.replay.real.read_steps(slots))
     rows = torch.cat(heard)
     assert (rows["action"] == LEAVE).sum() == num_leaving
     assert not (rows["observation"][:, 1, 0, 0] == 1).any()

@@ -272,7 +272,7 @@ class GeneratorConfig:
     rare_capacity: int = 2048  # transitions, half with rare rewards, half ends
     heldout_share: float = 0.1  # of real transitions, by hash of their index
     heldout_capacity: int = 4096  # transitions; worlds in step would show but a part of their games
-    counterfactual_share: float = 0.5  # of generated rows take another legal action
+    counterfactual_share: float = 0.5  # of rows whose first step is generated take another action
     max_rounds: int = 4  # of proposals in one call, if many are turned away
     quiet_stride: int = 16  # one in so many quiet cells is trained on (weight 16)
     seed: int = 0  # of weights and draws; a training run gives its own

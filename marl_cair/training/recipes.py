@@ -65,6 +65,20 @@ _FLAPPY = (
 )
 
 RECIPES = {
+    "deep_line_wars_self_play": Recipe(
+        "Deep Line Wars: a pool of past selves, and the bots that are not beaten yet",
+        (
+            "game=deep_line_wars",
+            "scenario=10x15",
+            "total_frames=1000000",
+            "opponent.mixture={latest: 0.35, pfsp: 0.25, uniform: 0.05, pfsp_bots: 0.35}",
+            "opponent.warmup_frames=30000",
+            "generator.refill_every_frames=8000",
+            "evaluation.every_frames=100000",
+            "evaluation.games=40",
+            "evaluation.bots=[random,rusher,turtle,economist,zigzag,counter]",
+        ),
+    ),
     # A game lasts up to 1,000 decisions: at a discount of 0.99 its end is worth nothing at first,
     # and the shaping cancels out of every choice once learned: nothing is left to choose by.
     "deep_rts_duel": Recipe(

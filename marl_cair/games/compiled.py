@@ -184,8 +184,10 @@ class _Entry(CPUDispatcher):
     def _is_kept(self, sig: Any) -> bool:
         kept: Any = self._cache  # type: ignore[attr-defined]
         context: Any = self.targetctx
-        key = kept._index_key(sig, context.codegen())
-        return key in kept._cache_file._load_index()
+        context.refresh()
+        with kept._guard_against_spurious_io_errors():  # Windows: while another process writes it
+            return kept._index_key(sig, context.codegen()) in kept._cache_file._load_index()
+        return False
 
     @contextmanager
     def _locked(self) -> Iterator[None]:

@@ -32,7 +32,8 @@ _TRAINING, _GENERATING, _EVALUATING = range(3)
 class Generator(Protocol):
     """Learns from real one-step transitions and makes artificial ones.
 
-    All TensorDicts have the keys of `marl_cair.replay.transition` and batch size [N].
+    All TensorDicts have the keys of `marl_cair.replay.transition` and batch size [N], but for the
+    starts of `predict`.
     """
 
     @property
@@ -56,8 +57,8 @@ class Generator(Protocol):
         """Up to `num_rows` accepted transitions from the states of `starts`; none while shut."""
 
     def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
-        """What follows on each state and action of `starts`, and whether it is accepted: bool [N],
-        false while shut.
+        """What follows on each of `starts` ("observation", "action_mask", "action"), and whether it
+        is accepted: bool [N], false while shut.
         """
 
     def state_dict(self) -> dict[str, Any]:
@@ -78,8 +79,8 @@ class Generator(Protocol):
 class CCDNGenerator:
     """An ensemble of CCDN v2 networks behind a quality gate.
 
-    `last_generation` also holds, for each test of a row, the share of the proposed rows that it
-    turned away.
+    `last_generation` (of `generate` alone) also holds, for each test of a row, the share of the
+    proposed rows that it turned away.
     """
 
     def __init__(self, config: GeneratorConfig, spec: GeneratorSpec) -> None:

@@ -47,46 +47,55 @@ def generate_rows(
     rollouts: Rollouts,
     choose: Choose,
 ) -> TensorDict:
-    """About `num_rows` transitions [N], generated ones; fewer where too many are turned away.
+    """Up to `num_rows` generated transitions [N]; fewer where too many are turned away.
 
-    A learner whose real rows are returns of several decisions learns more slowly by a fifth of rows
-    of one, be they generated or real. So a generated row goes on from where real steps have led,
-    with what the learner would do there now (model-based value expansion, Feinberg et al. 2018).
-    Where the game ended on the way there is nowhere to go on from: of such a row the first step is
-    generated, and no other, so that ends are no rarer than they are.
+    Rows of one decision, be they generated or real, hold back a learner whose other rows are
+    returns of several. So a generated row goes on from where real steps have led, with what the
+    learner would do there now (model-based value expansion, Feinberg et al. 2018). Where the game
+    ended within those steps it is the last of them that is generated anew.
 
     generator: whose gate is open. choose: observations [N, ...] and masks bool [N, A] -> actions
     int64 [N]. The rows have EXPERIENCE_KEYS and "steps_to_next_obs"; rewards are discounted sums.
     """
+    num_real, num_generated, gamma = rollouts
+    if num_real == 0:
+        first = generator.generate(real.sample_steps(num_rows), num_rows).select(*_KEYS)
+        return extend_rollouts(generator, first, num_generated - 1, gamma, choose)
     made: list[TensorDict] = []
     missing = num_rows
     for _ in range(_MAX_ROUNDS):
         if missing <= 0:
             break
-        made.append(_make(generator, real, missing, rollouts, choose))
+        made.append(_go_on(generator, real, missing, rollouts, choose))
         missing -= len(made[-1])
     return cast(TensorDict, torch.cat(made))
 
 
-def _make(
+def _go_on(
     generator: Generator,
     real: EpisodeReplayBuffer,
     num_rows: int,
     rollouts: Rollouts,
     choose: Choose,
 ) -> TensorDict:
-    num_real, num_generated, gamma = rollouts
-    if num_real == 0:
-        first = generator.generate(real.sample_steps(num_rows), num_rows).select(*_KEYS)
-        return extend_rollouts(generator, first, num_generated - 1, gamma, choose)
-    heads = real.sample_steps(num_rows, num_real)
+    """Those of `num_rows` real beginnings whose first generated step is accepted."""
+    heads = real.sample_steps(num_rows, rollouts.num_real)
     ended = heads[NEXT_DONE].squeeze(1)
-    grown = extend_rollouts(generator, heads[~ended].select(*_KEYS), num_generated, gamma, choose)
-    parts = [grown[(grown[STEPS_TO_NEXT_OBS] > heads[~ended][STEPS_TO_NEXT_OBS]).squeeze(1)]]
-    if ended.any():
-        starts = real.read_steps(heads["index"][ended])
-        parts.append(generator.generate(starts, len(starts)).select(*_KEYS))
-    return cast(TensorDict, torch.cat(parts))
+    lengths = heads[STEPS_TO_NEXT_OBS].squeeze(1)
+    begun = [heads[~ended].select(*_KEYS)]
+    for length in range(2, rollouts.num_real + 1):
+        index = heads["index"][ended & (lengths == length)]
+        if len(index):
+            begun.append(real.read_steps(index, length - 1).select(*_KEYS))
+    rows = cast(TensorDict, torch.cat(begun))
+    before = rows[STEPS_TO_NEXT_OBS].clone()
+    rows = extend_rollouts(generator, rows, rollouts.num_generated, rollouts.gamma, choose)
+    made = [rows[(rows[STEPS_TO_NEXT_OBS] > before).squeeze(1)]]
+    last = heads[ended & (lengths == 1)]
+    if len(last):
+        predicted, accepted = generator.predict(last)
+        made.append(predicted[accepted].select(*_KEYS))
+    return cast(TensorDict, torch.cat(made))
 
 
 @torch.no_grad()
@@ -96,7 +105,7 @@ def extend_rollouts(
     """Lengthen transitions [N] by up to `num_steps` generated decisions, in place.
 
     A row ends where its game does, and where the next prediction is not accepted: it is then as
-    long as it is. Arguments as those of `generate_rows`.
+    long as it is. rows: EXPERIENCE_KEYS and "steps_to_next_obs"; the rest as `generate_rows`.
     """
     places = (~rows[NEXT_DONE].squeeze(1)).nonzero().squeeze(1)
     for _ in range(num_steps):

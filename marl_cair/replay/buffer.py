@@ -111,7 +111,7 @@ class EpisodeReplayBuffer(TensorDictReplayBuffer):
         return (data, info) if return_info else data
 
     def sample_steps(self, num_rows: int, num_steps: int = 1) -> TensorDict:
-        """Transitions of `num_steps` steps (no more than n_steps), drawn evenly whatever the
+        """Transitions [num_rows] of up to `num_steps` steps (1..n_steps), drawn evenly whatever the
         priorities are.
 
         Raises RuntimeError while nothing can be sampled.
@@ -121,7 +121,9 @@ class EpisodeReplayBuffer(TensorDictReplayBuffer):
             return self.read_steps(index, num_steps)
 
     def read_steps(self, index: torch.Tensor, num_steps: int = 1) -> TensorDict:
-        """The same at slots `index` int64 [N], where they can be sampled."""
+        """Transitions of up to `num_steps` steps (1..n_steps) that start at slots `index` int64
+        [N]; those that cannot be sampled are left out.
+        """
         index = index[self._storage.is_sampleable(index)]
         data: TensorDict = self._storage.get_steps(index, num_steps)
         data["index"] = index.clone()

@@ -193,9 +193,12 @@ class EpisodeStorage(Storage):
         return self._gather(index, self._discounts)
 
     def get_steps(self, index: Any, num_steps: int) -> TensorDict:
-        """Return as `get`, but of up to `num_steps` steps, no more than n_steps: a world model
-        learns of one.
+        """Return as `get`, but of up to `num_steps` steps: a world model learns of one.
+
+        Raises ValueError where `num_steps` is not in 1..n_steps.
         """
+        if not 1 <= num_steps <= len(self._discounts):
+            raise ValueError(f"num_steps is {num_steps}, expected 1..{len(self._discounts)}")
         return self._gather(index, self._discounts[:num_steps])
 
     def _gather(self, index: Any, discounts: NDArray[np.float64]) -> TensorDict:

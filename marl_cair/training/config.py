@@ -163,8 +163,8 @@ class DemonstrationSettings:
 
     bots: tuple[str, ...] = ()  # who shows how to play, one for each such game; (): nobody
     share: float = 0.25  # of games
-    until_frames: int | None = None  # frames after which no such game begins; None: never
-    advise: bool = False  # bots tell what they would do in all other games, and turns, too
+    until_frames: int | None = None  # frames after which bots neither play nor advise; None: never
+    advise: bool = False  # bots also tell what they would do wherever the learner plays
     turn_decisions: int | None = None  # after so many it is drawn anew who plays; None: whole games
     margin: float = 0.1  # by which the shown action is to be worth more than any other legal one
     margin_weight: float = 1.0  # of that loss, beside the TD error's
@@ -175,6 +175,12 @@ class DemonstrationSettings:
         require(frames is None or frames >= 0, "demonstration.until_frames", frames, "0 or more")
         turn = self.turn_decisions
         require(turn is None or turn >= 1, "demonstration.turn_decisions", turn, "1 or more")
+        require(
+            not self.advise or len(self.bots) > 0,
+            "demonstration.advise",
+            self.advise,
+            "false where demonstration.bots is empty",
+        )
         for name in ("margin", "margin_weight"):
             value = getattr(self, name)
             require(0 <= value < math.inf, f"demonstration.{name}", value, "0 or more")
@@ -248,7 +254,7 @@ class GeneratorSettings:
     # batch, out of a fifth of all rows that come in.
     refill_every_frames: int = 4_000  # frames between two refills while the gate is open
     rows_per_refill: int = 1_000  # transitions
-    rollout_steps: int = 1  # the last decisions of a generated row, made up; those before are real
+    rollout_steps: int = 1  # decisions at a generated row's end that are made up, n_steps at most
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:

@@ -52,7 +52,6 @@ _LARGE_MAZE = (
 # The oracle takes turns, and so shows what to do wherever the learner has come to. How much is
 # learned goes by the number of updates, not by that of decisions.
 _FLAPPY = (
-    "max_ticks=1000",
     "learner.double=false",
     "demonstration.bots=[oracle]",
     "demonstration.share=0.5",
@@ -141,11 +140,15 @@ RECIPES = {
             "policy.body=mlp",
             "game.reward=alive",
             *_FLAPPY,
-            "total_frames=200000",
+            # Long games, as the best agent is chosen by them: in short ones most pass all pipes.
+            "max_ticks=4000",
+            "total_frames=300000",
             # A crash is the end of some seconds' flight: what is later need not be foreseen.
             "learner.gamma=0.97",
             "exploration.anneal_frames=100000",
-            "evaluation.every_frames=50000",
+            "evaluation.every_frames=25000",
+            # A greedy bird dies by a single wrong choice: its weights are averaged for longer.
+            "learner.average_decay=0.9995",
             "demonstration.turn_decisions=50",
             # To begin with alone: a margin is wrong between two actions that are as good.
             "demonstration.until_frames=10000",
@@ -163,6 +166,7 @@ RECIPES = {
             "representation=gray_stack",
             "game.reward=alive",
             *_FLAPPY,
+            "max_ticks=1000",
             "total_frames=150000",
             # What one of thirty decisions a second is worth is lost in what frames leave unsure; at
             # ten a second hardly a way leads from a high gap to a low one.

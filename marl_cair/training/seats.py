@@ -187,7 +187,8 @@ class SeatRouter(TensorDictModuleBase):
     def _demonstrate(self, group: TensorDictBase, mask: Tensor, actions: Tensor) -> Tensor:
         """Let demonstrators choose where they play; returns what they do, or would do, [B, P]."""
         expert_actions = torch.full_like(actions, NO_ACTION)
-        helped = (self._team[:, None] == self._teams) & ~self._out
+        advise = self._demonstrators.settings.advise
+        helped = (self._owned if advise else self._shown) & ~self._out
         for number, bot in enumerate(self._demonstrators.bots):
             told = helped & (self._demonstrators.telling == number)[:, None]
             if told.any():

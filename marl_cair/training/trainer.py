@@ -18,7 +18,7 @@ from tqdm import tqdm
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.rollouts import Rollouts, generate_rows
 from marl_cair.league.shared import LeagueSeat
-from marl_cair.policies.actor import masked_argmax
+from marl_cair.policies.actor import PolicyActor, masked_argmax
 from marl_cair.training.config import ENDLESS_FRAMES, TrainConfig
 from marl_cair.training.evaluation import evaluate
 from marl_cair.training.metrics import Timers
@@ -195,12 +195,13 @@ def _refill(run: TrainingRun, generator: Generator) -> None:
     """Generate new transitions while the gate is open."""
     if not run.gate_is_open:
         return
-    settings, learned, network = run.config.generator, run.config.learner, run.learner.average
+    settings, learned = run.config.generator, run.config.learner
+    actor = PolicyActor(run.learner.average, "learner", run.config.game.representation)
     num_generated = min(settings.rollout_steps, learned.n_steps)
     rollouts = Rollouts(learned.n_steps - num_generated, num_generated, learned.gamma)
 
     def choose(observation: Tensor, mask: Tensor) -> Tensor:
-        return masked_argmax(network(observation), mask)
+        return masked_argmax(actor.compute_values(observation), mask)
 
     real, num_rows = run.replay.real, settings.rows_per_refill
     made = generate_rows(generator, real, num_rows, rollouts, choose)

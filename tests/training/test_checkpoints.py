@@ -90,7 +90,10 @@ class TestStates:
     @pytest.mark.parametrize(
         ("change", "message"),
         [
-            ({"version": 2}, r"state.pt has version 2, this marl_cair resumes 1: .*/a/latest"),
+            (
+                {"version": 2},
+                r"state.pt has version 2, this marl_cair resumes 1: .*[\\/]a[\\/]latest",
+            ),
             ({"version": None}, "state.pt has version 0"),  # from before they had one
             ({"frames": None}, "does not fit this run's settings, or is damaged: KeyError"),
         ],

@@ -69,15 +69,18 @@ def test_against_itself_one_team_is_shown_and_the_other_plays_on(tmp_path):
 
 @pytest.mark.parametrize("scenario", ["teams", "alone"])
 @pytest.mark.parametrize("turn", [None, 5])
-def test_bots_that_advise_tell_what_to_do_where_the_learner_plays(tmp_path, scenario, turn):
+@pytest.mark.parametrize("opponent", ["random", "latest"])
+def test_bots_that_advise_tell_what_to_do_where_the_learner_plays(
+    tmp_path, scenario, turn, opponent
+):
     demonstration = shown_by("idle", share=0.4, turn_decisions=turn, advise=True)
-    run = make_run(tmp_path, scenario, {"random": 1.0}, demonstration)
+    run = make_run(tmp_path, scenario, {opponent: 1.0}, demonstration)
     data = collect(run, 12)
     told, learned = data["player", "expert_action"], data["player", "learned"]
     assert (told[learned] == NOOP).all()  # all that `idle` says
     assert (told[~learned] == NO_ACTION).all()
     followed = (data["player", "action"][learned] == NOOP).float().mean().item()
-    assert 0.4 < followed < 0.9  # it plays in its share of games alone
+    assert 0.25 < followed < 0.9  # it plays in its share of games alone
 
 
 def test_several_bots_take_turns(tmp_path):
@@ -296,6 +299,10 @@ def test_bots_that_look_at_other_planes_than_the_learner_can_show(tmp_path):
     ("changes", "message"),
     [
         ({"bots": ("rushre",)}, "rushre"),
+        (
+            {"advise": True},
+            "demonstration.advise is True, it must be false where demonstration.bots",
+        ),
         ({"bots": ("counter",), "share": 1.5}, "demonstration.share is 1.5, it must be a share"),
         ({"bots": ("counter",), "margin": -0.1}, "demonstration.margin is -0.1, it must be 0 or"),
         ({"until_frames": -1}, "demonstration.until_frames is -1, it must be 0 or more"),

@@ -316,6 +316,7 @@ class EpisodeStorage(Storage):
             "observation_dtype": str(self.spec.observation_dtype),
             "num_actions": self.spec.num_actions,
             "num_uniform": self.spec.num_uniform,
+            "fields": list(_SAVED_FIELDS),
         }
 
     def _import(self, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> None:

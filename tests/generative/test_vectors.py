@@ -8,6 +8,7 @@ from tensordict import TensorDict
 
 from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec, NetworkSize
 from marl_cair.generative.coded import CodedGenerator
+from marl_cair.generative.rollouts import extend_rollouts
 from marl_cair.generative.vectors import LEVELS, VectorCodec
 from marl_cair.replay.transition import TransitionSpec, check_transitions
 from tests.generative.rows import pack_rows
@@ -94,6 +95,17 @@ def test_a_falling_ball_is_learned_and_made() -> None:
     torch.testing.assert_close(
         made["next", "observation"][:, 0], made["observation"][:, 0], atol=0.02, rtol=0.0
     )
+    begun = made["observation"].clone()
+    longer = extend_rollouts(generator, made, 1, 0.9, lambda _, mask: mask[:, 1].long())
+    check_transitions(longer, SPEC)
+    assert torch.equal(longer["observation"], begun)
+    steps = longer["steps_to_next_obs"].squeeze(1)
+    assert float((steps == 2).float().mean()) > 0.3
+    fallen = (longer["next", "observation"] - longer["observation"])[:, 1]
+    pushed = longer["action"] + (steps - 1)  # the second decision is always a push
+    expected = (-0.5 * steps + 2.5 * pushed).float()
+    free = (longer["observation"][:, 1] > 0.6) & (longer["observation"][:, 1] < 5.4)
+    assert float((fallen - expected)[free].abs().mean()) < 0.15
 
 
 def test_the_state_goes_on_with_the_same_bits() -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 NO_ENTRY = -1
 NUM_WRITTEN, NUM_SAMPLEABLE = range(2)  # what `Ring.counters` counts
-SOUND, UNIFORM_FAULT, ACTION_FAULT, LEGAL_FAULT, MASK_FAULT, TAIL_FAULT = range(6)
+SOUND, UNIFORM_FAULT, ACTION_FAULT, LEGAL_FAULT, EXPERT_FAULT, MASK_FAULT, TAIL_FAULT = range(7)
 
 
 class Ring(NamedTuple):
@@ -81,6 +81,9 @@ def find_fault(steps: Steps, board_bytes: int, num_cells: int) -> tuple[int, int
             return ACTION_FAULT, k
         if not steps.action_mask[k, action]:
             return LEGAL_FAULT, k
+        expert = steps.expert_action[k]
+        if expert != NO_ENTRY and not is_legal(steps.action_mask[k], expert):
+            return EXPERT_FAULT, k
         if not has_uniform_planes(steps.observation[k], board_bytes, num_cells):
             return UNIFORM_FAULT, k
         if steps.truncated[k] or steps.terminated[k]:
@@ -92,6 +95,12 @@ def find_fault(steps: Steps, board_bytes: int, num_cells: int) -> tuple[int, int
             if not has_uniform_planes(steps.final_observation[row], board_bytes, num_cells):
                 return UNIFORM_FAULT, k
     return SOUND, NO_ENTRY
+
+
+@njit(cache=True, nogil=True)
+def is_legal(action_mask: Any, action: int) -> bool:
+    """Whether the number is of the action space, and allowed."""
+    return bool(0 <= action < action_mask.shape[0] and action_mask[action])
 
 
 @njit(cache=True, nogil=True)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from marl_cair.replay.ring import (
     ACTION_FAULT,
+    EXPERT_FAULT,
     LEGAL_FAULT,
     MASK_FAULT,
     NO_ENTRY,
@@ -62,8 +63,8 @@ def check_rollout(rollout: Rollout, spec: TransitionSpec) -> Steps:
     """Return the rollout as flat arrays (views where it is contiguous) for `append_steps`.
 
     Raises ValueError for a field of wrong dtype or shape, an action that is outside the space or
-    illegal, a plane that should be uniform and is not, and a step that ends without its final
-    observation.
+    illegal, an illegal expert_action, a plane that should be uniform and is not, and a step that
+    ends without its final observation.
     """
     _check_fields(rollout, spec)
     num_steps = rollout.action.numel()
@@ -154,9 +155,12 @@ def _describe_fault(fault: int, steps: Steps, step: int, spec: TransitionSpec) -
     action = steps.action[step]
     if fault == ACTION_FAULT:
         return f"action is {action}, expected 0..{spec.num_actions - 1}"
-    if fault == LEGAL_FAULT:
+    if fault in (LEGAL_FAULT, EXPERT_FAULT):
         legal = np.flatnonzero(steps.action_mask[step]).tolist()
-        return f"action {action} is not legal by its action_mask; legal are {legal}"
+        told = f"action {action}"
+        if fault == EXPERT_FAULT:
+            told = f"expert_action {steps.expert_action[step]}"
+        return f"{told} is not legal by its action_mask; legal are {legal}"
     if fault == TAIL_FAULT:
         return "ends its episode but has no final observation: add it to final_step"
     if fault == MASK_FAULT:

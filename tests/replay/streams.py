@@ -8,6 +8,7 @@ import torch
 from tensordict import TensorDict
 
 from marl_cair.replay import Rollout, TransitionSpec
+from marl_cair.replay.transition import NO_ACTION
 
 SMALL = TransitionSpec((5, 2, 3), num_actions=11, num_uniform=2)
 
@@ -25,6 +26,7 @@ def make_rollout(
     truncated, terminated = (rng.random(shape) < end_rate for _ in range(2))
     final_step = np.flatnonzero(truncated | terminated)
     mask = make_masks(rng, (*shape,), spec)
+    first_legal = mask.numpy().argmax(-1)
     return Rollout(
         observation=make_observations(rng, shape, spec),
         action_mask=mask,
@@ -33,7 +35,7 @@ def make_rollout(
         terminated=torch.from_numpy(terminated),
         truncated=torch.from_numpy(truncated),
         learned=torch.from_numpy(rng.random(shape) < learned_rate),
-        expert_action=torch.from_numpy(rng.integers(-1, spec.num_actions, shape)),
+        expert_action=torch.from_numpy(np.where(rng.random(shape) < 0.2, first_legal, NO_ACTION)),
         opponent=torch.from_numpy(rng.integers(-1, 9, shape).astype(np.int16)),
         final_step=torch.from_numpy(final_step),
         final_observation=make_observations(rng, final_step.shape, spec),

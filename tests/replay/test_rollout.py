@@ -53,6 +53,10 @@ FAULTS = {
         lambda: change_entry("action", (1, 0), -1),
         r"t=1, stream 0: action is -1, expected 0..10",
     ),
+    "expert's action": (
+        lambda: change_entry("expert_action", (1, 1), 11),
+        r"t=1, stream 1: expert_action 11 is not legal by its action_mask; legal are \[",
+    ),
     "illegal": (
         lambda: change_entry("action_mask", (3, 0), False),
         r"t=3, stream 0: action \d+ is not legal by its action_mask; legal are \[\]",

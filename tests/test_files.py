@@ -87,26 +87,29 @@ def test_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, failure):
     assert names_in(tmp_path) == ["a.txt"]
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows syncs no folders")
-def test_a_file_is_synced_before_it_gets_its_name_and_the_folder_after_that(tmp_path, monkeypatch):
-    target, synced = tmp_path / "a.txt", []
+def note_syncs(monkeypatch, target):
+    """What is synced from now on: its place on the disk, and whether `target` is there by then."""
+    synced = []
 
     def note(descriptor):
         synced.append((os.fstat(descriptor).st_ino, target.exists()))
 
     monkeypatch.setattr(os, "fsync", note)
+    return synced
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows syncs no folders")
+def test_a_file_is_synced_before_it_gets_its_name_and_the_folder_after_that(tmp_path, monkeypatch):
+    target = tmp_path / "a.txt"
+    synced = note_syncs(monkeypatch, target)
     write_atomically(target, "1")
     assert synced == [(target.stat().st_ino, False), (tmp_path.stat().st_ino, True)]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows syncs no folders")
 def test_all_files_of_a_folder_are_synced_before_it_gets_its_name(tmp_path, monkeypatch):
-    target, synced = tmp_path / "agent", []
-
-    def note(descriptor):
-        synced.append((os.fstat(descriptor).st_ino, target.exists()))
-
-    monkeypatch.setattr(os, "fsync", note)
+    target = tmp_path / "agent"
+    synced = note_syncs(monkeypatch, target)
     with replaced_folder(target) as unfinished:
         (unfinished / "deep").mkdir()
         (unfinished / "deep" / "a.txt").write_text("1")

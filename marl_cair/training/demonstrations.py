@@ -43,7 +43,7 @@ class Demonstrators:
             bot.seed(seed + number)
         self._rng = np.random.default_rng(seed)
         self.playing = np.full(num_worlds, NOBODY, np.int8)  # [B], index into `bots`
-        self.telling = self.playing.copy()  # [B], the same: who plays, or else advises
+        self.telling = self.playing.copy()  # [B], the same: who plays, or may advise
         self._decisions_left = np.zeros(num_worlds, np.int64)  # of the turn under way
 
     @property
@@ -67,8 +67,8 @@ class Demonstrators:
         if until is not None and frames >= until:
             shown[:] = False
             chosen[:] = NOBODY
+        self.telling[starting] = chosen
         self.playing[starting] = np.where(shown, chosen, NOBODY)
-        self.telling[starting] = chosen if self.settings.advise else self.playing[starting]
 
     def _begin_turns(self, starting: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """The worlds [B] in which a turn begins. A game's first turn is of any length up to the

@@ -16,7 +16,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from marl_cair.generative.generator import Generator
-from marl_cair.generative.rollouts import Rollouts, generate_rows
+from marl_cair.generative.rollouts import Rollouts
 from marl_cair.league.shared import LeagueSeat
 from marl_cair.policies.actor import PolicyActor, masked_argmax
 from marl_cair.training.config import ENDLESS_FRAMES, TrainConfig
@@ -198,13 +198,19 @@ def _refill(run: TrainingRun, generator: Generator) -> None:
     settings, learned = run.config.generator, run.config.learner
     actor = PolicyActor(run.learner.average, "learner", run.config.game.representation)
     num_generated = min(settings.rollout_steps, learned.n_steps)
-    rollouts = Rollouts(learned.n_steps - num_generated, num_generated, learned.gamma)
 
     def choose(observation: Tensor, mask: Tensor) -> Tensor:
         return masked_argmax(actor.compute_values(observation), mask)
 
-    real, num_rows = run.replay.real, settings.rows_per_refill
-    made = generate_rows(generator, real, num_rows, rollouts, choose)
+    rollouts = Rollouts(
+        generator,
+        choose,
+        num_real=learned.n_steps - num_generated,
+        num_generated=num_generated,
+        gamma=learned.gamma,
+        max_rounds=settings.model.max_rounds,
+    )
+    made = rollouts.generate(run.replay.real, settings.rows_per_refill)
     if len(made):
         run.replay.generated.extend(made)
         run.means.add({"generator/steps": made["steps_to_next_obs"].float().mean()})

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from marl_cair.generative import CCDNGenerator
 from marl_cair.generative.heldout import make_empty_transitions
-from marl_cair.generative.rollouts import Rollouts, extend_rollouts, generate_rows
+from marl_cair.generative.rollouts import Rollouts
 from marl_cair.replay.buffer import EpisodeReplayBuffer, ReplayConfig, make_replay_buffer
 from marl_cair.replay.rollout import Rollout
 from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT, check_transitions
@@ -19,7 +19,7 @@ from tests.generative.conftest import SMALL
 from tests.generative.plane_game import INTERVAL, NOOP, SPEC, TIME_TO_INCOME
 
 CLOCK = SPEC.num_spatial + TIME_TO_INCOME
-GAMMA = 0.5
+GAMMA, ROUNDS = 0.5, 4
 
 
 def wait(observation: Tensor, mask: Tensor) -> Tensor:
@@ -87,7 +87,7 @@ def test_rows_are_discounted_sums_up_to_the_end_or_to_what_is_unsure(
     others = torch.tensor([4, start, 8])  # each row goes its own way
     rows = make_stairs(others, torch.ones(3, dtype=torch.int64))
     before = rows.clone()
-    made = extend_rollouts(stairs, rows, 3, GAMMA, go_up)
+    made = Rollouts(stairs, go_up, 0, 4, GAMMA, ROUNDS).extend(rows, 3)
     row = made[1]
     assert row["steps_to_next_obs"].tolist() == [steps]
     assert float(row["next", "reward"]) == total
@@ -129,8 +129,8 @@ def test_real_steps_are_gone_on_with_and_ends_are_generated_where_they_come_soon
 ) -> None:
     stairs = Staircase(trained.config, SPEC)
     stairs.unsure = (6,)
-    rollouts = Rollouts(num_real, num_generated, GAMMA)
-    made = generate_rows(stairs, climb(20), 300, rollouts, go_up)
+    rollouts = Rollouts(stairs, go_up, num_real, num_generated, GAMMA, ROUNDS)
+    made = rollouts.generate(climb(20), 300)
     assert 200 < len(made) <= 300
     for row in made:
         start, steps = int(row["observation"].amax()), int(row["steps_to_next_obs"])
@@ -153,7 +153,8 @@ def test_a_trained_generator_goes_on_as_the_game_does(
     trained: CCDNGenerator, real_rows: TensorDict
 ) -> None:
     generator = copy.deepcopy(trained)
-    made = extend_rollouts(generator, generator.generate(real_rows[:500], 300), 3, GAMMA, wait)
+    rollouts = Rollouts(generator, wait, 0, 4, GAMMA, ROUNDS)
+    made = rollouts.extend(generator.generate(real_rows[:500], 300), 3)
     check_transitions(made, SPEC.transition)
     steps = made["steps_to_next_obs"].squeeze(1)
     assert 1 <= int(steps.min()) < int(steps.max()) <= 4

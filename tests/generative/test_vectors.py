@@ -8,7 +8,7 @@ from tensordict import TensorDict
 
 from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec, NetworkSize
 from marl_cair.generative.coded import CodedGenerator
-from marl_cair.generative.rollouts import extend_rollouts
+from marl_cair.generative.rollouts import Rollouts
 from marl_cair.generative.vectors import LEVELS, VectorCodec
 from marl_cair.replay.transition import TransitionSpec, check_transitions
 from tests.generative.rows import pack_rows
@@ -96,7 +96,8 @@ def test_a_falling_ball_is_learned_and_made() -> None:
         made["next", "observation"][:, 0], made["observation"][:, 0], atol=0.02, rtol=0.0
     )
     begun = made["observation"].clone()
-    longer = extend_rollouts(generator, made, 1, 0.9, lambda _, mask: mask[:, 1].long())
+    rollouts = Rollouts(generator, lambda _, mask: mask[:, 1].long(), 0, 2, 0.9, 4)
+    longer = rollouts.extend(made, 1)
     check_transitions(longer, SPEC)
     assert torch.equal(longer["observation"], begun)
     steps = longer["steps_to_next_obs"].squeeze(1)

@@ -25,6 +25,19 @@ LENIENT = Acceptance(
 )
 
 
+def generating(out, rollout_steps, n_steps, rows, every):
+    """A run of 1,024 decisions that makes so many rows every so many decisions."""
+    settings = GeneratorSettings(
+        frames_per_update=64,
+        evaluate_every_frames=256,
+        refill_every_frames=every,
+        rows_per_refill=rows,
+        rollout_steps=rollout_steps,
+    )
+    config = tiny(out, 1_024, generator=settings)
+    return dataclasses.replace(config, learner=dataclasses.replace(config.learner, n_steps=n_steps))
+
+
 def test_while_the_gate_is_open_rows_are_generated_and_the_generator_learns_less_often(
     tmp_path, monkeypatch
 ):
@@ -71,16 +84,7 @@ def test_while_the_gate_is_open_rows_are_generated_and_the_generator_learns_less
 def test_generated_rows_have_as_many_decisions_as_real_ones_and_as_may_be(
     tmp_path, monkeypatch, rollout_steps, n_steps, asked
 ):
-    settings = GeneratorSettings(
-        frames_per_update=64,
-        evaluate_every_frames=256,
-        refill_every_frames=256,
-        rows_per_refill=100,
-        rollout_steps=rollout_steps,
-    )
-    config = tiny(tmp_path / "a", generator=settings)
-    learner = dataclasses.replace(config.learner, n_steps=n_steps)
-    run = TrainingRun(dataclasses.replace(config, learner=learner))
+    run = TrainingRun(generating(tmp_path / "a", rollout_steps, n_steps, rows=100, every=256))
 
     def make(num):  # real rows in place of those of a generator that has learned
         return run.replay.real.sample_steps(num)
@@ -120,15 +124,7 @@ def test_a_resumed_run_generates_the_same_rows(tmp_path, monkeypatch, rollout_st
 
     monkeypatch.setattr(CCDNGenerator, "evaluate", look)
     monkeypatch.setattr("marl_cair.generative.generator.find_broken_structure", find_nothing_broken)
-    settings = GeneratorSettings(
-        frames_per_update=64,
-        evaluate_every_frames=256,
-        refill_every_frames=128,
-        rows_per_refill=50,
-        rollout_steps=rollout_steps,
-    )
-    whole = tiny(tmp_path / "whole", 1_024, generator=settings)
-    whole = dataclasses.replace(whole, learner=dataclasses.replace(whole.learner, n_steps=4))
+    whole = generating(tmp_path / "whole", rollout_steps, n_steps=4, rows=50, every=128)
     train(whole, show_progress=False)
     parts = dataclasses.replace(whole, out=str(tmp_path / "parts"))
     train(dataclasses.replace(parts, total_frames=640), show_progress=False)

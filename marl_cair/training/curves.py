@@ -142,15 +142,16 @@ def _draw_live_rating(panel: Any, logs: Mapping[str, Rows]) -> None:
 
 
 def _draw_collected(panel: Any, logs: Mapping[str, Rows]) -> None:
-    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
-        names = _names(logs, "collect_win_rate/")
-        for style, name in zip(cycle(STYLES), names, strict=False):
+    # The runs share the styles here: there are more opponents than styles.
+    names = _names(logs, "collect_win_rate/")
+    for style, (label, rows) in zip(cycle(STYLES), logs.items(), strict=False):
+        for colour, name in zip(cycle(COLOURS), names, strict=False):
             frames, rates = _series(rows, name)
             if len(frames):
                 rival = name.partition("/")[2]
                 panel.plot(frames, rates, style, color=colour, label=f"{label} v {rival}")
     panel.set(title="While collecting, exploration included", ylim=(-0.03, 1.03))
-    _add_legend(panel)
+    _add_legend_below(panel, num_columns=3)
 
 
 def _draw_actions(panel: Any, logs: Mapping[str, Rows]) -> None:
@@ -163,9 +164,17 @@ def _draw_actions(panel: Any, logs: Mapping[str, Rows]) -> None:
     kinds = [name.partition("/")[2].replace("_", " ") for name in names]
     panel.stackplot(frames, shares, labels=kinds, colors=COLOURS, alpha=0.85, linewidth=0)
     panel.set(title=f"Actions of {label}", ylabel="share of decisions", ylim=(0, 1))
-    panel.legend(fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=4)
+    _add_legend_below(panel, num_columns=4)
 
 
 def _add_legend(panel: Any) -> None:
     if panel.get_legend_handles_labels()[0]:
         panel.legend(fontsize=7, framealpha=0.85)
+
+
+def _add_legend_below(panel: Any, num_columns: int) -> None:
+    """Of many entries, which would hide what is drawn."""
+    if panel.get_legend_handles_labels()[0]:
+        panel.legend(
+            fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=num_columns
+        )

@@ -41,6 +41,7 @@ _OPEN = (
     "opponent.mixture",
     "opponent.warmup_mixture",
     "opponent.agents",
+    "evaluation.options",
     "evaluation.scenarios",
 )
 _ROOT = "marl_cair_train"

@@ -280,6 +280,9 @@ class EvaluationSettings:
     every_frames: int = 100_000  # frames between two evaluations
     games: int = 64  # games against each bot, rounded up to as many in each seat (or team)
     bots: tuple[str, ...] = ("random",)  # opponents; where one plays alone, who it is compared with
+    options: dict[str, Any] = field(  # fields of the scenario to change: {max_ticks: 6000}
+        default_factory=dict
+    )
     scenarios: dict[str, dict[str, Any]] = field(  # played too: {heldout: {map: test-15x15-2p}}
         default_factory=dict
     )
@@ -287,11 +290,18 @@ class EvaluationSettings:
     def __post_init__(self) -> None:
         require(self.every_frames >= 1, "evaluation.every_frames", self.every_frames, "1 or more")
         require(self.games >= 1, "evaluation.games", self.games, "1 or more")
-        for name, options in self.scenarios.items():
+        for name in self.scenarios:
             plain = re.fullmatch(r"[\w-]+", name) is not None
             require(plain, "evaluation.scenarios", name, "names of letters, digits, _ and -")
-            place = f"evaluation.scenarios.{name}"
+        for place, options in self.changes().items():
             require("reward" not in options, place, options, "without reward: the game's own rates")
+
+    def changes(self) -> dict[str, dict[str, Any]]:
+        """What is changed of the training scenario, by option: the scenario that chooses the best
+        agent is the first, then those that are held out.
+        """
+        heldout = {f"evaluation.scenarios.{name}": self.scenarios[name] for name in self.scenarios}
+        return {"evaluation.options": self.options} | heldout
 
 
 @dataclass(frozen=True)
@@ -345,22 +355,25 @@ class TrainConfig:
         for bot in (*self.evaluation.bots, *self.demonstration.bots):
             find_by_name(f"{self.game.name} bot", bot, bots)
 
-    def evaluated_scenario(self, name: str) -> Any:
-        """The training scenario as `evaluation.scenarios` changes it."""
-        game, changes = self.game, self.evaluation.scenarios[name]
-        return GAMES[game.name].scenario(game.scenario, **{**game.options, **changes})
+    def evaluated_scenarios(self) -> dict[str, Any]:
+        """Where the learner is rated, as `EvaluationSettings.changes` has it."""
+        game, make = self.game, GAMES[self.game.name].scenario
+        return {
+            place: make(game.scenario, **{**game.options, **changes})
+            for place, changes in self.evaluation.changes().items()
+        }
 
     def _check_scenarios(self) -> None:
         """Whether the learner can look at, and act in, what it is to be rated on."""
         game = GAMES[self.game.name]
         own = game.make_spec(game.scenario(self.game.scenario, **self.game.options))
         seen = self.game.representation
-        for name in self.evaluation.scenarios:
-            other = game.make_spec(self.evaluated_scenario(name))
+        for place, scenario in self.evaluated_scenarios().items():
+            other = game.make_spec(scenario)
             shapes = own.representations[seen].shape, other.representations[seen].shape
             if shapes[0] != shapes[1] or own.action_names != other.action_names:
                 raise ValueError(
-                    f"evaluation.scenarios.{name} shows {list(shapes[1])} and has "
+                    f"{place} shows {list(shapes[1])} and has "
                     f"{other.num_actions} actions, training shows {list(shapes[0])} and has "
                     f"{own.num_actions}: the learner can only be rated where they are the same"
                 )

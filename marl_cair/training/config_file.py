@@ -116,11 +116,12 @@ def _build_group(kind: Any, values: Mapping[str, Any], inside: str) -> Any:
 def _read_evaluation(built: Mapping[str, Any]) -> EvaluationSettings:
     evaluation: EvaluationSettings = built["evaluation"]
     game = dataclasses.asdict(built.get("game", GameSettings()))
-    scenarios = {
-        name: _read_scenario_options(game, options, f"evaluation.scenarios.{name}")
-        for name, options in evaluation.scenarios.items()
-    }
-    return dataclasses.replace(evaluation, scenarios=scenarios)
+    own, *heldout = (
+        _read_scenario_options(game, options, place)
+        for place, options in evaluation.changes().items()
+    )
+    scenarios = dict(zip(evaluation.scenarios, heldout, strict=True))
+    return dataclasses.replace(evaluation, options=own, scenarios=scenarios)
 
 
 def _read_number(kind: Any, value: Any, path: str) -> Any:

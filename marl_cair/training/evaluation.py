@@ -14,17 +14,18 @@ LEARNER = "learner"  # in the log, beside the names of bots
 
 
 def evaluate(
-    agent: Agent, game: Game, scenario: Any, config: TrainConfig, seed: int
+    agent: Agent, game: Game, config: TrainConfig, seed: int
 ) -> tuple[list[float], dict[str, float]]:
-    """Rate `agent` on the training scenario and on each of `evaluation.scenarios`.
+    """Rate `agent` on the training scenario, as `evaluation.options` changes it, and on each of
+    `evaluation.scenarios`.
 
-    Returns the scores on the training scenario, by which the best agent is kept (what is held out
-    must not choose), and values by log name, those of other scenarios with "@" and their name.
+    Returns the scores on the former, by which the best agent is kept (what is held out must not
+    choose), and values by log name, those of other scenarios with "@" and their name.
     """
     settings = config.evaluation
-    scores, row = rate_on(agent, game, scenario, settings.bots, settings.games, seed)
-    for name in settings.scenarios:
-        other = config.evaluated_scenario(name)
+    own, *heldout = config.evaluated_scenarios().values()
+    scores, row = rate_on(agent, game, own, settings.bots, settings.games, seed)
+    for name, other in zip(settings.scenarios, heldout, strict=True):
         _, values = rate_on(agent, game, other, settings.bots, settings.games, seed)
         for key, value in values.items():
             kind, who, *end = key.split("/")

@@ -140,8 +140,9 @@ RECIPES = {
             "policy.body=mlp",
             "game.reward=alive",
             *_FLAPPY,
-            # Long games, as the best agent is chosen by them: in short ones most pass all pipes.
             "max_ticks=4000",
+            # In shorter games most pass all pipes, which tells no good agents apart.
+            "evaluation.options.max_ticks=40000",
             "total_frames=300000",
             # A crash is the end of some seconds' flight: what is later need not be foreseen.
             "learner.gamma=0.97",
@@ -167,7 +168,8 @@ RECIPES = {
             "game.reward=alive",
             *_FLAPPY,
             "max_ticks=1000",
-            "total_frames=150000",
+            "total_frames=200000",
+            "evaluation.options.max_ticks=6000",
             # What one of thirty decisions a second is worth is lost in what frames leave unsure; at
             # ten a second hardly a way leads from a high gap to a low one.
             "game.options.ticks_per_step=2",
@@ -194,7 +196,7 @@ RECIPES = {
             "generator.model.heldout_capacity=1024",
             "generator.model.rare_capacity=1024",
             "replay.capacity_transitions=50000",
-            "evaluation.games=16",
+            "evaluation.games=32",
         ),
     ),
 }

@@ -252,7 +252,7 @@ def _write_row(run: TrainingRun, row: dict[str, float], timers: Timers) -> dict[
 
 
 def _evaluate(run: TrainingRun) -> dict[str, float]:
-    scores, row = evaluate(run.rated, run.game, run.scenario, run.config, run.evaluation_seed)
+    scores, row = evaluate(run.rated, run.game, run.config, run.evaluation_seed)
     run.save_agent()
     if scores:
         run.note_score(sum(scores) / len(scores))

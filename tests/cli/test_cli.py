@@ -161,6 +161,7 @@ def test_configuration_survives_its_file(tmp_path):
         (["evaluation.bots=random"], "evaluation.bots is 'random', it must be a list"),
         (["evaluation.scenarios={a: {rwos: 11}}"], "unknown deep_line_wars option 'rwos'"),
         (["evaluation.scenarios.a.rows=11"], "the learner can only be rated where they are the sa"),
+        (["evaluation.options={max_ticsk: 5}"], "nearest are 'max_ticks'"),
         (["map=train-15x15-2p"], "unknown deep_line_wars option 'map'"),
     ],
 )

@@ -4,7 +4,6 @@ import pytest
 
 from marl_cair.cli import main
 from marl_cair.cli.compose import compose_config
-from marl_cair.games import GAMES
 from marl_cair.training.metrics import read_log
 
 SMALL = (
@@ -28,14 +27,9 @@ def test_map_sets_are_named_for_training_and_beside_it():
     config = compose_config(words)
     assert config.game.options == {"map": "train-15x15-2p"}
     assert config.evaluation.scenarios == {"heldout": {"map": "test-15x15-2p"}}
-    assert config.evaluated_scenario("heldout").map == "test-15x15-2p"
-    seeds = [
-        {game_map.name for game_map in scenario.maps}
-        for scenario in (
-            config.evaluated_scenario("heldout"),
-            GAMES["deep_rts"].scenario("1v1-15x15", map="train-15x15-2p"),
-        )
-    ]
+    trained, heldout = config.evaluated_scenarios().values()
+    assert (trained.map, heldout.map) == ("train-15x15-2p", "test-15x15-2p")
+    seeds = [{game_map.name for game_map in scenario.maps} for scenario in (trained, heldout)]
     assert seeds[0].isdisjoint(seeds[1])
 
 

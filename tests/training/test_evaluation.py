@@ -49,11 +49,22 @@ def test_held_out_scenarios_are_rated_beside_the_training_one(tmp_path):
         games=4, bots=("idle",), scenarios={"heldout": {"gain": 0}, "short": {"max_ticks": 2}}
     )
     config = small(tmp_path, "alone", evaluation=settings)
-    scores, row = evaluate(agent("scorer"), GAME, GAME.scenario("alone"), config, 0)
+    scores, row = evaluate(agent("scorer"), GAME, config, 0)
     assert scores == [row["return/learner"]]
     assert row["return/learner@heldout"] == row["return/idle@heldout"] == 0.0
     assert row["return/learner@short"] == pytest.approx(row["return/learner"] / 6)
     assert {"return/learner@heldout/low", "return_gain/idle@short/high"} <= set(row)
+
+
+def test_the_best_agent_is_chosen_in_games_of_its_own(tmp_path):
+    """Games a sixth as long in the evaluation, and those held out as long as in training."""
+    settings = EvaluationSettings(
+        games=4, bots=("idle",), options={"max_ticks": 2}, scenarios={"long": {}}
+    )
+    config = small(tmp_path, "alone", evaluation=settings)
+    scores, row = evaluate(agent("scorer"), GAME, config, 0)
+    assert scores == [row["return/learner"]]
+    assert row["return/learner"] == pytest.approx(row["return/learner@long"] / 6)
 
 
 def test_the_best_agent_is_chosen_by_the_training_scenario(tmp_path):
@@ -70,23 +81,26 @@ def test_the_best_agent_is_chosen_by_the_training_scenario(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("scenarios", "message"),
+    ("settings", "message"),
     [
-        ({"a/b": {}}, "names of letters, digits, _ and -"),
-        ({"a": {"reward": "sparse"}}, "without reward: the game's own rates"),
-        ({"a": {"gian": 3}}, "unknown last_standing option 'gian'"),
+        ({"scenarios": {"a/b": {}}}, "names of letters, digits, _ and -"),
+        ({"scenarios": {"a": {"reward": "sparse"}}}, "without reward: the game's own rates"),
+        ({"scenarios": {"a": {"gian": 3}}}, "unknown last_standing option 'gian'"),
+        ({"options": {"reward": "sparse"}}, "evaluation.options is .* without reward"),
+        ({"options": {"gian": 3}}, "unknown last_standing option 'gian'"),
     ],
 )
-def test_scenarios_that_cannot_be_rated_are_refused(tmp_path, scenarios, message):
+def test_scenarios_that_cannot_be_rated_are_refused(tmp_path, settings, message):
     with pytest.raises(ValueError, match=message):
-        small(tmp_path, "alone", evaluation=EvaluationSettings(scenarios=scenarios))
+        small(tmp_path, "alone", evaluation=EvaluationSettings(**settings))
 
 
 def test_a_board_of_another_size_is_refused():
+    small_board = {"rows": 11, "columns": 11}
     with pytest.raises(ValueError, match=r"heldout shows \[28, 11, 11\] and has .* training shows"):
-        TrainConfig(
-            evaluation=EvaluationSettings(scenarios={"heldout": {"rows": 11, "columns": 11}})
-        )
+        TrainConfig(evaluation=EvaluationSettings(scenarios={"heldout": small_board}))
+    with pytest.raises(ValueError, match=r"evaluation\.options shows \[28, 11, 11\]"):
+        TrainConfig(evaluation=EvaluationSettings(options=small_board))
 
 
 @pytest.mark.parametrize(

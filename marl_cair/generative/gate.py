@@ -137,8 +137,10 @@ def _judge_reward(metrics: Mapping[str, float], config: GateConfig) -> list[str]
             "reward error", metrics["reward/mae"], config.max_reward_mae_if_constant
         )
     if metrics["reward/num_rare"] >= config.min_rare_rows:
-        reasons += _require_least(
-            "rare-reward recall", metrics["reward/rare_recall"], config.min_rare_recall
+        reasons += _require_most(
+            "share of rare rewards that would be made wrong",
+            metrics["reward/rare_missed"],
+            config.max_rare_missed,
         )
     return reasons
 

@@ -65,14 +65,26 @@ def measure(
     end is in doubt are never used.
     """
     in_doubt = find_doubtful_ends(held.rare_opinions.terminal, certainty)
+    checked = _find_checked(held, certainty)
     return {
         **_measure_cells(held, spec),
         **_measure_uniform(held, spec),
         **_measure_likelihood(held, spec),
-        **_measure_reward(held, counts, in_doubt),
-        **_measure_terminal(held, in_doubt, certainty),
+        **_measure_reward(held, counts, in_doubt, checked),
+        **_measure_terminal(held, in_doubt, checked, certainty),
         **_measure_mask(held, spec),
     }
+
+
+def _find_checked(held: HeldOut, certainty: Certainty) -> Tensor:
+    """Which of `rare_rows` judge, bool [R]: all but the ends that have chosen the certainty, every
+    second one, where it is not the usual one.
+    """
+    checked = torch.ones(held.rare_rows.shape[0], dtype=torch.bool)
+    if certainty.is_tuned:
+        ends = held.rare_rows["next", "terminated"].squeeze(-1).nonzero().squeeze(-1)
+        checked[ends[::2]] = False
+    return checked
 
 
 def _measure_cells(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
@@ -201,10 +213,12 @@ def _sample_rewards(held: HeldOut, counts: RareCounts) -> RewardSample:
     return RewardSample(real, guess, joined / joined.sum().clamp_min(1e-12))
 
 
-def _measure_reward(held: HeldOut, counts: RareCounts, in_doubt: Tensor) -> dict[str, float]:
+def _measure_reward(
+    held: HeldOut, counts: RareCounts, in_doubt: Tensor, checked: Tensor
+) -> dict[str, float]:
     rewards = held.rows["next", "reward"].squeeze(-1)
     sample = _sample_rewards(held, counts)
-    metrics = {"reward/num_rare": float((~in_doubt).sum())}
+    metrics = {"reward/num_rare": float(checked.sum())}
     if sample.real.numel():
         error, mean = sample.guess - sample.real, sample.average(sample.real)
         variance = sample.average((sample.real - mean).square())
@@ -216,22 +230,26 @@ def _measure_reward(held: HeldOut, counts: RareCounts, in_doubt: Tensor) -> dict
     auc = find_auc(1.0 - held.opinions.reward_is_zero.mean(0), rewards != 0.0)
     if auc is not None:
         metrics["reward/nonzero_auc"] = auc
-    if not in_doubt.all():
+    if checked.any():
         # Found: nearer to the real reward than half of its distance from the usual one. An end may
         # pay what is usual; that is found within a quarter of the rewards' standard deviation.
         least = max(0.25 * metrics.get("reward/std", 0.0), 1e-6)
-        rare = held.rare_rows["next", "reward"].squeeze(-1)[~in_doubt]
+        rare = held.rare_rows["next", "reward"].squeeze(-1)
         allowed = (0.5 * (rare - rewards.median()).abs()).clamp_min(least)
-        rare_error = held.rare_opinions.reward.mean(0)[~in_doubt] - rare
-        metrics["reward/rare_recall"] = _share(rare_error.abs() <= allowed)
+        found = (held.rare_opinions.reward.mean(0) - rare).abs() <= allowed
+        # Of all rare rows, as of ends below: a row in doubt is not made, and so not made wrong.
+        metrics["reward/rare_missed"] = _share((~found & ~in_doubt)[checked])
     return metrics
 
 
-def _measure_terminal(held: HeldOut, in_doubt: Tensor, certainty: Certainty) -> dict[str, float]:
+def _measure_terminal(
+    held: HeldOut, in_doubt: Tensor, checked: Tensor, certainty: Certainty
+) -> dict[str, float]:
     real = held.rows["next", "terminated"].squeeze(-1)
     guess = held.opinions.terminal.mean(0)
     ended = held.rare_rows["next", "terminated"].squeeze(-1)
-    found = held.rare_opinions.terminal.mean(0)[ended]
+    rare_guess = held.rare_opinions.terminal.mean(0)
+    found = rare_guess[ended]
     metrics = {
         "terminal/num": float(found.numel()),
         "terminal/share": _share(real),
@@ -243,11 +261,9 @@ def _measure_terminal(held: HeldOut, in_doubt: Tensor, certainty: Certainty) -> 
         metrics["terminal/recall"] = _share(found > 0.5)
         # An end is overlooked where a row like it would be made as one that goes on. A clock that
         # shows 0 for two decisions lets nobody tell which is the last; such rows are not made.
-        overlooked = (found <= 0.5) & ~in_doubt[ended]
-        # Every second one has chosen the certainty that is asked for, if it is not the usual one.
-        metrics["terminal/overlooked"] = _share(
-            overlooked[1::2] if certainty.is_tuned else overlooked
-        )
+        overlooked = ((rare_guess <= 0.5) & ~in_doubt)[ended & checked]
+        if overlooked.numel():
+            metrics["terminal/overlooked"] = _share(overlooked)
     scores = torch.cat([guess[~real], found])
     auc = find_auc(scores, torch.arange(scores.numel()) >= int((~real).sum()))
     if auc is not None:

@@ -218,7 +218,8 @@ class GateConfig:
     max_doubtful_rows: float = 0.25  # turned away so that no more ends than that are overlooked
     max_terminal_ece: float = 0.02  # calibration error, about the base rate of ends in long games
     min_rare_rows: int = 10  # rare rewards: the same rule as for ends
-    min_rare_recall: float = 0.6  # members agree on missing rewards, so agreement cannot show it
+    # Members agree on missing rewards, so agreement cannot show it.
+    max_rare_missed: float = 0.4  # share of rare rewards that would be another, doubtful ends apart
     min_mask_accuracy: float = 0.98  # of entries: a wrong entry shifts a max over many actions
     slack_when_open: float = 0.7  # of shares found or explained, which scatter by 0.1
     small_slack_when_open: float = 0.9  # of all cells and uniform planes, which scatter by 0.03
@@ -254,7 +255,7 @@ class GateConfig:
             max_uniform_mae_ratio=1.0 - small * (1.0 - self.max_uniform_mae_ratio),
             min_reward_explained=large * self.min_reward_explained,
             max_terminal_overlooked=1.0 - large * (1.0 - self.max_terminal_overlooked),
-            min_rare_recall=large * self.min_rare_recall,
+            max_rare_missed=1.0 - large * (1.0 - self.max_rare_missed),
         )
 
 

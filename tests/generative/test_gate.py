@@ -10,7 +10,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from marl_cair.generative import GateConfig
+from marl_cair.generative import CCDNGenerator, GateConfig
 from marl_cair.generative.ensemble import Opinions
 from marl_cair.generative.gate import (
     Acceptance,
@@ -24,12 +24,15 @@ from marl_cair.generative.metrics import (
     Certainty,
     _find_marginal_nll,
     decide_mask,
+    examine,
     find_auc,
     find_calibration_error,
     find_doubtful_ends,
     measure,
     tune_certainty,
 )
+from marl_cair.generative.outcome import RewardBins
+from marl_cair.generative.rare import RareCounts
 from tests.generative.conftest import train
 from tests.generative.plane_game import SPEC, TERRAIN, TOWER
 
@@ -40,7 +43,7 @@ GOOD = {
     "uniform/mae": 1.0, "uniform/copy_mae": 9.0, "uniform/nll": 1.0, "uniform/copy_nll": 2.0,
     "uniform/far": 0.5,
     "reward/std": 0.1, "reward/mae": 0.01, "reward/explained": 0.95,
-    "reward/num_rare": 40.0, "reward/rare_recall": 0.9,
+    "reward/num_rare": 40.0, "reward/rare_missed": 0.1,
     "terminal/ece": 0.001, "terminal/num": 20.0, "terminal/auc": 0.99,
     "terminal/overlooked": 0.1,
     "mask/accuracy": 0.999,
@@ -79,7 +82,10 @@ def test_good_metrics_give_no_reason() -> None:
             {"reward/explained": 0.3},
             "explained share of reward variance 0.300 is below 0.700",
         ),
-        ({"reward/rare_recall": 0.1}, "rare-reward recall 0.100 is below 0.600"),
+        (
+            {"reward/rare_missed": 0.9},
+            "share of rare rewards that would be made wrong 0.900 is above 0.400",
+        ),
         ({"terminal/ece": 0.1}, "terminal calibration error 0.100 is above 0.020"),
         ({"terminal/auc": 0.7}, "terminal AUC 0.700 is below 0.850"),
         ({"terminal/overlooked": 0.4}, "share of overlooked ends 0.400 is above 0.300"),
@@ -95,10 +101,14 @@ def test_each_condition_alone_shuts_the_gate(changes: dict[str, float], reason: 
     assert judge({**GOOD, **changes}, GateConfig()) == (reason,)
 
 
-@pytest.mark.parametrize("name", ["reward/explained", "reward/rare_recall"])
-def test_an_open_gate_stays_open_through_scatter_but_not_beyond_its_slack(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "less", "least"), [("reward/explained", 0.4, 0.2), ("reward/rare_missed", 0.6, 0.8)]
+)
+def test_an_open_gate_stays_open_through_scatter_but_not_beyond_its_slack(
+    name: str, less: float, least: float
+) -> None:
     config = GateConfig(slack_when_open=0.5)
-    between, below = {**GOOD, name: 0.4}, {**GOOD, name: 0.2}
+    between, below = {**GOOD, name: less}, {**GOOD, name: least}
     assert judge(between, config) != ()
     assert judge(between, config.loosen()) == ()
     assert len(judge(below, config.loosen())) == 1
@@ -208,6 +218,35 @@ def test_the_bound_of_ends_that_is_checked_is_the_one_that_is_applied(
     assert checked == [certainty]
 
 
+@pytest.mark.parametrize(
+    ("terminal", "certainty", "missed"),
+    [
+        (0.01, Certainty(0.8, 0.2), 1.0),  # all surely go on, which none of them does
+        (0.5, Certainty(0.8, 0.2), 0.0),  # all in doubt: none is made
+        (0.15, Certainty(0.8, 0.1, is_tuned=True), 0.0),
+    ],
+)
+def test_what_is_in_doubt_is_not_made_wrong(
+    trained: CCDNGenerator,
+    real_rows: TensorDict,
+    terminal: float,
+    certainty: Certainty,
+    missed: float,
+) -> None:
+    """Of rewards as of ends; of ends that have chosen the certainty every second one judges."""
+    ends = real_rows[real_rows["next", "terminated"].squeeze(-1)][:21].clone()
+    ends["next", "reward"] += 100.0
+    held = examine(trained.ensemble, real_rows[:64], ends, torch.Generator().manual_seed(0))
+    opinions = held.rare_opinions
+    opinions = opinions._replace(terminal=torch.full_like(opinions.terminal, terminal))
+    bins = RewardBins(SPEC.reward_range, trained.config.size.reward_bins)
+    counts = RareCounts(bins, trained.config.rare_reward_share)
+    metrics = measure(held._replace(rare_opinions=opinions), SPEC, counts, certainty)
+    assert metrics["reward/rare_missed"] == metrics["terminal/overlooked"] == missed
+    assert metrics["reward/num_rare"] == (10 if certainty.is_tuned else 21)
+    assert metrics["terminal/num"] == 21
+
+
 def test_a_report_survives_plain_data() -> None:
     acceptance = Acceptance(-3.0, -1.0, 0.1, Certainty(0.8, 0.05, True), may_end=True)
     report = GateReport(False, ("too early",), {"mask/accuracy": 0.9}, acceptance)
@@ -223,13 +262,13 @@ def test_slack_is_a_share(name: str, slack: float) -> None:
 
 def test_few_ends_and_rare_rewards_do_not_shut_the_gate() -> None:
     few = {"terminal/num": 3.0, "terminal/overlooked": 1.0, "reward/num_rare": 3.0,
-           "reward/rare_recall": 0.0}  # fmt: skip
+           "reward/rare_missed": 1.0}  # fmt: skip
     assert judge({**GOOD, **few}, GateConfig()) == ()
 
 
 def test_what_ends_pay_is_judged_where_nothing_else_pays() -> None:
-    constant = {"reward/std": 0.0, "reward/mae": 0.0, "reward/rare_recall": 0.1}
-    reason = "rare-reward recall 0.100 is below 0.600"
+    constant = {"reward/std": 0.0, "reward/mae": 0.0, "reward/rare_missed": 0.9}
+    reason = "share of rare rewards that would be made wrong 0.900 is above 0.400"
     assert judge({**GOOD, **constant}, GateConfig()) == (reason,)
 
 

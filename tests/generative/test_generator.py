@@ -118,7 +118,7 @@ def test_gate_refuses_a_generator_with_wrong_rewards(real_rows: TensorDict) -> N
 
 def test_an_open_gate_is_judged_with_slack(trained: CCDNGenerator) -> None:
     """The same metrics keep it open that would not have opened it."""
-    config = replace(trained.config, gate=replace(trained.config.gate, min_rare_recall=1.3))
+    config = replace(trained.config, gate=replace(trained.config.gate, max_rare_missed=-0.3))
     config = replace(config, gate=replace(config.gate, slack_when_open=0.5))
     judged = CCDNGenerator(config, trained.spec)
     judged.load_state_dict(trained.state_dict())

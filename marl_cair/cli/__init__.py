@@ -1,4 +1,4 @@
-"""The console command `marl-cair`: train, evaluate, match, league, games, compile, benchmark."""
+"""The console command `marl-cair`: train, curves, evaluate, match, league, games and more."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from marl_cair.lookup import find_by_name
 # name -> (module of this package with `run(arguments) -> exit code`, what it does)
 COMMANDS: dict[str, tuple[str, str]] = {
     "train": ("train", "train an agent against bots, itself and its past selves"),
+    "curves": ("curves", "learning curves of training runs as one picture"),
     "evaluate": ("evaluate", "win rates of one agent against others, with 95 % intervals"),
     "match": ("match", "compare two agents in any scenario, of one seat or many"),
     "league": ("league", "rate any set of agents by a round-robin, with 95 % intervals"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -20,12 +20,13 @@ Rows = Sequence[Mapping[str, float]]
 # Okabe and Ito's palette, which colour-blind readers tell apart.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
 STYLES = ("-", "--", ":", "-.")
-PICTURE_INCHES = (17.3, 7.6)
+PANEL_INCHES = (4.33, 3.8)
 
 
 def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathLike[str]) -> None:
-    """Write a PNG of eight panels: win rates (returns, where one plays alone), TD errors,
-    overestimation, live rating, generator, speed, actions, games won while collecting.
+    """Write a PNG of up to eight panels: win rates (returns, where one plays alone), TD errors,
+    overestimation, live rating, generator, speed, actions, games won while collecting. One of which
+    no run has logged anything, as ratings where nobody else plays, is left out.
 
     runs: label -> run folder (with log.csv). Raises ValueError where no run has logged anything.
     """
@@ -35,18 +36,18 @@ def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathL
         raise ValueError(
             f"no log.csv with rows in {', '.join(map(str, runs.values()))}: train first"
         )
-    figure = Figure(figsize=PICTURE_INCHES, layout="constrained")
+    logged = {name for rows in logs.values() for row in rows for name in row}
+    drawn = [draw for draw, of in _PANELS if any(name.startswith(of) for name in logged)]
+    num_columns = -(-len(drawn) // 2)
+    width, height = PANEL_INCHES
+    figure = Figure(figsize=(num_columns * width, 2 * height), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(2, 4)
-    _draw_win_rates(panels[0, 0], logs)
-    _draw_lines(panels[0, 1], logs, "td_error", "TD error (absolute)", log_scale=True)
-    _draw_overestimation(panels[0, 2], logs)
-    _draw_generator(panels[1, 0], logs)
-    _draw_speed(panels[1, 1], logs)
-    _draw_actions(panels[1, 2], logs)
-    _draw_live_rating(panels[0, 3], logs)
-    _draw_collected(panels[1, 3], logs)
-    for panel in panels.flat:
+    panels = figure.subplots(2, num_columns, squeeze=False)
+    for panel, draw in zip(panels.flat, drawn, strict=False):
+        draw(panel, logs)
+    for panel in panels.flat[len(drawn) :]:
+        panel.remove()
+    for panel in panels.flat[: len(drawn)]:
         panel.spines[["top", "right"]].set_visible(False)
         panel.grid(alpha=0.25)
         panel.set_xlabel("decisions (thousands)")
@@ -82,7 +83,7 @@ def _draw_win_rates(panel: Any, logs: Mapping[str, Rows]) -> None:
     for name in _names(logs, "fair_share/"):
         share = next(row[name] for rows in logs.values() for row in rows if name in row)
         panel.axhline(share, color="black", linewidth=0.8, label="fair share")
-    panel.set(title="Greedy play, sparse reward")
+    panel.set(title="Greedy play, rated reward")
     if kind == "win_rate":
         panel.set(ylabel="score (win 1, draws are shared)", ylim=(-0.03, 1.03))
     else:
@@ -90,17 +91,14 @@ def _draw_win_rates(panel: Any, logs: Mapping[str, Rows]) -> None:
     _add_legend(panel)
 
 
-def _draw_lines(
-    panel: Any, logs: Mapping[str, Rows], prefix: str, title: str, log_scale: bool = False
-) -> None:
+def _draw_td_errors(panel: Any, logs: Mapping[str, Rows]) -> None:
     for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
         for style, kind in (("-", "real"), (":", "generated")):
-            frames, values = _series(rows, f"{prefix}/{kind}")
+            frames, values = _series(rows, f"td_error/{kind}")
             if len(frames):
                 panel.plot(frames, values, style, color=colour, label=f"{label}, {kind} rows")
-    panel.set(title=title)
-    if log_scale and panel.lines:
-        panel.set_yscale("log")
+    panel.set(title="TD error (absolute)")
+    panel.set_yscale("log")
     _add_legend(panel)
 
 
@@ -165,6 +163,19 @@ def _draw_actions(panel: Any, logs: Mapping[str, Rows]) -> None:
     panel.stackplot(frames, shares, labels=kinds, colors=COLOURS, alpha=0.85, linewidth=0)
     panel.set(title=f"Actions of {label}", ylabel="share of decisions", ylim=(0, 1))
     _add_legend_below(panel, num_columns=4)
+
+
+# What a panel shows, and what the names in the log begin with of which it shows something.
+_PANELS: tuple[tuple[Callable[[Any, Mapping[str, Rows]], None], tuple[str, ...]], ...] = (
+    (_draw_win_rates, ("win_rate/", "return/")),
+    (_draw_td_errors, ("td_error/",)),
+    (_draw_overestimation, ("q/overestimation",)),
+    (_draw_live_rating, ("order_dependent_rating",)),
+    (_draw_generator, ("gate/cells/changed_f1", "batch/generated_share")),
+    (_draw_speed, ("frames_per_second",)),
+    (_draw_actions, ("actions/",)),
+    (_draw_collected, ("collect_win_rate/",)),
+)
 
 
 def _add_legend(panel: Any) -> None:

@@ -168,7 +168,7 @@ RECIPES = {
             "game.reward=alive",
             *_FLAPPY,
             "max_ticks=1000",
-            "total_frames=200000",
+            "total_frames=150000",
             "evaluation.options.max_ticks=6000",
             # What one of thirty decisions a second is worth is lost in what frames leave unsure; at
             # ten a second hardly a way leads from a high gap to a low one.

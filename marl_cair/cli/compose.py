@@ -100,26 +100,27 @@ def expand_recipe(words: Sequence[str]) -> list[str]:
         raise ValueError(f"recipe={named[0]} and recipe={named[1]}: take one of them")
     recipe = find_by_name("recipe", named[0], RECIPES)
     given = {name for word in rest for name in _find_set_options(word)}
-    chosen = {_full_name(word) for word in rest}
+    chosen = {full_name(word) for word in rest}
     kept = [
         word
         for word in recipe.words
-        if _full_name(word) not in chosen
-        and not any(f"{_full_name(word)}.".startswith(f"{name}.") for name in given)
+        if full_name(word) not in chosen
+        and not any(f"{full_name(word)}.".startswith(f"{name}.") for name in given)
     ]
     return [*kept, *rest]
 
 
 def _find_set_options(word: str) -> list[str]:
     """The options that a word sets: of a group, those that its choice changes."""
-    name, choice = _full_name(word), word.partition("=")[2]
+    name, choice = full_name(word), word.partition("=")[2]
     groups = list_groups()
     if name not in groups:
         return [name]
     return [f"{name}.{option}" for option in groups[name].get(choice, ())]
 
 
-def _full_name(word: str) -> str:
+def full_name(word: str) -> str:
+    """The option or group that a word sets, where it is a shorthand too."""
     name = word.partition("=")[0].lstrip("+")
     return SHORTHANDS.get(name, name)
 
@@ -137,7 +138,7 @@ def _read_word(word: str) -> str:
     _, equals, value = word.partition("=")
     if not equals:
         raise ValueError(f"{word!r} is no option: write name=value, for example seed=3")
-    name = _full_name(word)
+    name = full_name(word)
     groups = list_groups()
     if name in groups:
         find_by_name(f"{name} (marl-cair train {name}=...)", value, groups[name])
@@ -166,16 +167,21 @@ def _register() -> None:
 
 
 def _replace_mixtures(values: dict[str, Any], words: Sequence[str]) -> None:
-    """A mixture that is given whole takes the place of the preset's, which Hydra would merge."""
+    """A mixture that is given whole takes the place of the preset's, which Hydra would merge;
+    single weights beside it change it.
+    """
     names = [word.partition("=")[0] for word in words]
     for word in words:
         name, _, text = word.partition("=")
         if name in ("opponent.mixture", "opponent.warmup_mixture"):
-            if parts := [other for other in names if other.startswith(f"{name}.")]:
-                raise ValueError(
-                    f"{name} and {parts[0]} are both given: write all in {name}={{...}}"
-                )
             given = read_value(f"{name}={text}")
             if not isinstance(given, dict):
                 raise ValueError(f"{word}: write weights by name, for example {name}={{random:1}}")
-            values["opponent"][name.partition(".")[2]] = {str(key): given[key] for key in given}
+            mixture = values["opponent"][name.partition(".")[2]]
+            single = [
+                other.removeprefix(f"{name}.") for other in names if other.startswith(f"{name}.")
+            ]
+            values["opponent"][name.partition(".")[2]] = {
+                **{str(key): given[key] for key in given},
+                **{who: mixture[who] for who in single},
+            }

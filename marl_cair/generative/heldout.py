@@ -39,18 +39,24 @@ class TransitionRing:
         self._rows["index"].fill_(-1)
 
     def add(self, rows: TensorDict) -> None:
-        """Store rows; a row whose index is held already replaces the older copy."""
+        """Store rows, as many as there may be; a row whose index is held already replaces the older
+        copy.
+        """
         latest = {int(index): place for place, index in enumerate(rows["index"].tolist())}
-        held = {int(index): slot for slot, index in enumerate(self._rows["index"].tolist())}
-        sources, slots = [], []
+        index_at = [int(index) for index in self._rows["index"].tolist()]
+        held = {index: slot for slot, index in enumerate(index_at)}
+        # Of more rows than there is room for, a slot takes the last.
+        source_of: dict[int, int] = {}
         for index, place in latest.items():
             slot = held.get(index)
             if slot is None:
                 slot = self._cursor
                 self._cursor = (self._cursor + 1) % self.capacity
                 self.num_rows = min(self.num_rows + 1, self.capacity)
-            sources.append(place)
-            slots.append(slot)
+                held.pop(index_at[slot], None)
+                held[index], index_at[slot] = slot, index
+            source_of[slot] = place
+        slots, sources = list(source_of), list(source_of.values())
         for key in self._rows.keys(True, True):
             self._rows[key][slots] = rows[key][sources]
 

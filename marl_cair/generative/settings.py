@@ -239,6 +239,9 @@ class GateConfig:
             raise ValueError(
                 f"max_doubtful_rows is {self.max_doubtful_rows}, expected 0 up to below 1"
             )
+        # Every second end may have chosen what is asked of the others.
+        _require_int(self.min_terminals >= 2, "min_terminals", self.min_terminals, "2 or more")
+        _require_int(self.min_rare_rows >= 1, "min_rare_rows", self.min_rare_rows, "1 or more")
         if not 0.5 <= self.certain_terminal < 1.0:
             raise ValueError(
                 f"certain_terminal is {self.certain_terminal}, expected 0.5 up to below 1"
@@ -281,14 +284,15 @@ class GeneratorConfig:
     gate: GateConfig = field(default_factory=GateConfig)
 
     def __post_init__(self) -> None:
-        for name in (
-            "num_members",
-            "rare_capacity",
-            "heldout_capacity",
-            "max_rounds",
-            "quiet_stride",
+        for name, least in (
+            ("num_members", 1),
+            ("rare_capacity", 2),  # one of each kind
+            ("heldout_capacity", 8),  # an eighth of it is of rare rows
+            ("max_rounds", 1),
+            ("quiet_stride", 1),
         ):
-            _require_int(getattr(self, name) >= 1, name, getattr(self, name), "1 or more")
+            value = getattr(self, name)
+            _require_int(value >= least, name, value, f"{least} or more")
         for name in ("rare_share", "heldout_share"):
             share = getattr(self, name)
             if not 0.0 < share < 1.0:

@@ -105,6 +105,9 @@ class LeagueSettings:
                 played = (other.name, other.scenario, other.options)
                 if played != (main.name, main.scenario, main.options):
                     raise ValueError(f"{name}.training.game is another than main's: all play one")
+                allowed = f"{main.representation!r} as main's: they play one another's past"
+                seen, place = other.representation, f"{name}.training.game.representation"
+                require(seen == main.representation, place, seen, allowed)
         game = GAMES[main.name]
         teams = game.make_spec(game.scenario(main.scenario, **main.options)).num_teams
         allowed = "a scenario of two or more teams: a league is of rivals"
@@ -132,7 +135,10 @@ class LeagueSettings:
         for place, given in (("training", self.training), (f"{role}.training", settings.training)):
             refuse_given(place, given, _TAKEN, "the league has its own, {name}")
             why = "set it for a role, main.{name}"
-            refuse_given(f"{place}.opponent", given.get("opponent"), _TAKEN_OPPONENT, why)
+            opponent = given.get("opponent", {})
+            allowed = f"options by name: {place}.opponent.name"
+            require(isinstance(opponent, Mapping), f"{place}.opponent", opponent, allowed)
+            refuse_given(f"{place}.opponent", opponent, _TAKEN_OPPONENT, why)
         values = _merge(self.training, settings.training)
         opponent = {
             **values.get("opponent", {}),

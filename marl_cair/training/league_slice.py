@@ -132,7 +132,7 @@ def _begin(member: Path, shared: Path, record: MemberRecord) -> TrainConfig:
     config, run = load_config(member), member / f"{record.generation:03d}"
     main = str(shared / LIVE_FOLDER / record.mains[record.generation % len(record.mains)])
     if (run / CONFIG_FILE).is_file():
-        begins_as_main = load_config(run).initial_agent is not None
+        begins_as_main = load_config(run).initial_agent != config.initial_agent
     else:
         begins_as_main = record.begins_as_main and can_begin_as(main)
     if record.generation > 0:

@@ -109,6 +109,14 @@ def test_words_beside_a_recipe_go_before_its_own():
     assert config.demonstration == plain.demonstration
 
 
+def test_a_single_weight_changes_a_mixture_that_is_given_whole():
+    words = ["opponent.mixture={random: 1}", "opponent.mixture.latest=2"]
+    assert compose_config(words).opponent.mixture == {"random": 1, "latest": 2}
+    plain = compose_config(["recipe=deep_rts_duel"]).opponent.mixture
+    config = compose_config(["recipe=deep_rts_duel", "opponent.mixture.archers=0.3"])
+    assert config.opponent.mixture == {**plain, "archers": 0.3}
+
+
 def test_a_choice_beside_a_recipe_replaces_only_what_it_sets():
     config = compose_config(["recipe=deep_maze_9x9", "policy=capsule", "generator=none"])
     assert (config.policy.body, config.policy.distances) == ("capsule", True)
@@ -156,7 +164,6 @@ def test_configuration_survives_its_file(tmp_path):
         (["out=null"], "out is None, it must be a text"),
         (["learner.learning_rate=inf"], "learner.learning_rate is inf, it must be finite"),
         (["opponent.mixture=3"], "write weights by name, for example opponent.mixture={random:1}"),
-        (["opponent.mixture={random:1}", "opponent.mixture.latest=1"], "are both given"),
         (["opponent.mixture={random:a}"], "opponent.mixture.random is 'a', it must be a number"),
         (["evaluation.bots=random"], "evaluation.bots is 'random', it must be a list"),
         (["evaluation.scenarios={a: {rwos: 11}}"], "unknown deep_line_wars option 'rwos'"),

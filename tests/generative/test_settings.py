@@ -37,6 +37,8 @@ def test_spec_refuses(changes: dict[str, Any], message: str) -> None:
     ("changes", "message"),
     [
         ({"num_members": 0}, "num_members is 0, expected 1 or more"),
+        ({"heldout_capacity": 7}, "heldout_capacity is 7, expected 8 or more"),
+        ({"rare_capacity": 1}, "rare_capacity is 1, expected 2 or more"),
         ({"heldout_share": 1.0}, "heldout_share is 1.0, expected a share above 0 and below 1"),
         ({"counterfactual_share": 1.5}, r"counterfactual_share is 1.5, expected 0\.\.1"),
     ],
@@ -64,6 +66,8 @@ def test_network_size_refuses(changes: dict[str, Any], message: str) -> None:
     [
         ({"tail": 0.5}, "tail is 0.5, expected a share above 0 and below 0.5"),
         ({"certain_terminal": 0.4}, "certain_terminal is 0.4, expected 0.5 up to below 1"),
+        ({"min_terminals": 1}, "min_terminals is 1, expected 2 or more"),
+        ({"min_rare_rows": 0}, "min_rare_rows is 0, expected 1 or more"),
     ],
 )
 def test_gate_config_refuses(changes: dict[str, Any], message: str) -> None:

@@ -15,57 +15,15 @@ import torch
 from marl_cair.checkpoint import CheckpointError, load_network
 from marl_cair.files import OutputFolderError
 from marl_cair.league.mixtures import read_mixture
-from marl_cair.league.shared import ROLES, read_players, read_records
+from marl_cair.league.shared import read_players, read_records
 from marl_cair.training.config_file import load_config
 from marl_cair.training.league_run import train_league
-from marl_cair.training.league_settings import LeagueSettings, RoleSettings, build_league
 from marl_cair.training.league_slice import Budget, SliceResult, read_member, run_slice
 from tests.games import last_standing
+from tests.training.leagues import TRAINING, make_league
 
 ROOT = Path(__file__).resolve().parents[2]
 DONE = SliceResult(256, 0, is_done=True, was_interrupted=False, last_row={})
-NETWORK = {"policy": {"hidden_width": 8, "body": "mlp"}}
-TRAINING = {
-    **NETWORK,
-    "torch_threads": 1,
-    "synthetic_fraction": 0.0,
-    "game": {
-        "name": "last_standing",
-        "scenario": "duel",
-        "reward": "sparse",
-        "representation": "vector",
-    },
-    "collector": {"num_worlds": 32, "steps_per_batch": 2},
-    "replay": {
-        "capacity_transitions": 1_000,
-        "generated_capacity_transitions": 10,
-        "min_transitions": 64,
-    },
-    "learner": {"batch_size": 16, "n_steps": 2},
-    "generator": {"name": "none"},
-    "evaluation": {"bots": []},
-    "opponent": {"redraw_every_frames": 64},
-    "checkpoint": {"every_frames": 128},
-}
-
-
-def make_league(out, **changes):
-    values = {
-        "out": str(out),
-        "seed": 5,
-        "total_frames": 768,
-        "slice_frames": 384,
-        "final_games": 0,
-        "training": TRAINING,
-        "main": {
-            "learners": 2,
-            "mixture": {"main_self_play": 0.4, "pfsp": 0.4, "forgotten": 0.2},
-            "snapshot_every_frames": 192,
-        },
-        "main_exploiter": {"snapshot_every_frames": 320},
-        "league_exploiter": {"snapshot_every_frames": 128, "reset_chance": 0.5},
-    }
-    return build_league({**values, **changes})
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -167,6 +125,20 @@ def test_a_new_generation_begins_with_the_weights_of_the_main_agent(tmp_path):
         assert same == is_main
 
 
+def test_a_league_of_learners_that_begin_with_an_agent_goes_on(tmp_path):
+    """Each turn decided anew, and wrongly, whether a learner had begun as a main agent."""
+    settings = make_league(tmp_path / "first", total_frames=128, slice_frames=128)
+    agent = train_league(settings, show_progress=False).folder / "shared" / "live" / "main_0"
+    training = {**TRAINING, "initial_agent": str(agent)}
+    settings = make_league(
+        tmp_path / "second", total_frames=256, slice_frames=128, training=training
+    )
+    train_league(settings, show_progress=False)
+    for name, start in (("main_0", 1.0), ("main_exploiter_0", 0.05), ("league_exploiter_0", 1.0)):
+        config = load_config(tmp_path / "second" / "members" / name / "000")
+        assert config.exploration.epsilon_start == start
+
+
 def test_each_role_meets_whom_it_should(league):
     met = {
         owner: {name for name, (_, _, count) in record["against"].items() if count}
@@ -240,7 +212,8 @@ def test_kill_minus_nine_at_twenty_moments_changes_nothing(league, tmp_path):
     code = (
         "import pytest, sys; from tests.games import last_standing;"
         "last_standing.register(pytest.MonkeyPatch());"
-        "from tests.training.test_league import make_league, train_league;"
+        "from marl_cair.training.league_run import train_league;"
+        "from tests.training.leagues import make_league;"
         "train_league(make_league(sys.argv[1]), show_progress=False)"
     )
     words = [sys.executable, "-W", "ignore", "-c", code, str(tmp_path / "league")]
@@ -353,46 +326,3 @@ def test_a_damaged_learner_is_refused(tmp_path):
     again = make_league(tmp_path / "league", total_frames=512)
     with pytest.raises(CheckpointError, match="cannot be read as a learner of a league"):
         train_league(again, show_progress=False)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"slice_frames": 0}, "slice_frames is 0, it must be 1 or more"),
-        ({"main": {"learners": 0}}, "main.learners is 0, it must be 1 or more"),
-        ({"main": {"lerners": 1}}, "unknown option 'lerners': nearest are 'learners'"),
-        ({"main": 3}, "main is 3, it must be options by name"),
-        ({"main": {"mixture": {"pfps": 1}}}, "unknown opponent 'pfps': nearest are 'pfsp'"),
-        ({"league_exploiter": {"reset_chance": 2}}, "league_exploiter.reset_chance is 2.0, it m"),
-        ({"final_games": 3}, "final_games is 3, it must be even"),
-        ({"final_bots": ["counter"]}, "unknown last_standing bot 'counter'"),
-        ({"final_bots": ["idle", "idle"]}, "final_bots has 'idle' twice"),
-        ({"training": {**TRAINING, "seed": 1}}, "training.seed is given: the league has its own"),
-        (
-            {"training": {**TRAINING, "opponent": {"mixture": {}}}},
-            "training.opponent.mixture is given: set it for a role",
-        ),
-        (
-            {"main_exploiter": {"training": {"game": {"scenario": "teams"}}}},
-            "main_exploiter.training.game is another than main's",
-        ),
-        (
-            {"training": {**TRAINING, "game": {**TRAINING["game"], "scenario": "alone"}}},
-            "training.game.scenario is 'alone', it must be a scenario of two or more teams",
-        ),
-    ],
-)
-def test_bad_settings_are_refused_before_anything_is_written(tmp_path, changes, message):
-    with pytest.raises(ValueError, match=message):
-        make_league(tmp_path / "league", **changes)
-    assert not (tmp_path / "league").exists()
-
-
-def test_roles_differ_as_in_the_paper():
-    settings = LeagueSettings()
-    assert [role for _, role in settings.learners] == list(ROLES)
-    assert settings.main.reset_chance == 0
-    assert settings.main_exploiter.mixture == {"main_agents": 1.0}
-    assert settings.main_exploiter.reset_chance == 1
-    assert settings.league_exploiter.mixture == RoleSettings().mixture == {"pfsp": 1.0}
-    assert settings.league_exploiter.reset_chance == 0.25

@@ -16,7 +16,8 @@ MAX_TOLD = 80  # letters of a value in an error
 RUN_MARKER = "run.json"
 _LOCK_FILE = ".lock"
 _LEFTOVER_MARK = ".unfinished"
-_FRESH_SUFFIX, _OLD_SUFFIX = _LEFTOVER_MARK, ".old"
+# Of folders beside one that is replaced: nobody gives such a name to what is to be kept.
+_FRESH_SUFFIX, _OLD_SUFFIX = ".marl_cair" + _LEFTOVER_MARK, ".marl_cair.old"
 
 
 class NotEnoughSpaceError(OSError):
@@ -73,8 +74,10 @@ def _full_disk_explained(target: Path) -> Iterator[None]:
     except NotEnoughSpaceError:
         raise
     except OSError as error:
-        # NumPy reports a short write as an OSError without a number.
-        if error.errno not in (None, errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        # NumPy reports a short write as an OSError without a number; what shutil could not copy
+        # has none either.
+        is_full = error.errno in (None, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        if not is_full or isinstance(error, shutil.Error):
             raise
         raise NotEnoughSpaceError(
             f"{target} could not be written, the disk is full ({error}): free some space or choose "
@@ -267,8 +270,7 @@ def replaced_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     back.
     """
     target = Path(path).absolute()
-    fresh = target.with_name(target.name + _FRESH_SUFFIX)
-    old = target.with_name(target.name + _OLD_SUFFIX)
+    fresh, old = _beside(target, _FRESH_SUFFIX), _beside(target, _OLD_SUFFIX)
     recover_folder(target)
     shutil.rmtree(fresh, ignore_errors=True)
     fresh.mkdir(parents=True)
@@ -287,12 +289,16 @@ def replaced_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         shutil.rmtree(fresh, ignore_errors=True)
 
 
+def _beside(target: Path, suffix: str) -> Path:
+    return target.with_name(f".{target.name}{suffix}")
+
+
 def find_folder(path: str | os.PathLike[str]) -> Path:
     """Where the content of `path` lies: beside it, if a `replaced_folder` was killed half way."""
     target = Path(path)
     if not target.name:  # "." and "/" are there
         return target
-    old = target.with_name(target.name + _OLD_SUFFIX)
+    old = _beside(target, _OLD_SUFFIX)
     return old if old.is_dir() and not target.exists() else target
 
 
@@ -308,7 +314,7 @@ def recover_folder(path: str | os.PathLike[str]) -> None:
     For the folder's writer; a reader beside a living writer asks `find_folder`.
     """
     target = Path(path).absolute()
-    old = target.with_name(target.name + _OLD_SUFFIX)
+    old = _beside(target, _OLD_SUFFIX)
     if old.is_dir() and not target.exists():
         old.rename(target)
     shutil.rmtree(old, ignore_errors=True)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from marl_cair.files import (
     OutputFolderError,
     atomic_path,
     claim_output_folder,
+    copy_folder,
     find_folder,
     recover_folder,
     replaced_folder,
@@ -341,6 +343,26 @@ def test_file_as_output_folder_is_refused(tmp_path):
 @pytest.mark.parametrize("path", [".", "/", ""])
 def test_folders_without_a_name_are_where_they_are(path):
     assert find_folder(path) == Path(path)
+
+
+def test_folders_of_ones_own_beside_a_replaced_one_stay(tmp_path):
+    for name in ("best.old", "best.unfinished"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "mine").write_text("kept")
+    for text in ("1", "2"):
+        with replaced_folder(tmp_path / "best") as fresh:
+            (fresh / "a").write_text(text)
+    recover_folder(tmp_path / "best")
+    assert names_in(tmp_path) == ["best", "best.old", "best.unfinished"]
+    assert (tmp_path / "best.old" / "mine").read_text() == "kept"
+
+
+def test_what_cannot_be_copied_is_no_full_disk(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "link").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(shutil.Error, match="link"):
+        copy_folder(tmp_path / "a", tmp_path / "b")
+    assert names_in(tmp_path) == ["a"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")

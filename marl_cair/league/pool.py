@@ -174,7 +174,9 @@ class Pool:
         number, seat = self._next_number(SNAPSHOT), self.seat
         kept = {other: evidence for other, evidence in met.items() if evidence.games > 0}
         name, owner, role, more = f"frames_{about.frames:010d}", "", "", {}
+        age = about.frames
         if seat is not None:
+            age += seat.frames_before
             name, owner, role = seat.name_player(about.frames), seat.owner, seat.role
             actor = self._make_actor(network, about, name)
             named = {self._members[other].name: evidence for other, evidence in kept.items()}
@@ -184,7 +186,7 @@ class Pool:
         agent = self._load(name)
         fingerprint = find_fingerprint(agent, self._game)
         member = Member(
-            number, name, SNAPSHOT, about.frames, fingerprint, kept, owner=owner, role=role
+            number, name, SNAPSHOT, age, fingerprint, kept, owner=owner, role=role
         )
         self._members[number], self._agents[number] = member, agent
         self._retire_one()

@@ -32,7 +32,7 @@ class Player(NamedTuple):
         name: of its folder in `players`.
         owner, role: the learner, and which of ROLES it has.
         generation: how often the learner had begun anew.
-        frames: how long it had been trained then.
+        frames: how long its owner had been trained then, in all its generations.
         fingerprint: of its network, `league.agents.find_fingerprint`.
         met: what its learner had to show shortly before, by name of a player, `live` or a bot.
     """
@@ -55,6 +55,7 @@ class LeagueSeat:
         owner, role, generation: of the learner.
         mains: the names of all main agents, in the league's order.
         reset_chance: that the learner begins anew once it has frozen a player.
+        frames_before: of the learner's generations before this one, together.
     """
 
     folder: Path
@@ -63,6 +64,7 @@ class LeagueSeat:
     generation: int = 0
     mains: tuple[str, ...] = ()
     reset_chance: float = 0.0
+    frames_before: int = 0
 
     def name_player(self, frames: int) -> str:
         """The folder of a player that is frozen now."""
@@ -76,7 +78,7 @@ class LeagueSeat:
             "owner": self.owner,
             "role": self.role,
             "generation": self.generation,
-            "frames": frames,
+            "frames": self.frames_before + frames,
             "fingerprint": fingerprint,
             "met": {name: list(kept) for name, kept in met.items()},
         }
@@ -92,9 +94,10 @@ class LeagueSeat:
         }
 
     def find_new_players(self) -> list[Player]:
-        """All but those that this generation of the learner froze, by name."""
+        """All but those that this generation of the learner froze, the oldest first."""
         own = (self.owner, self.generation)
-        return [one for one in read_players(self.folder) if (one.owner, one.generation) != own]
+        players = [one for one in read_players(self.folder) if (one.owner, one.generation) != own]
+        return sorted(players, key=lambda player: (player.frames, player.name))
 
     def save_records(self, frames: int, met: Mapping[str, Evidence], counts: list[int]) -> None:
         """Tell the league the learner's games: evidence faded to `frames`, and how many in all."""

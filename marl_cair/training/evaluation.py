@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.game import Agent, Game
-from marl_cair.league.intervals import win_rate_interval
 from marl_cair.league.match import play_match
 from marl_cair.league.solo import Estimate, compare, play_alone
 from marl_cair.training.config import TrainConfig
@@ -62,10 +61,7 @@ def evaluate_against_bots(
     row: dict[str, float] = {}
     for bot in bots:
         result = play_match(agent, game.bot(bot, scenario), game, scenario, num_games, seed)
-        if result.num_teams == 2:
-            low, high = win_rate_interval(result.wins, result.draws, result.games)
-        else:
-            low, high = result.interval()
+        low, high = result.interval()
         scores.append(result.score)
         row |= _tell(f"win_rate/{bot}", Estimate(result.score, low, high))
     return scores, row

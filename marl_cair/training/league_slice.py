@@ -111,6 +111,7 @@ def run_slice(
             record.generation,
             tuple(record.mains),
             record.reset_chance,
+            record.frames_before,
         )
         result = train(config, True, show_progress, seat=seat, until_frames=goal)
         last_row = result.last_row or last_row

@@ -115,6 +115,9 @@ class TrainingRun:
         game = self.config.game
         self.game = GAMES[game.name]
         self.scenario = self.game.scenario(game.scenario, **game.options)
+        for rated in self.config.evaluated_scenarios().values():
+            for bot in self.config.evaluation.bots:
+                self.game.bot(bot, rated)  # one that cannot play there says so now
         demonstration, worlds = self.config.demonstration, self.config.collector.num_worlds
         self.demonstrators = Demonstrators(
             demonstration, self.game, self.scenario, worlds, self._seeds[9]

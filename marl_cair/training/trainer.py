@@ -150,7 +150,7 @@ def _learn(run: TrainingRun, before: int) -> None:
         for values in run.average_policy.learn(run.frames // often - before // often):
             run.means.add(values)
     settings = run.config.learner
-    if run.replay.real.num_sampleable < run.config.replay.min_transitions:
+    if not _has_enough(run):
         return
     every = settings.frames_per_update
     for _ in range(run.frames // every - before // every):
@@ -164,7 +164,7 @@ def _learn(run: TrainingRun, before: int) -> None:
 def _generate(run: TrainingRun, before: int) -> None:
     """Train the generator; at intervals measure it on held-out rows, and refill while it passes."""
     settings, generator = run.config.generator, run.generator
-    if generator is None or run.replay.real.num_sampleable < run.config.replay.min_transitions:
+    if generator is None or not _has_enough(run):
         return
     every = settings.frames_per_update
     if run.gate_is_open:
@@ -173,11 +173,23 @@ def _generate(run: TrainingRun, before: int) -> None:
         rows = run.replay.real.sample_steps(settings.batch_size)
         losses = generator.update(rows)
         run.means.add({f"generator/{name}": value for name, value in losses.items()})
+    num_refills = (
+        run.frames // settings.refill_every_frames - before // settings.refill_every_frames
+    )
     if _is_due(before, run.frames, settings.evaluate_every_frames):
         _measure_generator(run, generator)
-        _refill(run, generator)
-    elif _is_due(before, run.frames, settings.refill_every_frames):
-        _refill(run, generator)
+        num_refills = max(1, num_refills)
+    if num_refills:
+        _refill(run, generator, num_refills)
+
+
+def _has_enough(run: TrainingRun) -> bool:
+    """Whether there is enough to learn from; a replay that is full holds all it ever will, though
+    the newest steps start no transition yet.
+    """
+    real, settings = run.replay.real, run.config.replay
+    is_full = len(real) >= settings.capacity_transitions and real.num_sampleable > 0
+    return is_full or real.num_sampleable >= settings.min_transitions
 
 
 def _measure_generator(run: TrainingRun, generator: Generator) -> None:
@@ -191,8 +203,8 @@ def _measure_generator(run: TrainingRun, generator: Generator) -> None:
     _tell(run, "gate", f"the generator's gate is {text}")
 
 
-def _refill(run: TrainingRun, generator: Generator) -> None:
-    """Generate new transitions while the gate is open."""
+def _refill(run: TrainingRun, generator: Generator, num_refills: int) -> None:
+    """Generate new transitions while the gate is open, for as many intervals as are over."""
     if not run.gate_is_open:
         return
     settings, learned = run.config.generator, run.config.learner
@@ -210,7 +222,7 @@ def _refill(run: TrainingRun, generator: Generator) -> None:
         gamma=learned.gamma,
         max_rounds=settings.model.max_rounds,
     )
-    made = rollouts.generate(run.replay.real, settings.rows_per_refill)
+    made = rollouts.generate(run.replay.real, num_refills * settings.rows_per_refill)
     if len(made):
         run.replay.generated.extend(made)
         run.means.add({"generator/steps": made["steps_to_next_obs"].float().mean()})

@@ -1,5 +1,6 @@
 """The pool on disk: frozen means frozen, crashes lose nothing, who retires."""
 
+import dataclasses
 import json
 import shutil
 
@@ -142,7 +143,7 @@ def test_a_crash_while_a_snapshot_is_written_again_keeps_the_old_one(tmp_path):
     pool = make_pool(tmp_path)
     member = freeze(pool, 10)
     folder = tmp_path / "snapshots" / member.name
-    folder.rename(folder.with_name(folder.name + ".old"))  # killed between the two renames
+    folder.rename(folder.with_name(f".{folder.name}.marl_cair.old"))  # killed between the two renames
     pool = make_pool(tmp_path)
     pool.reopen()
     assert find_fingerprint(pool.agent(member.number), GAME) == member.fingerprint
@@ -277,6 +278,28 @@ def test_players_of_other_learners_are_adopted_once_and_played_from_the_shared_f
     assert main.find_new_players() == []
     again = make_seat(tmp_path, "main_0", generation=1)
     assert len(again.find_new_players()) == 2
+
+
+def test_generations_of_a_learner_follow_on_one_another(tmp_path):
+    """Frames began anew with each: the newest of one seemed younger than the first of the next."""
+    for generation, before in ((0, 0), (1, 40)):
+        other = make_seat(tmp_path, "main_exploiter_0", MAIN_EXPLOITER, generation=generation)
+        other = dataclasses.replace(other, frames_before=before)
+        theirs = make_member_pool(tmp_path, other)
+        for frames in (10, 30):
+            freeze(theirs, frames, seed=before + frames)
+    freeze(make_member_pool(tmp_path, make_seat(tmp_path, "main_0")), 45)
+    seat = make_seat(tmp_path, "main_0", generation=1)
+    pool = make_member_pool(tmp_path, seat)
+    for player in seat.find_new_players():
+        pool.adopt(player)
+    assert [(kept.owner, kept.frames) for kept in pool.snapshots] == [
+        ("main_exploiter_0", 10),
+        ("main_exploiter_0", 30),
+        ("main_0", 45),
+        ("main_exploiter_0", 50),
+        ("main_exploiter_0", 70),
+    ]
 
 
 def test_the_learner_with_most_players_gives_one_up(tmp_path):

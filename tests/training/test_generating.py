@@ -9,7 +9,7 @@ import torch
 from marl_cair.generative import CCDNGenerator
 from marl_cair.generative.gate import Acceptance, GateReport
 from marl_cair.generative.metrics import Certainty
-from marl_cair.training.config import GeneratorSettings
+from marl_cair.training.config import GeneratorSettings, ReplaySettings
 from marl_cair.training.metrics import read_log
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import Timers, iterate, train
@@ -75,6 +75,40 @@ def test_while_the_gate_is_open_rows_are_generated_and_the_generator_learns_less
         *(512, 512, 768, 1024, 1280, 1536),
         *(1664, 1664, 1792, 1792, 1920, 1920),
     ]
+    run.close()
+
+
+def test_a_long_round_refills_for_all_its_intervals(tmp_path, monkeypatch):
+    settings = GeneratorSettings(
+        evaluate_every_frames=512, refill_every_frames=64, rows_per_refill=10
+    )
+    config = tiny(tmp_path / "a", generator=settings)
+    one_step = dataclasses.replace(config.learner, n_steps=1)
+    run = TrainingRun(dataclasses.replace(config, learner=one_step))
+    asked = []
+
+    def generate(starts, num_rows):
+        asked.append(num_rows)
+        return starts[:0]
+
+    monkeypatch.setattr(run.generator, "update", lambda rows: {})
+    monkeypatch.setattr(run.generator, "evaluate", lambda: GateReport(True, ()))
+    monkeypatch.setattr(run.generator, "generate", generate)
+    steps = iterate(run, Timers())
+    while run.frames < 768:
+        next(steps)
+    assert asked == [20, 20, 20]  # two intervals in each round of 128 decisions
+    run.close()
+
+
+def test_a_replay_without_room_for_more_is_learned_from(tmp_path):
+    """Its newest steps start no transition, so that there were never as many as asked for."""
+    run = TrainingRun(tiny(tmp_path / "a", replay=ReplaySettings(300, 300, min_transitions=300)))
+    for _ in iterate(run, Timers()):
+        if run.frames >= 640:
+            break
+    assert run.replay.real.num_sampleable < 300 == len(run.replay.real)
+    assert run.learner.updates > 0
     run.close()
 
 

@@ -340,6 +340,17 @@ def test_settings_that_no_run_can_have_leave_the_folder_free(tmp_path):
     assert not (tmp_path / "a").exists()
 
 
+def test_bots_that_cannot_play_what_is_rated_are_refused_before_anything_is_played(tmp_path):
+    game = GameSettings(name="deep_rts", scenario="1v1-15x15", options={"actions": "classic"})
+    rated = EvaluationSettings(bots=("random", "mixed"))
+    config = tiny(
+        tmp_path / "a", game=game, evaluation=rated, opponent=OpponentSettings({"random": 1.0})
+    )
+    with pytest.raises(ValueError, match="actions"):
+        train(config, show_progress=False)
+    assert not (tmp_path / "a").exists()
+
+
 def test_a_moved_run_goes_on_where_it_lies_now(tmp_path):
     train(tiny(tmp_path / "a", 256), show_progress=False)
     shutil.copytree(tmp_path / "a", tmp_path / "b")

@@ -62,6 +62,10 @@ class AgentDescription:
 
     def __post_init__(self) -> None:
         find_by_name("way to play", self.plays, PLAYS)
+        for name in ("scenario_options", "network"):
+            value = getattr(self, name)
+            if not isinstance(value, dict):
+                raise ValueError(f"{name} is {value!r}, it must be values by name")
 
 
 def save_agent(

@@ -104,9 +104,11 @@ class MaskedSampling(MaskedEpsilonGreedy):
     """
 
     def _exploit(self, values: Tensor, action_mask: Tensor) -> Tensor:
-        best = values.masked_fill(~action_mask, -torch.inf).amax(-1)
+        # As in `masked_argmax`: NaN is the lowest value there is.
+        finite = torch.nan_to_num(values, nan=torch.finfo(values.dtype).min)
+        best = finite.masked_fill(~action_mask, -torch.inf).amax(-1)
         _require_legal_actions(best)
-        logits = values.double().masked_fill(~action_mask, -torch.inf)
+        logits = finite.double().masked_fill(~action_mask, -torch.inf)
         ends = logits.softmax(-1).cumsum(-1)
         draws = torch.rand(len(values), generator=self.generator, dtype=torch.float64)
         # Below the sum, however it is rounded: the chance of an illegal action is exactly 0.

@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from marl_cair.policies.config import QNetworkConfig
 
 MIN_SIDE = 8
-IMAGE_MIN_SIDE = 64  # pixels: from here an input is an image
+IMAGE_MIN_SIDE = 64  # pixels: from here an input is an image,
+IMAGE_MAX_CHANNELS = 12  # if it has no more channels, those of four colour pictures
 _FLAT = 1e-6  # variance below which an image shows nothing
 
 
@@ -35,8 +36,8 @@ class Body(nn.Module, ABC):
 
 
 def is_image(shape: Sequence[int]) -> bool:
-    """Whether an observation of `shape` is an image, and no board or vector."""
-    return len(shape) == 3 and min(shape[1:]) >= IMAGE_MIN_SIDE
+    """Whether an observation of `shape` is an image, and no board (of more planes) or vector."""
+    return len(shape) == 3 and shape[0] <= IMAGE_MAX_CHANNELS and min(shape[1:]) >= IMAGE_MIN_SIDE
 
 
 def standardise(images: Tensor) -> Tensor:

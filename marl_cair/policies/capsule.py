@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from marl_cair.policies.body import IMAGE_MIN_SIDE, Body, require_planes
+from marl_cair.policies.body import Body, is_image, require_planes
 from marl_cair.policies.capsule_layers import (
     EntityRouting,
     GridPooling,
@@ -46,7 +46,7 @@ class CapsuleBody(Body):
         super().__init__(observation_shape, config)
         num_planes, num_rows, num_columns = require_planes("capsule", observation_shape)
         sizes = config.capsule
-        layers = choose_trunk(num_rows, num_columns, sizes.trunk_channels)
+        layers = choose_trunk(observation_shape, sizes.trunk_channels)
         self.num_routing_passes = sizes.num_routing_passes
         self.trunk = stack_convolutions(num_planes, layers)
         self.parts = PartCapsules(sizes.trunk_channels, sizes.num_part_types, sizes.part_pose_size)
@@ -77,10 +77,12 @@ class CapsuleBody(Body):
         return Entities(pose, measure_presence(pose), part_presence, weights)
 
 
-def choose_trunk(num_rows: int, num_columns: int, channels: int) -> tuple[ConvLayer, ConvLayer]:
-    """Return the two convolutions before the capsules: larger inputs get larger strides."""
-    side = min(num_rows, num_columns)
-    if side >= IMAGE_MIN_SIDE:
+def choose_trunk(shape: Sequence[int], channels: int) -> tuple[ConvLayer, ConvLayer]:
+    """Return the two convolutions before the capsules, for a board or image [C, H, W]: larger ones
+    get larger strides.
+    """
+    side = min(shape[1:])
+    if is_image(shape):
         return ConvLayer(channels, 8, 4, 0), ConvLayer(channels, 4, 2, 0)
     second_stride = 2 if side >= LARGE_BOARD_MIN_SIDE else 1
     return ConvLayer(channels, 3, 1, 1), ConvLayer(channels, 3, second_stride, 1)

@@ -48,6 +48,7 @@ class QNetworkConfig:
     def __post_init__(self) -> None:
         find_by_name("network", self.body, policies.NETWORKS)
         find_by_name("head", self.head, HEADS)
+        self._check_switches()
         if self.hidden_width is not None:
             _require_at_least(1, "hidden_width", self.hidden_width)
         if self.action_embedding is not None:
@@ -69,7 +70,9 @@ class QNetworkConfig:
         for name in ("vector_low", "vector_high"):
             object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
         pairs = zip(self.vector_low, self.vector_high, strict=False)
-        if len(self.vector_low) != len(self.vector_high) or any(low >= high for low, high in pairs):
+        if len(self.vector_low) != len(self.vector_high) or not all(
+            low < high for low, high in pairs
+        ):
             raise ValueError(
                 f"vector_low is {list(self.vector_low)} and vector_high {list(self.vector_high)}, "
                 "but they must be as long as one another, and each low below its high"
@@ -83,6 +86,11 @@ class QNetworkConfig:
                 f"action_embedding is {self.action_embedding}, but head {self.head!r} has none: "
                 "set it to 0 or None, or use head='dueling'"
             )
+
+    def _check_switches(self) -> None:
+        for name in ("distances", "cell_values", "frame_differences"):
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"{name} is {getattr(self, name)!r}, it must be True or False")
 
     def with_bounds(self, low: object, high: object) -> "QNetworkConfig":
         """These settings with the bounds of a vector's entries, where they name none and `low` and
@@ -128,10 +136,10 @@ class QNetworkConfig:
         _refuse_unknown_keys("network setting", values, cls)
         rest = {name: value for name, value in values.items() if name != "capsule"}
         sizes = values.get("capsule", {})
-        if isinstance(sizes, Mapping):
-            _refuse_unknown_keys("capsule size", sizes, CapsuleSizes)
-            sizes = CapsuleSizes(**sizes)
-        return cls(**rest, capsule=sizes)  # type: ignore[arg-type]  # __post_init__ checks them
+        if not isinstance(sizes, Mapping):
+            raise ValueError(f"capsule is {sizes!r}, it must be sizes by name")
+        _refuse_unknown_keys("capsule size", sizes, CapsuleSizes)
+        return cls(**rest, capsule=CapsuleSizes(**sizes))  # type: ignore[arg-type]  # checked there
 
 
 def _refuse_unknown_keys(kind: str, values: Mapping[str, object], owner: type) -> None:

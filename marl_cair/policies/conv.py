@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from marl_cair.policies.body import IMAGE_MIN_SIDE, Body, require_planes
+from marl_cair.policies.body import Body, is_image, require_planes
 
 if TYPE_CHECKING:
     from marl_cair.policies.config import QNetworkConfig
@@ -49,7 +49,7 @@ class ConvBody(Body):
     def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:
         super().__init__(observation_shape, config)
         num_planes, num_rows, num_columns = require_planes("conv", observation_shape)
-        layers, num_cells = choose_layers(num_rows, num_columns)
+        layers, num_cells = choose_layers((num_planes, num_rows, num_columns))
         self.convolutions = stack_convolutions(num_planes, layers)
         self.dense = nn.Sequential(
             nn.Linear(layers[-1].channels * num_cells, self.num_features), nn.ReLU()
@@ -62,10 +62,13 @@ class ConvBody(Body):
         return features
 
 
-def choose_layers(num_rows: int, num_columns: int) -> tuple[tuple[ConvLayer, ...], int]:
-    """Return the layers for a board of this size, and the number of cells of their last map."""
+def choose_layers(shape: Sequence[int]) -> tuple[tuple[ConvLayer, ...], int]:
+    """Return the layers for a board or image [C, H, W], and the number of cells of their last
+    map.
+    """
     layers: tuple[ConvLayer, ...]
-    if min(num_rows, num_columns) >= IMAGE_MIN_SIDE:
+    _, num_rows, num_columns = shape
+    if is_image(shape):
         layers = IMAGE
     elif max(num_rows, num_columns) > SMALL_BOARD_MAX_SIDE:
         layers = LARGE_BOARD

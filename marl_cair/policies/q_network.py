@@ -71,9 +71,9 @@ class QNetwork(nn.Module):
 
         uint8 is scaled to [0, 1] here, so that it can be stored and moved as bytes; floats are
         taken as they are, vectors with `vector_low` and `vector_high` scaled. Images (from
-        64 x 64 on) are standardised, each by itself, or with `frame_differences` the newest of
-        their frames and what changed before it. Raises ValueError for another shape, TypeError for
-        another dtype.
+        64 x 64 on, of up to 12 channels) are standardised, each by itself, or with
+        `frame_differences` the newest of their frames and what changed before it. Raises ValueError
+        for another shape, TypeError for another dtype.
         """
         num_axes = len(self.observation_shape)
         if tuple(observation.shape[-num_axes:]) != self.observation_shape:

@@ -258,6 +258,10 @@ class TestSampling:
         values = torch.tensor([[1e30, -1e30, 80.0, 1e30]]).expand(500, -1)
         mask = torch.tensor([[False, True, False, False]]).expand(500, -1)
         assert (MaskedSampling(0)(values, mask, 0.0) == 1).all()
+        for strange in (torch.nan, torch.inf, -torch.inf):
+            values = torch.tensor([[5.0, strange, 2.0]]).expand(500, -1)
+            mask = torch.tensor([[False, True, True]]).expand(500, -1)
+            assert (MaskedSampling(0)(values, mask, 0.0) != 0).all()
         with pytest.raises(ValueError, match="row 0 of the action mask allows no action"):
             MaskedSampling(0)(values, torch.zeros_like(mask), 0.0)
 

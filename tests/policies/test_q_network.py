@@ -190,7 +190,7 @@ def test_vectors_are_scaled_by_their_bounds():
 
 
 def test_bounds_that_fit_no_vector_are_refused():
-    for low, high in (((0.0,), ()), ((0.0, 1.0), (1.0, 1.0))):
+    for low, high in (((0.0,), ()), ((0.0, 1.0), (1.0, 1.0)), ((0.0,), (float("nan"),))):
         with pytest.raises(ValueError, match="as long as one another, and each low below"):
             QNetworkConfig(vector_low=low, vector_high=high)
     config = QNetworkConfig(body="mlp", vector_low=(0.0,), vector_high=(1.0,))
@@ -204,17 +204,28 @@ def test_conv_has_the_expected_weights_in_line_wars():
 
 
 def test_conv_reads_images_as_mnih_et_al_and_bounds_its_last_map():
-    layers, num_cells = choose_layers(84, 84)
+    layers, num_cells = choose_layers((4, 84, 84))
     assert layers == (ConvLayer(32, 8, 4, 0), ConvLayer(64, 4, 2, 0), ConvLayer(64, 3, 1, 0))
     assert num_cells == 7 * 7
-    assert [layer.stride for layer in choose_layers(10, 15)[0]] == [1, 2, 1]
-    assert choose_layers(10, 15)[1] == 5 * 8
-    assert [layer.stride for layer in choose_layers(25, 25)[0]] == [2, 2, 1]
+    assert [layer.stride for layer in choose_layers((28, 10, 15))[0]] == [1, 2, 1]
+    assert choose_layers((28, 10, 15))[1] == 5 * 8
+    assert [layer.stride for layer in choose_layers((13, 25, 25))[0]] == [2, 2, 1]
     assert all(
-        choose_layers(rows, columns)[1] <= 100
+        choose_layers((3, rows, columns))[1] <= 100
         for rows in range(8, 200, 3)
         for columns in range(8, 200, 3)
     )
+
+
+@pytest.mark.parametrize("body", PLANE_BODIES)
+def test_a_large_board_is_no_image(body):
+    """Its planes are 0..1 wherever they are read, and its cells are read one by one."""
+    assert [layer.stride for layer in choose_layers((13, 65, 65))[0]] == [2, 2, 1, 2]
+    network = make(body, (13, 65, 65), 5, distances=True)
+    seen = []
+    network.distances.register_forward_pre_hook(lambda module, given: seen.append(given[0]))
+    network(torch.randint(0, 2, (2, 13, 65, 65), dtype=torch.uint8) * 255)
+    assert seen[0].unique().tolist() == [0.0, 1.0]
 
 
 @pytest.mark.parametrize("body", PLANE_BODIES)
@@ -322,6 +333,7 @@ def test_none_means_the_numbers_of_the_body():
         ({"head": "duel"}, "unknown head 'duel': nearest are 'dueling'"),
         ({"hidden_width": 0}, "hidden_width is 0, but must be an integer of at least 1"),
         ({"hidden_width": 1.5}, "hidden_width is 1.5, but must be an integer"),
+        ({"distances": "no"}, "distances is 'no', it must be True or False"),
         ({"action_embedding": -1}, "action_embedding is -1, but must be an integer of at least 0"),
         ({"head": "plain", "action_embedding": 4}, "head 'plain' has none: set it to 0 or None"),
     ],
@@ -341,6 +353,8 @@ def test_unknown_keys_of_a_stored_configuration_fail():
         QNetworkConfig.from_dict({"hiden_width": 3})
     with pytest.raises(UnknownNameError, match="unknown capsule size 'gridside'"):
         QNetworkConfig.from_dict({"capsule": {"gridside": 3}})
+    with pytest.raises(ValueError, match="capsule is 5, it must be sizes by name"):
+        QNetworkConfig.from_dict({"capsule": 5})
 
 
 @pytest.mark.parametrize("body", PLANE_BODIES)

@@ -1,6 +1,7 @@
 """Agent checkpoints: what does not fit, is cut short or holds code is refused by name."""
 
 import dataclasses
+import json
 import shutil
 
 import pytest
@@ -60,6 +61,13 @@ class TestCheckpoints:
         assert old in text
         path.write_text(text.replace(old, new), "utf-8")
         with pytest.raises(ValueError, match=message):
+            load_agent(agent)
+
+    def test_options_that_are_no_options(self, agent):
+        path = agent / "agent.json"
+        record = json.loads(path.read_text("utf-8"))
+        path.write_text(json.dumps({**record, "scenario_options": [1]}), "utf-8")
+        with pytest.raises(CheckpointError, match=r"scenario_options is \[1\], it must be values"):
             load_agent(agent)
 
     def test_truncated_weights(self, agent):

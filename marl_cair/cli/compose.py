@@ -18,7 +18,7 @@ from omegaconf.errors import OmegaConfBaseException
 from marl_cair.cli.options import list_options
 from marl_cair.games import GAMES
 from marl_cair.generative import GENERATORS
-from marl_cair.league.opponents import SAMPLERS
+from marl_cair.league.opponents import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.lookup import find_by_name
 from marl_cair.policies import NETWORKS
 from marl_cair.training.config import NO_GENERATOR, SELF_PLAY, TrainConfig
@@ -52,7 +52,7 @@ def list_groups() -> dict[str, dict[str, dict[str, Any]]]:
     games = GAMES.load_all()
     bots = {name: None for game in games.values() for name in game.bots}
     opponents: dict[str, dict[str, Any]] = {"self_play": {"mixture": SELF_PLAY}}
-    for name in (*SAMPLERS, *bots):
+    for name in (*(name for name in SAMPLERS if name not in LEAGUE_SAMPLERS), *bots):
         opponents[name] = {"mixture": {name: 1.0}}
     return {
         "game": {

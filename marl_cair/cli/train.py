@@ -6,14 +6,18 @@ import dataclasses
 import shlex
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
+from marl_cair.checkpoint import read_description
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED
 from marl_cair.cli.compose import SHORTHANDS, compose_config, list_groups, read_value
 from marl_cair.cli.options import find_choices, list_options
+from marl_cair.files import find_folder
 from marl_cair.lookup import find_by_name
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import CONFIG_FILE, build_value, load_config
 from marl_cair.training.recipes import RECIPES
+from marl_cair.training.run import LATEST_FOLDER, RESUME_FOLDER
 from marl_cair.training.trainer import train
 
 FREE_ON_RESUME = {"total_frames": int, "max_minutes": float | None}
@@ -49,11 +53,26 @@ def read_arguments(arguments: Sequence[str]) -> tuple[TrainConfig, bool]:
     if not folder:
         raise ValueError("resume names no folder: write resume=FOLDER, for example resume=runs/a")
     config = load_config(folder)
+    _refuse_without_state(Path(folder), config)
     changes = {}
     for name, value in words.items():
         kind = find_by_name("option of a resumed run", name, FREE_ON_RESUME)
         changes[name] = build_value(kind, read_value(f"{name}={value}"), name)
     return dataclasses.replace(config, **changes), True
+
+
+def _refuse_without_state(folder: Path, config: TrainConfig) -> None:
+    """Raise ValueError for a run that has ended and whose state is gone, as those of best responses
+    are deleted: it would begin anew, and write over its agent.
+    """
+    agent = find_folder(folder / LATEST_FOLDER)
+    if find_folder(folder / RESUME_FOLDER).is_dir() or not agent.is_dir():
+        return
+    if read_description(agent).frames >= config.total_frames:
+        raise ValueError(
+            f"{str(folder)!r} has ended, and its state ({RESUME_FOLDER}) is not there any more: "
+            f"begin a new run with its agent, initial_agent={agent}"
+        )
 
 
 def describe_options() -> str:

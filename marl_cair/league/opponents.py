@@ -229,6 +229,8 @@ SAMPLERS: dict[str, Sampler] = {
     "main_agents": main_agents,
     "forgotten": forgotten,
 }
+# Of these there is nobody to draw but in a league.
+LEAGUE_SAMPLERS = ("main_self_play", "main_agents", "forgotten")
 
 
 def mix(

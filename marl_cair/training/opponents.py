@@ -18,6 +18,7 @@ from marl_cair.league.intervals import win_rate_interval
 from marl_cair.league.mixtures import is_mixture, read_mixture
 from marl_cair.league.opponents import (
     BOTS,
+    LEAGUE_SAMPLERS,
     PFSP_BOTS,
     SamplerOptions,
     draw_evenly,
@@ -35,6 +36,7 @@ from marl_cair.league.shared import (
 )
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.replay.transition import NO_OPPONENT
+from marl_cair.training.checks import require
 from marl_cair.training.config import OpponentSettings
 from marl_cair.training.live_rating import LiveRating
 
@@ -68,6 +70,8 @@ class OpponentBook:
         folder: of the snapshots.
         seed: of the draws, the bots and the foreign agents.
         seat: the learner's place in a league; its opponents are then the league's too.
+
+    Raises ValueError for samplers of a league without `seat`, and as bots, agents and `Pool` do.
     """
 
     def __init__(
@@ -82,6 +86,9 @@ class OpponentBook:
     ) -> None:
         self.settings = settings = expand_mixtures(settings)
         self.seat, self._seed = seat, seed
+        for name in settings.find_names() if seat is None else ():
+            allowed = "another sampler outside a league (`marl-cair league train`)"
+            require(name not in LEAGUE_SAMPLERS, "opponent.mixture", name, allowed)
         self.is_over = False  # in a league: a player was frozen, and the learner begins anew
         self.is_alone = game.make_spec(scenario).num_teams == 1
         self.live_rating = LiveRating()

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from marl_cair.cli.compose import compose_config, list_groups
 from marl_cair.cli.options import list_options
 from marl_cair.cli.train import describe_options
 from marl_cair.games import GAMES
-from marl_cair.league.opponents import SAMPLERS
+from marl_cair.league.opponents import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.lookup import UnknownNameError
 from marl_cair.training.config_file import build_config, load_config, save_config
 from marl_cair.training.recipes import RECIPES
@@ -58,7 +59,8 @@ def test_every_choice_of_a_group_composes(group):
 def test_every_bot_and_every_way_of_self_play_is_a_choice_that_composes():
     games = {bot: name for name in GAMES for bot in GAMES[name].bots}
     choices = list_groups()["opponent"]
-    assert set(choices) == {"self_play", *SAMPLERS, *games}
+    samplers = set(SAMPLERS) - set(LEAGUE_SAMPLERS)
+    assert set(choices) == {"self_play", *samplers, *games}
     for choice, settings in choices.items():
         game = games.get(choice, next(iter(GAMES)))
         config = compose_config([f"game={game}", f"opponent={choice}"])
@@ -152,6 +154,10 @@ def test_configuration_survives_its_file(tmp_path):
         (["recipe=deep_rts_dule"], "nearest are 'deep_rts_duel'"),
         (["recipe=deep_rts_duel", "recipe=deep_rts_economy"], "take one of them"),
         (["opponent=countr"], "nearest are 'counter'"),
+        (
+            ["opponent.mixture={main_agents: 1}"],
+            "'main_agents', it must be another sampler outside",
+        ),
         (["scenario=10x51"], "nearest are '10x15'"),
         (["preset=2016"], "nearest are '2018', '2017'"),
         (["synthetic_fraction=1.5"], "synthetic_fraction is 1.5"),
@@ -237,6 +243,9 @@ def test_train_resume_evaluate_and_league_from_end_to_end(tmp_path, capsys):
     assert main(["train", f"resume={out}", "total_frames=1.28e3", "max_minutes=null"]) == 0
     assert main(["train", f"resume={out}", "seed=2"]) == 2
     assert "unknown option of a resumed run 'seed'" in capsys.readouterr().err
+    shutil.copytree(out, tmp_path / "ended", ignore=shutil.ignore_patterns("resume"))
+    assert main(["train", f"resume={tmp_path / 'ended'}", "total_frames=2000"]) == 2
+    assert "has ended, and its state (resume) is not there any more" in capsys.readouterr().err
     table = tmp_path / "table.csv"
     words = ["evaluate", f"{out}/latest", "--games", "2", "--out", str(table)]
     assert main(words) == 0

@@ -63,6 +63,10 @@ def _rate_against(
     options: argparse.Namespace, game: Game, name: str, scenario: Any
 ) -> list[tuple[object, ...]]:
     num_teams = require_rivals(game, scenario)
+    if not options.against:
+        raise ValueError(
+            f"--against is empty: name one or more opponents on {game.name}, for example random"
+        )
     # Every map seed is played once in each seat: of more than two seats few divide a round number.
     num_games = options.games if num_teams == 2 else -(-options.games // num_teams) * num_teams
     agent = load_agent(options.agent, game.name, scenario)
@@ -130,10 +134,7 @@ def format_row(source: str, match: MatchResult, width: int) -> str:
 
 def _shares(match: MatchResult) -> tuple[str, str, str]:
     """Win rate and the ends of its interval, with four digits."""
-    if match.num_teams == 2:
-        low, high = win_rate_interval(match.wins, 0, match.games)
-    else:
-        low, high = match.interval(wins_only=True)
+    low, high = match.interval(wins_only=True)
     return f"{match.wins / match.games:.4f}", f"{low:.4f}", f"{high:.4f}"
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from marl_cair.games.game import Game, GameSpec
 from marl_cair.games.registry import gymnasium_id
 
 COLUMNS = ("game", "scenarios", "players", "actions", "representations", "reward", "picture")
+_HEAD = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|\n"
+
+Told = TypeVar("Told")
 
 
 class Row(NamedTuple):
@@ -35,13 +38,30 @@ def run(arguments: Sequence[str]) -> int:
     form.add_argument("--json", action="store_true", help="everything, for programs")
     form.add_argument("--markdown", action="store_true", help="the table of the README")
     chosen = parser.parse_args(arguments)
-    games = GAMES.load_all().values()
     if chosen.json:
-        listed = {game.name: describe_game(game) for game in games}
-        sys.stdout.write(json.dumps(listed, indent=2) + "\n")
+        sys.stdout.write(json.dumps(_tell_each(_describe_for_json), indent=2) + "\n")
+    elif chosen.markdown:
+        sys.stdout.write(_HEAD + "".join(_tell_each(_format_rows).values()))
     else:
-        sys.stdout.write(format_markdown(games) if chosen.markdown else format_text(games))
+        sys.stdout.write("\n".join(_tell_each(_format_game).values()))
     return EXIT_DONE
+
+
+def _tell_each(tell: Callable[[Game], Told]) -> dict[str, Told]:
+    """What `tell` says of each game by name; one of an installed package that fails is left out."""
+    told = {}
+    for name, game in GAMES.load_all().items():
+        try:
+            told[name] = tell(game)
+        except (Exception, SystemExit) as error:  # noqa: BLE001  # of their code, whatever it is
+            GAMES.leave_out(name, error)
+    return told
+
+
+def _describe_for_json(game: Game) -> dict[str, Any]:
+    described = describe_game(game)
+    json.dumps(described)  # what it cannot hold is the fault of this game alone
+    return described
 
 
 def describe_game(game: Game) -> dict[str, Any]:
@@ -105,23 +125,21 @@ def format_markdown(games: Iterable[Game]) -> str:
     """The table of all scenarios, with links as from the repository's root; an empty cell is as
     the one above it.
     """
-    lines = [f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|"]
-    for game in games:
-        page, picture = f"marl_cair/games/{game.name}/README.md", f"docs/images/{game.name}.png"
-        above: tuple[str, ...] = ("",) * len(COLUMNS)
-        for row in list_rows(game):
-            scenarios = ", ".join(row.scenarios)
-            cells = (f"[{game.title}]({page})", scenarios, *row[1:], f"[picture]({picture})")
-            pairs = zip(cells, above, strict=True)
-            shown = ["" if cell == last else cell for cell, last in pairs]
-            lines.append(f"| {' | '.join(shown)} |")
-            above = cells
-    return "\n".join(lines) + "\n"
+    return _HEAD + "".join(map(_format_rows, games))
 
 
-def format_text(games: Iterable[Game]) -> str:
-    """The same rows, one below the other, with what else there is to choose."""
-    return "\n".join(_format_game(game) for game in games)
+def _format_rows(game: Game) -> str:
+    lines = []
+    page, picture = f"marl_cair/games/{game.name}/README.md", f"docs/images/{game.name}.png"
+    above: tuple[str, ...] = ("",) * len(COLUMNS)
+    for row in list_rows(game):
+        scenarios = ", ".join(row.scenarios)
+        cells = (f"[{game.title}]({page})", scenarios, *row[1:], f"[picture]({picture})")
+        pairs = zip(cells, above, strict=True)
+        shown = ["" if cell == last else cell for cell, last in pairs]
+        lines.append(f"| {' | '.join(shown)} |\n")
+        above = cells
+    return "".join(lines)
 
 
 def _format_game(game: Game) -> str:

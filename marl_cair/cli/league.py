@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import math
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -37,7 +38,8 @@ def run(arguments: Sequence[str]) -> int:
     options = make_parser().parse_args(arguments)
     everyone = [*options.agents, *options.ladder]
     game, scenario, scenario_options = find_scenario(everyone, options.game, options.scenario)
-    is_adaptive = options.ci > 0.0 or options.time
+    max_seconds = _read_time(options.time)
+    is_adaptive = options.ci > 0.0 or max_seconds > 0.0
     games = (
         options.games
         if options.games is not None
@@ -56,7 +58,7 @@ def run(arguments: Sequence[str]) -> int:
             seating=options.seating,
             workers=options.workers,
             half_width_elo=options.ci,
-            max_seconds=_read_time(options.time),
+            max_seconds=max_seconds,
             replays=not options.no_replays,
             command=tell_command("league", arguments),
         ),
@@ -253,9 +255,13 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _read_time(text: str) -> float:
-    seconds = read_seconds(text) if text else 0.0
-    if seconds is None:
-        raise ValueError(f"--time is {text!r}, it must be a number with s, m or h")
+    if not text:
+        return 0.0
+    seconds = read_seconds(text)
+    if seconds is None or not 0.0 < seconds < math.inf:  # NaN too
+        raise ValueError(
+            f"--time is {text!r}, it must be a number above 0 with s, m or h, for example 10m"
+        )
     return seconds
 
 

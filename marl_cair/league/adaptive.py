@@ -86,7 +86,7 @@ def choose_round(
     difference times p (1 - p). Then the next one is chosen as if that job had been played.
     """
     chunks = _count_chunks(played, blocks_per_chunk)
-    met = _count_meetings(num_agents, played)
+    met = count_meetings(num_agents, played.line_ups)
     may_play = _find_open_pairs(num_agents, target, played, met, ladder)
     games = played.games.count_once()
     above, _ = count_pairs(num_agents, games)
@@ -147,10 +147,11 @@ def _count_chunks(played: Played, blocks_per_chunk: int) -> Counter[tuple[int, .
     return counted
 
 
-def _count_meetings(num_agents: int, played: Played) -> NDArray[np.int64]:
+def count_meetings(num_agents: int, line_ups: NDArray[np.int64]) -> NDArray[np.int64]:
+    """In how many games of line_ups [N, T] (sorted agents) each pair has met, [n, n]."""
     met = np.zeros((num_agents, num_agents), np.int64)
-    line_ups, games = np.unique(played.line_ups, axis=0, return_counts=True)
-    for line_up, number in zip(line_ups, games.tolist(), strict=True):
+    unique, games = np.unique(line_ups, axis=0, return_counts=True)
+    for line_up, number in zip(unique, games.tolist(), strict=True):
         members = np.unique(line_up)
         met[np.ix_(members, members)] += number
     np.fill_diagonal(met, 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -14,6 +15,7 @@ from marl_cair.files import find_folder
 from marl_cair.games import GAMES
 from marl_cair.games.game import Agent, Game
 from marl_cair.games.mixed_agent import MixedAgent
+from marl_cair.games.scenario_checks import restore_fields
 from marl_cair.league.foreign import ForeignAgent, load_foreign
 from marl_cair.league.mixtures import is_mixture, read_mixture
 from marl_cair.league.process import is_process, load_hosted, load_process
@@ -216,7 +218,7 @@ def find_scenario(
     named = [about.game for _, about in trained] + [name for name in prefixes if name in GAMES]
     game = find_by_name("game", game_name or next(iter([*named, *GAMES])), GAMES)
     seen = {
-        name: {"scenario": about.scenario, **about.scenario_options, "reward": game.rated_reward}
+        name: {**_find_trained(game, about), "reward": game.rated_reward}
         for name, about in trained
         if about.game == game.name
     }
@@ -230,6 +232,19 @@ def find_scenario(
                 f"{_tell_difference(other, chosen)}: say by --scenario what all are to play"
             )
     return game, chosen.pop("scenario"), chosen
+
+
+def _find_trained(game: Game, about: AgentDescription) -> dict[str, Any]:
+    """The scenario that a checkpoint was trained on: its name under "scenario", and its fields.
+
+    A scenario of the user's own (`register_scenario`) is not known in another process: then the
+    fields alone, of which a checkpoint has all, change the game's default.
+    """
+    fields, name = restore_fields(about.scenario_options), about.scenario
+    needed = {field.name for field in dataclasses.fields(game.scenario())}
+    if name not in game.scenarios and needed <= fields.keys():
+        name = game.default_scenario
+    return {"scenario": name, **fields}
 
 
 def _list_members(source: str) -> tuple[str, ...]:
@@ -260,7 +275,8 @@ def _load_checkpoint(path: Path, game: str | None, scenario: Any, epsilon: float
     chosen = find_by_name("game", about.game, GAMES)
     _check_version(path, about, chosen)
     if scenario is None:
-        played = chosen.scenario(about.scenario, **about.scenario_options)
+        trained = _find_trained(chosen, about)
+        played = chosen.scenario(trained.pop("scenario"), **trained)
     else:
         played = chosen.scenario(scenario) if isinstance(scenario, str) else scenario
     spec = chosen.make_spec(played)

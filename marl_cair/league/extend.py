@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from marl_cair.games.game import Agent
-from marl_cair.league.agents import find_fingerprint, load_agent, read_source
+from marl_cair.league.adaptive import count_meetings
+from marl_cair.league.agents import find_fingerprint, is_foreign, load_agent, read_source
 from marl_cair.league.arena import Load, Rules
 from marl_cair.league.league import LeagueConfig
+from marl_cair.league.process import HOSTED
 from marl_cair.league.store import STORE_FILE, AgentRecord, LeagueStore, LeagueStoreError
 
 
@@ -48,9 +50,11 @@ def plan_extension(
     for number, source in zip(played, ladder, strict=True):
         load_played(folder, rules, records[number], source, load)
     if games_per_pair is None:
-        _, counts = np.unique(np.sort(stored.agents, axis=1), axis=0, return_counts=True)
         size = stored.agents.shape[1]
-        games_per_pair = max(size, int(np.median(counts)) // size * size)
+        met = count_meetings(len(played), np.sort(np.searchsorted(played, stored.agents), axis=1))
+        counts = met[np.triu_indices(len(played), 1)]
+        median = int(np.median(counts[counts > 0])) if counts.any() else 0
+        games_per_pair = max(size, median // size * size)
     return LeagueConfig(
         agents=tuple(agents),
         game=game.name,
@@ -75,7 +79,14 @@ def load_played(
         CheckpointError, ForeignAgentError, UnknownNameError: it cannot be loaded.
     """
     agent = load(source, game=rules.game.name, scenario=rules.scenario)
-    if find_fingerprint(agent, rules.game) != record.fingerprint:
+    fingerprint = find_fingerprint(agent, rules.game)
+    was_hosted, is_hosted = (one.startswith(HOSTED) for one in (record.fingerprint, fingerprint))
+    if is_foreign(source) and was_hosted != is_hosted:
+        raise LeagueStoreError(
+            f"{source} has played in {folder} {'with' if was_hosted else 'without'} "
+            f"--answer-seconds: {'give' if was_hosted else 'leave out'} that option"
+        )
+    if fingerprint != record.fingerprint:
         raise LeagueStoreError(
             f"{source} is no longer the agent that has played in {folder} as {record.name}: "
             "bring that one back, or play a new league"

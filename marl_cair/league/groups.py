@@ -19,6 +19,7 @@ from scipy.special import log_expit
 ELO_PER_LOGIT = 400.0 / math.log(10.0)
 # At a smaller distance than the bound, winning every game would be rarer than this.
 SWEEP_PROBABILITY = 0.025
+_GRID = 128  # points between which gaps are interpolated
 _MAX_GAP_ELO = 20_000.0  # between two agents; beyond what any number of games shows
 
 
@@ -59,22 +60,41 @@ def require_comparison(names: Sequence[str], points: NDArray[np.float64], refere
 
 
 def find_gap(
-    upper: NDArray[np.float64], lower: NDArray[np.float64], counts: NDArray[np.float64]
+    upper: NDArray[np.float64],
+    lower: NDArray[np.float64],
+    counts: NDArray[np.float64],
+    probability: float = SWEEP_PROBABILITY,
 ) -> float:
     """Elo to add to `upper` [n] to be as far above `lower` [m] as a clean sweep shows at least.
 
     counts [n, m]: games of each upper agent against each lower one, all won by the upper. With
-    that distance such a sweep of independent games has the probability SWEEP_PROBABILITY. After
-    few games it is negative: one lost game shows little.
+    that distance such a sweep of independent games has the probability SWEEP_PROBABILITY, or
+    another one. After few games it is negative: one lost game shows little.
     """
     distances = upper[:, None] - lower
 
     def surplus(gap: float) -> float:
         logits = (distances + gap) / ELO_PER_LOGIT
-        return float((counts * log_expit(logits)).sum()) - math.log(SWEEP_PROBABILITY)
+        return float((counts * log_expit(logits)).sum()) - math.log(probability)
 
     widest = _MAX_GAP_ELO + float(np.abs(distances).max())
     return float(brentq(surplus, -widest, widest, xtol=1e-6))
+
+
+def draw_gaps(
+    upper: NDArray[np.float64],
+    lower: NDArray[np.float64],
+    counts: NDArray[np.float64],
+    chances: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """The gaps [S] of `find_gap` for probabilities [S], from 0.001 to 0.999 about: drawn evenly,
+    they are the distances that a sweep leaves possible, as likely as it makes them.
+    """
+    least, most = (find_gap(upper, lower, counts, end) for end in (0.001, 0.999))
+    grid = np.linspace(least, most, _GRID)
+    logits = (upper[:, None] - lower + grid[:, None, None]) / ELO_PER_LOGIT
+    told = (counts * log_expit(logits)).sum(axis=(1, 2))
+    return np.asarray(np.interp(np.log(np.maximum(chances, 1e-9)), told, grid), np.float64)
 
 
 def _find_reach(points: NDArray[np.float64]) -> NDArray[np.bool_]:

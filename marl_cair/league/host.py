@@ -14,7 +14,7 @@ import numpy as np
 
 from marl_cair.games import GAMES
 from marl_cair.games.scenario_checks import change_scenario, restore_fields
-from marl_cair.league.foreign import make_foreign
+from marl_cair.league.foreign import digest_code, make_foreign
 
 
 def serve(source: str, asked: IO[str], told: IO[str]) -> None:
@@ -26,11 +26,11 @@ def serve(source: str, asked: IO[str], told: IO[str]) -> None:
         answer: dict[str, Any]
         try:
             if message["type"] == "hello":
-                agent = _make(source, message)
+                agent, digest = _make(source, message)
                 seen = getattr(agent, "representation", next(iter(message["representations"])))
                 dtype = message["representations"][seen]["dtype"]
                 name = str(getattr(agent, "name", source))
-                answer = {"type": "ready", "name": name, "representation": seen}
+                answer = {"type": "ready", "name": name, "representation": seen, "digest": digest}
             else:
                 answer = {"actions": _ask(agent, message, dtype)}
         except Exception as error:  # noqa: BLE001  # whatever foreign code raises
@@ -48,11 +48,13 @@ def _ask(agent: Any, message: dict[str, Any], dtype: str) -> Any:
     return np.asarray(actions).tolist()
 
 
-def _make(source: str, hello: dict[str, Any]) -> Any:
+def _make(source: str, hello: dict[str, Any]) -> tuple[Any, str]:
+    """The agent, and the digest of its module's source; "" without one."""
     game = GAMES[hello["game"]]
     fields = restore_fields(hello["scenario"])
     scenario = change_scenario(game.name, game.scenario(None), fields)
-    return make_foreign(source, scenario, game.make_spec(scenario))[0]
+    agent, code = make_foreign(source, scenario, game.make_spec(scenario))
+    return agent, digest_code(source, code) if code else ""
 
 
 if __name__ == "__main__":

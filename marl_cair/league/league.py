@@ -72,6 +72,8 @@ class LeagueConfig:
         ):
             if value < 1:
                 raise ValueError(f"{name} is {value}, it must be 1 or more")
+        if self.seed < 0:
+            raise ValueError(f"seed is {self.seed}, it must be 0 or more")
         for name, limit in (
             ("half_width_elo (--ci)", self.half_width_elo),
             ("max_seconds (--time)", self.max_seconds),

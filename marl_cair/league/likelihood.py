@@ -86,7 +86,7 @@ class Likelihood:
     """
 
     def __init__(self, num_agents: int, rankings: Sequence[Rankings]) -> None:
-        """Rankings of the same K blocks, with disjoint sets of agents; one or more."""
+        """Rankings, one or more, that number their blocks alike."""
         num_teams, num_blocks = rankings[0].num_teams, max(r.num_blocks for r in rankings)
         self.num_agents, self.num_parameters = num_agents, num_agents + num_teams
         self.num_blocks = num_blocks
@@ -211,13 +211,18 @@ class Likelihood:
                 break
         return points
 
-    def find_curvature(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The observed information with the prior's, [n + T, n + T], with every block once."""
-        return self._curve(np.ones(self.num_blocks) @ self._weights, self._share(point))
+    def find_curvature(
+        self, point: NDArray[np.float64], block_weights: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """The observed information with the prior's, [n + T, n + T]; None: every block once."""
+        blocks = np.ones(self.num_blocks) if block_weights is None else block_weights
+        return self._curve(blocks @ self._weights, self._share(point))
 
-    def factorise(self, point: NDArray[np.float64]) -> Any:
+    def factorise(
+        self, point: NDArray[np.float64], block_weights: NDArray[np.float64] | None = None
+    ) -> Any:
         """The curvature at `point`, as `refit` takes it."""
-        return cho_factor(self.find_curvature(point))
+        return cho_factor(self.find_curvature(point, block_weights))
 
     def _share(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """The chance of each place of each set to be chosen from it: [..., P] -> [..., sets, T]."""

@@ -185,9 +185,7 @@ class Pool:
         # Read back, so that nothing of the learner is shared, and what plays is what lies on disk.
         agent = self._load(name)
         fingerprint = find_fingerprint(agent, self._game)
-        member = Member(
-            number, name, SNAPSHOT, age, fingerprint, kept, owner=owner, role=role
-        )
+        member = Member(number, name, SNAPSHOT, age, fingerprint, kept, owner=owner, role=role)
         self._members[number], self._agents[number] = member, agent
         self._retire_one()
         self.save_index()

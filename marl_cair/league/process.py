@@ -29,7 +29,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
-import importlib.util
 import json
 import math
 import os
@@ -48,10 +47,11 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.game import Game
+from marl_cair.games.game import Game, GameSpec
 from marl_cair.league.foreign import AgentFault, ForeignAgent, ForeignAgentError, digest_code
 
 PREFIX = "process:"
+HOSTED = "hosted"  # fingerprints of functions in a process of their own begin so
 PROTOCOL = 1
 ANSWER_SECONDS, START_SECONDS = 10.0, 60.0
 MAX_LINE_BYTES = 1 << 24
@@ -83,36 +83,36 @@ def load_process(
         raise ForeignAgentError(f"{source} names no command: give process:COMMAND")
     files = [Path(word).read_bytes() for word in command if Path(word).is_file()]
     fingerprint = f"process {digest_code(source, *files)}"
-    return _make(source, command, fingerprint, game, scenario, answer_seconds)
+    agent, spec = _start(source, command, game, scenario, answer_seconds)
+    return ForeignAgent(agent, source, spec, fingerprint)
 
 
 def load_hosted(source: str, game: Game, scenario: Any, answer_seconds: float) -> ForeignAgent:
     """As `foreign.load_foreign`, in a process of its own (`league.host`) with a time limit.
 
-    Each decision has its own seed (`seed` is called before `act`, if there is one).
+    Each decision has its own seed (`seed` is called before `act`, if there is one). The fingerprint
+    is of the source of the module, which only that process imports.
 
-    Raises: as `load_process`.
+    Raises: as `load_process`; ForeignAgentError too where the module has no source.
     """
-    module = source.partition(":")[0]
-    code = b""
-    with contextlib.suppress(ImportError, ValueError):
-        spec = importlib.util.find_spec(module)
-        if spec is not None and spec.origin and Path(spec.origin).is_file():
-            code = Path(spec.origin).read_bytes()
     command = [sys.executable, "-m", "marl_cair.league.host", source]
+    agent, spec = _start(source, command, game, scenario, answer_seconds)
+    if not agent.digest:
+        raise ForeignAgentError(
+            f"{source}: the module has no file to tell its versions apart by; give a function of a "
+            "module that is a file"
+        )
     # Another agent than in this process: it draws from other seeds.
-    fingerprint = f"hosted {digest_code(source, code)}"
-    return _make(source, command, fingerprint, game, scenario, answer_seconds)
+    return ForeignAgent(agent, source, spec, f"{HOSTED} {agent.digest}")
 
 
-def _make(
+def _start(
     source: str,
     command: Sequence[str],
-    fingerprint: str,
     game: Game,
     scenario: Any,
     answer_seconds: float | None,
-) -> ForeignAgent:
+) -> tuple[ProcessAgent, GameSpec]:
     limit = ANSWER_SECONDS if answer_seconds is None else answer_seconds
     if not 0.0 < limit < math.inf:
         raise ValueError(f"answer_seconds is {limit}, it must be above 0 and finite")
@@ -136,7 +136,7 @@ def _make(
         raise ForeignAgentError(
             f"{source} {error}: it must answer a line as marl_cair.league.process says"
         ) from error
-    return ForeignAgent(agent, source, spec, fingerprint)
+    return agent, spec
 
 
 class ProcessAgent:
@@ -155,7 +155,7 @@ class ProcessAgent:
     def __init__(
         self, command: Sequence[str], source: str, hello: Mapping[str, Any], answer_seconds: float
     ) -> None:
-        self.name = source
+        self.name, self.digest = source, ""
         self._command, self._hello, self._limit = list(command), dict(hello), answer_seconds
         self._seed, self._step = 0, 0
         self._line: _Line | None = None
@@ -168,7 +168,10 @@ class ProcessAgent:
         if ready.get("type") != "ready":
             self._stop()
             raise AgentFault(f"wrote {_shorten(json.dumps(ready))}, and not that it is ready")
-        for attribute in ("name", "representation"):
+        if self.digest and ready.get("digest") != self.digest:
+            self._stop()
+            raise AgentFault("is no longer the agent that has begun: its code has changed")
+        for attribute in ("name", "representation", "digest"):
             if attribute in ready:
                 setattr(self, attribute, str(ready[attribute]))
         return line

@@ -10,24 +10,18 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from marl_cair.league.groups import (
     ELO_PER_LOGIT,
+    SWEEP_PROBABILITY,
+    draw_gaps,
     find_gap,
     find_groups,
     require_comparison,
-    split_core,
 )
 from marl_cair.league.intervals import CONFIDENCE
-from marl_cair.league.likelihood import (
-    MAX_NUMBERS,
-    PRIOR_ELO,
-    SEAT_PRIOR_ELO,
-    Likelihood,
-    Rankings,
-)
+from marl_cair.league.likelihood import PRIOR_ELO, SEAT_PRIOR_ELO, Likelihood, Rankings
+from marl_cair.league.resampling import Resamples, resample
 
 NUM_BOOTSTRAPS = 500
 ANCHOR = "random"  # rated 0 where it takes part
@@ -91,7 +85,8 @@ class Rating:
             neither itself nor through others: its ratings may all be larger by one unknown number.
             "upper" where it never took one: they may all be smaller. "" in the group of the zero.
         group: of agents that took points off each other, directly or through others; 0 is the best.
-        probability_first: share of the resamples in which it is the best of all.
+        probability_first: share of the resamples in which it is the best of all; between groups
+            the distance is drawn from those that the clean sweep leaves possible.
     """
 
     name: str
@@ -137,6 +132,13 @@ class Ladder:
     seats: tuple[Estimate, ...]
 
 
+def is_stronger(above: Rating, below: Rating, gap: Estimate | None) -> bool:
+    """Whether the first is surely stronger; gap: their difference, None between groups, where a
+    clean sweep of a few games shows nothing.
+    """
+    return (above.elo - below.elo if gap is None else gap.low) > 0.0
+
+
 def describe_method(seed: int) -> dict[str, Any]:
     """What ratings depend on beside the games, as plain data."""
     return {
@@ -144,6 +146,7 @@ def describe_method(seed: int) -> dict[str, Any]:
         "prior_elo": PRIOR_ELO,
         "seat_prior_elo": SEAT_PRIOR_ELO,
         "bootstraps": NUM_BOOTSTRAPS,
+        "pseudo_blocks": "one for each rating, by leverage",
         "confidence": CONFIDENCE,
         "seed": seed,
     }
@@ -155,7 +158,7 @@ def rate(names: Sequence[str], games: Games, seed: int = 0) -> Ladder:
     `random` is 0 where it takes part, else the mean of the largest group. Ratings have a normal
     prior of standard deviation PRIOR_ELO about the mean of their group, seat advantages one of
     SEAT_PRIOR_ELO about 0. The bootstrap draws whole blocks (a map seed in all its seatings), never
-    single games. Repeats are not counted.
+    single games; `resampling` says what it adds to them. Repeats are not counted.
 
     Raises:
         ValueError: no games, or agents that no chain of games compares with the others; names them.
@@ -167,11 +170,17 @@ def rate(names: Sequence[str], games: Games, seed: int = 0) -> Ladder:
     groups = find_groups(above)
     home = _find_home(names, groups)
     require_comparison(names, above, groups[home][0])
-    model = Likelihood(len(names), [_restrict(games, group) for group in groups])
-    samples = _Samples(model, games, groups, above, np.random.default_rng(seed))
-    elo = _place_groups(groups, home, ELO_PER_LOGIT * samples.point[: len(names)], meetings)
+    rankings = [_restrict(games, group) for group in groups]
+    model, rng = Likelihood(len(names), rankings), np.random.default_rng(seed)
+    point = model.fit(np.ones(model.num_blocks))
+    whole = Rankings(games.agents, games.ranks, games.blocks)
+    resamples = resample(len(names), whole, rankings, point, groups, NUM_BOOTSTRAPS, rng)
+    fitted = ELO_PER_LOGIT * point[: len(names)]
+    elo = _place_groups(groups, home, fitted, meetings)
     if ANCHOR in names:
         elo -= elo[names.index(ANCHOR)]
+    moved = _draw_places(groups, home, fitted, meetings, rng)
+    samples = _Samples(point, resamples, groups, moved)
     return samples.make_ladder(names, elo, groups, home, games)
 
 
@@ -229,19 +238,52 @@ def _place_groups(
     home: int,
     fitted: NDArray[np.float64],
     meetings: NDArray[np.float64],
+    probability: float = SWEEP_PROBABILITY,
 ) -> NDArray[np.float64]:
-    """Elo [agents]: the home group's mean is 0, the others lie as far away as is sure."""
+    """Elo [agents]: the home group's mean is 0, the others lie as far away as is sure, or as a
+    sweep of another probability says.
+    """
     elo = fitted.copy()
     for group in groups:
         elo[group] -= elo[group].mean()
     placed = list(groups[home])
     for group in groups[home + 1 :]:
-        elo[group] += find_gap(elo[group], elo[placed], meetings[np.ix_(group, placed)])
+        elo[group] += find_gap(
+            elo[group], elo[placed], meetings[np.ix_(group, placed)], probability
+        )
         placed += group
     for group in reversed(groups[:home]):
-        elo[group] -= find_gap(elo[placed], elo[group], meetings[np.ix_(placed, group)])
+        elo[group] -= find_gap(
+            elo[placed], elo[group], meetings[np.ix_(placed, group)], probability
+        )
         placed += group
     return elo
+
+
+def _draw_places(
+    groups: Sequence[list[int]],
+    home: int,
+    fitted: NDArray[np.float64],
+    meetings: NDArray[np.float64],
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Where the mean of each agent's group may lie, Elo [samples, agents]: a group that has won a
+    few games only may as well be below the next.
+    """
+    elo = _place_groups(groups, home, fitted, meetings, 0.5)
+    moved = np.zeros((NUM_BOOTSTRAPS, len(elo)))
+    placed = list(groups[home])
+    for nearer, further in ((groups[home + 1 :], 1.0), (groups[:home][::-1], -1.0)):
+        total = np.zeros(NUM_BOOTSTRAPS)
+        for group in nearer:
+            upper, lower = (group, placed) if further > 0.0 else (placed, group)
+            counts, chances = meetings[np.ix_(upper, lower)], rng.random(NUM_BOOTSTRAPS)
+            total = total + further * draw_gaps(elo[upper], elo[lower], counts, chances)
+            moved[:, group] = total[:, None]
+            placed += group
+    for group in groups:
+        moved[:, group] += elo[group].mean()
+    return moved
 
 
 class _Samples:
@@ -249,54 +291,19 @@ class _Samples:
 
     def __init__(
         self,
-        model: Likelihood,
-        games: Games,
+        point: NDArray[np.float64],
+        resamples: Resamples,
         groups: Sequence[list[int]],
-        above: NDArray[np.float64],
-        rng: np.random.Generator,
+        moved: NDArray[np.float64],
     ) -> None:
-        num_agents, num_blocks = len(above), model.num_blocks
-        self.point = model.fit(np.ones(num_blocks))
-        factor = model.factorise(self.point)
-        pairs = _pair_blocks(num_agents, games)
-        points = np.empty((NUM_BOOTSTRAPS, model.num_parameters))
-        counted = np.empty((NUM_BOOTSTRAPS, num_agents**2))
-        size = max(1, MAX_NUMBERS // num_blocks)
-        for first in range(0, NUM_BOOTSTRAPS, size):
-            part = slice(first, min(first + size, NUM_BOOTSTRAPS))
-            drawn = rng.integers(num_blocks, size=(part.stop - first, num_blocks))
-            weights = np.stack([np.bincount(row, minlength=num_blocks) for row in drawn])
-            points[part] = model.refit(self.point, weights.astype(np.float64), factor)
-            counted[part] = weights @ pairs
-        points *= ELO_PER_LOGIT
-        self.fitted, self.seats = points[:, :num_agents], points[:, num_agents:]
+        """moved: Elo [S, n] of the mean of the agent's group."""
+        self.point, self.moved = point, moved
+        self.fitted = ELO_PER_LOGIT * resamples.ratings
         for group in groups:
             self.fitted[:, group] -= self.fitted[:, group].mean(1, keepdims=True)
+        self.seats = ELO_PER_LOGIT * resamples.seats
         self.seats -= self.seats.mean(1, keepdims=True)
-        self.open_high, self.open_low = np.zeros((2, num_agents))
-        self._note_open(groups, above, counted)
-
-    def _note_open(
-        self,
-        groups: Sequence[list[int]],
-        above: NDArray[np.float64],
-        samples: NDArray[np.float64],
-    ) -> None:
-        """Count who has left the largest part of its group upwards, and who downwards.
-
-        samples [S, n * n]: `above` of each resample.
-        """
-        # Where every arrow between two agents is still there, no group has fallen apart.
-        has_lost = (samples <= 0.0)[:, above.ravel() > 0.0].any(axis=1)
-        for sample in samples[has_lost]:
-            pairs = sample.reshape(above.shape)
-            parts = connected_components(pairs > 0.0, directed=True, connection="strong")[0]
-            if parts == len(groups):
-                continue
-            for group in groups:
-                core, is_above = split_core(pairs[np.ix_(group, group)])
-                self.open_high[group] += ~core & is_above
-                self.open_low[group] += ~core & ~is_above
+        self.open_low, self.open_high = resamples.open_low, resamples.open_high
 
     def make_ladder(
         self,
@@ -307,7 +314,7 @@ class _Samples:
         games: Games,
     ) -> Ladder:
         """The ladder with the ratings `elo` [n], 0 at the zero of the scale."""
-        best = self._find_best(groups[-1], len(names))
+        best = self._find_best()
         ratings = []
         for place, group in enumerate(groups):
             mean = elo[group].mean()
@@ -334,11 +341,10 @@ class _Samples:
         ratings.sort(key=lambda rating: (rating.group, -rating.elo, rating.name))
         return Ladder(tuple(ratings), self._compare(names, ratings, elo), self._rate_seats())
 
-    def _find_best(self, top: Sequence[int], num_agents: int) -> NDArray[np.float64]:
+    def _find_best(self) -> NDArray[np.float64]:
         """Share of the samples in which each agent is first; equal ones share the place."""
-        is_first = np.zeros((NUM_BOOTSTRAPS, num_agents))
-        inside = self.fitted[:, top]
-        is_first[:, top] = inside >= inside.max(1, keepdims=True) - 1e-6
+        placed = self.fitted + self.moved
+        is_first = placed >= placed.max(1, keepdims=True) - 1e-6
         return np.asarray((is_first / is_first.sum(1, keepdims=True)).mean(0), np.float64)
 
     def _compare(
@@ -369,18 +375,3 @@ class _Samples:
 def _find_ends(samples: NDArray[np.float64], value: float) -> tuple[float, float]:
     low, high = np.quantile(samples, (TAIL, 1.0 - TAIL))
     return min(float(low), float(value)), max(float(high), float(value))
-
-
-def _pair_blocks(num_agents: int, games: Games) -> csr_array:
-    """Whether the pair's first came in above its second, or level, [blocks, n * n]."""
-    num_teams = games.agents.shape[1]
-    rows, columns = [], []
-    for one in range(num_teams):
-        for two in range(num_teams):
-            own, other = games.agents[:, one], games.agents[:, two]
-            took = np.flatnonzero((own != other) & (games.ranks[:, one] <= games.ranks[:, two]))
-            rows.append(games.blocks[took])
-            columns.append(own[took] * num_agents + other[took])
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    shape = int(games.blocks.max()) + 1, num_agents**2
-    return csr_array((np.ones(len(row)), (row, column)), shape=shape)

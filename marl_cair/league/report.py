@@ -136,7 +136,7 @@ def _list_differences(table: LeagueTable) -> tuple[Sequence[str], list[tuple[Any
         own, other = table.ratings[row], table.ratings[column]
         elo = own.elo - other.elo
         ends = ("", "") if gap is None else (f"{gap.low:.2f}", f"{gap.high:.2f}")
-        bound = "" if gap else "lower" if elo > 0.0 else "upper"
+        bound = "" if gap else "lower" if own.group < other.group else "upper"
         rows.append((own.name, other.name, f"{elo:.2f}", *ends, bound))
     return header, rows
 

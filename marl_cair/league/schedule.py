@@ -6,6 +6,7 @@ called or on the order in which they were named.
 
 from __future__ import annotations
 
+import heapq
 import itertools
 from collections import Counter
 from typing import NamedTuple
@@ -46,12 +47,20 @@ def schedule_meetings(
         raise ValueError(
             "all agents are on the ladder, which is not played again: name an agent that is not"
         )
+    if num_teams == 2:
+        rounds = range(-(-meetings // games_per_chunk))
+        return [Job(pair, chunk) for chunk in rounds for pair in pairs]
     met = np.zeros((num_agents, num_agents), np.int64)
     chunks: Counter[tuple[int, ...]] = Counter()
     jobs: list[Job] = []
+    waiting = [(0, place) for place in range(len(pairs))]  # a heap: games met in, as last seen
     while True:
-        pair = min(pairs, key=lambda pair: int(met[pair]))
-        if met[pair] >= meetings:
+        seen, place = waiting[0]
+        pair = pairs[place]
+        if seen < met[pair]:  # it has met meanwhile: never less, so that the rest stays in order
+            heapq.heapreplace(waiting, (int(met[pair]), place))
+            continue
+        if seen >= meetings:
             return jobs
         line_up = fill_line_up(pair, num_teams, met)
         for one, two in itertools.permutations(sorted(set(line_up)), 2):
@@ -64,10 +73,6 @@ def fill_line_up(pair: tuple[int, int], num_teams: int, met: NDArray[np.int64]) 
     """The pair and, one by one, who has met those chosen least; met int [agents, agents] games."""
     chosen = list(pair)
     while len(chosen) < num_teams:
-        copies = Counter(chosen)
-        ranked = [
-            (copies[agent], int(met[agent, chosen].sum()), int(met[agent].sum()), agent)
-            for agent in range(len(met))
-        ]
-        chosen.append(min(ranked)[-1])
+        copies = np.bincount(chosen, minlength=len(met))
+        chosen.append(int(np.lexsort((met.sum(1), met[:, chosen].sum(1), copies))[0]))
     return tuple(sorted(chosen))

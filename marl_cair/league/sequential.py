@@ -33,6 +33,7 @@ from marl_cair.league.playing import CHUNKS_AT_ONCE
 ERROR_RATE = 0.05  # of deciding for the wrong one of the two differences, either way
 PSEUDO_COUNT = 1e-3  # blocks of each outcome, so that none is impossible before it was seen
 ELO_SCALE = 400.0
+MOST_ELO = 4_000.0  # of a hypothesis: a score of 1 - 1e-10
 
 Verdict = Literal["higher", "lower", "undecided", "repeats"]
 
@@ -42,7 +43,7 @@ class SequentialTest:
     """Whether A is `higher` or `lower` Elo above B, whichever is likelier.
 
     Raises:
-        ValueError: the two are not in rising order, or no finite numbers.
+        ValueError: the two are not in rising order, or beyond MOST_ELO.
     """
 
     lower: float
@@ -51,6 +52,11 @@ class SequentialTest:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.lower) and math.isfinite(self.higher)):
             raise ValueError(f"{self.lower} and {self.higher} Elo must be finite numbers")
+        if max(abs(self.lower), abs(self.higher)) > MOST_ELO:
+            raise ValueError(
+                f"the test is between {self.lower:g} and {self.higher:g} Elo: give numbers in "
+                f"{-MOST_ELO:g}..{MOST_ELO:g}, beyond which every game is won"
+            )
         if self.lower >= self.higher:
             raise ValueError(
                 f"the test is between {self.lower:g} and {self.higher:g} Elo: give the smaller "
@@ -64,10 +70,12 @@ class SequentialTest:
 
     def ratio(self, scores: Sequence[float], num_teams: int = 2) -> float:
         """Log-likelihood ratio of `higher` to `lower`, from block scores in 0..1."""
-        outcomes = Counter({share / num_teams: 0 for share in range(num_teams + 1)})
-        if num_teams == 2:
-            outcomes.update({0.25: 0, 0.75: 0})
-        outcomes.update(round(float(score), 9) for score in scores)
+        outcomes = start_count(num_teams)
+        outcomes.update(_round(float(score)) for score in scores)
+        return self.ratio_of_counts(outcomes, num_teams)
+
+    def ratio_of_counts(self, outcomes: Counter[float], num_teams: int = 2) -> float:
+        """As `ratio`, from how often each block score has occurred (see `start_count`)."""
         values = np.array(sorted(outcomes))
         counts = np.array([outcomes[value] for value in values.tolist()]) + PSEUDO_COUNT
         expected = [find_score(elo, num_teams) for elo in (self.lower, self.higher)]
@@ -89,6 +97,18 @@ class SequentialResult:
     verdict: Verdict
     ratio: float
     match: MatchResult
+
+
+def start_count(num_teams: int) -> Counter[float]:
+    """Scores that a block of games without draws may have, each 0 times; of two also with draws."""
+    outcomes = Counter({share / num_teams: 0 for share in range(num_teams + 1)})
+    if num_teams == 2:
+        outcomes.update({0.25: 0, 0.75: 0})
+    return outcomes
+
+
+def _round(score: float) -> float:
+    return round(score, 9)
 
 
 def find_score(elo: float, num_teams: int = 2) -> float:
@@ -126,13 +146,13 @@ def play_sequentially(
     if num_blocks < 1:
         raise ValueError(f"max_games is {max_games}, a block has {num_teams} games: give more")
     counted: list[GameResult] = []
-    scores: list[float] = []
+    outcomes = start_count(num_teams)
     seen: set[tuple[int, str]] = set()
     chunks = range(-(-num_blocks // BLOCKS_PER_CHUNK))
     for start in chunks[::CHUNKS_AT_ONCE]:
         part = chunks[start : start + CHUNKS_AT_ONCE]
         played = play_chunks(*agents, game, scenario, seed, part, identities).results
-        before = len(scores)
+        before = len(counted)
         for first in range(0, len(played), num_teams):
             block = played[first : first + num_teams]
             if block[0].block >= num_blocks:
@@ -142,12 +162,12 @@ def play_sequentially(
                 continue
             seen |= shown
             counted += block
-            scores.append(float(np.mean([result.score for result in block])))
-            ratio = test.ratio(scores, num_teams)
+            outcomes[_round(float(np.mean([result.score for result in block])))] += 1
+            ratio = test.ratio_of_counts(outcomes, num_teams)
             if abs(ratio) >= test.limit:
                 verdict: Verdict = "higher" if ratio > 0.0 else "lower"
                 return SequentialResult(verdict, ratio, MatchResult(tuple(counted), num_teams))
-        if len(scores) == before:
+        if len(counted) == before:
             return SequentialResult("repeats", ratio, MatchResult(tuple(counted), num_teams))
         if listen is not None:
             listen(ratio, len(counted))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from marl_cair.league.beyond import Beyond, look_beyond
 from marl_cair.league.payoffs import find_payoffs
-from marl_cair.league.ratings import ANCHOR, Games, Ladder, Rating, rate
+from marl_cair.league.ratings import ANCHOR, Games, Ladder, Rating, is_stronger, rate
 from marl_cair.league.shares import Share, find_team_shares
 
 
@@ -54,6 +54,13 @@ class LeagueTable:
         """Float64 [n, n] points / counts; not a number where nothing was played."""
         shares = self.points / np.maximum(self.counts, 1)
         return np.where(self.counts > 0, shares, np.nan)
+
+    def tells_apart(self, above: int, below: int) -> bool:
+        """Whether the agent `above`, which has the higher rating, is surely the stronger one."""
+        if self.ladder is None:
+            return False
+        gap = self.ladder.differences[above][below]
+        return is_stronger(self.ratings[above], self.ratings[below], gap)
 
     def pair(self, row: int, column: int) -> Share | None:
         """What the row scores against the column; None where nothing was played."""

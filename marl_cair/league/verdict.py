@@ -42,11 +42,10 @@ def tell_verdict(table: LeagueTable) -> list[str]:
 
 def _find_rivals(table: LeagueTable) -> list[str]:
     """Who cannot be told from the first."""
-    gaps = table.ladder.differences[0] if table.ladder else ()
     return [
         table.names[place]
-        for place, gap in enumerate(gaps)
-        if place and gap is not None and gap.low <= 0.0
+        for place in range(1, len(table.ratings))
+        if not table.tells_apart(0, place)
     ]
 
 
@@ -54,6 +53,8 @@ def _tell_best(table: LeagueTable) -> str:
     best, second = table.ratings[:2]
     sure = f"it comes first in {best.probability_first:.0%} of the resamples"
     gap = table.ladder.differences[0][1] if table.ladder else None
+    if gap is None and not table.tells_apart(0, 1):
+        return f"{best.name} took all points off {second.name}, in too few games to tell: {sure}."
     if gap is None:
         return (
             f"No agent of the groups below took a single point off {best.name}'s: how far ahead it "
@@ -72,8 +73,7 @@ def _tell_alike(table: LeagueTable) -> str:
     """Pairs that cannot be told apart; of many the first and how many there are."""
     alike = []
     for above, below in combinations(range(len(table.names)), 2):
-        gap = table.ladder.differences[above][below] if table.ladder else None
-        if gap is not None and gap.low <= 0.0:
+        if not table.tells_apart(above, below):
             alike.append(f"{table.names[above]} and {table.names[below]}")
     if not alike:
         return "All agents can be told apart."

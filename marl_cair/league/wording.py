@@ -11,13 +11,14 @@ import numpy as np
 from marl_cair.league.beyond import describe_beyond
 from marl_cair.league.groups import SWEEP_PROBABILITY
 from marl_cair.league.likelihood import PRIOR_ELO
-from marl_cair.league.ratings import Estimate, Rating
+from marl_cair.league.ratings import Estimate, Rating, is_stronger
 from marl_cair.league.table import LeagueTable
 
 BOUND_SIGNS = {"": "", "lower": ">=", "upper": "<="}
 CAVEAT = (
     "Intervals (95 %) of ratings are against the mean of all agents (of the group, where a line\n"
-    "parts groups), by resampling map seeds; `first` is how often an agent came first in them.\n"
+    "parts groups), by resampling map seeds, with half a won and half a lost block for each\n"
+    "rating; `first` is how often an agent came first in them.\n"
     f"Prior: normal, standard deviation {PRIOR_ELO:.0f} Elo about that mean. All is about these\n"
     "very agents and games and says nothing of how another training run would turn out."
 )
@@ -134,20 +135,17 @@ def compare_pairs(table: LeagueTable) -> list[str]:
         return lines
     for above, below in combinations(range(len(table.names)), 2):
         gap = table.ladder.differences[above][below]
-        if below == above + 1 or (gap is not None and gap.low <= 0.0):
+        if below == above + 1 or not table.tells_apart(above, below):
             lines.append(compare_in_words(table.ratings[above], table.ratings[below], gap))
     return lines
 
 
 def compare_in_words(above: Rating, below: Rating, gap: Estimate | None) -> str:
     """Who of the two is stronger, and by how much; `above` has the higher rating."""
-    if gap is None:
-        return (
-            f"{above.name} is stronger than {below.name}: {above.elo - below.elo:+.0f} or more "
-            "(no point went the other way)"
-        )
-    numbers = f"{gap.elo:+.0f} [{gap.low:+.0f}, {gap.high:+.0f}]"
-    if gap.low > 0.0:
+    numbers = f"{above.elo - below.elo:+.0f} or more (no point went the other way)"
+    if gap is not None:
+        numbers = f"{gap.elo:+.0f} [{gap.low:+.0f}, {gap.high:+.0f}]"
+    if is_stronger(above, below, gap):
         return f"{above.name} is stronger than {below.name}: {numbers}"
     return f"{above.name} and {below.name} cannot be told apart: {numbers}"
 

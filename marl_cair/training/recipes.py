@@ -182,6 +182,7 @@ RECIPES = {
             "demonstration.turn_decisions=18",
             "demonstration.advise=true",
             "demonstration.margin=0.2",
+            "demonstration.margin_weight=3",
             "learner.n_steps=3",
             "learner.batch_size=64",
             "learner.learning_rate=1e-3",

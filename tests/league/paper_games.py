@@ -47,6 +47,12 @@ def simulate(strengths, blocks_per_pair, seed, seat=0.0, map_spread=0.0, draws=0
     return from_rows(rows)
 
 
+def count_results(games):
+    """What two agents' ratings depend on: how often a block gave each pair of results."""
+    points = games.points[:, 0].reshape(-1, 2)  # in the first seat, first of one, then of the other
+    return tuple(np.bincount((2 * points[:, 0] + points[:, 1]).astype(int), minlength=4).tolist())
+
+
 def simulate_orders(strengths, num_blocks, num_teams, seed):
     """Plackett-Luce orders of random groups, each played in all rotations."""
     rng = np.random.default_rng(seed)

@@ -1,11 +1,18 @@
 """`marl-cair league` and `marl-cair evaluate`: what they tell, and what they refuse in one line."""
 
 import csv
+import dataclasses
+import json
+from types import SimpleNamespace
 
 import pytest
 
+from marl_cair.checkpoint import DESCRIPTION_FILE
 from marl_cair.cli import evaluate, league, main
-from tests.league.players import save_network
+from marl_cair.games import GAMES
+from marl_cair.league import agents
+from marl_cair.league.agents import find_scenario, load_agent
+from tests.league.players import GAME, save_network
 from tests.refusals import assert_refused
 
 BOTS = ["random", "turtle", "--scenario", "11x11", "--games", "2", "--no-replays"]
@@ -27,6 +34,8 @@ def test_help_tells_each_option_with_its_default(command):
     ("words", "message"),
     [
         (["league", "random", "rushr"], "nearest are 'rusher'"),
+        (["league", "random", "rusher", "--seed", "-1"], "seed is -1, it must be 0 or more"),
+        (["league", "random", "rusher", "--time", "0s"], "--time is '0s', it must be a number"),
         (["league", "random"], "a league needs two or more"),
         (["league", "random", "random"], "random is given twice"),
         (["league", "random", "turtle", "--games", "5"], "games_per_pair (--games) is 5"),
@@ -87,3 +96,28 @@ def test_evaluate_plays_on_the_scenario_of_the_checkpoint(tmp_path, capsys):
     (row,) = csv.DictReader(table.read_text("utf-8").splitlines())
     assert (row["opponent"], row["games"]) == ("random", "2")
     assert float(row["low"]) <= float(row["win_rate"]) <= float(row["high"])
+
+
+def test_an_agent_of_a_scenario_that_nobody_knows_here_is_loaded_by_its_fields(tmp_path, capsys):
+    """Another process has registered it."""
+    net = save_network(tmp_path / "net", max_ticks=300)
+    about = tmp_path / "net" / DESCRIPTION_FILE
+    held = json.loads(about.read_text("utf-8"))
+    about.write_text(json.dumps({**held, "scenario": "mine"}), "utf-8")
+    trained = GAME.scenario("11x11", max_ticks=300, reward=GAME.rated_reward)
+    game, name, fields = find_scenario([net])
+    assert game.scenario(name, **fields) == trained
+    assert load_agent(net).name == "net"
+    words = ["league", net, "random", "--games", "2", "--no-replays"]
+    assert main([*words, "--out", str(tmp_path / "league")]) == 0
+    assert "net" in capsys.readouterr().out
+
+
+def test_fields_that_are_lists_in_the_file_are_tuples(tmp_path, monkeypatch):
+    game, name = GAMES["deep_rts"], "Teams-2v2-15x15"
+    scenario = game.scenario(name, reward=game.rated_reward)
+    options = json.loads(json.dumps(dataclasses.asdict(scenario)))
+    about = SimpleNamespace(game="deep_rts", scenario=name, scenario_options=options)
+    monkeypatch.setattr(agents, "read_description", lambda source: about)
+    _, found, fields = find_scenario([str(tmp_path)])
+    assert hash(game.scenario(found, **fields)) == hash(scenario)  # a list has none

@@ -1,14 +1,19 @@
 """`marl-cair league add`: new agents meet those of a league, and nobody else plays anew."""
 
 import dataclasses
+import functools
 import json
 import sqlite3
 
 import pytest
 
 from marl_cair.cli import add, main
-from marl_cair.league.extend import plan_extension
-from marl_cair.league.store import LeagueStore, LeagueStoreError
+from marl_cair.league.agents import load_agent
+from marl_cair.league.arena import Rules
+from marl_cair.league.extend import load_played, plan_extension
+from marl_cair.league.league import LeagueConfig, play_league
+from marl_cair.league.store import AgentRecord, LeagueStore, LeagueStoreError
+from tests.games import last_standing
 from tests.league.players import GAME, save_network
 
 
@@ -34,6 +39,37 @@ def test_the_file_says_all_that_is_needed(league):
     assert (plan.seed, plan.games_per_pair, plan.seating) == (3, 8, "all")  # chunks are whole
     scenario = GAME.scenario("11x11", reward=GAME.rated_reward)
     assert plan.scenario_options == dataclasses.asdict(scenario)
+
+
+def test_of_many_teams_pairs_count_and_not_line_ups(tmp_path, monkeypatch):
+    last_standing.register(monkeypatch)
+    config = LeagueConfig(
+        agents=("random", "finisher", "idle", "quitter"),
+        game=last_standing.NAME,
+        scenario="ffa-3",
+        games_per_pair=24,
+        out=str(tmp_path),
+        replays=False,
+    )
+    play_league(config, show_progress=False)
+    # Each of the four line-ups has 12 games, each pair is in two of them.
+    assert plan_extension(tmp_path, ["scorer"]).games_per_pair == 24
+
+
+def test_a_league_with_a_limit_names_the_option(tmp_path):
+    source = "tests.league.players:make_first_legal"
+    words = ["random", source, "--scenario", "11x11", "--games", "2", "--no-replays"]
+    folder = tmp_path / "league"
+    limit = ["--answer-seconds", "60"]
+    assert main(["league", *words, *limit, "--out", str(folder)]) == 0
+    with pytest.raises(LeagueStoreError, match="with --answer-seconds: give that option"):
+        plan_extension(folder, ["turtle"])
+    load = functools.partial(load_agent, answer_seconds=60.0)
+    assert source in plan_extension(folder, ["turtle"], load=load).ladder
+    record = AgentRecord("foreign 00", "x", "foreign", "its own", "1", "{}")
+    rules = Rules(GAME, GAME.scenario("11x11"), 0, "all")
+    with pytest.raises(LeagueStoreError, match="without --answer-seconds: leave out that option"):
+        load_played(folder, rules, record, source, load)
 
 
 def test_a_new_agent_meets_everybody(league, capsys):

@@ -4,7 +4,8 @@ import re
 
 import pytest
 
-from marl_cair.cli import main, match
+from marl_cair.cli import evaluate, main, match
+from marl_cair.league.match import GameResult, MatchResult
 from tests.games import last_standing
 from tests.games.last_standing import NAME
 
@@ -97,6 +98,7 @@ def test_heldout_map_is_short_for_the_heldout_variants_map():
     ("words", "message"),
     [
         (["scenario=ffa-3", "gian=3"], "unknown last_standing option 'gian': nearest are 'gain'"),
+        (["scenario=ffa-3", "sprt=0,200000"], "between 0 and 200000 Elo: give numbers in -4000"),
         (["scenario=ffa-3", "gain"], "'gain' is no option: write field=value"),
         (["scenario=ffa-3", "reward=shaped"], "leave it out, matches are played with the rated"),
         (["scenario=ffa-3", "far.gain=many"], "far.gain is 'many', it must be a whole number"),
@@ -123,6 +125,25 @@ def test_evaluate_plays_games_of_many_in_whole_blocks(capsys):
     row = told.splitlines()[2].split()
     assert row[:5] == ["idle", "12", "12", "0", "0"]
     assert row[5:8] == ["100.0%", "[75.8%,", "100.0%]"]
+
+
+def test_evaluate_and_match_have_the_same_interval():
+    """Also where both games of a map seed end alike, which games counted singly do not bear."""
+    games = [
+        GameResult(block, seat, seat if block % 2 else 1 - seat, False, 9, f"{block} {seat}")
+        for block in range(20)
+        for seat in range(2)
+    ]
+    result = MatchResult(tuple(games))
+    low, high = result.interval()
+    assert f"50.0% [{low:.1%}, {high:.1%}]" in evaluate.format_row("b", result, 1)
+    assert high - low > 0.4  # of 40 independent games: 0.3
+
+
+def test_evaluate_needs_a_rival_where_there_are_rivals(capsys):
+    told = tell(capsys, "evaluate", "finisher", "--scenario", "duel", "--against", code=2)
+    assert "--against is empty: name one or more opponents" in told
+    assert "ended" in tell(capsys, "evaluate", "idle", "--scenario", "alone", "--against")
 
 
 def test_evaluate_rates_each_apart_where_one_plays_alone(capsys):

@@ -143,7 +143,9 @@ def test_a_crash_while_a_snapshot_is_written_again_keeps_the_old_one(tmp_path):
     pool = make_pool(tmp_path)
     member = freeze(pool, 10)
     folder = tmp_path / "snapshots" / member.name
-    folder.rename(folder.with_name(f".{folder.name}.marl_cair.old"))  # killed between the two renames
+    folder.rename(
+        folder.with_name(f".{folder.name}.marl_cair.old")
+    )  # killed between the two renames
     pool = make_pool(tmp_path)
     pool.reopen()
     assert find_fingerprint(pool.agent(member.number), GAME) == member.fingerprint

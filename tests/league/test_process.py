@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from marl_cair.league.agents import describe_agent, is_checkpoint, load_agent
-from marl_cair.league.foreign import ForeignAgentError
+from marl_cair.league.foreign import AgentFault, ForeignAgentError, digest_code
 from marl_cair.league.host import serve
 from marl_cair.league.match import play_match
 from marl_cair.league.process import is_process, load_process
@@ -179,7 +179,12 @@ def make_slow(scenario, spec):
         serve(f"{module}:make", io.StringIO("\n".join(map(json.dumps, asked))), told)
         answers = [json.loads(line) for line in told.getvalue().splitlines()]
         assert answers == [
-            {"type": "ready", "name": "hosted_agents:make", "representation": "vector"},
+            {
+                "type": "ready",
+                "name": "hosted_agents:make",
+                "representation": "vector",
+                "digest": digest_code("hosted_agents:make", self.MODULE.encode()),
+            },
             {"actions": [2, 2]},
             {"error": "crashed in act: KeyError: 'nothing there'"},
         ]
@@ -195,3 +200,37 @@ def make_slow(scenario, spec):
     def test_a_function_that_cannot_be_made_is_refused(self, module):
         with pytest.raises(ForeignAgentError, match="ForeignAgentError: .*cannot be made"):
             load_agent(f"{module}:nobody", "deep_line_wars", "11x11", answer_seconds=2.0)
+
+    PACKAGED = """
+class Mine:
+    def act(self, observation, action_mask):
+        return action_mask.argmax(-1)
+def make(scenario, spec):
+    return Mine()
+"""
+
+    def test_other_code_is_another_agent_wherever_the_command_is_from(self, tmp_path, monkeypatch):
+        """The console script does not look for modules in the current folder; the host does."""
+        (tmp_path / "bots").mkdir()
+        (tmp_path / "bots" / "__init__.py").write_text("IMPORTED = True", "utf-8")
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "path", [place for place in sys.path if place])
+        prints = []
+        for text in (self.PACKAGED, f"{self.PACKAGED}# changed"):
+            (tmp_path / "bots" / "mine.py").write_text(text, "utf-8")
+            agent = load_agent("bots.mine:make", "deep_line_wars", "11x11", answer_seconds=60.0)
+            prints.append(agent.fingerprint)
+        assert prints[0] != prints[1]
+        assert all(one.startswith("hosted ") for one in prints)
+        assert "bots" not in sys.modules  # nobody's code runs here, where it would have no limit
+
+    def test_code_that_changes_before_a_restart_forfeits(self, module, tmp_path):
+        agent = load_agent(f"{module}:make_slow", "deep_line_wars", "11x11", answer_seconds=60.0)
+        (tmp_path / "hosted_agents.py").write_text(f"{self.MODULE}# changed", "utf-8")
+        agent._agent._stop()
+        with pytest.raises(AgentFault, match="its code has changed"):
+            agent._agent.act(np.ones((2, 4), np.float32), np.ones((2, 5), np.bool_))
+
+    def test_a_module_without_a_file_is_refused(self):
+        with pytest.raises(ForeignAgentError, match="has no file to tell its versions apart by"):
+            load_agent("builtins:slice", "deep_line_wars", "11x11", answer_seconds=60.0)

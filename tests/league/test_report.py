@@ -8,8 +8,11 @@ from PIL import Image
 
 from marl_cair.league.report import write_report
 from marl_cair.league.sections import make_report
+from marl_cair.league.table import make_table
+from marl_cair.league.verdict import tell_headline, tell_verdict
 from marl_cair.league.wording import describe_league
 from tests.league.leagues import EDGES, make
+from tests.league.paper_games import from_rows
 
 
 def read_cells(folder, name):
@@ -67,6 +70,19 @@ def test_differences_are_told_in_words():
     )
     assert "is stronger than rusher: +" in text
     assert "or more (no point went the other way)" in describe_league(make())
+
+
+def test_a_clean_sweep_of_one_map_seed_tells_nobody_apart(tmp_path):
+    games = from_rows([(0, 1, 0, 1.0), (1, 0, 0, 0.0)])
+    table = make_table(["a", "b"], games)
+    assert "a and b cannot be told apart: -291 or more (no point" in describe_league(table)
+    assert tell_headline(table) == "a and b lead and cannot be told apart"
+    best, alike, *_ = tell_verdict(table)
+    assert best.startswith("a took all points off b, in too few games to tell: it comes first in 7")
+    assert alike == "Cannot be told apart: a and b."
+    write_report(tmp_path, make_report(table), "")
+    bounds = {row["agent"]: row["bound"] for row in read_cells(tmp_path, "differences.csv")}
+    assert bounds == {"a": "lower", "b": "upper"}
 
 
 def test_differences_of_all_pairs_are_written(tmp_path):

@@ -57,6 +57,39 @@ class TestMeetings:
             schedule_meetings(2, 2, 8, 8, frozenset({0, 1}))
 
 
+def schedule_slowly(num_agents, num_teams, meetings, games_per_chunk, ladder=frozenset()):
+    """The definition: each time the first of the pairs that have met least."""
+    pairs = [p for p in itertools.combinations(range(num_agents), 2) if not ladder.issuperset(p)]
+    met, chunks, jobs = np.zeros((num_agents, num_agents), int), Counter(), []
+    while True:
+        pair = min(pairs, key=lambda pair: int(met[pair]))
+        if met[pair] >= meetings:
+            return jobs
+        chosen = list(pair)
+        while len(chosen) < num_teams:
+            copies = Counter(chosen)
+            ranked = [(copies[a], met[a, chosen].sum(), met[a].sum(), a) for a in range(num_agents)]
+            chosen.append(min(ranked)[-1])
+        line_up = tuple(sorted(chosen))
+        for one, two in itertools.permutations(sorted(set(line_up)), 2):
+            met[one, two] += games_per_chunk
+        jobs.append(Job(line_up, chunks[line_up]))
+        chunks[line_up] += 1
+
+
+@pytest.mark.parametrize("num_teams", [2, 3, 4, 8])
+@pytest.mark.parametrize("num_agents", [2, 3, 6, 9])
+def test_the_schedule_is_that_of_the_definition(num_agents, num_teams):
+    for ladder in (frozenset(), frozenset({0}), frozenset(range(num_agents - 1))):
+        for meetings in (1, 20, 64):
+            words = num_agents, num_teams, meetings, 8, ladder
+            assert schedule_meetings(*words) == schedule_slowly(*words)
+
+
+def test_many_agents_are_scheduled_at_once():
+    assert len(schedule_meetings(300, 2, 40, 8)) == 5 * 300 * 299 // 2  # hours by the definition
+
+
 class TestDesigns:
     @pytest.mark.parametrize("num_teams", [2, 3, 4])
     def test_all_orders_balance_seats_and_neighbours(self, num_teams):

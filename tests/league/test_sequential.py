@@ -10,6 +10,7 @@ from marl_cair.league.sequential import (
     find_elo,
     find_score,
     play_sequentially,
+    start_count,
 )
 from tests.games import last_standing
 from tests.games.last_standing import GAME
@@ -75,11 +76,35 @@ def test_elo_and_score_are_inverse(num_teams):
 
 
 @pytest.mark.parametrize(
-    ("ends", "message"), [((20, 0), "smaller first"), ((0, math.inf), "finite")]
+    ("ends", "message"),
+    [
+        ((20, 0), "smaller first"),
+        ((0, math.inf), "finite"),
+        ((0, 200_000), r"between 0 and 200000 Elo: give numbers in -4000\.\.4000"),
+    ],
 )
 def test_tests_that_cannot_be_are_refused(ends, message):
     with pytest.raises(ValueError, match=message):
         SequentialTest(*ends)
+
+
+def test_the_widest_test_has_a_ratio():
+    assert math.isfinite(SequentialTest(-4_000, 4_000).ratio([0.0, 0.5, 1.0]))
+
+
+@pytest.mark.parametrize("num_teams", [2, 3])
+def test_a_running_count_has_the_same_ratio(num_teams):
+    scores = np.random.default_rng(0).integers(num_teams + 1, size=50) / num_teams
+    counts = start_count(num_teams)
+    for number, score in enumerate(scores, start=1):
+        counts[round(float(score), 9)] += 1
+        assert TEST.ratio_of_counts(counts, num_teams) == TEST.ratio(scores[:number], num_teams)
+
+
+def test_blocks_are_counted_once(monkeypatch):
+    """Counting all again after each block takes the square of their number."""
+    monkeypatch.setattr(SequentialTest, "ratio", None)
+    assert play("finisher", "idle", "duel").verdict == "higher"
 
 
 def play(first, second, scenario, test=TEST, max_games=2_000, **options):

@@ -63,7 +63,8 @@ def register_scenario(game: str, name: str, base: str | None = None, **options: 
 
     Raises:
         UnknownNameError: no such game, base or option; names the nearest.
-        ValueError: the name is taken or no name, or an option's value is not allowed.
+        ValueError: the name is taken or no name, an option's value is not allowed, or the game
+            takes no scenarios.
     """
     added = add_scenario(game, name, base, **options)
     _register_with_gymnasium(added, game, name)
@@ -80,10 +81,13 @@ def _register_with_gymnasium(environment_id: str, game: str, scenario: str) -> N
 
 
 def _register_gymnasium_ids() -> None:
-    for game, module in GAMES.modules.items():
-        for scenario in module.SCENARIOS:
-            added = gymnasium_id(module.GYMNASIUM_PREFIX, scenario)
-            _register_with_gymnasium(added, game, scenario)
+    for game, module in tuple(GAMES.modules.items()):
+        try:
+            for scenario in module.SCENARIOS:
+                added = gymnasium_id(module.GYMNASIUM_PREFIX, scenario)
+                _register_with_gymnasium(added, game, scenario)
+        except Exception as error:  # noqa: BLE001  # of an installed package: ours must go on
+            GAMES.leave_out(game, error)
 
 
 _register_gymnasium_ids()

@@ -151,7 +151,13 @@ class _Rule(CPUDispatcher):
 
     @cached_property
     def entry(self) -> Any:
-        """The dispatcher that Python calls, with code of its own on disk."""
+        """The dispatcher that Python calls, with code of its own on disk.
+
+        Of a rule that is in no file (of a notebook or a prompt) nothing is kept: who could tell
+        whether what it calls has changed?
+        """
+        if not Path(self.py_func.__code__.co_filename).is_file():
+            return CPUDispatcher(self.py_func, targetoptions=self._entry_options)
         users_folder = _CONFIG.CACHE_DIR
         # Numba reads the folder when it decorates. The user's own setting is put back at once.
         _CONFIG.CACHE_DIR = _cache_dir(_sources_of(self.py_func))

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from marl_cair.games.announcing import announced
 from marl_cair.games.compiled import is_compiling, settled
-from marl_cair.games.engine_checks import check_actions, check_seeds
+from marl_cair.games.engine_checks import (
+    check_actions,
+    check_count,
+    check_mask,
+    check_seeds,
+    check_start,
+)
 from marl_cair.games.game import NO_WINNER, Game, GameSpec, Representation
 from marl_cair.lookup import find_by_name
 
@@ -45,15 +51,14 @@ class BatchedEngine:
         num_threads: the batch is split into so many slices; the results do not depend on it.
 
     Raises:
-        ValueError: num_worlds or num_threads below 1.
+        ValueError: num_worlds or num_threads is no whole number, or below 1.
     """
 
     def __init__(
         self, game: Game, scenario: Any, num_worlds: int = 1, num_threads: int = 1
     ) -> None:
-        for name, value in (("num_worlds", num_worlds), ("num_threads", num_threads)):
-            if value < 1:
-                raise ValueError(f"{game.name}: {name} is {value}, it must be at least 1")
+        num_worlds = check_count(game.name, "num_worlds", num_worlds)
+        num_threads = check_count(game.name, "num_threads", num_threads)
         self.game, self.scenario = game, scenario
         self.spec: GameSpec = game.make_spec(scenario)
         self.num_worlds, self.num_players = num_worlds, self.spec.num_players
@@ -73,11 +78,10 @@ class BatchedEngine:
         self._kernels: dict[tuple[Callable[..., None], str], Callable[..., None]] = {}
         self._in_place: dict[str, tuple[tuple[Any, ...], NDArray[Any]]] = {}
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What a copy in another process needs: machine code stays here, and observations in place,
-        of which it would get arrays and views that no longer share memory, are made anew there.
-        """
-        return {**self.__dict__, "_kernels": {}, "_in_place": {}}
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy, here or in another process, has rules, threads and machine code of its own."""
+        made_of = self.game, self.scenario, self.num_worlds, self.num_threads
+        return _copy_engine, (*made_of, self.snapshot() if self._has_started else None)
 
     @property
     def rewards(self) -> NDArray[np.float32]:
@@ -116,18 +120,10 @@ class BatchedEngine:
         An int seeds world 0 of a batch of one (0 is a seed like any other).
 
         Raises:
-            ValueError: wrong shape or dtype.
+            ValueError: wrong shape or dtype, or the first reset leaves worlds out.
         """
-        seeds = check_seeds(self.game.name, seeds, self.num_worlds)
-        if mask is None:
-            mask = np.ones(self.num_worlds, np.bool_)
-        mask = np.asarray(mask)
-        if mask.shape != (self.num_worlds,) or mask.dtype != np.bool_:
-            raise ValueError(
-                f"{self.game.name}: the reset mask is {mask.dtype} {list(mask.shape)}, it must be "
-                f"bool [{self.num_worlds}] (worlds)"
-            )
-        seeds, mask = np.ascontiguousarray(seeds), np.ascontiguousarray(mask)
+        seeds = np.ascontiguousarray(check_seeds(self.game.name, seeds, self.num_worlds))
+        mask = self.check_reset(mask)
         self._run(self.game.reset, self._worlds, self._rules, seeds, mask)
         rows = np.flatnonzero(mask)  # of few games that end at a time, cheaper than the mask
         self._outcome.rewards[rows] = 0.0
@@ -136,6 +132,15 @@ class BatchedEngine:
         self._outcome.winner[rows] = NO_WINNER
         self._outcome.eliminated[rows] = False
         self._has_started = True
+
+    def check_reset(
+        self, mask: NDArray[np.bool_] | None, name: str = "the reset mask"
+    ) -> NDArray[np.bool_]:
+        """The worlds of a reset, bool [B]; raises as `reset`, and calls the mask `name`."""
+        chosen = check_mask(self.game.name, name, mask, self.num_worlds)
+        if not self._has_started:
+            check_start(self.game.name, int(chosen.sum()), self.num_worlds)
+        return chosen
 
     def step(self, actions: NDArray[Any]) -> None:
         """One decision of every seat: integer actions [B, P, *action_shape].
@@ -247,9 +252,12 @@ class BatchedEngine:
         """Put a snapshot's worlds into the given slots (default all).
 
         Raises:
-            ValueError: the snapshot is of another scenario, or of another number of worlds.
+            ValueError: the snapshot is of another scenario, or of another number of worlds, or
+                the engine begins with it and it is not for all worlds.
         """
         rows = self._check_worlds(worlds)
+        if not self._has_started:
+            check_start(self.game.name, len(set(rows.tolist())), self.num_worlds)
         if snapshot.scenario != self.scenario:
             raise ValueError(
                 f"{self.game.name}: the snapshot is of {snapshot.scenario}, this engine plays "
@@ -295,7 +303,8 @@ class BatchedEngine:
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Numbers of each seat beside what it observes, by name, fresh arrays [B, P]."""
-        return {} if self.game.info is None else dict(self.game.info(self._worlds))
+        told = {} if self.game.info is None else self.game.info(self._worlds)
+        return {name: np.array(values) for name, values in told.items()}
 
     def map_names(self) -> tuple[str, ...]:
         """The name of each world's map [B]; "" throughout where the game has no maps by name."""
@@ -380,3 +389,12 @@ class BatchedEngine:
                 f"0..{self.num_worlds - 1}"
             )
         return rows.astype(np.int64)
+
+
+def _copy_engine(
+    game: Game, scenario: Any, num_worlds: int, num_threads: int, held: Snapshot | None
+) -> BatchedEngine:
+    engine = BatchedEngine(game, scenario, num_worlds, num_threads)
+    if held is not None:
+        engine.restore(held)
+    return engine

@@ -1,13 +1,63 @@
-"""What the engine checks of the arrays that users hand to it; the rules trust them afterwards."""
+"""What the engine and its doors check of what users hand to them; the rules trust it afterwards."""
 
 from __future__ import annotations
 
+import operator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import GameSpec
+
+
+def check_count(game: str, name: str, value: Any) -> int:
+    """A number of worlds, threads or decisions. Raises ValueError below 1, or where not whole."""
+    try:
+        count = operator.index(value)
+    except TypeError:
+        count = 0
+    if count < 1:
+        raise ValueError(f"{game}: {name} is {value!r}, it must be at least 1, and a whole number")
+    return count
+
+
+def check_mask(game: str, name: str, mask: Any, num_worlds: int) -> NDArray[np.bool_]:
+    """A mask of worlds, bool [B]; None stands for all. Raises ValueError for another."""
+    mask = np.ones(num_worlds, np.bool_) if mask is None else np.asarray(mask)
+    if mask.shape != (num_worlds,) or mask.dtype != np.bool_:
+        raise ValueError(
+            f"{game}: {name} is {mask.dtype} {list(mask.shape)}, it must be bool [{num_worlds}] "
+            "(worlds)"
+        )
+    chosen: NDArray[np.bool_] = np.ascontiguousarray(mask)
+    return chosen
+
+
+def check_start(game: str, num_chosen: int, num_worlds: int) -> None:
+    """Raise ValueError unless what comes first, a reset or a restore, is of all worlds."""
+    if num_chosen < num_worlds:
+        raise ValueError(
+            f"{game}: the engine begins with {num_chosen} of its {num_worlds} worlds, the others "
+            "would play on empty arrays; reset all worlds first (without a mask)"
+        )
+
+
+def check_num_worlds(
+    game: str, options: dict[str, Any], num_worlds: int, instead: str
+) -> dict[str, Any]:
+    """An environment's options without `num_worlds`, which it knows by another name, or as 1.
+
+    Raises:
+        ValueError: they ask for another number; says what to do `instead`.
+    """
+    others = dict(options)
+    asked = others.pop("num_worlds", num_worlds)
+    if asked != num_worlds:
+        raise ValueError(
+            f"{game}: num_worlds is {asked!r}, this environment has {num_worlds}; {instead}"
+        )
+    return others
 
 
 def check_seeds(game: str, seeds: NDArray[np.uint64] | int, num_worlds: int) -> NDArray[np.uint64]:

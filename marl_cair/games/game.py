@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
 
+from marl_cair.games.registry import GAMES, find_game
 from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.lookup import find_by_name
 
 NO_WINNER = -1
+LEAST_FPS = 10  # of pictures, one for each decision
 
 Shape = tuple[int, ...]
 
@@ -103,6 +105,7 @@ class GameSpec:
             [B, P, *action_shape, A].
         teams: the team of each seat, P numbers; () = everybody for itself. A game's `winner` is
             the first seat of the team that has won.
+        ticks_per_second: ticks of a second, at which pictures of the game are shown.
     """
 
     num_players: int
@@ -122,6 +125,18 @@ class GameSpec:
     pays: str
     action_shape: Shape = ()
     teams: tuple[int, ...] = ()
+    ticks_per_second: float = 10.0
+
+    def __deepcopy__(self, memo: object) -> Self:
+        """Nothing of it changes."""
+        return self
+
+    @property
+    def render_fps(self) -> int:
+        """Decisions, each of which is a picture, in a second; at least 10: slower games are shown
+        faster than they are.
+        """
+        return max(LEAST_FPS, round(self.ticks_per_second / self.ticks_per_step))
 
     @property
     def num_actions(self) -> int:
@@ -171,6 +186,16 @@ class Game:
     map_names: Callable[[Any, Any], tuple[str, ...]] | None = None
     # Options of a scenario whose actions have another number of axes: rules are compiled for each.
     other_shapes: tuple[Mapping[str, Any], ...] = ()
+
+    def __deepcopy__(self, memo: object) -> Self:
+        """Nothing of it changes."""
+        return self
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> str | tuple[Any, ...]:
+        """By its name where GAMES knows it: another process has its own."""
+        if self.name in GAMES and GAMES[self.name] is self:
+            return find_game, (self.name,)
+        return super().__reduce_ex__(protocol)
 
     @property
     def rated_reward(self) -> str:

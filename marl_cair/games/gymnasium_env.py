@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from typing import Any
 
 import gymnasium
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from marl_cair.games import make_engine
 from marl_cair.games.action_forms import make_action_form
 from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.engine_checks import check_count, check_num_worlds
 from marl_cair.games.game import Agent
 from marl_cair.games.mixed_agent import MixedAgent
 from marl_cair.games.parallel_env import (
@@ -22,40 +24,37 @@ from marl_cair.games.parallel_env import (
     make_action_space,
     make_observation_space,
 )
-from marl_cair.games.randomness import EpisodeSeeds
+from marl_cair.games.randomness import EpisodeSeeds, check_seed
+
+ANYBODY = "random"  # the opponent if not told
+_METADATA = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # an instance has its game's
 
 
 class _LearnerSeat:
-    """B worlds in which the caller plays one seat and `opponent` all the others."""
+    """B worlds in which the caller plays one seat and `opponent` all the others, if there are."""
 
     def __init__(
         self,
         game: str,
         scenario: str | None,
         num_worlds: int,
-        opponent: str | Agent,
+        opponent: str | Agent | None,
         seat: int,
         action_form: str,
         options: dict[str, Any],
     ) -> None:
         self.engine: BatchedEngine = make_engine(game, scenario, num_worlds, **options)
         self.form = make_action_form(action_form, game, self.engine.spec)
-        if not 0 <= seat < self.engine.num_players:
-            raise ValueError(
-                f"{game}: seat is {seat}, allowed are 0..{self.engine.num_players - 1}"
-            )
-        self.seat = seat
-        chosen = self.engine.game
-        self.opponent = (
-            chosen.bot(opponent, self.engine.scenario) if isinstance(opponent, str) else opponent
-        )
-        self.seeds = EpisodeSeeds(num_worlds)
-        self.opponent.seed(self.seeds.seed)
-        self._members = np.zeros(num_worlds, np.int64)  # of a mixture, who plays in each world
+        self.seat = _check_seat(self.engine, seat)
+        self.opponent = _find_opponent(self.engine, opponent)
+        self.seeds = EpisodeSeeds(self.engine.num_worlds)
+        self._members = np.zeros(self.engine.num_worlds, np.int64)  # of a mixture, who plays where
+        self.restart(self.seeds.seed)
 
     def restart(self, seed: int) -> None:
         self.seeds.restart(seed)
-        self.opponent.seed(seed)
+        if self.opponent is not None:
+            self.opponent.seed(seed % 2**64)  # generators take no numbers below 0
 
     def start_games(self, worlds: NDArray[np.bool_]) -> None:
         """New games in worlds bool [B]."""
@@ -63,12 +62,14 @@ class _LearnerSeat:
             self._members[worlds] = self.opponent.draw(int(worlds.sum()))
         self.engine.reset(self.seeds.next(worlds), worlds)
 
-    def _answer(self, seen: NDArray[Any], masks: NDArray[np.bool_]) -> NDArray[np.int64]:
+    def _answer(
+        self, opponent: Agent, seen: NDArray[Any], masks: NDArray[np.bool_]
+    ) -> NDArray[np.int64]:
         """The opponent's actions [B, ...] of what one seat sees in all worlds."""
         rows = np.ascontiguousarray(seen), np.ascontiguousarray(masks)
-        if isinstance(self.opponent, MixedAgent):
-            return self.opponent.act_as(self._members, *rows)
-        return self.opponent.act(*rows)
+        if isinstance(opponent, MixedAgent):
+            return opponent.act_as(self._members, *rows)
+        return opponent.act(*rows)
 
     @property
     def terminated(self) -> NDArray[np.bool_]:
@@ -96,11 +97,40 @@ class _LearnerSeat:
         shape = (engine.num_worlds, engine.num_players, *engine.spec.action_shape)
         everyone = np.empty(shape, np.int64)
         everyone[:, self.seat] = self.form.to_engine(actions, self.seat)
-        seen, masks = engine.observe(self.opponent.representation), engine.action_mask()
-        for seat in range(engine.num_players):
-            if seat != self.seat:
-                everyone[:, seat] = self._answer(seen[:, seat], masks[:, seat])
+        if self.opponent is not None:
+            seen, masks = engine.observe(self.opponent.representation), engine.action_mask()
+            for seat in range(engine.num_players):
+                if seat != self.seat:
+                    chosen = self._answer(self.opponent, seen[:, seat], masks[:, seat])
+                    everyone[:, seat] = chosen
         engine.step(everyone)
+
+
+def _check_seat(engine: BatchedEngine, seat: Any) -> int:
+    last = engine.num_players - 1
+    try:
+        chosen = operator.index(seat)
+    except TypeError:
+        chosen = -1
+    if not 0 <= chosen <= last:
+        raise ValueError(f"{engine.game.name}: seat is {seat!r}, allowed are 0..{last}")
+    return chosen
+
+
+def _find_opponent(engine: BatchedEngine, opponent: Any) -> Agent | None:
+    """Who plays the other seats; None where there are none, whose game needs no bot."""
+    game, is_alone = engine.game, engine.num_players == 1
+    if is_alone and (opponent is None or opponent == ANYBODY):
+        return None
+    if isinstance(opponent, str):
+        opponent = game.bot(opponent, engine.scenario)
+    if not all(hasattr(opponent, part) for part in ("representation", "seed", "act")):
+        raise ValueError(
+            f"{game.name}: opponent is {opponent!r}, it must be the name of a bot (known are "
+            f"{', '.join(game.bots) or 'none'}) or an agent, see games.game.Agent"
+        )
+    agent: Agent = opponent
+    return None if is_alone else agent
 
 
 class GameEnv(gymnasium.Env[Any, Any]):
@@ -108,22 +138,22 @@ class GameEnv(gymnasium.Env[Any, Any]):
 
     Args:
         game, scenario, options: as `make_engine`.
-        opponent: a bot's name, or anything with the `Agent` protocol (a loaded checkpoint).
+        opponent: a bot's name, or anything with the `Agent` protocol (a loaded checkpoint); it is
+            not asked where the learner plays alone.
         seat: the learner's.
         representation, render_mode, mask_in_observation, vector, action_form: as
             `GameParallelEnv`; the mask is always in `info["action_mask"]`, int8 [A] (or the shape
             of the action form), and beside it the game's own numbers (`Game.info`).
     """
 
-    # On the class: `gymnasium.make` reads it before there is an instance.
-    metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
+    metadata = _METADATA  # on the class: `gymnasium.make` reads it before there is an instance
 
     def __init__(  # noqa: PLR0913  # by the names that Gymnasium passes
         self,
         game: str,
         scenario: str | None = None,
         *,
-        opponent: str | Agent = "random",
+        opponent: str | Agent | None = ANYBODY,
         seat: int = 0,
         representation: str = "planes",
         render_mode: str | None = None,
@@ -133,8 +163,10 @@ class GameEnv(gymnasium.Env[Any, Any]):
         **options: Any,
     ) -> None:
         check_render_mode(game, render_mode)
+        options = check_num_worlds(game, options, 1, "take gymnasium.make_vec(id, num_envs)")
         self._table = _LearnerSeat(game, scenario, 1, opponent, seat, action_form, options)
         self.engine = self._table.engine
+        self.metadata = _METADATA | {"render_fps": self.engine.spec.render_fps}
         self.render_mode = render_mode
         self._seen_as = (representation, mask_in_observation, vector, self._table.form)
         self.observation_space = make_observation_space(self.engine, *self._seen_as)
@@ -143,9 +175,14 @@ class GameEnv(gymnasium.Env[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Start a game; the same seed gives the same game and the same opponent."""
-        super().reset(seed=seed)
+        """Start a game; the same seed gives the same game and the same opponent.
+
+        Raises:
+            ValueError: the seed is no whole number.
+        """
         if seed is not None:
+            seed = check_seed(self.engine.game.name, seed)
+            super().reset(seed=seed % 2**64)  # draws nothing: wrappers do
             self._table.restart(seed)
         self._table.start_games(np.ones(1, np.bool_))
         return self._look()
@@ -190,7 +227,7 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
             game's own numbers (`Game.info`) are [B].
     """
 
-    metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
+    metadata = _METADATA
 
     def __init__(  # noqa: PLR0913  # by the names that Gymnasium passes
         self,
@@ -198,7 +235,7 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         scenario: str | None = None,
         *,
         num_envs: int = 1,
-        opponent: str | Agent = "random",
+        opponent: str | Agent | None = ANYBODY,
         seat: int = 0,
         representation: str = "planes",
         mask_in_observation: bool = False,
@@ -209,11 +246,14 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         **options: Any,
     ) -> None:
         check_render_mode(game, render_mode)
+        num_envs = check_count(game, "num_envs", num_envs)
+        options = check_num_worlds(game, options, num_envs, "give num_envs")
         self._table = _LearnerSeat(game, scenario, num_envs, opponent, seat, action_form, options)
         self.engine = self._table.engine
         self.num_envs, self.render_mode = num_envs, render_mode
         self._mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
+        fps = self.engine.spec.render_fps
+        self.metadata = _METADATA | {"render_fps": fps, "autoreset_mode": self._mode}
         self._seen_as = (representation, mask_in_observation, vector, self._table.form)
         self.single_observation_space = make_observation_space(self.engine, *self._seen_as)
         self.single_action_space = make_action_space(self._table.form)
@@ -227,21 +267,19 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         """Restart all worlds, or those of `options["reset_mask"]`.
 
         Raises:
-            ValueError: a list of seeds (one seed gives every world its own), or a reset mask that
-                is not bool [B].
+            ValueError: a list of seeds (one seed gives every world its own), a seed that is no
+                whole number, a reset mask that is not bool [B], or one that leaves worlds out of
+                the first reset.
         """
         if isinstance(seed, list):
             raise ValueError(
                 f"{self.engine.game.name}: seed is a list; pass one int, from which every world "
                 "gets its own seed"
             )
-        mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_)))
-        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-            raise ValueError(
-                f"{self.engine.game.name}: reset_mask is {mask.dtype} {list(mask.shape)}, it must "
-                f"be bool [{self.num_envs}] (worlds)"
-            )
+        mask = self.engine.check_reset((options or {}).get("reset_mask"), "reset_mask")
         if seed is not None:
+            seed = check_seed(self.engine.game.name, seed)
+            super().reset(seed=seed % 2**64)
             self._table.restart(seed)
         self._restart(mask)
         return self._look()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,13 @@ from pettingzoo.utils.conversions import parallel_to_aec
 from marl_cair.games import make_engine
 from marl_cair.games.action_forms import ActionForm, make_action_form
 from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.engine_checks import check_count, check_num_worlds
 from marl_cair.games.game import Representation
-from marl_cair.games.randomness import EpisodeSeeds
+from marl_cair.games.randomness import EpisodeSeeds, check_seed
 
 RENDER_MODES = ("rgb_array",)
 VECTOR = "vector"
+SEVERAL_WORLDS = "take marl_cair.make_torchrl_env or make_engine for several"
 STATE_BOUND = 2.0**31  # all numbers of a state are 32-bit integers, or fewer bits
 
 
@@ -62,14 +65,16 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         **options: Any,
     ) -> None:
         check_render_mode(game, render_mode)
+        options = check_num_worlds(game, options, 1, SEVERAL_WORLDS)
         self.engine = make_engine(game, scenario, **options)
         if max_cycles is not None:
-            options["max_ticks"] = max_cycles * self.engine.spec.ticks_per_step
+            cycles = check_count(game, "max_cycles", max_cycles)
+            options["max_ticks"] = cycles * self.engine.spec.ticks_per_step
             self.engine = make_engine(game, scenario, **options)
         self.metadata = {
             "name": f"{game}_v{self.engine.game.version}",
             "render_modes": list(RENDER_MODES),
-            "render_fps": 10,
+            "render_fps": self.engine.spec.render_fps,
             "is_parallelizable": True,
         }
         self.render_mode = render_mode
@@ -101,8 +106,12 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         """Start a game; the same seed (0 included) gives the same game.
 
         Without a seed the next game of the last seed begins.
+
+        Raises:
+            ValueError: the seed is no whole number.
         """
         if seed is not None:
+            seed = check_seed(self.engine.game.name, seed)
             self._seeds.restart(seed)
         if seed is not None or not hasattr(self, "np_random"):
             # Ours draws nothing from it: wrappers do (SuperSuit's frame_skip).
@@ -168,7 +177,13 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         """An agent's action as the engine takes it."""
         expected = self._form.sizes.shape
         if not expected:
-            return int(action)
+            try:
+                return operator.index(action)
+            except TypeError:
+                raise ValueError(
+                    f"{self.engine.game.name}: the action of {agent} is {action!r}, it must be a "
+                    f"whole number in 0..{self.engine.num_actions - 1}"
+                ) from None
         action = np.asarray(action)
         if action.shape != expected or action.dtype.kind not in "iu":
             raise ValueError(

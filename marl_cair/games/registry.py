@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, MutableMapping
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
@@ -24,7 +24,8 @@ _OWN = {
     "flappy_bird": "marl_cair.games.flappy_bird",
 }
 _NAMES_OF_MODULE = ("SCENARIOS", "GYMNASIUM_PREFIX")  # beside GAME, which loads the rules
-_SCENARIO_NAME = re.compile(r"[A-Za-z0-9][\w.-]*")
+_NAME = re.compile(r"[A-Za-z0-9][\w.-]*")  # a part of a Gymnasium id
+_NAME_RULE = "begin with a letter or digit and go on with letters, digits, _, - and ."
 
 
 class GameLoadError(ValueError):
@@ -65,18 +66,28 @@ class Games(Mapping[str, "Game"]):
             return
         try:
             module = point.load()
-            missing = [name for name in _NAMES_OF_MODULE if not hasattr(module, name)]
-        except Exception as error:  # noqa: BLE001  # whatever it is, our games must go on
+            fault = _find_fault(point.value, module, modules)
+        except (Exception, SystemExit) as error:  # noqa: BLE001  # our games must go on
             self._leave_out(point.name, point, repr(error), error)
             return
-        if missing:
-            self._leave_out(point.name, point, f"{point.value} has no {' and no '.join(missing)}")
+        if fault:
+            self._leave_out(point.name, point, fault)
             return
         self._foreign[point.name] = point
         modules[point.name] = module
 
+    def leave_out(self, name: str, cause: BaseException) -> None:
+        """Go on without a game of an installed package that fails with `cause`, and warn of it.
+
+        Raises:
+            BaseException: `cause`, where the game is one of ours.
+        """
+        if name not in self._foreign:
+            raise cause
+        self._leave_out(name, self._foreign[name], repr(cause), cause)
+
     def _leave_out(
-        self, name: str, point: EntryPoint, why: str, cause: Exception | None = None
+        self, name: str, point: EntryPoint, why: str, cause: BaseException | None = None
     ) -> None:
         package = point.dist.name if point.dist is not None else "an installed package"
         error = GameLoadError(
@@ -86,7 +97,7 @@ class Games(Mapping[str, "Game"]):
         error.__cause__ = cause
         self._broken.setdefault(name, error)
         if self._modules is not None and name in self._foreign:
-            del self._modules[name]
+            self._modules.pop(name, None)
         warnings.warn(str(error), BrokenGameWarning, stacklevel=2)
 
     def __getitem__(self, name: str) -> Game:
@@ -100,8 +111,8 @@ class Games(Mapping[str, "Game"]):
             game: Game = module.GAME
             if game.name != name:
                 raise ValueError(f"its GAME.name is {game.name!r}, the entry point's {name!r}")
-        except Exception as error:
-            self._leave_out(name, self._foreign[name], repr(error), error)
+        except (Exception, SystemExit) as error:
+            self.leave_out(name, error)
             raise self._broken[name] from error
         return game
 
@@ -129,7 +140,39 @@ class Games(Mapping[str, "Game"]):
         return loaded
 
 
+def _find_fault(path: str, module: Any, others: Mapping[str, ModuleType]) -> str:
+    """What keeps the module at `path` from being a game beside the others; "" for nothing."""
+    if missing := [name for name in _NAMES_OF_MODULE if not hasattr(module, name)]:
+        return f"{path} has no {' and no '.join(missing)}"
+    prefix, scenarios = module.GYMNASIUM_PREFIX, module.SCENARIOS
+    if not _is_name(prefix):
+        return f"its GYMNASIUM_PREFIX is {prefix!r}, it must {_NAME_RULE}"
+    for name, other in others.items():
+        # Of two prefixes, one of which goes on where the other ends, ids may be the same too.
+        taken = f"{other.GYMNASIUM_PREFIX}-"
+        if taken.startswith(f"{prefix}-") or f"{prefix}-".startswith(taken):
+            return (
+                f"its GYMNASIUM_PREFIX {prefix!r} would give it the Gymnasium ids of {name} "
+                f"({other.__name__}, {other.GYMNASIUM_PREFIX!r}); it must take another"
+            )
+    if not isinstance(scenarios, Mapping) or not scenarios:
+        return f"its SCENARIOS is {scenarios!r}, it must be a dict of scenarios by their names"
+    for name in scenarios:
+        if not _is_name(name):
+            return f"its SCENARIOS has the name {name!r}, a name must {_NAME_RULE}"
+    return ""
+
+
+def _is_name(name: object) -> bool:
+    return isinstance(name, str) and _NAME.fullmatch(name) is not None
+
+
 GAMES = Games()
+
+
+def find_game(name: str) -> Game:
+    """`GAMES[name]`, by which games are pickled."""
+    return GAMES[name]
 
 
 def add_scenario(game: str, name: str, base: str | None = None, **options: Any) -> str:
@@ -143,15 +186,19 @@ def add_scenario(game: str, name: str, base: str | None = None, **options: Any) 
 
     Raises:
         UnknownNameError: no such game, base or option; names the nearest.
-        ValueError: the name is taken or no name, or an option's value is not allowed.
+        ValueError: the name is taken or no name, an option's value is not allowed, or the game
+            takes no scenarios.
     """
     module = find_by_name("game", game, GAMES.modules)
-    scenarios: dict[str, Any] = module.SCENARIOS
-    if not isinstance(name, str) or not _SCENARIO_NAME.fullmatch(name):
+    scenarios: Any = module.SCENARIOS
+    if not isinstance(scenarios, MutableMapping):
         raise ValueError(
-            f"{game}: {name!r} is no name of a scenario: begin with a letter or digit and go on "
-            "with letters, digits, _, - and ."
+            f"{game} takes no scenarios of its users, its SCENARIOS is a "
+            f"{type(scenarios).__name__} that cannot be changed: give the options where you name "
+            "the scenario, as in make_engine"
         )
+    if not _is_name(name):
+        raise ValueError(f"{game}: {name!r} is no name of a scenario: {_NAME_RULE}")
     if name in scenarios:
         raise ValueError(f"{game} has a scenario {name!r} already: choose another name")
     chosen = find_by_name(f"{game} scenario", base or next(iter(scenarios)), scenarios)

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
+from numbers import Integral, Real
 from typing import Any, TypeVar
+
+import numpy as np
 
 from marl_cair.lookup import find_by_name
 
@@ -37,12 +41,48 @@ def _freeze(value: Any) -> Any:
 
 
 def check_whole_number(game: str, scenario: Any, field: str, low: int, high: int) -> None:
-    """Raise ValueError unless the scenario's field is an int in low..high (True is none)."""
+    """Raise ValueError unless the scenario's field is a whole number in low..high (True is none).
+
+    NumPy's become Python's own.
+    """
     value = getattr(scenario, field)
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+    if not _is_whole(value) or not low <= value <= high:
         raise ValueError(
             f"{game}: {field} is {value!r}, it must be a whole number in {low}..{high}"
         )
+    _keep(scenario, field, int(value))
+
+
+def read_whole_numbers(scenario: Any, field: str) -> tuple[int, ...] | None:
+    """The whole numbers of a field, which become a tuple there; None where it holds others."""
+    value = getattr(scenario, field)
+    try:
+        numbers = tuple(value)
+    except TypeError:
+        return None
+    if isinstance(value, str) or not all(map(_is_whole, numbers)):
+        return None
+    whole = tuple(map(int, numbers))
+    _keep(scenario, field, whole)
+    return whole
+
+
+def read_number(scenario: Any, field: str) -> float | None:
+    """The finite number in a field, which becomes Python's own there; else None (True is none)."""
+    value = getattr(scenario, field)
+    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+        return None
+    number = int(value) if isinstance(value, Integral) else float(value)
+    _keep(scenario, field, number)
+    return number
+
+
+def check_switch(game: str, scenario: Any, field: str) -> None:
+    """Raise ValueError unless the scenario's field is True or False."""
+    value = getattr(scenario, field)
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{game}: {field} is {value!r}, it must be True or False")
+    _keep(scenario, field, bool(value))
 
 
 def check_time(game: str, scenario: Any) -> None:
@@ -53,8 +93,19 @@ def check_time(game: str, scenario: Any) -> None:
 
 def check_shaping_discount(game: str, scenario: Any) -> None:
     """Raise ValueError unless `shaping_discount` is above 0 and at most 1."""
-    if not 0.0 < scenario.shaping_discount <= 1.0:
+    value = scenario.shaping_discount
+    discount = read_number(scenario, "shaping_discount")
+    if discount is None or not 0.0 < discount <= 1.0:
         raise ValueError(
-            f"{game}: shaping_discount is {scenario.shaping_discount}, it must be above 0 and at "
-            "most 1 (the discount of the learner that uses the rewards)"
+            f"{game}: shaping_discount is {value!r}, it must be above 0 and at most 1 (the "
+            "discount of the learner that uses the rewards)"
         )
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def _keep(scenario: Any, field: str, value: Any) -> None:
+    """Set a field of a frozen dataclass while it is made."""
+    object.__setattr__(scenario, field, value)

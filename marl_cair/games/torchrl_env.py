@@ -6,7 +6,7 @@ in front, so a policy moves between them unchanged.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -20,8 +20,9 @@ from torchrl.envs import EnvBase
 
 from marl_cair.games import make_engine
 from marl_cair.games.array_pool import ArrayPool
+from marl_cair.games.engine_checks import check_count
 from marl_cair.games.game import NO_WINNER
-from marl_cair.games.randomness import EpisodeSeeds
+from marl_cair.games.randomness import EpisodeSeeds, check_seed
 
 GROUP = "player"  # as TorchRL's wrapper groups agents named player_0, player_1, ...
 DONE_KEYS = ("done", "terminated", "truncated")
@@ -41,8 +42,8 @@ class BatchedGameEnv(EnvBase):
     Args:
         game, scenario, num_worlds, num_threads, options: as `make_engine`.
         representation: what agents observe.
-        extra_representations: further ones, under their own names beside "observation" (bots
-            that play seats look at `planes` whatever the learner looks at).
+        extra_representations: further ones (or one), under their own names beside "observation"
+            (bots that play seats look at `planes` whatever the learner looks at).
         seed: of the run; None draws one.
 
     Keys: ("player", "observation") [B, P, *shape], ("player", "action_mask") bool
@@ -63,17 +64,20 @@ class BatchedGameEnv(EnvBase):
         num_worlds: int = 1,
         *,
         representation: str = "planes",
-        extra_representations: tuple[str, ...] = (),
+        extra_representations: str | Sequence[str] = (),
         num_threads: int = 1,
         seed: int | None = None,
         **options: Any,
     ) -> None:
+        num_worlds = check_count(game, "num_worlds", num_worlds)
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([num_worlds]))
         self.engine = make_engine(game, scenario, num_worlds, num_threads, **options)
         self._representations = {"observation": representation}
-        self._representations |= {name: name for name in extra_representations}
+        extra = extra_representations
+        extra = (extra,) if isinstance(extra, str) else tuple(extra)
+        self._representations |= {name: name for name in extra}
         self.group_map = {GROUP: [f"player_{seat}" for seat in range(self.engine.num_players)]}
-        self.seeds = EpisodeSeeds(num_worlds, seed)
+        self.seeds = EpisodeSeeds(num_worlds, None if seed is None else check_seed(game, seed))
         self._pool = ArrayPool()
         self.last = LastStep(
             np.zeros((num_worlds, self.engine.num_players), np.float32),
@@ -120,11 +124,23 @@ class BatchedGameEnv(EnvBase):
         low, high = (torch.from_numpy(bound.copy()).expand(shape) for bound in chosen.bounds())
         return Bounded(low, high, shape=shape, dtype=dtype)
 
+    def set_seed(self, seed: int | None = None, static_seed: bool = False) -> int | None:
+        """Begin again at the first game of `seed`; returns the seed for a next environment.
+
+        Raises:
+            ValueError: the seed is no whole number.
+        """
+        if seed is not None:
+            seed = check_seed(self.engine.game.name, seed) % 2**64
+        following: int | None = super().set_seed(seed, static_seed)
+        return following
+
     def _set_seed(self, seed: int | None) -> None:
         self.seeds.restart(seed)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
         mask = self._read_reset_mask(tensordict)
+        self.engine.check_reset(mask)
         self.engine.reset(self.seeds.next(mask), mask)
         # Of a partial reset TorchRL takes the worlds that were reset, and no others.
         return self._look(None if mask is None or mask.all() else np.flatnonzero(mask))

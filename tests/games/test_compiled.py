@@ -125,6 +125,25 @@ def test_the_users_cache_folder_is_restored_after_a_failure(monkeypatch):
     assert numba.config.CACHE_DIR == "/users/choice"
 
 
+IN_NO_FILE = """
+from marl_cair.games.compiled import compiled
+@compiled
+def double(number):
+    return 2 * number
+@compiled
+def quadruple(number):
+    return double(double(number))
+"""
+
+
+@pytest.mark.parametrize("name", ["<ipython-input-1>", "<stdin>", "/cells/ipykernel_1/2.py"])
+def test_rules_of_a_notebook_or_a_prompt_are_compiled_and_not_kept(name):
+    cell = {"__name__": "__main__"}
+    exec(compile(IN_NO_FILE, name, "exec"), cell)  # noqa: S102  # as a notebook does
+    assert cell["quadruple"](3) == 12
+    assert settled(cell["quadruple"], 3)(4) == 16
+
+
 @compiled
 def half(number):
     return number / 2

@@ -2,9 +2,9 @@
 
 import dataclasses
 import re
+import subprocess
 import sys
 
-import cloudpickle
 import numpy as np
 import pytest
 
@@ -187,10 +187,26 @@ def test_a_name_that_is_not_text_is_unknown(game_name):
 
 
 @pytest.mark.parametrize("name", ["num_worlds", "num_threads"])
-@pytest.mark.parametrize("value", [0, -3])
-def test_counts_below_one_are_refused(game_name, name, value):
-    with refuses(ValueError, f"{game_name}: {name} is {value}, it must be at least 1"):
+@pytest.mark.parametrize("value", [0, -3, "4", 4.5, None])
+def test_counts_below_one_or_that_are_not_whole_are_refused(game_name, name, value):
+    message = f"{game_name}: {name} is {value!r}, it must be at least 1, and a whole number"
+    with refuses(ValueError, message):
         make_engine(game_name, **{name: value})
+
+
+def test_the_first_reset_and_the_first_restore_are_of_all_worlds(engine):
+    """The worlds that are left out would play on arrays that hold no game."""
+    fresh = make_engine(engine.game.name, num_worlds=3)
+    message = f"{engine.game.name}: the engine begins with 1 of its 3 worlds, the others would"
+    with refuses(ValueError, message):
+        fresh.reset(np.zeros(3, np.uint64), np.array([False, True, False]))
+    with refuses(ValueError, message):
+        fresh.restore(engine.snapshot([2]), [2])
+    with refuses(RuntimeError, "step before reset"):
+        fresh.step(noops(engine))
+    fresh.restore(engine.snapshot())
+    fresh.restore(engine.snapshot([2]), [1])
+    fresh.reset(np.zeros(3, np.uint64), np.array([False, True, False]))
 
 
 def test_a_step_before_reset_is_refused(game_name):
@@ -348,17 +364,31 @@ def test_a_picture_is_an_rgb_array_of_one_world(engine):
         assert picture.shape[2] == 3
 
 
-def test_importing_the_package_loads_no_rules_and_unknown_attributes_are_named():
-    assert "marl_cair" in sys.modules
+LIST_MODULES = """
+import sys
+import gymnasium
+print(*(name for name in gymnasium.registry if name.startswith("marl_cair/")))
+import marl_cair
+print(*sys.modules)
+print(*(name for name in gymnasium.registry if name.startswith("marl_cair/")))
+"""
+
+
+def test_importing_the_package_registers_ids_and_loads_no_rules():
+    command = [sys.executable, "-c", LIST_MODULES]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    before, modules, ids = (line.split() for line in done.stdout.split("\n")[:3])
+    assert before == []
+    assert len(ids) == len(set(ids)) == sum(len(game.scenarios) for game in GAMES.values())
+    ours = {name for name in modules if name.startswith("marl_cair")}
+    assert {f"marl_cair.games.{game}" for game in GAMES} < ours
+    for part in ("definition", "rules", "state", "observation"):
+        assert not ours & {f"marl_cair.games.{game}.{part}" for game in GAMES}
+    assert not {"numba", "torch"} & set(modules)
+
+
+def test_unknown_attributes_are_named():
     with refuses(AttributeError, "has no attribute 'nothing'"):
         marl_cair.nothing  # noqa: B018
     with refuses(AttributeError, "has no attribute 'nothing'"):
         marl_cair.games.deep_line_wars.nothing  # noqa: B018
-
-
-def test_an_engine_that_has_played_goes_on_in_another_process_as_here(engine):
-    """Vector environments send it there."""
-    play(engine, Luck.draw(3, 3, engine.num_players))
-    there = cloudpickle.loads(cloudpickle.dumps(engine))
-    luck = Luck.draw(3, 3, engine.num_players, seed=1)
-    assert play(there, luck) == play(engine, luck)

@@ -307,7 +307,7 @@ def test_an_action_outside_the_space_is_refused(game_name, action):
 
 
 def test_a_time_limit_below_one_decision_is_refused(game_name):
-    with pytest.raises(ValueError, match=f"{game_name}: max_ticks is 0, it must be"):
+    with pytest.raises(ValueError, match=f"{game_name}: max_cycles is 0, it must be"):
         GameParallelEnv(game_name, max_cycles=0)
 
 

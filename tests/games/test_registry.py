@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import MappingProxyType, SimpleNamespace
 
 import gymnasium
 import numpy as np
@@ -75,6 +76,13 @@ def test_what_cannot_be_registered_is_refused_and_changes_nothing(
     with pytest.raises(error, match=message):
         marl_cair.register_scenario(*arguments, **options)
     assert (list(SCENARIOS), set(gymnasium.registry)) == (names, ids)
+
+
+def test_a_game_whose_scenarios_cannot_be_changed_says_so(monkeypatch):
+    fixed = SimpleNamespace(SCENARIOS=MappingProxyType(SCENARIOS), GYMNASIUM_PREFIX="Fixed")
+    monkeypatch.setitem(GAMES.modules, "fixed", fixed)
+    with pytest.raises(ValueError, match="fixed takes no scenarios of its users, its SCENARIOS is"):
+        marl_cair.register_scenario("fixed", "mine")
 
 
 def test_the_default_scenario_of_our_games_comes_first():
@@ -162,7 +170,7 @@ except ValueError as error:
         ("other", GAME_MODULE, "its GAME.name is 'foreign', the entry point's 'other'"),
         (
             "foreign",
-            "SCENARIOS = {}\nGYMNASIUM_PREFIX = 'F'\ndef __getattr__(name):\n    1 / 0",
+            "SCENARIOS = {'a': 0}\nGYMNASIUM_PREFIX = 'F'\ndef __getattr__(name):\n    1 / 0",
             "ZeroDivisionError",
         ),
     ],
@@ -179,6 +187,62 @@ def test_a_broken_package_is_told_and_keeps_no_other_game_from_loading(tmp_path,
         assert asked == "there"
     else:
         assert asked.startswith(f"GameLoadError the game '{name}' of foreign_game")
+
+
+BROKEN = {
+    "spaced": ("'My Game'", "{'a': 0}", "its GYMNASIUM_PREFIX is 'My Game', it must begin with a"),
+    "numbered": ("7", "{'a': 0}", "its GYMNASIUM_PREFIX is 7, it must begin with a letter"),
+    "misnamed": ("'Misnamed'", "{'a b': 0}", "its SCENARIOS has the name 'a b', a name must begin"),
+    "counted": ("'Counted'", "{7: 0}", "its SCENARIOS has the name 7, a name must begin"),
+    "none": ("'None'", "None", "its SCENARIOS is None, it must be a dict of scenarios"),
+    "empty": ("'Empty'", "{}", "its SCENARIOS is {}, it must be a dict of scenarios"),
+    "leaving": ("'Leaving'", "__import__('sys').exit(3)", "SystemExit(3)"),
+    "twin": ("'DeepRTS'", "{'a': 0}", "'DeepRTS' would give it the Gymnasium ids of deep_rts"),
+    "longer": ("'DeepRTS-1v1'", "{'15x15': 0}", "'DeepRTS-1v1' would give it the Gymnasium ids of"),
+    "fickle": (
+        "'Fickle'",
+        "type('Once', (dict,), {'__iter__': lambda self: iter([self.popitem()[0]])})(a=0)",
+        "KeyError",
+    ),
+}
+IMPORT = """
+import json, warnings
+import gymnasium
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    import marl_cair
+told = {str(warning.message).split("'")[1]: str(warning.message) for warning in caught}
+entry = gymnasium.spec("marl_cair/DeepRTS-1v1-15x15-v0").kwargs["game"]
+print(json.dumps([told, list(marl_cair.GAMES), entry]))
+"""
+
+
+def test_whatever_is_wrong_with_packages_ours_can_be_imported(tmp_path):
+    for name, (prefix, scenarios, _) in BROKEN.items():
+        text = f"GYMNASIUM_PREFIX = {prefix}\nSCENARIOS = {scenarios}\n"
+        install(tmp_path, name, f"{name}_game", text)
+    install(tmp_path, "whole", "whole_game", "GYMNASIUM_PREFIX = 'Whole'\nSCENARIOS = {'a': 0}\n")
+    done = run_python(tmp_path, "-c", IMPORT)
+    assert done.returncode == 0, done.stderr
+    told, games, entry = json.loads(done.stdout)
+    assert games == [*GAMES, "whole"]
+    assert entry == "deep_rts"
+    assert set(told) == set(BROKEN)
+    for name, (*_, why) in BROKEN.items():
+        assert f"the game '{name}' of {name}_game ({name}_game) cannot be loaded" in told[name]
+        assert why in told[name]
+
+
+def test_a_game_that_cannot_be_described_is_left_out_of_the_list(tmp_path):
+    make = "def fail(scenario):\n    1 / 0\nGAME = dataclasses.replace(GAME, make_spec=fail)\n"
+    install(tmp_path, "foreign", "foreign_game", GAME_MODULE + make)
+    for form in ([], ["--markdown"], ["--json"]):
+        done = run_python(tmp_path, "-m", "marl_cair", "games", *form)
+        assert done.returncode == 0, done.stderr
+        assert "foreign_game (foreign_game) cannot be loaded: ZeroDivisionError" in done.stderr
+        assert "Last standing" not in done.stdout
+        assert "Flappy Bird" in done.stdout
+    assert set(json.loads(done.stdout)) == set(GAMES)
 
 
 def test_commands_do_without_a_broken_package(tmp_path):

@@ -15,7 +15,9 @@ from marl_cair.games.deep_maze.tables import (
 from marl_cair.games.scenario_checks import (
     MAX_TICKS,
     check_shaping_discount,
+    check_switch,
     check_whole_number,
+    read_number,
 )
 from marl_cair.lookup import find_by_name
 
@@ -98,7 +100,7 @@ class Scenario:
         for field in ("density", "complexity"):
             _check_share(self, field)
         for field in ("remembers", "mask_walls"):
-            _check_switch(self, field)
+            check_switch("deep_maze", self, field)
         find_by_name("deep_maze generator", self.generator, GENERATORS)
         find_by_name("deep_maze mode", self.mode, MODES)
         find_by_name("deep_maze places", self.places, PLACES)
@@ -176,17 +178,9 @@ class Scenario:
 
 
 def _check_share(scenario: Scenario, field: str) -> None:
-    value = getattr(scenario, field)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not 0.0 <= value <= 1.0:
+    value, share = getattr(scenario, field), read_number(scenario, field)
+    if share is None or not 0.0 <= share <= 1.0:
         raise ValueError(f"deep_maze: {field} is {value!r}, it must be a number in 0..1")
-
-
-def _check_switch(scenario: Scenario, field: str) -> None:
-    if not isinstance(getattr(scenario, field), bool):
-        raise ValueError(
-            f"deep_maze: {field} is {getattr(scenario, field)!r}, it must be True or False"
-        )
 
 
 _FOGGY_SIZES = (9, 15, 25)

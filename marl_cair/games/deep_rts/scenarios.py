@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass, replace
 from functools import cache
@@ -10,8 +11,10 @@ from typing import TYPE_CHECKING
 from marl_cair.games.deep_rts.tables import MAX_PLAYERS, MAX_UNITS, PRESETS
 from marl_cair.games.scenario_checks import (
     check_shaping_discount,
+    check_switch,
     check_time,
     check_whole_number,
+    read_whole_numbers,
 )
 from marl_cair.lookup import find_by_name
 
@@ -41,6 +44,7 @@ PAYS = {
     "score": "score / 100",
     "army": "1 in all, for {} soldiers",
 }
+MAX_TEAM = 127  # as the rules hold it
 MAPS_OF_A_SET = 64  # of a set of maps, one is drawn for each game
 
 
@@ -80,8 +84,20 @@ class Scenario:
         find_by_name("deep_rts reward", self.reward, REWARDS)
         find_by_name("deep_rts goal", self.goal, GOALS)
         check_shaping_discount("deep_rts", self)
+        check_switch("deep_rts", self, "fog")
+        self._check_map()
         self._check_goal()
+        self._check_army()
         self._check_teams()
+
+    def _check_map(self) -> None:
+        name: object = os.fspath(self.map) if isinstance(self.map, os.PathLike) else self.map
+        if not isinstance(name, str) or not name:
+            raise ValueError(
+                f"deep_rts: map is {self.map!r}, it must be the name of a map or the path of a "
+                "map file"
+            )
+        object.__setattr__(self, "map", name)  # a path as the text that it stands for
 
     def _check_goal(self) -> None:
         if self.goal in ("gold", "lumber", "army") and self.goal_amount < 1:
@@ -94,14 +110,23 @@ class Scenario:
                 "deep_rts: the goal conquest needs at least 2 players, num_players is 1; choose "
                 "another goal"
             )
-        if self.army and (len(self.army) != 4 or min(self.army) < 0 or sum(self.army) == 0):
+
+    def _check_army(self) -> None:
+        army = read_whole_numbers(self, "army")
+        if army is None or (army and (len(army) != 4 or min(army) < 0 or sum(army) == 0)):
             raise ValueError(
-                f"deep_rts: army is {self.army}, it must be () or the numbers of peasants, footmen,"
-                " archers and cavalry, at least one in all"
+                f"deep_rts: army is {self.army!r}, it must be () or the numbers of peasants, "
+                "footmen, archers and cavalry, at least one in all"
             )
 
     def _check_teams(self) -> None:
-        if not self.teams:
+        teams = read_whole_numbers(self, "teams")
+        if teams is None or not all(0 <= team <= MAX_TEAM for team in teams):
+            raise ValueError(
+                f"deep_rts: teams is {self.teams!r}, it must be () or the team of each seat, a "
+                f"whole number in 0..{MAX_TEAM}"
+            )
+        if not teams:
             return
         if len(self.teams) != self.num_players:
             raise ValueError(
@@ -181,7 +206,13 @@ def _load_maps(name: str) -> tuple[GameMap, ...]:
         rows, columns, players, seed = map(int, told.groups())
         return (map_generator.generate_map(rows, columns, players, seed),)
     if name.endswith((".txt", ".json", ".tmj")):
-        return (maps.read_map(name),)
+        try:
+            return (maps.read_map(name),)
+        except OSError as error:
+            raise maps.MapError(
+                f"map {name}: the file cannot be read ({error.strerror or error}); give the path "
+                "of one that is there"
+            ) from error
     find_by_name("deep_rts map", name, {**maps.BUILT_IN_MAPS, **map_generator.MAP_SETS})
     return (maps.load_map(name),)
 

@@ -20,7 +20,13 @@ from marl_cair.games.flappy_bird.observation import (
 from marl_cair.games.flappy_bird.rulebook import make_rules, reward_bound
 from marl_cair.games.flappy_bird.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
 from marl_cair.games.flappy_bird.state import NUM_FRAMES, World, allocate
-from marl_cair.games.flappy_bird.tables import MAX_PLAYERS, NOOP, SCREEN_HEIGHT, SCREEN_WIDTH
+from marl_cair.games.flappy_bird.tables import (
+    MAX_PLAYERS,
+    NOOP,
+    SCREEN_HEIGHT,
+    SCREEN_WIDTH,
+    TICKS_PER_SECOND,
+)
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
 VERSION = "1"
@@ -47,6 +53,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
         max_ticks=scenario.max_ticks,
         reward_bound=reward_bound(scenario),
         pays=REWARDS[next(iter(REWARDS))],
+        ticks_per_second=TICKS_PER_SECOND,
     )
 
 

@@ -18,7 +18,7 @@ from marl_cair.games.flappy_bird.tables import (
     PIPE_GAP,
     PIPE_SPEED,
 )
-from marl_cair.games.scenario_checks import check_time, check_whole_number
+from marl_cair.games.scenario_checks import check_time, check_whole_number, read_number
 from marl_cair.lookup import find_by_name
 
 GYMNASIUM_PREFIX = "FlappyBird"  # of the ids marl_cair/FlappyBird-<scenario>-v0
@@ -90,9 +90,8 @@ class Scenario:
 
 def _check_tenths(scenario: Any, field: str, low: float, high: float) -> None:
     """Raise ValueError unless the field is a number in low..high with at most one decimal."""
-    value = getattr(scenario, field)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not low <= value <= high or round(value * 10) / 10 != value:
+    value, speed = getattr(scenario, field), read_number(scenario, field)
+    if speed is None or not low <= speed <= high or round(speed * 10) / 10 != speed:
         raise ValueError(
             f"flappy_bird: {field} is {value!r}, it must be in {low}..{high} pixels per tick, "
             "with at most one decimal"

@@ -5,8 +5,8 @@ READMEs.
         [--seeds 0 1 2] [--games 500] [--out runs/deep_maze]
         [--picture docs/images/deep_maze_learning.png] [option=value ...]
 
-Each run trains as `marl-cair train recipe=...` does, to its end. Then the last agent, or where the
-learning rate does not fall the best by its evaluations, plays `--games` games on seeds that no
+Each run trains as `marl-cair train recipe=...` does, to its end. Then the last agent, or where
+evaluations are as long as these games the best by them, plays `--games` games on seeds that no
 training has seen. Runs one after another; the same command again goes on where it was stopped.
 Options with `=` go to `marl-cair train`. Writes <out>/results.csv and curves, and prints the table
 as Markdown.
@@ -72,6 +72,7 @@ TASKS = {
             "pipes_passed",
             "median",
             ("max_ticks=6000",),
+            BEST_FOLDER,
         ),
     ),
 }

@@ -1,34 +1,103 @@
-"""Every scenario in every representation through every door: minutes long, in `make test-all`."""
+"""Every representation through every door, as the libraries check them.
+
+Whether a door is accepted at all is asked of every scenario in every representation: minutes long,
+in `make test-all`. The rest is asked of each representation and each number of players.
+"""
 
 import warnings
+from functools import partial
+from itertools import cycle
+from types import SimpleNamespace
 
 import gymnasium
+import numpy as np
 import pytest
+import torch
 from gymnasium.utils.env_checker import check_env
 from torchrl.envs.utils import check_env_specs
 
-from marl_cair.games import GAMES
+from marl_cair.games import GAMES, make_engine
 from marl_cair.games.parallel_env import make_aec_env, make_parallel_env
 from marl_cair.games.registry import gymnasium_id
 from marl_cair.games.torchrl_env import BatchedGameEnv
+from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+from tests.games import test_gymnasium_env, test_torchrl_env
+from tests.games.bot_play import make_bot
+from tests.games.cases import Case, Luck, choose_actions
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # PettingZoo's own, of its example games
-    from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test
+    from pettingzoo.test import (
+        api_test,
+        max_cycles_test,
+        parallel_api_test,
+        parallel_seed_test,
+        render_test,
+    )
 
-pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::UserWarning")]
+# Every number of players; a game's representations are dealt to them in turn.
+QUICK_SCENARIOS = {
+    "deep_line_wars": ("10x15",),
+    "deep_rts": ("Economy-15x15", "1v1-15x15", "FFA-3-15x15", "Teams-2v2-15x15", "FFA-6-15x15"),
+    "deep_maze": (
+        "9x9-sequence",
+        "15x15-chase-2p",
+        "15x15-race-3p",
+        "15x15-chase-4p-line_of_sight",
+    ),
+    "flappy_bird": ("classic", "race-2", "race-4-windy", "race-8"),
+}
+NUM_CYCLES = 15
+
+
+def representations_of(game, scenario):
+    return GAMES[game].make_spec(GAMES[game].scenario(scenario)).representations
+
 
 EVERYTHING = [
     (game, scenario, representation)
     for game in GAMES
     for scenario in GAMES[game].scenarios
-    for representation in GAMES[game].make_spec(GAMES[game].scenario(scenario)).representations
+    for representation in representations_of(game, scenario)
 ]
-NUM_CYCLES = 15
-EVERY = pytest.mark.parametrize(("game", "scenario", "representation"), EVERYTHING)
+QUICK = [
+    (game, scenario, representation)
+    for game, scenarios in QUICK_SCENARIOS.items()
+    for scenario, representation in zip(
+        cycle(scenarios), representations_of(game, scenarios[0]), strict=False
+    )
+]
+CASES = ("game", "scenario", "representation")
+EVERY = pytest.mark.parametrize(CASES, EVERYTHING)
+EACH = pytest.mark.parametrize(CASES, QUICK)
+NUMBERS = pytest.mark.parametrize(
+    ("game", "scenario"),
+    [
+        pytest.param(*case, marks=() if case[1] in QUICK_SCENARIOS[case[0]] else pytest.mark.slow)
+        for case in dict.fromkeys(case[:2] for case in EVERYTHING)
+    ],
+)
 
 
+def test_the_quick_cases_have_every_representation_and_number_of_players():
+    def counts(cases):
+        return {(game, GAMES[game].scenario(scenario).num_players) for game, scenario, _ in cases}
+
+    def shown(cases):
+        return {(game, representation) for game, _, representation in cases}
+
+    several = [case for case in EVERYTHING if case[0] != "deep_line_wars"]  # always two play it
+    chosen = [case for case in QUICK if case[0] != "deep_line_wars"]
+    assert shown(QUICK) == shown(EVERYTHING)
+    assert counts(chosen) == counts(several)
+
+
+# --- PettingZoo --------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
 @EVERY
+@pytest.mark.filterwarnings("ignore:Observation numpy array is all zeros")  # heat maps, at first
 def test_pettingzoo_accepts(game, scenario, representation):
     def make():
         return make_parallel_env(game, scenario, representation=representation)
@@ -38,6 +107,39 @@ def test_pettingzoo_accepts(game, scenario, representation):
     api_test(make_aec_env(game, scenario, representation=representation), num_cycles=NUM_CYCLES)
 
 
+def with_seed(make, **options):
+    """What `make` makes, playing one game only: in most others, too, nobody wins in four moves."""
+    env = make(**options)
+    env.action_space(env.possible_agents[0]).seed(0)  # the space of all
+    env.reset = partial(env.reset, seed=5)
+    return env
+
+
+@EACH
+def test_pettingzoo_finds_max_cycles_kept(game, scenario, representation):
+    chosen = {"scenario": scenario, "representation": representation}
+    max_cycles_test(
+        SimpleNamespace(
+            parallel_env=partial(with_seed, partial(make_parallel_env, game), **chosen),
+            env=partial(with_seed, partial(make_aec_env, game), **chosen),
+        )
+    )
+
+
+@EACH
+def test_pettingzoo_accepts_the_pictures(game, scenario, representation):
+    def make(render_mode):
+        # The test first makes a window, which it does not use; we have none.
+        mode = None if render_mode == "human" else render_mode
+        return make_aec_env(game, scenario, representation=representation, render_mode=mode)
+
+    render_test(make)
+
+
+# --- Gymnasium ---------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
 @EVERY
 def test_gymnasium_accepts(game, scenario, representation):
     name = gymnasium_id(GAMES[game].gymnasium_prefix, scenario)
@@ -45,6 +147,79 @@ def test_gymnasium_accepts(game, scenario, representation):
     check_env(env.unwrapped, skip_render_check=True)
 
 
+@EACH
+@pytest.mark.parametrize("mode", ["with_next_step_reset", "with_same_step_reset", "without_reset"])
+def test_gymnasiums_vectors_equal_single_games(game, scenario, representation, mode):
+    test = getattr(test_gymnasium_env, f"test_vector_{mode}_equals_single_games")
+    seat = {"which_seat": "first"} if mode == "with_next_step_reset" else {}
+    test(game, {"scenario": scenario, "representation": representation}, **seat)
+
+
+# --- TorchRL -----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
 @EVERY
 def test_torchrl_accepts(game, scenario, representation):
     check_env_specs(BatchedGameEnv(game, scenario, 2, representation=representation), seed=0)
+
+
+@EACH
+def test_torchrls_own_and_its_wrapped_environment_show_the_same(game, scenario, representation):
+    case = Case(game, scenario, (("representation", representation),))
+    check_env_specs(test_torchrl_env.wrapped(case), seed=0)
+    test_torchrl_env.test_the_specs_equal_the_wrapped_ones(case)
+    test_torchrl_env.test_the_native_environment_equals_the_wrapped_one_for_a_whole_game(case)
+
+
+# --- bounds ------------------------------------------------------------------------------------
+
+
+def numbers_of(engine):
+    """The representations that are numbers, each with bounds of its own."""
+    shown = engine.spec.representations.values()
+    return [representation for representation in shown if representation.dtype is np.float32]
+
+
+def assert_inside(engine):
+    for shown in numbers_of(engine):
+        seen, (low, high) = engine.observe(shown.name), shown.bounds()
+        for entry, name in enumerate(shown.plane_names):
+            least, most = seen[..., entry].min(), seen[..., entry].max()
+            assert low[entry] <= least, (name, least, low[entry])
+            assert most <= high[entry], (name, most, high[entry])
+
+
+def ask(engine, bot, seat):
+    return bot.act(engine.observe(bot.representation)[:, seat], engine.action_mask()[:, seat])
+
+
+@NUMBERS
+@pytest.mark.parametrize("players", ["luck", "bots"])
+def test_numbers_lie_within_their_bounds_in_whole_games(game, scenario, players):
+    engine = make_engine(game, scenario)
+    engine.reset(1)
+    num_decisions = min(400, engine.spec.max_ticks // engine.spec.ticks_per_step)
+    luck = Luck.draw(num_decisions, 1, engine.num_players)
+    names = cycle(name for name in engine.game.bots if name != "random")
+    bots = [make_bot(engine, next(names)) for _ in range(engine.num_players)]
+    for numbers in luck.numbers:
+        assert_inside(engine)
+        if players == "luck":
+            engine.step(choose_actions(engine, numbers))
+        else:
+            engine.step(np.stack([ask(engine, bot, seat) for seat, bot in enumerate(bots)], 1))
+    assert_inside(engine)
+
+
+@NUMBERS
+def test_a_network_takes_the_bounds_of_every_number(game, scenario):
+    engine = make_engine(game, scenario)
+    engine.reset(0)
+    for shown in numbers_of(engine):
+        config = QNetworkConfig(body="mlp").with_bounds(shown.low, shown.high)
+        assert len(config.vector_low) == len(config.vector_high) == len(shown.plane_names)
+        network = make_q_network(config, shown.shape, engine.num_actions, seed=0)
+        seen = torch.from_numpy(engine.observe(shown.name)[0])
+        scaled = (seen - network.middle) / network.reach
+        assert scaled.abs().max() <= 1.0 + 1e-6

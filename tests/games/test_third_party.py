@@ -1,14 +1,18 @@
 """Wrappers and learners of other libraries take our environments as they are."""
 
+import re
 import warnings
+from functools import partial
+from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
 import supersuit
-from gymnasium.wrappers import FrameStackObservation, RecordEpisodeStatistics
+from gymnasium.spaces import Box
+from gymnasium.wrappers import FrameStackObservation, GrayscaleObservation, RecordEpisodeStatistics
 
-from marl_cair.games import deep_line_wars, deep_rts
+from marl_cair.games import deep_line_wars, deep_maze, deep_rts, flappy_bird
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # PettingZoo's own, of its example games
@@ -20,7 +24,13 @@ WRAPPERS = {
     "flatten": supersuit.flatten_v0,
     "frame_stack": lambda env: supersuit.frame_stack_v1(env, 3),
     "frame_skip": lambda env: supersuit.frame_skip_v0(env, 2),
+    "max_observation": lambda env: supersuit.max_observation_v0(env, 2),
+    "sticky_actions": lambda env: supersuit.sticky_actions_v0(env, 0.25),
+    "delay_observations": lambda env: supersuit.delay_observations_v0(env, 2),
     "clip_reward": supersuit.clip_reward_v0,
+    "reward_lambda": lambda env: supersuit.reward_lambda_v0(env, lambda reward: 2.0 * reward),
+    "pad_observations": supersuit.pad_observations_v0,
+    "pad_action_space": supersuit.pad_action_space_v0,
     "agent_indicator": lambda env: supersuit.agent_indicator_v0(
         supersuit.dtype_v0(env, np.float32), type_only=False
     ),
@@ -34,11 +44,39 @@ def make_env(game, **options):
     return game.parallel_env(**options)
 
 
+NUMBERS = [partial(make_env, game, representation="vector") for game in (deep_line_wars, deep_rts)]
+MAZE = partial(make_env, deep_maze, scenario="15x15-race-2p", max_ticks=30)
+FLIGHT = partial(make_env, flappy_bird, scenario="race-2", max_ticks=60)
+PICTURES = {
+    "maze gray": partial(MAZE, representation="gray"),
+    "maze image": partial(MAZE, representation="image", cell_pixels=2),
+    "flight gray": partial(FLIGHT, representation="gray"),
+    "flight gray_stack": partial(FLIGHT, representation="gray_stack"),
+}
+
+
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("wrapper", WRAPPERS)
-@pytest.mark.parametrize("game", [deep_line_wars, deep_rts], ids=lambda game: game.__name__[16:])
-def test_supersuits_wrappers_keep_to_pettingzoos_contract(game, wrapper):
-    parallel_api_test(WRAPPERS[wrapper](make_env(game, representation="vector")), num_cycles=40)
+@pytest.mark.parametrize("make", NUMBERS, ids=["deep_line_wars", "deep_rts"])
+def test_supersuits_wrappers_keep_to_pettingzoos_contract(make, wrapper):
+    parallel_api_test(WRAPPERS[wrapper](make()), num_cycles=40)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("wrapper", WRAPPERS)
+@pytest.mark.parametrize("picture", PICTURES)
+def test_supersuits_wrappers_take_pictures(picture, wrapper):
+    parallel_api_test(WRAPPERS[wrapper](PICTURES[picture]()), num_cycles=40)
+
+
+def test_normalised_numbers_are_told_from_each_other():
+    """Each number has bounds of its own, so that none vanishes beside a large one."""
+    for game in (deep_line_wars, deep_maze, deep_rts):
+        env = supersuit.normalize_obs_v0(make_env(game, representation="vector"))
+        seen = env.reset(seed=0)[0][env.agents[0]]
+        assert seen.min() >= 0.0
+        assert (seen > 0.01).sum() >= 5
+        assert seen.max() <= 1.0
 
 
 def test_supersuit_stacks_the_frames_that_were_seen():
@@ -64,6 +102,64 @@ def test_many_pettingzoo_games_become_one_vector_environment():
     for _ in range(40):
         observation, rewards, *_ = many.step(np.zeros(6, np.int64))
     assert rewards.shape == (6,)
+
+
+@pytest.mark.parametrize("picture", PICTURES)
+def test_races_become_one_vector_environment_that_shows_pictures(picture):
+    """Where seats go out before others, `black_death` keeps their rows."""
+    plain = PICTURES[picture]()
+    env = supersuit.pettingzoo_env_to_vec_env_v1(supersuit.black_death_v3(plain))
+    many = supersuit.concat_vec_envs_v1(env, 2, num_cpus=0, base_class="gymnasium")
+    observation, _ = many.reset(seed=0)
+    shape = plain.observation_space("player_0").shape
+    assert observation.dtype == np.uint8
+    num_ended = 0
+    for _ in range(70):
+        observation, _, terminated, truncated, _ = many.step(np.zeros(4, np.int64))
+        assert observation.shape == (4, *shape)
+        num_ended += int((terminated | truncated).sum())
+    assert num_ended >= 4
+
+
+# --- pictures with their channels last -----------------------------------------------------------
+
+
+def said_in_readme(game, call):
+    """The code of a game's page that begins with `call`, as the page has it."""
+    page = Path(game.__file__).with_name("README.md").read_text("utf-8")
+    (code,) = re.findall(f"`({re.escape(call)}.*?)`", page)
+    return code
+
+
+@pytest.mark.parametrize("game", [deep_maze, flappy_bird], ids=lambda game: game.__name__[16:])
+def test_supersuit_shrinks_and_greys_pictures_as_the_page_says(game):
+    scenario = "15x15-race-2p" if game is deep_maze else "race-2"
+    plain = game.parallel_env(scenario=scenario, representation="image")
+    code = said_in_readme(game, "supersuit.observation_lambda_v0(")
+    env = eval(code, {"supersuit": supersuit, "np": np, "env": plain})  # noqa: S307  # our own page's
+    red, height, width = plain.observation_space("player_0").shape
+    assert env.observation_space("player_0").shape == (height, width, red)
+    seen = env.reset(seed=3)[0]["player_0"]
+    np.testing.assert_array_equal(seen[..., 1], plain.engine.observe("image")[0, 0, 1])
+    small = supersuit.resize_v1(supersuit.color_reduction_v0(env, mode="full"), 84, 84)
+    assert small.reset(seed=3)[0]["player_0"].shape == (84, 84)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # PettingZoo's about its own wrapper
+        parallel_api_test(small, num_cycles=5)
+
+
+@pytest.mark.parametrize(
+    "env_id", ["marl_cair/DeepMaze-9x9-stochastic-v0", "marl_cair/FlappyBird-classic-v0"]
+)
+def test_gymnasium_greys_pictures_as_the_page_says(env_id):
+    plain = gymnasium.make(env_id, representation="image")
+    game = deep_maze if "Maze" in env_id else flappy_bird
+    code = said_in_readme(game, "gymnasium.wrappers.TransformObservation(")
+    env = eval(code, {"gymnasium": gymnasium, "np": np, "Box": Box, "env": plain})  # noqa: S307  # our own page's
+    seen, _ = env.reset(seed=3)
+    assert env.observation_space.contains(seen)
+    grey, _ = GrayscaleObservation(env).reset(seed=3)
+    assert grey.shape == plain.observation_space.shape[1:]
 
 
 def test_gymnasiums_own_wrappers_stack_frames_and_count_returns():

@@ -24,7 +24,7 @@ from marl_cair.games.deep_line_wars.sprites import (
     UNIT_SPRITES,
 )
 from marl_cair.games.deep_line_wars.state import NO_TARGET, NUM_PLAYERS, World, world_at
-from marl_cair.games.deep_line_wars.tables import CHARGE_PER_SHOT, PROGRESS_PER_TILE, TOWER_NAMES
+from marl_cair.games.deep_line_wars.tables import PROGRESS_PER_TILE
 from marl_cair.games.drawing import draw_bar, draw_number, draw_sprite, fill_box, fill_disc
 
 IMAGE_WIDTH, IMAGE_HEIGHT = 800, 600
@@ -291,7 +291,7 @@ def paint_gray(world: Any, rules: Any, player: int, image: Any) -> None:
                 column = int(world.unit_column[owner, slot])
                 if side == 1:
                     column = rules.columns - 1 - column
-                shade = level - 8 * world.unit_kind[owner, slot]
+                shade = level - 8 * int(world.unit_kind[owner, slot])
                 gray_cell(image, rules, world.unit_row[owner, slot], column, shade)
 
 
@@ -340,43 +340,3 @@ def draw(worlds: World, rules: Any, world: int, player: int | None) -> NDArray[n
     image = np.zeros((3, IMAGE_HEIGHT, IMAGE_WIDTH), np.uint8)
     paint_world(worlds, rules, world, player or 0, image, player is None)
     return np.ascontiguousarray(image.transpose(1, 2, 0))
-
-
-def hover_text(worlds: World, rules: Any, world: int, player: int, row: int, column: int) -> str:
-    """What stands in a cell of `player`'s own view: the tower's numbers, or nothing ("")."""
-    for owner in (player, 1 - player):
-        own_column = column if owner == player else rules.columns - 1 - column
-        for tower in range(int(worlds.num_towers[world, owner])):
-            place = worlds.tower_row[world, owner, tower], worlds.tower_column[world, owner, tower]
-            if place != (row, own_column):
-                continue
-            kind = int(worlds.tower_kind[world, owner, tower])
-            low, high = int(rules.tower_damage_min[kind]), int(rules.tower_damage_max[kind])
-            reload_ticks = CHARGE_PER_SHOT / int(rules.tower_speed[kind])
-            return (
-                f"{'own' if owner == player else 'enemy'} {TOWER_NAMES[kind]} tower: damage "
-                f"{low}-{high}, penetration {int(rules.tower_penetration[kind])}, range "
-                f"{int(rules.tower_range[kind])}, a shot every {reload_ticks:.1f} ticks"
-            )
-    return ""
-
-
-def draw_with_hover(
-    worlds: World, rules: Any, world: int, player: int, row: int, column: int
-) -> NDArray[np.uint8]:
-    """`draw` of a seat's view with the range of the tower in a cell as a lighter disc."""
-    picture = draw(worlds, rules, world, player)
-    for owner in (player, 1 - player):
-        own_column = column if owner == player else rules.columns - 1 - column
-        for tower in range(int(worlds.num_towers[world, owner])):
-            place = worlds.tower_row[world, owner, tower], worlds.tower_column[world, owner, tower]
-            if place == (row, own_column):
-                reach = int(rules.tower_range[worlds.tower_kind[world, owner, tower]])
-                tile = tile_size(rules)
-                y = board_top(rules) + (row + 0.5) * tile
-                x = board_left(rules) + (column + 0.5) * tile
-                ys, xs = np.ogrid[: picture.shape[0], : picture.shape[1]]
-                inside = (ys - y) ** 2 + (xs - x) ** 2 <= ((reach + 0.5) * tile) ** 2
-                inside &= ys >= board_top(rules)
-                picture[inside] = picture[inside] // 2 + 100
-    return picture

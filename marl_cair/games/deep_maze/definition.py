@@ -13,7 +13,8 @@ from marl_cair.games.deep_maze.observation import (
     CLASSIC_NAMES,
     EXPLORED,
     GOALS,
-    MAX_ID,
+    ID_HUNTER,
+    ID_MATE,
     NUM_UNIFORM,
     OPEN_CELLS,
     PLANE_NAMES,
@@ -25,7 +26,6 @@ from marl_cair.games.deep_maze.rulebook import make_rules
 from marl_cair.games.deep_maze.scenarios import (
     DEFAULT_SCENARIO,
     GYMNASIUM_PREFIX,
-    MAX_SIDE,
     REWARDS,
     SCENARIOS,
     Scenario,
@@ -39,7 +39,6 @@ from marl_cair.games.deep_maze.tables import (
     STEP_REWARD,
 )
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
-from marl_cair.games.scenario_checks import MAX_TICKS
 
 VERSION = "1"
 
@@ -84,6 +83,7 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
     picture = (3, rendering.IMAGE_HEIGHT, rendering.IMAGE_WIDTH)
     if pixels:
         picture = (3, scenario.rows * pixels, scenario.columns * pixels)
+    last_id = ID_HUNTER if scenario.is_chase else ID_MATE
     cells = tuple(
         f"row {row} column {column}" for row in range(board[0]) for column in range(board[1])
     )
@@ -98,10 +98,10 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
             num_uniform=NUM_UNIFORM,
         ),
         Representation(
-            "classic", (1, *board), np.uint8, MAX_ID, CLASSIC_NAMES, observation.observe_classic
+            "classic", (1, *board), np.uint8, last_id, CLASSIC_NAMES, observation.observe_classic
         ),
         Representation(
-            "flat", (scenario.num_cells,), np.uint8, MAX_ID, cells, observation.observe_flat
+            "flat", (scenario.num_cells,), np.uint8, last_id, cells, observation.observe_flat
         ),
         Representation(
             "image", picture, np.uint8, 255, ("red", "green", "blue"), rendering.observe_image
@@ -111,12 +111,23 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
             "vector",
             (len(VECTOR_NAMES),),
             np.float32,
-            float(max(MAX_TICKS, MAX_SIDE)),
+            vector_high(scenario),
             VECTOR_NAMES,
             observation.observe_vector,
+            low=(0.0,) * len(VECTOR_NAMES),
         ),
     )
     return {representation.name: representation for representation in listed}
+
+
+def vector_high(scenario: Scenario) -> tuple[float, ...]:
+    """The largest value of each entry of VECTOR_NAMES; 1 where it is 0 in all of the scenario."""
+    place = (scenario.rows - 1, scenario.columns - 1)
+    free = (place[0], place[0], place[1], place[1])  # down, up, left, right
+    left = (scenario.num_mazes - 1, scenario.preview_moves, scenario.max_ticks)
+    others = (1, *place, 1) * (MAX_PLAYERS - 1)
+    highest = (*place, 1, *place, *free, 1, *left, *others)
+    return tuple(float(max(1, value)) for value in highest)
 
 
 def read_info(worlds: World) -> dict[str, NDArray[Any]]:

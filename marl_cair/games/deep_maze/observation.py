@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_maze.rulebook import CHASE, HUNTER
@@ -53,8 +54,9 @@ NUM_UNIFORM = len(PLANE_NAMES) - FIRST_UNIFORM
 
 CLASSIC_NAMES = ("cell",)
 # The original's ids, and after them those of what it did not have.
-ID_OPEN, ID_WALL, ID_SELF, ID_GOAL, ID_UNKNOWN, ID_RIVAL, ID_MATE = range(7)
-MAX_ID = ID_MATE
+ID_OPEN, ID_WALL, ID_SELF, ID_GOAL, ID_UNKNOWN, ID_RIVAL, ID_MATE, ID_HUNTER = range(8)
+AS_SELF, AS_MATE, AS_RIVAL, AS_HUNTER = range(4)
+ROLE_IDS: NDArray[np.uint8] = np.array([ID_SELF, ID_MATE, ID_RIVAL, ID_HUNTER], np.uint8)
 
 _NUMBERS_OF_OTHER = ("in sight", "row", "column", "is a rival")
 VECTOR_NAMES = (
@@ -79,9 +81,25 @@ _NUM_OF_OTHER = len(_NUMBERS_OF_OTHER)
 
 
 @compiled
+def is_hunter(rules: Any, player: int) -> bool:
+    """Whether a seat hunts the others."""
+    return bool(rules.contest == CHASE and player == HUNTER)
+
+
+@compiled
 def is_mate(rules: Any, player: int, other: int) -> bool:
     """Whether two seats win together: those who are hunted in one chase."""
     return bool(rules.contest == CHASE and HUNTER not in (player, other))
+
+
+@compiled
+def role_of(rules: Any, player: int, other: int) -> int:
+    """What `other` is to `player`; the hunter is one to itself too, so that it knows its role."""
+    if is_hunter(rules, other):
+        return AS_HUNTER
+    if other == player:
+        return AS_SELF
+    return AS_MATE if is_mate(rules, player, other) else AS_RIVAL
 
 
 @compiled
@@ -147,7 +165,7 @@ def see_planes(world: Any, rules: Any, player: int, out: Any) -> None:
     if knows(world, rules, player, goal):
         flat[GOALS, goal] = FULL
     if rules.contest == CHASE:
-        flat[ROLE] = HUNTER_LEVEL if player == HUNTER else HUNTED_LEVEL
+        flat[ROLE] = HUNTER_LEVEL if is_hunter(rules, player) else HUNTED_LEVEL
     else:
         flat[ROLE] = 0
     to_come = rules.num_mazes - 1 - int(world.clock[MAZE])
@@ -175,8 +193,8 @@ def see_ids(world: Any, rules: Any, player: int, flat: Any) -> None:
         flat[goal] = ID_GOAL
     for other in range(rules.num_players):
         if other != player and sees_player(world, rules, player, other):
-            flat[world.cell[other]] = ID_MATE if is_mate(rules, player, other) else ID_RIVAL
-    flat[world.cell[player]] = ID_SELF
+            flat[world.cell[other]] = ROLE_IDS[role_of(rules, player, other)]
+    flat[world.cell[player]] = ROLE_IDS[role_of(rules, player, player)]
 
 
 # --- numbers -------------------------------------------------------------------------------------
@@ -210,7 +228,7 @@ def see_vector(world: Any, rules: Any, player: int, out: Any) -> None:
     for move in range(NUM_MOVES):
         out[_FIRST_FREE + move] = free_cells(world, rules, player, move)
     index = _FIRST_FREE + NUM_MOVES
-    out[index] = 1.0 if rules.contest == CHASE and player == HUNTER else 0.0
+    out[index] = 1.0 if is_hunter(rules, player) else 0.0
     out[index + 1] = rules.num_mazes - 1 - int(world.clock[MAZE])
     out[index + 2] = preview_left(world, rules)
     out[index + 3] = time_left(world, rules)

@@ -12,8 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled_compact
-from marl_cair.games.deep_maze.observation import is_mate, preview_left, sees_player, time_left
-from marl_cair.games.deep_maze.rulebook import CHASE, HUNTER
+from marl_cair.games.deep_maze.observation import (
+    is_hunter,
+    preview_left,
+    role_of,
+    sees_player,
+    time_left,
+)
 from marl_cair.games.deep_maze.sight import knows, sees
 from marl_cair.games.deep_maze.state import (
     EARLIER_OPTIMAL,
@@ -52,7 +57,7 @@ BACKGROUND, PANEL, INK, TRACK, FRAME_COLOUR, UNSEEN, FOG = (
         (20, 22, 32),
     )
 )
-WALL_TOP, WALL_FACE, FLOOR, FLOOR_2, GOAL_RED, GOAL_WHITE, POLE, WAY, DARK, WHITE = (
+WALL_TOP, WALL_FACE, FLOOR, FLOOR_2, GOAL_RED, GOAL_WHITE, WAY, DARK, WHITE = (
     np.array(colour, np.uint8)
     for colour in (
         (92, 104, 138),
@@ -61,7 +66,6 @@ WALL_TOP, WALL_FACE, FLOOR, FLOOR_2, GOAL_RED, GOAL_WHITE, POLE, WAY, DARK, WHIT
         (236, 230, 214),
         (214, 48, 49),
         (255, 214, 208),
-        (60, 40, 40),
         (255, 176, 59),
         (26, 30, 38),
         (255, 255, 255),
@@ -74,8 +78,8 @@ PLAYER_COLOURS: NDArray[np.uint8] = np.array(
 HUNTER_COLOUR = 4
 FOG_PERCENT = 52
 
-# Colours of the picture at cell scale: the original's, and two for those whom it did not have.
-CELL_OPEN, CELL_WALL, CELL_SELF, CELL_GOAL, CELL_UNKNOWN, CELL_RIVAL, CELL_MATE = (
+# Colours of the picture at cell scale: the original's, and three for those whom it did not have.
+CELL_OPEN, CELL_WALL, CELL_SELF, CELL_GOAL, CELL_UNKNOWN, CELL_RIVAL, CELL_MATE, CELL_HUNTER = (
     np.array(colour, np.uint8)
     for colour in (
         (255, 255, 255),
@@ -85,11 +89,15 @@ CELL_OPEN, CELL_WALL, CELL_SELF, CELL_GOAL, CELL_UNKNOWN, CELL_RIVAL, CELL_MATE 
         (105, 105, 105),
         (0, 0, 255),
         (0, 200, 200),
+        (255, 160, 0),
     )
 )
 # Levels of `gray`; what is remembered but not in sight is darker.
 GRAY_WALL, GRAY_OPEN, GRAY_SELF, GRAY_GOAL, GRAY_RIVAL, GRAY_MATE = 50, 120, 200, 255, 230, 175
-GRAY_REMEMBERED = 15
+GRAY_HUNTER, GRAY_REMEMBERED = 150, 15
+# By `role_of`.
+ROLE_COLOURS: NDArray[np.uint8] = np.stack([CELL_SELF, CELL_MATE, CELL_RIVAL, CELL_HUNTER])
+ROLE_GRAYS: NDArray[np.int64] = np.array([GRAY_SELF, GRAY_MATE, GRAY_RIVAL, GRAY_HUNTER], np.int64)
 
 
 # --- the board -----------------------------------------------------------------------------------
@@ -189,7 +197,7 @@ def paint_way(world: Any, rules: Any, player: int, colour: Any, image: Any) -> N
 @compiled_compact
 def player_colour(rules: Any, viewer: int, player: int) -> int:
     """The row of PLAYER_COLOURS of a seat in a viewer's picture."""
-    if rules.contest == CHASE and player == HUNTER:
+    if is_hunter(rules, player):
         return HUNTER_COLOUR
     return int((player - max(0, viewer)) % HUNTER_COLOUR)
 
@@ -223,7 +231,7 @@ def paint_player(world: Any, rules: Any, viewer: int, player: int, image: Any) -
         fill_disc(
             image, y_eyes + down * eye // 2, x_eye + across * eye // 2, max(1, eye // 2), DARK
         )
-        if rules.contest == CHASE and player == HUNTER:
+        if is_hunter(rules, player):
             brow = max(1, eye // 2)
             fill_box(image, y_eyes - eye - brow // 2, x_eye - eye, brow + 1, 2 * eye + 1, DARK)
 
@@ -241,7 +249,7 @@ def paint_board(world: Any, rules: Any, viewer: int, image: Any) -> None:
         paint_goal(rules, goal, image)
     if viewer == SPECTATOR:
         for player in range(rules.num_players):
-            if world.is_caught[player] == 0 and (rules.contest != CHASE or player != HUNTER):
+            if world.is_caught[player] == 0 and not is_hunter(rules, player):
                 paint_way(world, rules, player, WAY, image)
     for player in range(rules.num_players - 1, -1, -1):
         if player == viewer or world.is_caught[player] != 0:
@@ -317,15 +325,10 @@ def paint_cells(world: Any, rules: Any, player: int, image: Any) -> None:
         fill_box(image, row * size, column * size, size, size, colour)
     for turn in range(rules.num_players):
         other = (player + 1 + turn) % rules.num_players  # the seat itself comes last
-        colour = CELL_MATE if is_mate(rules, player, other) else CELL_RIVAL
-        if other == player:
-            colour = CELL_SELF
-        elif not sees_player(world, rules, player, other):
+        if other != player and not sees_player(world, rules, player, other):
             continue
-        row, column = (
-            int(world.cell[other]) // rules.columns,
-            int(world.cell[other]) % rules.columns,
-        )
+        row, column = divmod(int(world.cell[other]), rules.columns)
+        colour = ROLE_COLOURS[role_of(rules, player, other)]
         fill_box(image, row * size, column * size, size, size, colour)
 
 
@@ -358,9 +361,10 @@ def paint_gray(world: Any, rules: Any, player: int, image: Any) -> None:
         gray_cell(image, rules, goal, GRAY_GOAL)
     for other in range(rules.num_players):
         if other != player and sees_player(world, rules, player, other):
-            level = GRAY_MATE if is_mate(rules, player, other) else GRAY_RIVAL
+            level = ROLE_GRAYS[role_of(rules, player, other)]
             gray_cell(image, rules, int(world.cell[other]), level)
-    gray_cell(image, rules, int(world.cell[player]), GRAY_SELF)
+    level = ROLE_GRAYS[role_of(rules, player, player)]
+    gray_cell(image, rules, int(world.cell[player]), level)
 
 
 # --- slices of worlds, and what people call ------------------------------------------------------

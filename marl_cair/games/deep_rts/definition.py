@@ -167,9 +167,10 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
             "vector",
             (len(VECTOR_NAMES),),
             np.float32,
-            float(2**31),
+            other_views.vector_high(scenario),
             VECTOR_NAMES,
             other_views.observe_vector,
+            low=(0.0,) * len(VECTOR_NAMES),
         ),
     )
     return {representation.name: representation for representation in listed}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from math import ceil
+from operator import mul
+from typing import TYPE_CHECKING, Any
 
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_rts.appearance import side_of
@@ -16,6 +18,7 @@ from marl_cair.games.deep_rts.rulebook import (
     KIND_DAMAGE_MIN,
     KIND_HEALTH,
     KIND_PIERCING,
+    NUM_DIRECTIONS,
     SEAT_FRAME,
 )
 from marl_cair.games.deep_rts.state import (
@@ -24,6 +27,7 @@ from marl_cair.games.deep_rts.state import (
     FOOD_USED,
     GATHERED,
     MAP_INDEX,
+    NEVER,
     NO_UNIT,
     NUM_OWNED,
     NUM_UNITS,
@@ -41,15 +45,27 @@ from marl_cair.games.deep_rts.state import (
     world_at,
 )
 from marl_cair.games.deep_rts.tables import (
+    GOLD,
+    LUMBER,
+    MAX_RESOURCE,
     NO_RESOURCE,
     NUM_KINDS,
     NUM_MOBILE_KINDS,
     NUM_RESOURCES,
     NUM_UPGRADES,
+    PEASANT,
+    PRESETS,
     RESOURCE_NAMES,
+    STONE,
+    TILE_RESOURCE,
+    TOWN_HALL,
     UNIT_NAMES,
     UPGRADE_NAMES,
+    Preset,
 )
+
+if TYPE_CHECKING:
+    from marl_cair.games.deep_rts.scenarios import Scenario
 
 VECTOR_NAMES = (
     *(f"own {name}" for name in RESOURCE_NAMES),
@@ -79,6 +95,91 @@ CLASSIC_NAMES = (
     "armour",
 )
 CLASSIC_SELF, CLASSIC_ALLY, CLASSIC_ENEMY = 1, 2, 3
+
+
+# --- the largest numbers -----------------------------------------------------------------------
+
+
+def vector_high(scenario: Scenario) -> tuple[float, ...]:
+    """The largest value of each entry of VECTOR_NAMES, as high as the rules and the ground let it
+    come; 1 where it is 0 in all of the scenario.
+    """
+    preset = PRESETS[scenario.preset]
+    start = (preset.start_gold, preset.start_lumber, preset.start_stone, preset.start_oil)
+    found = _most_found(scenario)
+    stored = [min(MAX_RESOURCE, first + more) for first, more in zip(start, found, strict=True)]
+    counted = [min(MAX_RESOURCE, more) for more in found]
+    food = max(preset.food_limit, sum(map(mul, _starting_units(scenario), preset.food_consumed)))
+    num_enemies = _most_enemies(scenario)
+    slots = scenario.slots_per_player
+    units = [min(slots, food // eats) if eats else slots for eats in preset.food_consumed]
+    units_in_sight = [num_enemies * most for most in units]
+    done, taken = _most_lost(scenario, num_enemies), _most_lost(scenario, 1)
+    gathered = found[GOLD] + 0.5 * found[LUMBER] + 1.5 * found[STONE]
+    created = (start[GOLD] + found[GOLD]) * _for_one_gold(preset)[0]
+    score = gathered + 2.0 * created + slots + 0.6 * done
+    highest = (
+        *(*stored, *counted, food, preset.food_limit, *preset.upgrade_levels),
+        *(*units, *units_in_sight, done, taken, score, scenario.max_ticks, scenario.max_ticks),
+    )
+    return tuple(float(min(NEVER, max(1, ceil(value)))) for value in highest)
+
+
+def _most_found(scenario: Scenario) -> list[int]:
+    """All of each resource that lies on any of the maps, as workers bring it home. Of those who
+    stand around a tile each may take its last unit.
+    """
+    preset = PRESETS[scenario.preset]
+    most = [0] * NUM_RESOURCES
+    for tile, resource in enumerate(TILE_RESOURCE):
+        if resource != NO_RESOURCE:
+            num_tiles = max(int((game_map.tiles == tile).sum()) for game_map in scenario.maps)
+            units = num_tiles * (preset.tile_amount[tile] + NUM_DIRECTIONS - 1)
+            most[resource] = units * preset.tile_yield[tile]
+    return most
+
+
+def _starting_units(scenario: Scenario) -> tuple[int, ...]:
+    """How many of each kind a player has at the start."""
+    preset, num_buildings = PRESETS[scenario.preset], NUM_KINDS - NUM_MOBILE_KINDS
+    if scenario.army:
+        return (*scenario.army, *[0] * num_buildings)
+    base = [0] * NUM_KINDS
+    base[PEASANT], base[TOWN_HALL] = preset.start_peasants, int(preset.starts_with_hall)
+    return tuple(base)
+
+
+def _most_enemies(scenario: Scenario) -> int:
+    """The players against whom a seat plays, of that which has most."""
+    teams = scenario.teams or tuple(range(scenario.num_players))
+    return scenario.num_players - min(map(teams.count, teams))
+
+
+def _for_one_gold(preset: Preset) -> tuple[float, float]:
+    """How many units, and how many hit points, one gold brings at most; of these repairing brings
+    the most. A site that is hit and cancelled loses a tenth of its health and a quarter of its
+    price, so nobody gets hit points for less.
+    """
+    enabled = [kind for kind, is_enabled in enumerate(preset.is_enabled) if is_enabled]
+    prices = [preset.cost_gold[kind] for kind in enabled]
+    if not (all(prices) and preset.repair_percent):
+        return NEVER, NEVER  # something is free: no bound but that of the state's numbers
+    built = max(preset.health[kind] / preset.cost_gold[kind] for kind in enabled)
+    return 1.0 / min(prices), built * max(1.0, 100.0 / preset.repair_percent)
+
+
+def _most_lost(scenario: Scenario, num_players: int) -> float:
+    """Hit points that so many players can lose together: what they begin with, and what all the
+    gold brings that they begin with and find.
+    """
+    preset = PRESETS[scenario.preset]
+    _, health = _for_one_gold(preset)
+    first: int = sum(map(mul, _starting_units(scenario), preset.health))
+    found = _most_found(scenario)[GOLD] if num_players else 0
+    return num_players * (first + health * preset.start_gold) + health * found
+
+
+# --- what is seen ------------------------------------------------------------------------------
 
 
 @compiled

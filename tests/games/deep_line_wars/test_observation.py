@@ -279,6 +279,55 @@ def test_no_representation_shows_the_enemys_cursor_or_the_random_words(
     assert changed == (actions == "classic")
 
 
+# --- bounds of the vector ----------------------------------------------------------------------
+
+
+def high_of(board: Board) -> dict[str, float]:
+    shown = board.engine.spec.representations["vector"]
+    assert shown.low == (0.0,) * len(VECTOR_NAMES)
+    return dict(zip(VECTOR_NAMES, shown.high, strict=True))
+
+
+def test_each_number_of_the_vector_has_its_own_bound():
+    high = high_of(Board(preset="balanced"))
+    assert high["own health"] == 50
+    assert high["own lumber"] == 8 + 25  # one at the end of each interval
+    assert (high["ticks to next income"], high["ticks left"]) == (100, 2_500)
+    assert high_of(Board(preset="2018"))["own lumber"] == 1  # always 0
+    for name in ("health", "gold", "lumber", "income"):
+        assert high[f"own {name}"] == high[f"enemy {name}"]
+
+
+def test_the_bounds_of_a_short_game_are_what_it_can_bring():
+    """One decision: one unit bought, one killed, and nobody is paid."""
+    high = high_of(Board(preset="balanced", ticks_per_step=10, max_ticks=10))
+    assert (high["own gold"], high["own income"]) == (200 + 10, 100)
+    # Ten purchases before the only payment, for which there are 300 gold with ten bounties.
+    high = high_of(Board(preset="balanced", ticks_per_step=10, max_ticks=100))
+    assert (high["own gold"], high["own income"]) == (300 + 100, 100 + 300 * 20 // 100)
+
+
+@pytest.mark.parametrize("preset", ["2017", "2018", "balanced"])
+@pytest.mark.parametrize("ticks_per_step", [1, 7, 10])
+def test_who_only_invests_and_who_saves_in_time_stay_below_the_bounds(preset, ticks_per_step):
+    """And come near: within a few times of what they reach, bounties and fractions left out."""
+    board = Board(preset=preset, ticks_per_step=ticks_per_step, max_ticks=1_000)
+    high, most = high_of(board), np.zeros(len(VECTOR_NAMES))
+    while not board.engine.truncated[0]:
+        buys = "noop"
+        for unit in ("footman", "armoured_grunt"):
+            buys = f"buy_{unit}" if board.is_legal(0, f"buy_{unit}") else buys
+        saves = board.world.tick[0] >= 500 or not board.is_legal(1, "buy_footman")
+        board.play(buys, "noop" if saves else "buy_footman")
+        board.world.health[:] = 50  # nobody loses
+        most = np.maximum(most, board.engine.observe("vector")[0].max(axis=0))
+    reached = dict(zip(VECTOR_NAMES, most.tolist(), strict=True))
+    for name, value in reached.items():
+        assert value <= high[name], name
+    assert reached["own gold"] > high["own gold"] / 30
+    assert reached["own income"] > high["own income"] / 30
+
+
 def test_the_public_state_holds_all_but_the_random_words():
     board = Board()
     before = board.engine.public_state(0)

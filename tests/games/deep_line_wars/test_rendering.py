@@ -50,18 +50,6 @@ def test_a_tower_changes_the_picture_only_in_its_cell_and_the_bars(engine):
     assert worlds.num_towers[0].tolist() == [1, 0]
 
 
-def test_hover_tells_a_towers_numbers_and_shows_its_range(engine):
-    play(engine, BUILD_BASIC_R4_C3, 0)
-    place = engine._worlds, engine._rules, 0
-    text = rendering.hover_text(*place, 0, 4, 3)
-    assert text.startswith("own basic tower: damage 5-7, penetration 2, range 3, a shot every 5.0")
-    assert rendering.hover_text(*place, 1, 4, 15 - 1 - 3).startswith("enemy basic tower")
-    assert rendering.hover_text(*place, 0, 0, 0) == ""
-    plain, hovered = engine.render(0, 0), rendering.draw_with_hover(*place, 0, 4, 3)
-    assert (plain != hovered).any(-1).sum() > 10_000
-    assert np.array_equal(rendering.draw_with_hover(*place, 0, 0, 0), plain)
-
-
 def test_every_kind_has_its_own_picture_in_both_colours():
     for sprites in (UNIT_SPRITES, TOWER_SPRITES):
         assert sprites.shape[1:] == (12, 12)

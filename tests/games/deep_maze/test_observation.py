@@ -1,9 +1,12 @@
 """Each representation tells the board as its page says."""
 
+import hashlib
+
 import numpy as np
 import pytest
 
 from marl_cair.games.deep_maze.observation import PLANE_NAMES, VECTOR_NAMES
+from tests.games.cases import Luck, choose_actions
 from tests.games.deep_maze.table import Table
 
 pytestmark = pytest.mark.plain_python
@@ -94,6 +97,97 @@ def test_the_vector_tells_places_and_free_cells():
     other_0 = [told[f"other 2: {name}"] for name in ("in sight", "row", "column", "is a rival")]
     assert other_2 == [1, 3, 3, 0]
     assert other_0 == [1, 1, 1, 1]
+
+
+def test_each_number_of_the_vector_has_its_own_bounds():
+    table = Table("25x25-race-2p", rows=9, columns=30, max_ticks=70)
+    shown = table.engine.spec.representations["vector"]
+    assert shown.low == (0.0,) * len(VECTOR_NAMES)
+    high = dict(zip(VECTOR_NAMES, shown.high, strict=True))
+    assert (high["own row"], high["own column"], high["goal known"]) == (8, 29, 1)
+    assert (high["goal row"], high["goal column"]) == (8, 29)
+    assert [high[f"free cells {way}"] for way in ("down", "up", "left", "right")] == [8, 8, 29, 29]
+    assert (high["self hunts"], high["moves left"]) == (1, 70)
+    assert (high["mazes left"], high["preview moves left"]) == (1, 1)  # always 0 here
+    for other in (1, 2, 3):
+        told = [high[f"other {other}: {name}"] for name in ("in sight", "row", "column")]
+        assert told == [1, 8, 29]
+    several = Table("9x9-sequence").engine.spec.representations["vector"]
+    assert dict(zip(VECTOR_NAMES, several.high, strict=True))["mazes left"] == 2
+    foggy = Table("9x9-timed_square").engine.spec.representations["vector"]
+    assert dict(zip(VECTOR_NAMES, foggy.high, strict=True))["preview moves left"] == 5
+
+
+def test_a_straight_way_has_as_many_free_cells_as_its_bound():
+    row = "0........G"
+    table = Table(board="\n".join([row, *["." * 10] * 4]))
+    told = dict(zip(VECTOR_NAMES, table.see("vector").tolist(), strict=True))
+    high = dict(zip(VECTOR_NAMES, table.engine.spec.representations["vector"].high, strict=True))
+    for way in ("down", "right"):
+        assert told[f"free cells {way}"] == high[f"free cells {way}"]
+
+
+# --- the hunter --------------------------------------------------------------------------------
+
+FACE_TO_FACE = """
+#######
+#0...1#
+#.....#
+#....G#
+#######
+"""
+SEEN = ("planes", "classic", "flat", "image", "gray", "vector")
+
+
+@pytest.mark.parametrize("name", SEEN)
+@pytest.mark.parametrize("pixels", [0, 3])
+@pytest.mark.parametrize("scenario", ["15x15-chase-2p", "15x15-chase-2p-line_of_sight"])
+def test_hunter_and_hunted_see_different_things_in_one_place(scenario, pixels, name):
+    """Each stands where the other stood, in sight of each other or (of two cells) not."""
+    options = {"cell_pixels": pixels} | ({"vision": 2} if "sight" in scenario else {})
+    exchanged = FACE_TO_FACE.translate(str.maketrans("01", "10"))
+    hunter, hunted = (
+        Table(scenario, board=board, **options) for board in (FACE_TO_FACE, exchanged)
+    )
+    for table in (hunter, hunted):
+        table.move("noop", "noop")  # looks around
+    assert hunter.place(0) == hunted.place(1)
+    assert not np.array_equal(hunter.see(name, 0), hunted.see(name, 1))
+
+
+def test_the_hunter_has_an_id_to_everybody():
+    table = Table("15x15-chase-3p", board=CHASE)
+    hunter, hunted, mate = ((1, 1), (1, 3), (3, 3))
+    assert [
+        [int(table.see("classic", seat)[0][cell]) for cell in (hunter, hunted, mate)]
+        for seat in range(3)
+    ] == [[7, 5, 5], [7, 2, 6], [7, 6, 2]]
+    for name in ("classic", "flat"):
+        assert table.engine.spec.representations[name].high == 7
+        assert Table("15x15-race-3p").engine.spec.representations[name].high == 6
+
+
+@pytest.mark.parametrize(
+    ("scenario", "digest"),
+    [
+        ("9x9-stochastic", "fe2cc639461caa8d"),
+        ("9x9-sequence", "20cf9a60075cff0a"),
+        ("9x9-timed_square", "f3789dc26f32fd93"),
+        ("15x15-race-2p", "14acb8489ef893ae"),
+        ("15x15-race-4p-square", "b5241aa0d646fb5e"),
+    ],
+)
+def test_who_is_not_hunted_sees_what_version_1_began_with(scenario, digest):
+    """The digests are from before hunters had an id of their own."""
+    table, found = Table(scenario, seed=11, cell_pixels=2), hashlib.sha256()
+    for numbers in Luck.draw(12, 1, table.engine.num_players).numbers:
+        for name in ("planes", "classic", "flat", "vector", "gray", "image"):
+            found.update(table.engine.observe(name).tobytes())
+        table.engine.step(choose_actions(table.engine, numbers))
+    assert found.hexdigest()[:16] == digest
+
+
+# --- others ------------------------------------------------------------------------------------
 
 
 def test_a_player_on_another_shows_itself():

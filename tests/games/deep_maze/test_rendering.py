@@ -84,6 +84,16 @@ def test_a_move_changes_the_picture_only_at_its_cells_and_in_the_panel():
     assert columns.max() < start + 3 * side
 
 
+def test_the_hunter_has_a_colour_in_small_pictures_to_itself_and_to_the_hunted():
+    board = "#####\n#0.1#\n#...#\n#..G#\n#####"
+    table = Table("15x15-chase-2p", board=board, cell_pixels=1)
+    for seat in range(2):
+        assert (table.see("image", seat)[:, 1, 1] == rendering.CELL_HUNTER).all()
+        assert table.see("gray", seat)[0, 4 + 80 * 3 // 10, 84 * 3 // 10] == rendering.GRAY_HUNTER
+    colours = {tuple(colour) for colour in rendering.ROLE_COLOURS.tolist()}
+    assert len(colours) == len(set(rendering.ROLE_GRAYS.tolist())) == 4
+
+
 def test_the_hunter_has_a_colour_of_its_own():
     table = Table("15x15-chase-2p")
     picture = table.engine.render(0)

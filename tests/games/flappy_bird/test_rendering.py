@@ -67,7 +67,7 @@ def test_the_gauge_of_the_wind_has_its_colours_in_grey():
 
 
 @pytest.mark.plain_python
-def test_wind_is_seen_only_where_there_is_any():
+def test_wind_is_seen_where_there_is_any():
     flight = Flight("windy")
     flight.wait(1)
     seen = set()
@@ -78,6 +78,19 @@ def test_wind_is_seen_only_where_there_is_any():
         flight.play()
         seen.add(flight.seen("gray")[0, :18, :8].tobytes())
     assert len(seen) == 4
+
+
+@pytest.mark.plain_python
+@pytest.mark.parametrize(("scenario", "has_wind"), [("windy", True), ("classic", False)])
+def test_a_gauge_of_the_wind_is_seen_only_where_there_may_be_any(scenario, has_wind):
+    flight = Flight(scenario)
+    flight.wait(5)
+    corner = flight.seen("image")[:, :60, :24].transpose(1, 2, 0)
+    for colour in (GAUGE_DARK, GAUGE_BRIGHT):
+        assert (corner == colour).all(-1).any() == has_wind
+    for name in SIDES:
+        apart = np.abs(flight.seen(name)[0].astype(int) - shrink(flight, name))[:18, :8]
+        assert apart.max() <= 8
 
 
 @pytest.mark.plain_python

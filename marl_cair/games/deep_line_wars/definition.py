@@ -136,7 +136,7 @@ def vector_high(scenario: Scenario) -> tuple[float, ...]:
     """The largest value of each entry of VECTOR_NAMES, as high as the rules let it come."""
     preset = PRESETS[scenario.preset]
     num_payments = scenario.max_ticks // preset.income_interval_ticks
-    _, income = _invest(scenario, num_payments)
+    _, income = _invest(scenario, num_payments + 1)  # after the last one too
     # An interval's purchases pay for themselves if enough payments follow.
     gain = _most_income_for_gold(preset)
     gold, _ = _invest(scenario, sum(left * gain > 1 for left in range(1, num_payments + 1)))

@@ -300,8 +300,12 @@ def test_each_number_of_the_vector_has_its_own_bound():
 
 def test_the_bounds_of_a_short_game_are_what_it_can_bring():
     """One decision: one unit bought, one killed, and nobody is paid."""
-    high = high_of(Board(preset="balanced", ticks_per_step=10, max_ticks=10))
-    assert (high["own gold"], high["own income"]) == (200 + 10, 100)
+    board = Board(preset="balanced", ticks_per_step=10, max_ticks=10)
+    high = high_of(board)
+    assert (high["own gold"], high["own income"]) == (200 + 10, 100 + 20)
+    board.play("buy_armoured_grunt", "noop")
+    seen = dict(zip(VECTOR_NAMES, board.engine.observe("vector")[0, 0].tolist(), strict=True))
+    assert 100 < seen["own income"] <= high["own income"]
     # Ten purchases before the only payment, for which there are 300 gold with ten bounties.
     high = high_of(Board(preset="balanced", ticks_per_step=10, max_ticks=100))
     assert (high["own gold"], high["own income"]) == (300 + 100, 100 + 300 * 20 // 100)

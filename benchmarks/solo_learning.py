@@ -46,13 +46,16 @@ class Task(NamedTuple):
     statistic: str  # of it: mean or median
     options: tuple[str, ...] = ()  # of the scenario, of the final games alone
     agent: str = LATEST_FOLDER  # of the run, which is rated
+    scale: str = "linear"  # of the number's panel
 
 
 TASKS = {
     "deep_maze": (
-        Task("deep_maze_9x9", ("conv", "capsule"), 500, "extra_steps", "mean"),
-        Task("deep_maze_25x25_fixed", ("conv", "capsule"), 500, "extra_steps", "mean"),
-        Task("deep_maze_25x25", ("conv", "capsule"), 500, "extra_steps", "mean"),
+        Task("deep_maze_9x9", ("conv", "capsule"), 500, "extra_steps", "mean", scale="symlog"),
+        Task(
+            "deep_maze_25x25_fixed", ("conv", "capsule"), 500, "extra_steps", "mean", scale="symlog"
+        ),
+        Task("deep_maze_25x25", ("conv", "capsule"), 500, "extra_steps", "mean", scale="symlog"),
     ),
     "flappy_bird": (
         # 6,000 ticks are 158 pipes, 40,000 are 1,060.
@@ -114,8 +117,7 @@ def draw(runs: Mapping[Task, Mapping[str, Path]], path: Path) -> None:
             panel.spines[["top", "right"]].set_visible(False)
             panel.grid(alpha=0.25)
         panels[0, column].set(title=task.recipe, ylim=(-0.03, 1.03), ylabel="ended before its time")
-        if task.number == "extra_steps":  # from hundreds to none
-            panels[1, column].set_yscale("symlog")
+        panels[1, column].set_yscale(task.scale)
         panels[1, column].set_ylim(bottom=0)
         for panel in panels[:, column]:
             panel.set_xlim(left=0)

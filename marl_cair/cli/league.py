@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import functools
-import math
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -258,7 +257,7 @@ def _read_time(text: str) -> float:
     if not text:
         return 0.0
     seconds = read_seconds(text)
-    if seconds is None or not 0.0 < seconds < math.inf:  # NaN too
+    if seconds is None:
         raise ValueError(
             f"--time is {text!r}, it must be a number above 0 with s, m or h, for example 10m"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 
 from marl_cair.games import GAMES
 
@@ -68,11 +69,12 @@ def add_no_replays(parser: argparse.ArgumentParser) -> None:
 
 
 def read_seconds(text: str) -> float | None:
-    """Seconds of "90s", "10m" or "2h"; None of what is no number with s, m or h."""
+    """Seconds of "90s", "10m" or "2h"; None of what is no number above 0 with s, m or h."""
     try:
-        return float(text[:-1]) * _SECONDS[text[-1:]]
+        seconds = float(text[:-1]) * _SECONDS[text[-1:]]
     except (KeyError, ValueError):
         return None
+    return seconds if 0.0 < seconds < math.inf else None  # NaN is neither
 
 
 def add_answer_seconds(parser: argparse.ArgumentParser) -> None:

@@ -11,13 +11,30 @@ from numpy.typing import NDArray
 from marl_cair.games.game import GameSpec
 
 
+def read_index(value: Any) -> int | None:
+    """A whole number of Python, NumPy or torch as an int; None of anything else."""
+    try:
+        return operator.index(value)
+    except TypeError:
+        return None
+
+
+def check_seed(owner: str, seed: Any) -> int:
+    """A seed as an int in 0..2**64-1, the remainder of others: generators take none below 0.
+
+    Raises:
+        ValueError: it is no whole number; names the owner.
+    """
+    number = read_index(seed)
+    if number is None:
+        raise ValueError(f"{owner}: seed is {seed!r}, it must be a whole number, as 3")
+    return number % 2**64
+
+
 def check_count(game: str, name: str, value: Any) -> int:
     """A number of worlds, threads or decisions. Raises ValueError below 1, or where not whole."""
-    try:
-        count = operator.index(value)
-    except TypeError:
-        count = 0
-    if count < 1:
+    count = read_index(value)
+    if count is None or count < 1:
         raise ValueError(f"{game}: {name} is {value!r}, it must be at least 1, and a whole number")
     return count
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from typing import Any
 
 import gymnasium
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from marl_cair.games import make_engine
 from marl_cair.games.action_forms import make_action_form
 from marl_cair.games.engine import BatchedEngine
-from marl_cair.games.engine_checks import check_count, check_num_worlds
+from marl_cair.games.engine_checks import check_count, check_num_worlds, check_seed, read_index
 from marl_cair.games.game import Agent
 from marl_cair.games.mixed_agent import MixedAgent
 from marl_cair.games.parallel_env import (
@@ -24,7 +23,7 @@ from marl_cair.games.parallel_env import (
     make_action_space,
     make_observation_space,
 )
-from marl_cair.games.randomness import EpisodeSeeds, check_seed
+from marl_cair.games.randomness import EpisodeSeeds
 
 ANYBODY = "random"  # the opponent if not told
 _METADATA = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # an instance has its game's
@@ -54,7 +53,7 @@ class _LearnerSeat:
     def restart(self, seed: int) -> None:
         self.seeds.restart(seed)
         if self.opponent is not None:
-            self.opponent.seed(seed % 2**64)  # generators take no numbers below 0
+            self.opponent.seed(seed)
 
     def start_games(self, worlds: NDArray[np.bool_]) -> None:
         """New games in worlds bool [B]."""
@@ -108,11 +107,8 @@ class _LearnerSeat:
 
 def _check_seat(engine: BatchedEngine, seat: Any) -> int:
     last = engine.num_players - 1
-    try:
-        chosen = operator.index(seat)
-    except TypeError:
-        chosen = -1
-    if not 0 <= chosen <= last:
+    chosen = read_index(seat)
+    if chosen is None or not 0 <= chosen <= last:
         raise ValueError(f"{engine.game.name}: seat is {seat!r}, allowed are 0..{last}")
     return chosen
 
@@ -182,7 +178,7 @@ class GameEnv(gymnasium.Env[Any, Any]):
         """
         if seed is not None:
             seed = check_seed(self.engine.game.name, seed)
-            super().reset(seed=seed % 2**64)  # draws nothing: wrappers do
+            super().reset(seed=seed)  # draws nothing: wrappers do
             self._table.restart(seed)
         self._table.start_games(np.ones(1, np.bool_))
         return self._look()
@@ -279,7 +275,7 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         mask = self.engine.check_reset((options or {}).get("reset_mask"), "reset_mask")
         if seed is not None:
             seed = check_seed(self.engine.game.name, seed)
-            super().reset(seed=seed % 2**64)
+            super().reset(seed=seed)
             self._table.restart(seed)
         self._restart(mask)
         return self._look()

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from marl_cair.games.engine_checks import check_seed
 from marl_cair.games.game import Agent
-from marl_cair.games.randomness import check_seed
 
 
 class MixedAgent:
@@ -67,7 +67,7 @@ class MixedAgent:
 
     def seed(self, seed: int) -> None:
         """Restart all random generators, and draw who plays where nobody else does."""
-        self._rng = np.random.default_rng(check_seed(self.name, seed) % 2**64)
+        self._rng = np.random.default_rng(check_seed(self.name, seed))
         for member in self.members:
             member.seed(int(self._rng.integers(2**62)))
         self._playing = int(self.draw(1)[0])

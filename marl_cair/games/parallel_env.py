@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,9 @@ from pettingzoo.utils.conversions import parallel_to_aec
 from marl_cair.games import make_engine
 from marl_cair.games.action_forms import ActionForm, make_action_form
 from marl_cair.games.engine import BatchedEngine
-from marl_cair.games.engine_checks import check_count, check_num_worlds
+from marl_cair.games.engine_checks import check_count, check_num_worlds, check_seed, read_index
 from marl_cair.games.game import Representation
-from marl_cair.games.randomness import EpisodeSeeds, check_seed
+from marl_cair.games.randomness import EpisodeSeeds
 
 RENDER_MODES = ("rgb_array",)
 VECTOR = "vector"
@@ -115,7 +114,7 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
             self._seeds.restart(seed)
         if seed is not None or not hasattr(self, "np_random"):
             # Ours draws nothing from it: wrappers do (SuperSuit's frame_skip).
-            self.np_random, _ = seeding.np_random(None if seed is None else seed % 2**64)
+            self.np_random, _ = seeding.np_random(seed)
         self.engine.reset(self._seeds.next())
         self.agents = list(self.possible_agents)
         return self._look()
@@ -177,13 +176,13 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         """An agent's action as the engine takes it."""
         expected = self._form.sizes.shape
         if not expected:
-            try:
-                return operator.index(action)
-            except TypeError:
+            index = read_index(action)
+            if index is None:
                 raise ValueError(
                     f"{self.engine.game.name}: the action of {agent} is {action!r}, it must be a "
                     f"whole number in 0..{self.engine.num_actions - 1}"
-                ) from None
+                )
+            return index
         action = np.asarray(action)
         if action.shape != expected or action.dtype.kind not in "iu":
             raise ValueError(

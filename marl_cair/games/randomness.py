@@ -4,7 +4,6 @@ Each word is splitmix64 (Steele, Lea, Flood 2014): the state is a counter, the o
 so a world draws the same numbers alone, in a batch, on any thread and after a restore.
 """
 
-import operator
 from typing import Any
 
 import numpy as np
@@ -52,14 +51,6 @@ def episode_seeds(
             word ^ (episodes.astype(np.uint64) + np.uint64(1)) * _MIX_1
         )
     return mixed
-
-
-def check_seed(owner: str, seed: Any) -> int:
-    """A seed as an int. Raises ValueError, which names the owner, for what is no whole number."""
-    try:
-        return operator.index(seed)
-    except TypeError:
-        raise ValueError(f"{owner}: seed is {seed!r}, it must be a whole number, as 3") from None
 
 
 class EpisodeSeeds:

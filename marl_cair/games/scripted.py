@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled
-from marl_cair.games.randomness import check_seed, draw_below
+from marl_cair.games.engine_checks import check_seed
+from marl_cair.games.randomness import draw_below
 
 
 @compiled
@@ -66,7 +67,7 @@ class ScriptedPlayer:
         self._random = np.zeros(1, np.uint64)
 
     def seed(self, seed: int) -> None:
-        self._random[0] = check_seed(self.name, seed) % 2**64
+        self._random[0] = check_seed(self.name, seed)
 
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
         actions = np.zeros(action_mask.shape[:-1], np.int64)

@@ -20,9 +20,9 @@ from torchrl.envs import EnvBase
 
 from marl_cair.games import make_engine
 from marl_cair.games.array_pool import ArrayPool
-from marl_cair.games.engine_checks import check_count
+from marl_cair.games.engine_checks import check_count, check_seed
 from marl_cair.games.game import NO_WINNER
-from marl_cair.games.randomness import EpisodeSeeds, check_seed
+from marl_cair.games.randomness import EpisodeSeeds
 
 GROUP = "player"  # as TorchRL's wrapper groups agents named player_0, player_1, ...
 DONE_KEYS = ("done", "terminated", "truncated")
@@ -131,7 +131,7 @@ class BatchedGameEnv(EnvBase):
             ValueError: the seed is no whole number.
         """
         if seed is not None:
-            seed = check_seed(self.engine.game.name, seed) % 2**64
+            seed = check_seed(self.engine.game.name, seed)
         following: int | None = super().set_seed(seed, static_seed)
         return following
 

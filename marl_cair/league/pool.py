@@ -180,7 +180,7 @@ class Pool:
             name, owner, role = seat.name_player(about.frames), seat.owner, seat.role
             actor = self._make_actor(network, about, name)
             named = {self._members[other].name: evidence for other, evidence in kept.items()}
-            more = seat.describe(about.frames, find_fingerprint(actor, self._game), named)
+            more = seat.describe(age, find_fingerprint(actor, self._game), named)
         save_agent(self.folder / name, network, about, more)
         # Read back, so that nothing of the learner is shared, and what plays is what lies on disk.
         agent = self._load(name)

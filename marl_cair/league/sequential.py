@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -68,14 +68,10 @@ class SequentialTest:
         """The log-likelihood ratio that decides for `higher`; its negative for `lower`."""
         return math.log((1.0 - ERROR_RATE) / ERROR_RATE)
 
-    def ratio(self, scores: Sequence[float], num_teams: int = 2) -> float:
-        """Log-likelihood ratio of `higher` to `lower`, from block scores in 0..1."""
-        outcomes = start_count(num_teams)
-        outcomes.update(_round(float(score)) for score in scores)
-        return self.ratio_of_counts(outcomes, num_teams)
-
-    def ratio_of_counts(self, outcomes: Counter[float], num_teams: int = 2) -> float:
-        """As `ratio`, from how often each block score has occurred (see `start_count`)."""
+    def ratio(self, outcomes: Counter[float], num_teams: int = 2) -> float:
+        """Log-likelihood ratio of `higher` to `lower`, from how often each block score, in 0..1,
+        has occurred (see `start_count`).
+        """
         values = np.array(sorted(outcomes))
         counts = np.array([outcomes[value] for value in values.tolist()]) + PSEUDO_COUNT
         expected = [find_score(elo, num_teams) for elo in (self.lower, self.higher)]
@@ -163,7 +159,7 @@ def play_sequentially(
             seen |= shown
             counted += block
             outcomes[_round(float(np.mean([result.score for result in block])))] += 1
-            ratio = test.ratio_of_counts(outcomes, num_teams)
+            ratio = test.ratio(outcomes, num_teams)
             if abs(ratio) >= test.limit:
                 verdict: Verdict = "higher" if ratio > 0.0 else "lower"
                 return SequentialResult(verdict, ratio, MatchResult(tuple(counted), num_teams))

@@ -70,15 +70,13 @@ class LeagueSeat:
         """The folder of a player that is frozen now."""
         return f"{self.owner}-{self.generation:03d}-{frames:010d}"
 
-    def describe(
-        self, frames: int, fingerprint: str, met: Mapping[str, Evidence]
-    ) -> dict[str, str]:
-        """The text of `player.json` by its name."""
+    def describe(self, age: int, fingerprint: str, met: Mapping[str, Evidence]) -> dict[str, str]:
+        """The text of `player.json` by its name. age: decisions of all generations."""
         about = {
             "owner": self.owner,
             "role": self.role,
             "generation": self.generation,
-            "frames": self.frames_before + frames,
+            "frames": age,
             "fingerprint": fingerprint,
             "met": {name: list(kept) for name, kept in met.items()},
         }

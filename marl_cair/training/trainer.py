@@ -127,9 +127,13 @@ def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
         yield before
 
 
+def _count_due(before: int, after: int, every: int) -> int:
+    """How many multiples of `every` lie in (before, after]."""
+    return after // every - before // every
+
+
 def _is_due(before: int, after: int, every: int) -> bool:
-    """Whether a multiple of `every` lies in (before, after]."""
-    return after // every > before // every
+    return _count_due(before, after, every) > 0
 
 
 def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
@@ -146,14 +150,13 @@ def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
 
 def _learn(run: TrainingRun, before: int) -> None:
     if run.average_policy:
-        often = run.config.nfsp.frames_per_update
-        for values in run.average_policy.learn(run.frames // often - before // often):
+        num_updates = _count_due(before, run.frames, run.config.nfsp.frames_per_update)
+        for values in run.average_policy.learn(num_updates):
             run.means.add(values)
     settings = run.config.learner
     if not _has_enough(run):
         return
-    every = settings.frames_per_update
-    for _ in range(run.frames // every - before // every):
+    for _ in range(_count_due(before, run.frames, settings.frames_per_update)):
         done = run.frames / run.config.total_frames
         batch = run.replay.sample()
         run.means.add(run.learner.update(batch, done))
@@ -169,13 +172,11 @@ def _generate(run: TrainingRun, before: int) -> None:
     every = settings.frames_per_update
     if run.gate_is_open:
         every = max(every, settings.open_frames_per_update)
-    for _ in range(run.frames // every - before // every):
+    for _ in range(_count_due(before, run.frames, every)):
         rows = run.replay.real.sample_steps(settings.batch_size)
         losses = generator.update(rows)
         run.means.add({f"generator/{name}": value for name, value in losses.items()})
-    num_refills = (
-        run.frames // settings.refill_every_frames - before // settings.refill_every_frames
-    )
+    num_refills = _count_due(before, run.frames, settings.refill_every_frames)
     if _is_due(before, run.frames, settings.evaluate_every_frames):
         _measure_generator(run, generator)
         num_refills = max(1, num_refills)

@@ -18,6 +18,12 @@ from tests.games.last_standing import GAME
 TEST = SequentialTest(0.0, 60.0)
 
 
+def ratio_of(test, scores, num_teams=2):
+    counts = start_count(num_teams)
+    counts.update(round(float(score), 9) for score in scores)
+    return test.ratio(counts, num_teams)
+
+
 def run(test, elo, seed, draws=0.3, alike=0.0, max_pairs=4_000):
     """+1, -1 or 0 (undecided), and the number of pairs; `alike` pairs have one result."""
     rng = np.random.default_rng(seed)
@@ -28,7 +34,7 @@ def run(test, elo, seed, draws=0.3, alike=0.0, max_pairs=4_000):
     games[same, 1] = games[same, 0]
     scores = games.mean(1).tolist()
     for number in range(8, max_pairs, 8):
-        ratio = test.ratio(scores[:number])
+        ratio = ratio_of(test, scores[:number])
         if abs(ratio) >= test.limit:
             return int(math.copysign(1, ratio)), number
     return 0, max_pairs
@@ -57,12 +63,12 @@ def test_the_ratio_is_the_normal_one_for_many_pairs():
     test = SequentialTest(0.0, 10.0)
     low, high = find_score(0.0), find_score(10.0)
     expected = 4_000 * (high - low) * (2 * scores.mean() - low - high) / (2 * scores.var())
-    assert test.ratio(scores.tolist()) == pytest.approx(expected, rel=0.02)
+    assert ratio_of(test, scores) == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize("score", [0.0, 0.5, 1.0])
 def test_scores_that_never_vary_have_a_finite_ratio(score):
-    ratios = [TEST.ratio([score] * number) for number in (1, 10, 1_000)]
+    ratios = [ratio_of(TEST, [score] * number) for number in (1, 10, 1_000)]
     assert all(map(math.isfinite, ratios))
     assert ratios == sorted(ratios, key=abs)
     assert all(ratio > 0 for ratio in ratios) == (score == 1.0)
@@ -89,22 +95,24 @@ def test_tests_that_cannot_be_are_refused(ends, message):
 
 
 def test_the_widest_test_has_a_ratio():
-    assert math.isfinite(SequentialTest(-4_000, 4_000).ratio([0.0, 0.5, 1.0]))
-
-
-@pytest.mark.parametrize("num_teams", [2, 3])
-def test_a_running_count_has_the_same_ratio(num_teams):
-    scores = np.random.default_rng(0).integers(num_teams + 1, size=50) / num_teams
-    counts = start_count(num_teams)
-    for number, score in enumerate(scores, start=1):
-        counts[round(float(score), 9)] += 1
-        assert TEST.ratio_of_counts(counts, num_teams) == TEST.ratio(scores[:number], num_teams)
+    assert math.isfinite(ratio_of(SequentialTest(-4_000, 4_000), [0.0, 0.5, 1.0]))
 
 
 def test_blocks_are_counted_once(monkeypatch):
     """Counting all again after each block takes the square of their number."""
-    monkeypatch.setattr(SequentialTest, "ratio", None)
-    assert play("finisher", "idle", "duel").verdict == "higher"
+    counters, totals, ratio = [], [], SequentialTest.ratio
+
+    def listen(test, outcomes, num_teams):
+        counters.append(outcomes)
+        totals.append(outcomes.total())
+        return ratio(test, outcomes, num_teams)
+
+    monkeypatch.setattr(SequentialTest, "ratio", listen)
+    result = play("finisher", "idle", "duel")
+    assert result.verdict == "higher"
+    assert totals == list(range(1, len(totals) + 1))
+    assert all(counter is counters[0] for counter in counters)
+    assert result.ratio == ratio(TEST, counters[0])
 
 
 def play(first, second, scenario, test=TEST, max_games=2_000, **options):

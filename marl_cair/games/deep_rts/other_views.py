@@ -114,7 +114,8 @@ def vector_high(scenario: Scenario) -> tuple[float, ...]:
     slots = scenario.slots_per_player
     units = [min(slots, food // eats) if eats else slots for eats in preset.food_consumed]
     units_in_sight = [num_enemies * most for most in units]
-    done, taken = _most_lost(scenario, num_enemies), _most_lost(scenario, 1)
+    done = _most_lost(scenario, num_enemies, found[GOLD]) if num_enemies else 0.0
+    taken = _most_lost(scenario, 1, found[GOLD])
     gathered = found[GOLD] + 0.5 * found[LUMBER] + 1.5 * found[STONE]
     created = (start[GOLD] + found[GOLD]) * _for_one_gold(preset)[0]
     score = gathered + 2.0 * created + slots + 0.6 * done
@@ -168,15 +169,14 @@ def _for_one_gold(preset: Preset) -> tuple[float, float]:
     return 1.0 / min(prices), built * max(1.0, 100.0 / preset.repair_percent)
 
 
-def _most_lost(scenario: Scenario, num_players: int) -> float:
+def _most_lost(scenario: Scenario, num_players: int, gold: int) -> float:
     """Hit points that so many players can lose together: what they begin with, and what all the
-    gold brings that they begin with and find.
+    gold brings that they begin with and find (`gold`).
     """
     preset = PRESETS[scenario.preset]
     _, health = _for_one_gold(preset)
     first: int = sum(map(mul, _starting_units(scenario), preset.health))
-    found = _most_found(scenario)[GOLD] if num_players else 0
-    return num_players * (first + health * preset.start_gold) + health * found
+    return num_players * (first + health * preset.start_gold) + health * gold
 
 
 # --- what is seen ------------------------------------------------------------------------------

@@ -77,7 +77,9 @@ class Learner:
         batch: gets "td_error" [N, 1], squared.
         done: share of the run that is over, 0..1, for the learning rate.
         """
-        td_loss = self._loss(batch)["loss"]
+        kind = self._parameters[0].device.type
+        with torch.autocast(kind, torch.bfloat16, enabled=self.settings.autocast):
+            td_loss = self._loss(batch)["loss"]
         margin_loss = self._find_margin_loss(batch)
         loss = td_loss + self.demonstration.margin_weight * margin_loss
         self.optimizer.zero_grad(set_to_none=True)

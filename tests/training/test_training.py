@@ -161,6 +161,25 @@ def test_without_decay_the_average_is_the_newest_network():
         torch.testing.assert_close(newest, average)
 
 
+@pytest.mark.parametrize("is_on", [False, True])
+def test_with_autocast_the_body_learns_in_bfloat16_and_weights_stay_float32(is_on):
+    """Who plays with them, as in evaluations, computes in float32."""
+    learner, dtypes = make_learner(autocast=is_on), []
+    for network in (learner.network, learner.average):
+        network.body.dense.register_forward_hook(lambda _, inputs, out: dtypes.append(out.dtype))
+    losses = [float(learner.update(make_batch())["loss/all"]) for _ in range(30)]
+    assert set(dtypes) == {torch.bfloat16 if is_on else torch.float32}
+    dtypes.clear()
+    learner.network(make_batch()["observation"])
+    learner.average(make_batch()["observation"])
+    assert dtypes == [torch.float32] * 2
+    assert {value.dtype for value in learner.network.parameters()} == {torch.float32}
+    exact = float(make_learner().update(make_batch())["loss/all"])
+    assert (losses[0] != exact) == is_on
+    assert losses[0] == pytest.approx(exact, rel=0.02)
+    assert sum(losses[-5:]) / 5 < 0.5 * exact
+
+
 def test_the_learning_rate_falls_in_a_straight_line_to_its_end():
     learner = make_learner(learning_rate_end=0.01)
     for done, wanted in ((0.0, 0.05), (0.5, 0.03), (1.0, 0.01), (1.2, 0.01)):

@@ -19,7 +19,8 @@ class CellValues(nn.Module):
     board, as where to act is chosen in AlphaStar (Vinyals et al. 2019) and GridNet (Han et al.
     2019); actions of one kind share weights. What they find is added to the head's values, and is 0
     before anything is learned. Values of actions that point at no cell stay as they are. The planes
-    are those of the observation alone, without what `DistanceMaps` adds.
+    are those of the observation alone, without what `DistanceMaps` adds. With `is_reduced` the
+    kernels compute in autocast's precision.
 
     Raises ValueError where the observation is no board, no action points at a cell, or one points
     beyond the board.
@@ -69,8 +70,11 @@ class CellValues(nn.Module):
             for weight in self.values.parameters():
                 weight.zero_()
 
-    def forward(self, planes: Tensor, features: Tensor, values: Tensor) -> Tensor:
-        near = self.near(planes.contiguous(memory_format=torch.channels_last))
-        seen = torch.relu(near + self.far(features)[:, :, None, None])
+    def forward(
+        self, planes: Tensor, features: Tensor, values: Tensor, is_reduced: bool = False
+    ) -> Tensor:
+        with torch.autocast(planes.device.type, enabled=is_reduced):
+            near = self.near(planes.contiguous(memory_format=torch.channels_last))
+        seen = torch.relu(near.float() + self.far(features)[:, :, None, None])
         found = self.values(seen).flatten(1).index_select(1, self.places)
         return values.index_add(1, self.actions, found)

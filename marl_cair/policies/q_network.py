@@ -75,8 +75,9 @@ class QNetwork(nn.Module):
         `frame_differences` the newest of their frames and what changed before it. Raises ValueError
         for another shape, TypeError for another dtype.
 
-        Under `torch.autocast` the body alone computes in the lower precision: ways through a maze
-        are counted, and neighbouring actions differ by less than its rounding.
+        Under `torch.autocast` only the body, and what looks around cells, compute in the lower
+        precision: ways through a maze are counted, and neighbouring actions differ by less than its
+        rounding.
         """
         num_axes = len(self.observation_shape)
         if tuple(observation.shape[-num_axes:]) != self.observation_shape:
@@ -94,7 +95,7 @@ class QNetwork(nn.Module):
             features = self._find_features(seen, is_reduced)
             values: Tensor = self.head(features)
             if self.cells is not None:
-                values = self.cells(seen, features, values)
+                values = self.cells(seen, features, values, is_reduced)
         return values.reshape(*batch_shape, self.num_actions)
 
     def _prepare(self, rows: Tensor) -> Tensor:

@@ -62,6 +62,14 @@ def test_every_weight_learns_after_a_pass_without_gradients(config, shape):
     assert all(w.grad.dtype == torch.float32 for w in network.parameters() if w.grad is not None)
 
 
+def test_kernels_around_cells_are_reduced_and_what_is_added_is_not():
+    network, dtypes = make_q_network(CELLS, BOARD, ACTIONS, seed=0), []
+    for part in (network.cells.near, network.cells.far, network.cells.values):
+        part.register_forward_hook(lambda _, inputs, out: dtypes.append(out.dtype))
+    run(network, see(BOARD))
+    assert dtypes == [torch.bfloat16, torch.float32, torch.float32]
+
+
 def test_ways_are_counted_exactly():
     """257 is no number of bfloat16's, and a way of 40 moves no longer differs from one of 40.1."""
     network = make_q_network(MAZE, BOARD, ACTIONS, seed=0)

@@ -34,7 +34,6 @@ _MAZE = (
 # shows every second game, and rewards are scaled. With `classic` one way in 250 stayed a circle.
 # What `distance` pays only a generator can know that measures distances itself.
 _LARGE_MAZE = (
-    "total_frames=100000",
     "learner.learning_rate_end=0",
     "game.reward=distance",
     "generator.model.size.distances=true",
@@ -93,6 +92,29 @@ RECIPES = {
             "evaluation.bots=[random,mixed]",
         ),
     ),
+    # What a bot does is learned in a tenth of the decisions that finding it out takes; what beats it
+    # is learned beside it, and alone once the advice ends.
+    "deep_rts_self_play": Recipe(
+        "Deep RTS, two players: a bot's advice, the bots that are not beaten yet, and itself",
+        (
+            "game=deep_rts",
+            "scenario=1v1-15x15",
+            "total_frames=1300000",
+            "policy.cell_values=true",
+            "learner.gamma=0.997",
+            "learner.n_steps=16",
+            "learner.learning_rate_end=0",
+            "demonstration.bots=[archers]",
+            "demonstration.share=0.2",
+            "demonstration.turn_decisions=50",
+            "demonstration.advise=true",
+            "demonstration.until_frames=1000000",
+            "opponent.mixture={archers: 0.3, pfsp_bots: 0.4, latest: 0.3}",
+            "evaluation.every_frames=50000",
+            "evaluation.games=32",
+            "evaluation.bots=[random,mixed,rusher,economist,archers,boomer,turtle]",
+        ),
+    ),
     "deep_rts_economy": Recipe(
         "Deep RTS, one player: the highest score in 600 seconds",
         (
@@ -121,6 +143,7 @@ RECIPES = {
         (
             *_MAZE,
             "scenario=25x25-deterministic",
+            "total_frames=150000",
             *_LARGE_MAZE,
         ),
     ),
@@ -129,6 +152,7 @@ RECIPES = {
         (
             *_MAZE,
             "scenario=25x25-stochastic",
+            "total_frames=100000",
             *_LARGE_MAZE,
         ),
     ),

@@ -92,8 +92,8 @@ RECIPES = {
             "evaluation.bots=[random,mixed]",
         ),
     ),
-    # What a bot does is learned in a tenth of the decisions that finding it out takes; what beats it
-    # is learned beside it, and alone once the advice ends.
+    # What a bot does is learned in far fewer decisions than finding it out takes; what beats it is
+    # learned beside it, and alone once the advice ends.
     "deep_rts_self_play": Recipe(
         "Deep RTS, two players: a bot's advice, the bots that are not beaten yet, and itself",
         (

@@ -92,14 +92,14 @@ RECIPES = {
             "evaluation.bots=[random,mixed]",
         ),
     ),
-    # What a bot does is learned in far fewer decisions than finding it out takes; what beats it is
-    # learned beside it, and alone once the advice ends.
+    # What a bot does is learned in far fewer decisions than finding it out takes. The advice stays
+    # to the end: without it all was lost again within 50,000 decisions.
     "deep_rts_self_play": Recipe(
         "Deep RTS, two players: a bot's advice, the bots that are not beaten yet, and itself",
         (
             "game=deep_rts",
             "scenario=1v1-15x15",
-            "total_frames=1300000",
+            "total_frames=1000000",
             "policy.cell_values=true",
             "learner.gamma=0.997",
             "learner.n_steps=16",
@@ -108,7 +108,6 @@ RECIPES = {
             "demonstration.share=0.2",
             "demonstration.turn_decisions=50",
             "demonstration.advise=true",
-            "demonstration.until_frames=1000000",
             "opponent.mixture={archers: 0.3, pfsp_bots: 0.4, latest: 0.3}",
             "evaluation.every_frames=50000",
             "evaluation.games=32",
@@ -167,7 +166,9 @@ RECIPES = {
             "max_ticks=4000",
             # In shorter games most pass all pipes, which tells no good agents apart.
             "evaluation.options.max_ticks=40000",
-            "total_frames=300000",
+            "total_frames=400000",
+            # At a constant rate good agents come and go again.
+            "learner.learning_rate_end=5e-5",
             # A crash is the end of some seconds' flight: what is later need not be foreseen.
             "learner.gamma=0.97",
             "exploration.anneal_frames=100000",

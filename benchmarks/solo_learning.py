@@ -121,7 +121,10 @@ def draw(runs: Mapping[Task, Mapping[str, Path]], path: Path) -> None:
         panels[1, column].set_ylim(bottom=0)
         for panel in panels[:, column]:
             panel.set_xlim(left=0)
-        panels[0, column].legend(fontsize=7)
+        # Under the panels, where it hides no line.
+        panels[1, column].legend(
+            fontsize=7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.16), frameon=False
+        )
     with atomic_path(path) as unfinished:
         figure.savefig(unfinished, dpi=130)
 

@@ -1,9 +1,10 @@
-"""The benchmark behind the README's self-play results, on a league of seconds."""
+"""The benchmarks behind the README's self-play results, on training of seconds."""
 
 import csv
 
 import yaml
 
+from marl_cair.cli import main
 from marl_cair.training.league_examples import EXAMPLES, PSRO_EXAMPLES
 from tests.benchmark_runs import read_table
 
@@ -11,6 +12,11 @@ SHORT = (
     *("collector.num_worlds=16", "collector.steps_per_batch=8", "policy.hidden_width=16"),
     *("replay.min_transitions=200", "learner.batch_size=16", "torch_threads=1"),
 )
+
+
+def read_rows(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 def test_the_table_tells_the_main_agent_the_mixture_and_who_beats_them(tmp_path):
@@ -21,8 +27,7 @@ def test_the_table_tells_the_main_agent_the_mixture_and_who_beats_them(tmp_path)
     table = read_table("league_learning", "| what", [*options, *SHORT])
     assert "| best response of 512 scores | `mixture` |" in table
     assert (tmp_path / "self_play.png").read_bytes().startswith(b"\x89PNG")
-    with (tmp_path / "results.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(tmp_path / "results.csv")
     told = {(row["what"], row["against"]) for row in rows}
     for agent in ("main agent", "mixture"):
         assert {(f"{agent} scores", name) for name in ("random", "counter", "alone")} <= told
@@ -41,8 +46,7 @@ def test_the_table_of_rounds_tells_the_mixture_each_response_and_who_beats_them(
     table = read_table("psro_learning", "| what", [*options, *SHORT])
     assert "| best response of 512 scores | `mixture` |" in table
     assert (tmp_path / "psro.png").read_bytes().startswith(b"\x89PNG")
-    with (tmp_path / "results.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(tmp_path / "results.csv")
     told = [row["what"] for row in rows]
     assert {("mixture scores", row) for row in ("random", "player_000", "player_001")} <= {
         (row["what"], row["against"]) for row in rows
@@ -55,3 +59,25 @@ def test_the_table_of_rounds_tells_the_mixture_each_response_and_who_beats_them(
     ]
     for row in rows[:-1]:
         assert 0 <= float(row["low"]) <= float(row["value"]) <= float(row["high"]) <= 1
+
+
+def test_the_table_of_runs_tells_the_last_agent_its_past_and_who_beats_it(tmp_path):
+    words = ["scenario=11x11", "max_ticks=600", "opponent.snapshot_every_frames=256", *SHORT]
+    first, second = tmp_path / "first", tmp_path / "second"
+    assert main(["train", *words, "total_frames=768", f"out={first}"]) == 0
+    words += [f"initial_agent={first / 'latest'}", "total_frames=512", f"out={second}"]
+    assert main(["train", *words]) == 0
+    alone = first / "snapshots" / "frames_0000000512"
+    options = [first, second, "--alone", alone, "--games", "2", "--past-games", "2"]
+    options += ["--past-every", "300", "--budget", "512", "--workers", "1", "--out", tmp_path]
+    table = read_table("self_play_learning", "1,280 decisions", [*options, *SHORT])
+    assert "| best response of 512 scores | `last agent` |" in table
+    assert (tmp_path / "self_play.png").read_bytes().startswith(b"\x89PNG")
+    rows = read_rows(tmp_path / "results.csv")
+    told = {(row["what"], row["against"]) for row in rows}
+    assert {("last agent scores", name) for name in ("random", "counter", "alone")} <= told
+    assert rows[-1]["what"] == "rank correlation of rating with decisions"
+    # 256, 512, 768 and 1,024 decisions: thinned from the last one's 1,280 to one in 300.
+    kept = {path.name for path in (tmp_path / "agents").iterdir()}
+    assert kept == {"main_0", "main_0-0-768", "main_0-0-256", "alone"}
+    assert rows[-1]["games"] == "3"

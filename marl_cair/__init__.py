@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from marl_cair.games import GAMES, make_engine
-from marl_cair.games.registry import add_scenario, gymnasium_id
+from marl_cair.games.registry import add_scenario, describe_scenario, gymnasium_id
 
 if TYPE_CHECKING:
     from marl_cair.games.torchrl_env import BatchedGameEnv
@@ -53,7 +53,8 @@ def __getattr__(name: str) -> Any:
 def register_scenario(game: str, name: str, base: str | None = None, **options: Any) -> str:
     """Add a scenario of your own to a game, for this process; returns its Gymnasium id.
 
-    It is then known wherever a scenario is named: `parallel_env`, `make_engine`, training.
+    It is then known wherever this process names a scenario: `parallel_env`, `make_engine`,
+    training. Environments of its Gymnasium id may be in other processes too.
 
     Args:
         game: a name in GAMES.
@@ -76,18 +77,13 @@ def _register_with_gymnasium(environment_id: str, game: str, scenario: str) -> N
         environment_id,
         entry_point="marl_cair.games.gymnasium_env:GameEnv",
         vector_entry_point="marl_cair.games.gymnasium_env:GameVectorEnv",
-        kwargs={"game": game, "scenario": scenario},
+        kwargs=describe_scenario(game, scenario),  # which processes that it spawns know too
     )
 
 
-def _register_gymnasium_ids() -> None:
-    for game, module in tuple(GAMES.modules.items()):
-        try:
-            for scenario in module.SCENARIOS:
-                added = gymnasium_id(module.GYMNASIUM_PREFIX, scenario)
-                _register_with_gymnasium(added, game, scenario)
-        except Exception as error:  # noqa: BLE001  # of an installed package: ours must go on
-            GAMES.leave_out(game, error)
+def _register_gymnasium_ids(game: str, module: Any) -> None:
+    for scenario in module.SCENARIOS:
+        _register_with_gymnasium(gymnasium_id(module.GYMNASIUM_PREFIX, scenario), game, scenario)
 
 
-_register_gymnasium_ids()
+GAMES.announce(_register_gymnasium_ids)

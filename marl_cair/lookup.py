@@ -37,14 +37,20 @@ def _describe_unknown(kind: str, name: object, known: Iterable[str]) -> str:
 
 
 def _nearest_names(name: str, names: list[str]) -> list[str]:
-    """Up to MAX_NEAREST of `names`, best first; letter case and the kind of dash do not count."""
+    """Up to MAX_NEAREST of `names`, best first; letter case and the kind of dash do not count.
+
+    Those that begin with `name` come first, in the table's order: its user may have stopped there.
+    """
+    typed = _plain_spelling(name)
     by_plain_spelling: dict[str, list[str]] = {}
     for candidate in names:
         by_plain_spelling.setdefault(_plain_spelling(candidate), []).append(candidate)
     matches = difflib.get_close_matches(
-        _plain_spelling(name), by_plain_spelling, n=MAX_NEAREST, cutoff=MIN_SIMILARITY
+        typed, by_plain_spelling, n=MAX_NEAREST, cutoff=MIN_SIMILARITY
     )
-    return [original for match in matches for original in by_plain_spelling[match]][:MAX_NEAREST]
+    longer = [plain for plain in by_plain_spelling if typed and plain.startswith(typed)]
+    ranked = dict.fromkeys([*sorted(longer, key=lambda plain: plain != typed), *matches])
+    return [original for match in ranked for original in by_plain_spelling[match]][:MAX_NEAREST]
 
 
 def _plain_spelling(name: str) -> str:

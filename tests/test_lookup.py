@@ -57,5 +57,23 @@ def test_at_most_three_names_are_near():
     assert nearest.count("agent_") == 1 + 3
 
 
+def test_names_that_begin_with_what_was_typed_come_first_in_the_tables_order():
+    table = dict.fromkeys(["x9-loops", "9x9-stochastic", "9x9-random", "9x9-loops", "9x9-a"], 0)
+    with pytest.raises(UnknownNameError) as raised:
+        find_by_name("scenario", "9X9", table)
+    nearest = str(raised.value).split(";")[0]
+    assert nearest.endswith("nearest are '9x9-stochastic', '9x9-random', '9x9-loops'")
+
+
+def test_the_same_name_in_another_spelling_comes_before_longer_ones():
+    with pytest.raises(UnknownNameError, match="nearest are 'conv', 'conv-large', 'cov'"):
+        find_by_name("network", "Conv", dict.fromkeys(["cov", "conv-large", "conv"], 0))
+
+
+def test_no_name_begins_with_nothing():
+    with pytest.raises(UnknownNameError, match="^unknown sampler '': known are 'x'$"):
+        find_by_name("sampler", "", {"x": 1})
+
+
 def test_error_is_a_value_error():
     assert issubclass(UnknownNameError, ValueError)

@@ -1,4 +1,6 @@
-"""The README's programs run as they stand, only with fewer steps and a network trained here."""
+"""The programs of the README and the game pages run as they stand, those of the README only with
+fewer steps and a network trained here.
+"""
 
 import os
 import re
@@ -14,7 +16,25 @@ from marl_cair.games import GAMES
 from marl_cair.training.demo import DemoSettings, run_demo
 
 ROOT = Path(__file__).parents[1]
-PROGRAMS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+
+
+def find_programs(page):
+    return re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+
+
+PROGRAMS = find_programs(ROOT / "README.md")
+
+
+def run_program(program, folder):
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", program],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -39,16 +59,23 @@ def test_the_demo_writes_what_it_promises(demo):
 @pytest.mark.parametrize("program", PROGRAMS, ids=range(len(PROGRAMS)))
 def test_the_programs_of_the_readme_run(program, demo):
     shorter = program.replace("range(100)", "range(2)").replace("256", "4")
-    folder = demo.parents[1]
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", shorter],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    assert done.returncode == 0, done.stderr
+    run_program(shorter, demo.parents[1])
+
+
+GAME_PROGRAMS = [
+    pytest.param(program, id=f"{page.parent.name} {number}")
+    for page in sorted(ROOT.glob("marl_cair/games/*/README.md"))
+    for number, program in enumerate(find_programs(page))
+]
+
+
+def test_every_game_page_has_a_program():
+    assert len(GAME_PROGRAMS) >= len(GAMES.load_own())
+
+
+@pytest.mark.parametrize("program", GAME_PROGRAMS)
+def test_the_programs_of_the_game_pages_run(program, tmp_path):
+    run_program(program, tmp_path)
 
 
 def test_the_table_of_scenarios_is_what_is_registered():

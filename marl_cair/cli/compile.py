@@ -18,7 +18,7 @@ from tqdm import tqdm
 from marl_cair.cli import EXIT_DONE
 from marl_cair.games import GAMES
 from marl_cair.games.compiled import cache_root, is_compiling
-from marl_cair.games.precompile import compile_parts, list_parts
+from marl_cair.games.precompile import compile_parts, list_parts, list_representations
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -26,6 +26,7 @@ def run(arguments: Sequence[str]) -> int:
 
     Raises:
         UnknownNameError: no such game; names the nearest.
+        GameLoadError: a game that is named is of an installed package, and fails.
         ValueError: fewer than one worker, or the compiler is off.
         OSError: a worker process has died.
     """
@@ -38,7 +39,7 @@ def run(arguments: Sequence[str]) -> int:
     if not is_compiling():
         raise ValueError("NUMBA_DISABLE_JIT is set, so that rules are not compiled: unset it")
     began = time.monotonic()
-    games = list(dict.fromkeys(options.games)) or list(GAMES.load_all())
+    games = list(dict.fromkeys(options.games)) or list(GAMES.ask_each(list_representations))
     parts = list_parts(games)
     with tqdm(total=len(parts), unit="part", disable=None) as bar:
         for part in compile_parts(parts, options.workers):

@@ -49,14 +49,14 @@ _ROOT = "marl_cair_train"
 
 def list_groups() -> dict[str, dict[str, dict[str, Any]]]:
     """Group -> choice -> the settings that the choice changes: `policy=capsule` and the like."""
-    games = GAMES.load_all()
-    bots = {name: None for game in games.values() for name in game.bots}
+    games = GAMES.ask_each(lambda game: (game.default_scenario, tuple(game.bots)))
+    bots = {name: None for _, names in games.values() for name in names}
     opponents: dict[str, dict[str, Any]] = {"self_play": {"mixture": SELF_PLAY}}
     for name in (*(name for name in SAMPLERS if name not in LEAGUE_SAMPLERS), *bots):
         opponents[name] = {"mixture": {name: 1.0}}
     return {
         "game": {
-            name: {"name": name, "scenario": game.default_scenario} for name, game in games.items()
+            name: {"name": name, "scenario": scenario} for name, (scenario, _) in games.items()
         },
         "policy": {name: {"body": name} for name in NETWORKS},
         "opponent": opponents,

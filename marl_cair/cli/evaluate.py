@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import dataclasses
 import io
 import sys
 from collections.abc import Sequence
@@ -22,6 +21,7 @@ from marl_cair.cli.compose import read_value
 from marl_cair.cli.match_options import add_match_options
 from marl_cair.files import write_atomically
 from marl_cair.games.game import Game
+from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
 from marl_cair.league.intervals import mean_interval, median_interval, win_rate_interval
 from marl_cair.league.match import MatchResult, play_match, require_rivals
@@ -44,8 +44,8 @@ def run(arguments: Sequence[str]) -> int:
     game, name, scenario_options = find_scenario([options.agent], options.game, options.scenario)
     scenario = game.scenario(name, **{**scenario_options, "reward": game.rated_reward})
     changes = {word.partition("=")[0]: read_value(word) for word in options.option}
-    scenario = dataclasses.replace(
-        scenario, **read_options(game.name, scenario, changes, "--option")
+    scenario = change_scenario(
+        game.name, scenario, read_options(game.name, scenario, changes, "--option")
     )
     columns: tuple[str, ...]
     if game.make_spec(scenario).num_teams == 1:

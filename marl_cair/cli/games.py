@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,6 @@ from marl_cair.games.registry import gymnasium_id
 
 COLUMNS = ("game", "scenarios", "players", "actions", "representations", "reward", "picture")
 _HEAD = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|\n"
-
-Told = TypeVar("Told")
 
 
 class Row(NamedTuple):
@@ -39,23 +37,12 @@ def run(arguments: Sequence[str]) -> int:
     form.add_argument("--markdown", action="store_true", help="the table of the README")
     chosen = parser.parse_args(arguments)
     if chosen.json:
-        sys.stdout.write(json.dumps(_tell_each(_describe_for_json), indent=2) + "\n")
+        sys.stdout.write(json.dumps(GAMES.ask_each(_describe_for_json), indent=2) + "\n")
     elif chosen.markdown:
-        sys.stdout.write(_HEAD + "".join(_tell_each(_format_rows).values()))
+        sys.stdout.write(_HEAD + "".join(GAMES.ask_each(_format_rows).values()))
     else:
-        sys.stdout.write("\n".join(_tell_each(_format_game).values()))
+        sys.stdout.write("\n".join(GAMES.ask_each(_format_game).values()))
     return EXIT_DONE
-
-
-def _tell_each(tell: Callable[[Game], Told]) -> dict[str, Told]:
-    """What `tell` says of each game by name; one of an installed package that fails is left out."""
-    told = {}
-    for name, game in GAMES.load_all().items():
-        try:
-            told[name] = tell(game)
-        except (Exception, SystemExit) as error:  # noqa: BLE001  # of their code, whatever it is
-            GAMES.leave_out(name, error)
-    return told
 
 
 def _describe_for_json(game: Game) -> dict[str, Any]:

@@ -8,7 +8,6 @@ Where there are none, each plays the same map seeds alone, and their scores are 
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -17,6 +16,7 @@ from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.compose import read_value
 from marl_cair.cli.match_options import add_match_options
 from marl_cair.games.game import Agent, Game
+from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
 from marl_cair.league.match import play_match
 from marl_cair.league.sequential import (
@@ -88,7 +88,7 @@ def read_variants(game: Game, scenario: Any, words: Sequence[str]) -> dict[str, 
         for variant, values in changes.items()
     }
     return {
-        variant: dataclasses.replace(scenario, **{**read[""], **values})
+        variant: change_scenario(game.name, scenario, {**read[""], **values})
         for variant, values in read.items()
     }
 

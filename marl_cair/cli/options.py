@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from marl_cair.games import GAMES
+from marl_cair.games.game import Game
 from marl_cair.generative import GENERATORS
 from marl_cair.policies import NETWORKS
 from marl_cair.policies.heads import HEADS
@@ -67,22 +68,24 @@ def read_comments(owner: type) -> Mapping[str, str]:
 
 def find_choices() -> dict[str, list[str]]:
     """Allowed names of the options that take one."""
-    games = GAMES.load_all()
-    scenarios = [name for game in games.values() for name in game.scenarios]
-    shown = {
-        name: None
-        for game in games.values()
-        for name in game.make_spec(game.scenario()).representations
-    }
-    rewards = {name: None for game in games.values() for name in game.rewards}
+    games = GAMES.ask_each(_list_names)
+    scenarios, shown, rewards = (
+        [name for names in games.values() for name in names[kind]] for kind in range(3)
+    )
     return {
         "game.name": list(games),
         "game.scenario": scenarios,
-        "game.representation": list(shown),
-        "game.reward": list(rewards),
+        "game.representation": list(dict.fromkeys(shown)),
+        "game.reward": list(dict.fromkeys(rewards)),
         "policy.body": list(NETWORKS),
         "policy.head": list(HEADS),
         "learner.target": list(TARGET_UPDATES),
         "learner.loss": list(LOSSES),
         "generator.name": [*GENERATORS, NO_GENERATOR],
     }
+
+
+def _list_names(game: Game) -> tuple[list[str], ...]:
+    """A game's scenarios, representations and rewards."""
+    shown = game.make_spec(game.scenario()).representations
+    return list(game.scenarios), list(shown), list(game.rewards)

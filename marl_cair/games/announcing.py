@@ -1,13 +1,15 @@
-"""A word to the user whom the first call of a rule keeps waiting for the compiler."""
+"""A word to the user whom the compiler keeps waiting."""
 
 import sys
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 
 ANNOUNCE_AFTER_SECONDS = 1.0
 
 _announced_games: set[str] = set()
+_called: ContextVar[str] = ContextVar("the game whose rules are called", default="")
 
 
 def _announce(game: str) -> None:
@@ -23,8 +25,21 @@ def announce_nothing(games: Iterable[str]) -> None:
 
 
 @contextmanager
-def announced(game: str) -> Iterator[None]:
-    """Tell the user when the first call of a kernel keeps them waiting for the compiler."""
+def calling(game: str) -> Iterator[None]:
+    """Call rules of this game, which are compiled if they have never been."""
+    token = _called.set(game)
+    try:
+        yield
+    finally:
+        _called.reset(token)
+
+
+@contextmanager
+def compiling() -> Iterator[None]:
+    """Tell the user of the game that is called when this keeps them waiting."""
+    if not (game := _called.get()):
+        yield
+        return
     timer = threading.Timer(ANNOUNCE_AFTER_SECONDS, _announce, (game,))
     timer.daemon = True
     timer.start()

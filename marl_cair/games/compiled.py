@@ -15,7 +15,7 @@ directly under games/: no game imports another), numba's version and that settin
 import hashlib
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -29,6 +29,8 @@ from numba.core.compiler_machinery import register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NativeLowering
 from numba.core.typing.typeof import Purpose, typeof
+
+from marl_cair.games.announcing import compiling
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -183,8 +185,9 @@ class _Entry(CPUDispatcher):
         known: Any = self.overloads.get(tuple(sigutils.normalize_signature(sig)[0]))
         if known is not None:
             return known.entry_point
-        # What is on disk already many processes may read at one time.
-        with nullcontext() if self._is_kept(sig) else self._locked():
+        if self._is_kept(sig):  # many processes may read at one time
+            return super().compile(sig)
+        with compiling(), self._locked():
             return super().compile(sig)  # looks into the cache first
 
     def _is_kept(self, sig: Any) -> bool:

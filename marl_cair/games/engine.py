@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.announcing import announced
+from marl_cair.games.announcing import calling
 from marl_cair.games.compiled import is_compiling, settled
 from marl_cair.games.engine_checks import (
     check_actions,
@@ -339,7 +339,7 @@ class BatchedEngine:
         """
         key = kernel, kind
         if key not in self._kernels:
-            with announced(self.game.name):
+            with calling(self.game.name):
                 self._kernels[key] = settled(kernel, worlds, *arguments, 0, 0)
         self._run_slices(self._kernels[key], worlds, *arguments)
 

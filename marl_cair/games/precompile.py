@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from marl_cair.games.announcing import announce_nothing
 from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.game import Game
 from marl_cair.games.registry import GAMES
 
 _MOST_WORKERS = 61  # that Windows can wait for
@@ -29,14 +30,19 @@ def list_parts(games: Sequence[str]) -> list[Part]:
 
     Raises:
         UnknownNameError: no such game; names the nearest.
+        GameLoadError: a game of an installed package that fails.
     """
     uses: dict[str, list[str]] = {use: list(games) for use in _USES}
     for name in games:
-        game = GAMES[name]
-        seen = [game.make_spec(scenario).representations for scenario in game.scenarios.values()]
-        for use in dict.fromkeys(chain.from_iterable(seen)):
+        for use in GAMES.ask(name, list_representations):
             uses.setdefault(use, []).append(name)
     return [Part(name, use) for use, names in uses.items() for name in names]
+
+
+def list_representations(game: Game) -> list[str]:
+    """Those of all scenarios of a game, each once."""
+    seen = [game.make_spec(scenario).representations for scenario in game.scenarios.values()]
+    return list(dict.fromkeys(chain.from_iterable(seen)))
 
 
 def compile_parts(parts: Sequence[Part], num_workers: int) -> Iterator[Part]:

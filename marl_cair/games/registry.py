@@ -2,30 +2,41 @@
 
 from __future__ import annotations
 
-import re
+import dataclasses
 import warnings
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from contextlib import contextmanager
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from marl_cair.games.game_packages import (
+    NAME_RULE,
+    PackageFault,
+    is_being_imported,
+    is_name,
+    load_game,
+    load_module,
+    name_module,
+    name_package,
+    read_entry_points,
+)
 from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.lookup import find_by_name
 
 if TYPE_CHECKING:
     from marl_cair.games.game import Game
 
-ENTRY_POINTS = "marl_cair.games"  # the group in which a package names its games
 _OWN = {
     "deep_line_wars": "marl_cair.games.deep_line_wars",
     "deep_rts": "marl_cair.games.deep_rts",
     "deep_maze": "marl_cair.games.deep_maze",
     "flappy_bird": "marl_cair.games.flappy_bird",
 }
-_NAMES_OF_MODULE = ("SCENARIOS", "GYMNASIUM_PREFIX")  # beside GAME, which loads the rules
-_NAME = re.compile(r"[A-Za-z0-9][\w.-]*")  # a part of a Gymnasium id
-_NAME_RULE = "begin with a letter or digit and go on with letters, digits, _, - and ."
+_MEND = "Repair or uninstall that package; all other games are there"
+
+Answer = TypeVar("Answer")
 
 
 class GameLoadError(ValueError):
@@ -41,80 +52,103 @@ class Games(Mapping[str, "Game"]):
 
     An installed package adds a game by an entry point of the group `marl_cair.games`: its name is
     the game's, its value a module with GAME, SCENARIOS and GYMNASIUM_PREFIX, as ours have it. One
-    that fails is left out with a warning, and says why when it is asked for by name.
+    that fails is left out with a warning, and says why when it is asked for by name. One that is
+    half imported, as it imports this package itself, is added by the first look-up after that.
     """
 
     def __init__(self) -> None:
-        self._modules: dict[str, ModuleType] | None = None
+        self._modules: dict[str, ModuleType] = {}
+        self._waiting: list[EntryPoint] | None = None  # to be loaded; None: they are not read yet
+        self._is_adding = False
+        self._tell: Callable[[str, ModuleType], None] | None = None
         self._foreign: dict[str, EntryPoint] = {}
+        self._checked: set[str] = set()
         self._broken: dict[str, GameLoadError] = {}
 
     @property
     def modules(self) -> Mapping[str, ModuleType]:
         """The games' packages, which know their scenarios without loading their rules."""
-        if self._modules is None:
-            modules = {name: import_module(path) for name, path in _OWN.items()}
-            for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name):
-                self._add_foreign(point, modules)
-            self._modules = modules
+        self._add_missing()
         return self._modules
 
-    def _add_foreign(self, point: EntryPoint, modules: dict[str, ModuleType]) -> None:
-        if point.name in modules:
-            clash = f"{modules[point.name].__name__} has that name already"
-            self._leave_out(point.name, point, f"{clash}: rename the entry point and its game")
+    def announce(self, tell: Callable[[str, ModuleType], None]) -> None:
+        """Call `tell` with the name and the package of each game, and of each added later."""
+        known, self._tell = tuple(self._modules.items()), tell
+        for name, module in known:
+            with self._guard(name):
+                tell(name, module)
+        self._add_missing()
+
+    def _add_missing(self) -> None:
+        # A package that looks games up while it is imported for us finds those that are there.
+        if self._waiting == [] or self._is_adding:
             return
+        self._is_adding = True
         try:
-            module = point.load()
-            fault = _find_fault(point.value, module, modules)
-        except (Exception, SystemExit) as error:  # noqa: BLE001  # our games must go on
-            self._leave_out(point.name, point, repr(error), error)
-            return
-        if fault:
-            self._leave_out(point.name, point, fault)
+            self._add_all()
+        finally:
+            self._is_adding = False
+
+    def _add_all(self) -> None:
+        """Ours first: other packages may use them while they are imported."""
+        if self._waiting is None:
+            for name, path in _OWN.items():
+                self._add(name, import_module(path))
+            self._waiting, faults = read_entry_points()
+            for package, fault in faults.items():
+                _warn(f"the entry points of {package} cannot be read: {fault!r}. {_MEND}")
+        kept: list[EntryPoint] = []
+        for point in tuple(self._waiting):
+            if is_being_imported(point) or point.name in {other.name for other in kept}:
+                kept.append(point)
+                continue
+            self._add_foreign(point)
+            self._waiting.remove(point)
+
+    def _add(self, name: str, module: ModuleType) -> None:
+        self._modules[name] = module
+        if self._tell is not None:
+            self._tell(name, module)
+
+    def _add_foreign(self, point: EntryPoint) -> None:
+        if point.name in self._modules:
+            clash = f"{name_module(self._modules[point.name])} has that name already"
+            _warn(str(_describe(point, f"{clash}: rename the entry point and its game")))
             return
         self._foreign[point.name] = point
-        modules[point.name] = module
+        with self._guard(point.name):
+            self._add(point.name, load_module(point, self._modules))
 
-    def leave_out(self, name: str, cause: BaseException) -> None:
-        """Go on without a game of an installed package that fails with `cause`, and warn of it.
+    @contextmanager
+    def _guard(self, name: str) -> Iterator[None]:
+        """Leave out a game of an installed package whose code fails in here; ours raise."""
+        try:
+            yield
+        except (KeyboardInterrupt, GeneratorExit):
+            raise
+        except BaseException as error:
+            if name not in self._foreign:
+                raise
+            self._leave_out(name, error)
 
-        Raises:
-            BaseException: `cause`, where the game is one of ours.
-        """
-        if name not in self._foreign:
-            raise cause
-        self._leave_out(name, self._foreign[name], repr(cause), cause)
-
-    def _leave_out(
-        self, name: str, point: EntryPoint, why: str, cause: BaseException | None = None
-    ) -> None:
-        package = point.dist.name if point.dist is not None else "an installed package"
-        error = GameLoadError(
-            f"the game {name!r} of {package} ({point.value}) cannot be loaded: {why}. Repair or "
-            "uninstall that package; all other games are there"
-        )
+    def _leave_out(self, name: str, cause: BaseException) -> None:
+        why = str(cause) if isinstance(cause, PackageFault) else repr(cause)
+        error = self._broken[name] = _describe(self._foreign[name], why)
         error.__cause__ = cause
-        self._broken.setdefault(name, error)
-        if self._modules is not None and name in self._foreign:
-            self._modules.pop(name, None)
-        warnings.warn(str(error), BrokenGameWarning, stacklevel=2)
+        self._modules.pop(name, None)
+        _warn(str(error))
 
     def __getitem__(self, name: str) -> Game:
         if name not in self.modules and name in self._broken:
             raise self._broken[name]
         module = find_by_name("game", name, self.modules)
-        if name not in self._foreign:
-            own: Game = module.GAME
-            return own
-        try:
+        if name not in self._foreign or name in self._checked:
             game: Game = module.GAME
-            if game.name != name:
-                raise ValueError(f"its GAME.name is {game.name!r}, the entry point's {name!r}")
-        except (Exception, SystemExit) as error:
-            self.leave_out(name, error)
-            raise self._broken[name] from error
-        return game
+            return game
+        self._checked.add(name)  # before: its code may ask for it
+        with self._guard(name):
+            return load_game(name, module)
+        raise self._broken[name]
 
     def __contains__(self, name: object) -> bool:
         return name in self.modules
@@ -131,43 +165,48 @@ class Games(Mapping[str, "Game"]):
 
     def load_all(self) -> dict[str, Game]:
         """All games that can be loaded; the others have warned."""
-        loaded = {}
+        return self.ask_each(lambda game: game)
+
+    def ask(self, name: str, question: Callable[[Game], Answer]) -> Answer:
+        """What `question` returns for a game.
+
+        Raises:
+            UnknownNameError: no such game; names the nearest.
+            GameLoadError: it is of an installed package, and fails; it is left out from then on.
+        """
+        game = self[name]
+        with self._guard(name):
+            return question(game)
+        raise self._broken[name]
+
+    def ask_each(self, question: Callable[[Game], Answer]) -> dict[str, Answer]:
+        """What `question` returns for each game by name; those that fail warn and are left out."""
+        told = {}
         for name in self:
             try:
-                loaded[name] = self[name]
+                told[name] = self.ask(name, question)
             except GameLoadError:
                 continue
-        return loaded
+        return told
 
 
-def _find_fault(path: str, module: Any, others: Mapping[str, ModuleType]) -> str:
-    """What keeps the module at `path` from being a game beside the others; "" for nothing."""
-    if missing := [name for name in _NAMES_OF_MODULE if not hasattr(module, name)]:
-        return f"{path} has no {' and no '.join(missing)}"
-    prefix, scenarios = module.GYMNASIUM_PREFIX, module.SCENARIOS
-    if not _is_name(prefix):
-        return f"its GYMNASIUM_PREFIX is {prefix!r}, it must {_NAME_RULE}"
-    for name, other in others.items():
-        # Of two prefixes, one of which goes on where the other ends, ids may be the same too.
-        taken = f"{other.GYMNASIUM_PREFIX}-"
-        if taken.startswith(f"{prefix}-") or f"{prefix}-".startswith(taken):
-            return (
-                f"its GYMNASIUM_PREFIX {prefix!r} would give it the Gymnasium ids of {name} "
-                f"({other.__name__}, {other.GYMNASIUM_PREFIX!r}); it must take another"
-            )
-    if not isinstance(scenarios, Mapping) or not scenarios:
-        return f"its SCENARIOS is {scenarios!r}, it must be a dict of scenarios by their names"
-    for name in scenarios:
-        if not _is_name(name):
-            return f"its SCENARIOS has the name {name!r}, a name must {_NAME_RULE}"
-    return ""
+def _describe(point: EntryPoint, why: str) -> GameLoadError:
+    return GameLoadError(
+        f"the game {point.name!r} of {name_package(point.dist)} ({point.value}) cannot be loaded: "
+        f"{why}. {_MEND}"
+    )
 
 
-def _is_name(name: object) -> bool:
-    return isinstance(name, str) and _NAME.fullmatch(name) is not None
+def _warn(message: str) -> None:
+    """Warn, and raise nothing where warnings are errors: then print it, and go on with ours."""
+    try:
+        warnings.warn(message, BrokenGameWarning, stacklevel=2)
+    except BrokenGameWarning:
+        warnings.showwarning(message, BrokenGameWarning, __file__, 0)
 
 
 GAMES = Games()
+_bases: dict[tuple[str, str], str] = {}  # (game, scenario that was added) -> one that was not
 
 
 def find_game(name: str) -> Game:
@@ -197,15 +236,35 @@ def add_scenario(game: str, name: str, base: str | None = None, **options: Any) 
             f"{type(scenarios).__name__} that cannot be changed: give the options where you name "
             "the scenario, as in make_engine"
         )
-    if not _is_name(name):
-        raise ValueError(f"{game}: {name!r} is no name of a scenario: {_NAME_RULE}")
+    if not is_name(name):
+        raise ValueError(f"{game}: {name!r} is no name of a scenario: {NAME_RULE}")
     if name in scenarios:
         raise ValueError(f"{game} has a scenario {name!r} already: choose another name")
-    chosen = find_by_name(f"{game} scenario", base or next(iter(scenarios)), scenarios)
+    base = base or next(iter(scenarios))
+    chosen = find_by_name(f"{game} scenario", base, scenarios)
     scenarios[name] = change_scenario(game, chosen, options)
+    _bases[game, name] = _bases.get((game, base), base)
     return gymnasium_id(module.GYMNASIUM_PREFIX, name)
 
 
 def gymnasium_id(prefix: str, scenario: str) -> str:
     """For example marl_cair/DeepRTS-1v1-15x15-v0."""
     return f"marl_cair/{prefix}-{scenario}-v0"
+
+
+def describe_scenario(game: str, name: str) -> dict[str, Any]:
+    """What makes a scenario in any process: its game, and its name there.
+
+    Of one that was added the name of the game's own that it goes back to, and all options in which
+    it differs from that.
+    """
+    if (game, name) not in _bases:
+        return {"game": game, "scenario": name}
+    scenarios, base = GAMES.modules[game].SCENARIOS, _bases[game, name]
+    values = {
+        field.name: (getattr(scenarios[name], field.name), getattr(scenarios[base], field.name))
+        for field in dataclasses.fields(scenarios[name])
+        if field.init
+    }
+    options = {option: own for option, (own, others) in values.items() if own != others}
+    return {"game": game, "scenario": base, **options}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from numbers import Integral, Real
 from typing import Any, TypeVar
 
@@ -21,6 +21,8 @@ MAX_TICKS = 1_000_000  # time limit of any game
 def change_scenario(game: str, scenario: Scenario, options: dict[str, Any]) -> Scenario:
     """The scenario with other values of the fields that `options` name.
 
+    A scenario with fields that follow others has `follow(options)`, which adds those to `options`.
+
     Raises:
         UnknownNameError: no such field; names the nearest.
         ValueError: a value is not allowed.
@@ -28,7 +30,8 @@ def change_scenario(game: str, scenario: Scenario, options: dict[str, Any]) -> S
     fields = {field.name: field for field in dataclasses.fields(scenario)}  # type: ignore[arg-type]
     for option in options:
         find_by_name(f"{game} option", option, fields)
-    return dataclasses.replace(scenario, **options) if options else scenario  # type: ignore[type-var]
+    follow: Callable[[dict[str, Any]], dict[str, Any]] = getattr(scenario, "follow", dict)
+    return dataclasses.replace(scenario, **follow(options)) if options else scenario  # type: ignore[type-var]
 
 
 def restore_fields(options: Mapping[str, Any]) -> dict[str, Any]:

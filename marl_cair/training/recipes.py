@@ -62,6 +62,12 @@ _FLAPPY = (
     "checkpoint.every_frames=1000000",
 )
 
+_LINE_WARS_EVALUATION = (
+    "evaluation.every_frames=100000",
+    "evaluation.games=40",
+    "evaluation.bots=[random,rusher,turtle,economist,zigzag,counter]",
+)
+
 RECIPES = {
     "deep_line_wars_self_play": Recipe(
         "Deep Line Wars: a pool of past selves, and the bots that are not beaten yet",
@@ -72,9 +78,26 @@ RECIPES = {
             "opponent.mixture={latest: 0.35, pfsp: 0.25, uniform: 0.05, pfsp_bots: 0.35}",
             "opponent.warmup_frames=30000",
             "generator.refill_every_frames=8000",
-            "evaluation.every_frames=100000",
-            "evaluation.games=40",
-            "evaluation.bots=[random,rusher,turtle,economist,zigzag,counter]",
+            *_LINE_WARS_EVALUATION,
+        ),
+    ),
+    # At the defaults, which explore much and learn fast, an agent forgets within 50,000 decisions
+    # what it knows.
+    "deep_line_wars_further": Recipe(
+        "Deep Line Wars: on from an agent, at a low rate (with initial_agent=...)",
+        (
+            "game=deep_line_wars",
+            "scenario=10x15",
+            "total_frames=1300000",
+            "opponent.mixture={latest: 0.45, pfsp: 0.35, uniform: 0.05, pfsp_bots: 0.15}",
+            "opponent.warmup_frames=0",
+            "exploration.epsilon_start=0.05",
+            "exploration.epsilon_end=0.01",
+            "replay.min_transitions=25000",
+            "learner.learning_rate=1.5e-4",
+            "learner.learning_rate_end=0",
+            "generator.refill_every_frames=8000",
+            *_LINE_WARS_EVALUATION,
         ),
     ),
     # A game lasts up to 1,000 decisions: at a discount of 0.99 its end is worth nothing at first,

@@ -1,6 +1,5 @@
 """The engine's contract: what it offers, and what it answers to wrong input."""
 
-import dataclasses
 import re
 import subprocess
 import sys
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 
 import marl_cair
-from marl_cair.games import GAMES, announcing, make_engine
+from marl_cair.games import GAMES, make_engine
 from marl_cair.games.engine import BatchedEngine, Snapshot
 from marl_cair.games.game import NO_CELL, NO_WINNER
 from marl_cair.lookup import UnknownNameError
@@ -134,27 +133,6 @@ def test_games_can_be_listed_and_have_titles():
         assert game.title
         assert game.summary
         assert game.default_scenario in game.scenarios
-
-
-def test_a_long_first_call_says_that_it_compiles(engine, capsys, monkeypatch):
-    """The kernel is declared unknown and made slow, as the compiler would make it."""
-    monkeypatch.setattr(announcing, "ANNOUNCE_AFTER_SECONDS", 0.0)
-    monkeypatch.setattr(announcing, "_announced_games", set())
-
-    def slow(*arguments) -> None:
-        while not capsys_text():
-            pass
-
-    def capsys_text() -> str:
-        read.append(capsys.readouterr().err)
-        return "".join(read)
-
-    read: list[str] = []
-    game = dataclasses.replace(engine.game, legal_actions=slow)
-    BatchedEngine(game, engine.scenario).action_mask()
-    assert "".join(read) == (
-        f"marl_cair: compiling the rules of {game.name} (once for each version) ...\n"
-    )
 
 
 # --- bad input -------------------------------------------------------------------------------

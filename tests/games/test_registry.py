@@ -78,6 +78,31 @@ def test_what_cannot_be_registered_is_refused_and_changes_nothing(
     assert (list(SCENARIOS), set(gymnasium.registry)) == (names, ids)
 
 
+IN_OTHER_PROCESSES = """
+import gymnasium, marl_cair
+added = marl_cair.register_scenario("deep_line_wars", "small", base="11x11", rows=8, columns=9)
+spawn = {"context": "spawn"}
+envs = gymnasium.make_vec(added, 2, vectorization_mode="async", vector_kwargs=spawn)
+print(envs.reset(seed=0)[0].shape[2:])
+envs.close()
+"""
+
+
+def test_a_users_scenario_is_known_to_processes_that_gymnasium_spawns(tmp_path):
+    done = run_python(tmp_path, "-c", IN_OTHER_PROCESSES)
+    assert done.stdout == "(8, 9)\n", done.stderr
+
+
+@pytest.mark.usefixtures("_scenarios_kept")
+def test_a_gymnasium_id_names_the_scenario_of_the_game_and_what_differs():
+    marl_cair.register_scenario("deep_line_wars", "low", base="11x11", rows=8)
+    added = marl_cair.register_scenario("deep_line_wars", "small", base="low", columns=9)
+    told = {"game": "deep_line_wars", "scenario": "11x11", "rows": 8, "columns": 9}
+    assert gymnasium.spec(added).kwargs == told
+    spec = gymnasium.spec("marl_cair/DeepLineWars-11x11-v0")
+    assert spec.kwargs == {"game": "deep_line_wars", "scenario": "11x11"}
+
+
 def test_a_game_whose_scenarios_cannot_be_changed_says_so(monkeypatch):
     fixed = SimpleNamespace(SCENARIOS=MappingProxyType(SCENARIOS), GYMNASIUM_PREFIX="Fixed")
     monkeypatch.setitem(GAMES.modules, "fixed", fixed)
@@ -170,7 +195,7 @@ except ValueError as error:
         ("other", GAME_MODULE, "its GAME.name is 'foreign', the entry point's 'other'"),
         (
             "foreign",
-            "SCENARIOS = {'a': 0}\nGYMNASIUM_PREFIX = 'F'\ndef __getattr__(name):\n    1 / 0",
+            f"{GAME_MODULE}del GAME\ndef __getattr__(name):\n    1 / 0",
             "ZeroDivisionError",
         ),
     ],
@@ -199,12 +224,18 @@ BROKEN = {
     "leaving": ("'Leaving'", "__import__('sys').exit(3)", "SystemExit(3)"),
     "twin": ("'DeepRTS'", "{'a': 0}", "'DeepRTS' would give it the Gymnasium ids of deep_rts"),
     "longer": ("'DeepRTS-1v1'", "{'15x15': 0}", "'DeepRTS-1v1' would give it the Gymnasium ids of"),
+    "plain": ("'Plain'", "{'a': 0}", "its scenario 'a' is 0, it must be an object of a dataclass"),
     "fickle": (
         "'Fickle'",
-        "type('Once', (dict,), {'__iter__': lambda self: iter([self.popitem()[0]])})(a=0)",
-        "KeyError",
+        "type('Fickle', (dict,), {'__iter__': lambda self: 1 / 0})(a=Scenario())",
+        "ZeroDivisionError",
     ),
 }
+PARTS = """
+from tests.games.last_standing import Scenario
+GYMNASIUM_PREFIX = {prefix}
+SCENARIOS = {scenarios}
+"""
 IMPORT = """
 import json, warnings
 import gymnasium
@@ -219,9 +250,9 @@ print(json.dumps([told, list(marl_cair.GAMES), entry]))
 
 def test_whatever_is_wrong_with_packages_ours_can_be_imported(tmp_path):
     for name, (prefix, scenarios, _) in BROKEN.items():
-        text = f"GYMNASIUM_PREFIX = {prefix}\nSCENARIOS = {scenarios}\n"
-        install(tmp_path, name, f"{name}_game", text)
-    install(tmp_path, "whole", "whole_game", "GYMNASIUM_PREFIX = 'Whole'\nSCENARIOS = {'a': 0}\n")
+        install(tmp_path, name, f"{name}_game", PARTS.format(prefix=prefix, scenarios=scenarios))
+    whole = PARTS.format(prefix="'Whole'", scenarios="{'a': Scenario()}")
+    install(tmp_path, "whole", "whole_game", whole)
     done = run_python(tmp_path, "-c", IMPORT)
     assert done.returncode == 0, done.stderr
     told, games, entry = json.loads(done.stdout)
@@ -243,11 +274,3 @@ def test_a_game_that_cannot_be_described_is_left_out_of_the_list(tmp_path):
         assert "Last standing" not in done.stdout
         assert "Flappy Bird" in done.stdout
     assert set(json.loads(done.stdout)) == set(GAMES)
-
-
-def test_commands_do_without_a_broken_package(tmp_path):
-    install(tmp_path, "foreign", "foreign_game", "import no_such_module_anywhere")
-    helped = run_python(tmp_path, "-m", "marl_cair", "train", "--help")
-    assert helped.returncode == 0
-    assert "deep_rts_duel" in helped.stdout
-    assert "BrokenGameWarning" in helped.stderr

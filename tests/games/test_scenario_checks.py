@@ -20,7 +20,7 @@ from marl_cair.games.flappy_bird.scenarios import Scenario as Flappy
         (LineWars, "rows", np.int64(9)),
         (LineWars, "shaping_discount", np.float32(0.5)),
         (Maze, "density", np.float64(1.0)),
-        (Maze, "remembers", np.False_),
+        (Maze, "mask_walls", np.False_),
         (Flappy, "wind", np.float64(0.5)),
         (Flappy, "pipe_speed", np.int8(3)),
         (Rts, "num_players", np.uint8(2)),

@@ -148,6 +148,24 @@ def test_supersuit_shrinks_and_greys_pictures_as_the_page_says(game):
         parallel_api_test(small, num_cycles=5)
 
 
+@pytest.mark.parametrize("game", [deep_maze, flappy_bird], ids=lambda game: game.__name__[16:])
+def test_supersuit_stacks_grey_frames_as_the_page_says(game):
+    page = Path(game.__file__).with_name("README.md").read_text("utf-8")
+    assert "`frame_stack_v1`" in page
+    scenario = "15x15-race-2p" if game is deep_maze else "race-2"
+    plain = game.parallel_env(scenario=scenario, representation="gray")
+    assert supersuit.frame_stack_v1(plain, 4).observation_space("player_0").shape == (1, 84, 336)
+    code = said_in_readme(game, "supersuit.observation_lambda_v0(")
+    env = eval(code, {"supersuit": supersuit, "np": np, "env": plain})  # noqa: S307  # our own page's
+    stacked = supersuit.frame_stack_v1(env, 4)
+    assert stacked.observation_space("player_0").shape == (84, 84, 4)
+    stacked.reset(seed=3)
+    for _ in range(4):
+        seen = stacked.step(dict.fromkeys(stacked.agents, 0))[0]["player_0"]
+    assert seen.shape == (84, 84, 4)
+    np.testing.assert_array_equal(seen[..., -1], plain.engine.observe("gray")[0, 0, 0])
+
+
 @pytest.mark.parametrize(
     "env_id", ["marl_cair/DeepMaze-9x9-stochastic-v0", "marl_cair/FlappyBird-classic-v0"]
 )

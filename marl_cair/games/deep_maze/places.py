@@ -69,8 +69,8 @@ def end_of_ring(world: Any, num_open: int, first: int) -> int:
 
 
 @compiled
-def find_ring(world: Any, rules: Any, num_open: int, place: int, least: int) -> int:
-    """The first place in `order` of a ring (cells equally far from the goal) with room for all.
+def find_ring(world: Any, num_open: int, place: int, least: int, num_cells: int) -> int:
+    """The first place in `order` of a ring (cells equally far from the goal) of so many cells.
 
     It is at least `least` moves from the goal: the ring of the cell at `place`, or else the next
     one outwards, and from the outermost on to the innermost. 0, where the goal is, if none fits.
@@ -80,7 +80,7 @@ def find_ring(world: Any, rules: Any, num_open: int, place: int, least: int) -> 
         first -= 1
     for _ in range(num_open):
         last = end_of_ring(world, num_open, first)
-        if last - first >= rules.num_players and world.distance[world.order[first]] >= least:
+        if last - first >= num_cells and world.distance[world.order[first]] >= least:
             return first
         first = last if last < num_open else 1
     return 0
@@ -88,9 +88,12 @@ def find_ring(world: Any, rules: Any, num_open: int, place: int, least: int) -> 
 
 @compiled
 def deal_ring(world: Any, rules: Any, first: int, last: int) -> None:
-    """Give each seat a cell of its own from the places first..last - 1 of `order`, by lot."""
+    """Give each seat a cell of its own from the places first..last - 1 of `order`, by lot.
+
+    Where they are fewer, the last seats share one.
+    """
     for player in range(rules.num_players):
-        place = first + player
+        place = min(first + player, last - 1)
         other = place + draw_below(world.random, PLACE_WORD, last - place)
         chosen = world.order[other]
         world.order[other] = world.order[place]
@@ -103,19 +106,27 @@ def place_players(world: Any, rules: Any, num_open: int) -> None:
     """Draw starts that are equally far from the goal, a cell for each seat.
 
     Several seats start at least a quarter of the board's rows and columns from the goal, if there
-    are such cells. Where no distance has enough cells for all, the seats of a race share one, and
-    those of a chase stand beside the goal with the hunter as far from it as can be.
+    are such cells. Where no distance has enough cells for all, the seats of a race share one. In a
+    chase the hunted share a cell as far from the goal as the hunter's and not beside it; or where
+    there are none, they start half way and the hunter on the furthest cell. Unless `starts_apart`,
+    they stand beside the goal and the hunter on the furthest cell.
     """
     place = 1 + draw_below(world.random, PLACE_WORD, num_open - 1)
     if rules.num_players > 1:
-        first = find_ring(world, rules, num_open, place, (rules.rows + rules.columns) // 4)
+        least = (rules.rows + rules.columns) // 4
+        nearest = 1 + rules.starts_apart
+        first = find_ring(world, num_open, place, least, rules.num_players)
         if first == 0:
-            first = find_ring(world, rules, num_open, place, 1)
+            first = find_ring(world, num_open, place, nearest, rules.num_players)
+        if first == 0 and rules.starts_apart:
+            first = find_ring(world, num_open, place, least, 2)
+        if first == 0 and rules.starts_apart:
+            first = find_ring(world, num_open, place, nearest, 2)
         if first > 0:
             deal_ring(world, rules, first, end_of_ring(world, num_open, first))
             return
     if rules.contest == CHASE:
-        place = 1
+        place = max(1, num_open // 2) if rules.starts_apart else 1
     for player in range(rules.num_players):
         world.cell[player] = world.order[place]
     if rules.contest == CHASE:

@@ -53,6 +53,7 @@ class Rules(NamedTuple):
     remembers: int
     num_players: int
     contest: int
+    starts_apart: int  # 1: in a chase nobody starts beside the goal
     reward: int
     discount: float
     mask_walls: int
@@ -82,6 +83,8 @@ def make_rules(scenario: Scenario) -> Rules:
         remembers=int(scenario.remembers),
         num_players=scenario.num_players,
         contest=CHASE if scenario.is_chase else RACE,
+        # Five of 100,000 games of 15x15-chase-4p would start elsewhere than in version 1.
+        starts_apart=int(scenario.is_chase and not scenario.has_open_ways),
         reward=list(REWARDS).index(scenario.reward),
         discount=float(scenario.shaping_discount),
         mask_walls=int(scenario.mask_walls),

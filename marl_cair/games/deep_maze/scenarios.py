@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from marl_cair.games.deep_maze.tables import (
     MAX_PLAYERS,
     MAX_TICKS_OF_SIZE,
@@ -55,6 +57,8 @@ REWARDS = {
 MIN_SIDE, MAX_SIDE = 5, 127
 MAX_MAZES = 100  # of a sequence
 MAX_CELL_PIXELS = 32
+BY_SIZE = 0  # of max_ticks
+OPEN_WAYS: dict[str, Any] = {"generator": "growth", "density": 0.8, "complexity": 0.05}
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,7 @@ class Scenario:
     shaping_discount: float = 0.99  # gamma of the potential difference, per move
     mask_walls: bool = True  # a move into a wall is illegal; else it is legal and does nothing
     cell_pixels: int = 0  # pixels along a cell of `image`; 0 = the picture of 640 x 480
-    max_ticks: int = 300  # time limit in moves
+    max_ticks: int = BY_SIZE  # time limit in moves; 0 becomes that of `limit_by_size`
 
     def __post_init__(self) -> None:
         for field in ("rows", "columns"):
@@ -94,7 +98,7 @@ class Scenario:
         check_whole_number("deep_maze", self, "num_mazes", 1, MAX_MAZES)
         check_whole_number("deep_maze", self, "maze_seed", 0, 2**63 - 1)
         check_whole_number("deep_maze", self, "vision", 1, MAX_SIDE)
-        check_whole_number("deep_maze", self, "max_ticks", 1, MAX_TICKS)
+        check_whole_number("deep_maze", self, "max_ticks", BY_SIZE, MAX_TICKS)
         check_whole_number("deep_maze", self, "preview_moves", 0, MAX_TICKS)
         check_whole_number("deep_maze", self, "cell_pixels", 0, MAX_CELL_PIXELS)
         for field in ("density", "complexity"):
@@ -110,6 +114,8 @@ class Scenario:
         check_shaping_discount("deep_maze", self)
         self._check_maze()
         self._check_players()
+        if self.max_ticks == BY_SIZE:
+            object.__setattr__(self, "max_ticks", self.limit_by_size)
 
     def _check_maze(self) -> None:
         for field in ("density", "complexity"):
@@ -128,11 +134,18 @@ class Scenario:
                 f"deep_maze: num_mazes is {self.num_mazes}, but the mode {self.mode} plays one "
                 "maze; choose mode='sequence'"
             )
-        if self.visibility == "full" and self.preview_moves:
+        if self.mode == "stochastic" and self.maze_seed != Scenario.maze_seed:
             raise ValueError(
-                f"deep_maze: preview_moves is {self.preview_moves}, but the visibility is full all "
-                "the time; choose visibility='square' or 'line_of_sight'"
+                f"deep_maze: maze_seed is {self.maze_seed}, but the mode stochastic draws a maze "
+                f"for each game; leave it at {Scenario.maze_seed} or choose mode='deterministic'"
             )
+        for field in ("preview_moves", "vision", "remembers"):
+            value, default = getattr(self, field), getattr(Scenario, field)
+            if self.visibility == "full" and value != default:
+                raise ValueError(
+                    f"deep_maze: {field} is {value}, but the visibility is full all the time; "
+                    f"leave it at {default} or choose visibility='square' or 'line_of_sight'"
+                )
 
     def _check_players(self) -> None:
         if self.contest == "chase" and self.num_players < 2:
@@ -161,10 +174,33 @@ class Scenario:
                 "not ask of the hunter; choose 'classic'"
             )
 
+    def follow(self, options: dict[str, Any]) -> dict[str, Any]:
+        """`options`, with the time limit of another board where it was the one of this board."""
+        is_by_size = self.max_ticks == self.limit_by_size
+        if is_by_size and options.keys() & {"rows", "columns", "num_mazes"}:
+            return {"max_ticks": BY_SIZE, **options}
+        return options
+
+    @property
+    def limit_by_size(self) -> int:
+        """The time limit in moves that goes with the board: between the thesis's sizes linear in
+        the number of cells, beyond the largest in proportion to it; so much for each maze.
+        """
+        cells = [side * side for side in MAX_TICKS_OF_SIZE]
+        limits = list(MAX_TICKS_OF_SIZE.values())
+        beyond = max(1.0, self.num_cells / cells[-1])
+        limit = round(beyond * float(np.interp(self.num_cells, cells, limits)))
+        return min(self.num_mazes * limit, MAX_TICKS)
+
     @property
     def is_chase(self) -> bool:
         """Whether the first seat hunts the others."""
         return self.num_players > 1 and self.contest == "chase"
+
+    @property
+    def has_open_ways(self) -> bool:
+        """Whether its walls are those of the named chases."""
+        return all(getattr(self, field) == value for field, value in OPEN_WAYS.items())
 
     @property
     def num_cells(self) -> int:
@@ -194,10 +230,7 @@ def _name(size: int, *parts: str) -> str:
 def _list_scenarios() -> dict[str, Scenario]:
     """The modes in all sizes; sights, sequences and loops in three; several players in two."""
     listed: dict[str, Scenario] = {}
-    boards = {
-        size: Scenario(rows=size, columns=size, max_ticks=ticks)
-        for size, ticks in MAX_TICKS_OF_SIZE.items()
-    }
+    boards = {size: Scenario(rows=size, columns=size) for size in MAX_TICKS_OF_SIZE}
     for size, board in boards.items():
         for mode in ("deterministic", "full_deterministic", "stochastic"):
             listed[_name(size, mode)] = replace(board, mode=mode)
@@ -205,7 +238,7 @@ def _list_scenarios() -> dict[str, Scenario]:
         board = boards[size]
         listed[_name(size, "loops")] = replace(board, generator="growth")
         listed[_name(size, "sequence")] = replace(
-            board, mode="sequence", num_mazes=3, max_ticks=3 * board.max_ticks
+            board, mode="sequence", num_mazes=3, max_ticks=BY_SIZE
         )
         for sight in ("square", "line_of_sight"):
             foggy = replace(board, visibility=sight)
@@ -219,11 +252,10 @@ def _list_scenarios() -> dict[str, Scenario]:
 
 
 def _list_contests(size: int, board: Scenario) -> dict[str, Scenario]:
-    open_ways: dict[str, Any] = {"generator": "growth", "density": 0.8, "complexity": 0.05}
     listed = {}
     for players in (2, 3, 4):
         race = replace(board, num_players=players)
-        chase = replace(race, contest="chase", **open_ways)
+        chase = replace(race, contest="chase", **OPEN_WAYS)
         listed[_name(size, f"race-{players}p")] = race
         listed[_name(size, f"race-{players}p", "square")] = replace(race, visibility="square")
         listed[_name(size, f"chase-{players}p")] = chase

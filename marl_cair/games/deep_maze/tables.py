@@ -28,7 +28,8 @@ GROWTH_STEPS_PER_SIDE_CELL = 5
 
 # Sizes of the thesis (7 to 55) with a time limit in moves. A uniform random walk from corner to
 # corner takes 790 moves on 7x7 and 1,503 on 9x9 (measured), the shortest way 12 and 16; the
-# original's experiments stopped at 1,000 moves on 25x25.
+# original's experiments stopped at 1,000 moves on 25x25. Each limit is above the number of cells,
+# so that no way is too long.
 MAX_TICKS_OF_SIZE = {
     7: 200,
     9: 300,

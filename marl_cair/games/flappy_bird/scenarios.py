@@ -42,7 +42,7 @@ class Scenario:
     """
 
     num_players: int = 1  # birds on the same pipes
-    pipe_gap: int = PIPE_GAP  # pixels between upper and lower pipe
+    pipe_gap: int = PIPE_GAP  # pixels between upper and lower pipe, more than the bird is high
     pipe_speed: float = PIPE_SPEED  # pixels per tick, to a tenth
     wind: float = 0.0  # pixels per tick that the strongest gust moves a bird, to a tenth
     reward: str = "classic"  # see REWARDS
@@ -59,12 +59,7 @@ class Scenario:
         self._check_gap()
 
     def _check_gap(self) -> None:
-        check_whole_number("flappy_bird", self, "pipe_gap", 0, MAX_GAP)
-        if self.pipe_gap <= BIRD_HEIGHT:
-            raise ValueError(
-                f"flappy_bird: pipe_gap is {self.pipe_gap}, but the bird is {BIRD_HEIGHT} pixels "
-                f"high: it must be a whole number in {BIRD_HEIGHT + 1}..{MAX_GAP}"
-            )
+        check_whole_number("flappy_bird", self, "pipe_gap", BIRD_HEIGHT + 1, MAX_GAP)
         numbers = self.pipe_gap, self.speed_hundredths, self.wind_hundredths
         if not is_playable(*numbers, self.ticks_per_step):
             seldom, mends = "", "slower pipes or less wind"

@@ -1,5 +1,6 @@
 """Scenarios that are named can be played, and settings that cannot be are refused in words."""
 
+import dataclasses
 import re
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from marl_cair.games import GAMES, make_engine
 from marl_cair.games.deep_maze.scenarios import SCENARIOS, Scenario
+from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.lookup import UnknownNameError
 
 pytestmark = pytest.mark.plain_python
@@ -42,6 +44,21 @@ def test_any_size_can_be_played(size, generator):
         ({"contest": "chase"}, "the contest chase needs 2 to 4 players, num_players is 1"),
         ({"vision": 0}, "vision is 0, it must be a whole number in 1..127"),
         ({"preview_moves": 5}, "preview_moves is 5, but the visibility is full all the time"),
+        (
+            {"vision": 5},
+            (
+                "vision is 5, but the visibility is full all the time; leave it at 3 or choose "
+                "visibility='square' or 'line_of_sight'"
+            ),
+        ),
+        ({"remembers": False}, "remembers is False, but the visibility is full all the time"),
+        (
+            {"maze_seed": 5},
+            (
+                "maze_seed is 5, but the mode stochastic draws a maze for each game; leave it at "
+                "1337 or choose mode='deterministic'"
+            ),
+        ),
         ({"mode": "sequence"}, "the mode sequence needs num_mazes of at least 2, it is 1"),
         ({"num_mazes": 3}, "num_mazes is 3, but the mode stochastic plays one maze"),
         (
@@ -66,7 +83,7 @@ def test_any_size_can_be_played(size, generator):
         ({"shaping_discount": 0.0}, "shaping_discount is 0.0, it must be above 0 and at most 1"),
         ({"mask_walls": 1}, "mask_walls is 1, it must be True or False"),
         ({"remembers": "no"}, "remembers is 'no', it must be True or False"),
-        ({"max_ticks": 0}, "max_ticks is 0, it must be a whole number in 1..1000000"),
+        ({"max_ticks": -1}, "max_ticks is -1, it must be a whole number in 0..1000000"),
         ({"maze_seed": -1}, "maze_seed is -1, it must be a whole number in 0.."),
         ({"cell_pixels": 33}, "cell_pixels is 33, it must be a whole number in 0..32"),
     ],
@@ -90,6 +107,91 @@ def test_what_cannot_be_played_is_refused(options, message):
 def test_unknown_names_are_answered(options, message):
     with pytest.raises(UnknownNameError, match=re.escape(message)):
         Scenario(**options)
+
+
+# --- the time limit ------------------------------------------------------------------------------
+
+LIMITS = {7: 200, 9: 300, 11: 400, 13: 500, 15: 600, 19: 800, 25: 1_000, 35: 2_000, 55: 5_000}
+
+
+@pytest.mark.parametrize(("size", "limit"), LIMITS.items())
+def test_named_scenarios_have_the_time_limit_of_their_size(size, limit):
+    named = {name: one for name, one in SCENARIOS.items() if one.rows == size}
+    assert len(named) >= 3
+    for name, scenario in named.items():
+        assert scenario.max_ticks == limit * (3 if "sequence" in name else 1), name
+
+
+@pytest.mark.parametrize(
+    ("options", "limit"),
+    [
+        ({"rows": 5, "columns": 5}, 200),
+        ({"rows": 8, "columns": 8}, 247),  # 64 cells of 49 to 81
+        ({"rows": 45, "columns": 45}, 3_333),  # 2,025 cells of 1,225 to 3,025
+        ({"rows": 55, "columns": 55}, 5_000),
+        ({"rows": 127, "columns": 127}, 26_660),
+        ({"rows": 9, "columns": 25}, 600),  # as many cells as 15x15
+        ({"rows": 55, "columns": 55, "max_ticks": 0}, 5_000),
+        ({"rows": 55, "columns": 55, "max_ticks": 300}, 300),
+        ({"mode": "sequence", "num_mazes": 10}, 3_000),
+        ({"mode": "sequence", "num_mazes": 100, "rows": 127, "columns": 127}, 1_000_000),
+    ],
+)
+def test_the_time_limit_follows_the_board_unless_it_is_given(options, limit):
+    engine = make_engine("deep_maze", **options)
+    assert engine.scenario.max_ticks == engine.spec.max_ticks == limit
+    assert engine.spec.representations["vector"].high[12] == limit
+
+
+def test_a_time_limit_of_ones_own_stays_when_the_board_changes():
+    assert make_engine("deep_maze", "25x25-stochastic", rows=55).spec.max_ticks == 2_250
+    own = dataclasses.replace(SCENARIOS["25x25-stochastic"], max_ticks=77)
+    assert change_scenario("deep_maze", own, {"rows": 55}).max_ticks == 77
+
+
+def test_a_scenario_is_made_again_from_its_fields():
+    """As agents and leagues keep them; those from before the limit followed the board too."""
+    for scenario in SCENARIOS.values():
+        assert GAMES["deep_maze"].scenario(None, **dataclasses.asdict(scenario)) == scenario
+    fields = dataclasses.asdict(SCENARIOS["9x9-stochastic"]) | {"rows": 55, "columns": 55}
+    assert GAMES["deep_maze"].scenario("9x9-stochastic", **fields).max_ticks == 300
+
+
+def test_the_time_limit_is_above_the_number_of_cells_of_any_board():
+    """No shortest way has more moves, whatever the maze."""
+    for rows in range(5, 128):
+        for columns in range(5, 128):
+            scenario = Scenario(rows=rows, columns=columns)
+            assert scenario.max_ticks > scenario.num_cells
+
+
+@pytest.mark.parametrize("generator", ["prim", "growth"])
+@pytest.mark.parametrize("size", [55, 90, 127])
+def test_every_shortest_way_of_a_large_board_can_be_gone_in_time(size, generator):
+    engine = make_engine("deep_maze", rows=size, columns=size, generator=generator)
+    for seed in range(3):
+        engine.reset(seed)
+        assert 50 < engine._worlds.distance.max() < engine.spec.max_ticks
+
+
+# --- rewards -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("scenario", "pays"),
+    [
+        ("9x9-stochastic", "+1 at the goal, -0.01 a move"),
+        ("15x15-race-3p", "+1 win, -1 loss, -0.01 a move"),
+        ("15x15-chase-3p", "+1 win, -1 loss, -0.01 a move of the hunter"),
+    ],
+)
+def test_what_is_paid_is_told(scenario, pays):
+    engine = make_engine("deep_maze", scenario)
+    assert engine.spec.pays == pays
+    engine.reset(0)
+    engine.step(np.full((1, engine.num_players), 4))
+    others = 0.0 if "chase" in scenario else -0.01
+    assert engine.rewards[0].tolist() == pytest.approx([-0.01, *[others] * engine.num_players][:-1])
 
 
 def test_the_first_reward_rates_play():

@@ -1,7 +1,8 @@
 """Every representation through every door, as the libraries check them.
 
-Whether a door is accepted at all is asked of every scenario in every representation: minutes long,
-in `make test-all`. The rest is asked of each representation and each number of players.
+The libraries' own checks are asked of every scenario in every representation: minutes long, in
+`make test-all`. That two doors show the same whole games is asked of each representation and each
+number of players.
 """
 
 import warnings
@@ -70,6 +71,10 @@ QUICK = [
 CASES = ("game", "scenario", "representation")
 EVERY = pytest.mark.parametrize(CASES, EVERYTHING)
 EACH = pytest.mark.parametrize(CASES, QUICK)
+EVERY_SOME_QUICK = pytest.mark.parametrize(
+    CASES,
+    [pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow) for case in EVERYTHING],
+)
 NUMBERS = pytest.mark.parametrize(
     ("game", "scenario"),
     [
@@ -115,7 +120,7 @@ def with_seed(make, **options):
     return env
 
 
-@EACH
+@EVERY_SOME_QUICK
 def test_pettingzoo_finds_max_cycles_kept(game, scenario, representation):
     chosen = {"scenario": scenario, "representation": representation}
     max_cycles_test(
@@ -126,7 +131,7 @@ def test_pettingzoo_finds_max_cycles_kept(game, scenario, representation):
     )
 
 
-@EACH
+@EVERY_SOME_QUICK
 def test_pettingzoo_accepts_the_pictures(game, scenario, representation):
     def make(render_mode):
         # The test first makes a window, which it does not use; we have none.

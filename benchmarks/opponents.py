@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from marl_cair.checkpoint import LATEST_FOLDER
 from marl_cair.cli import main as marl_cair
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
@@ -31,7 +32,6 @@ from marl_cair.league.match import play_match
 from marl_cair.training.config import SELF_PLAY
 from marl_cair.training.config_file import CONFIG_FILE, load_config
 from marl_cair.training.demo import FINISHED_FILE, MIXTURE
-from marl_cair.training.run import LATEST_FOLDER
 
 MIXTURES: dict[str, dict[str, float]] = {
     "default": SELF_PLAY,

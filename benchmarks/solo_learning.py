@@ -27,13 +27,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from benchmarks.learning import UNSEEN_SEED, train, trained_minutes
-from marl_cair.checkpoint import read_description
+from marl_cair.checkpoint import LATEST_FOLDER, read_description
 from marl_cair.cli import main as marl_cair
 from marl_cair.files import atomic_path, write_atomically
 from marl_cair.training.curves import COLOURS, STYLES
 from marl_cair.training.evaluation import LEARNER
 from marl_cair.training.metrics import RunLog, read_log
-from marl_cair.training.run import BEST_FOLDER, LATEST_FOLDER
+from marl_cair.training.run import BEST_FOLDER
 
 
 class Task(NamedTuple):

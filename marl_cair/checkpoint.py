@@ -17,7 +17,7 @@ from typing import Any
 
 import torch
 
-from marl_cair.files import find_folder, replaced_folder
+from marl_cair.files import find_folder, read_run_kind, replaced_folder
 from marl_cair.lookup import find_by_name
 from marl_cair.policies.actor import GREEDY, PLAYS
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
@@ -26,6 +26,8 @@ FORMAT = "marl_cair agent"
 FORMAT_VERSION = 1
 DESCRIPTION_FILE = "agent.json"
 WEIGHTS_FILE = "weights.pt"
+TRAINING = "training"  # kind of a run whose folder holds these
+LATEST_FOLDER, SNAPSHOT_FOLDER = "latest", "snapshots"
 
 
 class CheckpointError(ValueError):
@@ -87,16 +89,23 @@ def save_agent(
             (fresh / name).write_text(text, "utf-8")
 
 
+def find_agent(folder: str | os.PathLike[str]) -> Path:
+    """The folder of the agent that `folder` stands for: of a training run, its newest."""
+    place = Path(folder)
+    return place / LATEST_FOLDER if read_run_kind(place) == TRAINING else place
+
+
 def read_description(folder: str | os.PathLike[str]) -> AgentDescription:
-    """What the checkpoint in `folder` is.
+    """What the checkpoint in `folder` is; of a training run, its newest.
 
     Raises:
         CheckpointError: no checkpoint, a broken one, or one of a newer format.
     """
-    path = find_folder(folder) / DESCRIPTION_FILE
+    place = find_agent(folder)
+    path = find_folder(place) / DESCRIPTION_FILE
     if not path.is_file():
         raise CheckpointError(
-            f"{folder} is no agent checkpoint: it holds no {DESCRIPTION_FILE}; give the folder of "
+            f"{place} is no agent checkpoint: it holds no {DESCRIPTION_FILE}; give the folder of "
             "one, for example runs/demo/conv/latest"
         )
     try:
@@ -123,7 +132,7 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
             anything but tensors, or do not fit the network.
     """
     about = read_description(folder)
-    path = find_folder(folder) / WEIGHTS_FILE
+    path = find_folder(find_agent(folder)) / WEIGHTS_FILE
     try:
         config = QNetworkConfig.from_dict(about.network)
         network = make_q_network(config, about.observation_shape, len(about.action_names), seed=0)

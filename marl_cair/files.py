@@ -167,14 +167,14 @@ def _mark(
     held_kind, held = _read_run_marker(marker)
     if held_kind != kind:
         raise OutputFolderError(
-            f"output folder {place} holds a {held_kind} run, this is a {kind} run: give another "
-            "folder, or delete this one"
+            f"output folder {place} holds {_name_run(held_kind)}, this is {_name_run(kind)}: give "
+            "another folder, or delete this one"
         )
     # As JSON gives them back: tuples as lists.
     if differences := _list_differences(held, json.loads(text)["settings"]):
         more = f" and {len(differences) - 3} more" if len(differences) > 3 else ""
         raise OutputFolderError(
-            f"output folder {place} holds a {kind} run with other settings "
+            f"output folder {place} holds {_name_run(kind)} with other settings "
             f"({'; '.join(differences[:3])}{more}): give another folder, or delete this one"
         )
     if not resume:
@@ -183,6 +183,10 @@ def _mark(
             "another folder, or delete this one"
         )
     return True
+
+
+def _name_run(kind: str) -> str:
+    return f"{'an' if kind[:1] in 'aeiou' else 'a'} {kind} run"
 
 
 def _list_differences(held: Any, wanted: Any, name: str = "") -> list[str]:
@@ -227,6 +231,15 @@ def _read_run_marker(marker: Path) -> tuple[str, dict[str, Any]]:
             f"{marker} is no run marker, an object with 'kind' and 'settings' ({error!r}): give "
             "another folder, or delete this one"
         ) from error
+
+
+def read_run_kind(folder: str | os.PathLike[str]) -> str:
+    """The `kind` of `claim_output_folder` of the run in `folder`; "" where there is none."""
+    marker = Path(folder) / RUN_MARKER
+    try:
+        return _read_run_marker(marker)[0] if marker.is_file() else ""
+    except OutputFolderError:
+        return ""
 
 
 def _is_leftover(name: str) -> bool:

@@ -203,6 +203,7 @@ def test_same_run_resumes_only_when_asked(tmp_path):
     ("kind", "settings", "message"),
     [
         ("league", CONV, "holds a training run, this is a league run: give another folder"),
+        ("exploit", CONV, "holds a training run, this is an exploit run: give another folder"),
         (
             "training",
             {"net": "capsule", "n": {"lr": 0.5}},

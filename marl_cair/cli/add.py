@@ -9,9 +9,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from marl_cair.cli.league import DEFAULT_OUT, tell, tell_command
-from marl_cair.cli.match_options import add_answer_seconds, add_no_replays, add_workers
+from marl_cair.cli.match_options import (
+    add_answer_seconds,
+    add_no_replays,
+    add_workers,
+    expand_agents,
+)
 from marl_cair.league.agents import load_agent
-from marl_cair.league.extend import plan_extension
+from marl_cair.league.extend import list_fingerprints, plan_extension
 from marl_cair.league.league import run_league
 
 
@@ -19,7 +24,10 @@ def run(arguments: Sequence[str]) -> int:
     """Play and print ladder and matrix; returns the exit code."""
     options = make_parser().parse_args(arguments)
     load = functools.partial(load_agent, answer_seconds=options.answer_seconds)
-    config = plan_extension(Path(options.out), options.agents, options.games, options.workers, load)
+    folder = Path(options.out)
+    found = expand_agents(options.agents, known=list_fingerprints(folder))
+    agents = found.list_agents(options.agents)
+    config = plan_extension(folder, agents, options.games, options.workers, load)
     told = tell_command("league add", arguments)
     return tell(
         run_league(dataclasses.replace(config, command=told, replays=not options.no_replays), load)
@@ -29,7 +37,11 @@ def run(arguments: Sequence[str]) -> int:
 def make_parser() -> argparse.ArgumentParser:
     """The options of the command."""
     parser = argparse.ArgumentParser("marl-cair league add", description=__doc__)
-    parser.add_argument("agents", nargs="+", help="as `marl-cair league` takes them")
+    parser.add_argument(
+        "agents",
+        nargs="+",
+        help="as `marl-cair league` takes them; of a run those that are not in the league yet",
+    )
     parser.add_argument(
         "--out", default=DEFAULT_OUT, help="folder of the league (default: %(default)s)"
     )

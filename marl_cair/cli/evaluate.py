@@ -18,7 +18,7 @@ import numpy as np
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.compose import read_value
-from marl_cair.cli.match_options import add_match_options
+from marl_cair.cli.match_options import add_match_options, round_games
 from marl_cair.files import write_atomically
 from marl_cair.games.game import Game
 from marl_cair.games.scenario_checks import change_scenario
@@ -68,7 +68,8 @@ def _rate_against(
             f"--against is empty: name one or more opponents on {game.name}, for example random"
         )
     # Every map seed is played once in each seat: of more than two seats few divide a round number.
-    num_games = options.games if num_teams == 2 else -(-options.games // num_teams) * num_teams
+    spec = game.make_spec(scenario)
+    num_games = options.games if num_teams == 2 else round_games(options.games, spec)
     agent = load_agent(options.agent, game.name, scenario)
     opponents = [load_agent(opponent, game.name, scenario) for opponent in options.against]
     width = max(len("against"), *map(len, options.against))
@@ -142,13 +143,15 @@ def make_parser() -> argparse.ArgumentParser:
     """The options of the command."""
     parser = argparse.ArgumentParser("marl-cair evaluate", description=__doc__)
     parser.add_argument(
-        "agent", help="folder of a checkpoint (runs/a/latest), or a bot (`marl-cair games`)"
+        "agent",
+        help="folder of a checkpoint (runs/a/latest), of a run (runs/a: its `latest`) or of a "
+        "mixture, a bot (`marl-cair games`), module:function, or process:COMMAND",
     )
     parser.add_argument(
         "--against",
         nargs="*",
         default=["random"],
-        help="bots or folders of checkpoints (default: random)",
+        help="agents as the first, that it is rated against (default: random)",
     )
     parser.add_argument(
         "--option",

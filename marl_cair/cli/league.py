@@ -15,6 +15,7 @@ from marl_cair.cli.match_options import (
     add_match_options,
     add_no_replays,
     add_workers,
+    expand_agents,
     read_seconds,
 )
 from marl_cair.league.agents import find_scenario, load_agent
@@ -23,6 +24,7 @@ from marl_cair.league.export import FORMATS, QUERIES, export_league
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.report import FILES
 from marl_cair.league.reporting import LeagueResult, report_stored
+from marl_cair.league.run_folders import MOST_SNAPSHOTS
 from marl_cair.league.store import STORE_FILE, LeagueStore
 
 DEFAULT_OUT = "runs/league"
@@ -35,7 +37,9 @@ def run(arguments: Sequence[str]) -> int:
     if arguments and arguments[0] in SUBCOMMANDS:
         return SUBCOMMANDS[arguments[0]](arguments[1:])
     options = make_parser().parse_args(arguments)
-    everyone = [*options.agents, *options.ladder]
+    found = expand_agents([*options.agents, *options.ladder])
+    agents, ladder = found.list_agents(options.agents), found.list_agents(options.ladder)
+    everyone = [*agents, *ladder]
     game, scenario, scenario_options = find_scenario(everyone, options.game, options.scenario)
     max_seconds = _read_time(options.time)
     is_adaptive = options.ci > 0.0 or max_seconds > 0.0
@@ -46,14 +50,14 @@ def run(arguments: Sequence[str]) -> int:
     )
     result = run_league(
         LeagueConfig(
-            agents=tuple(options.agents),
+            agents=agents,
             game=game.name,
             scenario=scenario,
             scenario_options=scenario_options,
             games_per_pair=games,
             seed=options.seed,
             out=options.out,
-            ladder=tuple(options.ladder),
+            ladder=ladder,
             seating=options.seating,
             workers=options.workers,
             half_width_elo=options.ci,
@@ -87,6 +91,8 @@ def tell(result: LeagueResult) -> int:
         f"{result.text}\nThe report is {result.folder / page}; beside it are "
         f"{', '.join(others[:-1])} and {others[-1]}\n"
     )
+    if result.ending:
+        sys.stdout.write(f"{result.ending}\n")
     return EXIT_DONE
 
 
@@ -207,9 +213,11 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "agents",
         nargs="+",
-        help="two or more: folders of checkpoints (runs/a/latest), bots (`marl-cair games` lists "
-        "them), functions that make an agent (module:function, called with scenario and spec), and "
-        "commands that speak JSON lines (process:COMMAND); `random` is rated 0 where it takes part",
+        help="two or more: folders of checkpoints (runs/a/latest), of runs (runs/a: of `train` its "
+        f"`latest` and {MOST_SNAPSHOTS} snapshots at most, of `league train` each learner) or of "
+        "mixtures, bots (`marl-cair games` lists them), functions that make an agent "
+        "(module:function, called with scenario and spec), and commands that speak JSON lines "
+        "(process:COMMAND); `random` is rated 0 where it takes part",
     )
     add_match_options(parser, GAMES_PER_PAIR, "of each pair", "first checkpoint", "bots alone")
     parser.set_defaults(games=None)

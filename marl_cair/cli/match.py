@@ -14,7 +14,7 @@ from typing import Any
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.compose import read_value
-from marl_cair.cli.match_options import add_match_options
+from marl_cair.cli.match_options import add_match_options, round_games
 from marl_cair.games.game import Agent, Game
 from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
@@ -99,7 +99,7 @@ def compare_rivals(
     """What is played, the numbers, and the verdict, a line each."""
     spec = game.make_spec(scenario)
     num_teams = spec.num_teams
-    num_games = -(-num_games // num_teams) * num_teams
+    num_games = round_games(num_games, spec)
     match = play_match(*agents, game, scenario, num_games, seed, _identify(agents, game))
     low, high = match.interval()
     place = "seat" if num_teams == spec.num_players else "team"
@@ -230,7 +230,9 @@ def make_parser() -> argparse.ArgumentParser:
         "agents",
         nargs=2,
         metavar="AGENT",
-        help="A and B: folders of checkpoints (runs/a/latest) or bots (`marl-cair games`)",
+        help="A and B: folders of checkpoints (runs/a/latest), of runs (runs/a: its `latest`) or "
+        "of mixtures, bots (`marl-cair games`), functions that make an agent (module:function), or "
+        "commands that speak JSON lines (process:COMMAND)",
     )
     parser.add_argument(
         "options",

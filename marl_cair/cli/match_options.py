@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
+from collections.abc import Collection, Sequence
 
 from marl_cair.games import GAMES
+from marl_cair.games.game import GameSpec
+from marl_cair.league.run_folders import Expansion, expand_runs
 
 _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 
@@ -66,6 +70,28 @@ def add_no_replays(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="no games to watch in the report: they are played once more for it (default: three)",
     )
+
+
+def expand_agents(sources: Sequence[str], known: Collection[str] = ()) -> Expansion:
+    """As `expand_runs`, and tell what a run stands for."""
+    found = expand_runs(sources, known)
+    sys.stderr.writelines(f"{line}\n" for line in found.told)
+    return found
+
+
+def round_games(num_games: int, spec: GameSpec) -> int:
+    """`num_games` up to whole blocks of one map seed in each seat (or team); tells where it is
+    more.
+    """
+    num_teams = spec.num_teams
+    rounded = -(-num_games // num_teams) * num_teams
+    if rounded != num_games:
+        place = "seats" if num_teams == spec.num_players else "teams"
+        sys.stderr.write(
+            f"games is {num_games}, playing {rounded}: each map seed once in each of {num_teams} "
+            f"{place}\n"
+        )
+    return rounded
 
 
 def read_seconds(text: str) -> float | None:

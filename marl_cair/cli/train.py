@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from marl_cair.checkpoint import read_description
+from marl_cair.checkpoint import LATEST_FOLDER, read_description
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED
 from marl_cair.cli.compose import SHORTHANDS, compose_config, list_groups, read_value
 from marl_cair.cli.options import find_choices, list_options
@@ -17,7 +17,7 @@ from marl_cair.lookup import find_by_name
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import CONFIG_FILE, build_value, load_config
 from marl_cair.training.recipes import RECIPES
-from marl_cair.training.run import LATEST_FOLDER, RESUME_FOLDER
+from marl_cair.training.run import RESUME_FOLDER
 from marl_cair.training.trainer import train
 
 FREE_ON_RESUME = {"total_frames": int, "max_minutes": float | None}

@@ -35,7 +35,7 @@ class Target:
     Attributes:
         half_width_elo: of the widest 95 % interval of a rating.
         games_per_pair: no pair meets in more games than these.
-        is_time_up: asked before each round.
+        is_time_up: asked before each round; `play` may ask it too and leave jobs out.
     """
 
     half_width_elo: float
@@ -54,10 +54,13 @@ def play_adaptively(
 ) -> list[Job]:
     """Call `play` with ever more jobs until the target is reached; returns all jobs.
 
-    `play` is given all jobs so far, the new ones last, and returns their games. What is chosen
+    `play` is given all jobs so far, the new ones last, and returns their games (where time is up,
+    those of some). What is chosen
     depends on these games alone: a league that was killed chooses again what it had chosen.
     """
     jobs = schedule_meetings(num_agents, num_teams, 1, games_per_chunk, ladder)
+    # Neighbours first, who link everybody soonest: time may be up before all pairs have met.
+    jobs.sort(key=lambda job: job.line_up[-1] - job.line_up[0])
     while True:
         played = play(jobs)
         if target.is_time_up():

@@ -10,7 +10,15 @@ from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from marl_cair.checkpoint import AgentDescription, CheckpointError, load_network, read_description
+from marl_cair.checkpoint import (
+    LATEST_FOLDER,
+    SNAPSHOT_FOLDER,
+    AgentDescription,
+    CheckpointError,
+    find_agent,
+    load_network,
+    read_description,
+)
 from marl_cair.files import find_folder
 from marl_cair.games import GAMES
 from marl_cair.games.game import Agent, Game
@@ -23,7 +31,7 @@ from marl_cair.league.store import AgentRecord
 from marl_cair.lookup import find_by_name
 from marl_cair.policies.actor import PLAYS, SAMPLED, PolicyActor
 
-SHELVES = ("snapshots", "players", "live")  # folders of a run, or league, that hold checkpoints
+SHELVES = (SNAPSHOT_FOLDER, "players", "live")  # folders of a run, or league, that hold checkpoints
 
 
 def load_agent(
@@ -36,10 +44,10 @@ def load_agent(
     """An agent by name or path; `agent.act(observations, action_mask)` gives actions.
 
     Args:
-        source: the folder of a checkpoint or of a mixture, or a bot as "deep_line_wars/rusher"
-            (just "rusher" where `game` is given), or "module:function" of anybody's (see
-            `league.foreign`), or "process:COMMAND" (see `league.process`). A folder that exists is
-            taken before a bot's name.
+        source: the folder of a checkpoint, of a training run (its newest agent) or of a mixture, or
+            a bot as "deep_line_wars/rusher" (just "rusher" where `game` is given), or
+            "module:function" of anybody's (see `league.foreign`), or "process:COMMAND" (see
+            `league.process`). A folder that exists is taken before a bot's name.
         game: the game that it is to play; a checkpoint of another game is refused.
         scenario: a scenario (or its name) that it is to play; None: the one that it was trained
             on, or the game's default.
@@ -101,7 +109,8 @@ def describe_agent(name: str, agent: Agent, game: Game, source: str = "") -> Age
     kind, policy = "bot", "scripted"
     configuration: dict[str, Any] = {"representation": agent.representation}
     if source:
-        configuration["source"] = str(Path(source).absolute()) if is_checkpoint(source) else source
+        place = find_agent(Path(source).absolute()) if is_checkpoint(source) else source
+        configuration["source"] = str(place)
     if isinstance(agent, PolicyActor):
         kind = "network"
         policy = f"epsilon-greedy {agent.epsilon:g}" if agent.epsilon else "greedy"
@@ -148,7 +157,7 @@ def describe_training(folder: Path) -> dict[str, Any]:
         about = read_description(folder)
     except CheckpointError:
         return {}
-    place = folder.absolute()
+    place = find_agent(folder.absolute())
     run, name = place.parent, about.name.partition("@")[0]  # snapshots are called run@frames
     if run.name == "players":  # of a league: learner-generation-frames
         name = place.name.rpartition("-")[0]
@@ -160,17 +169,21 @@ def describe_training(folder: Path) -> dict[str, Any]:
 def shorten_paths(paths: Sequence[str], taken: Collection[str] = ()) -> dict[str, str]:
     """Each path by the fewest last parts that tell all apart, and from the names `taken`.
 
-    A folder's `latest` is left out, as it says nothing.
+    A folder's `latest` is left out, as it says nothing; a run's snapshots keep the run's name.
     """
-    parts = {
-        path: [part for part in Path(path).absolute().parts if part not in ("/", "latest")]
-        for path in paths
-    }
-    for depth in range(1, max(map(len, parts.values()), default=0) + 1):
-        short = {path: "/".join(found[-depth:]) for path, found in parts.items()}
+    parts = {path: _split_path(path) for path in paths}
+    for depth in range(1, max((len(run) for run, _ in parts.values()), default=0) + 1):
+        short = {path: "/".join([*run[-depth:], *age]) for path, (run, age) in parts.items()}
         if len({*short.values(), *taken}) == len(short) + len(taken):
             return short
     return {path: path for path in parts}
+
+
+def _split_path(path: str) -> tuple[list[str], list[str]]:
+    """The parts that tell something: of an agent or its run, and of a snapshot of the run."""
+    parts = [part for part in Path(path).absolute().parts if part not in ("/", LATEST_FOLDER)]
+    is_snapshot = len(parts) > 2 and parts[-2] == SNAPSHOT_FOLDER
+    return (parts[:-2], parts[-1:]) if is_snapshot else (parts, [])
 
 
 def find_fingerprint(agent: Agent, game: Game) -> str:

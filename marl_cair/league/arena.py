@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from multiprocessing import get_context
@@ -126,8 +126,12 @@ class Arena:
             rules.game.name, rules.scenario, rules.seed, rules.seating, prints, load
         )
 
-    def play(self, jobs: Sequence[Job], bar: tqdm[Any]) -> None:
+    def play(
+        self, jobs: Sequence[Job], bar: tqdm[Any], is_time_up: Callable[[], bool] = lambda: False
+    ) -> None:
         """Play those jobs whose blocks are not stored; `bar` counts the games of all.
+
+        is_time_up: asked after each batch; where it is, the others are left out.
 
         Raises:
             OSError: a worker process has died, or has found another agent where one of these was
@@ -136,10 +140,14 @@ class Arena:
         batches = list(self._find_missing(jobs))
         left = sum(len(batch.chunks) for batch in batches)
         bar.update((len(jobs) - left) * self.rules.games_per_chunk)
-        for batch, games in self._play_batches(batches):
-            self._store.add_games([self.ids[number] for number in batch.line_up], games)
-            bar.set_postfix_str(" v ".join(self.entrants[number].name for number in batch.line_up))
-            bar.update(len(batch.chunks) * self.rules.games_per_chunk)
+        with closing(self._play_batches(batches)) as played:
+            for batch, games in played:
+                self._store.add_games([self.ids[number] for number in batch.line_up], games)
+                names = [self.entrants[number].name for number in batch.line_up]
+                bar.set_postfix_str(" v ".join(names))
+                bar.update(len(batch.chunks) * self.rules.games_per_chunk)
+                if is_time_up():
+                    return
 
     def _find_missing(self, jobs: Sequence[Job]) -> Iterator[Batch]:
         held = self._store.read_blocks()
@@ -152,7 +160,9 @@ class Arena:
             for start in range(0, len(chunks), CHUNKS_AT_ONCE):
                 yield Batch(line_up, tuple(chunks[start : start + CHUNKS_AT_ONCE]))
 
-    def _play_batches(self, batches: Sequence[Batch]) -> Iterator[tuple[Batch, list[PlayedGame]]]:
+    def _play_batches(
+        self, batches: Sequence[Batch]
+    ) -> Generator[tuple[Batch, list[PlayedGame]], None, None]:
         if self._num_workers == 1 or len(batches) < 2:
             for batch in batches:
                 line_up = [self.entrants[number] for number in batch.line_up]
@@ -201,8 +211,12 @@ def _collect(
     futures: dict[Future[list[PlayedGame]], Batch] = {
         pool.submit(_play_in_worker, batch): batch for batch in batches
     }
-    for future in as_completed(futures):
-        yield futures[future], future.result()
+    try:
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:  # time may be up
+        for future in futures:
+            future.cancel()
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,8 @@ def find_alpha_rank(payoff: NDArray[np.float64]) -> NDArray[np.float64]:
         _, _, weights, *_ = alpharank.compute(
             [payoff], m=POPULATION, alpha=ALPHA, use_local_selection_model=True
         )
-    return np.asarray(weights, np.float64)
+    positive = np.where(weights > 0.0, weights, 0.0)  # rounding leaves some just below
+    return np.asarray(positive / positive.sum(), np.float64)
 
 
 def _find_ends(

@@ -69,6 +69,15 @@ def plan_extension(
     )
 
 
+def list_fingerprints(folder: Path) -> set[str]:
+    """Of all agents of the league in `folder`. Raises LeagueStoreError where there is none."""
+    store = LeagueStore(folder / STORE_FILE)
+    try:
+        return {record.fingerprint for record in store.read_agents().values()}
+    finally:
+        store.close()
+
+
 def load_played(
     folder: Path, rules: Rules, record: AgentRecord, source: str, load: Load = load_agent
 ) -> Agent:
@@ -89,7 +98,8 @@ def load_played(
     if fingerprint != record.fingerprint:
         raise LeagueStoreError(
             f"{source} is no longer the agent that has played in {folder} as {record.name}: "
-            "bring that one back, or play a new league"
+            "bring that one back; or name all agents that are to be rated (`marl-cair league AGENT "
+            f"AGENT ... --out {folder}`), which takes what is there now as another agent"
         )
     return agent
 

@@ -1,7 +1,8 @@
 """Agents of other people: any object with `act`, named `package.module:function`.
 
-What they get wrong costs them the game and nothing else: a crash, or an answer of a wrong shape,
-forfeits the games that they were asked about, an illegal action the game that it was meant for.
+What they get wrong costs them the game and nothing else: a crash, a `sys.exit`, or an answer of a
+wrong shape forfeits the games that they were asked about, an illegal action the game that it was
+meant for.
 In training, where nobody could win by that, it ends the run (`require_answers`).
 A function has no time limit: one that never answers stops the league, which goes on when started
 again without it. With a limit it runs in a process of its own (see `league.process`).
@@ -25,7 +26,12 @@ from marl_cair.lookup import find_by_name
 
 
 class ForeignAgentError(ValueError):
-    """A foreign agent that cannot be found or made, or gives up where it must not."""
+    """A foreign agent that cannot be found or made, or gives up where it must not.
+
+    failure: of one that gives up: what it has done, as the end of a sentence about it.
+    """
+
+    failure = ""
 
 
 class AgentFault(Exception):  # noqa: N818  # it is the agent's, and no error of ours
@@ -107,7 +113,7 @@ class ForeignAgent:
         except AgentFault as fault:
             self._broken = str(fault)
             return None
-        except Exception as error:  # noqa: BLE001  # whatever foreign code raises
+        except (Exception, SystemExit) as error:  # noqa: BLE001  # whatever foreign code raises
             told = " ".join(str(error).split())[:200]
             self._broken = f"crashed in {method}: {type(error).__name__}: {told}"
             return None
@@ -117,10 +123,12 @@ def require_answers(agent: Agent, actions: NDArray[np.int64]) -> None:
     """Raise ForeignAgentError where the agent has forfeited one of `actions` [N, ...]."""
     if (actions == FORFEIT).any():
         told = getattr(agent, "failure", "gave up")
-        raise ForeignAgentError(
+        error = ForeignAgentError(
             f"opponent {agent.name} {told}: mend it, or leave it out of opponent.mixture and "
             "opponent.agents"
         )
+        error.failure = told
+        raise error
 
 
 def load_foreign(source: str, scenario: Any, spec: GameSpec) -> ForeignAgent:
@@ -154,7 +162,7 @@ def make_foreign(source: str, scenario: Any, spec: GameSpec) -> tuple[Any, bytes
         module = import_module(module_name)
         make: Callable[[Any, GameSpec], Any] = getattr(module, name)
         agent = make(scenario, spec)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ForeignAgentError(
             f"{source} cannot be made ({type(error).__name__}: {error}): give module:function, "
             "called with (scenario, spec), of a module that Python finds"

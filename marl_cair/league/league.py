@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
@@ -28,6 +27,7 @@ from marl_cair.league.agents import (
 from marl_cair.league.arena import Arena, Load, Rules
 from marl_cair.league.background import COMMANDS, VERSIONS, tell_versions
 from marl_cair.league.blocks import Entrant
+from marl_cair.league.ending import Clock, tell_ending
 from marl_cair.league.match import require_rivals
 from marl_cair.league.process import PREFIX, is_process
 from marl_cair.league.reporting import LeagueResult, Showing, number_agents, rate_and_report
@@ -102,15 +102,18 @@ def run_league(
             settings; or its file cannot be written.
     """
     with _open_league(config, load) as (rules, entrants, store):
-        id_of, jobs = _play(config, rules, entrants, store, load, show_progress)
+        clock = Clock(config.max_seconds)
+        id_of, jobs = _play(config, rules, entrants, store, load, show_progress, clock)
         stored = _choose_rated(config, rules, list(id_of.values()), jobs, store.read_games())
-        return rate_and_report(
+        result = rate_and_report(
             store,
             stored,
             {id_of[entrant.fingerprint]: entrant.name for entrant in entrants},
             Path(config.out),
             Showing(config.replays, load, runs_foreign=True, show_progress=show_progress),
         )
+        ending = tell_ending(config.half_width_elo, result.ratings, clock.has_ended)
+        return dataclasses.replace(result, ending=ending)
 
 
 def play_league(
@@ -120,7 +123,7 @@ def play_league(
 ) -> None:
     """Play as `run_league` does, and rate nothing. Raises as that."""
     with _open_league(config, load) as (rules, entrants, store):
-        _play(config, rules, entrants, store, load, show_progress)
+        _play(config, rules, entrants, store, load, show_progress, Clock(config.max_seconds))
 
 
 @contextmanager
@@ -197,6 +200,7 @@ def _play(
     store: LeagueStore,
     load: Load,
     show_progress: bool,
+    clock: Clock,
 ) -> tuple[dict[str, int], list[Job]]:
     """Play what the schedule says; returns the agents' numbers in the store by fingerprint, and the
     jobs.
@@ -209,7 +213,7 @@ def _play(
     ]
     ladder = frozenset(n for n, one in enumerate(numbered) if one.source in config.ladder)
     with closing(Arena(rules, numbered, ids, store, config.workers, load)) as arena:
-        jobs = _play_jobs(config, rules, arena, store, ladder, show_progress)
+        jobs = _play_jobs(config, rules, arena, store, ladder, show_progress, clock)
     for key, told in ((COMMANDS, config.command), (VERSIONS, tell_versions())):
         if told:
             store.note(key, told)
@@ -235,6 +239,7 @@ def _play_jobs(
     store: LeagueStore,
     ladder: frozenset[int],
     show_progress: bool,
+    clock: Clock,
 ) -> list[Job]:
     """Play what the schedule says; returns its jobs."""
     num_agents, size = len(arena.entrants), rules.games_per_chunk
@@ -246,12 +251,12 @@ def _play_jobs(
             bar.total = len(jobs) * size
             arena.play(jobs, bar)
             return jobs
-        end = time.monotonic() + (config.max_seconds or math.inf)
+        clock.start()
         done = 0
 
         def play(jobs: Sequence[Job]) -> Played:
             nonlocal done
-            arena.play(jobs[done:], bar)
+            arena.play(jobs[done:], bar, clock.is_time_up)
             done = len(jobs)
             return _as_played(_choose_games(rules, arena.ids, jobs, store.read_games()), arena.ids)
 
@@ -260,7 +265,7 @@ def _play_jobs(
             rules.num_teams,
             rules.blocks_per_chunk,
             size,
-            Target(config.half_width_elo, config.games_per_pair, lambda: time.monotonic() > end),
+            Target(config.half_width_elo, config.games_per_pair, clock.is_time_up),
             play,
             ladder,
         )

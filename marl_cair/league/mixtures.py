@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from marl_cair.checkpoint import CheckpointError
+from marl_cair.checkpoint import CheckpointError, find_agent
 from marl_cair.files import find_folder, replaced_folder
 from marl_cair.games.game import Game
 from marl_cair.league.process import is_process
@@ -84,11 +84,12 @@ def save_mixture(
         members = []
         for number, (source, weight) in enumerate(flat):
             member: dict[str, object] = {"weight": weight / total}
-            place = find_folder(source)
+            origin = find_agent(source)
+            place = find_folder(origin)
             if place.is_dir():
                 inside = f"{_MEMBERS}/{number:02}"
                 shutil.copytree(place, fresh / inside)
-                member |= {"folder": inside, "from": str(Path(source).absolute())}
+                member |= {"folder": inside, "from": str(origin.absolute())}
             else:
                 member["agent"] = source
             members.append(member)

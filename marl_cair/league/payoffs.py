@@ -50,6 +50,7 @@ class Payoffs:
     Attributes:
         points: float64 [n, n], how often the row came in above the column; ties count half.
         counts: int64 [n, n], games of both.
+        draws: int64 [n, n], games of both in which they came in level.
         repeats: int64 [n, n], games of both that are the same as another and are not counted.
         low, high: float64 [n, n], 95 % interval of the row's share of points; finite everywhere.
         samples: float64 [S, n, n], resampled shares; row and column add up to 1.
@@ -57,6 +58,7 @@ class Payoffs:
 
     points: NDArray[np.float64]
     counts: NDArray[np.int64]
+    draws: NDArray[np.int64]
     repeats: NDArray[np.int64]
     low: NDArray[np.float64]
     high: NDArray[np.float64]
@@ -73,6 +75,7 @@ class Payoffs:
         return Payoffs(
             self.points[grid],
             self.counts[grid],
+            self.draws[grid],
             self.repeats[grid],
             self.low[grid],
             self.high[grid],
@@ -85,11 +88,14 @@ def find_payoffs(num_agents: int, games: Games, seed: int = 0) -> Payoffs:
     repeated = count_points(num_agents, split_pairs(games.select(games.is_repeat)))[1]
     pairs = split_pairs(sort_games(games.count_once()))
     points, counts = count_points(num_agents, pairs)
+    draws = np.zeros_like(counts)
+    level = pairs.scores == 0.5
+    np.add.at(draws, (pairs.first[level], pairs.second[level]), 1)
     samples = _resample(num_agents, pairs, np.random.default_rng(seed))
     shares = find_shares(points, counts)
     low, high = np.quantile(samples, (TAIL, 1.0 - TAIL), axis=0)
     low, high = np.minimum(low, shares), np.maximum(high, shares)
-    return Payoffs(points, counts, repeated, low, high, samples)
+    return Payoffs(points, counts, draws + draws.T, repeated, low, high, samples)
 
 
 def split_pairs(games: Games) -> PairGames:

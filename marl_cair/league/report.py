@@ -116,14 +116,17 @@ def _list_ladder(ratings: Sequence[Rating]) -> tuple[Sequence[str], list[tuple[A
 
 
 def _list_matrix(table: LeagueTable) -> tuple[Sequence[str], list[tuple[Any, ...]]]:
-    rows = []
+    rows: list[tuple[Any, ...]] = []
     for row, column in np.ndindex(table.counts.shape):
         pair = table.pair(row, column)
         if pair is not None:
             names = table.names[row], table.names[column]
-            rows.append((*names, *_format(pair), table.repeats[row, column]))
-    header = ("agent", "opponent", "score", "low", "high", "games", "repeated_games")
-    return header, rows
+            draws = int(table.draws[row, column])
+            wins = round(float(table.points[row, column]) - 0.5 * draws)
+            found = wins, draws, pair.games - wins - draws
+            rows.append((*names, *_format(pair), table.repeats[row, column], *found))
+    share = "score", "low", "high", "games", "repeated_games"
+    return ("agent", "opponent", *share, "wins", "draws", "losses"), rows
 
 
 def _list_differences(table: LeagueTable) -> tuple[Sequence[str], list[tuple[Any, ...]]]:

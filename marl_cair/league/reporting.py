@@ -12,7 +12,7 @@ import numpy as np
 from marl_cair.league.agents import load_agent
 from marl_cair.league.arena import Load, Rules
 from marl_cair.league.background import read_background
-from marl_cair.league.ratings import Games, Ladder, Rating, describe_method
+from marl_cair.league.ratings import ANCHOR, Games, Ladder, Rating, describe_method
 from marl_cair.league.replays import FOLDER as REPLAYS
 from marl_cair.league.replays import Replay, Theatre, choose_games, make_replays
 from marl_cair.league.report import write_report
@@ -29,6 +29,7 @@ class LeagueResult:
     ratings: tuple[Rating, ...]  # best first
     text: str  # ladder, matrix, other tables and plain words
     folder: Path
+    ending: str = ""  # what ended games that were played until something was reached, in words
 
 
 def number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
@@ -47,10 +48,17 @@ def number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
 
 
 def name_agents(agents: Mapping[int, AgentRecord]) -> dict[int, str]:
-    """Names by id, with the ids where two are the same: one that was trained on under its name."""
+    """Names by id. Agents of one name, as one that was trained on under it, have their ids beside
+    it, but for the bot that is rated 0: the ladder finds it by its name.
+    """
     names = {number: agent.name for number, agent in agents.items()}
-    if len(set(names.values())) < len(names):
-        return {number: f"{name} ({number})" for number, name in names.items()}
+    anchor = next((n for n, a in agents.items() if (a.name, a.kind) == (ANCHOR, "bot")), None)
+    while len(set(names.values())) < len(names):  # again where another is called "name (id)"
+        count = Counter(names.values())
+        names = {
+            number: f"{name} ({number})" if count[name] > 1 and number != anchor else name
+            for number, name in names.items()
+        }
     return names
 
 

@@ -21,6 +21,7 @@ from marl_cair.files import find_folder, write_atomically
 from marl_cair.league.records import Evidence
 
 PLAYER_FILE = "player.json"
+LEAGUE_TRAINING, SHARED = "league training", "shared"  # kind of the run, and the folder in its own
 PLAYERS, LIVE_FOLDER, RECORDS = "players", "live", "records"
 MAIN, MAIN_EXPLOITER, LEAGUE_EXPLOITER = ROLES = ("main", "main_exploiter", "league_exploiter")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import json
+import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.league.blocks import PlayedGame
+from marl_cair.league.damage import check_games, check_settings, named_damage
 from marl_cair.league.schema import SchemaError, create_tables, migrate, read_meta
 
 STORE_FILE = "league.sqlite"
@@ -88,6 +90,7 @@ class StoredGames:
 
 class LeagueStore:
     """The league file at `path`, made if it is not there; a file of an older version is brought up.
+    One that may not be written can be read, unless a league that was killed left a log beside it.
 
     settings: what results depend on beside the agents (game, rules version, scenario, seed,
     seating, team of each seat) as plain data; a file of other settings is refused. None: whatever
@@ -105,8 +108,10 @@ class LeagueStore:
             )
         path.parent.mkdir(parents=True, exist_ok=True)
         self._path = path
+        is_fixed = settings is None and not all(os.access(p, os.W_OK) for p in (path, path.parent))
+        self._begin = "BEGIN" if is_fixed else "BEGIN IMMEDIATE"
         with self._named_errors():
-            self._database = sqlite3.connect(path, timeout=BUSY_SECONDS, isolation_level=None)
+            self._database = _open_to_read(path) if is_fixed else _open_to_write(path)
             try:
                 self.settings = self._open(settings)
             except BaseException:
@@ -117,21 +122,20 @@ class LeagueStore:
         (state,) = self._database.execute("PRAGMA quick_check(1)").fetchone()
         if state != "ok":
             raise sqlite3.DatabaseError(state)
-        self._database.execute("PRAGMA journal_mode = WAL")
-        self._database.execute("PRAGMA synchronous = NORMAL")
-        self._database.execute("PRAGMA foreign_keys = ON")
         with self._transaction():
-            held = read_meta(self._database)
+            with named_damage():
+                held = read_meta(self._database)
             if not held:
                 if settings is None:
                     raise SchemaError("holds no league")
                 create_tables(self._database, settings)
-                held = read_meta(self._database)
-            else:
-                if settings is not None:
-                    self._check_settings(held, settings)
+                return read_meta(self._database)
+            if settings is not None:
+                self._check_settings(held, settings)
+            with named_damage():
                 migrate(self._database, settings or {})
                 held = read_meta(self._database)
+            check_settings(held)
         return held
 
     @contextmanager
@@ -153,7 +157,7 @@ class LeagueStore:
     @contextmanager
     def _transaction(self) -> Iterator[None]:
         """All or nothing; the lock is taken at the start, so that no other writer comes between."""
-        self._database.execute("BEGIN IMMEDIATE")
+        self._database.execute(self._begin)
         try:
             yield
         except BaseException:
@@ -193,6 +197,9 @@ class LeagueStore:
                 "SELECT id, fingerprint, name, kind, evaluation_policy, rules_version, "
                 "configuration FROM agent ORDER BY id"
             ).fetchall()
+            with named_damage():
+                for *_, configuration in rows:
+                    dict(json.loads(configuration))
         return {int(number): AgentRecord(*about) for number, *about in rows}
 
     def add_games(self, line_up: Sequence[int], games: Iterable[PlayedGame]) -> None:
@@ -244,53 +251,24 @@ class LeagueStore:
     def read_blocks(self) -> dict[tuple[int, ...], set[int]]:
         """The numbers of the stored blocks of each line-up."""
         held: dict[tuple[int, ...], set[int]] = {}
-        with self._named_errors():
+        with self._named_errors(), named_damage():
             for line_up, number in self._database.execute("SELECT line_up, number FROM block"):
                 held.setdefault(tuple(map(int, line_up.split())), set()).add(number)
         return held
 
     def read_games(self) -> StoredGames:
         """All games, sorted by the agents' fingerprints, so that their order tells no history."""
-        with self._named_errors():
+        with self._named_errors(), named_damage():
             rows = self._database.execute(
                 "SELECT b.line_up, b.number, g.number, b.map_seed, g.is_truncated, g.decisions, "
-                "g.trajectory, g.reason, t.agent, t.points, t.rank "
-                "FROM team t JOIN game g ON g.id = t.game JOIN block b ON b.id = g.block "
-                "ORDER BY t.game, t.team"
+                "g.trajectory, g.reason, t.agent, t.points, t.rank, g.id, t.team "
+                "FROM game g JOIN block b ON b.id = g.block LEFT JOIN team t ON t.game = g.id "
+                "ORDER BY g.id, t.team"
             ).fetchall()
-        num_teams = len(set(self.settings["team_of_seat"]))
-        firsts = rows[::num_teams]  # of each game
-        prints = {number: agent.fingerprint for number, agent in self.read_agents().items()}
-        names = {
-            text: tuple(prints[int(word)] for word in text.split())
-            for text in {row[0] for row in firsts}
-        }
-        rank = {text: place for place, text in enumerate(sorted(names, key=lambda t: names[t]))}
-        keys = np.array([(rank[r[0]], r[1], r[2]) for r in firsts], np.int64).reshape(-1, 3)
-        order = np.lexsort(keys.T[::-1])
-        parts = [firsts[place] for place in order.tolist()]
-
-        def by_team(column: int, kind: type) -> NDArray[Any]:
-            values: NDArray[Any] = np.array([row[column] for row in rows], kind)
-            return values.reshape(-1, num_teams)[order]
-
-        agents = by_team(8, np.int64)
-        trajectories = tuple(str(part[6]) for part in parts)
-        return StoredGames(
-            agents=agents,
-            points=by_team(9, np.float64),
-            ranks=by_team(10, np.float64),
-            blocks=_number([part[:2] for part in parts]),
-            numbers=keys[order, 1],
-            turns=keys[order, 2],
-            map_seeds=np.array([int(part[3]) for part in parts], np.uint64),
-            line_ups=_number([part[0] for part in parts]),
-            is_repeat=_find_repeats(agents, trajectories),
-            is_truncated=np.array([part[4] for part in parts], np.bool_),
-            decisions=np.array([part[5] for part in parts], np.int64),
-            reasons=tuple(str(part[7]) for part in parts),
-            trajectories=trajectories,
-        )
+            num_teams = len(set(self.settings["team_of_seat"]))
+            check_games([row[11:] for row in rows], num_teams)
+            prints = {number: agent.fingerprint for number, agent in self.read_agents().items()}
+            return _parse_games(rows, prints, num_teams)
 
     def read_forfeits(self) -> list[tuple[str, int]]:
         """Why games were forfeited, and how many for that reason."""
@@ -302,7 +280,7 @@ class LeagueStore:
 
     def note(self, key: str, value: str) -> None:
         """Add `value` to the texts that are kept under `key`; one that is there stays once."""
-        with self._named_errors(), self._transaction():
+        with self._named_errors(), self._transaction(), named_damage():
             told = read_meta(self._database).get(key, [])
             if value not in told:
                 self._database.execute(
@@ -344,6 +322,63 @@ class LeagueStore:
     def close(self) -> None:
         """Close the file."""
         self._database.close()
+
+
+def _parse_games(
+    rows: Sequence[tuple[Any, ...]], prints: Mapping[int, str], num_teams: int
+) -> StoredGames:
+    """Of rows as `read_games` asks for them, one for each team; prints: fingerprints by agent."""
+    firsts = rows[::num_teams]  # of each game
+    names = {
+        text: tuple(prints[int(word)] for word in text.split())
+        for text in {row[0] for row in firsts}
+    }
+    rank = {text: place for place, text in enumerate(sorted(names, key=lambda t: names[t]))}
+    keys = np.array([(rank[r[0]], r[1], r[2]) for r in firsts], np.int64).reshape(-1, 3)
+    order = np.lexsort(keys.T[::-1])
+    parts = [firsts[place] for place in order.tolist()]
+
+    def by_team(column: int, kind: type) -> NDArray[Any]:
+        values: NDArray[Any] = np.array([row[column] for row in rows], kind)
+        return values.reshape(-1, num_teams)[order]
+
+    agents = by_team(8, np.int64)
+    if unknown := set(agents.ravel().tolist()) - prints.keys():
+        raise sqlite3.DatabaseError(f"games of agents {sorted(unknown)}, which are not there")
+    trajectories = tuple(str(part[6]) for part in parts)
+    return StoredGames(
+        agents=agents,
+        points=by_team(9, np.float64),
+        ranks=by_team(10, np.float64),
+        blocks=_number([part[:2] for part in parts]),
+        numbers=keys[order, 1],
+        turns=keys[order, 2],
+        map_seeds=np.array([int(part[3]) for part in parts], np.uint64),
+        line_ups=_number([part[0] for part in parts]),
+        is_repeat=_find_repeats(agents, trajectories),
+        is_truncated=np.array([part[4] for part in parts], np.bool_),
+        decisions=np.array([part[5] for part in parts], np.int64),
+        reasons=tuple(str(part[7]) for part in parts),
+        trajectories=trajectories,
+    )
+
+
+def _open_to_write(path: Path) -> sqlite3.Connection:
+    database = sqlite3.connect(path, timeout=BUSY_SECONDS, isolation_level=None)
+    try:
+        for setting in ("journal_mode = WAL", "synchronous = NORMAL", "foreign_keys = ON"):
+            database.execute(f"PRAGMA {setting}")
+    except BaseException:
+        database.close()
+        raise
+    return database
+
+
+def _open_to_read(path: Path) -> sqlite3.Connection:
+    """Without the files that SQLite keeps beside the file, unless they are there."""
+    options = "mode=ro" if Path(f"{path}-wal").exists() else "mode=ro&immutable=1"
+    uri = f"{path.absolute().as_uri()}?{options}"
+    return sqlite3.connect(uri, timeout=BUSY_SECONDS, isolation_level=None, uri=True)
 
 
 def _number(keys: Sequence[Any]) -> NDArray[np.int64]:

@@ -24,6 +24,7 @@ class LeagueTable:
     why_unrated: str  # "" with a ladder
     points: NDArray[np.float64]  # [n, n], how often the row came in above the column, ties half
     counts: NDArray[np.int64]  # [n, n] games of both
+    draws: NDArray[np.int64]  # [n, n] games of both in which they came in level
     repeats: NDArray[np.int64]  # [n, n] games of both that are not counted: the same as another
     low: NDArray[np.float64]  # [n, n] 95 % interval of points / counts, wide without games
     high: NDArray[np.float64]
@@ -115,6 +116,7 @@ def make_table(
         why_unrated,
         shown.points,
         shown.counts,
+        shown.draws,
         shown.repeats,
         shown.low,
         shown.high,

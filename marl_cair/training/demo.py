@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from marl_cair.checkpoint import LATEST_FOLDER
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
 from marl_cair.league.agents import load_agent
@@ -25,7 +26,6 @@ from marl_cair.training.config import (
 )
 from marl_cair.training.curves import draw_curves
 from marl_cair.training.learner_settings import LearnerSettings
-from marl_cair.training.run import LATEST_FOLDER
 from marl_cair.training.trainer import train
 
 FINISHED_FILE = "finished.txt"  # in the folder of a run that a later call need not go on with

@@ -18,7 +18,15 @@ from marl_cair.league.agents import find_distinct
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.mixing import describe_mixture, mix_league
 from marl_cair.league.mixtures import save_mixture
-from marl_cair.league.shared import LIVE_FOLDER, MAIN, PLAYERS, read_players, read_records
+from marl_cair.league.shared import (
+    LEAGUE_TRAINING,
+    LIVE_FOLDER,
+    MAIN,
+    PLAYERS,
+    SHARED,
+    read_players,
+    read_records,
+)
 from marl_cair.training.config_file import write_settings
 from marl_cair.training.league_settings import LeagueSettings, derive_seed
 from marl_cair.training.league_slice import (
@@ -30,9 +38,8 @@ from marl_cair.training.league_slice import (
     run_slice,
 )
 
-RUN_KIND = "league training"
 SETTINGS_FILE, PROGRESS_FILE, REPORT_FILE = "league.yaml", "progress.json", "report.txt"
-MEMBERS, SHARED, EVALUATION, MIXTURE = "members", "shared", "evaluation", "mixture"
+MEMBERS, EVALUATION, MIXTURE = "members", "evaluation", "mixture"
 # What the same league may be continued with.
 FREE = ("out", "total_frames", "max_minutes", "final_games", "final_bots", "final_past")
 
@@ -67,7 +74,7 @@ def train_league(
     """
     folder = Path(settings.out)
     fixed = {k: v for k, v in dataclasses.asdict(settings).items() if k not in FREE}
-    with claim_output_folder(folder, RUN_KIND, fixed, resume=True):
+    with claim_output_folder(folder, LEAGUE_TRAINING, fixed, resume=True):
         write_settings(settings, folder / SETTINGS_FILE)
         _make_members(settings, folder)
         stopped = _take_turns(settings, folder, play_slice, show_progress)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from marl_cair.checkpoint import CheckpointError, read_description
+from marl_cair.checkpoint import LATEST_FOLDER, CheckpointError, read_description
 from marl_cair.files import (
     claim_output_folder,
     copy_folder,
@@ -32,7 +32,7 @@ from marl_cair.training.config_file import write_settings
 from marl_cair.training.generators import check_generator, take_over_generator
 from marl_cair.training.initial_network import can_begin_as
 from marl_cair.training.psro_settings import PsroSettings, fixed_options
-from marl_cair.training.run import LATEST_FOLDER, RESUME_FOLDER
+from marl_cair.training.run import RESUME_FOLDER
 from marl_cair.training.trainer import train
 
 RUN_KIND = "policy-space response oracles"

@@ -13,7 +13,14 @@ import numpy as np
 import torch
 from torchrl.collectors import Collector
 
-from marl_cair.checkpoint import AgentDescription, CheckpointError, save_agent
+from marl_cair.checkpoint import (
+    LATEST_FOLDER,
+    SNAPSHOT_FOLDER,
+    TRAINING,
+    AgentDescription,
+    CheckpointError,
+    save_agent,
+)
 from marl_cair.files import (
     claim_output_folder,
     find_folder,
@@ -52,10 +59,9 @@ from marl_cair.training.own_play import OwnPolicies
 from marl_cair.training.seats import SeatRouter
 from marl_cair.training.state_file import load_state, save_state, to_arrays, to_tensors
 
-LATEST_FOLDER, BEST_FOLDER, SNAPSHOT_FOLDER = "latest", "best", "snapshots"
+BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
 REPLAY_FOLDER, RESERVOIR_FOLDER = "replay", "reservoir"
-RUN_KIND = "training"
 _NUM_SEEDS = 14
 _SPARE_BYTES = 64 << 20  # logs, agents, pictures
 
@@ -194,7 +200,7 @@ class TrainingRun:
         require_free_space(self.folder, needed)
         advice = f"go on with `marl-cair train resume={self.folder}`"
         fixed = fixed_settings(self.config)
-        claim = claim_output_folder(self.folder, RUN_KIND, fixed, resume, advice)
+        claim = claim_output_folder(self.folder, TRAINING, fixed, resume, advice)
         self._claim.enter_context(claim)
 
     def _make_learner(self) -> None:

@@ -107,6 +107,15 @@ class TestAlphaRank:
         assert find_alpha_rank(TRANSITIVE) == pytest.approx([0, 0, 1], abs=1e-6)
         assert find_alpha_rank(np.zeros((1, 1))).tolist() == [1.0]
 
+    def test_no_weight_is_below_0(self, monkeypatch):
+        """A table showed -0.0 %: the solver's rounding."""
+        solved = None, None, np.array([-1e-9, 0.25, 0.75 + 1e-9]), None, None
+        monkeypatch.setattr("open_spiel.python.egt.alpharank.compute", lambda *_, **__: solved)
+        weights = find_alpha_rank(np.zeros((3, 3)))
+        assert weights.min() == 0.0
+        assert not np.signbit(weights).any()
+        assert weights.sum() == pytest.approx(1.0)
+
     def test_the_published_stationary_distribution(self, monkeypatch):
         """Biased rock, paper, scissors: against the closed form of the Markov chain."""
         monkeypatch.setattr(averages_module, "ALPHA", 0.1)

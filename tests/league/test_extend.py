@@ -92,8 +92,14 @@ def test_an_agent_that_has_changed_is_refused(tmp_path):
     assert main(["league", *words]) == 0
     assert plan_extension(tmp_path / "league", ["turtle"]).ladder.count(net) == 1
     save_network(tmp_path / "net", seed=1)
-    with pytest.raises(LeagueStoreError, match="no longer the agent that has played"):
+    with pytest.raises(LeagueStoreError, match="no longer the agent that has played") as told:
         plan_extension(tmp_path / "league", ["turtle"])
+    assert f"`marl-cair league AGENT AGENT ... --out {tmp_path / 'league'}`" in str(told.value)
+    # And that does: what is there now is another agent, of the same name.
+    assert main(["league", "turtle", *words]) == 0
+    store = LeagueStore(tmp_path / "league" / "league.sqlite")
+    assert [one.name for one in store.read_agents().values()].count("net") == 2
+    store.close()
 
 
 def test_a_league_of_before_says_what_to_do(league, tmp_path):

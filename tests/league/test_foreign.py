@@ -5,6 +5,7 @@ import sys
 import numpy as np
 import pytest
 
+from marl_cair.cli import main
 from marl_cair.games.game import NO_WINNER
 from marl_cair.league.agents import describe_agent, is_foreign, load_agent
 from marl_cair.league.blocks import Entrant, make_design, play_blocks, seat_line_up
@@ -23,6 +24,13 @@ def make(scenario, spec):
     return Waiter()
 def fail(scenario, spec):
     raise KeyError("weights")
+def leave(scenario, spec):
+    raise SystemExit(0)
+class Leaver(Waiter):
+    def act(self, observation, action_mask):
+        raise SystemExit(0)
+def make_leaver(scenario, spec):
+    return Leaver()
 """
 
 
@@ -47,6 +55,10 @@ def crash(observation, mask):
     raise RuntimeError("out of\nmemory")
 
 
+def leave(observation, mask):
+    sys.exit("no licence")
+
+
 def test_an_object_with_act_plays():
     match = play(lambda observation, mask: np.full(len(mask), FINISH))
     assert (match.wins, match.forfeits) == (8, ())
@@ -57,6 +69,7 @@ def test_an_object_with_act_plays():
     ("act", "reason"),
     [
         (crash, "mine crashed in act: RuntimeError: out of memory"),
+        (leave, "mine crashed in act: SystemExit: no licence"),
         (lambda o, mask: np.full(len(mask), 4), "mine played the illegal action 4"),
         (lambda o, mask: np.full(len(mask), -1), "mine played the illegal action -1"),
         (lambda o, mask: np.zeros(len(mask)), "mine answered float64 of shape [8]"),
@@ -71,6 +84,14 @@ def test_a_failing_agent_forfeits_and_the_reason_is_kept(act, reason):
     assert match.forfeits[0].startswith(reason)
     assert {result.winner for result in match.results} == {0, 1}
     assert {result.decisions for result in match.results} == {0}
+
+
+def test_the_user_may_interrupt_an_agent():
+    def interrupt(observation, mask):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        play(interrupt)
 
 
 def test_an_illegal_action_costs_the_one_game_that_it_was_meant_for():
@@ -177,6 +198,7 @@ class TestLoading:
         ("source", "message"),
         [
             ("my_agents:fail", "my_agents:fail cannot be made .KeyError: 'weights'.: give module"),
+            ("my_agents:leave", "my_agents:leave cannot be made .SystemExit: 0.: give module"),
             ("my_agents:none", "cannot be made .AttributeError"),
             ("no_agents:make", "cannot be made .ModuleNotFoundError"),
             ("my_agents:MODULE_LEVEL", "cannot be made"),
@@ -186,6 +208,18 @@ class TestLoading:
     def test_what_cannot_be_made_is_named(self, source, message):
         with pytest.raises(ForeignAgentError, match=message):
             self.load(source)
+
+    def test_who_leaves_the_process_ends_neither_match_nor_league(self, capsys, tmp_path):
+        """Both ended without a word, and with the exit code of success."""
+        about = [f"--game={last_standing.NAME}", "--scenario=duel", "--games=8"]
+        assert main(["match", "my_agents:make_leaver", "idle", *about]) == 0
+        reason = "my_agents:make_leaver crashed in act: SystemExit: 0"
+        assert reason in capsys.readouterr().out
+        out = ["--no-replays", "--out", str(tmp_path / "league")]
+        assert main(["league", "my_agents:make_leaver", "idle", *about, *out]) == 0
+        assert reason in capsys.readouterr().out
+        assert main(["match", "my_agents:leave", "idle", *about]) == 2
+        assert "my_agents:leave cannot be made" in capsys.readouterr().err
 
     def test_only_module_and_function_are_foreign(self):
         assert is_foreign("a.b:c")

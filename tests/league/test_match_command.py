@@ -151,3 +151,27 @@ def test_evaluate_rates_each_apart_where_one_plays_alone(capsys):
     assert "alone: 20 games, each alone" in told
     assert "idle: 0.0% [0.0%, 16.1%] ended before their time" in told
     assert "random: 100.0% [83.9%, 100.0%] ended before their time" in told
+
+
+def test_more_games_than_were_asked_for_are_told(capsys):
+    played = "playing 6: each map seed once in each of 3 seats\n"
+    words = ("finisher", "idle", "scenario=ffa-3")
+    assert tell_errors(capsys, "match", *words, "games=5") == f"games is 5, {played}"
+    assert tell_errors(capsys, "match", *words, "games=6") == ""
+    words = ("finisher", "--against", "idle", "--scenario", "ffa-3", "--games")
+    assert tell_errors(capsys, "evaluate", *words, "4") == f"games is 4, {played}"
+    words = ("finisher", "idle", "scenario=teams", "games=3")
+    told = "games is 3, playing 4: each map seed once in each of 2 teams\n"
+    assert tell_errors(capsys, "match", *words) == told
+
+
+def tell_errors(capsys, *words):
+    assert main([*words, f"--game={NAME}"]) == 0
+    return capsys.readouterr().err
+
+
+def test_help_names_all_that_an_agent_may_be():
+    for command in (match, evaluate):
+        text = " ".join(command.make_parser().format_help().split())
+        for kind in ("runs/a/latest", "mixture", "module:function", "process:COMMAND"):
+            assert kind in text

@@ -65,6 +65,7 @@ def test_in_a_free_for_all_the_row_came_in_above_the_column():
     games = make_games([[0, 1, 2], [2, 0, 1]], [[1, 2.5, 2.5], [1, 3, 2]], [0, 0])
     found = find_payoffs(3, games)
     assert found.points.tolist() == [[0, 1, 1], [1, 0, 0.5], [1, 1.5, 0]]
+    assert found.draws.tolist() == [[0, 0, 0], [0, 0, 1], [0, 1, 0]]
     many = find_payoffs(5, simulate_orders([0.0, 0.5, 1.0, 1.5, 2.0], 40, 4, seed=0))
     assert (many.low[4, :4] > 0.5).all()
 

@@ -123,6 +123,20 @@ def test_known_strengths_lie_in_19_of_20_intervals(monkeypatch, map_spread):
     assert 0.92 <= covered / total <= 0.98
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("strengths", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.4, 0.8, 1.2)])
+def test_the_differences_of_four_lie_in_93_to_97_of_100_intervals(strengths):
+    covered = []
+    for seed in range(400):
+        ladder = rate(NAMES, simulate(strengths, 20, seed), seed)
+        order = [NAMES.index(rating.name) for rating in ladder.ratings]
+        for above, below in itertools.combinations(range(4), 2):
+            gap = ladder.differences[above][below]
+            truth = ELO_PER_LOGIT * (strengths[order[above]] - strengths[order[below]])
+            covered.append(gap.low <= truth <= gap.high)
+    assert 0.93 <= np.mean(covered) <= 0.97, np.mean(covered)
+
+
 def test_known_strengths_of_free_for_alls_lie_in_19_of_20_intervals(monkeypatch):
     monkeypatch.setattr(ratings_module, "NUM_BOOTSTRAPS", 200)
     strengths = np.array([0.0, 0.3, 0.6, 0.9, 1.2])

@@ -246,6 +246,8 @@ def test_paths_are_as_short_as_they_can_be():
     paths = ["/x/a/latest", "/x/b/latest", "/y/a/latest"]
     assert list(shorten_paths(paths).values()) == ["x/a", "x/b", "y/a"]
     assert shorten_paths(["/x/rusher"], ["rusher"]) == {"/x/rusher": "x/rusher"}
+    ages = ["/x/a/latest", "/x/a/snapshots/frames_1", "/x/b/snapshots/frames_1"]
+    assert list(shorten_paths(ages).values()) == ["a", "a/frames_1", "b/frames_1"]
 
 
 def test_the_maps_of_games_are_those_of_their_seeds(tmp_path):

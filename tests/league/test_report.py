@@ -51,6 +51,19 @@ def test_half_points_reach_the_intervals(tmp_path):
     assert float(cells["a"]["low"]) == pytest.approx(mirrored, abs=1e-4)
 
 
+def test_wins_draws_and_losses_of_each_pair_are_written(tmp_path):
+    table = make({(0, 1): 25, (0, 2): 30, (1, 2): 0}, ["a", "b", "random"], draws=3)
+    write_report(tmp_path, make_report(table), "")
+    rows = {(r["agent"], r["opponent"]): r for r in read_cells(tmp_path, "winrates.csv")}
+    found = {
+        pair: [int(row[name]) for name in ("wins", "draws", "losses", "games")]
+        for pair, row in rows.items()
+    }
+    assert found["a", "b"] == [25, 3, 12, 40]
+    assert found["b", "a"] == [12, 3, 25, 40]
+    assert found["b", "random"] == [0, 3, 37, 40]
+
+
 def test_repeated_games_are_told():
     text = describe_league(make(dict.fromkeys(EDGES, 25), repeats=6)).replace("\n", " ")
     assert "rusher v random 6 of 40" in text

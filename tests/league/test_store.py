@@ -1,7 +1,9 @@
 """The league file: whole blocks or none, brought up from older versions, refused where unfit."""
 
+import contextlib
 import dataclasses
 import json
+import os
 import sqlite3
 
 import numpy as np
@@ -183,6 +185,38 @@ def test_a_damaged_file_is_refused(store, path):
         LeagueStore(path, SETTINGS)
 
 
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        ("UPDATE meta SET value = '{seven' WHERE key = 'seed'", "JSONDecodeError: Expecting pro"),
+        ("DELETE FROM meta WHERE key = 'team_of_seat'", "its team_of_seat is null, it must be of"),
+        ("UPDATE meta SET value = '\"5\"' WHERE key = 'seed'", 'its seed is "5", it must be of t'),
+        ("DELETE FROM team WHERE game = 2 AND team = 0", "game 2 has the teams .1., it must have"),
+        ("DELETE FROM team WHERE game = 1", "game 1 has the teams .., it must have .0, 1."),
+        ("UPDATE team SET team = 2 WHERE team = 1", "game 1 has the teams .0, 2., it must have"),
+        ("UPDATE team SET agent = 9 WHERE team = 1", "games of agents .9., which are not there"),
+        ("UPDATE team SET points = 'all'", "ValueError: could not convert string to float"),
+        ("UPDATE block SET line_up = 'a b'", "ValueError: invalid literal for int"),
+        ("UPDATE block SET line_up = '7 8'", "KeyError: 7"),
+        ("UPDATE block SET map_seed = '-1'", "OverflowError: "),
+        ("UPDATE agent SET configuration = 'none'", "JSONDecodeError: Expecting value"),
+    ],
+)
+def test_a_file_that_does_not_say_what_it_must_is_refused(store, path, damage, told):
+    add(store)
+    store.close()
+    database = sqlite3.connect(path)
+    with database:
+        database.execute(damage)
+    database.close()
+    message = rf"league.sqlite is no league file, or is damaged \({told}.*\): give another folder"
+    with (
+        pytest.raises(LeagueStoreError, match=message),
+        contextlib.closing(LeagueStore(path)) as again,
+    ):
+        again.read_games()
+
+
 def test_tables_of_something_else_are_refused(path):
     database = sqlite3.connect(path)
     database.execute("CREATE TABLE notes (text)")
@@ -195,6 +229,19 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(LeagueStoreError, match="is not there: give the folder of a league"):
         LeagueStore(tmp_path / "league.sqlite")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_may_not_be_written_is_read(store, path, tmp_path, monkeypatch):
+    ids = add(store)
+    store.close()
+    before = path.read_bytes()
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with contextlib.closing(LeagueStore(path)) as again:
+        assert again.read_games().agents.tolist() == [ids, ids[::-1]]
+        assert list(tmp_path.iterdir()) == [path]
+        with pytest.raises(LeagueStoreError, match="cannot be read or written .attempt to write a"):
+            again.add_agent(agent("c"))
+    assert path.read_bytes() == before
 
 
 def make_version_2(path):

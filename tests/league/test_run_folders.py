@@ -1,0 +1,156 @@
+"""The folder of a run where agents are named: a league takes its agents, others its newest."""
+
+import shutil
+
+import pytest
+
+from marl_cair import checkpoint
+from marl_cair.checkpoint import CheckpointError
+from marl_cair.cli import main
+from marl_cair.files import claim_output_folder, read_run_kind
+from marl_cair.league.agents import describe_agent, find_fingerprint, load_agent, read_source
+from marl_cair.league.mixtures import read_mixture, save_mixture
+from marl_cair.league.run_folders import expand_runs
+from marl_cair.league.store import LeagueStore
+from marl_cair.training.config import EvaluationSettings, OpponentSettings
+from marl_cair.training.trainer import train
+from tests.league.players import GAME, save_network
+from tests.training.runs import NEVER, tiny
+
+
+def make_run(folder, seeds=(), latest=0, kind="training"):
+    """A run of networks from `seeds`: its snapshots, and its newest agent."""
+    with claim_output_folder(folder, kind, {}):
+        for number, seed in enumerate(seeds):
+            save_network(folder / "snapshots" / f"frames_{number:010}", seed=seed)
+        if latest is not None:
+            save_network(folder / "latest", seed=latest)
+    return str(folder)
+
+
+def list_names(run, found):
+    return [agent.removeprefix(f"{run}/") for agent in found.agents[run]]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Two runs of seconds, each with snapshots of itself."""
+    folder = tmp_path_factory.mktemp("runs")
+    never = EvaluationSettings(every_frames=NEVER, bots=())
+    for seed, name in enumerate("ab"):
+        pool = OpponentSettings({"latest": 0.5, "uniform": 0.5}, snapshot_every_frames=256)
+        config = tiny(folder / name, 512, seed=seed, opponent=pool, evaluation=never)
+        train(config, show_progress=False)
+    return folder
+
+
+def test_a_league_of_runs_rates_what_they_have_saved(runs, capsys, monkeypatch):
+    monkeypatch.chdir(runs.parent)
+    shutil.copytree(runs, runs.parent / "runs", dirs_exist_ok=True)
+    words = ["league", "runs/a", "runs/b", "rusher", "random", "--games", "2", "--no-replays"]
+    assert main([*words, "--out", "ladder"]) == 0
+    told = capsys.readouterr()
+    (first, second) = (line for line in told.err.splitlines() if " is a run" in line)
+    assert first.startswith("runs/a is a run, of which the league takes latest, snapshots/frames_")
+    assert second.startswith("runs/b is a run, of which the league takes latest")
+    store = LeagueStore(runs.parent / "ladder" / "league.sqlite")
+    names = {record.name for record in store.read_agents().values()}
+    store.close()
+    assert {"a", "b", "rusher", "random"} < names
+    others = names - {"a", "b", "rusher", "random"}
+    assert others
+    assert all(name.startswith(("a/frames_", "b/frames_")) for name in others)
+    curves = (runs.parent / "ladder" / "training.csv").read_text("utf-8")
+    assert curves.count("\n") == 1 + len(others) + 2  # a rating for each age of each run
+
+
+def test_of_many_snapshots_a_league_takes_few_from_first_to_last(tmp_path):
+    run = make_run(tmp_path / "a", range(1, 31))
+    found = expand_runs([run, "random"])
+    assert found.agents["random"] == ("random",)
+    newest, *snapshots = list_names(run, found)
+    assert newest == "latest"
+    ages = [int(name.rpartition("_")[2]) for name in snapshots]
+    assert ages == [29, 25, 21, 17, 12, 8, 4, 0]
+    assert found.told[0].endswith("frames_0000000000 (of 30 snapshots)")
+    assert found.list_agents(["random", run]) == ("random", *found.agents[run])
+
+
+def test_agents_that_are_the_same_are_taken_once(tmp_path):
+    run = make_run(tmp_path / "a", (1, 2, 3), latest=3)
+    found = expand_runs([run])
+    old = ["snapshots/frames_0000000001", "snapshots/frames_0000000000"]
+    assert list_names(run, found) == ["latest", *old]
+    assert "; 1 left out, as the same agents are there already" in found.told[0]
+    named = f"{run}/snapshots/frames_0000000002"  # who is named himself stays
+    found = expand_runs([run, named])
+    assert (list_names(run, found), found.agents[named]) == (old, (named,))
+    known = find_fingerprint(load_agent(f"{run}/{old[0]}"), GAME)
+    assert list_names(run, expand_runs([run], {known})) == ["latest", old[1]]
+
+
+def test_of_a_league_that_trains_each_learner_is_taken(tmp_path):
+    folder = tmp_path / "league"
+    with claim_output_folder(folder, "league training", {}):
+        for seed, name in enumerate(("main_0", "main_1", ".main_0.marl_cair.old")):
+            save_network(folder / "shared" / "live" / name, seed=seed)
+    found = expand_runs([str(folder)])
+    assert list_names(str(folder), found) == ["shared/live/main_0", "shared/live/main_1"]
+
+
+def test_a_marker_that_cannot_be_read_is_none(tmp_path):
+    assert read_run_kind(tmp_path) == ""
+    run = make_run(tmp_path / "a", kind="exploit")
+    assert read_run_kind(run) == "exploit"
+    (tmp_path / "a" / "run.json").write_text("[]")
+    assert read_run_kind(run) == ""
+
+
+def test_what_is_no_run_stays_as_it_is(tmp_path):
+    net = save_network(tmp_path / "net")
+    sources = ["random", net, "process:python3 x.py", "a.b:make", str(tmp_path / "nowhere")]
+    found = expand_runs(sources)
+    assert (found.list_agents(sources), found.told) == (tuple(sources), ())
+
+
+def test_a_run_without_an_agent_is_refused(tmp_path):
+    run = make_run(tmp_path / "a", latest=None)
+    with pytest.raises(CheckpointError, match=r"is a run \(training\) that holds no agent yet"):
+        expand_runs([run])
+    with pytest.raises(CheckpointError, match=r"a/latest is no agent checkpoint"):
+        load_agent(run)
+
+
+def test_a_run_is_one_agent_where_one_is_wanted(tmp_path, capsys):
+    run = make_run(tmp_path / "a", (1,), latest=2)
+    own, newest = load_agent(run), load_agent(f"{run}/latest")
+    assert find_fingerprint(own, GAME) == find_fingerprint(newest, GAME)
+    assert checkpoint.read_description(run).seed == 2
+    record = describe_agent("a", own, GAME, run)
+    assert record == describe_agent("a", newest, GAME, f"{run}/latest")
+    assert read_source(record) == f"{run}/latest"
+    assert main(["match", run, "random", "games=2", "max_ticks=100"]) == 0
+    assert f"A = {run}, B = random on deep_line_wars 11x11" in capsys.readouterr().out
+    assert main(["evaluate", run, "--games", "2", "--option", "max_ticks=100"]) == 0
+
+
+def test_a_mixture_keeps_of_a_run_its_newest_agent_alone(tmp_path):
+    run = make_run(tmp_path / "a", (1,), latest=2)
+    save_mixture(tmp_path / "mix", [run, "deep_line_wars/rusher"], (1, 1))
+    kept, _ = read_mixture(tmp_path / "mix").sources
+    assert checkpoint.read_description(kept).seed == 2
+    assert not (tmp_path / "mix" / "members" / "00" / "run.json").exists()
+
+
+def test_more_training_is_more_to_add(tmp_path, capsys):
+    run = make_run(tmp_path / "a", (1, 2), latest=2)
+    out = ["--out", str(tmp_path / "ladder"), "--games", "2", "--no-replays"]
+    words = [f"{run}/snapshots/frames_0000000000", "random", "--scenario", "11x11"]
+    assert main(["league", *words, *out]) == 0
+    capsys.readouterr()
+    assert main(["league", "add", run, *out]) == 0
+    (told,) = (line for line in capsys.readouterr().err.splitlines() if " is a run" in line)
+    assert told == (
+        f"{run} is a run, of which the league takes latest; 2 left out, as the same "
+        "agents are there already"
+    )

@@ -23,9 +23,7 @@ from marl_cair.league.mixtures import is_mixture
 from marl_cair.league.shared import LEAGUE_TRAINING, LIVE_FOLDER, SHARED
 from marl_cair.lookup import find_by_name
 
-MOST_SNAPSHOTS = (
-    8  # of a run: its rating against training steps, in games that do not take for ever
-)
+MOST_SNAPSHOTS = 8  # of a run: enough to see its rating rise, in games that end some day
 
 
 class Expansion(NamedTuple):

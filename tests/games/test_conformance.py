@@ -2,7 +2,7 @@
 
 The libraries' own checks are asked of every scenario in every representation: minutes long, in
 `make test-all`. That two doors show the same whole games is asked of each representation and each
-number of players.
+number of players, and in `make test-all` of every scenario in one of its representations.
 """
 
 import warnings
@@ -70,11 +70,25 @@ QUICK = [
 ]
 CASES = ("game", "scenario", "representation")
 EVERY = pytest.mark.parametrize(CASES, EVERYTHING)
-EACH = pytest.mark.parametrize(CASES, QUICK)
-EVERY_SOME_QUICK = pytest.mark.parametrize(
-    CASES,
-    [pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow) for case in EVERYTHING],
-)
+# Every scenario once; its game's representations are dealt in turn, whatever its name begins with.
+ONCE = [
+    (game, scenario, shown[number % len(shown)])
+    for game in GAMES
+    for number, scenario in enumerate(GAMES[game].scenarios)
+    for shown in [list(representations_of(game, scenario))]
+]
+
+
+def mark_slow(cases):
+    """`cases`, and those of QUICK; all but these are slow."""
+    return [
+        pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow)
+        for case in dict.fromkeys([*QUICK, *cases])
+    ]
+
+
+EVERY_SOME_QUICK = pytest.mark.parametrize(CASES, mark_slow(EVERYTHING))
+EACH = pytest.mark.parametrize(CASES, mark_slow(ONCE))
 NUMBERS = pytest.mark.parametrize(
     ("game", "scenario"),
     [

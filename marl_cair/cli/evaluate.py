@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import functools
 import io
 import sys
 from collections.abc import Sequence
@@ -70,8 +71,9 @@ def _rate_against(
     # Every map seed is played once in each seat: of more than two seats few divide a round number.
     spec = game.make_spec(scenario)
     num_games = options.games if num_teams == 2 else round_games(options.games, spec)
-    agent = load_agent(options.agent, game.name, scenario)
-    opponents = [load_agent(opponent, game.name, scenario) for opponent in options.against]
+    load = functools.partial(load_agent, answer_seconds=options.answer_seconds)
+    agent = load(options.agent, game.name, scenario)
+    opponents = [load(opponent, game.name, scenario) for opponent in options.against]
     width = max(len("against"), *map(len, options.against))
     fair = "" if num_teams == 2 else f" (fair: {1.0 / num_teams:.1%})"
     sys.stdout.write(
@@ -92,7 +94,8 @@ def _rate_alone(
     options: argparse.Namespace, game: Game, name: str, scenario: Any
 ) -> list[tuple[object, ...]]:
     sources = [options.agent, *options.against]
-    agents = [load_agent(source, game.name, scenario) for source in sources]
+    limit = options.answer_seconds
+    agents = [load_agent(one, game.name, scenario, answer_seconds=limit) for one in sources]
     sys.stdout.write(f"{game.name} {name}: {options.games} games, each alone, 95 % intervals\n")
     rows: list[tuple[object, ...]] = []
     for source, agent in zip(sources, agents, strict=True):

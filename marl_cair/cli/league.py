@@ -11,7 +11,6 @@ from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.match_options import (
-    add_answer_seconds,
     add_match_options,
     add_no_replays,
     add_workers,
@@ -250,7 +249,6 @@ def make_parser() -> argparse.ArgumentParser:
         help="as --ci, until so much time is over, for example 90s, 10m or 2h (default: no)",
     )
     add_workers(parser)
-    add_answer_seconds(parser)
     add_no_replays(parser)
     parser.add_argument(
         "--out",

@@ -8,6 +8,7 @@ Where there are none, each plays the same map seeds alone, and their scores are 
 from __future__ import annotations
 
 import argparse
+import functools
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -41,7 +42,8 @@ def run(arguments: Sequence[str]) -> int:
     width = max(map(len, [name, *variants]))
     first, second = options.agents
     for number, (label, scenario) in enumerate(variants.items()):
-        agents = load_agent(first, game.name, scenario), load_agent(second, game.name, scenario)
+        load = functools.partial(load_agent, answer_seconds=options.answer_seconds)
+        agents = load(first, game.name, scenario), load(second, game.name, scenario)
         has_rivals = game.make_spec(scenario).num_teams > 1
         if options.sprt:
             test = read_test(options.sprt, has_rivals)

@@ -17,7 +17,7 @@ _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 def add_match_options(
     parser: argparse.ArgumentParser, games: int, games_of: str, trained: str, bots_alone: str
 ) -> None:
-    """Add --games, --seed, and what `add_scenario_options` adds.
+    """Add --games, --seed, --answer-seconds, and what `add_scenario_options` adds.
 
     games: how many by default; games_of: against or of whom, for the help.
     """
@@ -34,6 +34,7 @@ def add_match_options(
         help="whole number; the same seed plays the same games (default: %(default)s)",
     )
     add_scenario_options(parser, trained, bots_alone)
+    add_answer_seconds(parser)
 
 
 def add_scenario_options(parser: argparse.ArgumentParser, trained: str, bots_alone: str) -> None:

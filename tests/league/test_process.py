@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from marl_cair.cli import main
 from marl_cair.league.agents import describe_agent, is_checkpoint, load_agent
 from marl_cair.league.foreign import AgentFault, ForeignAgentError, digest_code
 from marl_cair.league.host import serve
@@ -196,6 +197,14 @@ def make_slow(scenario, spec):
         lost = agent.act(np.ones((2, 4), np.float32), np.ones((2, 5), np.bool_))
         assert lost.tolist() == [-1, -1]
         assert agent.failure == "gave no answer within 2 s"
+
+    @pytest.mark.parametrize("words", [["match"], ["evaluate", "--against"]], ids=lambda w: w[0])
+    def test_every_command_that_plays_can_set_the_limit(self, module, capsys, words):
+        command, *against = words
+        agents = [f"{module}:make_slow", *against, "random"]
+        where = ["--game", "deep_line_wars", "--scenario", "11x11", "--games", "2"]
+        assert main([command, *agents, *where, "--answer-seconds", "2"]) == 0
+        assert "gave no answer within 2 s" in capsys.readouterr().out
 
     def test_a_function_that_cannot_be_made_is_refused(self, module):
         with pytest.raises(ForeignAgentError, match="ForeignAgentError: .*cannot be made"):

@@ -17,47 +17,38 @@ that nothing else has seen. The same command again goes on where it was stopped.
 from __future__ import annotations
 
 import argparse
-import csv
-import io
-import json
-import re
-import sys
 from collections.abc import Iterator, Mapping
-from math import isnan, nan
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from scipy.stats import spearmanr
-
+from benchmarks._ladders import (
+    ALONE,
+    EXPLOIT,
+    LADDER,
+    MAIN,
+    draw,
+    exploit,
+    find_others,
+    find_progress,
+    print_rows,
+    read_decisions,
+    read_ladder,
+    read_scores,
+    run,
+    tell_progress,
+    tell_response,
+    tell_scores,
+    write_rows,
+)
 from benchmarks.learning import train, trained_minutes
-from marl_cair.checkpoint import read_description
-from marl_cair.cli import main as marl_cair
+from marl_cair.checkpoint import LATEST_FOLDER, LIVE_FOLDER, SHARED, read_description
 from marl_cair.cli.league_train import format_options
-from marl_cair.files import atomic_path, write_atomically
-from marl_cair.training.curves import COLOURS
+from marl_cair.files import write_atomically
+from marl_cair.league.shared import PLAYERS
+from marl_cair.training.config_file import CONFIG_FILE
 from marl_cair.training.league_examples import EXAMPLES
-from marl_cair.training.league_run import MIXTURE
+from marl_cair.training.league_run import MEMBERS, MIXTURE
 from marl_cair.training.league_settings import build_league, load_league
-
-MAIN, ALONE, EXPLOIT = "main_0", "alone", "exploit"
-_PAST = re.compile(rf"{MAIN}-\d+-(\d+)$")  # the name of a frozen player ends in its decisions
-COLUMNS = ("what", "against", "value", "low", "high", "games")
-
-
-class Rated(NamedTuple):
-    """A row of the ladder."""
-
-    elo: float
-    low: float
-    high: float
-
-
-def run(words: list[str]) -> None:
-    """One command of marl-cair; exits where that fails or is interrupted."""
-    if code := marl_cair(words):
-        sys.exit(code)
 
 
 def list_options(settings: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
@@ -92,147 +83,19 @@ def train_all(options: argparse.Namespace, out: Path) -> tuple[Path, Path]:
 
 def play(options: argparse.Namespace, out: Path, league: Path, alone: Path) -> Path:
     """The ladder of all, and the best responses; returns the ladder's folder."""
-    best = league / "shared" / "live" / MAIN
-    ladder, workers = out / "ladder", ["--workers", str(options.workers)]
+    best = league / SHARED / LIVE_FOLDER / MAIN
+    ladder, workers = out / LADDER, ["--workers", str(options.workers)]
     bots = [str(name) for name in EXAMPLES[options.game]["final_bots"]]
-    now = [str(best), str(league / MIXTURE), str(alone / "latest"), *bots]
-    players = sorted((league / "shared" / "players").iterdir())
+    now = [str(best), str(league / MIXTURE), str(alone / LATEST_FOLDER), *bots]
+    players = sorted((league / SHARED / PLAYERS).iterdir())
     now_at = read_description(best).frames  # frozen too, at the end of the league
-    past = [
-        str(path)
-        for path in players
-        if (found := _PAST.search(path.name)) and int(found[1]) != now_at
-    ]
+    past = [str(path) for path in players if read_decisions(path.name) not in (None, now_at)]
     where = ["--out", str(ladder), *workers]
     run(["league", *now, "--games", str(options.games), "--no-replays", *where])
     run(["league", *past, "--ladder", *now, "--games", str(options.past_games), *where])
     for name, agent in ((MAIN, best), (MIXTURE, league / MIXTURE)):
         exploit(agent, options, out / EXPLOIT / name)
     return ladder
-
-
-def exploit(agent: Path, options: argparse.Namespace, out: Path) -> None:
-    """A best response to `agent`, rated by twice as many games as a pair plays."""
-    words = ["--budget", options.budget, "--seeds", "1", "--games", str(2 * options.games)]
-    run(["league", "exploit", str(agent), *words, "--out", str(out), *options.words])
-
-
-def read_table(path: Path) -> list[dict[str, str]]:
-    """The rows of a CSV file."""
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def read_ladder(ladder: Path) -> dict[str, Rated]:
-    """Ratings by name."""
-    return {
-        row["agent"]: Rated(*(float(row[name]) for name in Rated._fields))
-        for row in read_table(ladder / "ladder.csv")
-    }
-
-
-def read_scores(ladder: Path, agent: str) -> dict[str, dict[str, str]]:
-    """What `agent` scores against today's others, by their names."""
-    return {
-        row["opponent"]: row
-        for row in read_table(ladder / "winrates.csv")
-        if row["agent"] == agent and not _PAST.search(row["opponent"])
-    }
-
-
-def read_response(folder: Path) -> dict[str, Any]:
-    """Score, interval and games of the best response that was chosen."""
-    told = json.loads((folder / "exploit.json").read_text("utf-8"))
-    chosen: dict[str, Any] = next(r for r in told["responses"] if r["name"] == told["chosen"])
-    return chosen
-
-
-def find_progress(rated: Mapping[str, Rated], decisions: int) -> list[tuple[int, Rated]]:
-    """Ratings of the main agent and its past selves by their decisions, ascending."""
-    past = {int(found[1]): r for name, r in rated.items() if (found := _PAST.search(name))}
-    return sorted({**past, decisions: rated[MAIN]}.items())
-
-
-def draw(
-    progress: list[tuple[int, Rated]],
-    others: Mapping[str, Rated],
-    scores: Mapping[str, Mapping[str, str]],
-    titles: tuple[str, str],
-    path: Path,
-) -> None:
-    """Ratings of some over decisions beside `others`, and what one of them scores."""
-    figure = Figure(figsize=(9.0, 3.9), layout="constrained")
-    FigureCanvasAgg(figure)
-    left, right = figure.subplots(1, 2, width_ratios=(1.45, 1.0))
-    thousands = [frames / 1_000 for frames, _ in progress]
-    elo = [r.elo for _, r in progress]
-    errors = [[r.elo - r.low for _, r in progress], [r.high - r.elo for _, r in progress]]
-    left.errorbar(thousands, elo, errors, color=COLOURS[0], marker="o", capsize=2, markersize=4)
-    for name, r in others.items():
-        left.axhline(r.elo, color="0.6", linewidth=0.8, linestyle="--", zorder=0)
-        left.annotate(
-            _tell(name),
-            (1.0, r.elo),
-            xycoords=("axes fraction", "data"),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7,
-            color="0.3",
-        )
-    left.set(xlabel="decisions (thousands)", ylabel="Elo (random = 0), 95 %", xlim=(0, None))
-    left.set_title(titles[0], fontsize=9)
-    names = sorted(scores, key=lambda name: float(scores[name]["score"]))
-    values = [100 * float(scores[name]["score"]) for name in names]
-    ends = [
-        [100 * abs(float(scores[name][end]) - float(scores[name]["score"])) for name in names]
-        for end in ("low", "high")
-    ]
-    labels = [_tell(name) for name in names]
-    right.barh(labels, values, xerr=ends, color=COLOURS[5], error_kw={"capsize": 2, "lw": 0.9})
-    right.axvline(50, color="black", linewidth=0.7)
-    right.set(xlim=(0, 100), xlabel="score, %, 95 %")
-    right.set_title(f"{titles[1]} against", fontsize=9)
-    for panel in (left, right):
-        panel.spines[["top", "right"]].set_visible(False)
-        panel.grid(alpha=0.25)
-        panel.set_axisbelow(True)
-        panel.tick_params(labelsize=7.5)
-        for axis in (panel.xaxis, panel.yaxis):
-            axis.label.set_size(8)
-    with atomic_path(path) as unfinished:
-        figure.savefig(unfinished, dpi=150)
-
-
-def tell_progress(progress: list[tuple[int, Rated]]) -> tuple[object, ...]:
-    """A row of Spearman's rank correlation: nan where no two ratings differ."""
-    decisions, elo = [at for at, _ in progress], [rated.elo for _, rated in progress]
-    rank = float(spearmanr(decisions, elo).statistic) if len(set(elo)) > 1 else nan
-    return "rank correlation of rating with decisions", "", rank, "", "", len(progress)
-
-
-def write_rows(rows: list[tuple[object, ...]], out: Path) -> None:
-    """COLUMNS of all rows as <out>/results.csv."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
-    write_atomically(out / "results.csv", text.getvalue())
-
-
-def print_rows(rows: list[tuple[object, ...]]) -> None:
-    """The same as Markdown."""
-    print("| what | against | result | games |\n|---|---|---|---|")
-    for what, against, value, low, high, number in rows:
-        if low == "":
-            told = "not defined: no two ratings differ" if isnan(value) else f"{value:.2f}"
-            print(f"| {what} | | {told} | {number} agents |")
-        else:
-            shares = (f"{100 * float(str(one)):.1f}" for one in (value, low, high))
-            result = "{} % [{}, {}]".format(*shares)
-            print(f"| {what} | `{against}` | {result} | {number} |")
-
-
-def _tell(name: str) -> str:
-    return "only met random" if name == ALONE else name
 
 
 def main() -> None:
@@ -258,25 +121,20 @@ def main() -> None:
     league, alone = train_all(options, out)
     ladder = play(options, out, league, alone)
     rated = read_ladder(ladder)
-    decisions = read_description(league / "shared" / "live" / MAIN).frames
+    decisions = read_description(league / SHARED / LIVE_FOLDER / MAIN).frames
     progress = find_progress(rated, decisions)
-    scores = read_scores(ladder, MAIN)
-    values = ("score", "low", "high", "games")
-    rows: list[tuple[object, ...]] = [
-        (f"{told} scores", name, *(row[key] for key in values))
-        for told, agent in (("main agent", MAIN), ("mixture", MIXTURE))
-        for name, row in read_scores(ladder, agent).items()
+    rows = [
+        *tell_scores("main agent", ladder, MAIN),
+        *tell_scores("mixture", ladder, MIXTURE),
+        *(tell_response(out / EXPLOIT / name, options.budget, name) for name in (MAIN, MIXTURE)),
+        tell_progress(progress),
     ]
-    for name in (MAIN, MIXTURE):
-        found = read_response(out / EXPLOIT / name)
-        rows.append((f"best response of {options.budget} scores", name, *map(found.get, values)))
-    rows.append(tell_progress(progress))
     write_rows(rows, out)
-    others = {name: r for name, r in rated.items() if name != MAIN and not _PAST.search(name)}
     titles = "The main agent and its past selves", "The main agent"
-    draw(progress, others, scores, titles, options.picture or out / "self_play.png")
+    picture = options.picture or out / "self_play.png"
+    draw(progress, find_others(rated), read_scores(ladder, MAIN), titles, picture)
     minutes = sum(
-        trained_minutes(path.parent) for path in (league / "members").glob("*/*/config.yaml")
+        trained_minutes(path.parent) for path in (league / MEMBERS).glob(f"*/*/{CONFIG_FILE}")
     )
     print(f"{minutes:.0f} minutes of the league, {decisions:,} decisions of the main agent\n")
     print_rows(rows)

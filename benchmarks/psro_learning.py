@@ -18,27 +18,33 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from benchmarks.league_learning import (
+from benchmarks._ladders import (
+    EXPLOIT,
+    LADDER,
     Rated,
+    Row,
     draw,
     exploit,
     print_rows,
     read_ladder,
-    read_response,
     read_scores,
     run,
+    tell_least,
     tell_progress,
+    tell_response,
+    tell_scores,
     write_rows,
 )
 from benchmarks.learning import trained_minutes
 from marl_cair.checkpoint import read_description
 from marl_cair.cli.league_train import format_options
 from marl_cair.files import write_atomically
+from marl_cair.training.config_file import CONFIG_FILE
 from marl_cair.training.league_examples import PSRO_EXAMPLES
 from marl_cair.training.psro import MIXTURE, ROUNDS, find_entrants
 from marl_cair.training.psro_settings import PsroSettings, build_psro, load_psro
 
-LADDER, EXPLOIT, FOLDER = "ladder", "exploit", "rounds"
+FOLDER = "rounds"
 
 
 def play(options: argparse.Namespace, settings: PsroSettings, out: Path) -> list[Path]:
@@ -57,21 +63,14 @@ def play(options: argparse.Namespace, settings: PsroSettings, out: Path) -> list
 
 def tabulate(
     out: Path, players: list[Path], progress: list[tuple[int, Rated]], budget: str
-) -> list[tuple[object, ...]]:
+) -> list[Row]:
     """What the mixture scores, what each response scores at worst, and the best response."""
-    values = ("score", "low", "high", "games")
-    rows: list[tuple[object, ...]] = [
-        ("mixture scores", name, *(row[key] for key in values))
-        for name, row in read_scores(out / LADDER, MIXTURE).items()
+    return [
+        *tell_scores("mixture", out / LADDER, MIXTURE),
+        *(tell_least(out / LADDER, player.name) for player in players),
+        tell_response(out / EXPLOIT, budget, MIXTURE),
+        tell_progress(progress),
     ]
-    for player in players:
-        scores = read_scores(out / LADDER, player.name).values()
-        row = min(scores, key=lambda one: float(one["score"]))
-        rows.append((f"{player.name} scores least", row["opponent"], *(row[key] for key in values)))
-    found = read_response(out / EXPLOIT)
-    rows.append((f"best response of {budget} scores", MIXTURE, *map(found.get, values)))
-    rows.append(tell_progress(progress))
-    return rows
 
 
 def main() -> None:
@@ -105,7 +104,7 @@ def main() -> None:
     titles = "Best responses, one after the other", "Their mixture"
     scores = read_scores(out / LADDER, MIXTURE)
     draw(progress, others, scores, titles, options.picture or out / "psro.png")
-    runs = (out / FOLDER / ROUNDS).glob("*/run/config.yaml")
+    runs = (out / FOLDER / ROUNDS).glob(f"*/run/{CONFIG_FILE}")
     minutes = sum(trained_minutes(path.parent) for path in runs)
     print(f"{minutes:.0f} minutes of training, {decisions:,} decisions\n")
     print_rows(rows)

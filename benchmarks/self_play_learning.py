@@ -17,42 +17,49 @@ as Markdown.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.league_learning import (
+from benchmarks._ladders import (
     ALONE,
     EXPLOIT,
+    LADDER,
     MAIN,
     draw,
     exploit,
+    find_others,
     find_progress,
+    name_past,
     print_rows,
+    read_decisions,
     read_ladder,
-    read_response,
     read_scores,
     run,
     tell_progress,
+    tell_response,
+    tell_scores,
     write_rows,
 )
-from marl_cair.checkpoint import DESCRIPTION_FILE, read_description
-from marl_cair.files import copy_folder, find_folder
+from marl_cair.checkpoint import SNAPSHOT_FOLDER, find_agent, read_description
+from marl_cair.files import copy_folder
 from marl_cair.games import GAMES
+from marl_cair.league.run_folders import list_checkpoints
 
-AGENTS, LADDER = "agents", "ladder"
+AGENTS = "agents"
+NO_BUDGET = "0"
 
 
 def list_past(runs: list[Path]) -> Iterator[tuple[int, Path]]:
     """Each agent that was kept, and its decisions since the first run began; ascending."""
     before = 0
     for folder in runs:
-        last = folder if (folder / DESCRIPTION_FILE).exists() else find_folder(folder / "latest")
-        kept = sorted((folder / "snapshots").glob(f"*/{DESCRIPTION_FILE}"))
-        for agent in (file.parent for file in kept):
-            if (frames := read_description(agent).frames) < read_description(last).frames:
+        trained = read_description(folder).frames
+        for agent in list_checkpoints(folder / SNAPSHOT_FOLDER):
+            if (frames := read_description(agent).frames) < trained:
                 yield before + frames, agent
-        before += read_description(last).frames
-        yield before, last
+        before += trained
+        yield before, find_agent(folder)
 
 
 def thin(past: list[tuple[int, Path]], every: int) -> list[tuple[int, Path]]:
@@ -65,16 +72,21 @@ def thin(past: list[tuple[int, Path]], every: int) -> list[tuple[int, Path]]:
 
 
 def gather(options: argparse.Namespace, agents: Path) -> int:
-    """Copies of all in `agents`, named as a league names them; returns the last one's decisions."""
+    """Copies of all in `agents`, named as a league names them; returns the last one's decisions.
+
+    Exits where copies of before are of other agents.
+    """
     past = list(list_past(options.runs))
     decisions, last = past[-1]
-    copies = {f"{MAIN}-0-{at}": agent for at, agent in thin(past, options.past_every)[:-1]}
+    copies = {name_past(at): agent for at, agent in thin(past, options.past_every)[:-1]}
     copies[MAIN] = last
     if options.alone:
-        copies[ALONE] = options.alone
+        copies[ALONE] = find_agent(options.alone)
     for name, agent in copies.items():
         if not (agents / name).exists():
             copy_folder(agent, agents / name)
+    if read_description(agents / MAIN) != read_description(last):
+        sys.exit(f"{agents / MAIN} was another agent before than {last} is now: give another --out")
     return decisions
 
 
@@ -84,12 +96,12 @@ def play(options: argparse.Namespace, out: Path) -> Path:
     words = ["--workers", str(options.workers), "--out", str(ladder)]
     bots = GAMES[read_description(agents / MAIN).game].bots
     now = [str(agents / MAIN), *([str(agents / ALONE)] if options.alone else []), *bots]
-    past = [str(path) for path in sorted(agents.glob(f"{MAIN}-*"))]
+    past = [str(one) for one in sorted(agents.iterdir()) if read_decisions(one.name) is not None]
     run(["league", *now, "--games", str(options.games), "--no-replays", *words])
     if past:
         few = ["--games", str(options.past_games)]
         run(["league", *past, "--ladder", *now, *few, *words])
-    if options.budget != "0":
+    if options.budget != NO_BUDGET:
         exploit(agents / MAIN, options, out / EXPLOIT)
     return ladder
 
@@ -111,23 +123,20 @@ def main() -> None:
     options, words = parser.parse_known_args()
     options.words = [*(word for word in options.runs if "=" in word), *words]
     options.runs = [Path(name) for name in options.runs if "=" not in name]
+    if not options.runs:
+        parser.error("name one run or more")
     decisions = gather(options, options.out / AGENTS)
     ladder = play(options, options.out)
     rated, scores = read_ladder(ladder), read_scores(ladder, MAIN)
     progress = find_progress(rated, decisions)
-    values = ("score", "low", "high", "games")
-    rows: list[tuple[object, ...]] = [
-        ("last agent scores", name, *(row[key] for key in values)) for name, row in scores.items()
-    ]
-    if options.budget != "0":
-        found = read_response(options.out / EXPLOIT)
-        told = f"best response of {options.budget} scores"
-        rows.append((told, "last agent", *map(found.get, values)))
+    rows = tell_scores("last agent", ladder, MAIN)
+    if options.budget != NO_BUDGET:
+        rows.append(tell_response(options.out / EXPLOIT, options.budget, "last agent"))
     rows.append(tell_progress(progress))
     write_rows(rows, options.out)
-    others = {name: one for name, one in rated.items() if not name.startswith(MAIN)}
     titles = "One learner and its past selves", "The last agent"
-    draw(progress, others, scores, titles, options.picture or options.out / "self_play.png")
+    picture = options.picture or options.out / "self_play.png"
+    draw(progress, find_others(rated), scores, titles, picture)
     print(f"{decisions:,} decisions\n")
     print_rows(rows)
 

@@ -26,8 +26,13 @@ FORMAT = "marl_cair agent"
 FORMAT_VERSION = 1
 DESCRIPTION_FILE = "agent.json"
 WEIGHTS_FILE = "weights.pt"
-TRAINING = "training"  # kind of a run whose folder holds these
 LATEST_FOLDER, SNAPSHOT_FOLDER = "latest", "snapshots"
+# Kinds of runs whose folders hold agents.
+TRAINING, LEAGUE_TRAINING = "training", "league training"
+PSRO, EXPLOIT = "policy-space response oracles", "exploit"
+SHARED, LIVE_FOLDER = "shared", "live"  # of a league's training: see `league.shared`
+MIXTURE_FOLDER, CANDIDATES_FOLDER = "mixture", "candidates"
+EXPLOIT_FILE = "exploit.json"  # says which of the candidates is the best
 
 
 class CheckpointError(ValueError):
@@ -90,13 +95,39 @@ def save_agent(
 
 
 def find_agent(folder: str | os.PathLike[str]) -> Path:
-    """The folder of the agent that `folder` stands for: of a training run, its newest."""
+    """The folder of the agent that `folder` stands for: of a training run its newest, of
+    policy-space response oracles their mixture, of `league exploit` the best response.
+
+    Raises:
+        CheckpointError: a league's training, which has several, or `league exploit` before its end.
+    """
     place = Path(folder)
-    return place / LATEST_FOLDER if read_run_kind(place) == TRAINING else place
+    kind = read_run_kind(place)
+    if kind == LEAGUE_TRAINING:
+        live = place / SHARED / LIVE_FOLDER
+        names = ", ".join(sorted(one.name for one in live.glob("[!.]*"))) or "none yet"
+        raise CheckpointError(
+            f"{place} is a run of `league train`, which has several agents: name one of those in "
+            f"{live} ({names}), or all as one, {place / MIXTURE_FOLDER}, which is there in the end"
+        )
+    if kind == EXPLOIT:
+        return place / CANDIDATES_FOLDER / _read_chosen(place / EXPLOIT_FILE)
+    inside = {TRAINING: LATEST_FOLDER, PSRO: MIXTURE_FOLDER}
+    return place / inside[kind] if kind in inside else place
+
+
+def _read_chosen(file: Path) -> str:
+    try:
+        return str(json.loads(file.read_text("utf-8"))["chosen"])
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise CheckpointError(
+            f"{file.parent} is a run of `league exploit` without a result ({error!r}): let it end, "
+            f"or name one of {file.parent / CANDIDATES_FOLDER}"
+        ) from error
 
 
 def read_description(folder: str | os.PathLike[str]) -> AgentDescription:
-    """What the checkpoint in `folder` is; of a training run, its newest.
+    """What the checkpoint in `folder` is; of a run, that of `find_agent`.
 
     Raises:
         CheckpointError: no checkpoint, a broken one, or one of a newer format.

@@ -130,12 +130,17 @@ def claim_output_folder(
     marker = place / RUN_MARKER
     if not marker.exists():
         _refuse_foreign_files(place)
-    with _locked(place):
+    with locked_folder(place):
         yield _mark(place, kind, settings, resume, how_to_resume)
 
 
 @contextmanager
-def _locked(place: Path) -> Iterator[None]:
+def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
+    """Keep other processes out of `folder`, which is there, as `claim_output_folder` does.
+
+    Raises OutputFolderError where another process runs in it.
+    """
+    place = Path(folder)
     # One object for all claims of a folder in this process, so that it does not lock itself out.
     lock = FileLock(place.resolve() / _LOCK_FILE, thread_local=False, is_singleton=True)
     try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import functools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,9 +12,9 @@ from marl_cair.cli.match_options import (
     add_answer_seconds,
     add_no_replays,
     add_workers,
+    choose_load,
     expand_agents,
 )
-from marl_cair.league.agents import load_agent
 from marl_cair.league.extend import list_fingerprints, plan_extension
 from marl_cair.league.league import run_league
 
@@ -23,7 +22,7 @@ from marl_cair.league.league import run_league
 def run(arguments: Sequence[str]) -> int:
     """Play and print ladder and matrix; returns the exit code."""
     options = make_parser().parse_args(arguments)
-    load = functools.partial(load_agent, answer_seconds=options.answer_seconds)
+    load = choose_load(options)
     folder = Path(options.out)
     found = expand_agents(options.agents, known=list_fingerprints(folder))
     agents = found.list_agents(options.agents)

@@ -11,8 +11,16 @@ from pathlib import Path
 import marl_cair
 from marl_cair.lookup import find_by_name
 
-# Benchmarks that run for hours, only when they are named.
-HOURS = ("learning", "league_learning", "opponents", "psro_learning", "solo_learning")
+# Benchmarks that run for hours, or rate what their words name: only when they are named.
+HOURS = (
+    "doctrine_search",
+    "learning",
+    "league_learning",
+    "opponents",
+    "psro_learning",
+    "self_play_learning",
+    "solo_learning",
+)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -41,6 +41,7 @@ _OPEN = (
     "opponent.mixture",
     "opponent.warmup_mixture",
     "opponent.agents",
+    "demonstration.agents",
     "evaluation.options",
     "evaluation.scenarios",
 )

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import functools
 import io
 import sys
 from collections.abc import Sequence
@@ -19,11 +18,11 @@ import numpy as np
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.compose import read_value
-from marl_cair.cli.match_options import add_match_options, round_games
+from marl_cair.cli.match_options import add_match_options, choose_load, round_games
 from marl_cair.files import write_atomically
 from marl_cair.games.game import Game
 from marl_cair.games.scenario_checks import change_scenario
-from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
+from marl_cair.league.agents import find_fingerprint, find_scenario
 from marl_cair.league.intervals import mean_interval, median_interval, win_rate_interval
 from marl_cair.league.match import MatchResult, play_match, require_rivals
 from marl_cair.league.solo import play_alone
@@ -71,7 +70,7 @@ def _rate_against(
     # Every map seed is played once in each seat: of more than two seats few divide a round number.
     spec = game.make_spec(scenario)
     num_games = options.games if num_teams == 2 else round_games(options.games, spec)
-    load = functools.partial(load_agent, answer_seconds=options.answer_seconds)
+    load = choose_load(options)
     agent = load(options.agent, game.name, scenario)
     opponents = [load(opponent, game.name, scenario) for opponent in options.against]
     width = max(len("against"), *map(len, options.against))
@@ -83,8 +82,9 @@ def _rate_against(
     rows: list[tuple[object, ...]] = []
     for source, opponent in zip(options.against, opponents, strict=True):
         identities = find_fingerprint(agent, game), find_fingerprint(opponent, game)
-        match = play_match(agent, opponent, game, scenario, num_games, options.seed, identities)
-        sys.stdout.write(format_row(source, match, width))
+        played = play_match(agent, opponent, game, scenario, num_games, options.seed, identities)
+        match = played.without_repeats()
+        sys.stdout.write(format_row(source, match, width, num_games - match.games))
         sys.stdout.flush()
         rows.append((source, match.games, match.wins, match.draws, match.losses, *_shares(match)))
     return rows
@@ -94,8 +94,8 @@ def _rate_alone(
     options: argparse.Namespace, game: Game, name: str, scenario: Any
 ) -> list[tuple[object, ...]]:
     sources = [options.agent, *options.against]
-    limit = options.answer_seconds
-    agents = [load_agent(one, game.name, scenario, answer_seconds=limit) for one in sources]
+    load = choose_load(options)
+    agents = [load(one, game.name, scenario) for one in sources]
     sys.stdout.write(f"{game.name} {name}: {options.games} games, each alone, 95 % intervals\n")
     rows: list[tuple[object, ...]] = []
     for source, agent in zip(sources, agents, strict=True):
@@ -122,12 +122,14 @@ def _digits(*values: float) -> tuple[str, ...]:
     return tuple(f"{value:.4f}" for value in values)
 
 
-def format_row(source: str, match: MatchResult, width: int) -> str:
+def format_row(source: str, match: MatchResult, width: int, repeats_left_out: int = 0) -> str:
     """Wins, draws and losses against one opponent with the 95 % interval of the win rate."""
     share, low, high = (f"{100.0 * float(value):.1f}%" for value in _shares(match))
     repeats = ""
+    if repeats_left_out:
+        repeats = f"  ({repeats_left_out} more repeat them, move by move, and do not count)"
     if match.distinct_games < match.games:
-        repeats = f"  (only {match.distinct_games} games differ: the interval is too narrow)"
+        repeats += f"  (only {match.distinct_games} games differ: the interval is too narrow)"
     if match.forfeits:
         repeats += f"  ({len(match.forfeits)} games were forfeited: {match.forfeits[0]})"
     return (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import functools
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -14,10 +13,11 @@ from marl_cair.cli.match_options import (
     add_match_options,
     add_no_replays,
     add_workers,
+    choose_load,
     expand_agents,
     read_seconds,
 )
-from marl_cair.league.agents import find_scenario, load_agent
+from marl_cair.league.agents import find_scenario
 from marl_cair.league.blocks import SEATINGS
 from marl_cair.league.export import FORMATS, QUERIES, export_league
 from marl_cair.league.league import LeagueConfig, run_league
@@ -64,7 +64,7 @@ def run(arguments: Sequence[str]) -> int:
             replays=not options.no_replays,
             command=tell_command("league", arguments),
         ),
-        functools.partial(load_agent, answer_seconds=options.answer_seconds),
+        choose_load(options),
     )
     return tell(result)
 
@@ -213,10 +213,11 @@ def make_parser() -> argparse.ArgumentParser:
         "agents",
         nargs="+",
         help="two or more: folders of checkpoints (runs/a/latest), of runs (runs/a: of `train` its "
-        f"`latest` and {MOST_SNAPSHOTS} snapshots at most, of `league train` each learner) or of "
-        "mixtures, bots (`marl-cair games` lists them), functions that make an agent "
-        "(module:function, called with scenario and spec), and commands that speak JSON lines "
-        "(process:COMMAND); `random` is rated 0 where it takes part",
+        f"`latest` and {MOST_SNAPSHOTS} snapshots at most, of `league train` each learner, of "
+        "`league psro` the mixture, of `league exploit` the best response) or of mixtures, bots "
+        "(`marl-cair games` lists them), functions that make an agent (module:function, called "
+        "with scenario and spec), and commands that speak JSON lines (process:COMMAND); `random` "
+        "is rated 0 where it takes part",
     )
     add_match_options(parser, GAMES_PER_PAIR, "of each pair", "first checkpoint", "bots alone")
     parser.set_defaults(games=None)

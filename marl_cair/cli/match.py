@@ -8,18 +8,17 @@ Where there are none, each plays the same map seeds alone, and their scores are 
 from __future__ import annotations
 
 import argparse
-import functools
 import sys
 from collections.abc import Sequence
 from typing import Any
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.compose import read_value
-from marl_cair.cli.match_options import add_match_options, round_games
+from marl_cair.cli.match_options import add_match_options, choose_load, round_games
 from marl_cair.games.game import Agent, Game
 from marl_cair.games.scenario_checks import change_scenario
-from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
-from marl_cair.league.match import play_match
+from marl_cair.league.agents import find_fingerprint, find_scenario
+from marl_cair.league.match import MatchResult, play_match
 from marl_cair.league.sequential import (
     ERROR_RATE,
     SequentialTest,
@@ -42,7 +41,7 @@ def run(arguments: Sequence[str]) -> int:
     width = max(map(len, [name, *variants]))
     first, second = options.agents
     for number, (label, scenario) in enumerate(variants.items()):
-        load = functools.partial(load_agent, answer_seconds=options.answer_seconds)
+        load = choose_load(options)
         agents = load(first, game.name, scenario), load(second, game.name, scenario)
         has_rivals = game.make_spec(scenario).num_teams > 1
         if options.sprt:
@@ -102,7 +101,8 @@ def compare_rivals(
     spec = game.make_spec(scenario)
     num_teams = spec.num_teams
     num_games = round_games(num_games, spec)
-    match = play_match(*agents, game, scenario, num_games, seed, _identify(agents, game))
+    played = play_match(*agents, game, scenario, num_games, seed, _identify(agents, game))
+    match = played.without_repeats()
     low, high = match.interval()
     place = "seat" if num_teams == spec.num_players else "team"
     others = "the other" if num_teams == 2 else f"the other {num_teams - 1}"
@@ -117,9 +117,7 @@ def compare_rivals(
     return (
         f"A in one {place}, B in {others}: {num_games // num_teams} map seeds, once in each",
         f"A won {match.wins}, drew {match.draws}, lost {match.losses}: {points}, {fair} is fair",
-        verdict
-        + _warn_of_repeats(match.games, match.distinct_games)
-        + _warn_of_forfeits(match.forfeits),
+        verdict + tell_repeats(num_games, match) + _warn_of_forfeits(match.forfeits),
     )
 
 
@@ -175,6 +173,14 @@ def decide_rivals(
 def _format_elo(score: float, num_teams: int) -> str:
     elo = find_elo(score, num_teams)
     return ("beyond all limits" if elo is None else f"{elo:+.0f}") if score else "below all limits"
+
+
+def tell_repeats(num_games: int, match: MatchResult) -> str:
+    """Of `num_games`, which are left out in `match`, and which of those in it are the same."""
+    left_out, told = num_games - match.games, ""
+    if left_out:
+        told = f" {left_out} of {num_games} games repeat others, move by move, and do not count."
+    return told + _warn_of_repeats(match.games, match.distinct_games)
 
 
 def _warn_of_forfeits(forfeits: Sequence[str]) -> str:

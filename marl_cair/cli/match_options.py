@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import math
 import sys
 from collections.abc import Collection, Sequence
+from typing import Any
 
 from marl_cair.games import GAMES
-from marl_cair.games.game import GameSpec
+from marl_cair.games.game import Agent, GameSpec
+from marl_cair.league.agents import is_foreign, load_agent
+from marl_cair.league.arena import Load
+from marl_cair.league.process import ANSWER_SECONDS, FUNCTION_SECONDS
 from marl_cair.league.run_folders import Expansion, expand_runs
 
 _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
@@ -110,6 +115,22 @@ def add_answer_seconds(parser: argparse.ArgumentParser) -> None:
         "--answer-seconds",
         type=float,
         default=None,
-        help="limit for each answer of module:function, which then runs in a process of its own, "
-        "and of process:COMMAND; who misses it forfeits (default: none, and 10 for commands)",
+        help="limit for each answer of agents that are code, in processes of their own; who misses "
+        "it forfeits. 0: functions run in this process without limit, for speed and debuggers: one "
+        f"that hangs or dies ends everything (default: {FUNCTION_SECONDS:g} for module:function, "
+        f"{ANSWER_SECONDS:g} for process:COMMAND)",
     )
+
+
+def choose_load(options: argparse.Namespace) -> Load:
+    """How agents are loaded, by --answer-seconds."""
+    return functools.partial(_load_limited, answer_seconds=options.answer_seconds)
+
+
+def _load_limited(
+    source: str, game: str | None = None, scenario: Any = None, answer_seconds: float | None = None
+) -> Agent:
+    limit = answer_seconds or None  # 0 and none said
+    if is_foreign(source) and answer_seconds is None:
+        limit = FUNCTION_SECONDS
+    return load_agent(source, game, scenario, answer_seconds=limit)

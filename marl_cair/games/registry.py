@@ -255,16 +255,20 @@ def gymnasium_id(prefix: str, scenario: str) -> str:
 def describe_scenario(game: str, name: str) -> dict[str, Any]:
     """What makes a scenario in any process: its game, and its name there.
 
-    Of one that was added the name of the game's own that it goes back to, and all options in which
-    it differs from that.
+    Of one that was added the name of the game's own that it goes back to, and all options that make
+    it of that.
     """
     if (game, name) not in _bases:
         return {"game": game, "scenario": name}
     scenarios, base = GAMES.modules[game].SCENARIOS, _bases[game, name]
-    values = {
-        field.name: (getattr(scenarios[name], field.name), getattr(scenarios[base], field.name))
-        for field in dataclasses.fields(scenarios[name])
-        if field.init
-    }
-    options = {option: own for option, (own, others) in values.items() if own != others}
-    return {"game": game, "scenario": base, **options}
+    options = _list_differences(scenarios[name], scenarios[base])
+    # Fields that follow others may be what they are in the base, and only there.
+    made = change_scenario(game, scenarios[base], options)
+    return {"game": game, "scenario": base, **options, **_list_differences(scenarios[name], made)}
+
+
+def _list_differences(scenario: Any, other: Any) -> dict[str, Any]:
+    """The fields of `scenario` that have another value in `other`."""
+    names = [field.name for field in dataclasses.fields(scenario) if field.init]
+    values = {name: getattr(scenario, name) for name in names}
+    return {name: value for name, value in values.items() if value != getattr(other, name)}

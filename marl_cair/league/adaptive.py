@@ -55,8 +55,8 @@ def play_adaptively(
     """Call `play` with ever more jobs until the target is reached; returns all jobs.
 
     `play` is given all jobs so far, the new ones last, and returns their games (where time is up,
-    those of some). What is chosen
-    depends on these games alone: a league that was killed chooses again what it had chosen.
+    those of some). What is chosen depends on these games alone: a league that was killed chooses
+    again what it had chosen.
     """
     jobs = schedule_meetings(num_agents, num_teams, 1, games_per_chunk, ladder)
     # Neighbours first, who link everybody soonest: time may be up before all pairs have met.

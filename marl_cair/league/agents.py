@@ -53,7 +53,9 @@ def load_agent(
             on, or the game's default.
         epsilon: chance of a random legal action.
         answer_seconds: limit for each answer of anybody's code, which then runs in a process of its
-            own; None: commands have `league.process.ANSWER_SECONDS`, functions none.
+            own; None: commands have `league.process.ANSWER_SECONDS`, and functions run in this
+            process without limit, so that one that hangs, or ends the process, ends the caller.
+            (The commands of `marl-cair` that play give functions a limit if nobody says.)
 
     Raises:
         CheckpointError: no checkpoint, a broken one, or one that does not fit game or scenario.

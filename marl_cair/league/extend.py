@@ -10,10 +10,9 @@ import numpy as np
 
 from marl_cair.games.game import Agent
 from marl_cair.league.adaptive import count_meetings
-from marl_cair.league.agents import find_fingerprint, is_foreign, load_agent, read_source
+from marl_cair.league.agents import find_fingerprint, load_agent, read_source
 from marl_cair.league.arena import Load, Rules
 from marl_cair.league.league import LeagueConfig
-from marl_cair.league.process import HOSTED
 from marl_cair.league.store import STORE_FILE, AgentRecord, LeagueStore, LeagueStoreError
 
 
@@ -88,14 +87,7 @@ def load_played(
         CheckpointError, ForeignAgentError, UnknownNameError: it cannot be loaded.
     """
     agent = load(source, game=rules.game.name, scenario=rules.scenario)
-    fingerprint = find_fingerprint(agent, rules.game)
-    was_hosted, is_hosted = (one.startswith(HOSTED) for one in (record.fingerprint, fingerprint))
-    if is_foreign(source) and was_hosted != is_hosted:
-        raise LeagueStoreError(
-            f"{source} has played in {folder} {'with' if was_hosted else 'without'} "
-            f"--answer-seconds: {'give' if was_hosted else 'leave out'} that option"
-        )
-    if fingerprint != record.fingerprint:
+    if find_fingerprint(agent, rules.game) != record.fingerprint:
         raise LeagueStoreError(
             f"{source} is no longer the agent that has played in {folder} as {record.name}: "
             "bring that one back; or name all agents that are to be rated (`marl-cair league AGENT "

@@ -4,8 +4,8 @@ What they get wrong costs them the game and nothing else: a crash, a `sys.exit`,
 wrong shape forfeits the games that they were asked about, an illegal action the game that it was
 meant for.
 In training, where nobody could win by that, it ends the run (`require_answers`).
-A function has no time limit: one that never answers stops the league, which goes on when started
-again without it. With a limit it runs in a process of its own (see `league.process`).
+In this process a function has no time limit, and one that kills the process kills all; in one of
+its own (`league.process.load_hosted`) both cost it the game alone. It plays the same either way.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ class ForeignAgent:
 
     `act` gives FORFEIT in each row that it loses, and `failure` says why. The object may have
     `name`, `representation` (default: the game's first), and, to be repeatable where it draws at
-    random, `seed`, `state_dict` and `load_state_dict` (see `games.game.Agent`).
+    random, `seed`, which is called with another number below 2**32 before each `act`. Decisions
+    know nothing of each other: the games of a call are not those of the last.
 
     Args:
         agent: the object.
@@ -52,15 +53,10 @@ class ForeignAgent:
         fingerprint: of its code.
 
     Raises:
-        ForeignAgentError: it has no `act`; UnknownNameError: the game has no such representation.
+        UnknownNameError: the game has no such representation.
     """
 
     def __init__(self, agent: Any, source: str, spec: GameSpec, fingerprint: str) -> None:
-        if not callable(getattr(agent, "act", None)):
-            raise ForeignAgentError(
-                f"{source} gave {type(agent).__name__} without `act(observation, action_mask)`: "
-                "see marl_cair.games.game.Agent"
-            )
         self.name = str(getattr(agent, "name", source))
         first = next(iter(spec.representations))
         self.representation = str(getattr(agent, "representation", first))
@@ -68,24 +64,22 @@ class ForeignAgent:
         self.fingerprint = fingerprint
         self.failure = ""
         self._agent, self._shape, self._broken = agent, spec.action_shape, ""
+        self._seed, self._step = 0, 0
 
     def seed(self, seed: int) -> None:
-        self._broken = ""
-        if hasattr(self._agent, "seed"):
-            self._try("seed", seed)
+        self._seed, self._step, self._broken = seed, 0, ""
 
     def state_dict(self) -> dict[str, Any]:
-        held = self._try("state_dict") if hasattr(self._agent, "state_dict") else None
-        return {"agent": held, "broken": self._broken}
+        return {"seed": self._seed, "step": self._step, "broken": self._broken}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         self._broken = state["broken"]
-        if not self._broken and hasattr(self._agent, "load_state_dict"):
-            self._try("load_state_dict", state["agent"])
+        # Runs of before kept the agent's own state in their place.
+        self._seed, self._step = state.get("seed", 0), state.get("step", 0)
 
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
         lost = np.full((len(action_mask), *self._shape), FORFEIT, np.int64)
-        answer = None if self._broken else self._try("act", observation.copy(), action_mask.copy())
+        answer = None if self._broken else self._ask(observation.copy(), action_mask.copy())
         self.failure = self._broken
         if self._broken:
             return lost
@@ -107,16 +101,24 @@ class ForeignAgent:
             self.failure = f"played the illegal action {actions[~is_legal].flat[0]}"
         return np.where(is_legal, chosen, FORFEIT)
 
-    def _try(self, method: str, *arguments: Any) -> Any:
+    def _ask(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> Any:
+        self._step += 1
+        text = f"{self._seed} {self._step}".encode()
         try:
-            return getattr(self._agent, method)(*arguments)
+            if hasattr(self._agent, "seed"):
+                drawn = hashlib.blake2b(text, digest_size=4).digest()
+                self._agent.seed(int.from_bytes(drawn, "big"))
+            return self._agent.act(observation, action_mask)
         except AgentFault as fault:
             self._broken = str(fault)
-            return None
         except (Exception, SystemExit) as error:  # noqa: BLE001  # whatever foreign code raises
-            told = " ".join(str(error).split())[:200]
-            self._broken = f"crashed in {method}: {type(error).__name__}: {told}"
-            return None
+            self._broken = describe_crash(error)
+        return None
+
+
+def describe_crash(error: BaseException) -> str:
+    """What an agent has done that raised `error`, as the end of a sentence about it."""
+    return f"crashed in act: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
 
 
 def require_answers(agent: Agent, actions: NDArray[np.int64]) -> None:
@@ -132,7 +134,8 @@ def require_answers(agent: Agent, actions: NDArray[np.int64]) -> None:
 
 
 def load_foreign(source: str, scenario: Any, spec: GameSpec) -> ForeignAgent:
-    """The agent that `package.module:function` makes when called with (scenario, spec).
+    """The agent that `package.module:function` makes when called with (scenario, spec), in this
+    process.
 
     The module is looked for where Python looks, and in the current folder. The fingerprint is of
     the source of the module and the name: of another version the games are another agent's.
@@ -140,8 +143,24 @@ def load_foreign(source: str, scenario: Any, spec: GameSpec) -> ForeignAgent:
     Raises:
         ForeignAgentError: no such module or function, or making the agent has failed.
     """
-    agent, code = make_foreign(source, scenario, spec)
-    return ForeignAgent(agent, source, spec, f"foreign {digest_code(source, code)}")
+    try:
+        agent, code = make_foreign(source, scenario, spec)
+    except AgentFault as fault:
+        raise refuse_function(source, fault) from fault
+    return ForeignAgent(agent, source, spec, name_code(digest_code(source, code)))
+
+
+def refuse_function(source: str, fault: AgentFault) -> ForeignAgentError:
+    """The error about a `module:function` that makes no agent."""
+    return ForeignAgentError(
+        f"{source} {fault}: give module:function, called with (scenario, spec), of a module that "
+        "Python finds"
+    )
+
+
+def name_code(digest: str) -> str:
+    """The fingerprint of a function's agent, in whatever process it runs."""
+    return f"foreign {digest}"
 
 
 def digest_code(source: str, *files: bytes) -> str:
@@ -152,7 +171,8 @@ def digest_code(source: str, *files: bytes) -> str:
 def make_foreign(source: str, scenario: Any, spec: GameSpec) -> tuple[Any, bytes]:
     """What the function of `load_foreign` makes, as it is, and the source of its module.
 
-    Raises: as `load_foreign`.
+    Raises:
+        AgentFault: no such module or function, or what it makes is no agent.
     """
     module_name, _, name = source.partition(":")
     here = str(Path.cwd())
@@ -163,9 +183,8 @@ def make_foreign(source: str, scenario: Any, spec: GameSpec) -> tuple[Any, bytes
         make: Callable[[Any, GameSpec], Any] = getattr(module, name)
         agent = make(scenario, spec)
     except (Exception, SystemExit) as error:
-        raise ForeignAgentError(
-            f"{source} cannot be made ({type(error).__name__}: {error}): give module:function, "
-            "called with (scenario, spec), of a module that Python finds"
-        ) from error
+        raise AgentFault(f"cannot be made ({type(error).__name__}: {error})") from error
+    if not callable(getattr(agent, "act", None)):
+        raise AgentFault(f"gave {type(agent).__name__} without `act(observation, action_mask)`")
     file = getattr(module, "__file__", None)
     return agent, Path(file).read_bytes() if file else b""

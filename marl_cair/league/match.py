@@ -89,13 +89,36 @@ class MatchResult:
 
     @property
     def distinct_games(self) -> int:
-        """Games that differ in a board or an action: agents without randomness repeat theirs."""
-        return len({result.fingerprint for result in self.results})
+        """Games that differ in a board, an action or who has which seat: agents without randomness
+        repeat theirs.
+        """
+        return len({(result.first_seat, result.fingerprint) for result in self.results})
+
+    def without_repeats(self) -> MatchResult:
+        """The blocks that show something new (see `shows_new`): as leagues, which count repeats
+        once, but both seats of a map seed or none.
+        """
+        blocks: dict[int, list[GameResult]] = {}
+        for result in self.results:
+            blocks.setdefault(result.block, []).append(result)
+        seen: set[tuple[int, str]] = set()
+        kept = [result for block in blocks.values() if shows_new(block, seen) for result in block]
+        return MatchResult(tuple(kept), self.num_teams)
 
     @property
     def forfeits(self) -> tuple[str, ...]:
         """Why games were forfeited, one reason for each."""
         return tuple(result.forfeit for result in self.results if result.forfeit)
+
+
+def shows_new(block: Sequence[GameResult], seen: set[tuple[int, str]]) -> bool:
+    """Whether a game of the block is not in `seen`, to which they are added: the same, move by
+    move, with the agents in the same seats.
+    """
+    shown = {(result.first_seat, result.fingerprint) for result in block}
+    is_new = not shown <= seen
+    seen |= shown
+    return is_new
 
 
 def play_match(

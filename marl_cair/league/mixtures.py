@@ -38,8 +38,16 @@ class Mixture:
 
 
 def is_mixture(source: str | os.PathLike[str]) -> bool:
-    """Whether `source` is the folder of a mixture."""
-    return not is_process(source) and (find_folder(source) / MIXTURE_FILE).is_file()
+    """Whether `source` is the folder of a mixture, or of a run that stands for one.
+
+    Raises:
+        CheckpointError: as `find_agent`.
+    """
+    return not is_process(source) and _holds_mixture(find_agent(source))
+
+
+def _holds_mixture(folder: Path) -> bool:
+    return (find_folder(folder) / MIXTURE_FILE).is_file()
 
 
 def qualify_bot(source: str, game: Game) -> str:
@@ -72,7 +80,7 @@ def save_mixture(
         ValueError: a member that is foreign code, or no folder and no bot.
     """
     target = Path(folder)
-    if target.exists() and not is_mixture(target):
+    if target.exists() and not _holds_mixture(target):
         raise FileExistsError(f"{folder} is there and is no mixture: give another folder")
     require_data(sources)
     flat: list[tuple[str, float]] = []
@@ -103,7 +111,7 @@ def read_mixture(folder: str | os.PathLike[str]) -> Mixture:
     Raises:
         CheckpointError: it is no mixture, a broken one, or one of a newer format.
     """
-    place = find_folder(folder)
+    place = find_folder(find_agent(folder))
     path = place / MIXTURE_FILE
     try:
         record = json.loads(path.read_text("utf-8"))

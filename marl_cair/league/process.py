@@ -7,16 +7,21 @@ the start the league sends
      "scenario": {...}, "actions": ["noop", ...], "action_shape": [],
      "representations": {"vector": {"shape": [12], "dtype": "float32"}, ...}}
 
-which is answered by {"type": "ready"}, with "name" and "representation" if wanted (else the first).
+which is answered by {"type": "ready"}, with "name" and "representation" if wanted (else the first),
+or by {"error": "why"}.
 Then, for each decision of N games,
 
-    {"type": "act", "seed": 123, "observations": [...], "masks": [...]}
+    {"type": "act", "seed": 123, "num": 2, "observations": [...], "masks": [...]}
 
 observations are N nested lists of the representation's shape, masks N lists (of `action_shape`) of
 true for each legal action; seed is another number for each decision, to draw from. The answer is
 {"actions": [3, 0, ...]}, N numbers (lists of `action_shape`), or {"error": "why"} to give the games
 up. Decisions know nothing of each other: the games of a message are not those of the last. The
 process is to end when its input ends.
+
+Pictures are long lists. Who is ready with "arrays": "base64" gets both arrays as the Base64 of
+their bytes, row by row: of observations in the representation's dtype and this machine's byte
+order, of masks a byte each.
 
 Every answer has a time limit. A process that misses it, ends, or writes anything else is killed,
 and its agent forfeits the games it was asked about (see `league.foreign`). The protocol needs no
@@ -26,9 +31,9 @@ trust.
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import dataclasses
-import hashlib
 import json
 import math
 import os
@@ -48,12 +53,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import Game, GameSpec
-from marl_cair.league.foreign import AgentFault, ForeignAgent, ForeignAgentError, digest_code
+from marl_cair.league.foreign import (
+    AgentFault,
+    ForeignAgent,
+    ForeignAgentError,
+    digest_code,
+    name_code,
+    refuse_function,
+)
 
 PREFIX = "process:"
-HOSTED = "hosted"  # fingerprints of functions in a process of their own begin so
 PROTOCOL = 1
+LISTS, BASE64 = "lists", "base64"  # how arrays are sent
 ANSWER_SECONDS, START_SECONDS = 10.0, 60.0
+FUNCTION_SECONDS = 60.0  # what the commands give functions: these may be networks without a GPU
 MAX_LINE_BYTES = 1 << 24
 _SHOWN = 200  # characters of what a process has written instead
 
@@ -83,37 +96,41 @@ def load_process(
         raise ForeignAgentError(f"{source} names no command: give process:COMMAND")
     files = [Path(word).read_bytes() for word in command if Path(word).is_file()]
     fingerprint = f"process {digest_code(source, *files)}"
-    agent, spec = _start(source, command, game, scenario, answer_seconds)
+    limit = ANSWER_SECONDS if answer_seconds is None else answer_seconds
+    try:
+        agent, spec = _start(source, command, game, scenario, limit)
+    except AgentFault as fault:
+        raise ForeignAgentError(
+            f"{source} {fault}: it must answer a line as marl_cair.league.process says"
+        ) from fault
     return ForeignAgent(agent, source, spec, fingerprint)
 
 
 def load_hosted(source: str, game: Game, scenario: Any, answer_seconds: float) -> ForeignAgent:
     """As `foreign.load_foreign`, in a process of its own (`league.host`) with a time limit.
 
-    Each decision has its own seed (`seed` is called before `act`, if there is one). The fingerprint
-    is of the source of the module, which only that process imports.
+    It is the same agent, and plays the same: the fingerprint is of the source of the module, which
+    only that process imports.
 
     Raises: as `load_process`; ForeignAgentError too where the module has no source.
     """
     command = [sys.executable, "-m", "marl_cair.league.host", source]
-    agent, spec = _start(source, command, game, scenario, answer_seconds)
+    try:
+        agent, spec = _start(source, command, game, scenario, answer_seconds)
+    except AgentFault as fault:
+        raise refuse_function(source, fault) from fault
     if not agent.digest:
         raise ForeignAgentError(
             f"{source}: the module has no file to tell its versions apart by; give a function of a "
             "module that is a file"
         )
-    # Another agent than in this process: it draws from other seeds.
-    return ForeignAgent(agent, source, spec, f"{HOSTED} {agent.digest}")
+    return ForeignAgent(agent, source, spec, name_code(agent.digest))
 
 
 def _start(
-    source: str,
-    command: Sequence[str],
-    game: Game,
-    scenario: Any,
-    answer_seconds: float | None,
+    source: str, command: Sequence[str], game: Game, scenario: Any, limit: float
 ) -> tuple[ProcessAgent, GameSpec]:
-    limit = ANSWER_SECONDS if answer_seconds is None else answer_seconds
+    """Raises AgentFault: it does not start; ValueError: no such limit."""
     if not 0.0 < limit < math.inf:
         raise ValueError(f"answer_seconds is {limit}, it must be above 0 and finite")
     spec = game.make_spec(scenario)
@@ -130,13 +147,7 @@ def _start(
             for name, seen in spec.representations.items()
         },
     }
-    try:
-        agent = ProcessAgent(command, source, hello, limit)
-    except AgentFault as error:
-        raise ForeignAgentError(
-            f"{source} {error}: it must answer a line as marl_cair.league.process says"
-        ) from error
-    return agent, spec
+    return ProcessAgent(command, source, hello, limit), spec
 
 
 class ProcessAgent:
@@ -155,9 +166,9 @@ class ProcessAgent:
     def __init__(
         self, command: Sequence[str], source: str, hello: Mapping[str, Any], answer_seconds: float
     ) -> None:
-        self.name, self.digest = source, ""
+        self.name, self.digest, self.arrays = source, "", LISTS
         self._command, self._hello, self._limit = list(command), dict(hello), answer_seconds
-        self._seed, self._step = 0, 0
+        self._seed = 0
         self._line: _Line | None = None
         self._start()
 
@@ -167,13 +178,18 @@ class ProcessAgent:
         ready = self._ask(line, self._hello, max(START_SECONDS, self._limit))
         if ready.get("type") != "ready":
             self._stop()
+            if "error" in ready:
+                raise AgentFault(_shorten(str(ready["error"])))
             raise AgentFault(f"wrote {_shorten(json.dumps(ready))}, and not that it is ready")
         if self.digest and ready.get("digest") != self.digest:
             self._stop()
             raise AgentFault("is no longer the agent that has begun: its code has changed")
-        for attribute in ("name", "representation", "digest"):
+        for attribute in ("name", "representation", "digest", "arrays"):
             if attribute in ready:
                 setattr(self, attribute, str(ready[attribute]))
+        if self.arrays not in (LISTS, BASE64):
+            self._stop()
+            raise AgentFault(f"wants arrays as {self.arrays!r}: there are {LISTS} and {BASE64}")
         return line
 
     def _stop(self) -> None:
@@ -194,22 +210,16 @@ class ProcessAgent:
             raise AgentFault("wrote a line that is no JSON") from error
 
     def seed(self, seed: int) -> None:
-        self._seed, self._step = seed, 0
-
-    def state_dict(self) -> dict[str, Any]:
-        return {"seed": self._seed, "step": self._step}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        self._seed, self._step = state["seed"], state["step"]
+        """What the next decision is to draw from."""
+        self._seed = seed
 
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> Any:
-        self._step += 1
-        digest = hashlib.blake2b(f"{self._seed} {self._step}".encode(), digest_size=4).digest()
         message = {
             "type": "act",
-            "seed": int.from_bytes(digest, "big"),
-            "observations": observation.tolist(),
-            "masks": action_mask.tolist(),
+            "seed": self._seed,
+            "num": len(action_mask),
+            "observations": self._write(observation),
+            "masks": self._write(action_mask),
         }
         answer = self._ask(self._line or self._start(), message, self._limit)
         if "error" in answer:
@@ -218,6 +228,10 @@ class ProcessAgent:
             self._stop()
             raise AgentFault(f"wrote {_shorten(json.dumps(answer))}, without `actions`")
         return answer["actions"]
+
+    def _write(self, array: NDArray[Any]) -> Any:
+        is_packed = self.arrays == BASE64
+        return base64.b64encode(array.tobytes()).decode() if is_packed else array.tolist()
 
 
 class _Line:

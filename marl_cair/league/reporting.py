@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from marl_cair.files import locked_folder
 from marl_cair.league.agents import load_agent
 from marl_cair.league.arena import Load, Rules
 from marl_cair.league.background import read_background
@@ -161,15 +163,13 @@ def report_stored(
 
     Raises:
         LeagueStoreError: no league file, or one that cannot be read.
+        OutputFolderError: another process plays that league, or writes its report.
         ValueError: alpha-Rank without OpenSpiel.
     """
-    store = LeagueStore(folder / STORE_FILE)
-    try:
+    with closing(LeagueStore(folder / STORE_FILE)) as store, locked_folder(folder):
         stored = store.read_games()
         played = set(stored.agents.ravel().tolist())
         agents = {n: one for n, one in store.read_agents().items() if n in played or not played}
         names = dict(sorted(name_agents(agents).items(), key=lambda item: item[1]))
         showing = Showing(with_replays, alpha_rank=with_alpha_rank)
         return rate_and_report(store, stored, names, folder, showing)
-    finally:
-        store.close()

@@ -11,6 +11,9 @@ import numpy as np
 from marl_cair.checkpoint import (
     DESCRIPTION_FILE,
     LATEST_FOLDER,
+    LEAGUE_TRAINING,
+    LIVE_FOLDER,
+    SHARED,
     SNAPSHOT_FOLDER,
     TRAINING,
     CheckpointError,
@@ -20,7 +23,6 @@ from marl_cair.files import find_folder, read_run_kind
 from marl_cair.games import GAMES
 from marl_cair.league.agents import find_fingerprint, is_checkpoint, load_agent
 from marl_cair.league.mixtures import is_mixture
-from marl_cair.league.shared import LEAGUE_TRAINING, LIVE_FOLDER, SHARED
 from marl_cair.lookup import find_by_name
 
 MOST_SNAPSHOTS = 8  # of a run: enough to see its rating rise, in games that end some day
@@ -45,7 +47,7 @@ class Expansion(NamedTuple):
 def expand_runs(sources: Sequence[str], known: Collection[str] = ()) -> Expansion:
     """The agents of each source. A run of training stands for its newest agent and a few of its
     snapshots, a league's training for the newest agent of each learner; other sources stand for
-    themselves.
+    themselves (runs of best responses for the agent that `checkpoint.find_agent` finds).
 
     Of a run's agents that are the same, or as one of the other sources, the first is taken; those
     with a fingerprint in `known` are not.
@@ -84,9 +86,9 @@ def _list_agents(source: str) -> tuple[int, list[str]] | None:
         return None
     folder = Path(source)
     if kind == LEAGUE_TRAINING:
-        num_snapshots, places = 0, _list_checkpoints(folder / SHARED / LIVE_FOLDER)
+        num_snapshots, places = 0, list_checkpoints(folder / SHARED / LIVE_FOLDER)
     else:
-        snapshots = _list_checkpoints(folder / SNAPSHOT_FOLDER)
+        snapshots = list_checkpoints(folder / SNAPSHOT_FOLDER)
         num_snapshots, newest = len(snapshots), folder / LATEST_FOLDER
         places = [newest] if _holds_agent(newest) else []
         places += _choose_evenly(snapshots)
@@ -95,7 +97,7 @@ def _list_agents(source: str) -> tuple[int, list[str]] | None:
     return num_snapshots, [str(place) for place in places]
 
 
-def _list_checkpoints(folder: Path) -> list[Path]:
+def list_checkpoints(folder: Path) -> list[Path]:
     """By name, which is by age for snapshots; without what a killed process has left."""
     entries = folder.iterdir() if folder.is_dir() else ()
     return sorted(one for one in entries if one.name[0] != "." and _holds_agent(one))

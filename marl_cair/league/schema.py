@@ -11,7 +11,7 @@ import numpy as np
 
 from marl_cair.league.playing import map_seeds
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 # A block is in the file with all its games or not at all: each chunk is one transaction.
 TABLES = """
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -180,5 +180,20 @@ def _migrate_2(database: sqlite3.Connection, settings: Mapping[str, Any]) -> Non
             database.execute("INSERT INTO team VALUES (?, ?, ?, ?, ?, ?, ?, 0)", row)
 
 
+def _migrate_3(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
+    """Version 3 took a function in a process of its own for another agent than in the league's.
+
+    A file that knows both keeps both: they have played games of their own.
+    """
+    database.execute(
+        "UPDATE OR IGNORE agent SET fingerprint = replace(fingerprint, 'hosted ', 'foreign ') "
+        "WHERE fingerprint LIKE 'hosted %'"
+    )
+    database.execute("UPDATE meta SET value = '4' WHERE key = 'schema_version'")
+
+
 # Each brings the tables one version up.
-_MIGRATIONS: dict[int, Callable[[sqlite3.Connection, Mapping[str, Any]], None]] = {2: _migrate_2}
+_MIGRATIONS: dict[int, Callable[[sqlite3.Connection, Mapping[str, Any]], None]] = {
+    2: _migrate_2,
+    3: _migrate_3,
+}

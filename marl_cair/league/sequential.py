@@ -27,6 +27,7 @@ from marl_cair.league.match import (
     MatchResult,
     play_chunks,
     require_rivals,
+    shows_new,
 )
 from marl_cair.league.playing import CHUNKS_AT_ONCE
 
@@ -153,10 +154,8 @@ def play_sequentially(
             block = played[first : first + num_teams]
             if block[0].block >= num_blocks:
                 break
-            shown = {(result.first_seat, result.fingerprint) for result in block}
-            if shown <= seen:
+            if not shows_new(block, seen):
                 continue
-            seen |= shown
             counted += block
             outcomes[_round(float(np.mean([result.score for result in block])))] += 1
             ratio = test.ratio(outcomes, num_teams)

@@ -16,13 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marl_cair.checkpoint import CheckpointError
+from marl_cair.checkpoint import LIVE_FOLDER, CheckpointError
 from marl_cair.files import find_folder, write_atomically
 from marl_cair.league.records import Evidence
 
 PLAYER_FILE = "player.json"
-LEAGUE_TRAINING, SHARED = "league training", "shared"  # kind of the run, and the folder in its own
-PLAYERS, LIVE_FOLDER, RECORDS = "players", "live", "records"
+PLAYERS, RECORDS = "players", "records"
 MAIN, MAIN_EXPLOITER, LEAGUE_EXPLOITER = ROLES = ("main", "main_exploiter", "league_exploiter")
 
 

@@ -156,15 +156,18 @@ class OpponentSettings:
 
 @dataclass(frozen=True)
 class DemonstrationSettings:
-    """Games in which a bot plays the learner's seats, and the learner learns from what it does:
-    deep Q-learning from demonstrations (Hester et al. 2018). With `advise` bots also say what they
-    would do where the learner plays itself (DAgger, Ross et al. 2011).
+    """Games in which a bot, or another agent, plays the learner's seats, and the learner learns
+    from what it does: deep Q-learning from demonstrations (Hester et al. 2018). With `advise` they
+    also say what they would do where the learner plays itself (DAgger, Ross et al. 2011).
     """
 
     bots: tuple[str, ...] = ()  # who shows how to play, one for each such game; (): nobody
+    agents: dict[str, str] = field(  # others who do, by name: a checkpoint's folder or a function
+        default_factory=dict
+    )
     share: float = 0.25  # of games
-    until_frames: int | None = None  # frames after which bots neither play nor advise; None: never
-    advise: bool = False  # bots also tell what they would do wherever the learner plays
+    until_frames: int | None = None  # frames after which they neither play nor advise; None: never
+    advise: bool = False  # they also tell what they would do wherever the learner plays
     turn_decisions: int | None = None  # after so many it is drawn anew who plays; None: whole games
     margin: float = 0.1  # by which the shown action is to be worth more than any other legal one
     margin_weight: float = 1.0  # of that loss, beside the TD error's
@@ -176,14 +179,19 @@ class DemonstrationSettings:
         turn = self.turn_decisions
         require(turn is None or turn >= 1, "demonstration.turn_decisions", turn, "1 or more")
         require(
-            not self.advise or len(self.bots) > 0,
+            not self.advise or self.is_given,
             "demonstration.advise",
             self.advise,
-            "false where demonstration.bots is empty",
+            "false where demonstration.bots and demonstration.agents are empty",
         )
         for name in ("margin", "margin_weight"):
             value = getattr(self, name)
             require(0 <= value < math.inf, f"demonstration.{name}", value, "0 or more")
+
+    @property
+    def is_given(self) -> bool:
+        """Whether anybody shows anything."""
+        return bool(self.bots or self.agents)
 
 
 @dataclass(frozen=True)

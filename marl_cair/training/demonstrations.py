@@ -1,4 +1,4 @@
-"""Bots that play the learner's seats in a share of the games, for the learner to learn from."""
+"""Who plays the learner's seats in a share of the games, for the learner to learn from."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import Agent, Game
+from marl_cair.games.mixed_agent import MixedAgent
+from marl_cair.league.agents import load_agent
+from marl_cair.training.checks import require
 from marl_cair.training.config import DemonstrationSettings
 from marl_cair.training.opponents import export_rng, import_rng
 
@@ -18,15 +21,17 @@ NOBODY = -1
 class Demonstrators:
     """Who plays the learner's team in each world, drawn anew when its game begins.
 
-    With `turn_decisions` also within games: a bot then shows what to do where the learner has come
-    to, and the learner goes on from where a bot has led. With `advise` a bot tells what it would do
-    wherever none plays (as in DAgger, Ross et al. 2011).
+    With `turn_decisions` also within games: one then shows what to do where the learner has come
+    to, and the learner goes on from where that one has led. With `advise` one tells what it would
+    do wherever none plays (as in DAgger, Ross et al. 2011).
 
     Args:
-        settings: bots, and their share of the games.
-        game, scenario: for the bots.
+        settings: bots and other agents, and their share of the games.
+        game, scenario: that are played.
         num_worlds: B.
-        seed: of the draws and the bots.
+        seed: of the draws and the demonstrators.
+
+    Raises ValueError for a mixture, and as `load_agent` does.
     """
 
     def __init__(
@@ -38,32 +43,40 @@ class Demonstrators:
         seed: int,
     ) -> None:
         self.settings = settings
-        self.bots: list[Agent] = [game.bot(name, scenario) for name in settings.bots]
-        for number, bot in enumerate(self.bots, start=1):
-            bot.seed(seed + number)
+        self.agents: list[Agent] = [game.bot(name, scenario) for name in settings.bots]
+        for name, source in settings.agents.items():
+            agent = load_agent(source, game.name, scenario)
+            allowed = "an agent that is no mixture: give one of its members"
+            require(
+                not isinstance(agent, MixedAgent), f"demonstration.agents.{name}", source, allowed
+            )
+            agent.name = name
+            self.agents.append(agent)
+        for number, agent in enumerate(self.agents, start=1):
+            agent.seed(seed + number)
         self._rng = np.random.default_rng(seed)
-        self.playing = np.full(num_worlds, NOBODY, np.int8)  # [B], index into `bots`
+        self.playing = np.full(num_worlds, NOBODY, np.int8)  # [B], index into `agents`
         self.telling = self.playing.copy()  # [B], the same: who plays, or may advise
         self._decisions_left = np.zeros(num_worlds, np.int64)  # of the turn under way
 
     @property
     def representations(self) -> set[str]:
-        """What the bots look at."""
-        return {bot.representation for bot in self.bots}
+        """What they look at."""
+        return {agent.representation for agent in self.agents}
 
     def draw(self, starting: NDArray[np.bool_], frames: int) -> None:
         """Choose for the worlds [B] whose game begins now, or whose turn is over.
 
         To be called before each decision.
         """
-        if not self.bots:
+        if not self.agents:
             return
         starting = self._begin_turns(starting)
         count, until = int(starting.sum()), self.settings.until_frames
         if count == 0:
             return
         shown = self._rng.random(count) < self.settings.share
-        chosen = self._rng.integers(0, len(self.bots), count)
+        chosen = self._rng.integers(0, len(self.agents), count)
         if until is not None and frames >= until:
             shown[:] = False
             chosen[:] = NOBODY
@@ -84,13 +97,13 @@ class Demonstrators:
         return beginning
 
     def state_dict(self) -> dict[str, Any]:
-        """Draws, games under way and the bots' generators, as plain data."""
+        """Draws, games under way and the demonstrators' generators, as plain data."""
         return {
             "rng": export_rng(self._rng),
             "playing": self.playing.tolist(),
             "telling": self.telling.tolist(),
             "decisions_left": self._decisions_left.tolist(),
-            "bots": [bot.state_dict() for bot in self.bots],
+            "bots": [agent.state_dict() for agent in self.agents],
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -99,5 +112,5 @@ class Demonstrators:
         self.playing = np.array(state["playing"], np.int8)
         self.telling = np.array(state["telling"], np.int8)
         self._decisions_left = np.array(state["decisions_left"], np.int64)
-        for bot, saved in zip(self.bots, state["bots"], strict=True):
-            bot.load_state_dict(saved)
+        for agent, saved in zip(self.agents, state["bots"], strict=True):
+            agent.load_state_dict(saved)

@@ -12,21 +12,14 @@ from typing import Any
 
 from tqdm import tqdm
 
+from marl_cair.checkpoint import LEAGUE_TRAINING, LIVE_FOLDER, MIXTURE_FOLDER, SHARED
 from marl_cair.files import claim_output_folder, find_folder, write_atomically
 from marl_cair.games import GAMES
 from marl_cair.league.agents import find_distinct
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.mixing import describe_mixture, mix_league
 from marl_cair.league.mixtures import save_mixture
-from marl_cair.league.shared import (
-    LEAGUE_TRAINING,
-    LIVE_FOLDER,
-    MAIN,
-    PLAYERS,
-    SHARED,
-    read_players,
-    read_records,
-)
+from marl_cair.league.shared import MAIN, PLAYERS, read_players, read_records
 from marl_cair.training.config_file import write_settings
 from marl_cair.training.league_settings import LeagueSettings, derive_seed
 from marl_cair.training.league_slice import (
@@ -39,7 +32,7 @@ from marl_cair.training.league_slice import (
 )
 
 SETTINGS_FILE, PROGRESS_FILE, REPORT_FILE = "league.yaml", "progress.json", "report.txt"
-MEMBERS, EVALUATION, MIXTURE = "members", "evaluation", "mixture"
+MEMBERS, EVALUATION, MIXTURE = "members", "evaluation", MIXTURE_FOLDER
 # What the same league may be continued with.
 FREE = ("out", "total_frames", "max_minutes", "final_games", "final_bots", "final_past")
 

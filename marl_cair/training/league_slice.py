@@ -12,9 +12,9 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from marl_cair.checkpoint import CheckpointError
+from marl_cair.checkpoint import LIVE_FOLDER, CheckpointError
 from marl_cair.files import write_atomically
-from marl_cair.league.shared import LIVE_FOLDER, LeagueSeat
+from marl_cair.league.shared import LeagueSeat
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import CONFIG_FILE, load_config, save_config
 from marl_cair.training.generators import take_over_generator

@@ -57,7 +57,7 @@ class Learner:
         )
         self._loss.make_value_estimator(gamma=settings.gamma)
         self._values = torch.empty(0)
-        if self.demonstration.bots:
+        if self.demonstration.is_given:
             inner = next(m for m in self._loss.value_network.modules() if isinstance(m, QNetwork))
             inner.register_forward_hook(self._note_values)
         if settings.target == "soft":
@@ -92,7 +92,7 @@ class Learner:
         self.updates += 1
         self._take_into_average()
         values = {"loss/all": td_loss.detach(), "grad_norm": norm, **self._split(batch)}
-        if self.demonstration.bots:
+        if self.demonstration.is_given:
             values["loss/margin"] = margin_loss.detach()
         return values
 
@@ -107,7 +107,7 @@ class Learner:
         """Mean over the batch of max over legal a of (Q(s, a) + margin where a is not the expert's
         action) - Q(s, the expert's action), 0 for rows where nobody shows it.
         """
-        if not self.demonstration.bots:
+        if not self.demonstration.is_given:
             return torch.zeros(())
         shown = batch["expert_action"] != NO_ACTION
         if not shown.any():

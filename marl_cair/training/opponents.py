@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.checkpoint import AgentDescription, save_agent
+from marl_cair.checkpoint import LIVE_FOLDER, AgentDescription, save_agent
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents import load_agent
+from marl_cair.league.arena import Load
 from marl_cair.league.intervals import win_rate_interval
 from marl_cair.league.mixtures import is_mixture, read_mixture
 from marl_cair.league.opponents import (
@@ -27,13 +27,7 @@ from marl_cair.league.opponents import (
 )
 from marl_cair.league.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Member, Pool
 from marl_cair.league.records import EVEN, WinRecords
-from marl_cair.league.shared import (
-    LEAGUE_EXPLOITER,
-    LIVE_FOLDER,
-    MAIN,
-    MAIN_EXPLOITER,
-    LeagueSeat,
-)
+from marl_cair.league.shared import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, LeagueSeat
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.replay.transition import NO_OPPONENT
 from marl_cair.training.checks import require
@@ -66,10 +60,10 @@ class OpponentBook:
     Args:
         settings: mixture, samplers and pool.
         game, scenario: that are played.
-        representation: what snapshots look at.
-        folder: of the snapshots.
+        pool: without bots and agents yet.
         seed: of the draws, the bots and the foreign agents.
         seat: the learner's place in a league; its opponents are then the league's too.
+        load: how to get the agents of `settings`, as `load_agent`.
 
     Raises ValueError for samplers of a league without `seat`, and as bots, agents and `Pool` do.
     """
@@ -79,10 +73,10 @@ class OpponentBook:
         settings: OpponentSettings,
         game: Game,
         scenario: Any,
-        representation: str,
-        folder: Path,
+        pool: Pool,
         seed: int,
         seat: LeagueSeat | None = None,
+        load: Load = load_agent,
     ) -> None:
         self.settings = settings = expand_mixtures(settings)
         self.seat, self._seed = seat, seed
@@ -95,21 +89,13 @@ class OpponentBook:
         self.records = WinRecords(settings.half_life_frames, settings.prior_games)
         # Of a snapshot only what it played itself, nearly: older games are those of other policies.
         self._since_snapshot = WinRecords(settings.half_life_frames, settings.prior_games)
-        self.pool = Pool(
-            folder,
-            game,
-            scenario,
-            representation,
-            settings.pool_capacity,
-            settings.prior_games,
-            seat,
-        )
+        self.pool = pool
         self._options = SamplerOptions(settings.delta, settings.recency, settings.pfsp_power)
         if not self.is_alone:
             for bot in make_bots(settings.find_names(), game, scenario):
                 self.pool.add(BOT, bot, seed)
             for name, source in settings.agents.items():
-                agent = load_agent(source, game.name, scenario)
+                agent = load(source, game.name, scenario)
                 agent.name = name
                 self.pool.add(FOREIGN, agent, seed)
             if seat is not None:

@@ -15,7 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from marl_cair.checkpoint import LATEST_FOLDER, CheckpointError, read_description
+from marl_cair.checkpoint import (
+    LATEST_FOLDER,
+    MIXTURE_FOLDER,
+    PSRO,
+    CheckpointError,
+    read_description,
+)
 from marl_cair.files import (
     claim_output_folder,
     copy_folder,
@@ -35,9 +41,8 @@ from marl_cair.training.psro_settings import PsroSettings, fixed_options
 from marl_cair.training.run import RESUME_FOLDER
 from marl_cair.training.trainer import train
 
-RUN_KIND = "policy-space response oracles"
 SETTINGS_FILE, PLAN_FILE, REPORT_FILE = "psro.yaml", "plan.json", "report.txt"
-ROUNDS, PLAYERS, EVALUATION, MIXTURE = "rounds", "players", "evaluation", "mixture"
+ROUNDS, PLAYERS, EVALUATION, MIXTURE = "rounds", "players", "evaluation", MIXTURE_FOLDER
 
 
 @dataclass(frozen=True)
@@ -82,7 +87,7 @@ def train_psro(settings: PsroSettings, show_progress: bool = True) -> PsroResult
     folder = Path(settings.out)
     _check_beginnings(settings)
     find_entrants(settings, 0)  # what cannot be loaded is refused before anything is written
-    with claim_output_folder(folder, RUN_KIND, fixed_options(settings), resume=True):
+    with claim_output_folder(folder, PSRO, fixed_options(settings), resume=True):
         write_settings(settings, folder / SETTINGS_FILE)
         for name, source in _find_beginnings(settings).items():
             own = _find_player(settings, name)

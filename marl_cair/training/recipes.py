@@ -62,6 +62,8 @@ _FLAPPY = (
     "checkpoint.every_frames=1000000",
 )
 
+_DEEP_RTS_TEACHER = "marl_cair.games.deep_rts.teacher:make_teacher"
+
 _LINE_WARS_EVALUATION = (
     "evaluation.every_frames=100000",
     "evaluation.games=40",
@@ -115,10 +117,10 @@ RECIPES = {
             "evaluation.bots=[random,mixed]",
         ),
     ),
-    # What a bot does is learned in far fewer decisions than finding it out takes. The advice stays
-    # to the end: without it all was lost again within 50,000 decisions.
+    # What another does is learned in far fewer decisions than finding it out takes. The advice
+    # stays to the end: without it all was lost again within 50,000 decisions.
     "deep_rts_self_play": Recipe(
-        "Deep RTS, two players: a bot's advice, the bots that are not beaten yet, and itself",
+        "Deep RTS, two players: a teacher's advice, the bots that are not beaten yet, and itself",
         (
             "game=deep_rts",
             "scenario=1v1-15x15",
@@ -127,11 +129,11 @@ RECIPES = {
             "learner.gamma=0.997",
             "learner.n_steps=16",
             "learner.learning_rate_end=0",
-            "demonstration.bots=[archers]",
+            f"demonstration.agents={{teacher: {_DEEP_RTS_TEACHER}}}",
             "demonstration.share=0.2",
             "demonstration.turn_decisions=50",
             "demonstration.advise=true",
-            "opponent.mixture={archers: 0.3, pfsp_bots: 0.4, latest: 0.3}",
+            "opponent.mixture={pfsp_bots: 0.7, latest: 0.3}",
             "evaluation.every_frames=50000",
             "evaluation.games=32",
             "evaluation.bots=[random,mixed,rusher,economist,archers,boomer,turtle]",

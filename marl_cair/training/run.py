@@ -31,6 +31,9 @@ from marl_cair.files import (
 )
 from marl_cair.games import GAMES
 from marl_cair.games.torchrl_env import BatchedGameEnv
+from marl_cair.league.agents import load_agent
+from marl_cair.league.arena import Load
+from marl_cair.league.pool import Pool
 from marl_cair.league.shared import LeagueSeat
 from marl_cair.policies.actor import (
     GREEDY,
@@ -73,6 +76,7 @@ class TrainingRun:
         config: all settings.
         resume: go on from the state in `config.out`; without one there, begin.
         seat: the learner's place in a league.
+        load: how to get the agents of `config.opponent`, as `load_agent`.
 
     Raises:
         OutputFolderError: the folder holds another run, or this one without `resume`.
@@ -82,7 +86,11 @@ class TrainingRun:
     """
 
     def __init__(
-        self, config: TrainConfig, resume: bool = False, seat: LeagueSeat | None = None
+        self,
+        config: TrainConfig,
+        resume: bool = False,
+        seat: LeagueSeat | None = None,
+        load: Load = load_agent,
     ) -> None:
         self.config, self.seat = config, seat
         self.folder = Path(config.out)
@@ -94,7 +102,7 @@ class TrainingRun:
         self._seeds = [
             int(n) for n in np.random.SeedSequence(config.seed).generate_state(_NUM_SEEDS)
         ]
-        self._make_game()
+        self._make_game(load)
         self._make_replay()
         self._make_learner()
         self._make_collector()
@@ -117,7 +125,7 @@ class TrainingRun:
         """Of the games that rate the learner while it trains."""
         return self._seeds[8]
 
-    def _make_game(self) -> None:
+    def _make_game(self, load: Load) -> None:
         game = self.config.game
         self.game = GAMES[game.name]
         self.scenario = self.game.scenario(game.scenario, **game.options)
@@ -128,15 +136,10 @@ class TrainingRun:
         self.demonstrators = Demonstrators(
             demonstration, self.game, self.scenario, worlds, self._seeds[9]
         )
-        self.book = OpponentBook(
-            self.config.opponent,
-            self.game,
-            self.scenario,
-            game.representation,
-            self.folder / SNAPSHOT_FOLDER,
-            self._seeds[6],
-            self.seat,
-        )
+        opponent, folder = self.config.opponent, self.folder / SNAPSHOT_FOLDER
+        played, kept = (self.game, self.scenario), (opponent.pool_capacity, opponent.prior_games)
+        pool = Pool(folder, *played, game.representation, *kept, self.seat)
+        self.book = OpponentBook(opponent, *played, pool, self._seeds[6], self.seat, load)
         others_look_at = self.demonstrators.representations | self.book.representations
         options = dataclasses.asdict(self.scenario)
         options["reward"] = game.learned_reward

@@ -37,7 +37,7 @@ class SeatRouter(TensorDictModuleBase):
         env: the worlds; its episode counts tell when a game begins.
         own: how the learner plays.
         book: the opponents.
-        demonstrators: bots that play the learner's team in a share of the games.
+        demonstrators: who play the learner's team in a share of the games.
         statistics: hears the learner's first value of each game.
         seed: of the teams.
     """
@@ -189,10 +189,10 @@ class SeatRouter(TensorDictModuleBase):
         expert_actions = torch.full_like(actions, NO_ACTION)
         advise = self._demonstrators.settings.advise
         helped = (self._owned if advise else self._shown) & ~self._out
-        for number, bot in enumerate(self._demonstrators.bots):
+        for number, agent in enumerate(self._demonstrators.agents):
             told = helped & (self._demonstrators.telling == number)[:, None]
             if told.any():
-                self._act(bot, torch.from_numpy(told), group, mask, expert_actions)
+                self._act(agent, torch.from_numpy(told), group, mask, expert_actions)
         played = torch.from_numpy(self._shown & ~self._out)
         actions[played] = expert_actions[played]
         return expert_actions

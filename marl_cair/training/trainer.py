@@ -17,6 +17,8 @@ from tqdm import tqdm
 
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.rollouts import Rollouts
+from marl_cair.league.agents import load_agent
+from marl_cair.league.arena import Load
 from marl_cair.league.shared import LeagueSeat
 from marl_cair.policies.actor import PolicyActor, masked_argmax
 from marl_cair.training.config import ENDLESS_FRAMES, TrainConfig
@@ -47,6 +49,7 @@ def train(
     listen: Callable[[dict[str, float]], None] | None = None,
     seat: LeagueSeat | None = None,
     until_frames: int | None = None,
+    load: Load = load_agent,
 ) -> TrainResult:
     """Train until `config.total_frames` decisions, `config.max_minutes`, or an interrupt; in a
     league, at `seat`, also until the learner is to begin anew.
@@ -56,11 +59,12 @@ def train(
 
     An interrupt (Ctrl-C, SIGTERM) ends the current iteration, saves everything and returns; a
     second one stops at once. `listen` hears each logged row. The configuration is written to the
-    run's folder, from which a later call can go on.
+    run's folder, from which a later call can go on. `load` gets the agents of `config.opponent`:
+    without another one, code among them runs in this process, without a limit.
 
     Raises: as `TrainingRun`.
     """
-    run = TrainingRun(config, resume, seat)
+    run = TrainingRun(config, resume, seat, load)
     run.shows_progress = show_progress
     if run.spec.num_teams == 1:
         _tell(run, "opponents", f"{config.game.scenario} has no rivals, so opponent.* is not used")

@@ -16,7 +16,8 @@ import pyspiel
 from numpy.typing import NDArray
 
 from marl_cair import games
-from marl_cair.games.game import NO_CELL, NO_WINNER, Game, GameSpec, Representation
+from marl_cair.games.game import NO_WINNER, Game, Representation
+from tests.games.plain_games import Stateless, draw_nothing, make_plain_spec
 
 NAME = "kuhn_poker"
 PASS, BET = range(2)
@@ -86,22 +87,8 @@ def make_spec(scenario):
     shown = Representation(
         "vector", (size,), np.float32, 1.0, tuple(f"is_{n}" for n in range(size)), observe
     )
-    return GameSpec(
-        num_players=2,
-        action_names=("pass", "bet"),
-        action_groups=np.arange(2, dtype=np.int16),
-        action_group_names=("pass", "bet"),
-        action_cells=np.full(2, NO_CELL, np.int32),
-        noop_action=PASS,
-        representations={"vector": shown},
-        static_planes=(),
-        exclusive_planes=(),
-        event_planes=(),
-        resources=(),
-        ticks_per_step=1,
-        max_ticks=3,
-        reward_bound=_STAKE,
-        pays="what is won",
+    return make_plain_spec(
+        ("pass", "bet"), shown, max_ticks=3, reward_bound=_STAKE, pays="what is won"
     )
 
 
@@ -140,26 +127,13 @@ def observe(worlds, rules, out, first, last):
     out[first:last] = np.eye(len(rules.names))[rules.seen[worlds.state[first:last]]]
 
 
-def draw(worlds, rules, world, player):
-    return np.zeros((4, 4, 3), np.uint8)
-
-
-class Passer:
+class Passer(Stateless):
     """Always passes."""
 
-    representation, name = "vector", "random"
-
-    def seed(self, seed):
-        pass
+    name = "random"
 
     def act(self, observation, action_mask):
         return np.full(len(observation), PASS)
-
-    def state_dict(self):
-        return {}
-
-    def load_state_dict(self, state):
-        pass
 
 
 def register(monkeypatch):
@@ -181,7 +155,7 @@ GAME = Game(
     reset=reset,
     step=step,
     legal_actions=legal_actions,
-    draw=draw,
+    draw=draw_nothing,
     rewards={"sparse": "what is won"},
     bots={"random": lambda scenario, spec: Passer()},
     hidden_fields=("state",),

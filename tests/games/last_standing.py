@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair import games
-from marl_cair.games.game import NO_CELL, NO_WINNER, Game, GameSpec, Representation
+from marl_cair.games.game import NO_WINNER, Game, Representation
+from tests.games.plain_games import make_plain_spec
 
 NAME = "last_standing"
 SIDE, NUM_PLANES, NUM_UNIFORM = 8, 4, 2
@@ -58,34 +59,22 @@ def make_rules(scenario):
 
 
 def make_spec(scenario):
-    return GameSpec(
+    return make_plain_spec(
+        ("noop", "score", "leave", "finish"),
+        Representation(
+            "planes",
+            (NUM_PLANES, SIDE, SIDE),
+            np.uint8,
+            255,
+            ("seat", "left", "tick", "gain"),
+            observe,
+            num_uniform=NUM_UNIFORM,
+        ),
+        Representation(
+            "vector", (NUM_PLANES,), np.float32, 255.0, ("s", "l", "t", "g"), observe_vector
+        ),
         num_players=scenario.num_players,
-        action_names=("noop", "score", "leave", "finish"),
-        action_groups=np.arange(4, dtype=np.int16),
-        action_group_names=("noop", "score", "leave", "finish"),
-        action_cells=np.full(4, NO_CELL, np.int32),
-        noop_action=NOOP,
-        representations={
-            "planes": Representation(
-                "planes",
-                (NUM_PLANES, SIDE, SIDE),
-                np.uint8,
-                255,
-                ("seat", "left", "tick", "gain"),
-                observe,
-                num_uniform=NUM_UNIFORM,
-            ),
-            "vector": Representation(
-                "vector", (NUM_PLANES,), np.float32, 255.0, ("s", "l", "t", "g"), observe_vector
-            ),
-        },
-        static_planes=(),
-        exclusive_planes=(),
-        event_planes=(),
-        resources=(),
-        ticks_per_step=1,
         max_ticks=scenario.max_ticks,
-        reward_bound=1.0,
         pays="+1 win, -1 loss, and what is scored",
         teams=scenario.teams,
     )

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.game import NO_CELL, NO_WINNER, Game, GameSpec, Representation
+from marl_cair.games.game import NO_WINNER, Game, Representation
+from tests.games.plain_games import Stateless, draw_nothing, make_plain_spec
 
 NAME = "rock_paper_scissors"
 ROCK, PAPER, SCISSORS = range(3)
@@ -55,23 +56,7 @@ def payoff(scenario):
 
 def make_spec(scenario):
     shown = Representation("vector", (1,), np.float32, 1.0, ("one",), observe)
-    return GameSpec(
-        num_players=2,
-        action_names=("rock", "paper", "scissors"),
-        action_groups=np.arange(3, dtype=np.int16),
-        action_group_names=("rock", "paper", "scissors"),
-        action_cells=np.full(3, NO_CELL, np.int32),
-        noop_action=ROCK,
-        representations={"vector": shown},
-        static_planes=(),
-        exclusive_planes=(),
-        event_planes=(),
-        resources=(),
-        ticks_per_step=1,
-        max_ticks=1,
-        reward_bound=1.0,
-        pays="+1 win, -1 loss",
-    )
+    return make_plain_spec(("rock", "paper", "scissors"), shown, max_ticks=1)
 
 
 def allocate(scenario, num_worlds):
@@ -109,29 +94,14 @@ def observe(worlds, rules, out, first, last):
     out[first:last] = 1.0
 
 
-def draw(worlds, rules, world, player):
-    return np.zeros((4, 4, 3), np.uint8)
-
-
-class Thrower:
+class Thrower(Stateless):
     """Throws always the same."""
-
-    representation = "vector"
 
     def __init__(self, name: str, throw: int) -> None:
         self.name, self.throw = name, throw
 
-    def seed(self, seed):
-        pass
-
     def act(self, observation, action_mask):
         return np.full(len(observation), self.throw)
-
-    def state_dict(self):
-        return {}
-
-    def load_state_dict(self, state):
-        pass
 
 
 def _make_bot(name: str, throw: int) -> Any:
@@ -152,7 +122,7 @@ GAME = Game(
     reset=reset,
     step=step,
     legal_actions=legal_actions,
-    draw=draw,
+    draw=draw_nothing,
     rewards={"sparse": "+1 win, -1 loss"},
     bots={
         "random": _make_bot("random", ROCK),

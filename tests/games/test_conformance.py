@@ -70,7 +70,7 @@ QUICK = [
 ]
 CASES = ("game", "scenario", "representation")
 EVERY = pytest.mark.parametrize(CASES, EVERYTHING)
-# Every scenario once; its game's representations are dealt in turn, whatever its name begins with.
+# Every scenario once: a game's scenarios take its representations in turn, so that each is met.
 ONCE = [
     (game, scenario, shown[number % len(shown)])
     for game in GAMES

@@ -22,11 +22,12 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture
 def _scenarios_kept():
     """What a test adds is gone after it."""
-    before = dict(SCENARIOS)
+    tables = [gymnasium.registry, *(module.SCENARIOS for module in GAMES.modules.values())]
+    before = [set(table) for table in tables]
     yield
-    for name in set(SCENARIOS) - set(before):
-        del SCENARIOS[name]
-        del gymnasium.registry[f"marl_cair/DeepLineWars-{name}-v0"]
+    for table, names in zip(tables, before, strict=True):
+        for name in set(table) - names:
+            del table[name]
 
 
 # --- scenarios -------------------------------------------------------------------------------
@@ -101,6 +102,18 @@ def test_a_gymnasium_id_names_the_scenario_of_the_game_and_what_differs():
     assert gymnasium.spec(added).kwargs == told
     spec = gymnasium.spec("marl_cair/DeepLineWars-11x11-v0")
     assert spec.kwargs == {"game": "deep_line_wars", "scenario": "11x11"}
+
+
+@pytest.mark.usefixtures("_scenarios_kept")
+def test_a_gymnasium_id_keeps_a_field_that_would_follow_another():
+    """The time limit of a maze follows the board; this one is what that of the base is."""
+    board = {"rows": 55, "columns": 55}
+    own = marl_cair.register_scenario("deep_maze", "large", base="25x25-stochastic", **board)
+    board["max_ticks"] = 1_000
+    brief = marl_cair.register_scenario("deep_maze", "brief", base="25x25-stochastic", **board)
+    limits = [gymnasium.make(made).unwrapped.engine.spec.max_ticks for made in (own, brief)]
+    assert limits == [5_000, 1_000]
+    assert gymnasium.spec(brief).kwargs.items() >= board.items()
 
 
 def test_a_game_whose_scenarios_cannot_be_changed_says_so(monkeypatch):

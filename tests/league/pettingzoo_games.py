@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair import games
-from marl_cair.games.game import NO_CELL, NO_WINNER, Game, GameSpec, Representation
+from marl_cair.games.game import NO_WINNER, Game, Representation
+from tests.games.plain_games import draw_nothing, make_plain_spec
 
 NOBODY = -1  # on turn
 NO_MOVE = -1
@@ -158,30 +159,16 @@ def observe(worlds, rules, out, first, last):
         out[b] = [look(env, seat) for seat in (0, 1)]
 
 
-def draw(worlds, rules, world, player):
-    return np.zeros((4, 4, 3), np.uint8)
-
-
 def make_spec(num_cells, num_moves, scenario):
     names = tuple(f"{whose}_{cell}" for whose in ("own", "other") for cell in range(num_cells))
     shown = Representation("vector", (2 * num_cells,), np.float32, 1.0, names, observe)
-    kinds = np.repeat(np.arange(2, dtype=np.int16), (num_moves, 1))
-    return GameSpec(
-        num_players=2,
-        action_names=(*(f"move_{move}" for move in range(num_moves)), "wait"),
-        action_groups=kinds,
+    return make_plain_spec(
+        (*(f"move_{move}" for move in range(num_moves)), "wait"),
+        shown,
+        action_groups=np.repeat(np.arange(2, dtype=np.int16), (num_moves, 1)),
         action_group_names=("move", "wait"),
-        action_cells=np.full(num_moves + 1, NO_CELL, np.int32),
         noop_action=num_moves,
-        representations={"vector": shown},
-        static_planes=(),
-        exclusive_planes=(),
-        event_planes=(),
-        resources=(),
-        ticks_per_step=1,
         max_ticks=num_cells,
-        reward_bound=1.0,
-        pays="+1 win, -1 loss",
     )
 
 
@@ -211,7 +198,7 @@ def make_game(
         reset=reset,
         step=step,
         legal_actions=legal_actions,
-        draw=draw,
+        draw=draw_nothing,
         rewards={"sparse": "+1 win, -1 loss"},
         bots=bots,
         hidden_fields=("table",),

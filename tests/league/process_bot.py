@@ -25,6 +25,8 @@ if habit == "never ready":
     say({"type": "hello"})
 elif habit == "dies at once":
     sys.exit(7)
+elif habit == "wants gzip":
+    say({"type": "ready", "arrays": "gzip"})
 else:
     say({"type": "ready", "name": f"bot {habit}", "representation": "vector"})
 if habit == "talks":

@@ -1,18 +1,15 @@
 """`marl-cair league add`: new agents meet those of a league, and nobody else plays anew."""
 
 import dataclasses
-import functools
 import json
 import sqlite3
 
 import pytest
 
 from marl_cair.cli import add, main
-from marl_cair.league.agents import load_agent
-from marl_cair.league.arena import Rules
-from marl_cair.league.extend import load_played, plan_extension
+from marl_cair.league.extend import plan_extension
 from marl_cair.league.league import LeagueConfig, play_league
-from marl_cair.league.store import AgentRecord, LeagueStore, LeagueStoreError
+from marl_cair.league.store import LeagueStore, LeagueStoreError
 from tests.games import last_standing
 from tests.league.players import GAME, save_network
 
@@ -56,20 +53,16 @@ def test_of_many_teams_pairs_count_and_not_line_ups(tmp_path, monkeypatch):
     assert plan_extension(tmp_path, ["scorer"]).games_per_pair == 24
 
 
-def test_a_league_with_a_limit_names_the_option(tmp_path):
+def test_a_league_goes_on_with_another_limit(tmp_path):
+    """And so does one from before functions had a limit: it knows them by the same fingerprint."""
     source = "tests.league.players:make_first_legal"
     words = ["random", source, "--scenario", "11x11", "--games", "2", "--no-replays"]
-    folder = tmp_path / "league"
-    limit = ["--answer-seconds", "60"]
-    assert main(["league", *words, *limit, "--out", str(folder)]) == 0
-    with pytest.raises(LeagueStoreError, match="with --answer-seconds: give that option"):
-        plan_extension(folder, ["turtle"])
-    load = functools.partial(load_agent, answer_seconds=60.0)
-    assert source in plan_extension(folder, ["turtle"], load=load).ladder
-    record = AgentRecord("foreign 00", "x", "foreign", "its own", "1", "{}")
-    rules = Rules(GAME, GAME.scenario("11x11"), 0, "all")
-    with pytest.raises(LeagueStoreError, match="without --answer-seconds: leave out that option"):
-        load_played(folder, rules, record, source, load)
+    out = ["--out", str(tmp_path)]
+    assert main(["league", *words, *out, "--answer-seconds", "0"]) == 0
+    before = count_games(tmp_path)
+    assert main(["league", *words, *out]) == 0
+    assert count_games(tmp_path) == before
+    assert source in plan_extension(tmp_path, ["turtle"]).ladder
 
 
 def test_a_new_agent_meets_everybody(league, capsys):

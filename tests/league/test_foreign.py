@@ -137,6 +137,14 @@ def test_observations_cannot_be_changed_by_an_agent():
     assert play(act).forfeits == ()
 
 
+def test_a_run_of_before_goes_on_with_its_agents():
+    agent = wrap(lambda observation, mask: np.full(len(mask), FINISH))
+    seen = np.zeros((2, 1)), np.ones((2, 4), np.bool_)
+    for broken, action in (("", FINISH), ("crashed", -1)):
+        agent.load_state_dict({"agent": None, "broken": broken})
+        assert agent.act(*seen).tolist() == [action] * 2
+
+
 def test_an_agent_that_crashed_once_stays_out_of_that_chunk_only():
     calls = []
 
@@ -212,6 +220,7 @@ class TestLoading:
     def test_who_leaves_the_process_ends_neither_match_nor_league(self, capsys, tmp_path):
         """Both ended without a word, and with the exit code of success."""
         about = [f"--game={last_standing.NAME}", "--scenario=duel", "--games=8"]
+        about.append("--answer-seconds=0")  # other processes do not know this game
         assert main(["match", "my_agents:make_leaver", "idle", *about]) == 0
         reason = "my_agents:make_leaver crashed in act: SystemExit: 0"
         assert reason in capsys.readouterr().out

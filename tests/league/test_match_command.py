@@ -26,9 +26,22 @@ def test_a_match_of_many_stands_beside_the_fair_share(capsys):
     assert told.splitlines() == [
         "A = finisher, B = idle on last_standing ffa-3",
         "ffa-3  A in one seat, B in the other 2: 4 map seeds, once in each",
-        "       A won 12, drew 0, lost 0: 100.0% [75.8%, 100.0%] of the points, 33.3% is fair",
-        "       A is stronger than B. (only 3 of 12 games differ: the interval is too narrow)",
+        "       A won 3, drew 0, lost 0: 100.0% [43.9%, 100.0%] of the points, 33.3% is fair",
+        "       A is stronger than B. 9 of 12 games repeat others, move by move, and do not count.",
     ]
+
+
+def test_a_map_seed_that_shows_something_new_counts_with_all_its_games():
+    def block(number, *fingerprints):
+        return [GameResult(number, seat, 0, False, 9, f) for seat, f in enumerate(fingerprints)]
+
+    played = [*block(0, "a", "b"), *block(1, "a", "b"), *block(2, "b", "a"), *block(3, "a", "c")]
+    counted = MatchResult(tuple(played)).without_repeats()
+    assert [result.block for result in counted.results] == [0, 0, 2, 2, 3, 3]
+    assert counted.distinct_games == 5
+    told = " 2 of 8 games repeat others, move by move, and do not count."
+    warned = " (only 5 of 6 games differ: the interval is too narrow)"
+    assert match.tell_repeats(8, counted) == told + warned
 
 
 @pytest.mark.parametrize(
@@ -123,8 +136,16 @@ def test_evaluate_plays_games_of_many_in_whole_blocks(capsys):
     )
     assert "share of games won (fair: 33.3%), draws are not wins" in told
     row = told.splitlines()[2].split()
-    assert row[:5] == ["idle", "12", "12", "0", "0"]
-    assert row[5:8] == ["100.0%", "[75.8%,", "100.0%]"]
+    assert row[0] == "idle"
+    assert row[1] == row[2]
+    assert row[5] == "100.0%"
+
+
+def test_evaluate_counts_games_that_repeat_others_once(capsys):
+    words = ["--against", "idle", "--games", "12", "--scenario", "ffa-3", "--option", "gain=0"]
+    told = tell(capsys, "evaluate", "finisher", *words)
+    assert "idle         3      3      0      0  100.0% [43.9%, 100.0%]" in told
+    assert "(9 more repeat them, move by move, and do not count)" in told
 
 
 def test_evaluate_and_match_have_the_same_interval():

@@ -1,8 +1,10 @@
 """Agents in processes of their own: they play, and what goes wrong there costs them the game."""
 
+import base64
 import io
 import json
 import os
+import re
 import sys
 import time
 from pathlib import Path
@@ -17,9 +19,16 @@ from marl_cair.league.host import serve
 from marl_cair.league.match import play_match
 from marl_cair.league.process import is_process, load_process
 from tests.games.last_standing import GAME
+from tests.league.players import GAME as LINES
 
 BOT = Path(__file__).with_name("process_bot.py")
 SCENARIO = GAME.scenario("duel")
+SPEC = LINES.make_spec(LINES.scenario("11x11"))
+TWO_GAMES = (
+    np.ones((2, *SPEC.representations["vector"].shape), np.float32),
+    np.ones((2, SPEC.num_actions), np.bool_),
+)
+PLACE = ["--game", LINES.name, "--scenario", "11x11", "--games", "2"]
 
 
 def load(habit="good", *words, seconds=20.0):
@@ -102,6 +111,7 @@ def test_who_draws_from_the_seeds_plays_the_same_games_again():
         ("process:/no/such/program", "cannot be started"),
         (f"process:{sys.executable} -S {BOT} 'never ready'", "and not that it is ready"),
         (f"process:{sys.executable} -S {BOT} 'dies at once'", "ended with exit code 7"),
+        (f"process:{sys.executable} -S {BOT} 'wants gzip'", "wants arrays as 'gzip': there are"),
     ],
 )
 def test_who_does_not_start_is_refused_before_any_game(source, message):
@@ -134,6 +144,7 @@ class TestHost:
     """Python functions behind the same protocol."""
 
     MODULE = """
+import os
 import numpy as np
 class Mine:
     representation = "vector"
@@ -153,6 +164,30 @@ def make(scenario, spec):
     return Mine()
 def make_slow(scenario, spec):
     return Slow()
+class Killer(Mine):
+    def act(self, observation, action_mask):
+        os._exit(5)
+class Leaver(Mine):
+    def act(self, observation, action_mask):
+        raise SystemExit(5)
+class Teller(Mine):
+    def act(self, observation, action_mask):
+        raise RuntimeError(f"I am {os.getpid()}")
+class Talker(Mine):
+    def act(self, observation, action_mask):
+        assert os.read(0, 1) == b""
+        os.write(1, b"thinking ...")
+        return np.zeros(len(observation), int)
+def make_killer(scenario, spec):
+    return Killer()
+def make_leaver(scenario, spec):
+    return Leaver()
+def make_teller(scenario, spec):
+    return Teller()
+def make_talker(scenario, spec):
+    return Talker()
+def make_nothing(scenario, spec):
+    return None
 """
 
     @pytest.fixture
@@ -169,13 +204,21 @@ def make_slow(scenario, spec):
             "type": "hello",
             "game": "deep_line_wars",
             "scenario": {"max_ticks": 120},
-            "representations": {"planes": {"dtype": "uint8"}, "vector": {"dtype": "float32"}},
+            "actions": ["noop", "left", "right"],
+            "action_shape": [],
+            "representations": {
+                "planes": {"shape": [3, 4, 4], "dtype": "uint8"},
+                "vector": {"shape": [2], "dtype": "float32"},
+            },
         }
-        asked = [
-            hello,
-            {"type": "act", "seed": 5, "observations": [[1, 0]] * 2, "masks": [[True] * 3] * 2},
-            {"type": "act", "seed": 5, "observations": [[0, 0]], "masks": [[True] * 3]},
-        ]
+
+        def ask(num, value):
+            seen = np.full((num, 2), value, np.float32)
+            arrays = {"observations": seen, "masks": np.ones((num, 3), np.bool_)}
+            packed = {k: base64.b64encode(v.tobytes()).decode() for k, v in arrays.items()}
+            return {"type": "act", "seed": 5, "num": num, **packed}
+
+        asked = [hello, ask(2, 1), ask(1, 0)]
         told = io.StringIO()
         serve(f"{module}:make", io.StringIO("\n".join(map(json.dumps, asked))), told)
         answers = [json.loads(line) for line in told.getvalue().splitlines()]
@@ -185,6 +228,7 @@ def make_slow(scenario, spec):
                 "name": "hosted_agents:make",
                 "representation": "vector",
                 "digest": digest_code("hosted_agents:make", self.MODULE.encode()),
+                "arrays": "base64",
             },
             {"actions": [2, 2]},
             {"error": "crashed in act: KeyError: 'nothing there'"},
@@ -194,7 +238,7 @@ def make_slow(scenario, spec):
         agent = load_agent(f"{module}:make_slow", "deep_line_wars", "11x11", answer_seconds=2.0)
         spec = agent._shape
         assert spec == ()
-        lost = agent.act(np.ones((2, 4), np.float32), np.ones((2, 5), np.bool_))
+        lost = agent.act(*TWO_GAMES)
         assert lost.tolist() == [-1, -1]
         assert agent.failure == "gave no answer within 2 s"
 
@@ -202,13 +246,51 @@ def make_slow(scenario, spec):
     def test_every_command_that_plays_can_set_the_limit(self, module, capsys, words):
         command, *against = words
         agents = [f"{module}:make_slow", *against, "random"]
-        where = ["--game", "deep_line_wars", "--scenario", "11x11", "--games", "2"]
-        assert main([command, *agents, *where, "--answer-seconds", "2"]) == 0
+        assert main([command, *agents, *PLACE, "--answer-seconds", "2"]) == 0
         assert "gave no answer within 2 s" in capsys.readouterr().out
 
     def test_a_function_that_cannot_be_made_is_refused(self, module):
-        with pytest.raises(ForeignAgentError, match="ForeignAgentError: .*cannot be made"):
-            load_agent(f"{module}:nobody", "deep_line_wars", "11x11", answer_seconds=2.0)
+        with pytest.raises(ForeignAgentError, match="nobody cannot be made .AttributeError"):
+            load_agent(f"{module}:nobody", "deep_line_wars", "11x11", answer_seconds=60.0)
+
+    def test_what_makes_no_agent_is_refused(self, module):
+        with pytest.raises(ForeignAgentError, match="make_nothing gave NoneType without `act"):
+            load_agent(f"{module}:make_nothing", "deep_line_wars", "11x11", answer_seconds=60.0)
+
+    def test_it_is_the_same_agent_and_plays_the_same_as_in_this_process(self, module):
+        scenario = LINES.scenario("11x11", max_ticks=120)
+        rival = load_agent("rusher", LINES.name, scenario)
+        found = []
+        for limit in (None, 60.0):
+            agent = load_agent(f"{module}:make", LINES.name, scenario, answer_seconds=limit)
+            found.append((agent.fingerprint, play_match(agent, rival, LINES, scenario, 16, 3)))
+        assert found[0] == found[1]
+        assert found[0][1].distinct_games > 2  # it draws
+
+    @pytest.mark.parametrize(
+        ("make", "reason"),
+        [("make_killer", "ended with exit code 5"), ("make_leaver", "crashed in act: SystemExit")],
+    )
+    @pytest.mark.parametrize("words", [["match"], ["evaluate", "--against"], ["league"]])
+    def test_who_ends_the_process_ends_no_command(
+        self, module, capsys, tmp_path, make, reason, words
+    ):
+        command, *against = words
+        agents = [f"{module}:{make}", *against, "random"]
+        out = ["--no-replays", "--out", str(tmp_path / "out")] if command == "league" else []
+        assert main([command, *agents, *PLACE, *out]) == 0
+        assert reason in capsys.readouterr().out
+
+    @pytest.mark.parametrize("words", [[], ["--answer-seconds", "0"]])
+    def test_without_a_limit_it_runs_in_this_process(self, module, capsys, words):
+        assert main(["match", f"{module}:make_teller", "random", *PLACE, *words]) == 0
+        told = re.findall(r"I am (\d+)", capsys.readouterr().out)
+        assert [int(number) == os.getpid() for number in told] == [bool(words)]
+
+    def test_what_it_prints_and_reads_is_none_of_the_protocol(self, module):
+        agent = load_agent(f"{module}:make_talker", "deep_line_wars", "11x11", answer_seconds=60.0)
+        chosen = agent.act(*TWO_GAMES)
+        assert chosen.tolist() == [0, 0]
 
     PACKAGED = """
 class Mine:
@@ -230,7 +312,7 @@ def make(scenario, spec):
             agent = load_agent("bots.mine:make", "deep_line_wars", "11x11", answer_seconds=60.0)
             prints.append(agent.fingerprint)
         assert prints[0] != prints[1]
-        assert all(one.startswith("hosted ") for one in prints)
+        assert all(one.startswith("foreign ") for one in prints)
         assert "bots" not in sys.modules  # nobody's code runs here, where it would have no limit
 
     def test_code_that_changes_before_a_restart_forfeits(self, module, tmp_path):
@@ -238,8 +320,10 @@ def make(scenario, spec):
         (tmp_path / "hosted_agents.py").write_text(f"{self.MODULE}# changed", "utf-8")
         agent._agent._stop()
         with pytest.raises(AgentFault, match="its code has changed"):
-            agent._agent.act(np.ones((2, 4), np.float32), np.ones((2, 5), np.bool_))
+            agent._agent.act(*TWO_GAMES)
 
-    def test_a_module_without_a_file_is_refused(self):
+    def test_a_module_without_a_file_is_refused(self, tmp_path, monkeypatch):
+        (tmp_path / "fileless.py").write_text(f"{self.PACKAGED}del __file__", "utf-8")
+        monkeypatch.chdir(tmp_path)
         with pytest.raises(ForeignAgentError, match="has no file to tell its versions apart by"):
-            load_agent("builtins:slice", "deep_line_wars", "11x11", answer_seconds=60.0)
+            load_agent("fileless:make", "deep_line_wars", "11x11", answer_seconds=60.0)

@@ -15,6 +15,7 @@ from marl_cair.league.store import LeagueStore
 from marl_cair.training.config import EvaluationSettings, OpponentSettings
 from marl_cair.training.trainer import train
 from tests.league.players import GAME, save_network
+from tests.refusals import assert_refused
 from tests.training.runs import NEVER, tiny
 
 
@@ -132,6 +133,73 @@ def test_a_run_is_one_agent_where_one_is_wanted(tmp_path, capsys):
     assert main(["match", run, "random", "games=2", "max_ticks=100"]) == 0
     assert f"A = {run}, B = random on deep_line_wars 11x11" in capsys.readouterr().out
     assert main(["evaluate", run, "--games", "2", "--option", "max_ticks=100"]) == 0
+
+
+def test_of_a_league_that_trains_one_has_to_be_named(tmp_path, capsys):
+    folder = tmp_path / "league"
+    with claim_output_folder(folder, "league training", {}):
+        for name in ("main", "exploiter"):
+            save_network(folder / "shared" / "live" / name)
+    message = (
+        f"{folder} is a run of `league train`, which has several agents: name one of those in "
+        f"{folder / 'shared' / 'live'} (exploiter, main), or all as one, {folder / 'mixture'}"
+    )
+    about = ["--game", GAME.name, "--scenario", "11x11"]
+    for words in (["match", str(folder), "random"], ["evaluate", str(folder)]):
+        assert_refused(capsys, message, *words, *about)
+    out = ["--out", str(tmp_path / "out")]
+    assert_refused(capsys, message, "league", "exploit", str(folder), *about, *out)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture
+def mixed(tmp_path):
+    """The folder of a run of best responses to mixtures."""
+    folder = tmp_path / "psro"
+    with claim_output_folder(folder, "policy-space response oracles", {}):
+        save_network(folder / "players" / "player_000", seed=1)
+        net = save_network(folder / "players" / "player_001", seed=2)
+        save_mixture(folder / "mixture", [net, str(folder / "players" / "player_000")], (1, 2))
+    return folder
+
+
+@pytest.fixture
+def response(tmp_path):
+    """The folder of best responses to one agent, of which the second is the best."""
+    folder = tmp_path / "response"
+    with claim_output_folder(folder, "exploit", {}):
+        for stage in (1, 2):
+            save_network(folder / "candidates" / f"seed_0_stage_00{stage}", seed=stage)
+        (folder / "exploit.json").write_text('{"chosen": "seed_0_stage_002"}', "utf-8")
+    return folder
+
+
+def test_best_responses_stand_for_their_mixture_or_for_the_best(tmp_path, capsys, mixed, response):
+    for run, inside in ((mixed, "mixture"), (response, "candidates/seed_0_stage_002")):
+        own, meant = load_agent(run), load_agent(run / inside)
+        assert find_fingerprint(own, GAME) == find_fingerprint(meant, GAME)
+        assert main(["match", str(run), "random", "games=2", "max_ticks=100"]) == 0
+    capsys.readouterr()
+    words = ["league", str(mixed), str(response), "random", "--games", "2", "--no-replays"]
+    assert main([*words, "--out", str(tmp_path / "ladder")]) == 0
+    told = capsys.readouterr().out
+    assert "psro" in told
+    assert "response" in told
+
+
+def test_no_mixture_is_written_over_a_run_that_stands_for_one(mixed):
+    with pytest.raises(FileExistsError, match="is there and is no mixture"):
+        save_mixture(mixed, ["deep_line_wars/rusher"], (1,))
+    assert read_mixture(mixed).weights == pytest.approx((1 / 3, 2 / 3))
+
+
+def test_best_responses_without_a_result_are_refused(mixed, response):
+    (response / "exploit.json").unlink()
+    with pytest.raises(CheckpointError, match="`league exploit` without a result .* let it end"):
+        load_agent(response)
+    shutil.rmtree(mixed / "mixture")
+    with pytest.raises(CheckpointError, match="psro/mixture is no agent checkpoint"):
+        load_agent(mixed)
 
 
 def test_a_mixture_keeps_of_a_run_its_newest_agent_alone(tmp_path):

@@ -279,6 +279,24 @@ def test_a_file_of_version_2_is_brought_up(path):
     LeagueStore(path, SETTINGS).close()
 
 
+def test_a_file_of_version_3_knows_functions_by_one_fingerprint(path):
+    """With a time limit they had another; a file that has played both ways keeps both."""
+    store = LeagueStore(path, SETTINGS)
+    prints = ("hosted one", "hosted two", "foreign two", "process three")
+    ids = [store.add_agent(dataclasses.replace(agent("any"), fingerprint=one)) for one in prints]
+    store.close()
+    database = sqlite3.connect(path)
+    with database:
+        database.execute("UPDATE meta SET value = '3' WHERE key = 'schema_version'")
+    database.close()
+    store = LeagueStore(path)
+    assert store.settings["schema_version"] == SCHEMA_VERSION
+    found = {number: one.fingerprint for number, one in store.read_agents().items()}
+    kept = ("foreign one", "hosted two", "foreign two", "process three")
+    assert found == dict(zip(ids, kept, strict=True))
+    store.close()
+
+
 def test_a_migration_that_fails_leaves_the_old_file(path):
     make_version_2(path)
     with pytest.raises(LeagueStoreError, match="give the command that played it .* once more"):

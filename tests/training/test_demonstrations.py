@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from marl_cair.league.mixtures import save_mixture
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.transition import NO_ACTION, TransitionSpec
 from marl_cair.training.config import DemonstrationSettings, TrainConfig
@@ -17,7 +18,7 @@ from marl_cair.training.rollout import make_rollout
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
 from tests.games import last_standing
-from tests.games.last_standing import NOOP
+from tests.games.last_standing import NOOP, SCORE
 from tests.replay.streams import make_transitions
 from tests.training.runs import digest, small, tiny
 from tests.training.test_seats import by_game, collect, count_by_hand, was_out
@@ -86,9 +87,43 @@ def test_bots_that_advise_tell_what_to_do_where_the_learner_plays(
 def test_several_bots_take_turns(tmp_path):
     run = make_run(tmp_path, "duel", {"idle": 1.0}, shown_by("random", "scorer", share=1.0))
     data = collect(run, 12)
-    asked = {bot.name: len(bot.rows) for bot in run.demonstrators.bots}
+    asked = {bot.name: len(bot.rows) for bot in run.demonstrators.agents}
     assert min(asked["random"], asked["scorer"]) > 100
     assert torch.equal(shown_in(data), data["player", "learned"])
+
+
+def make_scorer(scenario, spec):
+    """For `demonstration.agents`: an agent from outside of the package."""
+    return last_standing.Bot("named by the settings instead", SCORE)
+
+
+def make_drawer(scenario, spec):
+    """Draws at random, so that its generator has to be saved and restored."""
+    return last_standing.Bot("drawer")
+
+
+def save_network(folder):
+    run = TrainingRun(small(folder, "duel", {"random": 1.0}))
+    run.save_agent()
+    run.close()
+    return str(folder / "latest")
+
+
+def test_bots_functions_and_checkpoints_take_turns_and_say_what_they_would_do(tmp_path):
+    agents = {"scorer": f"{__name__}:make_scorer", "saved": save_network(tmp_path / "saved")}
+    demonstration = shown_by("idle", agents=agents, share=1.0, advise=True)
+    run = make_run(tmp_path, "duel", {"random": 1.0}, demonstration)
+    assert [agent.name for agent in run.demonstrators.agents] == ["idle", "scorer", "saved"]
+    saved, seen = run.demonstrators.agents[2], set()
+    for game in by_game(collect(run, 12)):
+        told, learned = game["player", "expert_action"], game["player", "learned"]
+        mask = game["player", "action_mask"][learned].numpy()
+        answers = saved.act(game["player", "observation"][learned].numpy(), mask)
+        expected = {"idle": np.full(len(mask), NOOP), "scorer": np.where(mask[:, SCORE], SCORE, 0)}
+        expected["saved"] = answers
+        seen |= {name for name, said in expected.items() if (told[learned].numpy() == said).all()}
+        assert any((told[learned].numpy() == said).all() for said in expected.values())
+    assert {"idle", "scorer"} <= seen
 
 
 @pytest.mark.parametrize("advise", [False, True])
@@ -258,7 +293,7 @@ def test_without_demonstrators_flagged_rows_change_nothing():
         learner = make_learner()
         learner.demonstration = DemonstrationSettings()
         losses.append(float(learner.update(batch)["loss/all"]))
-        assert learner.demonstration.bots == ()
+        assert not learner.demonstration.is_given
     assert losses[0] == losses[1]
 
 
@@ -269,8 +304,14 @@ def test_without_demonstrators_flagged_rows_change_nothing():
 def test_a_resumed_run_with_demonstrations_equals_one_that_was_never_stopped(
     tmp_path, scenario, turn
 ):
+    agents = {"drawer": f"{__name__}:make_drawer"} if turn else {}
     demonstration = shown_by(
-        "random", "scorer", share=0.5, turn_decisions=turn, advise=scenario == "teams"
+        "random",
+        "scorer",
+        agents=agents,
+        share=0.5,
+        turn_decisions=turn,
+        advise=scenario == "teams",
     )
     whole = small(tmp_path / "whole", scenario, demonstration=demonstration)
     train(whole, show_progress=False)
@@ -311,3 +352,11 @@ def test_bots_that_look_at_other_planes_than_the_learner_can_show(tmp_path):
 def test_settings_that_cannot_be_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         TrainConfig(demonstration=DemonstrationSettings(**changes))
+
+
+def test_a_mixture_that_is_to_show_is_refused_before_any_work(tmp_path):
+    member = save_network(tmp_path / "saved")
+    save_mixture(tmp_path / "mixed", [member, "last_standing/idle"], [0.5, 0.5])
+    demonstration = DemonstrationSettings(agents={"mixed": str(tmp_path / "mixed")})
+    with pytest.raises(ValueError, match="demonstration.agents.mixed is .*no mixture"):
+        make_run(tmp_path, "duel", {"random": 1.0}, demonstration)

@@ -107,8 +107,8 @@ def place_players(world: Any, rules: Any, num_open: int) -> None:
 
     Several seats start at least a quarter of the board's rows and columns from the goal, if there
     are such cells. Where no distance has enough cells for all, the seats of a race share one. In a
-    chase the hunted share a cell as far from the goal as the hunter's and not beside it; or where
-    there are none, they start half way and the hunter on the furthest cell. Unless `starts_apart`,
+    chase hunted share a cell as far from the goal as the hunter's and not beside it; or where there
+    are none, they start half way and the hunter on the furthest cell. Unless `starts_apart`,
     they stand beside the goal and the hunter on the furthest cell.
     """
     place = 1 + draw_below(world.random, PLACE_WORD, num_open - 1)

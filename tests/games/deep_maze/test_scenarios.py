@@ -190,8 +190,9 @@ def test_what_is_paid_is_told(scenario, pays):
     assert engine.spec.pays == pays
     engine.reset(0)
     engine.step(np.full((1, engine.num_players), 4))
-    others = 0.0 if "chase" in scenario else -0.01
-    assert engine.rewards[0].tolist() == pytest.approx([-0.01, *[others] * engine.num_players][:-1])
+    own, *others = engine.rewards[0].tolist()
+    assert own == pytest.approx(-0.01)
+    assert others == pytest.approx([0.0 if "chase" in scenario else -0.01] * len(others))
 
 
 def test_the_first_reward_rates_play():

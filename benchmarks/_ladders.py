@@ -1,0 +1,211 @@
+"""Ladders of agents that were trained for hours, and best responses to them: played by
+`marl-cair league`, read, drawn and told as rows.
+
+One learner is `main_0`, and its past selves are called as leagues call them, by the decisions that
+they had learned from.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+import re
+import sys
+from collections.abc import Mapping
+from math import isnan, nan
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from scipy.stats import spearmanr
+
+from marl_cair.cli import main as marl_cair
+from marl_cair.files import atomic_path, write_atomically
+from marl_cair.training.curves import COLOURS
+from marl_cair.training.exploit import RESULT_FILE
+
+MAIN, ALONE, LADDER, EXPLOIT = "main_0", "alone", "ladder", "exploit"
+_PAST = re.compile(rf"{MAIN}-\d+-(\d+)$")  # the name of a frozen player ends in its decisions
+COLUMNS = ("what", "against", "value", "low", "high", "games")
+_VALUES = ("score", "low", "high", "games")  # as files of leagues call the last four
+
+Row = tuple[object, ...]  # of COLUMNS
+
+
+class Rated(NamedTuple):
+    """A row of the ladder."""
+
+    elo: float
+    low: float
+    high: float
+
+
+def run(words: list[str]) -> None:
+    """One command of marl-cair; exits where that fails or is interrupted."""
+    if code := marl_cair(words):
+        sys.exit(code)
+
+
+def exploit(agent: Path, options: argparse.Namespace, out: Path) -> None:
+    """A best response to `agent`, rated by twice as many games as a pair plays."""
+    words = ["--budget", options.budget, "--seeds", "1", "--games", str(2 * options.games)]
+    run(["league", "exploit", str(agent), *words, "--out", str(out), *options.words])
+
+
+def name_past(decisions: int) -> str:
+    """The name of the learner's past self of so many decisions."""
+    return f"{MAIN}-0-{decisions}"
+
+
+def read_decisions(name: str) -> int | None:
+    """Of a past self of the learner, by its name; None of all others."""
+    found = _PAST.fullmatch(name)
+    return int(found[1]) if found else None
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """The rows of a CSV file."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def read_ladder(ladder: Path) -> dict[str, Rated]:
+    """Ratings by name."""
+    return {
+        row["agent"]: Rated(*(float(row[name]) for name in Rated._fields))
+        for row in read_table(ladder / "ladder.csv")
+    }
+
+
+def read_scores(ladder: Path, agent: str) -> dict[str, dict[str, str]]:
+    """What `agent` scores against today's others, by their names."""
+    return {
+        row["opponent"]: row
+        for row in read_table(ladder / "winrates.csv")
+        if row["agent"] == agent and read_decisions(row["opponent"]) is None
+    }
+
+
+def read_response(folder: Path) -> dict[str, Any]:
+    """Score, interval and games of the best response that was chosen."""
+    told = json.loads((folder / RESULT_FILE).read_text("utf-8"))
+    chosen: dict[str, Any] = next(r for r in told["responses"] if r["name"] == told["chosen"])
+    return chosen
+
+
+def find_progress(rated: Mapping[str, Rated], decisions: int) -> list[tuple[int, Rated]]:
+    """Ratings of the learner, which has so many, and its past selves by decisions, ascending."""
+    past = {at: one for name, one in rated.items() if (at := read_decisions(name)) is not None}
+    return sorted({**past, decisions: rated[MAIN]}.items())
+
+
+def find_others(rated: Mapping[str, Rated]) -> dict[str, Rated]:
+    """Ratings of all but the learner and its past selves."""
+    return {
+        name: rating
+        for name, rating in rated.items()
+        if name != MAIN and read_decisions(name) is None
+    }
+
+
+def draw(
+    progress: list[tuple[int, Rated]],
+    others: Mapping[str, Rated],
+    scores: Mapping[str, Mapping[str, str]],
+    titles: tuple[str, str],
+    path: Path,
+) -> None:
+    """Ratings of some over decisions beside `others`, and what one of them scores."""
+    figure = Figure(figsize=(9.0, 3.9), layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, width_ratios=(1.45, 1.0))
+    thousands = [frames / 1_000 for frames, _ in progress]
+    elo = [r.elo for _, r in progress]
+    errors = [[r.elo - r.low for _, r in progress], [r.high - r.elo for _, r in progress]]
+    left.errorbar(thousands, elo, errors, color=COLOURS[0], marker="o", capsize=2, markersize=4)
+    for name, r in others.items():
+        left.axhline(r.elo, color="0.6", linewidth=0.8, linestyle="--", zorder=0)
+        left.annotate(
+            _tell(name),
+            (1.0, r.elo),
+            xycoords=("axes fraction", "data"),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=7,
+            color="0.3",
+        )
+    left.set(xlabel="decisions (thousands)", ylabel="Elo (random = 0), 95 %", xlim=(0, None))
+    left.set_title(titles[0], fontsize=9)
+    names = sorted(scores, key=lambda name: float(scores[name]["score"]))
+    values = [100 * float(scores[name]["score"]) for name in names]
+    ends = [
+        [100 * abs(float(scores[name][end]) - float(scores[name]["score"])) for name in names]
+        for end in ("low", "high")
+    ]
+    labels = [_tell(name) for name in names]
+    right.barh(labels, values, xerr=ends, color=COLOURS[5], error_kw={"capsize": 2, "lw": 0.9})
+    right.axvline(50, color="black", linewidth=0.7)
+    right.set(xlim=(0, 100), xlabel="score, %, 95 %")
+    right.set_title(f"{titles[1]} against", fontsize=9)
+    for panel in (left, right):
+        panel.spines[["top", "right"]].set_visible(False)
+        panel.grid(alpha=0.25)
+        panel.set_axisbelow(True)
+        panel.tick_params(labelsize=7.5)
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.label.set_size(8)
+    with atomic_path(path) as unfinished:
+        figure.savefig(unfinished, dpi=150)
+
+
+def tell_scores(told: str, ladder: Path, agent: str) -> list[Row]:
+    """A row for each of today's others, against whom `agent` scores; `told`: what it is."""
+    scores = read_scores(ladder, agent).items()
+    return [(f"{told} scores", name, *(row[key] for key in _VALUES)) for name, row in scores]
+
+
+def tell_least(ladder: Path, agent: str) -> Row:
+    """A row of the one against whom `agent` scores least."""
+    row = min(read_scores(ladder, agent).values(), key=lambda one: float(one["score"]))
+    return f"{agent} scores least", row["opponent"], *(row[key] for key in _VALUES)
+
+
+def tell_response(folder: Path, budget: str, against: str) -> Row:
+    """A row of the best response in `folder`, of a budget of training."""
+    found = read_response(folder)
+    return f"best response of {budget} scores", against, *map(found.get, _VALUES)
+
+
+def tell_progress(progress: list[tuple[int, Rated]]) -> Row:
+    """A row of Spearman's rank correlation: nan where no two ratings differ."""
+    decisions, elo = [at for at, _ in progress], [rated.elo for _, rated in progress]
+    rank = float(spearmanr(decisions, elo).statistic) if len(set(elo)) > 1 else nan
+    return "rank correlation of rating with decisions", "", rank, "", "", len(progress)
+
+
+def write_rows(rows: list[Row], out: Path) -> None:
+    """COLUMNS of all rows as <out>/results.csv."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
+    write_atomically(out / "results.csv", text.getvalue())
+
+
+def print_rows(rows: list[Row]) -> None:
+    """The same as Markdown."""
+    print("| what | against | result | games |\n|---|---|---|---|")
+    for what, against, value, low, high, number in rows:
+        if low == "":
+            told = "not defined: no two ratings differ" if isnan(value) else f"{value:.2f}"
+            print(f"| {what} | | {told} | {number} agents |")
+        else:
+            shares = (f"{100 * float(str(one)):.1f}" for one in (value, low, high))
+            result = "{} % [{}, {}]".format(*shares)
+            print(f"| {what} | `{against}` | {result} | {number} |")
+
+
+def _tell(name: str) -> str:
+    return "only met random" if name == ALONE else name

@@ -1,0 +1,58 @@
+"""`marl-cair benchmark` finds the scripts, and runs alone those that need no further words."""
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from marl_cair.cli import benchmark, main
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+NAMES = {path.stem for path in FOLDER.glob("[!_]*.py")}
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """The words of each script that would be run; all succeed."""
+    words = []
+
+    def call(command, **_):
+        words.append(command[2:])
+        return SimpleNamespace(returncode=0)
+
+    monkeypatch.setattr(benchmark.subprocess, "run", call)
+    return words
+
+
+def needs_words(name):
+    """Whether its usage begins with what must be named, as in `python -m benchmarks.x RUN ...`."""
+    text = (FOLDER / f"{name}.py").read_text("utf-8")
+    return re.search(rf"python -m benchmarks\.{name} +[A-Z<]", text) is not None
+
+
+def test_without_a_name_all_run_but_those_of_hours_and_those_that_need_words(calls):
+    assert main(["benchmark"]) == 0
+    chosen = {words[0].removeprefix("benchmarks.") for words in calls}
+    assert chosen == NAMES - set(benchmark.HOURS)
+    assert not [name for name in chosen if needs_words(name)]
+    assert needs_words("self_play_learning")
+
+
+def test_those_of_hours_are_there_and_run_when_they_are_named(calls):
+    assert set(benchmark.HOURS) <= NAMES
+    assert main(["benchmark", "self_play_learning", "runs/a", "--games", "2"]) == 0
+    assert calls == [["benchmarks.self_play_learning", "runs/a", "--games", "2"]]
+
+
+def test_the_first_that_fails_ends_it(monkeypatch):
+    codes = iter([0, 3])
+    monkeypatch.setattr(
+        benchmark.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=next(codes))
+    )
+    assert main(["benchmark"]) == 3
+
+
+def test_an_unknown_one_names_the_nearest(capsys):
+    assert main(["benchmark", "engin"]) == 2
+    assert "nearest are 'engine'" in capsys.readouterr().err

@@ -1,0 +1,54 @@
+"""What small games of the tests have in common: one kind for each action, no board, no pictures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from marl_cair.games.game import NO_CELL, GameSpec, Representation
+
+
+def make_plain_spec(
+    action_names: tuple[str, ...], *shown: Representation, **fields: Any
+) -> GameSpec:
+    """A spec of a duel whose first action is the no-op; `fields` take the place of its others."""
+    num_actions = len(action_names)
+    plain = {
+        "num_players": 2,
+        "action_groups": np.arange(num_actions, dtype=np.int16),
+        "action_group_names": action_names,
+        "action_cells": np.full(num_actions, NO_CELL, np.int32),
+        "noop_action": 0,
+        "static_planes": (),
+        "exclusive_planes": (),
+        "event_planes": (),
+        "resources": (),
+        "ticks_per_step": 1,
+        "reward_bound": 1.0,
+        "pays": "+1 win, -1 loss",
+    }
+    representations = {one.name: one for one in shown}
+    return GameSpec(
+        **{**plain, "action_names": action_names, "representations": representations, **fields}
+    )
+
+
+def draw_nothing(worlds, rules, world, player):
+    """A black picture."""
+    return np.zeros((4, 4, 3), np.uint8)
+
+
+class Stateless:
+    """What an agent must have beside `act`, where nothing is to be seeded or kept."""
+
+    representation = "vector"
+
+    def seed(self, seed):
+        """There is nothing to seed."""
+
+    def state_dict(self):
+        return {}
+
+    def load_state_dict(self, state):
+        """There is nothing to load."""

@@ -18,8 +18,10 @@ from math import isnan, nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from scipy.optimize import isotonic_regression
 from scipy.stats import spearmanr
 
 from marl_cair.cli import main as marl_cair
@@ -29,6 +31,7 @@ from marl_cair.training.exploit import RESULT_FILE
 
 MAIN, ALONE, LADDER, EXPLOIT = "main_0", "alone", "ladder", "exploit"
 _PAST = re.compile(rf"{MAIN}-\d+-(\d+)$")  # the name of a frozen player ends in its decisions
+LABEL_HEIGHT = 0.033  # of a line of text beside the ladder, in heights of the panel
 COLUMNS = ("what", "against", "value", "low", "high", "games")
 _VALUES = ("score", "low", "high", "games")  # as files of leagues call the last four
 
@@ -111,6 +114,17 @@ def find_others(rated: Mapping[str, Rated]) -> dict[str, Rated]:
     }
 
 
+def _space_out(heights: list[float], least: float) -> list[float]:
+    """The same heights, in their order, moved as little as it takes to stand `least` apart."""
+    if not heights:
+        return []
+    order = np.argsort(heights, kind="stable")
+    steps = least * np.arange(len(heights))
+    spaced = np.empty(len(heights))
+    spaced[order] = isotonic_regression(np.array(heights)[order] - steps).x + steps
+    return list(spaced.tolist())
+
+
 def draw(
     progress: list[tuple[int, Rated]],
     others: Mapping[str, Rated],
@@ -126,11 +140,14 @@ def draw(
     elo = [r.elo for _, r in progress]
     errors = [[r.elo - r.low for _, r in progress], [r.high - r.elo for _, r in progress]]
     left.errorbar(thousands, elo, errors, color=COLOURS[0], marker="o", capsize=2, markersize=4)
-    for name, r in others.items():
+    for r in others.values():
         left.axhline(r.elo, color="0.6", linewidth=0.8, linestyle="--", zorder=0)
+    low, high = left.get_ylim()
+    heights = _space_out([r.elo for r in others.values()], LABEL_HEIGHT * (high - low))
+    for name, height in zip(others, heights, strict=True):
         left.annotate(
             _tell(name),
-            (1.0, r.elo),
+            (1.0, height),
             xycoords=("axes fraction", "data"),
             xytext=(3, 0),
             textcoords="offset points",

@@ -14,9 +14,9 @@ GAMES_EACH = 24
 # The least score against one bot, and the least mean over all: what each has in many games, less
 # three standard errors of these.
 LEAST = {
-    "deep_line_wars_10x15": (0.8, 0.92),  # 96 %, 98 %
-    "deep_line_wars_10x15_mixture": (0.3, 0.8),  # 61 %, 90 %
-    "deep_rts_1v1_15x15": (0.22, 0.57),  # 52 %, 67 %
+    "deep_line_wars_10x15": (0.79, 0.92),  # 94 %, 98 %
+    "deep_line_wars_10x15_mixture": (0.33, 0.8),  # 64 %, 90 %
+    "deep_rts_1v1_15x15": (0.42, 0.77),  # 70 %, 86 %
 }
 
 

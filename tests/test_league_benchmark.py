@@ -2,8 +2,10 @@
 
 import csv
 
+import pytest
 import yaml
 
+from benchmarks._ladders import _space_out
 from marl_cair.cli import main
 from marl_cair.training.league_examples import EXAMPLES, PSRO_EXAMPLES
 from tests.benchmark_runs import read_table
@@ -81,3 +83,9 @@ def test_the_table_of_runs_tells_the_last_agent_its_past_and_who_beats_it(tmp_pa
     kept = {path.name for path in (tmp_path / "agents").iterdir()}
     assert kept == {"main_0", "main_0-0-768", "main_0-0-256", "alone"}
     assert rows[-1]["games"] == "3"
+
+
+def test_labels_of_equal_ratings_stand_one_above_the_other():
+    spaced = _space_out([1550.0, 0.0, 1545.0, 1700.0, 1555.0], 50.0)
+    assert spaced == pytest.approx([1550.0, 0.0, 1500.0, 1700.0, 1600.0])
+    assert _space_out([], 1.0) == []

@@ -67,8 +67,8 @@ def _rate_against(
         raise ValueError(
             f"--against is empty: name one or more opponents on {game.name}, for example random"
         )
-    # Every map seed is played once in each seat: of more than two seats few divide a round number.
     spec = game.make_spec(scenario)
+    # Every map seed is played once in each seat: of more than two seats few divide a round number.
     num_games = options.games if num_teams == 2 else round_games(options.games, spec)
     load = choose_load(options)
     agent = load(options.agent, game.name, scenario)

@@ -12,6 +12,7 @@ from typing import Any
 
 from marl_cair.checkpoint import (
     LATEST_FOLDER,
+    LIVE_FOLDER,
     SNAPSHOT_FOLDER,
     AgentDescription,
     CheckpointError,
@@ -27,11 +28,13 @@ from marl_cair.games.scenario_checks import restore_fields
 from marl_cair.league.foreign import ForeignAgent, load_foreign
 from marl_cair.league.mixtures import is_mixture, read_mixture
 from marl_cair.league.process import is_process, load_hosted, load_process
+from marl_cair.league.shared import PLAYERS
 from marl_cair.league.store import AgentRecord
 from marl_cair.lookup import find_by_name
 from marl_cair.policies.actor import PLAYS, SAMPLED, PolicyActor
 
-SHELVES = (SNAPSHOT_FOLDER, "players", "live")  # folders of a run, or league, that hold checkpoints
+# Folders of a run, or a league, that hold checkpoints.
+SHELVES = (SNAPSHOT_FOLDER, PLAYERS, LIVE_FOLDER)
 
 
 def load_agent(
@@ -161,7 +164,7 @@ def describe_training(folder: Path) -> dict[str, Any]:
         return {}
     place = find_agent(folder.absolute())
     run, name = place.parent, about.name.partition("@")[0]  # snapshots are called run@frames
-    if run.name == "players":  # of a league: learner-generation-frames
+    if run.name == PLAYERS:  # of a league: learner-generation-frames
         name = place.name.rpartition("-")[0]
     if run.name in SHELVES:
         run = run.parent

@@ -8,12 +8,14 @@ a minute and a half instead of half a minute for a tick of Deep RTS.) Called by 
 
 Numba's disk cache looks only at the file of the compiled function itself, so a helper changed in
 another file would be served stale, and it leaves the bounds-check setting out of its key. The cache
-folder is therefore named by a digest of the sources that a game can use (its own, and those
-directly under games/: no game imports another), numba's version and that setting.
+folder is therefore named by a digest of the sources that rules can use (the game's own, and those
+directly under games/ that define or serve rules: no game imports another), numba's version and that
+setting. The folder does not depend on where the package is installed: two environments share it.
 """
 
 import hashlib
 import os
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, cached_property
@@ -23,6 +25,7 @@ from typing import Any, TypeVar, cast
 import numba
 from filelock import FileLock
 from numba.core import sigutils
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
@@ -36,6 +39,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 _LONGEST_WAIT = 600.0  # seconds that a process waits for what another one compiles
 _GAMES = Path(__file__).parent
+_IMPORT = re.compile(r"^from marl_cair\.games\.(\w+) import", re.MULTILINE)
 _CONFIG: Any = numba.config  # fills in its settings when imported, unseen by type checkers
 
 
@@ -53,8 +57,8 @@ def source_digest(own: Path | None = None, folder: Path = _GAMES) -> str:
     """
     setting = f"numba {numba.__version__} boundscheck {_CONFIG.BOUNDSCHECK}"
     digest = hashlib.sha256(setting.encode())
-    for path in sorted(folder.glob("*.py")):
-        digest.update(str(path.relative_to(folder)).encode())
+    for path in _shared_sources(folder):
+        digest.update(path.name.encode())
         digest.update(path.read_bytes())
     if own is not None:
         for path in sorted(own.rglob("*.py")) if own.is_dir() else [own]:
@@ -63,9 +67,25 @@ def source_digest(own: Path | None = None, folder: Path = _GAMES) -> str:
     return digest.hexdigest()[:16]
 
 
+def _shared_sources(folder: Path) -> list[Path]:
+    """The sources in `folder` that can change machine code: this module, those that hold rules, and
+    all that these import from beside them. Environments and the engine are none.
+    """
+    texts = {path: path.read_text("utf-8") for path in folder.glob("*.py")}
+    imports = {
+        path: {folder / f"{name}.py" for name in _IMPORT.findall(text)}
+        for path, text in texts.items()
+    }
+    reached = {path for path, text in texts.items() if "\n@compiled" in text}
+    reached |= {folder / "compiled.py", folder / "game.py"} & imports.keys()
+    while more := {used for path in reached for used in imports[path]} & imports.keys() - reached:
+        reached |= more
+    return sorted(reached)
+
+
 @cache
-def _cache_dir(own: Path | None) -> str:
-    return str(cache_root() / source_digest(own))
+def _cache_dir(own: Path | None) -> Path:
+    return cache_root() / source_digest(own)
 
 
 def _sources_of(function: Callable[..., Any]) -> Path | None:
@@ -155,24 +175,56 @@ class _Rule(CPUDispatcher):
     def entry(self) -> Any:
         """The dispatcher that Python calls, with code of its own on disk.
 
-        Of a rule that is in no file (of a notebook or a prompt) nothing is kept: who could tell
-        whether what it calls has changed?
+        A rule that is in no file (of a notebook or a prompt) is not kept: whether what it calls has
+        changed could not be seen.
         """
-        if not Path(self.py_func.__code__.co_filename).is_file():
-            return CPUDispatcher(self.py_func, targetoptions=self._entry_options)
-        users_folder = _CONFIG.CACHE_DIR
-        # Numba reads the folder when it decorates. The user's own setting is put back at once.
-        _CONFIG.CACHE_DIR = _cache_dir(_sources_of(self.py_func))
         try:
-            entry: Any = _Entry(self.py_func, targetoptions=self._entry_options)
-            entry.enable_caching()
-        finally:
-            _CONFIG.CACHE_DIR = users_folder
+            kept = _KeptCode(self.py_func)  # type: ignore[no-untyped-call]
+        except RuntimeError:  # no file, or no folder that can be written to
+            return CPUDispatcher(self.py_func, targetoptions=self._entry_options)
+        entry: Any = _Entry(self.py_func, targetoptions=self._entry_options)
+        entry._cache = kept
         return entry
 
     def add_overload(self, cres: Any) -> None:
         """Keep a part for the rules that call it, and tell Python's side nothing of it."""
         self.overloads[tuple(cres.signature.args)] = cres
+
+
+class _Place(_CacheLocator):
+    """Where a rule's machine code is kept: by the digest of its sources and by its name."""
+
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        self._line = py_func.__code__.co_firstlineno
+        self._folder = _cache_dir(_sources_of(py_func)) / py_func.__module__
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        return ""  # the digest in the path says it
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> "_Place | None":
+        if not Path(py_file).is_file():
+            return None
+        place = cls(py_func)
+        try:
+            place.ensure_cache_path()  # type: ignore[no-untyped-call]
+        except OSError:
+            return None
+        return place
+
+
+class _KeptCodeFiles(CompileResultCacheImpl):
+    _locator_classes: Any = (_Place,)
+
+
+class _KeptCode(FunctionCache):
+    _impl_class = _KeptCodeFiles
 
 
 class _Entry(CPUDispatcher):

@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 import time
@@ -12,6 +13,7 @@ import numba
 import numpy as np
 import pytest
 
+import marl_cair
 from marl_cair.games import compiled as compiled_module
 from marl_cair.games import deep_line_wars
 from marl_cair.games.compiled import (
@@ -33,7 +35,13 @@ def sources(tmp_path) -> Path:
     for game in ("game", "other"):
         (tmp_path / game).mkdir()
         (tmp_path / game / "rules.py").write_text("b = 2\n")
-    (tmp_path / "engine.py").write_text("a = 1\n")
+    (tmp_path / "compiled.py").write_text("a = 0\n")
+    (tmp_path / "tables.py").write_text("a = 1\n")
+    (tmp_path / "dice.py").write_text(
+        "from marl_cair.games.compiled import compiled\nfrom marl_cair.games.tables import a\n"
+        "@compiled\ndef roll(): return a\n"
+    )
+    (tmp_path / "engine.py").write_text("from marl_cair.games.dice import a\n")
     return tmp_path
 
 
@@ -49,13 +57,14 @@ def test_the_digest_changes_with_any_source_of_the_game_and_with_its_name(source
     digests.add(source_digest(sources / "game", sources))
     (sources / "game" / "more.py").write_text("")
     digests.add(source_digest(sources / "game", sources))
-    (sources / "engine.py").write_text("a = 2\n")
+    (sources / "tables.py").write_text("a = 2\n")
     digests.add(source_digest(sources / "game", sources))
     assert len(digests) == 5
 
 
-def test_the_digest_ignores_other_games_and_files_that_are_not_python(sources):
+def test_the_digest_ignores_other_games_environments_and_files_that_are_not_python(sources):
     before = source_digest(sources / "game", sources), source_digest(None, sources)
+    (sources / "engine.py").write_text("a = 2\n")
     (sources / "game" / "README.md").write_text("words")
     (sources / "other" / "rules.py").write_text("b = 3\n")
     assert (source_digest(sources / "game", sources), source_digest(None, sources)) == before
@@ -107,22 +116,41 @@ def test_the_cache_lies_where_the_user_says(monkeypatch):
     assert cache_root() == Path.home() / ".cache" / "marl_cair"
 
 
-def test_the_users_own_cache_folder_is_left_alone(monkeypatch):
-    monkeypatch.setattr(numba.config, "CACHE_DIR", "/users/choice")
+@pytest.mark.skipif(not is_compiling(), reason="NUMBA_DISABLE_JIT=1")
+def test_where_the_cache_folder_cannot_be_made_rules_are_compiled_all_the_same(
+    monkeypatch, tmp_path
+):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("MARL_CAIR_CACHE", str(tmp_path / "file"))
+    compiled_module._cache_dir.cache_clear()
+    try:
+        assert compiled(read_entry)(np.array([3, 4]), 1) == 4
+    finally:
+        compiled_module._cache_dir.cache_clear()
 
-    def double(number):
-        return 2 * number
 
-    assert compiled(double)(4) == 8
-    assert numba.config.CACHE_DIR == "/users/choice"
+SHARE_CODE = """
+from marl_cair.games.randomness import mix
+import numpy
+mix(numpy.uint64(3))
+print(mix.__module__, len(mix.entry.stats.cache_hits))
+"""
 
 
-def test_the_users_cache_folder_is_restored_after_a_failure(monkeypatch):
-    monkeypatch.setattr(numba.config, "CACHE_DIR", "/users/choice")
-    monkeypatch.setattr(compiled_module, "_Entry", None)
-    with pytest.raises(TypeError):
-        compiled(lambda number: number)(4)
-    assert numba.config.CACHE_DIR == "/users/choice"
+def test_two_installations_with_one_cache_compile_once(tmp_path):
+    for number in (0, 1):
+        shutil.copytree(
+            Path(marl_cair.__file__).parent,
+            tmp_path / str(number) / "marl_cair",
+            ignore=lambda _, names: [n for n in names if n in {"__pycache__", "league"}],
+        )
+    hits = [
+        run_python(
+            SHARE_CODE, tmp_path, PYTHONPATH=str(tmp_path / str(number)), NUMBA_DISABLE_JIT="0"
+        )[1]
+        for number in (0, 1)
+    ]
+    assert hits == ["0", "1"]
 
 
 IN_NO_FILE = """

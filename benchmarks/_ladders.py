@@ -99,19 +99,42 @@ def read_response(folder: Path) -> dict[str, Any]:
     return chosen
 
 
-def find_progress(rated: Mapping[str, Rated], decisions: int) -> list[tuple[int, Rated]]:
-    """Ratings of the learner, which has so many, and its past selves by decisions, ascending."""
+class Traced(NamedTuple):
+    """A ladder, parted into what was trained and the rest.
+
+    Attributes:
+        progress: ratings of what was trained, by decisions, ascending.
+        others: ratings of the rest.
+        scores: of one agent against today's others, as `read_scores`.
+    """
+
+    progress: list[tuple[int, Rated]]
+    others: Mapping[str, Rated]
+    scores: Mapping[str, Mapping[str, str]]
+
+
+def trace_learner(ladder: Path, decisions: int) -> Traced:
+    """MAIN, which has learned for so many decisions, and its past selves, beside all others."""
+    rated = read_ladder(ladder)
     past = {at: one for name, one in rated.items() if (at := read_decisions(name)) is not None}
-    return sorted({**past, decisions: rated[MAIN]}.items())
-
-
-def find_others(rated: Mapping[str, Rated]) -> dict[str, Rated]:
-    """Ratings of all but the learner and its past selves."""
-    return {
-        name: rating
-        for name, rating in rated.items()
-        if name != MAIN and read_decisions(name) is None
+    others = {
+        name: one for name, one in rated.items() if name != MAIN and read_decisions(name) is None
     }
+    progress = sorted({**past, decisions: rated[MAIN]}.items())
+    return Traced(progress, others, read_scores(ladder, MAIN))
+
+
+def show(
+    traced: Traced, rows: list[Row], titles: tuple[str, str], told: str, out: Path, picture: Path
+) -> None:
+    """Write and draw what was found, print `told`, and the rows as Markdown; the last row is how
+    ratings rise with decisions.
+    """
+    rows = [*rows, _tell_progress(traced.progress)]
+    _write_rows(rows, out)
+    _draw(traced, titles, picture)
+    print(f"{told}\n")
+    _print_rows(rows)
 
 
 def _space_out(heights: list[float], least: float) -> list[float]:
@@ -125,14 +148,9 @@ def _space_out(heights: list[float], least: float) -> list[float]:
     return list(spaced.tolist())
 
 
-def draw(
-    progress: list[tuple[int, Rated]],
-    others: Mapping[str, Rated],
-    scores: Mapping[str, Mapping[str, str]],
-    titles: tuple[str, str],
-    path: Path,
-) -> None:
-    """Ratings of some over decisions beside `others`, and what one of them scores."""
+def _draw(traced: Traced, titles: tuple[str, str], path: Path) -> None:
+    """Ratings over decisions beside the others', and what one agent scores."""
+    progress, others, scores = traced
     figure = Figure(figsize=(9.0, 3.9), layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, width_ratios=(1.45, 1.0))
@@ -197,21 +215,21 @@ def tell_response(folder: Path, budget: str, against: str) -> Row:
     return f"best response of {budget} scores", against, *map(found.get, _VALUES)
 
 
-def tell_progress(progress: list[tuple[int, Rated]]) -> Row:
+def _tell_progress(progress: list[tuple[int, Rated]]) -> Row:
     """A row of Spearman's rank correlation: nan where no two ratings differ."""
     decisions, elo = [at for at, _ in progress], [rated.elo for _, rated in progress]
     rank = float(spearmanr(decisions, elo).statistic) if len(set(elo)) > 1 else nan
     return "rank correlation of rating with decisions", "", rank, "", "", len(progress)
 
 
-def write_rows(rows: list[Row], out: Path) -> None:
+def _write_rows(rows: list[Row], out: Path) -> None:
     """COLUMNS of all rows as <out>/results.csv."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
     write_atomically(out / "results.csv", text.getvalue())
 
 
-def print_rows(rows: list[Row]) -> None:
+def _print_rows(rows: list[Row]) -> None:
     """The same as Markdown."""
     print("| what | against | result | games |\n|---|---|---|---|")
     for what, against, value, low, high, number in rows:

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from tqdm import trange
 
 import marl_cair
-from benchmarks._matches import MatchResult, play_match, win_interval
+from benchmarks._bot_tables import describe_pair
+from benchmarks._matches import MatchResult, play_match
 from marl_cair.games import GAMES
 from marl_cair.games.deep_rts.bot_doctrines import DOCTRINES, Doctrine
 from marl_cair.games.deep_rts.bots import make_bot
@@ -165,13 +166,10 @@ def main(argv: list[str] | None = None) -> None:
     print(f"{len(search.records)} doctrines; the best, of seed {options.seed}:")
     for name, number in best._asdict().items():
         print(f"    {name}={number},")
-    print(f"\n| against | won of {options.games}, 95 % | drawn |\n|---|---|---|")
+    print(f"\n| against | won-drawn-lost in % of {options.games}, 95 % of won |\n|---|---|")
     results = search.play(best, options.games, FRESH_SEED + options.seed)
     for name, result in zip(search.bots, results, strict=True):
-        low, high = win_interval(result.wins, result.games)
-        drawn = (result.draws + result.truncations) / result.games
-        won = f"{100 * result.wins / result.games:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
-        print(f"| `{name}` | {won} | {100 * drawn:.1f} % |")
+        print(f"| `{name}` | {describe_pair(result)} |")
 
 
 if __name__ == "__main__":

@@ -26,19 +26,13 @@ from benchmarks._ladders import (
     EXPLOIT,
     LADDER,
     MAIN,
-    draw,
     exploit,
-    find_others,
-    find_progress,
-    print_rows,
     read_decisions,
-    read_ladder,
-    read_scores,
     run,
-    tell_progress,
+    show,
     tell_response,
     tell_scores,
-    write_rows,
+    trace_learner,
 )
 from benchmarks.learning import train, trained_minutes
 from marl_cair.checkpoint import LATEST_FOLDER, LIVE_FOLDER, SHARED, read_description
@@ -120,24 +114,19 @@ def main() -> None:
     out = options.out or Path("runs") / f"self_play_{options.game}"
     league, alone = train_all(options, out)
     ladder = play(options, out, league, alone)
-    rated = read_ladder(ladder)
     decisions = read_description(league / SHARED / LIVE_FOLDER / MAIN).frames
-    progress = find_progress(rated, decisions)
     rows = [
         *tell_scores("main agent", ladder, MAIN),
         *tell_scores("mixture", ladder, MIXTURE),
         *(tell_response(out / EXPLOIT / name, options.budget, name) for name in (MAIN, MIXTURE)),
-        tell_progress(progress),
     ]
-    write_rows(rows, out)
     titles = "The main agent and its past selves", "The main agent"
-    picture = options.picture or out / "self_play.png"
-    draw(progress, find_others(rated), read_scores(ladder, MAIN), titles, picture)
     minutes = sum(
         trained_minutes(path.parent) for path in (league / MEMBERS).glob(f"*/*/{CONFIG_FILE}")
     )
-    print(f"{minutes:.0f} minutes of the league, {decisions:,} decisions of the main agent\n")
-    print_rows(rows)
+    told = f"{minutes:.0f} minutes of the league, {decisions:,} decisions of the main agent"
+    picture = options.picture or out / "self_play.png"
+    show(trace_learner(ladder, decisions), rows, titles, told, out, picture)
 
 
 if __name__ == "__main__":

@@ -21,19 +21,15 @@ from pathlib import Path
 from benchmarks._ladders import (
     EXPLOIT,
     LADDER,
-    Rated,
-    Row,
-    draw,
+    Traced,
     exploit,
-    print_rows,
     read_ladder,
     read_scores,
     run,
+    show,
     tell_least,
-    tell_progress,
     tell_response,
     tell_scores,
-    write_rows,
 )
 from benchmarks.learning import trained_minutes
 from marl_cair.checkpoint import read_description
@@ -61,16 +57,13 @@ def play(options: argparse.Namespace, settings: PsroSettings, out: Path) -> list
     return [Path(one.source) for one in entrants if one.name.startswith("player_")]
 
 
-def tabulate(
-    out: Path, players: list[Path], progress: list[tuple[int, Rated]], budget: str
-) -> list[Row]:
-    """What the mixture scores, what each response scores at worst, and the best response."""
-    return [
-        *tell_scores("mixture", out / LADDER, MIXTURE),
-        *(tell_least(out / LADDER, player.name) for player in players),
-        tell_response(out / EXPLOIT, budget, MIXTURE),
-        tell_progress(progress),
-    ]
+def trace(ladder: Path, players: list[Path]) -> Traced:
+    """The responses by the decisions of all so far, and what their mixture scores."""
+    others, decisions, progress = read_ladder(ladder), 0, []
+    for player in players:
+        decisions += read_description(player).frames
+        progress.append((decisions, others.pop(player.name)))
+    return Traced(progress, others, read_scores(ladder, MIXTURE))
 
 
 def main() -> None:
@@ -92,22 +85,19 @@ def main() -> None:
     if options.begin is not None:
         settings = dataclasses.replace(settings, begin_with=tuple(options.begin))
     players = play(options, settings, out)
-    rated = read_ladder(out / LADDER)
-    decisions, progress = 0, []
-    for player in players:
-        decisions += read_description(player).frames
-        progress.append((decisions, rated[player.name]))
-    rows = tabulate(out, players, progress, options.budget)
-    write_rows(rows, out)
-    names = {player.name for player in players}
-    others = {name: one for name, one in rated.items() if name not in names}
+    ladder = out / LADDER
+    traced = trace(ladder, players)
+    rows = [
+        *tell_scores("mixture", ladder, MIXTURE),
+        *(tell_least(ladder, player.name) for player in players),
+        tell_response(out / EXPLOIT, options.budget, MIXTURE),
+    ]
     titles = "Best responses, one after the other", "Their mixture"
-    scores = read_scores(out / LADDER, MIXTURE)
-    draw(progress, others, scores, titles, options.picture or out / "psro.png")
     runs = (out / FOLDER / ROUNDS).glob(f"*/run/{CONFIG_FILE}")
     minutes = sum(trained_minutes(path.parent) for path in runs)
-    print(f"{minutes:.0f} minutes of training, {decisions:,} decisions\n")
-    print_rows(rows)
+    decisions = max((at for at, _ in traced.progress), default=0)
+    told = f"{minutes:.0f} minutes of training, {decisions:,} decisions"
+    show(traced, rows, titles, told, out, options.picture or out / "psro.png")
 
 
 if __name__ == "__main__":

@@ -26,20 +26,14 @@ from benchmarks._ladders import (
     EXPLOIT,
     LADDER,
     MAIN,
-    draw,
     exploit,
-    find_others,
-    find_progress,
     name_past,
-    print_rows,
     read_decisions,
-    read_ladder,
-    read_scores,
     run,
-    tell_progress,
+    show,
     tell_response,
     tell_scores,
-    write_rows,
+    trace_learner,
 )
 from marl_cair.checkpoint import SNAPSHOT_FOLDER, find_agent, read_description
 from marl_cair.files import copy_folder
@@ -127,18 +121,12 @@ def main() -> None:
         parser.error("name one run or more")
     decisions = gather(options, options.out / AGENTS)
     ladder = play(options, options.out)
-    rated, scores = read_ladder(ladder), read_scores(ladder, MAIN)
-    progress = find_progress(rated, decisions)
     rows = tell_scores("last agent", ladder, MAIN)
     if options.budget != NO_BUDGET:
         rows.append(tell_response(options.out / EXPLOIT, options.budget, "last agent"))
-    rows.append(tell_progress(progress))
-    write_rows(rows, options.out)
     titles = "One learner and its past selves", "The last agent"
-    picture = options.picture or options.out / "self_play.png"
-    draw(progress, find_others(rated), scores, titles, picture)
-    print(f"{decisions:,} decisions\n")
-    print_rows(rows)
+    picture, told = options.picture or options.out / "self_play.png", f"{decisions:,} decisions"
+    show(trace_learner(ladder, decisions), rows, titles, told, options.out, picture)
 
 
 if __name__ == "__main__":

@@ -162,8 +162,9 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
         CheckpointError: as `read_description`; or weights that are missing, cut short, hold
             anything but tensors, or do not fit the network.
     """
-    about = read_description(folder)
-    path = find_folder(find_agent(folder)) / WEIGHTS_FILE
+    place = find_agent(folder)
+    about = read_description(place)
+    path = find_folder(place) / WEIGHTS_FILE
     try:
         config = QNetworkConfig.from_dict(about.network)
         network = make_q_network(config, about.observation_shape, len(about.action_names), seed=0)

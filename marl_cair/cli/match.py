@@ -40,8 +40,8 @@ def run(arguments: Sequence[str]) -> int:
     variants = read_variants(game, game.scenario(name, **fields), options.options)
     width = max(map(len, [name, *variants]))
     first, second = options.agents
+    load = choose_load(options)
     for number, (label, scenario) in enumerate(variants.items()):
-        load = choose_load(options)
         agents = load(first, game.name, scenario), load(second, game.name, scenario)
         has_rivals = game.make_spec(scenario).num_teams > 1
         if options.sprt:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -16,10 +17,17 @@ from marl_cair.games.engine_checks import (
     check_actions,
     check_count,
     check_mask,
+    check_out,
     check_seeds,
     check_start,
 )
 from marl_cair.games.game import NO_WINNER, Game, GameSpec, Representation
+from marl_cair.games.state_checks import (
+    StateLimits,
+    check_arrays,
+    check_outcome,
+    check_worlds,
+)
 from marl_cair.lookup import find_by_name
 
 
@@ -83,6 +91,11 @@ class BatchedEngine:
         made_of = self.game, self.scenario, self.num_worlds, self.num_threads
         return _copy_engine, (*made_of, self.snapshot() if self._has_started else None)
 
+    @cached_property
+    def _limits(self) -> StateLimits | None:
+        make = self.game.state_limits
+        return None if make is None else make(self.scenario)
+
     @property
     def rewards(self) -> NDArray[np.float32]:
         """View of the rewards of the last step, [B, P]; overwritten by the next."""
@@ -122,7 +135,7 @@ class BatchedEngine:
         Raises:
             ValueError: wrong shape or dtype, or the first reset leaves worlds out.
         """
-        seeds = np.ascontiguousarray(check_seeds(self.game.name, seeds, self.num_worlds))
+        seeds = check_seeds(self.game.name, seeds, self.num_worlds)
         mask = self.check_reset(mask)
         self._run(self.game.reset, self._worlds, self._rules, seeds, mask)
         rows = np.flatnonzero(mask)  # of few games that end at a time, cheaper than the mask
@@ -176,7 +189,7 @@ class BatchedEngine:
         shape = (len(seen[0]), self.num_players, *chosen.shape)
         if out is None:
             out = np.empty(shape, chosen.dtype)
-        self._check_out("observe", out, shape, chosen.dtype)
+        check_out(self.game.name, "observe", out, shape, chosen.dtype)
         if chosen.make_memory is None:
             self._run(chosen.observe, seen, self._rules, out, kind=representation)
         elif worlds is None:
@@ -221,7 +234,7 @@ class BatchedEngine:
         shape = (len(seen[0]), self.num_players, *self.spec.action_shape, self.num_actions)
         if out is None:
             out = np.empty(shape, np.bool_)
-        self._check_out("action_mask", out, shape, np.bool_)
+        check_out(self.game.name, "action_mask", out, shape, np.bool_)
         self._run(self.game.legal_actions, seen, self._rules, out)
         return out
 
@@ -253,7 +266,8 @@ class BatchedEngine:
 
         Raises:
             ValueError: the snapshot is of another scenario, or of another number of worlds, or
-                the engine begins with it and it is not for all worlds.
+                the engine begins with it and it is not for all worlds; or it holds what no game of
+                the scenario can hold (names field, world, value and range).
         """
         rows = self._check_worlds(worlds)
         if not self._has_started:
@@ -266,8 +280,10 @@ class BatchedEngine:
         names = (*self._worlds._fields, *self._outcome._fields)
         fields = (*self._worlds, *self._outcome)
         values = (*snapshot.world, *snapshot.outcome)
-        for name, field, saved in zip(names, fields, values, strict=True):
-            self._check_saved(name, field, saved, len(rows))
+        check_arrays(self.game.name, names, fields, values, len(rows))
+        check_outcome(self.game.name, snapshot.outcome, self.num_players)
+        if self._limits is not None:
+            check_worlds(self.game.name, self._worlds._make(snapshot.world), self._limits)
         for field, saved in zip(fields, values, strict=True):
             field[rows] = saved
         self._has_started = True
@@ -282,7 +298,7 @@ class BatchedEngine:
         """Continue from `state_dict` of an engine with the same scenario and number of worlds.
 
         Raises:
-            ValueError: a field is missing, or of another shape.
+            ValueError: a field is missing, of another shape, or holds what no game can hold.
         """
         names = [f"world.{name}" for name in self._worlds._fields]
         names += [f"outcome.{name}" for name in Outcome._fields]
@@ -326,7 +342,8 @@ class BatchedEngine:
                 raise ValueError(
                     f"{self.game.name}: {name} {value} does not exist, allowed are 0..{limit - 1}"
                 )
-        return self.game.draw(self._worlds, self._rules, world, player)
+        with calling(self.game.name):
+            return self.game.draw(self._worlds, self._rules, world, player)
 
     # --- inside ----------------------------------------------------------------------------
 
@@ -359,26 +376,6 @@ class BatchedEngine:
         tasks = [submit(kernel, worlds, *arguments, low, high) for low, high in slices]
         for task in tasks:
             task.result()
-
-    def _check_out(
-        self, method: str, out: NDArray[Any], shape: tuple[int, ...], dtype: Any
-    ) -> None:
-        if out.shape != shape or out.dtype != dtype or not out.flags.carray:
-            raise ValueError(
-                f"{self.game.name}: {method} cannot write to {out.dtype} {list(out.shape)}, `out` "
-                f"must be contiguous {np.dtype(dtype).name} {list(shape)} that can be written to"
-            )
-
-    def _check_saved(
-        self, name: str, field: NDArray[Any], saved: NDArray[Any], num_rows: int
-    ) -> None:
-        expected = (num_rows, *field.shape[1:])
-        if saved.shape != expected or saved.dtype != field.dtype:
-            raise ValueError(
-                f"{self.game.name}: the saved {name} is {saved.dtype} {list(saved.shape)}, this "
-                f"engine needs {field.dtype} {list(expected)}; restore into the same scenario and "
-                "as many worlds as were saved"
-            )
 
     def _check_worlds(self, worlds: NDArray[np.int64] | list[int] | None) -> NDArray[np.int64]:
         rows = np.asarray(range(self.num_worlds) if worlds is None else worlds)

@@ -19,6 +19,14 @@ def read_index(value: Any) -> int | None:
         return None
 
 
+def make_plain(values: NDArray[Any], dtype: Any) -> NDArray[Any]:
+    """The values as an array of the only kind that kernels are compiled for: contiguous, aligned
+    and writeable. JAX's arrays, memory maps and broadcast ones are read-only: those are copied.
+    """
+    plain = np.ascontiguousarray(values, dtype)
+    return plain if plain.flags.carray else plain.copy()
+
+
 def check_seed(owner: str, seed: Any) -> int:
     """A seed as an int in 0..2**64-1, the remainder of others: generators take none below 0.
 
@@ -47,8 +55,7 @@ def check_mask(game: str, name: str, mask: Any, num_worlds: int) -> NDArray[np.b
             f"{game}: {name} is {mask.dtype} {list(mask.shape)}, it must be bool [{num_worlds}] "
             "(worlds)"
         )
-    chosen: NDArray[np.bool_] = np.ascontiguousarray(mask)
-    return chosen
+    return make_plain(mask, np.bool_)
 
 
 def check_start(game: str, num_chosen: int, num_worlds: int) -> None:
@@ -91,11 +98,11 @@ def check_seeds(game: str, seeds: NDArray[np.uint64] | int, num_worlds: int) -> 
             f"{game}: seeds are {seeds.dtype} {list(seeds.shape)}, they must be "
             f"uint64 [{num_worlds}] (worlds); randomness.episode_seeds makes them"
         )
-    return seeds
+    return make_plain(seeds, np.uint64)
 
 
 def check_actions(game: str, actions: Any, num_worlds: int, spec: GameSpec) -> NDArray[np.int32]:
-    """Actions as contiguous int32 [B, P, *action_shape].
+    """Actions as plain int32 [B, P, *action_shape].
 
     Raises:
         ValueError: wrong shape, not integers, or an action outside 0..A-1 (names world, player
@@ -117,4 +124,15 @@ def check_actions(game: str, actions: Any, num_worlds: int, spec: GameSpec) -> N
             f"{game}: action {actions[tuple(wrong)]} of player {player} in world "
             f"{world}{where} is outside 0..{spec.num_actions - 1}"
         )
-    return np.ascontiguousarray(actions, np.int32)
+    return make_plain(actions, np.int32)
+
+
+def check_out(
+    game: str, method: str, out: NDArray[Any], shape: tuple[int, ...], dtype: Any
+) -> None:
+    """Raise ValueError unless `out` is contiguous, of that shape and type, and writeable."""
+    if out.shape != shape or out.dtype != dtype or not out.flags.carray:
+        raise ValueError(
+            f"{game}: {method} cannot write to {out.dtype} {list(out.shape)}, `out` "
+            f"must be contiguous {np.dtype(dtype).name} {list(shape)} that can be written to"
+        )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, Self, SupportsIndex
+from typing import TYPE_CHECKING, Any, Protocol, Self, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from marl_cair.games.registry import GAMES, find_game
 from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.lookup import find_by_name
+
+if TYPE_CHECKING:
+    from marl_cair.games.state_checks import StateLimits
 
 NO_WINNER = -1
 LEAST_FPS = 10  # of pictures, one for each decision
@@ -186,6 +189,11 @@ class Game:
     map_names: Callable[[Any, Any], tuple[str, ...]] | None = None
     # Options of a scenario whose actions have another number of axes: rules are compiled for each.
     other_shapes: tuple[Mapping[str, Any], ...] = ()
+    # scenario -> what its worlds may hold: states from files are checked by it before the rules
+    # see them. Without it only shapes and types are checked, and a damaged file may crash.
+    state_limits: Callable[[Any], StateLimits] | None = None
+    # Older versions whose agents play on: until a game ends, they see and do the same in this one.
+    agents_of: tuple[str, ...] = ()
 
     def __deepcopy__(self, memo: object) -> Self:
         """Nothing of it changes."""

@@ -304,7 +304,7 @@ def _load_checkpoint(path: Path, game: str | None, scenario: Any, epsilon: float
 
 
 def _check_version(path: Path, about: AgentDescription, game: Game) -> None:
-    if about.game_version != game.version:
+    if about.game_version not in (game.version, *game.agents_of):
         raise CheckpointError(
             f"{path} was trained on version {about.game_version} of {about.game}'s rules, this is "
             f"version {game.version}: train it again, or install the marl_cair of that version"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import ceil
 from types import MappingProxyType
 
 import numpy as np
@@ -22,15 +21,14 @@ from marl_cair.games.deep_line_wars.observation import (
     UNIFORM_NAMES,
     VECTOR_NAMES,
 )
+from marl_cair.games.deep_line_wars.ranges import state_limits, vector_high
 from marl_cair.games.deep_line_wars.rulebook import make_rules
 from marl_cair.games.deep_line_wars.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
 from marl_cair.games.deep_line_wars.state import NUM_PLAYERS, allocate
 from marl_cair.games.deep_line_wars.tables import (
     NUM_TOWER_KINDS,
-    PRESETS,
     TOWER_NAMES,
     UNIT_NAMES,
-    Preset,
 )
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
@@ -132,49 +130,6 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
     return {representation.name: representation for representation in listed}
 
 
-def vector_high(scenario: Scenario) -> tuple[float, ...]:
-    """The largest value of each entry of VECTOR_NAMES, as high as the rules let it come."""
-    preset = PRESETS[scenario.preset]
-    num_payments = scenario.max_ticks // preset.income_interval_ticks
-    _, income = _invest(scenario, num_payments + 1)  # after the last one too
-    # An interval's purchases pay for themselves if enough payments follow.
-    gain = _most_income_for_gold(preset)
-    gold, _ = _invest(scenario, sum(left * gain > 1 for left in range(1, num_payments + 1)))
-    lumber = preset.start_lumber + num_payments * preset.lumber_per_interval
-    side = (preset.start_health, ceil(gold), max(1, lumber), ceil(income))
-    ticks = (preset.income_interval_ticks, scenario.max_ticks)
-    return tuple(float(value) for value in (*side, *side, *ticks))
-
-
-def _most_income_for_gold(preset: Preset) -> float:
-    pairs = zip(preset.unit_income_gold, preset.unit_cost_gold, strict=True)
-    return max(income / cost for income, cost in pairs)
-
-
-def _invest(scenario: Scenario, num_buying: int) -> tuple[float, float]:
-    """Gold and income at the end, of who buys the most income for its gold that a unit gives, as
-    much as a unit a decision can give, in the first `num_buying` intervals, and nothing then. The
-    enemy's dearest units die in every decision. Nobody can have more of what it went for.
-    """
-    preset = PRESETS[scenario.preset]
-    gold, income = float(preset.start_gold), float(preset.start_income_gold)
-    gain = _most_income_for_gold(preset)
-    num_payments = scenario.max_ticks // preset.income_interval_ticks
-    num_decided = 0
-    for interval in range(num_payments + 1):
-        end = min(scenario.max_ticks, (interval + 1) * preset.income_interval_ticks)
-        num_by_end = ceil(end / scenario.ticks_per_step)
-        num_decisions, num_decided = num_by_end - num_decided, num_by_end
-        gold += num_decisions * max(preset.unit_bounty_gold)
-        if interval < num_buying:
-            bought = min(gold * gain, num_decisions * max(preset.unit_income_gold))
-            gold -= bought / gain
-            income += bought
-        if interval < num_payments:
-            gold += income
-    return gold, income
-
-
 GAME = Game(
     name="deep_line_wars",
     title="Deep Line Wars",
@@ -194,4 +149,5 @@ GAME = Game(
     rewards=MappingProxyType(REWARDS),
     hidden_fields=("random",),
     gymnasium_prefix=GYMNASIUM_PREFIX,
+    state_limits=state_limits,
 )

@@ -28,6 +28,7 @@ from marl_cair.games.randomness import mix
 # Weights of the shaping potential. Their sum is below 1, so that no shaped return outweighs a win.
 HEALTH_POTENTIAL = 0.5
 INCOME_POTENTIAL = 0.3
+MAX_STORE = 10**9  # gold that is paid out: only a game of a million ticks comes near
 
 
 # --- the phases of a tick --------------------------------------------------------------------
@@ -38,7 +39,8 @@ def earn(world: Any, rules: Any) -> None:
     """At the end of each interval both players are paid."""
     if world.tick[0] % rules.interval_ticks == 0:
         for player in range(NUM_PLAYERS):
-            world.gold[player] += world.income[player]
+            paid = np.int64(world.gold[player]) + world.income[player]
+            world.gold[player] = min(MAX_STORE, paid)
             world.lumber[player] += rules.lumber_per_interval
 
 

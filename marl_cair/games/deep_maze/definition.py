@@ -22,6 +22,7 @@ from marl_cair.games.deep_maze.observation import (
     VISIBLE,
     WALLS,
 )
+from marl_cair.games.deep_maze.ranges import state_limits
 from marl_cair.games.deep_maze.rulebook import make_rules
 from marl_cair.games.deep_maze.scenarios import (
     DEFAULT_SCENARIO,
@@ -169,4 +170,5 @@ GAME = Game(
     hidden_fields=_HIDDEN,
     gymnasium_prefix=GYMNASIUM_PREFIX,
     info=read_info,
+    state_limits=state_limits,
 )

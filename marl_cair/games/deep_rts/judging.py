@@ -154,7 +154,9 @@ def can_go_on(world: Any, rules: Any, player: int) -> bool:
 
 @compiled
 def judge(world: Any, rules: Any) -> None:
-    """Players without means are out; the goal, or the clock, ends the game."""
+    """Players without means are out; the goal ends the game, and the clock, without a winner unless
+    the score is the goal.
+    """
     for player in range(rules.num_players):
         if world.players[player, IS_ALIVE] and not can_go_on(world, rules, player):
             world.players[player, IS_ALIVE] = False
@@ -166,8 +168,10 @@ def judge(world: Any, rules: Any) -> None:
     else:
         judge_race(world, rules)
     if world.clock[PHASE] == RUNNING and world.clock[TICK] >= rules.max_ticks:
-        world.clock[PHASE] = TERMINATED if rules.goal == SCORE_GOAL else TRUNCATED
-        rank_by_score(world, rules)
+        world.clock[PHASE] = TRUNCATED
+        if rules.goal == SCORE_GOAL:
+            world.clock[PHASE] = TERMINATED
+            rank_by_score(world, rules)
 
 
 @compiled
@@ -216,18 +220,17 @@ def judge_race(world: Any, rules: Any) -> None:
 
 @compiled
 def team_score(world: Any, rules: Any, player: int) -> float:
-    """The sum over the player's team; who is out does not count, but where score is the goal."""
+    """The sum over the player's team, of those who are out too."""
     total = 0.0
     for other in range(rules.num_players):
-        counts = world.players[other, IS_ALIVE] != 0 or rules.goal == SCORE_GOAL
-        if rules.team[other] == rules.team[player] and counts:
+        if rules.team[other] == rules.team[player]:
             total += score_of(world, other)
     return total
 
 
 @compiled
 def rank_by_score(world: Any, rules: Any) -> None:
-    """Out of time: the team with the best score wins, named by its first seat; equal ones draw."""
+    """The team with the best score wins, named by its first seat; equal ones draw."""
     best = -1.0
     for player in range(rules.num_players):
         if first_of_team(rules, player) != player:

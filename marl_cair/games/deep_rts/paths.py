@@ -51,7 +51,7 @@ ANY_RESOURCE = 100  # whatever can be gathered by hand
 _STEP_BITS = np.uint64(3)
 _STEP_MASK = np.uint64(7)
 _WORD_MASK = np.uint64(2**63 - 1)
-_LAST_SEARCH = 32_000
+LAST_SEARCH = 32_000
 # The lowest of the directions in a set of bits, by the set.
 LOWEST_BIT: NDArray[np.int8] = np.array(
     [(bits & -bits).bit_length() - 1 for bits in range(1 << NUM_DIRECTIONS)], np.int8
@@ -120,7 +120,7 @@ def nearest_of_box(rules: Any, cell: int, goal: int, half: int) -> int:
 @compiled
 def begin_search(world: Any) -> int:
     """The number of a new search, which marks the cells that it reaches."""
-    if world.clock[NUM_SEARCHES] >= _LAST_SEARCH:
+    if world.clock[NUM_SEARCHES] >= LAST_SEARCH:
         world.clock[NUM_SEARCHES] = 0
         world.board[REACHED, :] = 0
     world.clock[NUM_SEARCHES] += 1

@@ -28,6 +28,7 @@ from marl_cair.games.deep_rts.state import (
     NO_UNIT,
     OCCUPANT,
     REPAIRING,
+    RISING,
     TICK,
     UNIT_CARRY,
     UNIT_CARRY_KIND,
@@ -208,10 +209,17 @@ def forward_pixels(side: int, state: int, ticks: int, done_percent: int, strikes
 
 @compiled_compact
 def piece_of(scene: Any, unit: int) -> Any:
-    """The `Piece` of a unit on the board."""
+    """The `Piece` of a unit on the board.
+
+    Where a unit goes and looks, and since when it does what it does, is its owner's to know: others
+    see it face them, in the middle of its cell.
+    """
     kind, owner = int(scene.units[unit, UNIT_KIND]), int(unit // scene.slots)
     state, side = int(scene.units[unit, UNIT_STATE]), scene.tile_side
-    ticks = scene.tick - int(scene.units[unit, UNIT_SINCE])
+    is_open = scene.viewer in (SPECTATOR, owner)
+    ticks = 0
+    if is_open or state == RISING:
+        ticks = scene.tick - int(scene.units[unit, UNIT_SINCE])
     lasts = max(1, int(scene.due[unit]) - int(scene.units[unit, UNIT_SINCE]))
     done_percent = max(0, min(100, 100 * ticks // lasts))
     blow_ticks = NO_BLOW
@@ -230,7 +238,7 @@ def piece_of(scene: Any, unit: int) -> Any:
     top = scene.top + (own // scene.columns - half) * side
     left = scene.left + (own % scene.columns - half) * side
     direction = _SOUTH
-    if kind < NUM_MOBILE_KINDS:
+    if kind < NUM_MOBILE_KINDS and is_open:
         direction = facing_of(scene, unit)
         strikes = blow_ticks != NO_BLOW and scene.kinds[kind, KIND_RANGE_TILES] <= 1
         ahead = forward_pixels(side, state, ticks, done_percent, strikes)

@@ -17,6 +17,7 @@ from marl_cair.games.flappy_bird.observation import (
     ROWS,
     VECTOR_NAMES,
 )
+from marl_cair.games.flappy_bird.ranges import state_limits
 from marl_cair.games.flappy_bird.rulebook import make_rules, reward_bound
 from marl_cair.games.flappy_bird.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
 from marl_cair.games.flappy_bird.state import NUM_FRAMES, World, allocate
@@ -131,4 +132,5 @@ GAME = Game(
     hidden_fields=_HIDDEN,
     gymnasium_prefix=GYMNASIUM_PREFIX,
     info=read_info,
+    state_limits=state_limits,
 )

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from marl_cair.games.compiled import is_compiling
+from marl_cair.games.deep_rts.tables import PRESETS
+from tests.games.deep_rts.skirmish import DRILL
 
 HERE = Path(__file__).parent
 WITHOUT_RULES = {"test_maps", "test_map_formats", "test_map_generator"}
@@ -19,3 +21,11 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.path.parent == HERE and item.path.stem not in WITHOUT_RULES:
             item.add_marker(mark)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _drill():
+    """The preset of these tests, which no other test finds in the game."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(PRESETS, "drill", DRILL)
+        yield

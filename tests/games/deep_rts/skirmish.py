@@ -40,8 +40,9 @@ from marl_cair.games.deep_rts.state import (
 from marl_cair.games.deep_rts.tables import NUM_RESOURCES, PEASANT, PRESETS, PRODUCT_NAMES
 from marl_cair.games.engine import BatchedEngine
 
-# Numbers that the tests of rules count with, so that balancing the game leaves them alone.
-PRESETS["drill"] = replace(
+# The preset `drill`: numbers that the tests of rules count with, so that balancing the game leaves
+# them alone. There is such a preset while tests of this folder run (see conftest.py).
+DRILL = replace(
     PRESETS["balanced"],
     cost_gold=(50, 80, 70, 120, 300, 150, 60, 150, 80),
     cost_lumber=(0, 0, 30, 0, 150, 100, 40, 80, 60),

@@ -206,12 +206,28 @@ def test_time_is_over_at_its_very_tick():
     assert outcome(skirmish) == (False, True, NO_WINNER, [0.0, 0.0])
 
 
-@pytest.mark.parametrize("best", [0, 1])
-def test_out_of_time_the_better_score_is_named_and_nobody_is_paid(best):
+def test_out_of_time_nobody_has_won_and_nobody_is_paid():
     skirmish = conquest(max_ticks=20)
-    skirmish.world.players[best, DAMAGE_DONE] = 10
+    skirmish.world.players[1, DAMAGE_DONE] = 10
     skirmish.wait(20)
-    assert outcome(skirmish) == (False, True, best, [0.0, 0.0])
+    assert outcome(skirmish) == (False, True, NO_WINNER, [0.0, 0.0])
+
+
+def test_a_league_counts_as_a_win_what_the_reward_pays_for():
+    """Whatever ends a game of two: who is named the winner has +1, and a draw 0."""
+    for best in (None, 0, 1):
+        skirmish = conquest(max_ticks=20)
+        skirmish.world.players[0, DAMAGE_DONE] = 10
+        if best is not None:
+            bury(skirmish, 1 - best)
+        total = skirmish.engine.rewards[0].copy()
+        while not (skirmish.engine.terminated | skirmish.engine.truncated)[0]:
+            skirmish.wait()
+            total += skirmish.engine.rewards[0]
+        winner = int(skirmish.engine.winner[0])
+        assert winner == (NO_WINNER if best is None else best)
+        expected = [0.0, 0.0] if best is None else [1.0 - 2.0 * abs(best - seat) for seat in (0, 1)]
+        assert total.tolist() == expected
 
 
 def test_a_win_in_the_last_tick_counts():
@@ -222,28 +238,22 @@ def test_a_win_in_the_last_tick_counts():
     assert outcome(skirmish) == (True, False, 0, [1.0, -1.0])
 
 
+SCORED = {"goal": "score", "max_ticks": 20}
+
+
 def test_equal_team_mates_with_the_best_score_win():
-    skirmish = conquest(FOUR, num_players=4, teams=(0, 0, 1, 1), max_ticks=20)
+    skirmish = conquest(FOUR, num_players=4, teams=(0, 0, 1, 1), **SCORED)
     skirmish.world.players[:2, DAMAGE_DONE] = 10
     skirmish.wait(20)
-    assert outcome(skirmish)[2] == 0
+    assert outcome(skirmish)[:3] == (True, False, 0)
 
 
 def test_out_of_time_a_team_is_ranked_by_its_sum():
-    skirmish = conquest(FOUR, num_players=4, teams=(0, 1, 1, 0), max_ticks=20)
+    skirmish = conquest(FOUR, num_players=4, teams=(0, 1, 1, 0), **SCORED)
     skirmish.world.players[0, GATHERED + GOLD] = 100
     skirmish.world.players[[1, 2], GATHERED + GOLD] = 60
     skirmish.wait(20)
-    assert outcome(skirmish)[2] == 1
-
-
-def test_who_is_out_cannot_win_when_time_is_over():
-    skirmish = conquest(FOUR, num_players=4, max_ticks=20)
-    skirmish.world.players[2, GATHERED + GOLD] = 1_000
-    skirmish.world.players[1, GATHERED + GOLD] = 10
-    bury(skirmish, 2)
-    skirmish.wait(19)
-    assert outcome(skirmish) == (False, True, 1, [0.0] * 4)
+    assert outcome(skirmish)[:3] == (True, False, 1)
 
 
 # --- races ---------------------------------------------------------------------------------------
@@ -312,8 +322,9 @@ def test_a_race_goes_on_for_one_and_ends_with_nobody():
 
 def test_a_race_out_of_time_is_truncated():
     skirmish = Skirmish(goal="gold", goal_amount=50, army=(1, 0, 0, 0), max_ticks=10)
+    skirmish.world.players[0, GATHERED + GOLD] = 49
     skirmish.wait(10)
-    assert outcome(skirmish)[:2] == (False, True)
+    assert outcome(skirmish)[:3] == (False, True, NO_WINNER)
 
 
 def test_the_score_pays_a_hundredth_for_each_point_and_terminates_in_time():

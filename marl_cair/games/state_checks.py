@@ -1,0 +1,117 @@
+"""Checks of saved states: shape, type and values, before the compiled rules see them.
+
+The rules check nothing: they trust the worlds that they made themselves. What comes from a file or
+from a user is checked here once, by the limits that a game states (`Game.state_limits`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.game import NO_WINNER
+
+MOST_COUNTED = 2**31 - 1  # of counters in int32
+ANY_WORD = (0, 2**64 - 1)  # the range of a random word
+
+# What must hold between the fields of a world, in words, and where it does: bool [N].
+Condition = tuple[str, NDArray[np.bool_]]
+
+
+class Range(NamedTuple):
+    """The values that a field may hold, both ends included; NaN is in no range.
+
+    low, high: numbers, or arrays that broadcast to the field of one world.
+    columns: names of the entries along `axis` of the field of one world, for messages.
+    """
+
+    low: Any
+    high: Any
+    columns: tuple[str, ...] = ()
+    axis: int = -1
+
+
+class StateLimits(NamedTuple):
+    """What the worlds of a scenario may hold; nothing else can make its rules leave their arrays.
+
+    ranges: of each field of World, by its name.
+    conditions: World of N worlds -> what must hold between fields. They are asked for one by one,
+        when all fields are in their ranges and all earlier conditions hold.
+    """
+
+    ranges: Mapping[str, Range]
+    conditions: Callable[[Any], Iterable[Condition]]
+
+
+def check_arrays(
+    game: str,
+    names: Iterable[str],
+    fields: Iterable[NDArray[Any]],
+    saved: Iterable[NDArray[Any]],
+    num_worlds: int,
+) -> None:
+    """Raise ValueError unless the saved arrays are [num_worlds, ...] of the fields' types."""
+    for name, field, array in zip(names, fields, saved, strict=True):
+        expected = (num_worlds, *field.shape[1:])
+        if array.shape != expected or array.dtype != field.dtype:
+            raise ValueError(
+                f"{game}: the saved {name} is {array.dtype} {list(array.shape)}, this "
+                f"engine needs {field.dtype} {list(expected)}; restore into the same scenario and "
+                "as many worlds as were saved"
+            )
+
+
+def check_worlds(game: str, worlds: Any, limits: StateLimits) -> None:
+    """Check the values of saved worlds, a World of arrays [N, ...].
+
+    Raises:
+        ValueError: a value is out of its range (names field, world, value and range), or fields
+            contradict each other (names the world and what must hold).
+    """
+    for name, bounds in limits.ranges.items():
+        check_range(game, name, getattr(worlds, name), bounds)
+    for condition, holds in limits.conditions(worlds):
+        if not holds.all():
+            world = int(np.flatnonzero(~holds)[0])
+            raise ValueError(
+                f"{game}: the saved state is damaged: in world {world} {condition}, but it does "
+                "not hold; restore a state that this game has saved"
+            )
+
+
+def check_range(game: str, name: str, values: NDArray[Any], bounds: Range) -> None:
+    """Raise ValueError unless all values [N, ...] of a field are in its range."""
+    is_allowed = (values >= bounds.low) & (values <= bounds.high)
+    if is_allowed.all():
+        return
+    world, *place = np.argwhere(~is_allowed)[0].tolist()
+    shape = values.shape[1:]
+    low, high = (np.broadcast_to(end, shape)[tuple(place)] for end in (bounds.low, bounds.high))
+    where = f"{name}{place}" if shape != (1,) else name
+    if bounds.columns:
+        where += f" ({bounds.columns[place[bounds.axis]]})"
+    raise ValueError(
+        f"{game}: the saved state is damaged: {where} of world {world} is "
+        f"{values[(world, *place)]}, allowed are {low}..{high}; restore a state that this game has "
+        "saved"
+    )
+
+
+def check_outcome(game: str, outcome: Any, num_players: int) -> None:
+    """Check an Outcome of arrays [N, ...].
+
+    Raises:
+        ValueError: a reward is not finite, or a winner is no seat.
+    """
+    highest = float(np.finfo(np.float32).max)
+    check_range(game, "rewards", outcome.rewards, Range(-highest, highest))
+    check_range(game, "winner", outcome.winner, Range(NO_WINNER, num_players - 1))
+
+
+def has_time(tick: NDArray[Any], is_running: NDArray[np.bool_], max_ticks: int) -> Condition:
+    """A world that runs has ticks left: tick [N], is_running bool [N]."""
+    holds = ~is_running | (tick < max_ticks)
+    return f"a game that runs has played less than {max_ticks} ticks", holds

@@ -9,18 +9,22 @@ from __future__ import annotations
 import io
 import json
 import os
-import pickle
+import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, BinaryIO
 
 import torch
 
 from marl_cair.files import find_folder, read_run_kind, replaced_folder
 from marl_cair.lookup import find_by_name
+from marl_cair.memory import require_memory
 from marl_cair.policies.actor import GREEDY, PLAYS
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
+from marl_cair.policies.saved_weights import restore_weights
+from marl_cair.stored import TENSORS, DamagedFileError, open_stored, read_json
 
 FORMAT = "marl_cair agent"
 FORMAT_VERSION = 1
@@ -35,7 +39,10 @@ MIXTURE_FOLDER, CANDIDATES_FOLDER = "mixture", "candidates"
 EXPLOIT_FILE = "exploit.json"  # says which of the candidates is the best
 
 
-class CheckpointError(ValueError):
+_MOST_VALUES = 2_000_000  # in one file: what a run keeps in lists are its last few thousand games
+
+
+class CheckpointError(DamagedFileError):
     """A file or folder that is no checkpoint, a broken one, or one for something else."""
 
 
@@ -118,7 +125,7 @@ def find_agent(folder: str | os.PathLike[str]) -> Path:
 
 def _read_chosen(file: Path) -> str:
     try:
-        return str(json.loads(file.read_text("utf-8"))["chosen"])
+        return str(read_json(file)["chosen"])
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise CheckpointError(
             f"{file.parent} is a run of `league exploit` without a result ({error!r}): let it end, "
@@ -140,7 +147,7 @@ def read_description(folder: str | os.PathLike[str]) -> AgentDescription:
             "one, for example runs/demo/conv/latest"
         )
     try:
-        record = json.loads(path.read_text("utf-8"))
+        record = read_json(path)
         if record.pop("format") != FORMAT:
             raise ValueError("it is of another program")
         version = record.pop("format_version")
@@ -159,19 +166,34 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
     """The network with its weights, ready to act, and what it is.
 
     Raises:
-        CheckpointError: as `read_description`; or weights that are missing, cut short, hold
+        CheckpointError: as `read_description`; or weights that are missing, damaged, not finite,
             anything but tensors, or do not fit the network.
     """
     place = find_agent(folder)
     about = read_description(place)
     path = find_folder(place) / WEIGHTS_FILE
+    weights = load_tensors(path)
+    shape, num_actions = about.observation_shape, len(about.action_names)
     try:
         config = QNetworkConfig.from_dict(about.network)
-        network = make_q_network(config, about.observation_shape, len(about.action_names), seed=0)
-        network.load_state_dict(load_tensors(path))
-    except (ValueError, TypeError, RuntimeError) as error:
+        # What the description makes of it is not allocated before it fits what is there.
+        needed, held = count_weight_bytes(config, shape, num_actions), path.stat().st_size
+        if needed > held:
+            raise ValueError(
+                f"{DESCRIPTION_FILE} is of a network of {needed:,} bytes, the file has {held:,}"
+            )
+        network = make_q_network(config, shape, num_actions, seed=0)
+        restore_weights(network, weights, WEIGHTS_FILE)
+    except (ValueError, TypeError, RuntimeError, ArithmeticError) as error:
         raise CheckpointError(f"{path} does not hold this agent's weights: {error}") from error
     return network.eval(), about
+
+
+def count_weight_bytes(config: QNetworkConfig, shape: tuple[int, ...], num_actions: int) -> int:
+    """Bytes of the weights of a network, without making it. Raises as `QNetwork`."""
+    with torch.device("meta"):
+        network = QNetwork(config, shape, num_actions)
+    return sum(weight.nbytes for weight in network.parameters())
 
 
 def save_tensors(values: Mapping[str, Any], path: Path) -> None:
@@ -186,16 +208,59 @@ def load_tensors(path: str | os.PathLike[str]) -> Mapping[str, Any]:
     """Read tensors and plain data that `torch.save` wrote, and nothing else.
 
     Raises:
-        CheckpointError: the file is missing, cut short, or holds code.
+        CheckpointError: the file is missing, damaged, too large for the memory, or holds code.
     """
     try:
-        loaded: Mapping[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
+        with open_stored(path, TENSORS) as file:
+            size = os.fstat(file.fileno()).st_size
+            _require_plain_zip(file, size)
+            require_memory(f"{path}", size)
+            file.seek(0)
+            loaded: Mapping[str, Any] = torch.load(file, map_location="cpu", weights_only=True)
+        _require_plain_data(loaded)
     except FileNotFoundError as error:
         raise CheckpointError(f"{path} is missing: the checkpoint is incomplete") from error
-    except (RuntimeError, EOFError, pickle.UnpicklingError, ValueError, KeyError, OSError) as error:
+    except DamagedFileError as error:
+        raise CheckpointError(f"{error}") from error
+    except Exception as error:  # whatever a damaged file makes torch raise
+        told = f"{error}".partition("\n")[0] or type(error).__name__
         raise CheckpointError(
-            f"{path} is cut short, or holds more than tensors and plain data: {error}"
+            f"{path} is cut short, or holds more than tensors and plain data: {told}"
         ) from error
     if not isinstance(loaded, Mapping):
         raise CheckpointError(f"{path} holds a {type(loaded).__name__}, expected a dictionary")
     return loaded
+
+
+def _require_plain_zip(file: BinaryIO, size: int) -> None:
+    """Raise ValueError unless the file is a zip as torch writes it, nothing in it compressed: what
+    comes out of it is then no larger than the file.
+    """
+    entries = zipfile.ZipFile(file).infolist()
+    if any(entry.compress_type != zipfile.ZIP_STORED for entry in entries):
+        raise ValueError("parts of it are compressed")
+    if sum(entry.file_size for entry in entries) > size:
+        raise ValueError("its parts are larger than the file")
+
+
+def _require_plain_data(loaded: Any) -> None:
+    """Raise ValueError unless all in `loaded` is plain data, or tensors that the file holds whole:
+    a small storage can be shown as a tensor of any size.
+    """
+    left, num_values = [loaded], 0
+    while left:
+        value = left.pop()
+        num_values += 1
+        if num_values > _MOST_VALUES:
+            raise ValueError(f"it holds more than {_MOST_VALUES:,} values")
+        if isinstance(value, dict):
+            left += [*value.keys(), *value.values()]
+        elif isinstance(value, list | tuple):
+            left += value
+        elif isinstance(value, torch.Tensor):
+            if value.layout != torch.strided or value.device.type != "cpu" or value.is_quantized:
+                raise ValueError("a tensor of it is sparse, quantised, or on no CPU")
+            if value.nbytes > value.untyped_storage().nbytes():
+                raise ValueError(f"a tensor of shape {list(value.shape)} is more than it holds")
+        elif not isinstance(value, str | bytes | int | float | NoneType):
+            raise ValueError(f"it holds a {type(value).__name__}")

@@ -12,6 +12,8 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from marl_cair.stored import read_json, refuse_damage, with_checksum, write_manifest
+
 MAX_TOLD = 80  # letters of a value in an error
 RUN_MARKER = "run.json"
 _LOCK_FILE = ".lock"
@@ -66,6 +68,11 @@ def write_atomically(path: str | os.PathLike[str], data: bytes | str) -> None:
         unfinished.write_bytes(content)
 
 
+def write_json(path: str | os.PathLike[str], values: Mapping[str, Any]) -> None:
+    """Write plain values by name, and the checksum that `stored.read_json` compares."""
+    write_atomically(path, json.dumps(with_checksum(values), indent=1) + "\n")
+
+
 @contextmanager
 def _full_disk_explained(target: Path) -> Iterator[None]:
     """Turn the errors of a disk that fills up while `target` is written into one that says so."""
@@ -110,6 +117,7 @@ def claim_output_folder(
     settings: Mapping[str, Any],
     resume: bool = False,
     how_to_resume: str = "resume it",
+    proof: str = RUN_MARKER,
 ) -> Iterator[bool]:
     """Make `folder` the output folder of one run, and keep other processes out of it for the block;
     yield True where that run was here before.
@@ -117,9 +125,10 @@ def claim_output_folder(
     kind: what runs ("training", "league", ...); settings: what tells runs of a kind apart, as plain
     values by name, nested or not.
     A marker file `run.json` records both, so that a run of other settings is refused. A folder that
-    is new, empty, or was left by a run that died before its marker was written, is claimed. The
-    lock is the operating system's, so that it ends with its process, however that dies; within a
-    process a folder may be claimed more than once.
+    is new, empty, or was left by a run that died before its marker was written, is claimed; so is
+    one of the same run that died before it had written `proof`, a file without which it cannot be
+    resumed. The lock is the operating system's, so that it ends with its process, however that
+    dies; within a process a folder may be claimed more than once.
     Raises OutputFolderError for a folder of another run, for one that holds files but no marker,
     for one in which another process runs, and for the same run where `resume` is False.
     """
@@ -131,7 +140,7 @@ def claim_output_folder(
     if not marker.exists():
         _refuse_foreign_files(place)
     with locked_folder(place):
-        yield _mark(place, kind, settings, resume, how_to_resume)
+        yield _mark(place, kind, settings, resume or not (place / proof).is_file(), how_to_resume)
 
 
 @contextmanager
@@ -165,9 +174,9 @@ def _mark(
     place: Path, kind: str, settings: Mapping[str, Any], resume: bool, how_to_resume: str
 ) -> bool:
     marker = place / RUN_MARKER
-    text = json.dumps({"kind": kind, "settings": settings}, indent=2) + "\n"
+    record = {"kind": kind, "settings": settings}
     if not marker.exists():
-        write_atomically(marker, text)
+        write_json(marker, record)
         return False
     held_kind, held = _read_run_marker(marker)
     if held_kind != kind:
@@ -176,7 +185,7 @@ def _mark(
             "another folder, or delete this one"
         )
     # As JSON gives them back: tuples as lists.
-    if differences := _list_differences(held, json.loads(text)["settings"]):
+    if differences := _list_differences(held, json.loads(json.dumps(settings))):
         more = f" and {len(differences) - 3} more" if len(differences) > 3 else ""
         raise OutputFolderError(
             f"output folder {place} holds {_name_run(kind)} with other settings "
@@ -229,7 +238,7 @@ def _refuse_foreign_files(place: Path) -> None:
 
 def _read_run_marker(marker: Path) -> tuple[str, dict[str, Any]]:
     try:
-        record = json.loads(marker.read_text(encoding="utf-8"))
+        record = read_json(marker)
         return str(record["kind"]), dict(record["settings"])
     except (ValueError, KeyError, TypeError) as error:
         raise OutputFolderError(
@@ -281,7 +290,8 @@ def _format_size(num_bytes: int) -> str:
 
 @contextmanager
 def replaced_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a folder to fill beside `path`, which takes the place of `path` when the block is done.
+    """Yield a folder to fill beside `path`, which takes the place of `path` when the block is done,
+    with a `manifest.json` of the checksums of its files (`stored`).
 
     On an exception the new folder is removed and `path` is left as it was. A process that is killed
     between the two renames leaves the old folder under another name; `recover_folder` brings it
@@ -295,6 +305,7 @@ def replaced_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         with _full_disk_explained(target):
             yield fresh
+            write_manifest(fresh)
         for file in fresh.rglob("*"):
             if file.is_file():
                 _sync_file(file)
@@ -324,6 +335,7 @@ def copy_folder(source: str | os.PathLike[str], target: str | os.PathLike[str]) 
     """Make `target` a copy of the folder `source`, whole or not at all."""
     with replaced_folder(target) as fresh:
         shutil.copytree(find_folder(source), fresh, dirs_exist_ok=True)
+        refuse_damage(fresh, str(source))
 
 
 def recover_folder(path: str | os.PathLike[str]) -> None:

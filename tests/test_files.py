@@ -188,6 +188,7 @@ def test_negative_size_is_an_error(tmp_path):
 def test_new_folder_is_claimed_and_marked(tmp_path):
     assert claim(tmp_path / "runs" / "demo", "training", CONV) is False
     record = json.loads((tmp_path / "runs" / "demo" / "run.json").read_text())
+    assert record.pop("checksum")
     assert record == {"kind": "training", "settings": CONV}
 
 

@@ -13,6 +13,8 @@ from marl_cair.generative.families import Member, choose_family
 from marl_cair.generative.loss import RareCorrection
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.generative.steps import StepTable
+from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
+from marl_cair.ranges import COUNT, read_number
 
 SEED_STRIDE = 1_000_003  # members' seeds lie apart, also for neighbouring generator seeds
 WARMUP_UPDATES = 30  # of each member
@@ -134,7 +136,7 @@ class Ensemble:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Learning rates stay those of this ensemble.
 
-        Raises ValueError where the state has another number of members.
+        Raises ValueError where the state has another number of members, or is damaged.
         """
         if len(state["members"]) != len(self.members):
             raise ValueError(
@@ -142,16 +144,16 @@ class Ensemble:
                 f"{len(self.members)}: resume with num_members of the saved run"
             )
         for network, saved in zip(self.members, state["members"], strict=True):
-            network.load_state_dict(saved)
+            restore_weights(network, saved, "generator.members")
         for network, saved in zip(self.averages, state["averages"], strict=True):
-            network.load_state_dict(saved)
-        self.steps.load_state_dict(state["steps"])
+            restore_weights(network, saved, "generator.averages")
+        self.steps.restore(state["steps"])
         for optimizer, saved in zip(self.optimizers, state["optimizers"], strict=True):
             peaks = [group["peak"] for group in optimizer.param_groups]
-            optimizer.load_state_dict(saved)
+            restore_optimizer(optimizer, saved, "generator.optimizers")
             for group, peak in zip(optimizer.param_groups, peaks, strict=True):
                 group["peak"] = peak
-        self.num_updates = state["num_updates"]
+        self.num_updates = read_number(state, "num_updates", COUNT)
 
 
 def _split(rows: TensorDict) -> list[TensorDict]:

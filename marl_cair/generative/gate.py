@@ -19,7 +19,9 @@ from torch import Tensor
 from marl_cair.generative.ensemble import Opinions
 from marl_cair.generative.metrics import Certainty, HeldOut, find_doubtful_ends, tune_certainty
 from marl_cair.generative.settings import GateConfig, GeneratorSpec
+from marl_cair.ranges import FLAG, Range, read_number, read_numbers
 
+_ANY = Range(-math.inf, math.inf, float)
 NEVER_CERTAIN = Certainty(end=1.0, going_on=0.0)
 
 
@@ -52,12 +54,18 @@ class GateReport:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> GateReport:
-        """Read what `to_dict` wrote."""
+        """Read what `to_dict` wrote. Raises ValueError for bounds that are no numbers."""
         acceptance = dict(values["acceptance"])
-        acceptance["certainty"] = Certainty(*acceptance["certainty"])
+        for name in ("min_log_prob", "min_worst_log_prob", "max_reward_spread"):
+            read_number(acceptance, name, _ANY)
+        for name in ("may_end", "may_be_rare"):
+            read_number(acceptance, name, FLAG)
+        acceptance["certainty"] = Certainty(
+            *read_numbers(acceptance["certainty"], "certainty", _ANY)
+        )
         return cls(
-            bool(values["passed"]),
-            tuple(values["reasons"]),
+            read_number(values, "passed", FLAG),
+            tuple(map(str, values["reasons"])),
             dict(values["metrics"]),
             Acceptance(**acceptance),
         )

@@ -24,6 +24,7 @@ from marl_cair.generative.metrics import decide_mask, examine, measure
 from marl_cair.generative.outcome import RewardBins
 from marl_cair.generative.rare import RareCounts, Stratum
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
+from marl_cair.replay.sampler import restore_generator
 from marl_cair.replay.transition import NO_ACTION, NO_INDEX, NO_OPPONENT, check_transitions
 
 _TRAINING, _GENERATING, _EVALUATING = range(3)
@@ -244,7 +245,7 @@ class CCDNGenerator:
         for stratum, ring in self._rare.items():
             ring.load_state_dict(state["rare"][stratum.name])
         for generator, saved in zip(self._generators, state["generators"], strict=True):
-            generator.set_state(saved)
+            restore_generator(generator, {"generator": saved})
         saved = state["report"]
         self.last_report = None if saved is None else GateReport.from_dict(saved)
 

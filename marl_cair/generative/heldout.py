@@ -9,6 +9,8 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.generative.settings import GeneratorSpec
+from marl_cair.ranges import COUNT, NUMBER, Range, read_array, read_number
+from marl_cair.replay.transition import check_transitions
 
 _HASH_MODULUS = 2**31
 
@@ -35,6 +37,7 @@ class TransitionRing:
         self.capacity = capacity
         self.num_rows = 0
         self._cursor = 0
+        self._spec = spec.transition
         self._rows = make_empty_transitions(spec, capacity)
         self._rows["index"].fill_(-1)
 
@@ -78,16 +81,28 @@ class TransitionRing:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Raises ValueError where the state holds more rows than this ring has room for."""
-        if state["num_rows"] > self.capacity:
+        """Raises ValueError where the state holds more rows than this ring has room for, or what
+        are no transitions.
+        """
+        num_rows = read_number(state, "num_rows", COUNT)
+        cursor = read_number(state, "cursor", Range(0, self.capacity - 1))
+        if num_rows > self.capacity:
             raise ValueError(
                 f"the saved ring holds {state['num_rows']} rows, this one has room for "
                 f"{self.capacity}: resume with the capacity of the saved run"
             )
-        self.num_rows, self._cursor = state["num_rows"], state["cursor"]
+        rows = self._rows[:num_rows].clone()
+        for key in rows.keys(True, True):
+            own = rows[key].numpy()
+            is_float = rows[key].is_floating_point()
+            allowed = NUMBER if is_float else None
+            saved = read_array(state["rows"], _join(key), (own.dtype, own.shape), allowed)
+            own[:] = saved
+        check_transitions(rows, self._spec)
+        self.num_rows, self._cursor = num_rows, cursor
         self._rows["index"].fill_(-1)
         for key in self._rows.keys(True, True):
-            self._rows[key][: self.num_rows] = state["rows"][_join(key)]
+            self._rows[key][:num_rows] = rows[key]
 
 
 def _join(key: str | tuple[str, ...]) -> str:

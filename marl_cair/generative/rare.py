@@ -11,6 +11,9 @@ from torch import Tensor
 
 from marl_cair.generative.loss import RareCorrection
 from marl_cair.generative.outcome import RewardBins
+from marl_cair.ranges import MOST, Range, read_array, read_numbers
+
+_AMOUNT = Range(0.0, MOST, float)  # of rows
 
 MIN_VARIANCE = 1e-6  # of rewards: below, an error of 0.001 costs as much as one standard deviation
 
@@ -110,7 +113,9 @@ class RareCounts:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        self.all_rewards = state["all_rewards"].clone()
-        self.rewards = state["rewards"].clone()
-        self.num_rows = state["num_rows"].clone()
-        self.sum_reward, self.sum_square = state["sums"]
+        """Raises ValueError for numbers that no rows bring."""
+        for name in ("all_rewards", "rewards", "num_rows"):
+            own = getattr(self, name).numpy()
+            own[:] = read_array(state, name, (own.dtype, own.shape), _AMOUNT)
+        sums = read_numbers(state["sums"], "sums", Range(-MOST, MOST, float))
+        self.sum_reward, self.sum_square = sums

@@ -6,6 +6,7 @@ their results are candidates of the cells' mixture; when each is taken is learne
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import torch
@@ -13,6 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from marl_cair.generative.economy import NUM_DIFFERENCES, NUM_VALUES
+from marl_cair.ranges import COUNT, Range, take_arrays
 
 SMALLEST_ROUNDED = 8  # steps from here on may differ by 1 from value to value (25.5 of a clock)
 MIN_COUNT = 3  # of a step, before it gets a slot
@@ -66,6 +68,14 @@ class StepTable(nn.Module):
             self._fill_slots(kind)
             self._count_rounding(kind, moves)
         self._find_results()
+
+    def restore(self, saved: Mapping[str, Tensor]) -> None:
+        """Go on from `state_dict`. Raises ValueError for numbers that no steps bring."""
+        own = {name: held.numpy() for name, held in self.state_dict().items()}
+        most = NUM_VALUES - 1
+        ranges = {"seen": COUNT, "rounding": COUNT, "slots": Range(-most, most)}
+        arrays = take_arrays(saved, own, ranges)
+        self.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})
 
     def _slots_of(self, kind: int) -> slice:
         return slice(self.num_steps) if kind == IN_PLACE else slice(self.num_steps, None)

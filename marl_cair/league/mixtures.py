@@ -17,11 +17,13 @@ from marl_cair.checkpoint import CheckpointError, find_agent
 from marl_cair.files import find_folder, replaced_folder
 from marl_cair.games.game import Game
 from marl_cair.league.process import is_process
+from marl_cair.stored import read_json
 
 MIXTURE_FILE = "mixture.json"
 FORMAT = "marl_cair mixture"
 FORMAT_VERSION = 1
 _MEMBERS = "members"
+MOST_MEMBERS = 256  # each is loaded, and kept in memory, before the first game
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,8 @@ def save_mixture(
     for source, weight in zip(sources, weights, strict=True):
         inner = read_mixture(source) if is_mixture(source) else Mixture((source,), (1.0,))
         flat += [(s, w * weight) for s, w in zip(inner.sources, inner.weights, strict=True)]
+    if len(flat) > MOST_MEMBERS:
+        raise ValueError(f"a mixture has at most {MOST_MEMBERS} members, these are {len(flat)}")
     total = sum(weights)
     with replaced_folder(target) as fresh:
         members = []
@@ -114,7 +118,7 @@ def read_mixture(folder: str | os.PathLike[str]) -> Mixture:
     place = find_folder(find_agent(folder))
     path = place / MIXTURE_FILE
     try:
-        record = json.loads(path.read_text("utf-8"))
+        record = read_json(path)
         if record["format"] != FORMAT:
             raise ValueError("it is of another program")
         if record["format_version"] != FORMAT_VERSION:
@@ -123,6 +127,8 @@ def read_mixture(folder: str | os.PathLike[str]) -> Mixture:
                 f"{FORMAT_VERSION}"
             )
         members = record["members"]
+        if len(members) > MOST_MEMBERS:
+            raise ValueError(f"it has {len(members)} members, at most {MOST_MEMBERS} are allowed")
         sources = [
             str(place / member["folder"]) if "folder" in member else str(member["agent"])
             for member in members

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,18 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.checkpoint import AgentDescription, CheckpointError, load_network, save_agent
-from marl_cair.files import recover_folder, write_atomically
+from marl_cair.files import recover_folder, write_json
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents import find_fingerprint
 from marl_cair.league.equilibrium import maximum_entropy_nash
-from marl_cair.league.records import EVEN, Evidence
+from marl_cair.league.records import EVEN, Evidence, read_evidence
 from marl_cair.league.shared import MAIN, PLAYERS, LeagueSeat, Player
 from marl_cair.policies.actor import PLAYS, PolicyActor
 from marl_cair.policies.q_network import QNetwork
+from marl_cair.ranges import COUNT, FLAG, Range, read_number
+from marl_cair.stored import INDEX, read_json
 
 BOT, FOREIGN, LIVE, SNAPSHOT = "bot", "foreign", "live", "snapshot"
 # Number 0 is the learner itself.
 FIRST_NUMBERS = {BOT: 1, FOREIGN: 500, LIVE: 900, SNAPSHOT: 1_000}
+_SNAPSHOT_NUMBERS = Range(FIRST_NUMBERS[SNAPSHOT], 2**15 - 1)  # int16 in replay
 INDEX_FILE = "pool.json"
 _FORMAT_VERSION = 1
 _SUPPORT = 0.01  # share of the Nash mixture from which on a snapshot is needed in it
@@ -211,6 +213,11 @@ class Pool:
         numbers = [member.number for member in self._members.values() if member.kind == kind]
         return max(numbers, default=FIRST_NUMBERS[kind] - 1) + 1
 
+    def require_members(self, numbers: Collection[int]) -> None:
+        """Raise ValueError where one of `numbers` is none of a member, retired or not."""
+        for number in numbers:
+            self._find(number)
+
     def _find(self, number: int) -> Member:
         if number not in self._members:
             raise ValueError(f"the pool has no member {number}, only {sorted(self._members)}")
@@ -286,8 +293,8 @@ class Pool:
 
     def save_index(self) -> None:
         """Write who is in the pool to `pool.json`, whole or not at all."""
-        text = json.dumps({"format_version": _FORMAT_VERSION, **self._index()}, indent=1) + "\n"
-        write_atomically(self._index_folder / INDEX_FILE, text)
+        path = self._index_folder / INDEX_FILE
+        write_json(path, {"format_version": _FORMAT_VERSION, **self._index()})
 
     def _index(self) -> dict[str, Any]:
         """All snapshots, as plain data; bots and foreign agents are given anew by who opens it."""
@@ -318,7 +325,7 @@ class Pool:
         if not path.is_file():
             return
         try:
-            record = json.loads(path.read_text("utf-8"))
+            record = read_json(path, INDEX)
             if record["format_version"] != _FORMAT_VERSION:
                 raise ValueError(
                     f"its format version is {record['format_version']}, this program reads "
@@ -331,14 +338,14 @@ class Pool:
     def _take_index(self, record: Mapping[str, Any]) -> None:
         others = {n: kept for n, kept in self._members.items() if kept.kind != SNAPSHOT}
         snapshots = {
-            int(saved["number"]): Member(
-                int(saved["number"]),
-                str(saved["name"]),
+            saved["number"]: Member(
+                read_number(saved, "number", _SNAPSHOT_NUMBERS),
+                _read_name(saved),
                 SNAPSHOT,
-                int(saved["frames"]),
+                read_number(saved, "frames", COUNT),
                 str(saved["fingerprint"]),
-                {int(number): Evidence(*kept) for number, kept in saved["met"].items()},
-                bool(saved["is_retired"]),
+                {int(number): kept for number, kept in read_evidence(saved["met"]).items()},
+                read_number(saved, "is_retired", FLAG),
                 str(saved.get("owner", "")),
                 str(saved.get("role", "")),
             )
@@ -366,6 +373,14 @@ class Pool:
             self._agents[number].load_state_dict(saved.pop(number))
         self._take_index(state["index"])
         self._unread = saved  # a snapshot is read when it plays
+
+
+def _read_name(saved: Mapping[str, Any]) -> str:
+    """The name of a snapshot's folder. Raises ValueError for a path that leads elsewhere."""
+    name = str(saved["name"])
+    if name in ("", ".", "..") or any(mark in name for mark in "/\\\0"):
+        raise ValueError(f"the snapshot {name!r:.80} must be the plain name of a folder")
+    return name
 
 
 def choose_retired(frames: Sequence[int], needed: Collection[int] = ()) -> int:

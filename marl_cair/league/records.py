@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from marl_cair.ranges import COUNT, WEIGHT, Range, check_number, read_number
+
+OPPONENT = Range(-(2**15), 2**15 - 1)  # numbers of opponents: int16 in replay
 EVEN = 0.5  # score of equals: a win counts 1, a draw 1/2
 
 
@@ -83,6 +86,24 @@ class WinRecords:
         return {"faded": dict(self._faded), "counts": dict(self._counts)}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from `state_dict`."""
-        self._faded = {number: tuple(kept) for number, kept in state["faded"].items()}
-        self._counts = dict(state["counts"])
+        """Continue from `state_dict`. Raises ValueError for numbers that no games bring."""
+        faded, counts = {}, {}
+        for number, (points, games, then) in state["faded"].items():
+            kept = read_evidence({number: (points, games)})[number]
+            faded[_read_opponent(number)] = (*kept, int(check_number(then, "frames", COUNT)))
+        for number in state["counts"]:
+            counts[_read_opponent(number)] = int(read_number(state["counts"], number, COUNT))
+        self._faded, self._counts = faded, counts
+
+
+def _read_opponent(number: Any) -> int:
+    return int(check_number(number, "the number of an opponent", OPPONENT))
+
+
+def read_evidence(met: Mapping[Any, Any]) -> dict[Any, Evidence]:
+    """Evidence from plain data, by the same keys. Raises ValueError for what no games bring."""
+    found = {}
+    for key, (points, games) in met.items():
+        played = check_number(games, "games", WEIGHT)
+        found[key] = Evidence(check_number(points, "points", Range(0.0, played, float)), played)
+    return found

@@ -17,8 +17,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from marl_cair.checkpoint import LIVE_FOLDER, CheckpointError
-from marl_cair.files import find_folder, write_atomically
-from marl_cair.league.records import Evidence
+from marl_cair.files import find_folder, write_json
+from marl_cair.league.records import Evidence, read_evidence
+from marl_cair.ranges import COUNT, WEIGHT, check_number, read_number
+from marl_cair.stored import INDEX, read_json
 
 PLAYER_FILE = "player.json"
 PLAYERS, RECORDS = "players", "records"
@@ -105,7 +107,7 @@ class LeagueSeat:
         }
         about = {"generation": self.generation, "frames": frames, "against": against}
         path = self.folder / RECORDS / f"{self.owner}.json"
-        write_atomically(path, json.dumps(about, indent=1) + "\n")
+        write_json(path, about)
 
 
 def read_players(folder: Path) -> list[Player]:
@@ -121,14 +123,14 @@ def read_players(folder: Path) -> list[Player]:
 
 def _read_player(path: Path) -> Player:
     try:
-        about = json.loads(path.read_text("utf-8"))
-        met = {str(name): Evidence(*kept) for name, kept in about["met"].items()}
+        about = read_json(path, INDEX)
+        met = read_evidence(about["met"])
         return Player(
             path.parent.name,
             str(about["owner"]),
             str(about["role"]),
-            int(about["generation"]),
-            int(about["frames"]),
+            read_number(about, "generation", COUNT),
+            read_number(about, "frames", COUNT),
             str(about["fingerprint"]),
             met,
         )
@@ -137,6 +139,14 @@ def _read_player(path: Path) -> Player:
             f"{path} cannot be read as a player of a league ({error!r}): bring the file back, or "
             "delete the player's folder"
         ) from error
+
+
+def _check_record(record: Any) -> dict[str, Any]:
+    for points, games, count in record["against"].values():
+        check_number(points, "points", WEIGHT)
+        check_number(games, "games", WEIGHT)
+        check_number(count, "count", COUNT)
+    return dict(record)
 
 
 def read_records(folder: Path) -> dict[str, dict[str, Any]]:
@@ -149,8 +159,8 @@ def read_records(folder: Path) -> dict[str, dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
     for path in sorted((folder / RECORDS).glob("*.json")):
         try:
-            found[path.stem] = dict(json.loads(path.read_text("utf-8")))
-        except (ValueError, TypeError) as error:
+            found[path.stem] = _check_record(read_json(path))
+        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise CheckpointError(
                 f"{path} cannot be read ({error!r}): delete it, the learner's next slice writes it"
             ) from error

@@ -95,7 +95,10 @@ class MaskedEpsilonGreedy:
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """Continue the random stream where `state_dict` was taken."""
-        self.generator.set_state(state["generator"].cpu())
+        try:
+            self.generator.set_state(state["generator"].cpu())
+        except (RuntimeError, TypeError, AttributeError) as error:
+            raise ValueError(f"generator is no random state of torch ({error})") from error
 
 
 class MaskedSampling(MaskedEpsilonGreedy):

@@ -1,17 +1,22 @@
 """Write named arrays and plain facts to a folder, and read them back, without pickle."""
 
 import json
+import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from marl_cair.files import atomic_path, require_free_space, write_atomically
+from marl_cair.stored import ARRAY, DamagedFileError, open_stored, read_json
 
 FACTS_NAME = "facts.json"
 _MAPPED_FROM_BYTES = 1 << 20  # smaller files are read at once: an empty array cannot be mapped
+_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
 def save_arrays(folder: Path, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> None:
@@ -31,7 +36,9 @@ def save_arrays(folder: Path, arrays: Mapping[str, NDArray[Any]], facts: Mapping
 def load_arrays(folder: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """Return the arrays (large ones mapped from their files, read only) and the facts of a folder.
 
-    Raises FileNotFoundError where `folder` was not written by `save_arrays`.
+    What they hold is for who loads them to check (`ranges`).
+    Raises FileNotFoundError where `folder` was not written by `save_arrays`, DamagedFileError where
+    a file of it is damaged.
     """
     facts_path = folder / FACTS_NAME
     if not facts_path.is_file():
@@ -39,7 +46,9 @@ def load_arrays(folder: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
             f"{folder} holds no saved replay ({FACTS_NAME} is missing): give the folder that "
             "save() wrote"
         )
-    facts: dict[str, Any] = json.loads(facts_path.read_text(encoding="utf-8"))
+    facts = read_json(facts_path)
+    if not isinstance(facts, dict):
+        raise DamagedFileError(f"{facts_path} is {facts!r:.80}, it must be facts by name")
     arrays = {path.stem: _open_array(path) for path in sorted(folder.glob("*.npy"))}
     return arrays, facts
 
@@ -55,8 +64,25 @@ def require_layout(saved: Mapping[str, Any], own: Mapping[str, Any], what: str) 
 
 
 def _open_array(path: Path) -> NDArray[Any]:
-    if path.stat().st_size < _MAPPED_FROM_BYTES:
-        array: NDArray[Any] = np.load(path, allow_pickle=False)
-        return array
+    with open_stored(path, ARRAY) as file:
+        size = os.fstat(file.fileno()).st_size
+        try:
+            shape, _, dtype = _HEADERS[npy.read_magic(file)](file)
+            told = math.prod(shape) * dtype.itemsize
+        except Exception as error:  # whatever a damaged header makes NumPy raise
+            raise DamagedFileError(
+                f"{path} is no array of NumPy ({error!r}): bring it back"
+            ) from error
+        held = size - file.tell()
+        # Before anything is allocated.
+        if dtype.hasobject or told != held or min(shape, default=0) < 0:
+            raise DamagedFileError(
+                f"{path} says that it is {dtype} {list(shape)}, {told:,} bytes, but "
+                f"holds {held:,}: bring it back"
+            )
+        if size < _MAPPED_FROM_BYTES:
+            file.seek(0)
+            array: NDArray[Any] = np.load(file, allow_pickle=False)
+            return array
     mapped: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     return mapped

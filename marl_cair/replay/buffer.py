@@ -156,10 +156,13 @@ class EpisodeReplayBuffer(TensorDictReplayBuffer):
             return {"storage": self._storage.state_dict(), "sampler": self._sampler.state_dict()}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Go on where the saved buffer stood. Raises ValueError where the layout differs."""
+        """Go on where the saved buffer stood. Raises ValueError where the layout differs, or for
+        what no buffer can hold.
+        """
         with self._replay_lock, self._write_lock:
             self._storage.load_state_dict(state_dict["storage"])
             self._sampler.load_state_dict(state_dict["sampler"])
+            self._sampler.check_storage(self._storage)
 
     def dumps(self, path: str | os.PathLike[str]) -> None:
         """Write the buffer to folder `path`, in place of one that is there; also `save`.
@@ -171,10 +174,11 @@ class EpisodeReplayBuffer(TensorDictReplayBuffer):
             self._sampler.dumps(folder / "sampler")
 
     def loads(self, path: str | os.PathLike[str]) -> None:
-        """Read what `dumps` wrote; also `load`. Raises ValueError where the layout differs."""
+        """Read what `dumps` wrote; also `load`. Raises as `load_state_dict`."""
         with self._replay_lock, self._write_lock:
             self._storage.loads(Path(path) / "storage")
             self._sampler.loads(Path(path) / "sampler")
+            self._sampler.check_storage(self._storage)
 
 
 _REFUSAL = "EpisodeReplayBuffer stores steps in linked streams: call extend_rollout(rollout)"

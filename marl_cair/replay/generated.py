@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 
 from marl_cair.files import replaced_folder
+from marl_cair.ranges import COUNT, NUMBER, Range, read_array, read_number
 from marl_cair.replay.array_folder import load_arrays, require_layout, save_arrays
-from marl_cair.replay.sampler import draw_integers
+from marl_cair.replay.sampler import draw_integers, restore_generator
 from marl_cair.replay.transition import (
     EXPERIENCE_KEYS,
     EXPERT_ACTION,
@@ -30,6 +31,7 @@ from marl_cair.replay.transition import (
     check_transitions,
 )
 
+_MOST_STEPS = 10_000  # of a row: the most that n_steps may be
 _STORED_KEYS: tuple[Key, ...] = (*EXPERIENCE_KEYS, STEPS_TO_NEXT_OBS)
 
 
@@ -122,10 +124,26 @@ class GeneratedReplay:
 
     def _import(self, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> None:
         require_layout(facts, self._layout(), "generated replay")
-        self._num_written = int(facts["num_written"])
+        num_written = read_number(facts, "num_written", COUNT)
+        size = min(num_written, self.capacity)
+        saved = {}
         for key, field in self._ring.items():
-            field.numpy()[: len(self)] = arrays[_file_name(key)]
-        self._generator.set_state(torch.from_numpy(np.array(arrays["generator"])))
+            own = field.numpy()
+            like = own.dtype, (size, *own.shape[1:])
+            array = read_array(arrays, _file_name(key), like, self._find_range(key))
+            saved[key] = torch.from_numpy(array.copy())
+        check_transitions(make_transitions(saved, is_generated=True), self.spec, _STORED_KEYS)
+        restore_generator(self._generator, arrays)
+        self._num_written = num_written
+        for key, field in self._ring.items():
+            field[:size] = saved[key]
+
+    def _find_range(self, key: Key) -> Range | None:
+        """What a saved field may hold; None: whatever `check_transitions` lets through."""
+        if key == STEPS_TO_NEXT_OBS:
+            return Range(1, _MOST_STEPS)
+        is_float = self._ring[key].is_floating_point()
+        return NUMBER if is_float else None
 
 
 def make_transitions(drawn: Mapping[Key, torch.Tensor], is_generated: bool) -> TensorDict:

@@ -13,6 +13,7 @@ import torch
 from tensordict import TensorDict
 
 from marl_cair.files import replaced_folder
+from marl_cair.ranges import COUNT, FLAG, Range, read_number
 from marl_cair.replay.array_folder import load_arrays, save_arrays
 from marl_cair.replay.buffer import EpisodeReplayBuffer
 from marl_cair.replay.generated import GeneratedReplay
@@ -130,9 +131,10 @@ class MixedReplay:
         }
 
     def _import_facts(self, facts: Mapping[str, Any]) -> None:
-        self.generated_open = bool(facts["generated_open"])
-        self._num_mixed = int(facts["num_mixed"])
-        self._num_generated = int(facts["num_generated"])
+        self.generated_open = read_number(facts, "generated_open", FLAG)
+        self._num_mixed = read_number(facts, "num_mixed", COUNT)
+        drawn = Range(0, self._num_mixed)
+        self._num_generated = read_number(facts, "num_generated", drawn)
 
 
 def _join_rows(real: TensorDict, generated: TensorDict) -> TensorDict:

@@ -13,10 +13,13 @@ import torch
 from numba import njit
 from numpy.typing import NDArray
 
+from marl_cair.ranges import COUNT, SCORE, Range, read_array, read_number
 from marl_cair.replay.array_folder import load_arrays, save_arrays
 from marl_cair.replay.sampler import UniformSampler, require_sampleable
 from marl_cair.replay.storage import EpisodeStorage
 
+_PRIORITY = Range(0.0, 1e100, float)  # their sum is finite
+_FACTS = {"highest": Range(1e-100, 1e100, float), "num_known": COUNT, "beta": SCORE}
 _LEAST_ERROR = 1e-3  # added to each TD error: what is learned already may have to be learned again
 
 
@@ -122,16 +125,30 @@ class PrioritizedSampler(UniformSampler):
         return {"highest": self._highest, "num_known": self._num_known, "beta": self.beta}
 
     def _import(self, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> None:
-        priorities = arrays["priorities"]
-        if len(priorities) != self._capacity:
+        saved = np.asarray(arrays.get("priorities", ()))
+        if len(saved) != self._capacity:
             raise ValueError(
-                f"the saved priorities are of {len(priorities)} entries, this replay has "
+                f"the saved priorities are of {len(saved)} entries, this replay has "
                 f"{self._capacity}: resume with the same capacity"
             )
+        like = np.dtype(np.float64), (self._capacity,)
+        priorities = read_array(arrays, "priorities", like, _PRIORITY)
+        read = {name: read_number(facts, name, _FACTS[name]) for name in _FACTS}
         self._sums[:] = 0.0
         set_priorities(self._sums, np.arange(self._capacity), np.asarray(priorities, np.float64))
-        self._highest, self._num_known = float(facts["highest"]), int(facts["num_known"])
-        self.beta = float(facts["beta"])
+        self._highest, self._num_known = float(read["highest"]), read["num_known"]
+        self.beta = float(read["beta"])
+
+    def check_storage(self, storage: EpisodeStorage) -> None:
+        """Raise ValueError unless just the known steps have priorities above 0: else draws could
+        look for one for ever.
+        """
+        known = np.arange(max(0, storage.num_written - self._capacity), self._num_known)
+        slots = known % self._capacity
+        is_step = storage.is_step(torch.from_numpy(slots)).numpy()
+        is_drawn = self._sums[self._num_leaves + slots] > 0.0
+        if self._num_known > storage.num_written or (is_drawn != is_step).any():
+            raise ValueError("the saved priorities are not those of the saved replay")
 
 
 @njit(cache=True, nogil=True)

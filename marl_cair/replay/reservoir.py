@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 
 from marl_cair.files import replaced_folder
+from marl_cair.ranges import COUNT, NUMBER, Range, check_extremes, read_array, read_number
 from marl_cair.replay.array_folder import load_arrays, save_arrays
 from marl_cair.replay.transition import ACTION, ACTION_MASK, OBSERVATION, TransitionSpec
 
@@ -146,15 +147,38 @@ class Reservoir:
         """
         arrays, facts = load_arrays(Path(path) / "reservoir")
         layout = [self.capacity, self.spec.row_bytes, self.spec.num_actions]
-        if facts["layout"] != layout:
+        if facts.get("layout") != layout:
             raise ValueError(
                 f"{path} holds a reservoir of another layout (capacity, bytes of a row, actions: "
-                f"{facts['layout']}) than this one ({layout}): start a new run"
+                f"{facts.get('layout')}) than this one ({layout}): start a new run"
             )
-        self._import_facts(facts)
-        size = len(self)
-        self._rows[:size], self._masks[:size] = arrays["rows"], arrays["masks"]
-        self._actions[:size] = arrays["actions"]
+        num_seen = read_number(facts, "num_seen", COUNT)
+        size = min(num_seen, self.capacity)
+        fields: dict[str, NDArray[Any]] = {
+            "rows": self._rows,
+            "masks": self._masks,
+            "actions": self._actions,
+        }
+        ranges = {"actions": Range(0, self.spec.num_actions - 1)}
+        saved = {
+            name: read_array(arrays, name, (own.dtype, (size, *own.shape[1:])), ranges.get(name))
+            for name, own in fields.items()
+        }
+        if size:
+            self._check_saved(saved)
+        self._rng.bit_generator.state = json.loads(facts["rng"])
+        self.num_seen = num_seen
+        for name, own in fields.items():
+            own[:size] = saved[name]
+
+    def _check_saved(self, saved: Mapping[str, NDArray[Any]]) -> None:
+        """Raise ValueError for observations that are not finite, or actions that are illegal."""
+        if self.spec.observation_dtype == torch.float32:
+            check_extremes(saved["rows"].view(np.float32), "rows", NUMBER)
+        actions = saved["actions"]
+        bits = saved["masks"][np.arange(len(actions)), actions // 8] >> (actions % 8)
+        if not (bits & 1).all():
+            raise ValueError("the reservoir holds an action that its mask does not allow")
 
     def _export_facts(self) -> dict[str, Any]:
         return {
@@ -162,7 +186,3 @@ class Reservoir:
             "num_seen": self.num_seen,
             "rng": json.dumps(self._rng.bit_generator.state),
         }
-
-    def _import_facts(self, facts: Mapping[str, Any]) -> None:
-        self.num_seen = int(facts["num_seen"])
-        self._rng.bit_generator.state = json.loads(facts["rng"])

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from torchrl.data.replay_buffers.samplers import Sampler
 
+from marl_cair.ranges import read_array
 from marl_cair.replay.array_folder import load_arrays, save_arrays
 from marl_cair.replay.storage import EpisodeStorage
 
@@ -51,6 +51,9 @@ class UniformSampler(Sampler):
             rejected = ~storage.is_sampleable(index)
         return index
 
+    def check_storage(self, storage: EpisodeStorage) -> None:
+        """Accept any; a sampler that knows its entries compares them once both are loaded."""
+
     def _sampleable_count(self, storage: EpisodeStorage, batch_size: int) -> int:
         return storage.num_sampleable
 
@@ -63,7 +66,7 @@ class UniformSampler(Sampler):
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Go on drawing where the saved sampler stood."""
-        self._generator.set_state(state_dict["generator"])
+        restore_generator(self._generator, state_dict)
 
     def dumps(self, path: str | os.PathLike[str]) -> None:
         """Write the state to a new folder."""
@@ -72,7 +75,17 @@ class UniformSampler(Sampler):
     def loads(self, path: str | os.PathLike[str]) -> None:
         """Read what `dumps` wrote."""
         arrays, _ = load_arrays(Path(path))
-        self._generator.set_state(torch.from_numpy(np.array(arrays["generator"])))
+        restore_generator(self._generator, arrays)
+
+
+def restore_generator(generator: torch.Generator, saved: Mapping[str, Any]) -> None:
+    """Continue from the state `generator` of `saved`. Raises ValueError for what is no state."""
+    own = generator.get_state().numpy()
+    state = read_array(saved, "generator", (own.dtype, own.shape))
+    try:
+        generator.set_state(torch.from_numpy(state.copy()))
+    except RuntimeError as error:
+        raise ValueError(f"generator is no random state of torch ({error})") from error
 
 
 def require_sampleable(storage: EpisodeStorage) -> int:

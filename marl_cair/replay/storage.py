@@ -21,6 +21,7 @@ from tensordict import TensorDict
 from torchrl.data.replay_buffers.storages import Storage
 
 from marl_cair.files import require_free_space
+from marl_cair.ranges import COUNT, NUMBER, Range, check_extremes, read_array, read_number
 from marl_cair.replay.array_folder import load_arrays, require_layout, save_arrays
 from marl_cair.replay.ring import (
     NO_ENTRY,
@@ -32,6 +33,12 @@ from marl_cair.replay.ring import (
     gather_transitions,
 )
 from marl_cair.replay.rollout import Rollout, check_rollout
+from marl_cair.replay.saved_ring import (
+    LINKED_FIELDS,
+    SAVED_FAULTS,
+    find_saved_fault,
+    saved_ranges,
+)
 from marl_cair.replay.transition import TransitionSpec
 
 _DERIVED_FIELDS = ("sampleable", "counters")  # not saved: they follow from the other fields
@@ -290,7 +297,8 @@ class EpisodeStorage(Storage):
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take over a state of a storage with the same layout; n_steps and gamma stay as they are.
 
-        Raises ValueError where the layout or the capacity differs.
+        Raises ValueError where the layout or the capacity differs, or for what no ring can hold;
+        nothing is taken over then.
         """
         arrays = {name: tensor.numpy() for name, tensor in state_dict["arrays"].items()}
         self._import(arrays, state_dict["facts"])
@@ -321,14 +329,40 @@ class EpisodeStorage(Storage):
 
     def _import(self, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> None:
         require_layout(facts, self._layout(), "replay")
+        num_written = read_number(facts, "num_written", COUNT)
+        size = min(num_written, self.max_size)
+        fields = self._read_fields(arrays, size)
+        open_ends = arrays.get("open_ends")
+        if open_ends is not None:
+            like, entries = (
+                (np.dtype(np.int64), (len(open_ends),)),
+                Range(NO_ENTRY, num_written - 1),
+            )
+            open_ends = read_array(arrays, "open_ends", like, entries)
         self._empty()
-        size = min(int(facts["num_written"]), self.max_size)
-        for name in _SAVED_FIELDS:
-            getattr(self._ring, name)[:size] = arrays[name]
+        for name, field in fields.items():
+            getattr(self._ring, name)[:size] = field
         ring = self._ring
         ring.sampleable[:size] = ring.successor[:size] != NO_ENTRY
-        ring.counters[NUM_WRITTEN] = facts["num_written"]
+        ring.counters[NUM_WRITTEN] = num_written
         ring.counters[NUM_SAMPLEABLE] = np.count_nonzero(ring.sampleable[:size])
-        open_ends = arrays.get("open_ends")
         self._open_ends = None if open_ends is None else np.array(open_ends)
         self._bump_mutation_revision()
+
+    def _read_fields(
+        self, arrays: Mapping[str, NDArray[Any]], size: int
+    ) -> dict[str, NDArray[Any]]:
+        """The saved fields of `size` entries. Raises ValueError for what no ring can hold."""
+        spec = self.spec
+        ranges = saved_ranges(spec.num_actions, size)
+        fields = {}
+        for name in _SAVED_FIELDS:
+            own = getattr(self._ring, name)
+            like = own.dtype, (size, *own.shape[1:])
+            fields[name] = read_array(arrays, name, like, ranges.get(name))
+        if spec.observation_dtype == torch.float32 and size:
+            check_extremes(fields["rows"].view(np.float32), "rows", NUMBER)
+        slot, fault = find_saved_fault(*(fields[name] for name in LINKED_FIELDS))
+        if slot != NO_ENTRY:
+            raise ValueError(f"the replay's entry {slot} {SAVED_FAULTS[fault]}")
+        return fields

@@ -12,6 +12,8 @@ from torch import Tensor
 
 from marl_cair.games.torchrl_env import GROUP
 from marl_cair.policies.q_network import QNetwork
+from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
+from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.reservoir import Reservoir
 from marl_cair.training.nfsp_settings import NfspSettings
 
@@ -67,10 +69,10 @@ class AveragePolicy:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from `state_dict`."""
-        self.network.load_state_dict(state["network"])
-        self._optimizer.load_state_dict(dict(state["optimizer"]))
-        self.updates = state["updates"]
+        """Continue from `state_dict`. Raises ValueError for numbers that are not finite."""
+        restore_weights(self.network, state["network"], "average_policy.network")
+        restore_optimizer(self._optimizer, state["optimizer"], "average_policy.optimizer")
+        self.updates = read_number(state, "updates", COUNT)
 
     def save_rows(self, folder: Path) -> None:
         """Write the reservoir to `folder`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import math
 import os
 import types
@@ -11,11 +12,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import yaml
 from omegaconf import OmegaConf
 
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
 from marl_cair.lookup import find_by_name
+from marl_cair.stored import SETTINGS, DamagedFileError, digest_text, read_text
 from marl_cair.training.config import (
     RENAMED_OPTIONS,
     EvaluationSettings,
@@ -25,6 +28,7 @@ from marl_cair.training.config import (
 )
 
 CONFIG_FILE = "config.yaml"
+_CHECKSUM = "# checksum: "  # the last line of a file that a run writes
 
 
 def save_config(config: TrainConfig) -> None:
@@ -35,7 +39,30 @@ def save_config(config: TrainConfig) -> None:
 def write_settings(settings: Any, path: Path) -> None:
     """Write a dataclass of settings to `path` as YAML."""
     text = OmegaConf.to_yaml(OmegaConf.create(to_plain(dataclasses.asdict(settings))))
-    write_atomically(path, text)
+    write_atomically(path, f"{text}{_CHECKSUM}{digest_text(text)}\n")
+
+
+def read_yaml(path: str | os.PathLike[str]) -> Any:
+    """Plain values of a YAML file; what stands in `${}` stays as it is written.
+
+    Raises:
+        ValueError: no YAML, too large a file, aliases, which can stand for more than any memory
+            holds, or a text that the checksum in its last line, where there is one, is not of.
+    """
+    text = read_text(path, SETTINGS)
+    body, mark, digest = text.rpartition(_CHECKSUM)
+    if mark and digest.strip() != digest_text(body):
+        raise DamagedFileError(
+            f"{path} is not as it was written: bring it back; if you have changed it on purpose, "
+            f"delete its last line, {_CHECKSUM}..."
+        )
+    try:
+        if "*" in text and any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)):
+            raise ValueError("it holds aliases (*name): write out what they stand for")
+        return OmegaConf.to_container(OmegaConf.load(io.StringIO(text)))
+    except Exception as error:  # whatever a damaged file makes the YAML reader raise
+        told = " ".join(f"{error}".split()) or type(error).__name__
+        raise DamagedFileError(f"{path} cannot be read: {told}") from error
 
 
 def fixed_settings(config: TrainConfig) -> dict[str, Any]:
@@ -55,10 +82,9 @@ def load_config(folder: str | os.PathLike[str]) -> TrainConfig:
     path = Path(folder) / CONFIG_FILE
     if not path.is_file():
         raise ValueError(f"{str(folder)!r} holds no run to resume: it has no {CONFIG_FILE}")
-    try:
-        values = typing.cast(dict[str, Any], OmegaConf.to_container(OmegaConf.load(path)))
-    except Exception as error:  # whatever a damaged file makes the YAML reader raise
-        raise ValueError(f"{path} cannot be read: {error}") from error
+    values = read_yaml(path)
+    if not isinstance(values, dict):
+        raise ValueError(f"{path} holds {values!r:.80}, it must be options by name")
     return dataclasses.replace(build_config(values), out=str(folder))
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from marl_cair.games.game import Agent, Game
 from marl_cair.games.mixed_agent import MixedAgent
 from marl_cair.league.agents import load_agent
+from marl_cair.ranges import COUNT, Range, read_array, read_numbers
 from marl_cair.training.checks import require
 from marl_cair.training.config import DemonstrationSettings
 from marl_cair.training.opponents import export_rng, import_rng
@@ -107,10 +108,15 @@ class Demonstrators:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from `state_dict`."""
+        """Continue from `state_dict`. Raises ValueError for what no games can be."""
         import_rng(self._rng, state["rng"])
-        self.playing = np.array(state["playing"], np.int8)
-        self.telling = np.array(state["telling"], np.int8)
-        self._decisions_left = np.array(state["decisions_left"], np.int64)
+        agents = Range(NOBODY, len(self.agents) - 1)
+        for name, own, allowed in (
+            ("playing", self.playing, agents),
+            ("telling", self.telling, agents),
+            ("decisions_left", self._decisions_left, COUNT),
+        ):
+            numbers = read_numbers(state[name], name, allowed)
+            own[:] = read_array({name: np.array(numbers, own.dtype)}, name, (own.dtype, own.shape))
         for agent, saved in zip(self.agents, state["bots"], strict=True):
             agent.load_state_dict(saved)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,13 +12,15 @@ from typing import Any
 from tqdm import tqdm
 
 from marl_cair.checkpoint import LEAGUE_TRAINING, LIVE_FOLDER, MIXTURE_FOLDER, SHARED
-from marl_cair.files import claim_output_folder, find_folder, write_atomically
+from marl_cair.files import claim_output_folder, find_folder, write_atomically, write_json
 from marl_cair.games import GAMES
 from marl_cair.league.agents import find_distinct
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.mixing import describe_mixture, mix_league
 from marl_cair.league.mixtures import save_mixture
 from marl_cair.league.shared import MAIN, PLAYERS, read_players, read_records
+from marl_cair.ranges import COUNT, read_number
+from marl_cair.stored import read_json
 from marl_cair.training.config_file import write_settings
 from marl_cair.training.league_settings import LeagueSettings, derive_seed
 from marl_cair.training.league_slice import (
@@ -114,7 +115,7 @@ def _take_turns(
             result = play_slice(member, shared, budget, False)
             if not result.is_done or result.was_interrupted:
                 return result
-            write_atomically(folder / PROGRESS_FILE, json.dumps({"slices": number + 1}) + "\n")
+            write_json(folder / PROGRESS_FILE, {"slices": number + 1})
             if show_progress:
                 tqdm.write(_tell_slice(name, result, shared))
             bar.update()
@@ -137,7 +138,7 @@ def read_progress(folder: Path) -> int:
     if not path.is_file():
         return 0
     try:
-        return int(json.loads(path.read_text("utf-8"))["slices"])
+        return int(read_number(read_json(path), "slices", COUNT))
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(
             f"{path} cannot be read ({error!r}): delete it, slices that are done are not repeated"

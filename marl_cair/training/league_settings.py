@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from omegaconf import OmegaConf
 
 from marl_cair.games import GAMES
 from marl_cair.league.shared import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, ROLES
 from marl_cair.lookup import find_by_name
 from marl_cair.training.checks import require, require_once
 from marl_cair.training.config import OpponentSettings, TrainConfig
-from marl_cair.training.config_file import build_config, build_value, to_plain
+from marl_cair.training.config_file import build_config, build_value, read_yaml, to_plain
 
 # What the league says for its learners.
 _TAKEN = ("out", "seed", "total_frames", "max_minutes")
@@ -169,10 +168,7 @@ def read_options(path: str | Path) -> dict[str, Any]:
     place = Path(path)
     if not place.is_file():
         raise ValueError(f"{path} is no file: give a YAML file, or begin with --example")
-    try:
-        values = OmegaConf.to_container(OmegaConf.load(place))
-    except Exception as error:  # whatever a damaged file makes the YAML reader raise
-        raise ValueError(f"{path} cannot be read: {error}") from error
+    values = read_yaml(place)
     if not isinstance(values, dict) or not values:  # an empty file is hardly meant
         raise ValueError(f"{path} must hold options by name, for example seed: 3")
     return typing.cast(dict[str, Any], values)

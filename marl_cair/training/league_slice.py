@@ -7,14 +7,14 @@ training run for each generation, `000`, `001`, ...; only the newest has a state
 from __future__ import annotations
 
 import dataclasses
-import json
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 from marl_cair.checkpoint import LIVE_FOLDER, CheckpointError
-from marl_cair.files import write_atomically
+from marl_cair.files import write_json
 from marl_cair.league.shared import LeagueSeat
+from marl_cair.stored import read_json
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import CONFIG_FILE, load_config, save_config
 from marl_cair.training.generators import take_over_generator
@@ -158,15 +158,14 @@ def make_member(member: Path, record: MemberRecord, config: TrainConfig) -> None
 
 def save_member(member: Path, record: MemberRecord) -> None:
     """Write `member.json`, whole or not at all."""
-    text = json.dumps(dataclasses.asdict(record), indent=1) + "\n"
-    write_atomically(member / MEMBER_FILE, text)
+    write_json(member / MEMBER_FILE, dataclasses.asdict(record))
 
 
 def read_member(member: Path) -> MemberRecord:
     """Who the learner in `member` is. Raises CheckpointError where that cannot be read."""
     path = member / MEMBER_FILE
     try:
-        return MemberRecord(**json.loads(path.read_text("utf-8")))
+        return MemberRecord(**read_json(path))
     except (OSError, ValueError, TypeError) as error:
         raise CheckpointError(
             f"{path} cannot be read as a learner of a league ({error!r}): bring the file back, or "

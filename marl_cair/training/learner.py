@@ -14,6 +14,8 @@ from torchrl.modules import QValueActor
 from torchrl.objectives import DQNLoss, HardUpdate, SoftUpdate
 
 from marl_cair.policies.q_network import QNetwork
+from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
+from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.transition import NO_ACTION
 from marl_cair.training.config import DemonstrationSettings
 from marl_cair.training.learner_settings import LearnerSettings
@@ -158,10 +160,10 @@ class Learner:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from `state_dict`."""
-        self._loss.load_state_dict(state["loss"])
-        self.average.load_state_dict(state["average"])
-        self.optimizer.load_state_dict(dict(state["optimizer"]))
+        """Continue from `state_dict`. Raises ValueError for numbers that are not finite."""
+        restore_weights(self._loss, state["loss"], "learner.loss")
+        restore_weights(self.average, state["average"], "learner.average")
+        restore_optimizer(self.optimizer, state["optimizer"], "learner.optimizer")
         if hasattr(self._target, "counter"):
-            self._target.counter = state["target_counter"]
-        self.updates = state["updates"]
+            self._target.counter = read_number(state, "target_counter", COUNT)
+        self.updates = read_number(state, "updates", COUNT)

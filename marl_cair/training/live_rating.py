@@ -12,6 +12,8 @@ from typing import Any
 from openskill.models import PlackettLuce
 
 from marl_cair.league.opponents import LATEST_ID
+from marl_cair.league.records import OPPONENT
+from marl_cair.ranges import NUMBER, WEIGHT, check_number
 
 
 class LiveRating:
@@ -54,4 +56,10 @@ class LiveRating:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from `state_dict`."""
-        self._ratings = {number: tuple(kept) for number, kept in state["ratings"].items()}
+        self._ratings = {
+            check_number(number, "the number of an opponent", OPPONENT): (
+                check_number(mean, "mean", NUMBER),
+                check_number(deviation, "deviation", WEIGHT),
+            )
+            for number, (mean, deviation) in state["ratings"].items()
+        }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,7 +21,29 @@ from marl_cair.files import write_atomically
 from marl_cair.games.game import NO_WINNER, GameSpec
 from marl_cair.games.standings import share_points
 from marl_cair.games.torchrl_env import LastStep
+from marl_cair.league.records import OPPONENT
+from marl_cair.ranges import (
+    COUNT,
+    MOST,
+    SCORE,
+    Range,
+    check_number,
+    read_number,
+    read_numbers,
+    take_arrays,
+)
+from marl_cair.stored import LOG, DamagedFileError, read_text
 from marl_cair.training.opponents import Meeting
+
+_VALUE = Range(-1e300, 1e300, float)
+_RANGES = {  # of saved arrays
+    "first_value": _VALUE,
+    "return": _VALUE,
+    "reward_sum": _VALUE,
+    "discount": SCORE,
+    "decisions": COUNT,
+    "actions": COUNT,
+}
 
 
 class Decisions(NamedTuple):
@@ -150,9 +173,8 @@ class EpisodeStatistics:
         self._clear()
         return row
 
-    def export_state(self) -> dict[str, Any]:
-        """Running games and unreported ones as tensors and plain data."""
-        arrays = {
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        return {
             "first_value": self._first_value,
             "return": self._return,
             "reward_sum": self._reward_sum,
@@ -160,6 +182,10 @@ class EpisodeStatistics:
             "decisions": self._decisions,
             "actions": self._actions,
         }
+
+    def export_state(self) -> dict[str, Any]:
+        """Running games and unreported ones as tensors and plain data."""
+        arrays = self._arrays()
         return {
             "arrays": {name: torch.from_numpy(value.copy()) for name, value in arrays.items()},
             "results": {number: list(values) for number, values in self._results.items()},
@@ -172,15 +198,21 @@ class EpisodeStatistics:
 
     def import_state(self, state: Mapping[str, Any]) -> None:
         """Continue from `export_state`."""
-        arrays = {name: value.numpy().copy() for name, value in state["arrays"].items()}
+        arrays = take_arrays(state["arrays"], self._arrays(), _RANGES)
         self._first_value, self._return = arrays["first_value"], arrays["return"]
         self._discount, self._decisions = arrays["discount"], arrays["decisions"]
         self._reward_sum, self._actions = arrays["reward_sum"], arrays["actions"]
-        self._results = {number: list(values) for number, values in state["results"].items()}
-        self._excess, self._lengths = list(state["excess"]), list(state["lengths"])
-        self._reward_sums = list(state["reward_sums"])
-        self._shown_sums = list(state["shown_sums"])
-        self._num_drawn = state["num_drawn"]
+        self._results = {
+            check_number(number, "the number of an opponent", OPPONENT): read_numbers(
+                points, "results", SCORE
+            )
+            for number, points in state["results"].items()
+        }
+        self._excess = read_numbers(state["excess"], "excess", _VALUE)
+        self._lengths = read_numbers(state["lengths"], "lengths", COUNT)
+        self._reward_sums = read_numbers(state["reward_sums"], "reward_sums", _VALUE)
+        self._shown_sums = read_numbers(state["shown_sums"], "shown_sums", _VALUE)
+        self._num_drawn = read_number(state, "num_drawn", COUNT)
 
 
 class RunningMeans:
@@ -208,7 +240,19 @@ class RunningMeans:
 
     def import_state(self, state: Mapping[str, Any]) -> None:
         """Continue from `export_state`."""
-        self._sums, self._counts = dict(state["sums"]), dict(state["counts"])
+        counts = {
+            name: read_number(state["counts"], name, Range(1, MOST)) for name in state["sums"]
+        }
+        for name, total in state["sums"].items():
+            if not isinstance(name, str) or not _is_single(total):
+                raise ValueError(f"the sum {name!r:.80} is no number by name")
+        self._sums, self._counts = dict(state["sums"]), counts
+
+
+def _is_single(value: Any) -> bool:
+    return isinstance(value, int | float) or (
+        isinstance(value, Tensor) and value.numel() == 1 and not value.is_complex()
+    )
 
 
 class Timers:
@@ -281,11 +325,16 @@ def format_rows(rows: list[dict[str, float]]) -> str:
 
 
 def read_log(path: Path) -> list[dict[str, float]]:
-    """Rows of a `log.csv`; none where there is no file."""
+    """Rows of a `log.csv`; none where there is no file. Raises DamagedFileError."""
     if not path.is_file():
         return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return [
-            {name: float(value) for name, value in row.items() if value}
-            for row in csv.DictReader(file)
-        ]
+    rows = csv.DictReader(io.StringIO(read_text(path, LOG)), strict=True)
+    try:
+        read = [{name: float(value) for name, value in row.items() if value} for row in rows]
+        if any(not math.isfinite(row["frames"]) for row in read):
+            raise ValueError("frames are not finite")
+    except (ValueError, TypeError, KeyError, csv.Error) as error:
+        raise DamagedFileError(
+            f"{path}, line {rows.line_num}, cannot be read ({error!r}): bring it back, or delete it"
+        ) from error
+    return read

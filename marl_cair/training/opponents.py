@@ -18,6 +18,7 @@ from marl_cair.league.intervals import win_rate_interval
 from marl_cair.league.mixtures import is_mixture, read_mixture
 from marl_cair.league.opponents import (
     BOTS,
+    LATEST_ID,
     LEAGUE_SAMPLERS,
     PFSP_BOTS,
     SamplerOptions,
@@ -26,9 +27,10 @@ from marl_cair.league.opponents import (
     read_standings,
 )
 from marl_cair.league.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Member, Pool
-from marl_cair.league.records import EVEN, WinRecords
+from marl_cair.league.records import EVEN, OPPONENT, WinRecords
 from marl_cair.league.shared import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, LeagueSeat
 from marl_cair.policies.q_network import QNetwork
+from marl_cair.ranges import COUNT, FLAG, MOST, WEIGHT, Range, read_number, read_numbers
 from marl_cair.replay.transition import NO_OPPONENT
 from marl_cair.training.checks import require
 from marl_cair.training.config import OpponentSettings
@@ -264,12 +266,18 @@ class OpponentBook:
         self.pool.load_state_dict(state["pool"])
         self.records.load_state_dict(state["records"])
         self._since_snapshot.load_state_dict(state["since_snapshot"])
-        self._numbers = list(state["numbers"])
-        self._probabilities = list(state["probabilities"])
-        period, phase = state["drawn_for"]
-        self._drawn_for = (period, phase)
-        self._last_snapshot_frames = state["last_snapshot_frames"]
-        self.is_over = state["is_over"]
+        numbers = read_numbers(state["numbers"], "numbers", OPPONENT)
+        self.pool.require_members({*numbers} - {LATEST_ID})
+        shares = read_numbers(state["probabilities"], "probabilities", WEIGHT)
+        is_none = not numbers and not shares
+        if len(numbers) != len(shares) or not (is_none or abs(sum(shares) - 1.0) < 1e-8):
+            raise ValueError(f"{len(numbers)} opponents have the probabilities {shares!r:.80}")
+        self._numbers, self._probabilities = numbers, shares
+        period, phase = read_numbers(state["drawn_for"], "drawn_for", Range(-1, MOST))
+        # Who is drawn for no time, or nobody, is drawn anew.
+        self._drawn_for = (-1, -1) if is_none else (period, phase)
+        self._last_snapshot_frames = read_number(state, "last_snapshot_frames", COUNT)
+        self.is_over = read_number(state, "is_over", FLAG)
         self.live_rating.load_state_dict(state["live_rating"])
 
 
@@ -340,5 +348,8 @@ def export_rng(rng: np.random.Generator) -> str:
 
 
 def import_rng(rng: np.random.Generator, state: str) -> None:
-    """Continue where `export_rng` was called."""
-    rng.bit_generator.state = json.loads(state)
+    """Continue where `export_rng` was called. Raises ValueError for what is no such text."""
+    try:
+        rng.bit_generator.state = json.loads(state)
+    except (KeyError, TypeError, ArithmeticError, RecursionError) as error:
+        raise ValueError(f"{state!r:.80} is no random state of NumPy ({error!r})") from error

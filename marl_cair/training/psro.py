@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import shutil
 import time
 from collections.abc import Mapping, Sequence
@@ -27,6 +26,7 @@ from marl_cair.files import (
     copy_folder,
     recover_folder,
     write_atomically,
+    write_json,
 )
 from marl_cair.games import GAMES
 from marl_cair.league.agents import find_distinct
@@ -34,6 +34,7 @@ from marl_cair.league.equilibrium import find_safest_mixture
 from marl_cair.league.league import LeagueConfig, play_league, run_league
 from marl_cair.league.mixing import describe_mixture, mix_league, read_scores
 from marl_cair.league.mixtures import is_mixture, save_mixture
+from marl_cair.stored import read_json
 from marl_cair.training.config_file import write_settings
 from marl_cair.training.generators import check_generator, take_over_generator
 from marl_cair.training.initial_network import can_begin_as
@@ -195,7 +196,7 @@ def _find_plan(settings: PsroSettings, number: int, show_progress: bool) -> _Pla
         plan = _Plan(dict(zip(names, weights.tolist(), strict=True)), names[best])
     else:
         plan = _Plan(dict.fromkeys(settings.bots, 1.0 / len(settings.bots)), None)
-    write_atomically(path, json.dumps(plan._asdict(), indent=1) + "\n")
+    write_json(path, plan._asdict())
     if show_progress:
         tqdm.write(f"response {number} {_describe_plan(plan)}")
     return plan
@@ -223,7 +224,7 @@ def weigh_opponents(
 
 def _read_plan(path: Path) -> _Plan:
     try:
-        told = json.loads(path.read_text("utf-8"))
+        told = read_json(path)
         return _Plan({n: float(part) for n, part in told["met"].items()}, told["start"])
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from contextlib import ExitStack
 from pathlib import Path
@@ -27,7 +26,7 @@ from marl_cair.files import (
     recover_folder,
     replaced_folder,
     require_free_space,
-    write_atomically,
+    write_json,
 )
 from marl_cair.games import GAMES
 from marl_cair.games.torchrl_env import BatchedGameEnv
@@ -43,15 +42,17 @@ from marl_cair.policies.actor import (
     PolicyActor,
 )
 from marl_cair.policies.q_network import QNetwork, make_q_network
+from marl_cair.ranges import COUNT, FLAG, Range, read_number
 from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
 from marl_cair.replay.generated import GeneratedReplay
 from marl_cair.replay.mixed import MixedReplay
 from marl_cair.replay.reservoir import Reservoir
 from marl_cair.replay.transition import TransitionSpec
+from marl_cair.stored import DamagedFileError, read_json
 from marl_cair.training import generators
 from marl_cair.training.average_policy import AveragePolicy
 from marl_cair.training.config import TrainConfig
-from marl_cair.training.config_file import fixed_settings, save_config
+from marl_cair.training.config_file import CONFIG_FILE, fixed_settings, save_config
 from marl_cair.training.demonstrations import Demonstrators
 from marl_cair.training.initial_network import fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
@@ -65,6 +66,7 @@ from marl_cair.training.state_file import load_state, save_state, to_arrays, to_
 BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
 REPLAY_FOLDER, RESERVOIR_FOLDER = "replay", "reservoir"
+_SCORES = Range(-math.inf, math.inf, float)  # -inf before the first
 _NUM_SEEDS = 14
 _SPARE_BYTES = 64 << 20  # logs, agents, pictures
 
@@ -203,7 +205,7 @@ class TrainingRun:
         require_free_space(self.folder, needed)
         advice = f"go on with `marl-cair train resume={self.folder}`"
         fixed = fixed_settings(self.config)
-        claim = claim_output_folder(self.folder, TRAINING, fixed, resume, advice)
+        claim = claim_output_folder(self.folder, TRAINING, fixed, resume, advice, CONFIG_FILE)
         self._claim.enter_context(claim)
 
     def _make_learner(self) -> None:
@@ -304,7 +306,7 @@ class TrainingRun:
         if score >= self.best_score:
             self.best_score = score
             self.save_agent(BEST_FOLDER)
-            write_atomically(self.folder / BEST_SCORE_FILE, json.dumps(score) + "\n")
+            write_json(self.folder / BEST_SCORE_FILE, {"score": score})
 
     def add_snapshot(self) -> None:
         """Freeze the learner for the pool, as an agent on disk."""
@@ -352,18 +354,23 @@ class TrainingRun:
         state = load_state(folder)
         try:
             self._import_state(state, folder)
-        except (KeyError, RuntimeError, TypeError, ValueError) as error:
+        except DamagedFileError as error:  # it names the file
+            raise CheckpointError(f"{error}") from error
+        except Exception as error:  # whatever a damaged state makes its owners raise
             raise CheckpointError(
                 f"{folder} does not fit this run's settings, or is damaged: {error!r}"
             ) from error
 
     def _import_state(self, state: Any, folder: Path) -> None:
-        self.frames, self.best_score = state["frames"], state["best_score"]
+        self.frames = read_number(state, "frames", COUNT)
+        self.best_score = read_number(state, "best_score", _SCORES)
         # An agent that is better than any before the state was saved is on disk all the same.
         kept = self.folder / BEST_SCORE_FILE
         if kept.is_file():
-            self.best_score = max(self.best_score, float(json.loads(kept.read_text("utf-8"))))
-        self.gate_is_open = state["gate_is_open"]
+            told = read_json(kept)  # of older versions a number alone
+            told = told if isinstance(told, dict) else {"score": told}
+            self.best_score = max(self.best_score, float(read_number(told, "score", _SCORES)))
+        self.gate_is_open = read_number(state, "gate_is_open", FLAG)
         self.learner.load_state_dict(state["learner"])
         self.book.load_state_dict(state["book"])
         # Snapshots that the run had taken after this state was saved are none yet.

@@ -16,6 +16,8 @@ from marl_cair.games.game import Agent
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
 from marl_cair.league.foreign import require_answers
 from marl_cair.league.opponents import LATEST_ID
+from marl_cair.league.records import OPPONENT
+from marl_cair.ranges import COUNT, MOST, Range, read_number, take_arrays
 from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT
 from marl_cair.training.demonstrations import NOBODY, Demonstrators
 from marl_cair.training.metrics import Decisions, EpisodeStatistics, find_meetings
@@ -81,6 +83,13 @@ class SeatRouter(TensorDictModuleBase):
         self._shown = np.zeros((worlds, self._players), np.bool_)
         self._assisted = np.zeros((worlds, self._players), np.bool_)  # at any time of the game
         self._actions = np.zeros((worlds, self._players), np.int64)
+        self._ranges = {  # of saved arrays; those of bools need none
+            "opponent": OPPONENT,
+            "met": OPPONENT,
+            "team": Range(0, num_teams - 1),
+            "episode": Range(-1, MOST),
+            "actions": Range(0, env.engine.spec.num_actions - 1),
+        }
 
     @property
     def epsilon(self) -> float:
@@ -216,41 +225,44 @@ class SeatRouter(TensorDictModuleBase):
             rows = torch.from_numpy(theirs & (self.opponent == number))
             self._act(agent, rows, group, mask, actions)
 
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        return {
+            "opponent": self.opponent,
+            "met": self._met,
+            "team": self._team,
+            "episode": self._episode,
+            "owned": self._owned,
+            "out": self._out,
+            "shown": self._shown,
+            "assisted": self._assisted,
+            "actions": self._actions,
+            "answering": self._answering,
+        }
+
     def export_state(self) -> dict[str, Any]:
         """Teams, opponents and random states as tensors and plain data."""
         own: OwnPolicies = self.__dict__["own"]
         return {
             "frames": self.frames,
-            "opponent": torch.from_numpy(self.opponent.copy()),
-            "met": torch.from_numpy(self._met.copy()),
-            "team": torch.from_numpy(self._team.copy()),
-            "episode": torch.from_numpy(self._episode.copy()),
-            "owned": torch.from_numpy(self._owned.copy()),
-            "out": torch.from_numpy(self._out.copy()),
-            "shown": torch.from_numpy(self._shown.copy()),
-            "assisted": torch.from_numpy(self._assisted.copy()),
+            **{name: torch.from_numpy(held.copy()) for name, held in self._arrays().items()},
             "demonstrators": self._demonstrators.state_dict(),
-            "actions": torch.from_numpy(self._actions.copy()),
             "rng": export_rng(self._rng),
-            "answering": torch.from_numpy(self._answering.copy()),
             "exploration": own.state_dict(),
         }
 
     def import_state(self, state: Mapping[str, Any]) -> None:
-        """Continue from `export_state`."""
-        self.frames = state["frames"]
-        self.opponent = state["opponent"].numpy().copy()
-        self._met = state["met"].numpy().copy()
-        self._team = state["team"].numpy().copy()
-        self._episode = state["episode"].numpy().copy()
-        self._owned = state["owned"].numpy().copy()
-        self._out = state["out"].numpy().copy()
-        self._shown = state["shown"].numpy().copy()
-        self._assisted = state["assisted"].numpy().copy()
+        """Continue from `export_state`. Raises ValueError for what no games can be."""
+        self.frames = read_number(state, "frames", COUNT)
+        arrays = take_arrays(state, self._arrays(), self._ranges)
+        members = {*arrays["opponent"].ravel().tolist(), *arrays["met"].tolist()}
+        self._book.pool.require_members(members - {LATEST_ID, NO_OPPONENT})
+        self.opponent, self._met = arrays["opponent"], arrays["met"]
+        self._team, self._episode = arrays["team"], arrays["episode"]
+        self._owned, self._out = arrays["owned"], arrays["out"]
+        self._shown, self._assisted = arrays["shown"], arrays["assisted"]
+        self._actions, self._answering = arrays["actions"], arrays["answering"]
         self._demonstrators.load_state_dict(state["demonstrators"])
-        self._actions = state["actions"].numpy().copy()
         import_rng(self._rng, state["rng"])
-        self._answering = state["answering"].numpy().copy()
         own: OwnPolicies = self.__dict__["own"]
         own.load_state_dict(state["exploration"])
 

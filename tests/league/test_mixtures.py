@@ -16,6 +16,7 @@ from marl_cair.league.mixing import mix_league
 from marl_cair.league.mixtures import is_mixture, read_mixture, save_mixture
 from marl_cair.league.store import LeagueStoreError
 from marl_cair.lookup import UnknownNameError
+from tests.damage import forget_checksums
 from tests.games import rock_paper_scissors
 from tests.league.players import GAME, save_network
 
@@ -172,6 +173,7 @@ def test_a_folder_of_something_else_is_not_replaced(tmp_path, nets):
 )
 def test_a_damaged_mixture_is_refused(tmp_path, record):
     text = record if isinstance(record, str) else json.dumps(record)
+    forget_checksums(tmp_path)
     (tmp_path / "mixture.json").write_text(text, "utf-8")
     with pytest.raises(CheckpointError, match="cannot be read as a mixture"):
         load_agent(tmp_path, GAME.name, SCENARIO)

@@ -11,6 +11,7 @@ from marl_cair.checkpoint import CheckpointError, load_network, load_tensors, sa
 from marl_cair.league.agents import load_agent
 from marl_cair.training.state_file import STATE_FILE
 from marl_cair.training.trainer import train
+from tests.damage import forget_checksums
 from tests.training.runs import GAME, tiny
 
 
@@ -59,6 +60,7 @@ class TestCheckpoints:
         path = agent / "agent.json"
         text = path.read_text("utf-8")
         assert old in text
+        forget_checksums(agent)
         path.write_text(text.replace(old, new), "utf-8")
         with pytest.raises(ValueError, match=message):
             load_agent(agent)
@@ -66,12 +68,14 @@ class TestCheckpoints:
     def test_options_that_are_no_options(self, agent):
         path = agent / "agent.json"
         record = json.loads(path.read_text("utf-8"))
+        forget_checksums(path.parent)
         path.write_text(json.dumps({**record, "scenario_options": [1]}), "utf-8")
         with pytest.raises(CheckpointError, match=r"scenario_options is \[1\], it must be values"):
             load_agent(agent)
 
     def test_truncated_weights(self, agent):
         path = agent / "weights.pt"
+        forget_checksums(path.parent)
         path.write_bytes(path.read_bytes()[:1_000])
         with pytest.raises(CheckpointError, match="is cut short, or holds more than tensors"):
             load_agent(agent)
@@ -111,6 +115,7 @@ class TestStates:
         train(dataclasses.replace(config, total_frames=128), show_progress=False)
         path = tmp_path / "a" / "resume" / STATE_FILE
         state = {**load_tensors(path), **change}
+        forget_checksums(path.parent)
         save_tensors({name: value for name, value in state.items() if value is not None}, path)
         with pytest.raises(CheckpointError, match=message):
             train(config, resume=True, show_progress=False)

@@ -18,6 +18,7 @@ from marl_cair.training.config import GameSettings
 from marl_cair.training.psro import train_psro, weigh_opponents
 from marl_cair.training.psro_settings import build_psro
 from marl_cair.training.trainer import train
+from tests.damage import forget_checksums
 from tests.games import rock_paper_scissors
 from tests.training.runs import tiny
 
@@ -209,6 +210,7 @@ def test_whom_responses_cannot_begin_as_is_refused_before_anything_is_written(tm
     other = tmp_path / "other"
     shutil.copytree(player, other)
     about = json.loads((other / "agent.json").read_text("utf-8"))
+    forget_checksums(other)
     (other / "agent.json").write_text(json.dumps({**about, "representation": "planes"}), "utf-8")
     with pytest.raises(ValueError, match=r"representation"):
         run(out, begin_with=[player, str(other)])

@@ -32,6 +32,7 @@ from marl_cair.training.learner_settings import LearnerSettings
 from marl_cair.training.metrics import read_log
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.trainer import train
+from tests.damage import forget_checksums
 from tests.training.runs import (
     GAME,
     NEVER,
@@ -77,6 +78,7 @@ def test_a_folder_of_another_run_is_refused_and_left_alone(tmp_path):
 def test_a_cut_state_is_refused(tmp_path):
     train(tiny(tmp_path / "a", 256), show_progress=False)
     state = tmp_path / "a" / "resume" / "state.pt"
+    forget_checksums(state.parent)
     state.write_bytes(state.read_bytes()[: state.stat().st_size // 2])
     with pytest.raises(CheckpointError, match="is cut short"):
         train(tiny(tmp_path / "a", 512), resume=True, show_progress=False)

@@ -1,0 +1,34 @@
+"""How much memory there is, and a refusal of what needs more before it is allocated."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+_LIMIT_FILE = Path("/sys/fs/cgroup/memory.max")  # of a container
+
+
+class NotEnoughMemoryError(ValueError):
+    """More memory is asked for than the machine has."""
+
+
+def total_memory() -> int:
+    """Bytes that a process can have at most: the machine's, or its container's limit."""
+    total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    try:
+        limit = _LIMIT_FILE.read_text("ascii").strip()
+    except OSError:
+        limit = ""
+    return min(total, int(limit)) if limit.isdigit() else total
+
+
+def require_memory(what: str, num_bytes: int) -> None:
+    """Raise NotEnoughMemoryError where `what` needs more bytes than there are."""
+    if not hasattr(os, "sysconf"):  # Windows
+        return
+    total = total_memory()
+    if num_bytes > total:
+        raise NotEnoughMemoryError(
+            f"{what} needs {num_bytes:,} bytes of memory, this machine has {total:,}: give a "
+            "smaller number"
+        )

@@ -1,0 +1,75 @@
+"""Check saved weights and optimiser states, and take them over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from marl_cair.ranges import WEIGHT, read_number
+
+
+def require_finite(weights: Mapping[str, Any], where: str) -> None:
+    """Raise ValueError that names the first tensor that holds NaN or an infinite number.
+
+    weights: tensors by name; where: what they are of, before the name.
+    """
+    for name, value in weights.items():
+        is_number = isinstance(value, Tensor) and value.is_floating_point()
+        if is_number and not bool(torch.isfinite(value).all()):
+            raise ValueError(
+                f"{where}{name} holds numbers that are not finite (NaN or infinite): the training "
+                "has diverged or the file is damaged; take an earlier checkpoint"
+            )
+
+
+def restore_weights(network: nn.Module, saved: Mapping[str, Any], where: str) -> None:
+    """Take over the weights that `state_dict` gave. where: whose they are, for the message.
+
+    Raises ValueError where they are of another network or not finite.
+    """
+    require_finite(saved, f"{where}.")
+    try:
+        network.load_state_dict(saved)
+    except (RuntimeError, AttributeError) as error:
+        raise ValueError(f"{where} does not fit: {error}") from error
+
+
+def restore_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) -> None:
+    """Take over a state that `state_dict` gave. where: whose it is, for the message.
+
+    Raises ValueError where it is of other weights, or would break the next step.
+    """
+    parameters = [one for group in optimizer.param_groups for one in group["params"]]
+    own = optimizer.state_dict()["param_groups"]
+    if len(saved["param_groups"]) != len(own):
+        raise ValueError(f"{where} has {len(saved['param_groups'])} groups, expected {len(own)}")
+    for group, held in zip(saved["param_groups"], own, strict=True):
+        _check_group(group, held, where)
+    for number, kept in saved["state"].items():
+        if type(number) is not int or not 0 <= number < len(parameters):
+            raise ValueError(f"{where} holds a weight {number!r:.80}, there are {len(parameters)}")
+        for name, value in kept.items():
+            _check_moment(f"{where}.{number}.{name}", value, parameters[number])
+    optimizer.load_state_dict(dict(saved))
+
+
+def _check_group(saved: Mapping[str, Any], own: Mapping[str, Any], where: str) -> None:
+    for name, value in own.items():
+        if name in ("lr", "peak"):
+            read_number(saved, name, WEIGHT)
+        elif saved.get(name) != value:
+            raise ValueError(f"{where}.{name} is {saved.get(name)!r:.80}, expected {value!r:.80}")
+
+
+def _check_moment(name: str, value: Any, parameter: Tensor) -> None:
+    """A moment is like its weight, a count of steps a single number; squares are 0 or more."""
+    is_step = name.endswith(".step")
+    shape = () if is_step else tuple(parameter.shape)
+    if not isinstance(value, Tensor) or tuple(value.shape) != shape or value.is_complex():
+        raise ValueError(f"{name} must be a tensor of shape {list(shape)}")
+    require_finite({name: value}, "")
+    if (is_step or name.endswith("_sq")) and bool((value < 0).any()):
+        raise ValueError(f"{name} holds numbers below 0")

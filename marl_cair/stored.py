@@ -1,0 +1,213 @@
+"""Read stored files: regular, of a limited size, and as their checksums say; and the checksums.
+
+A folder that is written whole (`files.replaced_folder`) holds a `manifest.json` with the size and
+the digest of each of its files; a folder in it that has a manifest of its own counts as that one
+file. Files that are written one by one carry their digest: JSON objects under `checksum`, YAML in a
+last line (`training.config_file`). A checksum shows damage, it is no signature: who changes a file
+can change that too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+MANIFEST_FILE = "manifest.json"
+CHECKSUM = "checksum"
+_LEVELS_UP = 3  # folders between a file and its manifest: <mixture>/members/00, <replay>/storage
+
+_KIB, _MIB, _GIB = 1 << 10, 1 << 20, 1 << 30
+SETTINGS, RECORD, INDEX, LOG, MAP = "settings", "record", "index", "log", "map"
+FILM, TENSORS, ARRAY = "film", "tensors", "array"
+# Most bytes of a file by what it holds: a larger one is refused before anything of it is read.
+MAX_BYTES = {
+    SETTINGS: 128 * _KIB,  # a configuration has 5 KiB; YAML is read at some 100 KiB in a second
+    RECORD: 4 * _MIB,  # agent.json has 2 KiB, a mixture 0.1 KiB for each member
+    INDEX: 32 * _MIB,  # of a pool: 1,000 snapshots, each with its games against all before
+    LOG: 256 * _MIB,  # log.csv has 1 KiB for each 10,000 frames
+    MAP: 2 * _MIB,  # 128 x 128 cells, the most there are, have 17 KiB as text, 0.1 MiB as JSON
+    FILM: 16 * _MIB,  # a film for a report has 1 MiB at most
+    TENSORS: 64 * _GIB,  # what the memory takes is checked by who reads them
+    ARRAY: 4096 * _GIB,  # arrays are mapped, not read
+}
+
+
+class DamagedFileError(ValueError):
+    """A stored file that is not as it was written, or is none that this program would write."""
+
+
+@contextmanager
+def open_stored(path: str | os.PathLike[str], kind: str) -> Iterator[io.BufferedReader]:
+    """Open a file to read once its kind, its size and its manifest's digest are checked.
+
+    kind: of MAX_BYTES. A file without a manifest, as older versions wrote it, is taken as it is.
+
+    Raises:
+        DamagedFileError: no regular file (a pipe would be waited for), a larger one than its kind
+            may be, or not the one that its manifest lists.
+        OSError: it cannot be opened.
+    """
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    place = Path(path)
+    with os.fdopen(os.open(place, flags), "rb") as file:
+        about = os.fstat(file.fileno())
+        if not stat.S_ISREG(about.st_mode):
+            raise DamagedFileError(
+                f"{place} is no regular file, but a folder, pipe or device: bring the file back"
+            )
+        if about.st_size > MAX_BYTES[kind]:
+            raise DamagedFileError(
+                f"{place} has {about.st_size:,} bytes, a {kind} file has at most "
+                f"{MAX_BYTES[kind]:,}: bring the right file back"
+            )
+        if listed := _find_listed(place):
+            if problem := _compare(file, *listed):
+                raise DamagedFileError(f"{place} {problem}: bring it back from a copy")
+            file.seek(0)
+        yield file
+
+
+def read_bytes(path: str | os.PathLike[str], kind: str) -> bytes:
+    """The content of a file. Raises as `open_stored`."""
+    with open_stored(path, kind) as file:
+        return file.read()
+
+
+def read_text(path: str | os.PathLike[str], kind: str) -> str:
+    """The text of a UTF-8 file. Raises as `open_stored`; DamagedFileError for another encoding."""
+    try:
+        return read_bytes(path, kind).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise DamagedFileError(f"{path} is no UTF-8 text ({error}): bring it back") from error
+
+
+def read_json(path: str | os.PathLike[str], kind: str = RECORD) -> Any:
+    """The plain value in a JSON file, without its `checksum`, which is compared where there is one.
+
+    Raises as `open_stored`; DamagedFileError for what is no JSON, is nested too deeply, or is not
+    what the checksum is of.
+    """
+    text = read_text(path, kind)
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise DamagedFileError(f"{path} is no JSON ({error}): bring it back") from error
+    if isinstance(value, dict) and CHECKSUM in value and value.pop(CHECKSUM) != _digest_of(value):
+        raise DamagedFileError(
+            f"{path} is not as it was written (its checksum is of something else): bring it back"
+        )
+    return value
+
+
+def with_checksum(values: Mapping[str, Any]) -> dict[str, Any]:
+    """`values` as JSON gives them back, and their `checksum` for `read_json`."""
+    plain = json.loads(json.dumps(dict(values)))
+    return {**plain, CHECKSUM: _digest_of(plain)}
+
+
+def _digest_of(plain: Mapping[str, Any]) -> str:
+    return digest_text(json.dumps(plain, sort_keys=True, separators=(",", ":")))
+
+
+def digest_text(text: str) -> str:
+    """Hexadecimal digest of a text."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+# --- manifests ---------------------------------------------------------------------------------
+
+
+def write_manifest(folder: Path) -> None:
+    """Write `manifest.json` of all files in `folder`, in place of one that is there."""
+    files = {}
+    for path in _list_own(folder):
+        with path.open("rb") as file:
+            files[path.relative_to(folder).as_posix()] = [path.stat().st_size, _digest(file)]
+    text = json.dumps({"format_version": 1, "files": files}, indent=1) + "\n"
+    (folder / MANIFEST_FILE).write_text(text, "utf-8")
+
+
+def read_manifest(folder: Path) -> dict[str, tuple[int, str]]:
+    """Size and digest of each file by its path in `folder`.
+
+    Raises DamagedFileError for a manifest that cannot be read, OSError where there is none.
+    """
+    path = folder / MANIFEST_FILE
+    try:
+        with path.open("rb") as file:
+            text = file.read(MAX_BYTES[INDEX]) if stat.S_ISREG(path.stat().st_mode) else b""
+        files = json.loads(text)["files"]
+        return {str(name): (int(size), str(digest)) for name, (size, digest) in files.items()}
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise DamagedFileError(
+            f"{path} cannot be read as the list of the folder's checksums ({error!r}): bring it "
+            "back, or delete it to use the files unchecked"
+        ) from error
+
+
+def find_damage(folder: Path) -> tuple[dict[str, str], int]:
+    """What is wrong with files that the manifest of `folder` lists, by name, and how many are
+    sound. Raises as `read_manifest`.
+    """
+    wrong: dict[str, str] = {}
+    listed = read_manifest(folder)
+    for name, (size, digest) in listed.items():
+        path = folder / name
+        if not path.is_file():
+            wrong[name] = "is missing" if not path.exists() else "is no regular file"
+            continue
+        with path.open("rb") as file:
+            if problem := _compare(file, size, digest):
+                wrong[name] = problem
+    return wrong, len(listed) - len(wrong)
+
+
+def refuse_damage(folder: Path, name: str) -> None:
+    """Raise DamagedFileError where a file of `folder`, which is called `name`, is not as its
+    manifest says; without a manifest, nothing is known.
+    """
+    wrong = find_damage(folder)[0] if (folder / MANIFEST_FILE).is_file() else {}
+    for file, problem in wrong.items():
+        raise DamagedFileError(f"{name}/{file} {problem}: bring it back from a copy")
+
+
+def _find_listed(path: Path) -> tuple[int, str] | None:
+    """What the nearest manifest says of a file, if there is one that lists it."""
+    if path.name == MANIFEST_FILE:
+        return None
+    name = path.name
+    for folder in list(path.parents)[:_LEVELS_UP]:
+        if (folder / MANIFEST_FILE).is_file():
+            return read_manifest(folder).get(name)
+        name = f"{folder.name}/{name}"
+    return None
+
+
+def _list_own(folder: Path) -> Iterator[Path]:
+    """All files below `folder` by name; of a folder with a manifest of its own that alone."""
+    for path in sorted(folder.iterdir()):
+        if path.is_dir():
+            own = path / MANIFEST_FILE
+            yield from (own,) if own.is_file() else _list_own(path)
+        elif path.name != MANIFEST_FILE:
+            yield path
+
+
+def _compare(file: io.BufferedReader, size: int, digest: str) -> str:
+    found = os.fstat(file.fileno()).st_size
+    if found != size:
+        return f"is damaged: it has {found:,} bytes, its manifest says {size:,}"
+    if _digest(file) != digest:
+        return "is damaged: its content is not what its manifest says"
+    return ""
+
+
+def _digest(file: io.BufferedReader) -> str:
+    return hashlib.file_digest(file, "sha256").hexdigest()  # where CPUs help, twice blake2b's speed

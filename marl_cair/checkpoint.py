@@ -118,7 +118,10 @@ def find_agent(folder: str | os.PathLike[str]) -> Path:
 
 def _read_chosen(file: Path) -> str:
     try:
-        return str(json.loads(file.read_text("utf-8"))["chosen"])
+        chosen = str(json.loads(file.read_text("utf-8"))["chosen"])
+        if Path(chosen).name != chosen:
+            raise ValueError(f"chosen is {chosen!r}, which is no plain name")
+        return chosen
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise CheckpointError(
             f"{file.parent} is a run of `league exploit` without a result ({error!r}): let it end, "

@@ -26,11 +26,12 @@ OTHER_SOURCES = sorted(
 MAX_FILE_LINES = 400
 MAX_SCRIPT_LINES = 40
 
-LEAVES = {"lookup", "files"}
+LEAVES = {"lookup", "files", "text"}
 # What each part of the package may import of it, beside the leaves and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     "lookup": set(),
     "files": set(),
+    "text": set(),
     "games": set(),
     "policies": set(),
     "replay": set(),

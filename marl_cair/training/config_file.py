@@ -15,6 +15,7 @@ from omegaconf import OmegaConf
 
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
+from marl_cair.league.allowed_code import AllowCode, require_allowed
 from marl_cair.lookup import find_by_name
 from marl_cair.training.config import (
     RENAMED_OPTIONS,
@@ -46,10 +47,13 @@ def fixed_settings(config: TrainConfig) -> dict[str, Any]:
     return values
 
 
-def load_config(folder: str | os.PathLike[str]) -> TrainConfig:
+def load_config(folder: str | os.PathLike[str], allow_code: AllowCode = False) -> TrainConfig:
     """The configuration of the run in `folder`, with `out` where the folder lies now.
 
+    allow_code: which code that it names may run; see `league.allowed_code`.
+
     Raises:
+        CodeNotAllowedError: it names agents that are code, and they are not allowed.
         ValueError: the folder holds no run, or a damaged configuration.
     """
     path = Path(folder) / CONFIG_FILE
@@ -59,7 +63,14 @@ def load_config(folder: str | os.PathLike[str]) -> TrainConfig:
         values = typing.cast(dict[str, Any], OmegaConf.to_container(OmegaConf.load(path)))
     except Exception as error:  # whatever a damaged file makes the YAML reader raise
         raise ValueError(f"{path} cannot be read: {error}") from error
-    return dataclasses.replace(build_config(values), out=str(folder))
+    config = dataclasses.replace(build_config(values), out=str(folder))
+    require_allowed(list_sources(config), allow_code, path)
+    return config
+
+
+def list_sources(config: TrainConfig) -> list[str]:
+    """The agents that a run loads by name, as `load_agent` takes them."""
+    return [*config.opponent.agents.values(), *config.demonstration.agents.values()]
 
 
 def build_config(values: Mapping[str, Any]) -> TrainConfig:

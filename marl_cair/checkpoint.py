@@ -125,7 +125,10 @@ def find_agent(folder: str | os.PathLike[str]) -> Path:
 
 def _read_chosen(file: Path) -> str:
     try:
-        return str(read_json(file)["chosen"])
+        chosen = str(read_json(file)["chosen"])
+        if Path(chosen).name != chosen:
+            raise ValueError(f"chosen is {chosen!r}, which is no plain name")
+        return chosen
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise CheckpointError(
             f"{file.parent} is a run of `league exploit` without a result ({error!r}): let it end, "

@@ -26,7 +26,7 @@ OTHER_SOURCES = sorted(
 MAX_FILE_LINES = 400
 MAX_SCRIPT_LINES = 40
 
-LEAVES = {"lookup", "files", "stored", "ranges", "memory", "interrupts"}
+LEAVES = {"lookup", "files", "stored", "ranges", "memory", "interrupts", "text"}
 # What each part of the package may import of it, beside the leaves and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     "lookup": set(),
@@ -35,6 +35,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "ranges": set(),
     "memory": set(),
     "interrupts": set(),
+    "text": set(),
     "games": set(),
     "policies": set(),
     "replay": set(),

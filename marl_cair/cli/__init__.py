@@ -8,6 +8,7 @@ from importlib import import_module
 
 from marl_cair import __version__
 from marl_cair.lookup import find_by_name
+from marl_cair.text import clean_text
 
 # name -> (module of this package with `run(arguments) -> exit code`, what it does)
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -42,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write("marl-cair: interrupted\n")
         return EXIT_INTERRUPTED
     except (ValueError, OSError) as error:
-        sys.stderr.write(f"marl-cair: {error}\n")
+        sys.stderr.write(f"marl-cair: {clean_text(str(error))}\n")
         return EXIT_REFUSED
 
 

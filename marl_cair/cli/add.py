@@ -9,7 +9,8 @@ from pathlib import Path
 
 from marl_cair.cli.league import DEFAULT_OUT, tell, tell_command
 from marl_cair.cli.match_options import (
-    add_answer_seconds,
+    add_allow_code,
+    add_answer_limits,
     add_no_replays,
     add_workers,
     choose_load,
@@ -26,7 +27,8 @@ def run(arguments: Sequence[str]) -> int:
     folder = Path(options.out)
     found = expand_agents(options.agents, known=list_fingerprints(folder))
     agents = found.list_agents(options.agents)
-    config = plan_extension(folder, agents, options.games, options.workers, load)
+    allow_code = options.allow_code or frozenset(agents)
+    config = plan_extension(folder, agents, options.games, options.workers, load, allow_code)
     told = tell_command("league add", arguments)
     return tell(
         run_league(dataclasses.replace(config, command=told, replays=not options.no_replays), load)
@@ -51,6 +53,7 @@ def make_parser() -> argparse.ArgumentParser:
         help="games of each new pair (default: as many as the league's pairs have on the median)",
     )
     add_workers(parser)
-    add_answer_seconds(parser)
+    add_answer_limits(parser)
+    add_allow_code(parser, "the league")
     add_no_replays(parser)
     return parser

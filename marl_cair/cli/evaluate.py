@@ -26,6 +26,7 @@ from marl_cair.league.agents import find_fingerprint, find_scenario
 from marl_cair.league.intervals import mean_interval, median_interval, win_rate_interval
 from marl_cair.league.match import MatchResult, play_match, require_rivals
 from marl_cair.league.solo import play_alone
+from marl_cair.text import clean_cell
 from marl_cair.training.config_file import read_options
 
 COLUMNS = ("opponent", "games", "wins", "draws", "losses", "win_rate", "low", "high")
@@ -54,7 +55,8 @@ def run(arguments: Sequence[str]) -> int:
         columns, rows = COLUMNS, _rate_against(options, game, name, scenario)
     if options.out:
         text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([columns, *rows])
+        cells = (map(clean_cell, row) for row in (columns, *rows))
+        csv.writer(text, lineterminator="\n").writerows(cells)
         write_atomically(options.out, text.getvalue())
     return EXIT_DONE
 

@@ -25,6 +25,7 @@ from marl_cair.league.report import FILES
 from marl_cair.league.reporting import LeagueResult, report_stored
 from marl_cair.league.run_folders import MOST_SNAPSHOTS
 from marl_cair.league.store import STORE_FILE, LeagueStore
+from marl_cair.text import clean_text
 
 DEFAULT_OUT = "runs/league"
 GAMES_PER_PAIR = 40
@@ -108,7 +109,7 @@ def tell_status(arguments: Sequence[str]) -> int:
     try:
         games, agents = store.read_games(), store.read_agents()
         held = {key: store.settings[key] for key in ("game", "game_version", "seed", "seating")}
-        lines = [", ".join(f"{key} {value}" for key, value in held.items())]
+        lines = [clean_text(", ".join(f"{key} {value}" for key, value in held.items()))]
         lines.append(
             f"{len(agents)} agents, {len(games.agents)} games in {len(set(games.blocks.tolist()))} "
             f"blocks, {int(games.is_repeat.sum())} of them repeats of another"

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED
+from marl_cair.cli.match_options import add_allow_code
 from marl_cair.cli.options import read_comments
 from marl_cair.lookup import find_by_name
 from marl_cair.training.league_examples import EXAMPLES, PSRO_EXAMPLES
@@ -34,7 +35,7 @@ class _Command(NamedTuple):
     more: str  # the option that makes it longer
     examples: Mapping[str, dict[str, Any]]
     build: Callable[[Mapping[str, Any]], Any]
-    load: Callable[[str], Any]
+    load: Callable[[str, bool], Any]
     train: Callable[[Any], LeagueTraining | PsroResult]
 
 
@@ -91,7 +92,7 @@ def _run(command: _Command, defaults: Any, arguments: Sequence[str]) -> int:
         return EXIT_DONE
     if options.file is None:
         raise ValueError(f"no file is given: write {words} {command.file}")
-    settings = command.load(options.file)
+    settings = command.load(options.file, options.allow_code)
     changes = {"out": options.out, "max_minutes": options.minutes}
     given = {name: value for name, value in changes.items() if value is not None}
     result = command.train(dataclasses.replace(settings, **given))
@@ -121,6 +122,7 @@ def _make_parser(command: _Command, words: str, defaults: Any) -> argparse.Argum
         help=f"print a ready-made file, and end: {', '.join(command.examples)}",
     )
     parser.add_argument("--out", help="output folder, in place of the file's")
+    add_allow_code(parser, "the file")
     parser.add_argument(
         "--minutes", type=float, help="of this sitting, in place of the file's max_minutes"
     )

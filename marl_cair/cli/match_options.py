@@ -5,15 +5,17 @@ from __future__ import annotations
 import argparse
 import functools
 import math
+import re
 import sys
 from collections.abc import Collection, Sequence
 from typing import Any
 
 from marl_cair.games import GAMES
 from marl_cair.games.game import Agent, GameSpec
-from marl_cair.league.agents import is_foreign, load_agent
+from marl_cair.league.agents import load_agent
+from marl_cair.league.allowed_code import is_foreign
 from marl_cair.league.arena import Load
-from marl_cair.league.process import ANSWER_SECONDS, FUNCTION_SECONDS
+from marl_cair.league.limits import ANSWER_SECONDS, FUNCTION_SECONDS
 from marl_cair.league.run_folders import Expansion, expand_runs
 
 _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
@@ -22,7 +24,7 @@ _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 def add_match_options(
     parser: argparse.ArgumentParser, games: int, games_of: str, trained: str, bots_alone: str
 ) -> None:
-    """Add --games, --seed, --answer-seconds, and what `add_scenario_options` adds.
+    """Add --games, --seed, and what `add_scenario_options` and `add_answer_limits` add.
 
     games: how many by default; games_of: against or of whom, for the help.
     """
@@ -39,7 +41,7 @@ def add_match_options(
         help="whole number; the same seed plays the same games (default: %(default)s)",
     )
     add_scenario_options(parser, trained, bots_alone)
-    add_answer_seconds(parser)
+    add_answer_limits(parser)
 
 
 def add_scenario_options(parser: argparse.ArgumentParser, trained: str, bots_alone: str) -> None:
@@ -109,8 +111,18 @@ def read_seconds(text: str) -> float | None:
     return seconds if 0.0 < seconds < math.inf else None  # NaN is neither
 
 
-def add_answer_seconds(parser: argparse.ArgumentParser) -> None:
-    """Add --answer-seconds."""
+def add_allow_code(parser: argparse.ArgumentParser, files: str) -> None:
+    """Add --allow-code. files: which of them may name code, for the help."""
+    parser.add_argument(
+        "--allow-code",
+        action="store_true",
+        help=f"also run the code that {files} names (process:COMMAND, module:function), and list "
+        "it; for files of people whom you trust (default: it is refused)",
+    )
+
+
+def add_answer_limits(parser: argparse.ArgumentParser) -> None:
+    """Add --answer-seconds, --answer-memory and --answer-processes."""
     parser.add_argument(
         "--answer-seconds",
         type=float,
@@ -120,17 +132,62 @@ def add_answer_seconds(parser: argparse.ArgumentParser) -> None:
         f"that hangs or dies ends everything (default: {FUNCTION_SECONDS:g} for module:function, "
         f"{ANSWER_SECONDS:g} for process:COMMAND)",
     )
+    parser.add_argument(
+        "--answer-memory",
+        default="",
+        metavar="SIZE",
+        help="limit for the address space of each process of such an agent, for example 2GiB; "
+        "Linux only (default: none)",
+    )
+    parser.add_argument(
+        "--answer-processes",
+        type=int,
+        default=0,
+        metavar="N",
+        help="limit for the processes that such an agent runs at once; Linux only (default: none)",
+    )
+
+
+def read_bytes(text: str, option: str) -> int:
+    """Bytes of "500MiB" or "2GiB"; 0 of "". Raises ValueError for other words."""
+    found = re.fullmatch(r"(\d+(?:\.\d+)?) ?([KMGT])i?B?", text)
+    if found is None and text:
+        raise ValueError(f"{option} is {text!r}, it must be a size, for example 500MiB or 2GiB")
+    return int(float(found[1]) * 1024.0 ** ("KMGT".index(found[2]) + 1)) if found else 0
 
 
 def choose_load(options: argparse.Namespace) -> Load:
-    """How agents are loaded, by --answer-seconds."""
-    return functools.partial(_load_limited, answer_seconds=options.answer_seconds)
+    """How agents are loaded, by the options of `add_answer_limits`."""
+    memory = read_bytes(options.answer_memory, "--answer-memory")
+    if options.answer_seconds == 0 and (memory or options.answer_processes):
+        raise ValueError(
+            "--answer-seconds 0 runs functions in this process, where --answer-memory and "
+            "--answer-processes cannot hold: leave one or the others out"
+        )
+    return functools.partial(
+        _load_limited,
+        answer_seconds=options.answer_seconds,
+        answer_memory=memory,
+        answer_processes=options.answer_processes,
+    )
 
 
 def _load_limited(
-    source: str, game: str | None = None, scenario: Any = None, answer_seconds: float | None = None
+    source: str,
+    game: str | None = None,
+    scenario: Any = None,
+    answer_seconds: float | None = None,
+    answer_memory: int = 0,
+    answer_processes: int = 0,
 ) -> Agent:
     limit = answer_seconds or None  # 0 and none said
     if is_foreign(source) and answer_seconds is None:
         limit = FUNCTION_SECONDS
-    return load_agent(source, game, scenario, answer_seconds=limit)
+    return load_agent(
+        source,
+        game,
+        scenario,
+        answer_seconds=limit,
+        answer_memory=answer_memory,
+        answer_processes=answer_processes,
+    )

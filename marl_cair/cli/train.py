@@ -20,6 +20,7 @@ from marl_cair.training.recipes import RECIPES
 from marl_cair.training.run import RESUME_FOLDER
 from marl_cair.training.trainer import train
 
+_ALLOW_CODE = "allow_code"
 FREE_ON_RESUME = {"total_frames": int, "max_minutes": float | None}
 
 
@@ -48,11 +49,18 @@ def read_arguments(arguments: Sequence[str]) -> tuple[TrainConfig, bool]:
     """
     words = dict(word.partition("=")[::2] for word in arguments)
     if "resume" not in words:
+        if _ALLOW_CODE in words:
+            raise ValueError(
+                f"{_ALLOW_CODE} is for resume=FOLDER: leave it out here, code that you name runs"
+            )
         return compose_config(arguments), False
     folder = words.pop("resume")
     if not folder:
         raise ValueError("resume names no folder: write resume=FOLDER, for example resume=runs/a")
-    config = load_config(folder)
+    allow_code = words.pop(_ALLOW_CODE, "false")
+    if allow_code not in ("true", "false"):
+        raise ValueError(f"{_ALLOW_CODE} is {allow_code!r}, it must be true or false")
+    config = load_config(folder, allow_code == "true")
     _refuse_without_state(Path(folder), config)
     changes = {}
     for name, value in words.items():
@@ -80,9 +88,11 @@ def describe_options() -> str:
     choices = find_choices()
     lines = [
         "usage: marl-cair train [group=choice ...] [option=value ...]",
-        "       marl-cair train resume=FOLDER [total_frames=N] [max_minutes=M]",
+        "       marl-cair train resume=FOLDER [total_frames=N] [max_minutes=M] [allow_code=true]",
         "",
         "example: marl-cair train game=deep_line_wars policy=capsule opponent=self_play seed=3",
+        "",
+        "allow_code=true also runs the code that the run's config.yaml names, and lists it",
         "",
         "groups (each sets several options at once):",
     ]

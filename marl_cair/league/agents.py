@@ -25,9 +25,11 @@ from marl_cair.games import GAMES
 from marl_cair.games.game import Agent, Game
 from marl_cair.games.mixed_agent import MixedAgent
 from marl_cair.games.scenario_checks import restore_fields
+from marl_cair.league.allowed_code import is_foreign, is_process
 from marl_cair.league.foreign import ForeignAgent, load_foreign
+from marl_cair.league.limits import ANSWER_SECONDS, FUNCTION_SECONDS, Limits
 from marl_cair.league.mixtures import is_mixture, read_mixture
-from marl_cair.league.process import is_process, load_hosted, load_process
+from marl_cair.league.process import load_hosted, load_process
 from marl_cair.league.shared import PLAYERS
 from marl_cair.league.store import AgentRecord
 from marl_cair.lookup import find_by_name
@@ -43,6 +45,8 @@ def load_agent(
     scenario: Any = None,
     epsilon: float = 0.0,
     answer_seconds: float | None = None,
+    answer_memory: int = 0,
+    answer_processes: int = 0,
 ) -> Agent:
     """An agent by name or path; `agent.act(observations, action_mask)` gives actions.
 
@@ -56,9 +60,13 @@ def load_agent(
             on, or the game's default.
         epsilon: chance of a random legal action.
         answer_seconds: limit for each answer of anybody's code, which then runs in a process of its
-            own; None: commands have `league.process.ANSWER_SECONDS`, and functions run in this
-            process without limit, so that one that hangs, or ends the process, ends the caller.
-            (The commands of `marl-cair` that play give functions a limit if nobody says.)
+            own; None, without the two below: commands have `league.limits.ANSWER_SECONDS`, and
+            functions run in this process without limit, so that one that hangs, or ends the
+            process, ends the caller. (The commands of `marl-cair` give functions a limit.)
+        answer_memory: limit for the bytes of each process of that code; 0: none (`league.limits`).
+        answer_processes: limit for its processes at once; 0: none.
+
+    A source that a file names is to pass `league.allowed_code.require_allowed` before.
 
     Raises:
         CheckpointError: no checkpoint, a broken one, or one that does not fit game or scenario.
@@ -68,19 +76,22 @@ def load_agent(
     path = Path(source)
     if is_mixture(source):
         mixture = read_mixture(source)
-        members = [
-            load_agent(one, game, scenario, epsilon, answer_seconds) for one in mixture.sources
-        ]
+        members = [load_agent(one, game, scenario, epsilon) for one in mixture.sources]  # no code
         return MixedAgent(members, mixture.weights, path.absolute().name)
     if is_checkpoint(source):
         return _load_checkpoint(path, game, scenario, epsilon)
     if is_process(source) or is_foreign(source):
         owning = find_by_name("game", game or next(iter(GAMES)), GAMES)
         chosen = _find_played(owning, scenario)
-        if is_process(source):
-            return load_process(str(source), owning, chosen, answer_seconds)
-        if answer_seconds is not None:
-            return load_hosted(str(source), owning, chosen, answer_seconds)
+        if is_process(source) or answer_seconds is not None or answer_memory or answer_processes:
+            usual, load = (
+                (ANSWER_SECONDS, load_process)
+                if is_process(source)
+                else (FUNCTION_SECONDS, load_hosted)
+            )
+            seconds = usual if answer_seconds is None else answer_seconds
+            limits = Limits(seconds, answer_memory, answer_processes)
+            return load(str(source), owning, chosen, limits)
         return load_foreign(str(source), chosen, owning.make_spec(chosen))
     named_game, _, bot = str(source).rpartition("/")
     owner = named_game or game
@@ -101,12 +112,6 @@ def load_agent(
 def is_checkpoint(source: str | os.PathLike[str]) -> bool:
     """Whether `source` is a folder, and so no bot."""
     return not is_process(source) and find_folder(source).is_dir()
-
-
-def is_foreign(source: str | os.PathLike[str]) -> bool:
-    """Whether `source` names a function that makes an agent."""
-    module, colon, name = str(source).partition(":")
-    return bool(colon) and name.isidentifier() and all(map(str.isidentifier, module.split(".")))
 
 
 def describe_agent(name: str, agent: Agent, game: Game, source: str = "") -> AgentRecord:

@@ -12,6 +12,7 @@ from typing import Any
 from marl_cair.files import atomic_path, write_atomically
 from marl_cair.league.store import LeagueStore
 from marl_cair.lookup import find_by_name
+from marl_cair.text import clean_cell
 
 # name -> query; `games` has a row for each team of each game.
 QUERIES = {
@@ -46,7 +47,8 @@ def export_league(store: LeagueStore, folder: Path, file_format: str) -> list[Pa
 
 def _write_csv(path: Path, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([columns, *rows])
+    cells = (map(clean_cell, row) for row in (columns, *rows))
+    csv.writer(text, lineterminator="\n").writerows(cells)
     write_atomically(path, text.getvalue())
 
 

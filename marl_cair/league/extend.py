@@ -11,6 +11,7 @@ import numpy as np
 from marl_cair.games.game import Agent
 from marl_cair.league.adaptive import count_meetings
 from marl_cair.league.agents import find_fingerprint, load_agent, read_source
+from marl_cair.league.allowed_code import AllowCode, require_allowed
 from marl_cair.league.arena import Load, Rules
 from marl_cair.league.league import LeagueConfig
 from marl_cair.league.store import STORE_FILE, AgentRecord, LeagueStore, LeagueStoreError
@@ -22,12 +23,15 @@ def plan_extension(
     games_per_pair: int | None = None,
     workers: int = 1,
     load: Load = load_agent,
+    allow_code: AllowCode = False,
 ) -> LeagueConfig:
     """What `run_league` is to play so that `agents` meet all that have played in `folder`.
 
-    games_per_pair: None: as many as pairs of the league have met in, on the median.
+    games_per_pair: None: as many as pairs of the league have met in, on the median. allow_code:
+    which code that the league file names may run; see `allowed_code`.
 
     Raises:
+        CodeNotAllowedError: the league has agents that are code, and they are not allowed.
         LeagueStoreError: no league, one without games, or one of whose agents is not known where it
             comes from, or is another by now.
         CheckpointError, ForeignAgentError, UnknownNameError: one of them cannot be loaded.
@@ -46,6 +50,7 @@ def plan_extension(
     rules = Rules.read(settings)
     game, scenario = rules.game, rules.scenario
     ladder = [find_source(folder, records[number]) for number in played]
+    require_allowed(ladder, allow_code, folder / STORE_FILE)
     for number, source in zip(played, ladder, strict=True):
         load_played(folder, rules, records[number], source, load)
     if games_per_pair is None:

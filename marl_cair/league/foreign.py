@@ -23,6 +23,9 @@ from numpy.typing import NDArray
 from marl_cair.games.game import Agent, GameSpec
 from marl_cair.league.playing import FORFEIT
 from marl_cair.lookup import find_by_name
+from marl_cair.text import clean_text
+
+_MAX_NAME = 200  # characters
 
 
 class ForeignAgentError(ValueError):
@@ -33,9 +36,15 @@ class ForeignAgentError(ValueError):
 
     failure = ""
 
+    def __init__(self, text: str) -> None:
+        super().__init__(clean_text(text))
+
 
 class AgentFault(Exception):  # noqa: N818  # it is the agent's, and no error of ours
     """What an agent has done instead of answering, as the end of a sentence about it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(clean_text(text))
 
 
 class ForeignAgent:
@@ -57,7 +66,7 @@ class ForeignAgent:
     """
 
     def __init__(self, agent: Any, source: str, spec: GameSpec, fingerprint: str) -> None:
-        self.name = str(getattr(agent, "name", source))
+        self.name = clean_text(str(getattr(agent, "name", source)))[:_MAX_NAME]
         first = next(iter(spec.representations))
         self.representation = str(getattr(agent, "representation", first))
         find_by_name(f"representation of {source}", self.representation, spec.representations)
@@ -88,7 +97,7 @@ class ForeignAgent:
         except ValueError:  # rows of different lengths
             actions = np.array(None)
         if actions.shape != lost.shape or not np.issubdtype(actions.dtype, np.integer):
-            self.failure = (
+            self.failure = clean_text(
                 f"answered {actions.dtype} of shape {list(actions.shape)}, asked for whole numbers "
                 f"of shape {list(lost.shape)}"
             )
@@ -118,7 +127,7 @@ class ForeignAgent:
 
 def describe_crash(error: BaseException) -> str:
     """What an agent has done that raised `error`, as the end of a sentence about it."""
-    return f"crashed in act: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
+    return f"crashed in act: {type(error).__name__}: {clean_text(str(error))[:200]}"
 
 
 def require_answers(agent: Agent, actions: NDArray[np.int64]) -> None:

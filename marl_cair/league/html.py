@@ -15,6 +15,7 @@ from marl_cair.league.drawings import (
     lay_out_curves,
 )
 from marl_cair.league.sections import Report
+from marl_cair.text import clean_text
 
 TEMPLATE = "report.html.jinja"
 MOST_OPEN_ITEMS = 12  # of a list; a longer one is folded
@@ -28,6 +29,7 @@ def write_page(report: Report) -> str:
         loader=PackageLoader("marl_cair.league"),
         autoescape=True,
         undefined=StrictUndefined,
+        finalize=clean_value,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -43,9 +45,14 @@ def write_page(report: Report) -> str:
     )
 
 
+def clean_value(value: object) -> object:
+    """What the page shows of a value: text without control characters."""
+    return clean_text(value) if type(value) is str else value
+
+
 def allow_breaks(name: str) -> Markup:
     """`name` escaped, that may be broken after the parts of a path and of a word."""
-    return Markup("<wbr>").join(re.split(r"(?<=[/_@])", name))
+    return Markup("<wbr>").join(re.split(r"(?<=[/_@])", clean_text(name)))
 
 
 def set_signs(text: str) -> str:
@@ -55,6 +62,7 @@ def set_signs(text: str) -> str:
 
 def mark_code(text: str) -> Markup:
     """`text` escaped, with what stands between backticks as code."""
+    text = clean_text(text)
     parts = text.split("`")
     if len(parts) % 2 == 0:  # a backtick alone is one
         return escape(text)

@@ -24,16 +24,17 @@ from marl_cair.league.agents import (
     load_agent,
     shorten_paths,
 )
+from marl_cair.league.allowed_code import PREFIX, is_process
 from marl_cair.league.arena import Arena, Load, Rules
 from marl_cair.league.background import COMMANDS, VERSIONS, tell_versions
 from marl_cair.league.blocks import Entrant
 from marl_cair.league.ending import Clock, tell_ending
 from marl_cair.league.match import require_rivals
-from marl_cair.league.process import PREFIX, is_process
 from marl_cair.league.reporting import LeagueResult, Showing, number_agents, rate_and_report
 from marl_cair.league.schedule import Job, schedule_meetings
 from marl_cair.league.store import STORE_FILE, LeagueStore, StoredGames
 from marl_cair.lookup import find_by_name
+from marl_cair.text import clean_text
 
 
 @dataclass(frozen=True)
@@ -60,9 +61,9 @@ class LeagueConfig:
     command: str = ""  # what was typed, for the report
 
     def __post_init__(self) -> None:
-        everyone = [*self.agents, *self.ladder]
+        everyone = self.sources
         if len(everyone) < 2:
-            raise ValueError(f"agents are {everyone}, a league needs two or more")
+            raise ValueError(f"agents are {list(everyone)}, a league needs two or more")
         twice = sorted({name for name in everyone if everyone.count(name) > 1})
         if twice:
             raise ValueError(f"{', '.join(twice)} is given twice: name each agent once")
@@ -80,6 +81,11 @@ class LeagueConfig:
         ):
             if not 0.0 <= limit < math.inf:  # NaN too
                 raise ValueError(f"{name} is {limit}, it must be a finite number, 0 or more")
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Of all agents, those of the ladder last."""
+        return (*self.agents, *self.ladder)
 
 
 def run_league(
@@ -110,7 +116,7 @@ def run_league(
             stored,
             {id_of[entrant.fingerprint]: entrant.name for entrant in entrants},
             Path(config.out),
-            Showing(config.replays, load, runs_foreign=True, show_progress=show_progress),
+            Showing(config.replays, load, frozenset(config.sources), show_progress),
         )
         ending = tell_ending(config.half_width_elo, result.ratings, clock.has_ended)
         return dataclasses.replace(result, ending=ending)
@@ -166,7 +172,7 @@ def _load_entrants(config: LeagueConfig, game: Game, scenario: Any, load: Load) 
     """All agents by short, unique names, in the order of those names."""
     sources: dict[str, str] = {}
     entrants = []
-    everyone = (*config.agents, *config.ladder)
+    everyone = config.sources
     for source, name in zip(everyone, _short_names(everyone, game), strict=True):
         agent = load(source, game=game.name, scenario=scenario)
         fingerprint = find_fingerprint(agent, game)
@@ -175,7 +181,7 @@ def _load_entrants(config: LeagueConfig, game: Game, scenario: Any, load: Load) 
                 f"{sources[fingerprint]} and {source} are the same agent: name it once"
             )
         sources[fingerprint] = source
-        entrants.append(Entrant(name, fingerprint, agent, source))
+        entrants.append(Entrant(clean_text(name), fingerprint, agent, source))
     return sorted(entrants, key=lambda entrant: entrant.name)
 
 

@@ -9,14 +9,16 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from marl_cair.checkpoint import CheckpointError, find_agent
 from marl_cair.files import find_folder, replaced_folder
+from marl_cair.games import GAMES
 from marl_cair.games.game import Game
-from marl_cair.league.process import is_process
+from marl_cair.league.allowed_code import is_process
 from marl_cair.stored import read_json
 
 MIXTURE_FILE = "mixture.json"
@@ -127,16 +129,32 @@ def read_mixture(folder: str | os.PathLike[str]) -> Mixture:
                 f"{FORMAT_VERSION}"
             )
         members = record["members"]
-        if len(members) > MOST_MEMBERS:
-            raise ValueError(f"it has {len(members)} members, at most {MOST_MEMBERS} are allowed")
-        sources = [
-            str(place / member["folder"]) if "folder" in member else str(member["agent"])
-            for member in members
-        ]
+        if not 1 <= len(members) <= MOST_MEMBERS:
+            raise ValueError(f"it has {len(members)} members, it must have 1 to {MOST_MEMBERS}")
+        sources = [_read_member(place, member) for member in members]
         weights = [float(member["weight"]) for member in members]
-        if not members or not all(0 < weight <= 1 for weight in weights):
+        if not all(0 < weight <= 1 for weight in weights):
             raise ValueError(f"its members have the weights {weights}, all must be above 0")
-        require_data(sources)
         return Mixture(tuple(sources), tuple(weights))
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise CheckpointError(f"{path} cannot be read as a mixture of agents: {error!r}") from error
+
+
+def _read_member(place: Path, member: Mapping[str, Any]) -> str:
+    """The source of a member of the mixture in `place`: a folder of a checkpoint in it, or a bot.
+
+    Raises ValueError for code, a folder elsewhere (which a copy of the mixture would take along),
+    or another mixture.
+    """
+    if "folder" not in member:
+        source = str(member["agent"])
+        game, _, bot = source.rpartition("/")
+        if game not in GAMES or not bot.isidentifier() or find_folder(source).is_dir():
+            raise ValueError(f"its member {source!r} is no bot, written as game/bot")
+        return source
+    folder = place / str(member["folder"])
+    if not folder.resolve().is_relative_to(place.resolve() / _MEMBERS):
+        raise ValueError(f"its member {str(folder)!r} lies outside its folder {_MEMBERS}")
+    if (folder / MIXTURE_FILE).exists():
+        raise ValueError(f"its member {str(folder)!r} is a mixture itself")
+    return str(folder.absolute())

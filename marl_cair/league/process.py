@@ -24,9 +24,11 @@ their bytes, row by row: of observations in the representation's dtype and this 
 order, of masks a byte each.
 
 Every answer has a time limit. A process that misses it, ends, or writes anything else is killed,
-and its agent forfeits the games it was asked about (see `league.foreign`). The protocol needs no
-network, but nothing keeps a process from using one, as little as from reading files: run what you
-trust.
+and its agent forfeits the games it was asked about (see `league.foreign`). On Linux all that it has
+started is killed with it, also what has left its session (`league.supervisor`), and memory and the
+number of processes can be limited; on macOS what stays in its process group is killed, on Windows
+the process alone. The protocol needs no network, but nothing keeps a process from using one, as
+little as from reading files: run what you trust.
 """
 
 from __future__ import annotations
@@ -35,7 +37,6 @@ import base64
 import contextlib
 import dataclasses
 import json
-import math
 import os
 import queue
 import shlex
@@ -53,6 +54,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import Game, GameSpec
+from marl_cair.league.allowed_code import PREFIX
 from marl_cair.league.foreign import (
     AgentFault,
     ForeignAgent,
@@ -61,32 +63,29 @@ from marl_cair.league.foreign import (
     name_code,
     refuse_function,
 )
+from marl_cair.league.limits import IS_SUPERVISED, Limits
+from marl_cair.text import clean_text
 
-PREFIX = "process:"
 PROTOCOL = 1
 LISTS, BASE64 = "lists", "base64"  # how arrays are sent
-ANSWER_SECONDS, START_SECONDS = 10.0, 60.0
-FUNCTION_SECONDS = 60.0  # what the commands give functions: these may be networks without a GPU
+START_SECONDS = 60.0
 MAX_LINE_BYTES = 1 << 24
+TOO_MANY_PROCESSES = 250  # exit code of `league.supervisor`
 _SHOWN = 200  # characters of what a process has written instead
-
-
-def is_process(source: str | os.PathLike[str]) -> bool:
-    """Whether `source` names a command."""
-    return str(source).startswith(PREFIX)
+_END_SECONDS = 2.0  # for a supervisor to end what it has started
+_SUPERVISOR = str(Path(__file__).with_name("supervisor.py"))
 
 
 def load_process(
-    source: str, game: Game, scenario: Any, answer_seconds: float | None = None
+    source: str, game: Game, scenario: Any, limits: Limits | None = None
 ) -> ForeignAgent:
     """The agent of `process:COMMAND`; starts the command.
 
-    answer_seconds: the limit for each answer; None: ANSWER_SECONDS. The fingerprint is of the
-    command and of the files that it names.
+    limits: None: ANSWER_SECONDS for each answer. The fingerprint is of the command and of the files
+    that it names.
 
     Raises:
         ForeignAgentError: the command cannot be started, or does not answer as it should.
-        ValueError: no such limit.
     """
     try:
         command = shlex.split(source.removeprefix(PREFIX))
@@ -96,9 +95,8 @@ def load_process(
         raise ForeignAgentError(f"{source} names no command: give process:COMMAND")
     files = [Path(word).read_bytes() for word in command if Path(word).is_file()]
     fingerprint = f"process {digest_code(source, *files)}"
-    limit = ANSWER_SECONDS if answer_seconds is None else answer_seconds
     try:
-        agent, spec = _start(source, command, game, scenario, limit)
+        agent, spec = _start(source, command, game, scenario, limits or Limits())
     except AgentFault as fault:
         raise ForeignAgentError(
             f"{source} {fault}: it must answer a line as marl_cair.league.process says"
@@ -106,8 +104,8 @@ def load_process(
     return ForeignAgent(agent, source, spec, fingerprint)
 
 
-def load_hosted(source: str, game: Game, scenario: Any, answer_seconds: float) -> ForeignAgent:
-    """As `foreign.load_foreign`, in a process of its own (`league.host`) with a time limit.
+def load_hosted(source: str, game: Game, scenario: Any, limits: Limits) -> ForeignAgent:
+    """As `foreign.load_foreign`, in a process of its own (`league.host`) with limits.
 
     It is the same agent, and plays the same: the fingerprint is of the source of the module, which
     only that process imports.
@@ -116,7 +114,7 @@ def load_hosted(source: str, game: Game, scenario: Any, answer_seconds: float) -
     """
     command = [sys.executable, "-m", "marl_cair.league.host", source]
     try:
-        agent, spec = _start(source, command, game, scenario, answer_seconds)
+        agent, spec = _start(source, command, game, scenario, limits)
     except AgentFault as fault:
         raise refuse_function(source, fault) from fault
     if not agent.digest:
@@ -128,11 +126,9 @@ def load_hosted(source: str, game: Game, scenario: Any, answer_seconds: float) -
 
 
 def _start(
-    source: str, command: Sequence[str], game: Game, scenario: Any, limit: float
+    source: str, command: Sequence[str], game: Game, scenario: Any, limits: Limits
 ) -> tuple[ProcessAgent, GameSpec]:
-    """Raises AgentFault: it does not start; ValueError: no such limit."""
-    if not 0.0 < limit < math.inf:
-        raise ValueError(f"answer_seconds is {limit}, it must be above 0 and finite")
+    """Raises AgentFault: it does not start."""
     spec = game.make_spec(scenario)
     hello = {
         "type": "hello",
@@ -147,7 +143,7 @@ def _start(
             for name, seen in spec.representations.items()
         },
     }
-    return ProcessAgent(command, source, hello, limit), spec
+    return ProcessAgent(command, source, hello, limits), spec
 
 
 class ProcessAgent:
@@ -157,25 +153,25 @@ class ProcessAgent:
         command: words.
         source: what the agent is called where the process gives no name.
         hello: the first message.
-        answer_seconds: limit for each answer but the first, which has START_SECONDS.
+        limits: that of seconds for each answer but the first, which has START_SECONDS.
 
     Raises:
         AgentFault: the process cannot be started, or is not ready in time.
     """
 
     def __init__(
-        self, command: Sequence[str], source: str, hello: Mapping[str, Any], answer_seconds: float
+        self, command: Sequence[str], source: str, hello: Mapping[str, Any], limits: Limits
     ) -> None:
         self.name, self.digest, self.arrays = source, "", LISTS
-        self._command, self._hello, self._limit = list(command), dict(hello), answer_seconds
+        self._command, self._hello, self._limits = list(command), dict(hello), limits
         self._seed = 0
         self._line: _Line | None = None
         self._start()
 
     def _start(self) -> _Line:
-        line = _Line(self._command)
+        line = _Line(self._command, self._limits)
         self._line = line
-        ready = self._ask(line, self._hello, max(START_SECONDS, self._limit))
+        ready = self._ask(line, self._hello, max(START_SECONDS, self._limits.seconds))
         if ready.get("type") != "ready":
             self._stop()
             if "error" in ready:
@@ -221,7 +217,7 @@ class ProcessAgent:
             "observations": self._write(observation),
             "masks": self._write(action_mask),
         }
-        answer = self._ask(self._line or self._start(), message, self._limit)
+        answer = self._ask(self._line or self._start(), message, self._limits.seconds)
         if "error" in answer:
             raise AgentFault(_shorten(str(answer["error"])))
         if "actions" not in answer:
@@ -237,31 +233,27 @@ class ProcessAgent:
 class _Line:
     """A process and the lines to and from it; killed with all that it has started when forgotten.
 
-    Threads read and write: a process that reads nothing would else block who writes to it.
+    Threads read and write: a process that reads nothing would else block who writes to it. Nobody
+    waits for these threads, as a pipe is open for as long as any process holds its other end.
     """
 
-    def __init__(self, command: Sequence[str]) -> None:
+    def __init__(self, command: Sequence[str], limits: Limits) -> None:
+        self._limits = limits
         try:
-            self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                start_new_session=os.name != "nt",
-            )
+            self._process, control = _start_process(command, limits)
         except OSError as error:
             raise AgentFault(f"cannot be started ({error})") from error
         assert self._process.stdin is not None  # noqa: S101  # for mypy
         assert self._process.stdout is not None  # noqa: S101
-        self._asked: queue.Queue[str | None] = queue.Queue()
-        self._told: queue.Queue[bytes] = queue.Queue(maxsize=8)
-        self._threads = [
-            threading.Thread(target=_write, args=(self._process.stdin, self._asked), daemon=True),
-            threading.Thread(target=_read, args=(self._process.stdout, self._told), daemon=True),
-        ]
-        for thread in self._threads:
-            thread.start()
+        asked: queue.Queue[str | None] = queue.Queue()
+        self._asked, self._told, ended = asked, queue.Queue[bytes](maxsize=8), threading.Event()
+        for work, *about in (
+            (_write, self._process.stdin, asked),
+            (_read, self._process.stdout, self._told, ended),
+        ):
+            threading.Thread(target=work, args=about, daemon=True).start()
         # Also at the end of the program.
-        self.close = weakref.finalize(self, _end, self._process, self._asked, self._told)
+        self.close = weakref.finalize(self, _end, self._process, control, asked, ended)
 
     def ask(self, text: str, seconds: float) -> str:
         """The line that answers `text`. Raises AgentFault: none came, or one that is too long."""
@@ -289,51 +281,89 @@ class _Line:
 
     def _tell_end(self) -> str:
         try:
-            return f"ended with exit code {self._process.wait(timeout=1.0)}"
+            code = self._process.wait(timeout=1.0)
         except subprocess.TimeoutExpired:
             return "closed its output"
+        if code == TOO_MANY_PROCESSES and self._limits.processes:
+            return f"started more than {self._limits.processes} processes"
+        return f"ended with exit code {code}"
 
 
-def _read(stream: IO[bytes], told: queue.Queue[bytes]) -> None:
-    while True:
-        try:
-            line = stream.readline(MAX_LINE_BYTES)
-        except (OSError, ValueError):  # closed meanwhile
-            line = b""
-        told.put(line)
+def _start_process(
+    command: Sequence[str], limits: Limits
+) -> tuple[subprocess.Popen[bytes], int | None]:
+    """The process, and on Linux the end of the pipe whose closing ends it."""
+    pipe: list[int] = list(os.pipe()) if IS_SUPERVISED else []
+    if pipe:
+        words = [pipe[0], limits.memory_bytes, limits.processes]
+        # Nothing is imported but the standard library, whatever lies in the current folder.
+        command = [sys.executable, "-I", "-S", _SUPERVISOR, *map(str, words), *command]
+    try:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=os.name != "nt",
+            pass_fds=pipe[:1],
+        )
+    except OSError:
+        for number in pipe:
+            os.close(number)
+        raise
+    if not pipe:
+        return process, None
+    os.close(pipe[0])
+    return process, pipe[1]
+
+
+def _read(stream: IO[bytes], told: queue.Queue[bytes], ended: threading.Event) -> None:
+    while not ended.is_set():
+        line = stream.readline(MAX_LINE_BYTES)
+        while not ended.is_set():
+            with contextlib.suppress(queue.Full):
+                told.put(line, timeout=1.0)
+                break
         if not line:
-            return
+            break
+    stream.close()
 
 
 def _write(stream: IO[bytes], asked: queue.Queue[str | None]) -> None:
-    while (text := asked.get()) is not None:
-        try:
+    with contextlib.suppress(OSError):  # it has ended: who reads finds out
+        while (text := asked.get()) is not None:
             stream.write(text.encode())
             stream.flush()
-        except (OSError, ValueError):  # it has ended: who reads finds out
-            return
+    with contextlib.suppress(OSError):
+        stream.close()
 
 
 def _end(
-    process: subprocess.Popen[bytes], asked: queue.Queue[str | None], told: queue.Queue[bytes]
+    process: subprocess.Popen[bytes],
+    control: int | None,
+    asked: queue.Queue[str | None],
+    ended: threading.Event,
 ) -> None:
     """Kill the process and what it has started, and let both threads end."""
-    with contextlib.suppress(OSError):
-        if os.name == "nt":
-            process.kill()
-        else:
-            os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    ended.set()
     asked.put(None)
-    with contextlib.suppress(queue.Empty):  # a reader may wait for room
-        while True:
-            told.get_nowait()
-    for stream in (process.stdin, process.stdout):
+    if control is not None:
+        os.close(control)
+        try:
+            process.wait(_END_SECONDS)
+        except subprocess.TimeoutExpired:  # the agent has stopped its supervisor
+            from marl_cair.league.supervisor import kill_below  # noqa: PLC0415  # of Linux alone
+
+            kill_below(process.pid)
+    # A supervisor that ended by itself has killed everything; one that was killed could not.
+    if process.returncode is None or process.returncode < 0:
         with contextlib.suppress(OSError):
-            if stream is not None:
-                stream.close()
+            if os.name == "nt":
+                process.kill()
+            else:
+                os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
 
 
 def _shorten(text: str) -> str:
-    plain = " ".join(text.split())
+    plain = clean_text(text)
     return plain if len(plain) <= _SHOWN else f"{plain[:_SHOWN]}..."

@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from marl_cair.files import write_atomically
 from marl_cair.league.agents import find_fingerprint, read_source
+from marl_cair.league.allowed_code import AllowCode, CodeNotAllowedError, require_allowed
 from marl_cair.league.arena import Load, Rules, one_torch_thread
 from marl_cair.league.blocks import Entrant, make_chunk, seat_line_up
 from marl_cair.league.film import SMALL, film_game, write_film
@@ -63,7 +64,7 @@ class Theatre:
         records, names: of the agents by id.
         folder: for the films; those that are there are not made again.
         load: how to get an agent: `load(source, game=..., scenario=...)`.
-        runs_foreign: whether foreign code may run: not where nobody has named it.
+        allow_code: which code of the league file may run; see `allowed_code`.
     """
 
     rules: Rules
@@ -72,7 +73,7 @@ class Theatre:
     names: Mapping[int, str]
     folder: Path
     load: Load
-    runs_foreign: bool
+    allow_code: AllowCode
 
 
 class _NotShownError(Exception):
@@ -237,8 +238,12 @@ def _load(theatre: Theatre, number: int) -> Entrant:
     record, name = theatre.records[number], theatre.names[number]
     if not (source := read_source(record)):
         raise _NotShownError(f"The league file does not say where {name} is from.")
-    if record.kind == "foreign" and not theatre.runs_foreign:
-        raise _NotShownError(f"{name} is foreign code, which is run only where games are played.")
+    try:  # by its source, whatever kind the file calls it
+        require_allowed([source], theatre.allow_code, theatre.folder)
+    except CodeNotAllowedError as error:
+        raise _NotShownError(
+            f"{name} is foreign code, which is run only where games are played."
+        ) from error
     rules = theatre.rules
     try:
         agent = theatre.load(source, game=rules.game.name, scenario=rules.scenario)

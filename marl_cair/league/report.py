@@ -17,6 +17,7 @@ from marl_cair.league.ratings import Rating
 from marl_cair.league.sections import Report
 from marl_cair.league.shares import Share
 from marl_cair.league.table import LeagueTable
+from marl_cair.text import clean_cell
 
 FILES = (
     "report.html",
@@ -147,6 +148,5 @@ def _list_differences(table: LeagueTable) -> tuple[Sequence[str], list[tuple[Any
 def _as_csv(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
+    writer.writerows(map(clean_cell, row) for row in (header, *rows))
     return text.getvalue()

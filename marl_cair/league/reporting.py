@@ -12,6 +12,7 @@ import numpy as np
 
 from marl_cair.files import locked_folder
 from marl_cair.league.agents import load_agent
+from marl_cair.league.allowed_code import AllowCode
 from marl_cair.league.arena import Load, Rules
 from marl_cair.league.background import read_background
 from marl_cair.league.ratings import ANCHOR, Games, Ladder, Rating, describe_method
@@ -22,6 +23,7 @@ from marl_cair.league.sections import describe_more, make_report
 from marl_cair.league.store import STORE_FILE, AgentRecord, LeagueStore, StoredGames
 from marl_cair.league.table import LeagueTable, make_table
 from marl_cair.league.wording import describe_league
+from marl_cair.text import clean_lines
 
 
 @dataclass(frozen=True)
@@ -71,14 +73,14 @@ class Showing:
     Attributes:
         replays: whether to show a few games.
         load: how to get their agents, as `load_agent`.
-        runs_foreign: whether foreign code may run for that.
+        allow_code: which code of the league file may run for that; see `allowed_code`.
         show_progress: on the terminal.
         alpha_rank: whether to compute it.
     """
 
     replays: bool = True
     load: Load = load_agent
-    runs_foreign: bool = False
+    allow_code: AllowCode = False
     show_progress: bool = False
     alpha_rank: bool = False
 
@@ -106,7 +108,7 @@ def rate_and_report(
     replays, why_none = _replay(store, stored, names, table, folder, showing)
     background = read_background(store, stored, names, games, replays, why_none)
     report = make_report(table, background)
-    text = describe_league(table, describe_more(report))
+    text = clean_lines(describe_league(table, describe_more(report)))
     write_report(folder, report, text)
     return LeagueResult(table.ratings, text, folder)
 
@@ -149,7 +151,7 @@ def _replay(
         names,
         folder / REPLAYS,
         showing.load,
-        showing.runs_foreign,
+        showing.allow_code,
     )
     replays = make_replays(theatre, stored, choices, showing.show_progress)
     return replays, "" if replays else "There is no game to show: none was played to its end."

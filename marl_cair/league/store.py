@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 from marl_cair.league.blocks import PlayedGame
 from marl_cair.league.damage import check_games, check_settings, named_damage
 from marl_cair.league.schema import SchemaError, create_tables, migrate, read_meta
+from marl_cair.text import clean_text
 
 STORE_FILE = "league.sqlite"
 BUSY_SECONDS = 60.0  # to wait for another program that holds the file
+_SAFE = "trusted_schema = OFF"  # views and triggers of a foreign file call no unsafe function
 
 
 class LeagueStoreError(ValueError):
@@ -200,7 +202,8 @@ class LeagueStore:
             with named_damage():
                 for *_, configuration in rows:
                     dict(json.loads(configuration))
-        return {int(number): AgentRecord(*about) for number, *about in rows}
+        # All is shown but the configuration, which is JSON.
+        return {row[0]: AgentRecord(*map(clean_text, map(str, row[1:-1])), row[-1]) for row in rows}
 
     def add_games(self, line_up: Sequence[int], games: Iterable[PlayedGame]) -> None:
         """Keep games of whole blocks in one transaction; blocks that are there already stay.
@@ -273,10 +276,9 @@ class LeagueStore:
     def read_forfeits(self) -> list[tuple[str, int]]:
         """Why games were forfeited, and how many for that reason."""
         with self._named_errors():
-            return self._database.execute(
-                "SELECT reason, count(*) FROM game WHERE status = 'forfeit' GROUP BY reason "
-                "ORDER BY reason"
-            ).fetchall()
+            query = "SELECT reason, count(*) FROM game WHERE status = 'forfeit' GROUP BY reason"
+            rows = self._database.execute(f"{query} ORDER BY reason")
+            return [(clean_text(str(reason)), int(count)) for reason, count in rows]
 
     def note(self, key: str, value: str) -> None:
         """Add `value` to the texts that are kept under `key`; one that is there stays once."""
@@ -358,7 +360,7 @@ def _parse_games(
         is_repeat=_find_repeats(agents, trajectories),
         is_truncated=np.array([part[4] for part in parts], np.bool_),
         decisions=np.array([part[5] for part in parts], np.int64),
-        reasons=tuple(str(part[7]) for part in parts),
+        reasons=tuple(clean_text(str(part[7])) for part in parts),
         trajectories=trajectories,
     )
 
@@ -366,7 +368,7 @@ def _parse_games(
 def _open_to_write(path: Path) -> sqlite3.Connection:
     database = sqlite3.connect(path, timeout=BUSY_SECONDS, isolation_level=None)
     try:
-        for setting in ("journal_mode = WAL", "synchronous = NORMAL", "foreign_keys = ON"):
+        for setting in ("journal_mode = WAL", "synchronous = NORMAL", "foreign_keys = ON", _SAFE):
             database.execute(f"PRAGMA {setting}")
     except BaseException:
         database.close()
@@ -378,7 +380,9 @@ def _open_to_read(path: Path) -> sqlite3.Connection:
     """Without the files that SQLite keeps beside the file, unless they are there."""
     options = "mode=ro" if Path(f"{path}-wal").exists() else "mode=ro&immutable=1"
     uri = f"{path.absolute().as_uri()}?{options}"
-    return sqlite3.connect(uri, timeout=BUSY_SECONDS, isolation_level=None, uri=True)
+    database = sqlite3.connect(uri, timeout=BUSY_SECONDS, isolation_level=None, uri=True)
+    database.execute(f"PRAGMA {_SAFE}")
+    return database
 
 
 def _number(keys: Sequence[Any]) -> NDArray[np.int64]:

@@ -17,6 +17,7 @@ from omegaconf import OmegaConf
 
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
+from marl_cair.league.allowed_code import AllowCode, require_allowed
 from marl_cair.lookup import find_by_name
 from marl_cair.stored import SETTINGS, DamagedFileError, digest_text, read_text
 from marl_cair.training.config import (
@@ -73,10 +74,13 @@ def fixed_settings(config: TrainConfig) -> dict[str, Any]:
     return values
 
 
-def load_config(folder: str | os.PathLike[str]) -> TrainConfig:
+def load_config(folder: str | os.PathLike[str], allow_code: AllowCode = False) -> TrainConfig:
     """The configuration of the run in `folder`, with `out` where the folder lies now.
 
+    allow_code: which code that it names may run; see `league.allowed_code`.
+
     Raises:
+        CodeNotAllowedError: it names agents that are code, and they are not allowed.
         ValueError: the folder holds no run, or a damaged configuration.
     """
     path = Path(folder) / CONFIG_FILE
@@ -85,7 +89,14 @@ def load_config(folder: str | os.PathLike[str]) -> TrainConfig:
     values = read_yaml(path)
     if not isinstance(values, dict):
         raise ValueError(f"{path} holds {values!r:.80}, it must be options by name")
-    return dataclasses.replace(build_config(values), out=str(folder))
+    config = dataclasses.replace(build_config(values), out=str(folder))
+    require_allowed(list_sources(config), allow_code, path)
+    return config
+
+
+def list_sources(config: TrainConfig) -> list[str]:
+    """The agents that a run loads by name, as `load_agent` takes them."""
+    return [*config.opponent.agents.values(), *config.demonstration.agents.values()]
 
 
 def build_config(values: Mapping[str, Any]) -> TrainConfig:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -52,15 +53,16 @@ class LeagueTraining:
 
 
 def train_league(
-    settings: LeagueSettings, show_progress: bool = True, play_slice: Slice = run_slice
+    settings: LeagueSettings, show_progress: bool = True, play_slice: Slice | None = None
 ) -> LeagueTraining:
     """Train all learners to `total_frames`, turn by turn, evaluate them, write the report.
 
     The same call again goes on where an interrupt or a kill stopped it, and with more
     `total_frames` from where it had ended; the bits are those of a league that was never stopped.
 
-    play_slice: how a slice is run, `run_slice` here; it needs no more than its arguments, so that
-    it may run in another process or on another machine that sees the folders.
+    play_slice: how a slice is run; None: `run_slice` here. That needs no more than its arguments,
+    so that it may run in another process or on another machine that sees the folders. Code of the
+    learners' files may run where `settings` names it too.
 
     Raises:
         OutputFolderError: the folder holds something else, or a league of other settings.
@@ -71,7 +73,8 @@ def train_league(
     with claim_output_folder(folder, LEAGUE_TRAINING, fixed, resume=True):
         write_settings(settings, folder / SETTINGS_FILE)
         _make_members(settings, folder)
-        stopped = _take_turns(settings, folder, play_slice, show_progress)
+        own = functools.partial(run_slice, allow_code=frozenset(settings.list_sources()))
+        stopped = _take_turns(settings, folder, play_slice or own, show_progress)
         done = read_progress(folder)
         if stopped is not None:
             return LeagueTraining(folder, done, False, stopped.was_interrupted, "")

@@ -12,11 +12,18 @@ from typing import Any
 import numpy as np
 
 from marl_cair.games import GAMES
+from marl_cair.league.allowed_code import AllowCode, require_allowed
 from marl_cair.league.shared import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, ROLES
 from marl_cair.lookup import find_by_name
 from marl_cair.training.checks import require, require_once
 from marl_cair.training.config import OpponentSettings, TrainConfig
-from marl_cair.training.config_file import build_config, build_value, read_yaml, to_plain
+from marl_cair.training.config_file import (
+    build_config,
+    build_value,
+    list_sources,
+    read_yaml,
+    to_plain,
+)
 
 # What the league says for its learners.
 _TAKEN = ("out", "seed", "total_frames", "max_minutes")
@@ -128,6 +135,11 @@ class LeagueSettings:
         """Name and role of each, in the order of their turns: main agents first."""
         return [(f"{role}_{n}", role) for role in ROLES for n in range(self.role(role).learners)]
 
+    def list_sources(self) -> list[str]:
+        """The agents that the learners load by name, beside one another."""
+        roles = {role for _, role in self.learners}
+        return [one for role in sorted(roles) for one in list_sources(self.learner_config(role))]
+
     def learner_config(self, role: str, out: str = "unused", seed: int = 0) -> TrainConfig:
         """The training of a learner of `role`. Raises ValueError for options that cannot be."""
         settings = self.role(role)
@@ -154,13 +166,18 @@ def derive_seed(seed: int, learner: int, generation: int) -> int:
     return int(words[0] >> np.uint64(1))
 
 
-def load_league(path: str | Path) -> LeagueSettings:
+def load_league(path: str | Path, allow_code: AllowCode = False) -> LeagueSettings:
     """The league that a YAML file describes; what it leaves out has the defaults.
 
+    allow_code: which code that it names may run; see `league.allowed_code`.
+
     Raises:
+        CodeNotAllowedError: it names agents that are code, and they are not allowed.
         ValueError: no such file, no YAML, an unknown option, or a value that is not allowed.
     """
-    return build_league(read_options(path))
+    settings = build_league(read_options(path))
+    require_allowed(settings.list_sources(), allow_code, path)
+    return settings
 
 
 def read_options(path: str | Path) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from marl_cair.checkpoint import LIVE_FOLDER, CheckpointError
 from marl_cair.files import write_json
+from marl_cair.league.allowed_code import AllowCode
 from marl_cair.league.shared import LeagueSeat
 from marl_cair.stored import read_json
 from marl_cair.training.config import TrainConfig
@@ -80,14 +81,22 @@ class SliceResult:
 
 
 def run_slice(
-    member: Path, shared: Path, budget: Budget, show_progress: bool = True
+    member: Path,
+    shared: Path,
+    budget: Budget,
+    show_progress: bool = True,
+    allow_code: AllowCode = False,
 ) -> SliceResult:
     """Train the learner in `member` against the league in `shared` until `budget.frames`.
 
     Killed at any moment, the same call again goes on from the learner's last state, and gives the
     same bits as if nothing had happened, as long as no other learner has trained in between.
 
+    allow_code: which code that the learner's `config.yaml` names may run; see
+    `league.allowed_code`.
+
     Raises:
+        CodeNotAllowedError: it names agents that are code, and they are not allowed.
         CheckpointError: `member` holds no learner, or a damaged one.
         As `TrainingRun`.
     """
@@ -98,7 +107,7 @@ def run_slice(
         if goal <= 0:
             return SliceResult(record.frames_before, record.generation, True, False, last_row)
         config = dataclasses.replace(
-            _begin(member, shared, record),
+            _begin(member, shared, record, allow_code),
             out=str(member / f"{record.generation:03d}"),
             seed=derive_seed(record.league_seed, record.place, record.generation),
             total_frames=budget.total_frames - record.frames_before,
@@ -128,12 +137,12 @@ def run_slice(
             )
 
 
-def _begin(member: Path, shared: Path, record: MemberRecord) -> TrainConfig:
+def _begin(member: Path, shared: Path, record: MemberRecord, allow_code: AllowCode) -> TrainConfig:
     """The settings of the learner's generation; what it begins with is decided once."""
-    config, run = load_config(member), member / f"{record.generation:03d}"
+    config, run = load_config(member, allow_code), member / f"{record.generation:03d}"
     main = str(shared / LIVE_FOLDER / record.mains[record.generation % len(record.mains)])
     if (run / CONFIG_FILE).is_file():
-        begins_as_main = load_config(run).initial_agent != config.initial_agent
+        begins_as_main = load_config(run, allow_code).initial_agent != config.initial_agent
     else:
         begins_as_main = record.begins_as_main and can_begin_as(main)
     if record.generation > 0:

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from marl_cair.games import GAMES
+from marl_cair.league.allowed_code import AllowCode, require_allowed
 from marl_cair.league.mixing import SLACK
 from marl_cair.lookup import find_by_name
 from marl_cair.training.checks import require, require_once
 from marl_cair.training.config import ENDLESS_FRAMES, GameSettings, TrainConfig
-from marl_cair.training.config_file import build_config, build_value, to_plain
+from marl_cair.training.config_file import build_config, build_value, list_sources, to_plain
 from marl_cair.training.initial_network import begin_as
 from marl_cair.training.league_settings import derive_seed, read_options, refuse_given
 
@@ -116,12 +117,18 @@ class PsroSettings:
         return config if start is None else begin_as(start, config)
 
 
-def load_psro(path: str | Path) -> PsroSettings:
+def load_psro(path: str | Path, allow_code: AllowCode = False) -> PsroSettings:
     """What a YAML file describes; what it leaves out has the defaults.
 
-    Raises ValueError: no such file, no YAML, an unknown option, or a value that is not allowed.
+    allow_code: which code that it names may run; see `league.allowed_code`.
+
+    Raises:
+        CodeNotAllowedError: it names agents that are code, and they are not allowed.
+        ValueError: no such file, no YAML, an unknown option, or a value that is not allowed.
     """
-    return build_psro(read_options(path))
+    settings = build_psro(read_options(path))
+    require_allowed(list_sources(settings.response_config(0, {}, None)), allow_code, path)
+    return settings
 
 
 def build_psro(values: Mapping[str, Any]) -> PsroSettings:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from marl_cair.checkpoint import (
     save_agent,
 )
 from marl_cair.files import (
+    RUN_MARKER,
     claim_output_folder,
     find_folder,
     recover_folder,
@@ -104,12 +105,16 @@ class TrainingRun:
         self._seeds = [
             int(n) for n in np.random.SeedSequence(config.seed).generate_state(_NUM_SEEDS)
         ]
+        if resume and (self.folder / RUN_MARKER).is_file():
+            with self._claim_folder(resume):
+                pass  # other settings are refused before their agents are loaded
         self._make_game(load)
         self._make_replay()
         self._make_learner()
         self._make_collector()
         # Whatever was wrong with the settings has been found by now.
-        self._claim_folder(resume)
+        self._require_space()
+        self._claim.enter_context(self._claim_folder(resume))
         save_config(config)
         self.frames = 0
         self.shows_progress = False
@@ -193,7 +198,12 @@ class TrainingRun:
             config, self.seen, self.spec, self._seeds[3], source
         )
 
-    def _claim_folder(self, resume: bool) -> None:
+    def _claim_folder(self, resume: bool) -> AbstractContextManager[bool]:
+        advice = f"go on with `marl-cair train resume={self.folder}`"
+        fixed = fixed_settings(self.config)
+        return claim_output_folder(self.folder, TRAINING, fixed, resume, advice, CONFIG_FILE)
+
+    def _require_space(self) -> None:
         real = self.replay.real
         needed = _SPARE_BYTES
         if self.config.checkpoint.include_replay:
@@ -203,10 +213,6 @@ class TrainingRun:
             spec = self.transition_spec
             needed += 2 * self.config.nfsp.capacity_rows * (spec.row_bytes + spec.mask_bytes + 4)
         require_free_space(self.folder, needed)
-        advice = f"go on with `marl-cair train resume={self.folder}`"
-        fixed = fixed_settings(self.config)
-        claim = claim_output_folder(self.folder, TRAINING, fixed, resume, advice, CONFIG_FILE)
-        self._claim.enter_context(claim)
 
     def _make_learner(self) -> None:
         config = self.config

@@ -7,7 +7,8 @@ import pytest
 
 from marl_cair.cli import main
 from marl_cair.games.game import NO_WINNER
-from marl_cair.league.agents import describe_agent, is_foreign, load_agent
+from marl_cair.league.agents import describe_agent, load_agent
+from marl_cair.league.allowed_code import is_foreign
 from marl_cair.league.blocks import Entrant, make_design, play_blocks, seat_line_up
 from marl_cair.league.foreign import ForeignAgent, ForeignAgentError
 from marl_cair.league.match import play_match

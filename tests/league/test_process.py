@@ -14,10 +14,12 @@ import pytest
 
 from marl_cair.cli import main
 from marl_cair.league.agents import describe_agent, is_checkpoint, load_agent
+from marl_cair.league.allowed_code import is_process
 from marl_cair.league.foreign import AgentFault, ForeignAgentError, digest_code
 from marl_cair.league.host import serve
+from marl_cair.league.limits import Limits
 from marl_cair.league.match import play_match
-from marl_cair.league.process import is_process, load_process
+from marl_cair.league.process import load_process
 from tests.games.last_standing import GAME
 from tests.league.players import GAME as LINES
 
@@ -31,9 +33,9 @@ TWO_GAMES = (
 PLACE = ["--game", LINES.name, "--scenario", "11x11", "--games", "2"]
 
 
-def load(habit="good", *words, seconds=20.0):
+def load(habit="good", *words, seconds=20.0, limits=None):
     source = f"process:{sys.executable} -S {BOT} '{habit}' {' '.join(words)}"
-    return load_process(source, GAME, SCENARIO, seconds)
+    return load_process(source, GAME, SCENARIO, limits or Limits(seconds))
 
 
 def play(agent, num_games=4):
@@ -122,7 +124,7 @@ def test_who_does_not_start_is_refused_before_any_game(source, message):
 @pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_limit_is_a_time(seconds):
     with pytest.raises(ValueError, match="answer_seconds is"):
-        load_process(f"process:{sys.executable}", GAME, SCENARIO, seconds)
+        load_agent(f"process:{sys.executable}", LINES.name, "11x11", answer_seconds=seconds)
 
 
 def test_another_program_is_another_agent(tmp_path):

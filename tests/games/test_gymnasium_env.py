@@ -285,10 +285,10 @@ def test_vector_without_reset_equals_single_games(game_name, form):
     for step, numbers in enumerate(np.random.default_rng(2).random((30, NUM_WORLDS, 2))):
         if step == 5:  # so that the worlds do not all end together
             mask = np.array([False, True, False])
-            _, infos = env.reset(options={"reset_mask": mask})
+            env.reset(options={"reset_mask": mask})
             singles.envs[1].reset()
         actions = choose(env, numbers)
-        observations, rewards, terminated, truncated, infos = env.step(actions)
+        observations, rewards, terminated, truncated, _ = env.step(actions)
         for world, single in enumerate(singles.envs):
             seen, *outcome, _ = single.step(actions[world])
             assert (rewards[world], terminated[world], truncated[world]) == tuple(outcome)

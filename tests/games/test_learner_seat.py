@@ -133,9 +133,7 @@ def test_every_game_has_a_random_opponent(module, monkeypatch):
 
 
 def test_a_games_own_random_bot_stays():
-    assert isinstance(
-        last_standing.GAME.bot("random", last_standing.Scenario()), last_standing.Bot
-    )
+    assert isinstance(last_standing.GAME.bot("random", last_standing.Scenario()), last_standing.Bot)
 
 
 def test_random_players_draw_all_legal_actions_alike_and_the_same_of_one_seed():

@@ -17,6 +17,10 @@ class UnknownNameError(ValueError):
     """A name that its table does not hold; the message lists the nearest and all known names."""
 
 
+class UnknownOptionError(UnknownNameError, TypeError):
+    """A keyword argument that is no option: a TypeError too, as Python raises in such a call."""
+
+
 def find_by_name(kind: str, name: str, table: Mapping[str, T]) -> T:
     """Return `table[name]`; `kind` ("game", "network", ...) says in the error what was looked for.
 

@@ -64,7 +64,7 @@ def test_the_programs_of_the_readme_run(program, demo):
 
 GAME_PROGRAMS = [
     pytest.param(program, id=f"{page.parent.name} {number}")
-    for page in sorted(ROOT.glob("marl_cair/games/*/README.md"))
+    for page in (*sorted(ROOT.glob("marl_cair/games/*/README.md")), ROOT / "docs" / "clients.md")
     for number, program in enumerate(find_programs(page))
 ]
 

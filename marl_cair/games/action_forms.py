@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import NO_CELL, GameSpec, Shape
+from marl_cair.games.random_player import draw_legal
 from marl_cair.lookup import find_by_name
 
 NO_ACTION = -1
@@ -59,7 +60,7 @@ class FlatActions:
 
     def draw(self, mask: NDArray[np.int8], rng: np.random.Generator) -> NDArray[np.int64]:
         """At each place all legal actions are equally likely."""
-        return _draw_legal(mask, rng)
+        return draw_legal(mask, rng)
 
 
 class FactoredActions:
@@ -126,16 +127,8 @@ class FactoredActions:
 
     def draw(self, mask: NDArray[np.int8], rng: np.random.Generator) -> NDArray[np.int64]:
         """First a legal kind, then a legal cell of it, each equally likely."""
-        kind = _draw_legal(mask.max(axis=1), rng)
-        return np.array([kind, _draw_legal(mask[kind], rng)], np.int64)
-
-
-def _draw_legal(mask: NDArray[Any], rng: np.random.Generator) -> NDArray[np.int64]:
-    """The index of a legal choice along the last axis, uniformly, for all others; 0 for none."""
-    counts = np.cumsum(mask.astype(np.int64), axis=-1)
-    nth = (rng.random(mask.shape[:-1]) * counts[..., -1]).astype(np.int64)
-    chosen: NDArray[np.int64] = np.argmax(counts > nth[..., None], axis=-1)
-    return chosen
+        kind = draw_legal(mask.max(axis=1), rng)
+        return np.array([kind, draw_legal(mask[kind], rng)], np.int64)
 
 
 ACTION_FORMS: dict[str, Callable[[str, GameSpec], ActionForm]] = {

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
+from marl_cair.games.random_player import RANDOM, RandomPlayer
 from marl_cair.games.registry import GAMES, find_game
 from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.lookup import find_by_name
@@ -179,7 +180,7 @@ class Game:
     step: Callable[..., None]  # (worlds, rules, actions, outcome, first, last)
     legal_actions: Callable[..., None]  # (worlds, rules, out [B, P, *action_shape, A], first, last)
     draw: Callable[..., NDArray[np.uint8]]  # (worlds, rules, world, player or None) -> RGB
-    bots: Mapping[str, Callable[[Any, GameSpec], Agent]]
+    bots: Mapping[str, Callable[[Any, GameSpec], Agent]]  # without `random`: `RandomPlayer` is it
     rewards: Mapping[str, str]  # by name, what each pays; the first rates play
     hidden_fields: tuple[str, ...]  # of World, that no state shows: random words, scratch
     gymnasium_prefix: str  # "DeepLineWars" of "marl_cair/DeepLineWars-10x15-v0"
@@ -194,6 +195,10 @@ class Game:
     state_limits: Callable[[Any], StateLimits] | None = None
     # Older versions whose agents play on: until a game ends, they see and do the same in this one.
     agents_of: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if RANDOM not in self.bots:
+            object.__setattr__(self, "bots", {**self.bots, RANDOM: RandomPlayer})
 
     def __deepcopy__(self, memo: object) -> Self:
         """Nothing of it changes."""

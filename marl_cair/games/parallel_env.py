@@ -32,10 +32,11 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         scenario: a name in the game's scenarios.
         representation: what agents observe; the default `planes` is uint8 [C, H, W].
         render_mode: None or "rgb_array".
-        mask_in_observation: observations become {"observation", "action_mask"}. The mask is always
-            in `infos[agent]["action_mask"]` too, int8 as `action_space(agent).sample(mask)` takes
-            it: [A], [*action_shape, A] where actions have a shape, or [G, C] in the factored form.
-            Beside it stand the game's own numbers, as `optimal_steps` of a maze (see `Game.info`).
+        mask_in_observation: observations become {"observation", "action_mask"}. Without, the mask
+            is in `infos[agent]["action_mask"]`. It is int8 as `action_space(agent).sample(mask)`
+            takes it: [A], [*action_shape, A] where actions have a shape, or [G, C] in the factored
+            form. `infos` hold the game's own numbers too, as `optimal_steps` of a maze (see
+            `Game.info`).
         vector: observations become a dict with the float32 economy vector under "vector".
         max_cycles: time limit in decisions (default: the scenario's).
         action_form: "flat" (Discrete, or MultiDiscrete [*action_shape]), or "factored": actions
@@ -79,6 +80,7 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         self.render_mode = render_mode
         self.representation = representation
         self._form = make_action_form(action_form, game, self.engine.spec)
+        self._mask_in_observation = mask_in_observation
         self._seen_as = (representation, mask_in_observation, vector, self._form)
         self.possible_agents = [f"player_{seat}" for seat in range(self.engine.num_players)]
         self.agents: list[str] = []
@@ -194,8 +196,8 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
 
     def _look(self) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         seen = look(self.engine, *self._seen_as)
+        shown = {name: values[0] for name, values in self.engine.info().items()}
         masks = self._form.shape_mask(self.engine.action_mask()[0])
-        numbers = self.engine.info()
         observations: dict[str, Any] = {}
         infos: dict[str, dict[str, Any]] = {}
         for seat, agent in enumerate(self.possible_agents):
@@ -205,12 +207,12 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
                 observations[agent] = {name: array[0, seat] for name, array in seen.items()}
             else:
                 observations[agent] = seen[0, seat]
-            told = {name: values[0, seat].item() for name, values in numbers.items()}
-            infos[agent] = {"action_mask": masks[seat], **told}
+            infos[agent] = {} if self._mask_in_observation else {"action_mask": masks[seat]}
+            infos[agent] |= {name: values[seat].item() for name, values in shown.items()}
         return observations, infos
 
 
-class MaskedMultiDiscrete(spaces.MultiDiscrete[np.int64]):
+class MaskedMultiDiscrete(spaces.MultiDiscrete):
     """MultiDiscrete whose `sample` also takes the mask as one array, as `infos` hold it."""
 
     def __init__(self, form: ActionForm) -> None:

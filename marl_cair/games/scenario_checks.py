@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from marl_cair.lookup import find_by_name
+from marl_cair.lookup import UnknownNameError, UnknownOptionError, find_by_name
 
 Scenario = TypeVar("Scenario")
 
@@ -24,12 +24,16 @@ def change_scenario(game: str, scenario: Scenario, options: dict[str, Any]) -> S
     A scenario with fields that follow others has `follow(options)`, which adds those to `options`.
 
     Raises:
-        UnknownNameError: no such field; names the nearest.
+        UnknownOptionError: no such field; names the nearest.
         ValueError: a value is not allowed.
     """
     fields = {field.name: field for field in dataclasses.fields(scenario)}  # type: ignore[arg-type]
     for option in options:
-        find_by_name(f"{game} option", option, fields)
+        try:
+            find_by_name(f"{game} option", option, fields)
+        except UnknownNameError as error:
+            # TorchRL looks for these words, which are Python's own.
+            raise UnknownOptionError(f"{error} (unexpected keyword argument {option!r})") from None
     follow: Callable[[dict[str, Any]], dict[str, Any]] = getattr(scenario, "follow", dict)
     return dataclasses.replace(scenario, **follow(options)) if options else scenario  # type: ignore[type-var]
 

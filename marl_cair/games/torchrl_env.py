@@ -36,6 +36,28 @@ class LastStep(NamedTuple):
     winner: NDArray[np.int8]  # [B] seat, or NO_WINNER
 
 
+class LegalActions(Categorical):
+    """Actions of which `rand` draws legal ones, uniformly, in the worlds as they were last shown.
+
+    So do its clones, which transforms, collectors and `RandomPolicy` hold. Before the first reset,
+    and with another shape, all actions are drawn.
+    """
+
+    shown: dict[str, Tensor] | None = None  # "mask": bool [*shape, A]; one object for all clones
+
+    def rand(self, shape: torch.Size | None = None) -> Tensor:
+        mask = None if shape or self.mask is not None else (self.shown or {}).get("mask")
+        if mask is None:
+            drawn: Tensor = super().rand(shape)
+            return drawn
+        return torch.rand(mask.shape).masked_fill_(~mask, -1.0).argmax(-1)
+
+    def clone(self) -> LegalActions:
+        copied: LegalActions = super().clone()
+        copied.shown = self.shown
+        return copied
+
+
 class BatchedGameEnv(EnvBase):
     """B worlds that step together.
 
@@ -53,7 +75,8 @@ class BatchedGameEnv(EnvBase):
     and [B, P, 1] in the group. A seat that is out while others
     play on is terminated and done in the group from the step at which it goes out; the root says
     when the world is over, and by that alone TorchRL resets. A seat that is out is only to play the
-    no-op, and what it is shown then is for nobody to learn from. The engine writes straight into
+    no-op, and what it is shown then is for nobody to learn from. `rand_action`, and a collector
+    without a policy, draw legal actions (`LegalActions`). The engine writes straight into
     the tensors that are returned: nothing is copied and nothing is shared between steps.
     """
 
@@ -79,6 +102,7 @@ class BatchedGameEnv(EnvBase):
         self.group_map = {GROUP: [f"player_{seat}" for seat in range(self.engine.num_players)]}
         self.seeds = EpisodeSeeds(num_worlds, None if seed is None else check_seed(game, seed))
         self._pool = ArrayPool()
+        self._shown: dict[str, Tensor] = {}  # what random actions are drawn from
         self.last = LastStep(
             np.zeros((num_worlds, self.engine.num_players), np.float32),
             np.zeros(num_worlds, np.bool_),
@@ -98,7 +122,8 @@ class BatchedGameEnv(EnvBase):
         actions, places = self.engine.num_actions, (*seats, *self.engine.spec.action_shape)
         seen["action_mask"] = Binary(actions, shape=(*places, actions), dtype=torch.bool)
         self.observation_spec = Composite({GROUP: Composite(seen, shape=seats)}, shape=(worlds,))
-        action = Categorical(actions, shape=places, dtype=torch.int64)
+        action = LegalActions(actions, shape=torch.Size(places), dtype=torch.int64)
+        action.shown = self._shown
         self.action_spec = Composite(
             {GROUP: Composite({"action": action}, shape=seats)}, shape=(worlds,)
         )
@@ -195,6 +220,8 @@ class BatchedGameEnv(EnvBase):
         places = (worlds, players, *engine.spec.action_shape)
         legal = self._pool.take((*places, engine.num_actions), np.bool_)
         seats["action_mask"] = _fill(legal, engine.action_mask, only)
+        everywhere = seats["action_mask"] if only is None else engine.action_mask()
+        self._shown["mask"] = torch.as_tensor(everywhere)
         if numbers := engine.info():
             told = {name: _tell(values, only) for name, values in numbers.items()}
             seats["info"] = TensorDict._new_unsafe(told, batch_size=torch.Size([worlds, players]))

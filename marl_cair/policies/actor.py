@@ -158,6 +158,11 @@ class PolicyActor:
         """Whether its actions are drawn, in place of the best one."""
         return isinstance(self.exploration, MaskedSampling)
 
+    @property
+    def is_deterministic(self) -> bool:
+        """Whether an action depends on its row alone, and on nothing that is drawn."""
+        return not self.is_sampled and self.epsilon == 0.0
+
     def seed(self, seed: int) -> None:
         """Start the random stream of the exploration anew."""
         self.exploration.seed(seed)

@@ -27,12 +27,29 @@ def refuses(text: str):
 # --- numbers of the game ---------------------------------------------------------------------
 
 
-def test_a_games_own_numbers_are_fresh_arrays(game_name):
-    """They would else change with the worlds after they were told."""
+def test_games_with_numbers_of_their_own_tell_them():
+    told = {}
+    for name in GAMES:
+        engine = make_engine(name)
+        engine.reset(0)
+        told[name] = list(engine.info())
+    assert told == {
+        "deep_line_wars": [],
+        "deep_rts": [],
+        "deep_maze": ["optimal_steps", "step_count", "extra_steps"],
+        "flappy_bird": ["pipes_passed"],
+    }
+
+
+def test_what_an_engine_tells_is_fresh_arrays(game_name):
+    """It would else change with the worlds after it was told."""
     engine = make_engine(game_name, num_worlds=2)
     engine.reset(np.arange(2, dtype=np.uint64))
-    for told in engine.info().values():
-        assert not any(np.shares_memory(told, field) for field in engine._worlds)
+    told = [*engine.info().values(), engine.action_mask(), engine.public_state(0)]
+    told += [engine.observe(name) for name in engine.spec.representations]
+    assert len(told) >= 4
+    for array in told:
+        assert not any(np.shares_memory(array, field) for field in engine._worlds)
 
 
 def test_pictures_are_shown_at_the_speed_of_the_game_and_no_slower_than_ten_a_second():
@@ -129,7 +146,7 @@ def test_a_game_for_one_needs_no_bot(monkeypatch):
         env = GameEnv(alone.name, "one", **opponent)
         env.reset(seed=0)
         env.step(last_standing.SCORE)
-    with refuses(f"unknown {alone.name} bot 'greedy': known are none"):
+    with refuses(f"unknown {alone.name} bot 'greedy': known are 'random'"):
         GameEnv(alone.name, "one", opponent="greedy")
 
 
@@ -189,7 +206,7 @@ def test_a_refused_first_reset_of_some_worlds_draws_no_seeds():
     env = GameVectorEnv("deep_line_wars", num_envs=3, autoreset_mode="Disabled")
     with refuses("deep_line_wars: the engine begins with 1 of its 3 worlds"):
         env.reset(seed=1, options={"reset_mask": np.array([True, False, False])})
-    assert not env._table.seeds.episodes.any()
+    assert not any(seeds.episodes[0] for seeds in env._table.seeds)
     env.reset(seed=1)
     env.reset(options={"reset_mask": np.array([True, False, False])})
 

@@ -3,16 +3,18 @@
 import copy
 import re
 import warnings
+from functools import partial
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode
 
 from marl_cair.games import GAMES
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
+from marl_cair.games.mixed_agent import MixedAgent
 from marl_cair.lookup import UnknownNameError
 from tests.games.cases import REPRESENTATIONS, FirstLegalAgent, choose_action, ticks_of
 
@@ -54,20 +56,29 @@ class Singles:
         self.seed = seed
 
     def reset(self) -> list[Any]:
-        seen = []
-        for world, env in enumerate(self.envs):
-            env._table.seeds._worlds = np.array([world])  # the world that it is in the vector
-            seen.append(env.reset(seed=self.seed))
-        return seen
+        return [env.reset(seed=self.seed + world) for world, env in enumerate(self.envs)]
 
 
-def choose(env: GameVectorEnv, infos: dict[str, Any], numbers: np.ndarray) -> np.ndarray:
-    masks = infos["action_mask"].astype(np.bool_)
+def first_id(game: str) -> str:
+    """The id of a game's default scenario."""
+    chosen = GAMES[game]
+    return f"marl_cair/{chosen.gymnasium_prefix}-{chosen.default_scenario}-v0"
+
+
+def choose(env: GameVectorEnv, numbers: np.ndarray) -> np.ndarray:
     chosen = [
         choose_action(env.engine.spec, mask, *pair)
-        for mask, pair in zip(masks, numbers, strict=True)
+        for mask, pair in zip(env.action_masks(), numbers, strict=True)
     ]
     return np.array(chosen)
+
+
+def assert_same_infos(infos: dict[str, Any], info: dict[str, Any], world: int) -> None:
+    """One world's row of a vector environment's infos equals the single environment's."""
+    assert {name for name in infos if not name.startswith("_") and "final" not in name} == set(info)
+    for name, value in info.items():
+        assert infos[f"_{name}"][world]
+        np.testing.assert_array_equal(infos[name][world], value)
 
 
 def assert_same(vector_part: Any, single: Any, world: int) -> None:
@@ -123,7 +134,93 @@ def test_gymnasium_makes_vectors_of_every_registered_environment(env_id):
     assert rewards.shape == (2,)
 
 
+# --- equality with Gymnasium's own vector environment ----------------------------------------
+
+
+def play_both(env_id: str, mode: str, seed: Any, **options: Any) -> int:
+    """Play `make_vec`'s two forms with the same legal actions; returns how many games ended."""
+    ours = gymnasium.make_vec(env_id, NUM_WORLDS, autoreset_mode=mode, **options)
+    kwargs = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": mode}}
+    theirs = gymnasium.make_vec(env_id, NUM_WORLDS, **kwargs, **options)
+    assert ours.autoreset_mode is theirs.autoreset_mode is AutoresetMode(mode)
+    num_ended = 0
+    seen, infos = ours.reset(seed=seed)
+    reference = theirs.reset(seed=seed)
+    assert data_equivalence(seen, reference[0])
+    for numbers in np.random.default_rng(3).random((30, NUM_WORLDS, 2)):
+        actions = choose(ours, numbers)
+        seen, *outcome, infos = ours.step(actions)
+        other, *other_outcome, other_infos = theirs.step(actions)
+        assert data_equivalence(seen, other)
+        np.testing.assert_array_equal(outcome, other_outcome)
+        assert set(infos) == set(other_infos)
+        np.testing.assert_array_equal(infos["action_mask"], other_infos["action_mask"])
+        ended = outcome[1] | outcome[2]
+        num_ended += int(ended.sum())
+        if ended.any() and mode == "Disabled":
+            again = [None, 11, 12]
+            ours.reset(seed=again, options={"reset_mask": ended.copy()})
+            theirs.reset(seed=again, options={"reset_mask": ended.copy()})
+    return num_ended
+
+
+@pytest.mark.parametrize("mode", [mode.value for mode in AutoresetMode])
+@pytest.mark.parametrize("seed", [5, [9, 2, 4]], ids=str)
+def test_both_forms_of_make_vec_play_the_same_games(game_name, mode, seed):
+    """The default opponent draws at random: it draws the same in both."""
+    limit = ticks_of(game_name, MAX_DECISIONS)
+    assert play_both(first_id(game_name), mode, seed, max_ticks=limit) >= 2 * NUM_WORLDS
+
+
+@pytest.mark.parametrize("mode", [mode.value for mode in AutoresetMode])
+def test_a_limit_of_decisions_ends_games_in_both_forms_alike(game_name, mode):
+    assert play_both(first_id(game_name), mode, 1, max_episode_steps=4) >= 5 * NUM_WORLDS
+
+
+@pytest.mark.parametrize("game", [game for game in GAMES if "race-2" not in GAMES[game].scenarios])
+def test_both_forms_draw_the_same_members_of_a_mixture(game):
+    scenario = GAMES[game].scenario()
+    bots = [GAMES[game].bot(name, scenario) for name in list(GAMES[game].bots)[:3]]
+    mixture = MixedAgent([*bots, FirstLegalAgent()], [1.0] * (len(bots) + 1))
+    limit = ticks_of(game, MAX_DECISIONS)
+    assert play_both(first_id(game), "SameStep", 7, max_ticks=limit, opponent=mixture)
+
+
 # --- our promises ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [make_single, partial(make_vector, mode=AutoresetMode.NEXT_STEP)])
+def test_the_mask_is_in_one_place(game_name, make):
+    """Clients that find it in both break: TorchRL's wrapper does."""
+    env = make(game_name)
+    assert "action_mask" in env.reset(seed=0)[1]
+    env = make(game_name, mask_in_observation=True)
+    seen, infos = env.reset(seed=0)
+    later, *_, more = env.step(np.zeros(env.action_space.shape, np.int64))
+    assert "action_mask" in seen
+    assert "action_mask" in later
+    assert not {"action_mask", "_action_mask"} & {*infos, *more}
+
+
+@pytest.mark.parametrize("where", ["infos", "observation"])
+def test_action_masks_are_the_mask(game_name, where):
+    env = make_single(game_name, mask_in_observation=where == "observation")
+    vector = make_vector(game_name, AutoresetMode.NEXT_STEP)
+    seen, info = env.reset(seed=0)
+    masks = env.action_masks()
+    shown = seen if where == "observation" else info
+    assert masks.dtype == np.bool_
+    np.testing.assert_array_equal(masks, shown["action_mask"])
+    _, infos = vector.reset(seed=0)
+    np.testing.assert_array_equal(vector.action_masks(), infos["action_mask"])
+    np.testing.assert_array_equal(vector.action_masks()[0], masks)
+
+
+def test_action_masks_of_factored_actions_are_refused():
+    env = GameEnv("deep_line_wars", action_form="factored")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="deep_line_wars: a mask of factored actions holds pairs"):
+        env.action_masks()
 
 
 @pytest.mark.parametrize("form", FORMS, ids=str)
@@ -135,10 +232,10 @@ def test_vector_with_next_step_reset_equals_single_games(game_name, form, which_
     observations, infos = env.reset(seed=3)
     for world, (seen, info) in enumerate(singles.reset()):
         assert_same(observations, seen, world)
-        np.testing.assert_array_equal(infos["action_mask"][world], info["action_mask"])
+        assert_same_infos(infos, info, world)
     ended = np.zeros(NUM_WORLDS, np.bool_)
     for numbers in np.random.default_rng(0).random((30, NUM_WORLDS, 2)):
-        actions = choose(env, infos, numbers)
+        actions = choose(env, numbers)
         observations, rewards, terminated, truncated, infos = env.step(actions)
         for world, single in enumerate(singles.envs):
             if ended[world]:
@@ -148,7 +245,7 @@ def test_vector_with_next_step_reset_equals_single_games(game_name, form, which_
                 seen, *outcome, info = single.step(actions[world])
             assert (rewards[world], terminated[world], truncated[world]) == tuple(outcome)
             assert_same(observations, seen, world)
-            np.testing.assert_array_equal(infos["action_mask"][world], info["action_mask"])
+            assert_same_infos(infos, info, world)
         ended = terminated | truncated
 
 
@@ -160,7 +257,7 @@ def test_vector_with_same_step_reset_equals_single_games(game_name, form):
     _, infos = env.reset(seed=4)
     num_ended = 0
     for numbers in np.random.default_rng(1).random((30, NUM_WORLDS, 2)):
-        actions = choose(env, infos, numbers)
+        actions = choose(env, numbers)
         observations, rewards, terminated, truncated, infos = env.step(actions)
         for world, single in enumerate(singles.envs):
             seen, *outcome, info = single.step(actions[world])
@@ -171,12 +268,11 @@ def test_vector_with_same_step_reset_equals_single_games(game_name, form):
                 assert infos["_final_info"][world]
 
                 final = infos["final_obs"][world]
-                assert gymnasium.utils.env_checker.data_equivalence(final, seen)
-                final_mask = infos["final_info"]["action_mask"][world]
-                np.testing.assert_array_equal(final_mask, info["action_mask"])
+                assert data_equivalence(final, seen)
+                assert_same_infos(infos["final_info"], info, world)
                 seen, info = single.reset()
             assert_same(observations, seen, world)
-            np.testing.assert_array_equal(infos["action_mask"][world], info["action_mask"])
+            assert_same_infos(infos, info, world)
     assert num_ended >= NUM_WORLDS
 
 
@@ -189,16 +285,16 @@ def test_vector_without_reset_equals_single_games(game_name, form):
     for step, numbers in enumerate(np.random.default_rng(2).random((30, NUM_WORLDS, 2))):
         if step == 5:  # so that the worlds do not all end together
             mask = np.array([False, True, False])
-            _, infos = env.reset(options={"reset_mask": mask})
+            env.reset(options={"reset_mask": mask})
             singles.envs[1].reset()
-        actions = choose(env, infos, numbers)
-        observations, rewards, terminated, truncated, infos = env.step(actions)
+        actions = choose(env, numbers)
+        observations, rewards, terminated, truncated, _ = env.step(actions)
         for world, single in enumerate(singles.envs):
             seen, *outcome, _ = single.step(actions[world])
             assert (rewards[world], terminated[world], truncated[world]) == tuple(outcome)
             assert_same(observations, seen, world)
         if (ended := terminated | truncated).any():
-            observations, infos = env.reset(options={"reset_mask": ended})
+            observations, _ = env.reset(options={"reset_mask": ended})
             for world in np.flatnonzero(ended):
                 assert_same(observations, singles.envs[world].reset()[0], world)
 
@@ -243,7 +339,7 @@ def test_results_of_a_step_are_fresh_arrays(game_name):
     _, infos = env.reset(seed=0)
     shown = []
     for numbers in np.random.default_rng(0).random((10, NUM_WORLDS, 2)):
-        observations, *outcome, infos = env.step(choose(env, infos, numbers))
+        observations, *outcome, infos = env.step(choose(env, numbers))
         told = [*observations.values(), *outcome, *infos.values()]
         own = [*env.engine._worlds, *env.engine._outcome]
         assert not any(np.shares_memory(value, array) for value in told for array in own)
@@ -352,10 +448,39 @@ def test_a_step_before_reset_is_refused(game_name):
         make_single(game_name).step(0)
 
 
-def test_a_list_of_seeds_is_refused(game_name):
-    message = f"{game_name}: seed is a list; pass one int, from which every world gets its own"
-    with pytest.raises(ValueError, match=message):
-        make_vector(game_name, AutoresetMode.NEXT_STEP).reset(seed=[1, 2, 3])
+def test_seeds_that_are_not_one_for_each_world_are_refused(game_name):
+    env = make_vector(game_name, AutoresetMode.NEXT_STEP)
+    message = f"{game_name}: seed is a list of 2, it must be one of 3 (worlds), or one whole number"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        env.reset(seed=[1, 2])
+    with pytest.raises(ValueError, match=f"{game_name}: seed is 'a', it must be a whole number"):
+        env.reset(seed=[1, "a", 2])
+
+
+def test_a_reset_mask_without_a_world_is_refused(game_name):
+    env = make_vector(game_name, AutoresetMode.DISABLED)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=f"{game_name}: reset_mask has no world"):
+        env.reset(options={"reset_mask": np.zeros(NUM_WORLDS, np.bool_)})
+
+
+def test_without_autoreset_an_ended_game_is_to_be_restarted_first(game_name):
+    env = make_vector(game_name, AutoresetMode.DISABLED, max_episode_steps=2)
+    env.reset(seed=0)
+    noops = np.full(NUM_WORLDS, env.engine.spec.noop_action)
+    env.step(noops)
+    env.reset(options={"reset_mask": np.array([False, True, False])})
+    env.step(noops)
+    message = f"{game_name}: step where the games of the worlds [0, 2] have ended; call reset("
+    with pytest.raises(RuntimeError, match=re.escape(message)):
+        env.step(noops)
+
+
+@pytest.mark.parametrize("limit", ["4", 0])
+def test_a_limit_of_decisions_that_is_none_is_refused(game_name, limit):
+    message = f"{game_name}: max_episode_steps is {limit!r}, it must be at least 1"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        make_vector(game_name, AutoresetMode.NEXT_STEP, max_episode_steps=limit)
 
 
 @pytest.mark.parametrize(
@@ -364,11 +489,11 @@ def test_a_list_of_seeds_is_refused(game_name):
 def test_a_wrong_reset_mask_is_described(game_name, mask, described):
     env = make_vector(game_name, AutoresetMode.DISABLED)
     env.reset(seed=0)
-    before = env._table.seeds.episodes.copy()
+    before = [seeds.state_dict() for seeds in env._table.seeds]
     message = f"{game_name}: reset_mask is {described}, it must be bool [3] (worlds)"
     with pytest.raises(ValueError, match=re.escape(message)):
         env.reset(options={"reset_mask": mask})
-    np.testing.assert_array_equal(env._table.seeds.episodes, before)
+    assert [seeds.state_dict() for seeds in env._table.seeds] == before
 
 
 def test_an_unknown_autoreset_mode_is_refused(game_name):

@@ -11,6 +11,12 @@ import pytest
 import supersuit
 from gymnasium.spaces import Box
 from gymnasium.wrappers import FrameStackObservation, GrayscaleObservation, RecordEpisodeStatistics
+from sb3_contrib import MaskablePPO
+from stable_baselines3 import DQN, PPO
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import VecTransposeImage
 
 from marl_cair.games import deep_line_wars, deep_maze, deep_rts, flappy_bird
 
@@ -196,9 +202,6 @@ def test_gymnasiums_own_wrappers_stack_frames_and_count_returns():
 @pytest.mark.filterwarnings("ignore")
 def test_stable_baselines3_learns_on_a_gymnasium_scenario():
     """An army of soldiers is paid step by step: what PPO has learned beats what it began with."""
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.evaluation import evaluate_policy
-
     env = gymnasium.make(
         "marl_cair/DeepRTS-GoldCollect-15x15-v0", representation="vector", actions="classic"
     )
@@ -212,8 +215,6 @@ def test_stable_baselines3_learns_on_a_gymnasium_scenario():
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_stable_baselines3_learns_on_a_pettingzoo_game_through_supersuit():
-    from stable_baselines3 import DQN
-
     env = make_env(deep_line_wars, representation="vector", max_ticks=500)
     env = supersuit.pettingzoo_env_to_vec_env_v1(env)
     many = supersuit.concat_vec_envs_v1(env, 4, num_cpus=0, base_class="stable_baselines3")
@@ -226,3 +227,66 @@ def test_stable_baselines3_learns_on_a_pettingzoo_game_through_supersuit():
         bool((old != new).any()) for old, new in zip(before, model.q_net.parameters(), strict=True)
     ]
     assert all(changed)
+
+
+# --- Stable-Baselines3 and sb3-contrib -----------------------------------------------------------
+
+
+class Body(BaseFeaturesExtractor):
+    """Keeps what it was shown."""
+
+    def __init__(self, observation_space):
+        super().__init__(observation_space, 1)
+        self.space = observation_space
+        self.shown = []
+
+    def forward(self, observations):
+        self.shown.append(observations)
+        return observations.flatten(1)[:, :1]
+
+
+def learn_from_pictures(env):
+    """The body of a policy that has learned from `env` for some steps."""
+    policy = {"features_extractor_class": Body}
+    model = PPO("CnnPolicy", env, n_steps=8, batch_size=8, policy_kwargs=policy, device="cpu")
+    model.learn(8)
+    return model.policy.features_extractor
+
+
+@pytest.mark.parametrize("representation", ["planes", "gray", "image"])
+@pytest.mark.parametrize("game", [deep_line_wars, deep_maze, deep_rts, flappy_bird])
+def test_a_cnn_policy_sees_channels_first_as_our_page_says(game, representation):
+    env_id = f"marl_cair/{game.GYMNASIUM_PREFIX}-{game.GAME.default_scenario}-v0"
+    options = {"env_kwargs": {"representation": representation}, "seed": 0}
+    body = learn_from_pictures(VecTransposeImage(make_vec_env(env_id, **options), skip=True))
+    plain = gymnasium.make(env_id, representation=representation)
+    assert body.space.shape == plain.observation_space.shape
+    first = make_vec_env(env_id, **options).reset()
+    np.testing.assert_array_equal((body.shown[0] * 255).round().numpy(), first)
+    if representation != "planes":  # then the wrapper is not needed
+        body = learn_from_pictures(make_vec_env(env_id, **options))
+        assert body.space.shape == plain.observation_space.shape
+
+
+def test_stable_baselines3_transposes_planes_that_have_more_channels_than_rows():
+    """So our page tells how to keep it from that; where it no longer does, the page may go."""
+    with pytest.warns(UserWarning, match="Treating image space as channels-last"):
+        body = learn_from_pictures(make_vec_env("marl_cair/DeepRTS-1v1-15x15-v0"))
+    assert body.space.shape == (15, 43, 15)
+
+
+@pytest.mark.parametrize("game", [deep_line_wars, deep_maze, deep_rts, flappy_bird])
+def test_maskable_ppo_plays_legal_actions_only(game):
+    env_id = f"marl_cair/{game.GYMNASIUM_PREFIX}-{game.GAME.default_scenario}-v0"
+    env = make_vec_env(env_id, 2, env_kwargs={"representation": "vector"})
+    MaskablePPO("MlpPolicy", env, n_steps=32, batch_size=64, device="cpu").learn(64)
+    engines = env.get_attr("engine")
+    assert len(engines) == 2
+    assert not any(engine.illegal_actions.any() for engine in engines)
+
+
+def test_maskable_ppo_plays_several_actions_in_each_decision():
+    """Actions of a shape are one row of masks, as sb3-contrib wants those of MultiDiscrete."""
+    env = gymnasium.make("marl_cair/DeepRTS-1v1-15x15-v0", actions="grid")
+    env.reset(seed=0)
+    assert env.get_wrapper_attr("action_masks")().shape == (env.action_space.nvec.sum(),)

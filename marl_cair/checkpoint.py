@@ -119,7 +119,7 @@ def find_agent(folder: str | os.PathLike[str]) -> Path:
 def _read_chosen(file: Path) -> str:
     try:
         chosen = str(json.loads(file.read_text("utf-8"))["chosen"])
-        if Path(chosen).name != chosen:
+        if Path(chosen).name != chosen or chosen == "..":
             raise ValueError(f"chosen is {chosen!r}, which is no plain name")
         return chosen
     except (OSError, ValueError, TypeError, KeyError) as error:

@@ -126,7 +126,7 @@ def find_agent(folder: str | os.PathLike[str]) -> Path:
 def _read_chosen(file: Path) -> str:
     try:
         chosen = str(read_json(file)["chosen"])
-        if Path(chosen).name != chosen:
+        if Path(chosen).name != chosen or chosen == "..":
             raise ValueError(f"chosen is {chosen!r}, which is no plain name")
         return chosen
     except (OSError, ValueError, TypeError, KeyError) as error:

@@ -1,7 +1,7 @@
 """Mixtures of agents on disk: a folder with `mixture.json` and copies of its members' checkpoints.
 
 The folder is an agent as a checkpoint is: see `games.mixed_agent` for how it plays. Its members are
-checkpoints and bots, so that loading it runs nothing that its files say.
+checkpoints in it and bots, so that loading it runs nothing that its files say.
 """
 
 from __future__ import annotations

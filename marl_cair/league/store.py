@@ -22,7 +22,7 @@ from marl_cair.text import clean_text
 
 STORE_FILE = "league.sqlite"
 BUSY_SECONDS = 60.0  # to wait for another program that holds the file
-_SAFE = "trusted_schema = OFF"  # views and triggers of a foreign file call no unsafe function
+_SAFE = "trusted_schema = OFF"  # a file's triggers call nothing unsafe
 
 
 class LeagueStoreError(ValueError):
@@ -202,8 +202,9 @@ class LeagueStore:
             with named_damage():
                 for *_, configuration in rows:
                     dict(json.loads(configuration))
-        # All is shown but the configuration, which is JSON.
-        return {row[0]: AgentRecord(*map(clean_text, map(str, row[1:-1])), row[-1]) for row in rows}
+        # The last column is JSON.
+        cleaned = ([one, *map(clean_text, map(str, shown)), last] for one, *shown, last in rows)
+        return {int(number): AgentRecord(*about) for number, *about in cleaned}
 
     def add_games(self, line_up: Sequence[int], games: Iterable[PlayedGame]) -> None:
         """Keep games of whole blocks in one transaction; blocks that are there already stay.

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -38,6 +39,33 @@ for line in sys.stdin:
         child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
         Path(sys.argv[2]).write_text(f"{os.getpid()} {child.pid}", "utf-8")
         time.sleep(600)
+    elif habit in ("escapes", "stops its supervisor", "kills its supervisor", "hops"):
+        read, told = os.pipe()
+        if os.fork() == 0:  # a child in a session of its own, whose parent ends
+            os.setsid()
+            if os.fork() == 0:
+                os.write(told, str(os.getpid()).encode())
+                if habit == "hops":
+                    while True:
+                        if os.fork():
+                            os._exit(0)
+                        os.setsid()
+                time.sleep(600)
+            os._exit(0)
+        Path(sys.argv[2]).write_text(f"{os.getpid()} {os.read(read, 9).decode()}", "utf-8")
+        if habit == "stops its supervisor":
+            os.kill(os.getppid(), signal.SIGSTOP)
+        if habit == "kills its supervisor":
+            os.kill(os.getppid(), signal.SIGKILL)
+        time.sleep(600)
+    elif habit == "allocates":
+        bytearray(3 << 30)
+        say({"actions": [FINISH] * number})
+    elif habit == "forks":
+        children = [subprocess.Popen(["sleep", "600"]) for _ in range(6)]
+        time.sleep(600)
+    elif habit == "paints":
+        say({"error": "\x1b[31mred\nline \u202egnp.exe\u200b \ud800"})
     elif habit == "prints":
         write("my move is 1")
     elif habit == "lists":

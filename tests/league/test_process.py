@@ -1,35 +1,28 @@
 """Agents in processes of their own: they play, and what goes wrong there costs them the game."""
 
-import base64
-import io
-import json
 import os
-import re
+import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from marl_cair.cli import main
+from marl_cair.cli.match_options import read_bytes
 from marl_cair.league.agents import describe_agent, is_checkpoint, load_agent
 from marl_cair.league.allowed_code import is_process
-from marl_cair.league.foreign import AgentFault, ForeignAgentError, digest_code
-from marl_cair.league.host import serve
+from marl_cair.league.foreign import ForeignAgentError
 from marl_cair.league.limits import Limits
 from marl_cair.league.match import play_match
 from marl_cair.league.process import load_process
+from marl_cair.league.supervisor import find_below
 from tests.games.last_standing import GAME
 from tests.league.players import GAME as LINES
 
 BOT = Path(__file__).with_name("process_bot.py")
 SCENARIO = GAME.scenario("duel")
-SPEC = LINES.make_spec(LINES.scenario("11x11"))
-TWO_GAMES = (
-    np.ones((2, *SPEC.representations["vector"].shape), np.float32),
-    np.ones((2, SPEC.num_actions), np.bool_),
-)
 PLACE = ["--game", LINES.name, "--scenario", "11x11", "--games", "2"]
 
 
@@ -93,6 +86,119 @@ def test_a_process_that_hangs_is_killed_with_all_that_it_started(tmp_path):
         assert not is_alive(number)
 
 
+linux_only = pytest.mark.skipif(sys.platform != "linux", reason="agents have no supervisor")
+
+
+def is_gone(number, seconds=5.0):
+    end = time.monotonic() + seconds
+    while is_alive(number) and time.monotonic() < end:
+        time.sleep(0.05)
+    return not is_alive(number)
+
+
+@linux_only
+@pytest.mark.parametrize("habit", ["escapes", "stops its supervisor"])
+def test_what_leaves_its_session_dies_with_the_agent(tmp_path, habit):
+    agent = load(habit, str(tmp_path / "ids"), seconds=2.0)
+    begun = time.monotonic()
+    match = play(agent, num_games=2)
+    assert time.monotonic() - begun < 10.0
+    assert match.forfeits[0] == f"bot {habit} gave no answer within 2 s"
+    assert all(map(is_gone, map(int, (tmp_path / "ids").read_text().split())))
+
+
+@linux_only
+def test_a_process_that_always_moves_on_to_another_session_is_caught(tmp_path):
+    agent = load("hops", str(tmp_path / "ids"), seconds=1.0)
+    supervisor = agent._agent._line._process.pid
+    begun = time.monotonic()
+    play(agent, num_games=2)
+    assert time.monotonic() - begun < 10.0
+    assert find_below(supervisor) == []
+    assert is_gone(supervisor)
+
+
+@linux_only
+def test_nobody_waits_for_a_pipe_that_an_escaped_process_holds(tmp_path):
+    agent = load("kills its supervisor", str(tmp_path / "ids"), seconds=2.0)
+    begun = time.monotonic()
+    match = play(agent, num_games=2)
+    assert time.monotonic() - begun < 10.0
+    assert match.losses == 2
+    child, escaped = map(int, (tmp_path / "ids").read_text().split())
+    assert is_gone(child)
+    os.kill(escaped, signal.SIGKILL)  # an agent that attacks its supervisor is beyond it
+
+
+@linux_only
+def test_agents_end_with_a_program_that_is_killed(tmp_path):
+    script = (
+        "import os, signal, sys; from tests.league.test_process import load;"
+        "agent = load('good'); print(agent._agent._line._process.pid, flush=True);"
+        "os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    words = [sys.executable, "-c", script]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert is_gone(int(done.stdout))
+
+
+@linux_only
+@pytest.mark.parametrize(
+    ("habit", "limits", "reason"),
+    [
+        ("allocates", Limits(20.0, memory_bytes=1 << 30), "ended with exit code 1"),
+        ("forks", Limits(20.0, processes=4), "started more than 4 processes"),
+    ],
+)
+def test_memory_and_processes_are_limited(habit, limits, reason):
+    match = play(load(habit, limits=limits), num_games=2)
+    assert set(match.forfeits) == {f"bot {habit} {reason}"}
+
+
+@linux_only
+def test_who_keeps_the_limits_plays():
+    match = play(load(limits=Limits(20.0, memory_bytes=1 << 30, processes=4)))
+    assert (match.wins, match.forfeits) == (4, ())
+
+
+def test_elsewhere_limits_that_cannot_be_kept_are_refused(monkeypatch):
+    monkeypatch.setattr("marl_cair.league.limits.IS_SUPERVISED", False)
+    for changes in ({"memory_bytes": 1}, {"processes": 1}):
+        with pytest.raises(ValueError, match="only Linux can limit it"):
+            Limits(**changes)
+
+
+@pytest.mark.parametrize("changes", [{"memory_bytes": -1}, {"processes": -1}])
+def test_limits_are_not_negative(changes):
+    with pytest.raises(ValueError, match="it must be 0 or more"):
+        Limits(**changes)
+
+
+def test_commands_take_the_limits(capsys):
+    source = f"process:{sys.executable} -S {BOT.with_name('big_bot.py')}"
+    words = ["match", source, "random", *PLACE, "--answer-memory"]
+    assert main([*words, "1 GiB", "--answer-processes", "9"]) == 0
+    assert "MemoryError" in capsys.readouterr().out
+    assert main([*words, "lots"]) == 2
+    assert "--answer-memory is 'lots', it must be a size" in capsys.readouterr().err
+    assert main([*words, "1GiB", "--answer-seconds", "0"]) == 2
+    assert "cannot hold" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "number"), [("", 0), ("1KiB", 1024), ("1.5 GiB", 3 << 29), ("2G", 2 << 30)]
+)
+def test_sizes(text, number):
+    assert read_bytes(text, "--answer-memory") == number
+
+
+def test_what_an_agent_writes_is_shown_without_control_characters():
+    match = play(load("paints"), num_games=2)
+    shown = r"bot paints \x1b[31mred line \u202egnp.exe\u200b \ud800"
+    assert set(match.forfeits) == {shown}
+
+
 def test_an_agent_that_nobody_holds_is_ended():
     agent = load()
     process = agent._agent._line._process
@@ -140,192 +246,3 @@ def test_commands_are_no_folders():
     assert is_process("process:./bot")
     assert not is_process("my_module:make")
     assert not is_checkpoint("process:./bot")
-
-
-class TestHost:
-    """Python functions behind the same protocol."""
-
-    MODULE = """
-import os
-import numpy as np
-class Mine:
-    representation = "vector"
-    def seed(self, seed):
-        self.drawn = seed
-    def act(self, observation, action_mask):
-        if not observation.any():
-            raise KeyError("nothing there")
-        assert observation.dtype == np.float32 and action_mask.dtype == bool
-        return np.full(len(observation), self.drawn % 3)
-class Slow(Mine):
-    def act(self, observation, action_mask):
-        import time
-        time.sleep(600)
-def make(scenario, spec):
-    assert scenario.max_ticks == 120 and isinstance(scenario, type(scenario))
-    return Mine()
-def make_slow(scenario, spec):
-    return Slow()
-class Killer(Mine):
-    def act(self, observation, action_mask):
-        os._exit(5)
-class Leaver(Mine):
-    def act(self, observation, action_mask):
-        raise SystemExit(5)
-class Teller(Mine):
-    def act(self, observation, action_mask):
-        raise RuntimeError(f"I am {os.getpid()}")
-class Talker(Mine):
-    def act(self, observation, action_mask):
-        assert os.read(0, 1) == b""
-        os.write(1, b"thinking ...")
-        return np.zeros(len(observation), int)
-def make_killer(scenario, spec):
-    return Killer()
-def make_leaver(scenario, spec):
-    return Leaver()
-def make_teller(scenario, spec):
-    return Teller()
-def make_talker(scenario, spec):
-    return Talker()
-def make_nothing(scenario, spec):
-    return None
-"""
-
-    @pytest.fixture
-    def module(self, tmp_path, monkeypatch):
-        (tmp_path / "hosted_agents.py").write_text(self.MODULE, "utf-8")
-        monkeypatch.syspath_prepend(str(tmp_path))
-        monkeypatch.setenv(
-            "PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
-        )
-        return "hosted_agents"
-
-    def test_it_answers_line_by_line(self, module):
-        hello = {
-            "type": "hello",
-            "game": "deep_line_wars",
-            "scenario": {"max_ticks": 120},
-            "actions": ["noop", "left", "right"],
-            "action_shape": [],
-            "representations": {
-                "planes": {"shape": [3, 4, 4], "dtype": "uint8"},
-                "vector": {"shape": [2], "dtype": "float32"},
-            },
-        }
-
-        def ask(num, value):
-            seen = np.full((num, 2), value, np.float32)
-            arrays = {"observations": seen, "masks": np.ones((num, 3), np.bool_)}
-            packed = {k: base64.b64encode(v.tobytes()).decode() for k, v in arrays.items()}
-            return {"type": "act", "seed": 5, "num": num, **packed}
-
-        asked = [hello, ask(2, 1), ask(1, 0)]
-        told = io.StringIO()
-        serve(f"{module}:make", io.StringIO("\n".join(map(json.dumps, asked))), told)
-        answers = [json.loads(line) for line in told.getvalue().splitlines()]
-        assert answers == [
-            {
-                "type": "ready",
-                "name": "hosted_agents:make",
-                "representation": "vector",
-                "digest": digest_code("hosted_agents:make", self.MODULE.encode()),
-                "arrays": "base64",
-            },
-            {"actions": [2, 2]},
-            {"error": "crashed in act: KeyError: 'nothing there'"},
-        ]
-
-    def test_a_function_with_a_limit_runs_in_a_process_of_its_own(self, module):
-        agent = load_agent(f"{module}:make_slow", "deep_line_wars", "11x11", answer_seconds=2.0)
-        spec = agent._shape
-        assert spec == ()
-        lost = agent.act(*TWO_GAMES)
-        assert lost.tolist() == [-1, -1]
-        assert agent.failure == "gave no answer within 2 s"
-
-    @pytest.mark.parametrize("words", [["match"], ["evaluate", "--against"]], ids=lambda w: w[0])
-    def test_every_command_that_plays_can_set_the_limit(self, module, capsys, words):
-        command, *against = words
-        agents = [f"{module}:make_slow", *against, "random"]
-        assert main([command, *agents, *PLACE, "--answer-seconds", "2"]) == 0
-        assert "gave no answer within 2 s" in capsys.readouterr().out
-
-    def test_a_function_that_cannot_be_made_is_refused(self, module):
-        with pytest.raises(ForeignAgentError, match="nobody cannot be made .AttributeError"):
-            load_agent(f"{module}:nobody", "deep_line_wars", "11x11", answer_seconds=60.0)
-
-    def test_what_makes_no_agent_is_refused(self, module):
-        with pytest.raises(ForeignAgentError, match="make_nothing gave NoneType without `act"):
-            load_agent(f"{module}:make_nothing", "deep_line_wars", "11x11", answer_seconds=60.0)
-
-    def test_it_is_the_same_agent_and_plays_the_same_as_in_this_process(self, module):
-        scenario = LINES.scenario("11x11", max_ticks=120)
-        rival = load_agent("rusher", LINES.name, scenario)
-        found = []
-        for limit in (None, 60.0):
-            agent = load_agent(f"{module}:make", LINES.name, scenario, answer_seconds=limit)
-            found.append((agent.fingerprint, play_match(agent, rival, LINES, scenario, 16, 3)))
-        assert found[0] == found[1]
-        assert found[0][1].distinct_games > 2  # it draws
-
-    @pytest.mark.parametrize(
-        ("make", "reason"),
-        [("make_killer", "ended with exit code 5"), ("make_leaver", "crashed in act: SystemExit")],
-    )
-    @pytest.mark.parametrize("words", [["match"], ["evaluate", "--against"], ["league"]])
-    def test_who_ends_the_process_ends_no_command(
-        self, module, capsys, tmp_path, make, reason, words
-    ):
-        command, *against = words
-        agents = [f"{module}:{make}", *against, "random"]
-        out = ["--no-replays", "--out", str(tmp_path / "out")] if command == "league" else []
-        assert main([command, *agents, *PLACE, *out]) == 0
-        assert reason in capsys.readouterr().out
-
-    @pytest.mark.parametrize("words", [[], ["--answer-seconds", "0"]])
-    def test_without_a_limit_it_runs_in_this_process(self, module, capsys, words):
-        assert main(["match", f"{module}:make_teller", "random", *PLACE, *words]) == 0
-        told = re.findall(r"I am (\d+)", capsys.readouterr().out)
-        assert [int(number) == os.getpid() for number in told] == [bool(words)]
-
-    def test_what_it_prints_and_reads_is_none_of_the_protocol(self, module):
-        agent = load_agent(f"{module}:make_talker", "deep_line_wars", "11x11", answer_seconds=60.0)
-        chosen = agent.act(*TWO_GAMES)
-        assert chosen.tolist() == [0, 0]
-
-    PACKAGED = """
-class Mine:
-    def act(self, observation, action_mask):
-        return action_mask.argmax(-1)
-def make(scenario, spec):
-    return Mine()
-"""
-
-    def test_other_code_is_another_agent_wherever_the_command_is_from(self, tmp_path, monkeypatch):
-        """The console script does not look for modules in the current folder; the host does."""
-        (tmp_path / "bots").mkdir()
-        (tmp_path / "bots" / "__init__.py").write_text("IMPORTED = True", "utf-8")
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(sys, "path", [place for place in sys.path if place])
-        prints = []
-        for text in (self.PACKAGED, f"{self.PACKAGED}# changed"):
-            (tmp_path / "bots" / "mine.py").write_text(text, "utf-8")
-            agent = load_agent("bots.mine:make", "deep_line_wars", "11x11", answer_seconds=60.0)
-            prints.append(agent.fingerprint)
-        assert prints[0] != prints[1]
-        assert all(one.startswith("foreign ") for one in prints)
-        assert "bots" not in sys.modules  # nobody's code runs here, where it would have no limit
-
-    def test_code_that_changes_before_a_restart_forfeits(self, module, tmp_path):
-        agent = load_agent(f"{module}:make_slow", "deep_line_wars", "11x11", answer_seconds=60.0)
-        (tmp_path / "hosted_agents.py").write_text(f"{self.MODULE}# changed", "utf-8")
-        agent._agent._stop()
-        with pytest.raises(AgentFault, match="its code has changed"):
-            agent._agent.act(*TWO_GAMES)
-
-    def test_a_module_without_a_file_is_refused(self, tmp_path, monkeypatch):
-        (tmp_path / "fileless.py").write_text(f"{self.PACKAGED}del __file__", "utf-8")
-        monkeypatch.chdir(tmp_path)
-        with pytest.raises(ForeignAgentError, match="has no file to tell its versions apart by"):
-            load_agent("fileless:make", "deep_line_wars", "11x11", answer_seconds=60.0)

@@ -193,9 +193,15 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
 
 
 def count_weight_bytes(config: QNetworkConfig, shape: tuple[int, ...], num_actions: int) -> int:
-    """Bytes of the weights of a network, without making it. Raises as `QNetwork`."""
-    with torch.device("meta"):
-        network = QNetwork(config, shape, num_actions)
+    """Bytes of the weights of a network, without making it.
+
+    Raises ValueError as `QNetwork`, and for sizes that no memory could hold.
+    """
+    try:
+        with torch.device("meta"):
+            network = QNetwork(config, shape, num_actions)
+    except (RuntimeError, OverflowError) as error:
+        raise ValueError(f"the network is too large for any memory ({error})") from error
     return sum(weight.nbytes for weight in network.parameters())
 
 

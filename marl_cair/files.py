@@ -226,7 +226,7 @@ def tell_value(value: Any) -> str:
 
 
 def _refuse_foreign_files(place: Path) -> None:
-    names = sorted(entry.name for entry in place.iterdir() if not _is_leftover(entry.name))
+    names = sorted(entry.name for entry in place.iterdir() if not is_leftover(entry.name))
     # The marker may be of another process that has begun just now: the lock decides.
     if names and RUN_MARKER not in names:
         shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
@@ -256,7 +256,7 @@ def read_run_kind(folder: str | os.PathLike[str]) -> str:
         return ""
 
 
-def _is_leftover(name: str) -> bool:
+def is_leftover(name: str) -> bool:
     """Whether `name` is a lock, or an unfinished file, that a killed process left behind."""
     return name == _LOCK_FILE or (name.startswith(".") and _LEFTOVER_MARK in name)
 

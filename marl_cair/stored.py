@@ -3,7 +3,7 @@
 A folder that is written whole (`files.replaced_folder`) holds a `manifest.json` with the size and
 the digest of each of its files; a folder in it that has a manifest of its own counts as that one
 file. Files that are written one by one carry their digest: JSON objects under `checksum`, YAML in a
-last line (`training.config_file`). A checksum shows damage, it is no signature: who changes a file
+last line, a comment. A checksum shows damage, it is no signature: who changes a file
 can change that too.
 """
 
@@ -21,6 +21,7 @@ from typing import Any
 
 MANIFEST_FILE = "manifest.json"
 CHECKSUM = "checksum"
+_SETTINGS_CHECKSUM = f"# {CHECKSUM}: "
 _LEVELS_UP = 3  # folders between a file and its manifest: <mixture>/members/00, <replay>/storage
 
 _KIB, _MIB, _GIB = 1 << 10, 1 << 20, 1 << 30
@@ -119,6 +120,25 @@ def _digest_of(plain: Mapping[str, Any]) -> str:
 def digest_text(text: str) -> str:
     """Hexadecimal digest of a text."""
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def sign_settings(text: str) -> str:
+    """A text of YAML with its checksum in a last line, a comment."""
+    return f"{text}{_SETTINGS_CHECKSUM}{digest_text(text)}\n"
+
+
+def read_settings(path: str | os.PathLike[str]) -> str:
+    """The text of a YAML file. Raises as `open_stored`; DamagedFileError where the checksum in its
+    last line, if there is one, is of another text.
+    """
+    text = read_text(path, SETTINGS)
+    body, mark, digest = text.rpartition(_SETTINGS_CHECKSUM)
+    if mark and digest.strip() != digest_text(body):
+        raise DamagedFileError(
+            f"{path} is not as it was written: bring it back; if you have changed it on purpose, "
+            f"delete its last line, {_SETTINGS_CHECKSUM}..."
+        )
+    return text
 
 
 # --- manifests ---------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from marl_cair import __version__
+from marl_cair.interrupts import interrupts_raised
 from marl_cair.lookup import find_by_name
 from marl_cair.text import clean_text
 
@@ -17,16 +18,18 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "evaluate": ("evaluate", "win rates of one agent against others, with 95 % intervals"),
     "match": ("match", "compare two agents in any scenario, of one seat or many"),
     "league": ("league", "rate any set of agents by a round-robin, with 95 % intervals"),
+    "verify": ("verify", "check the stored files of a run, an agent, a mixture or a league"),
     "games": ("games", "list games, scenarios, representations, actions and bots"),
     "compile": ("compile", "compile the rules of games now, for images and clusters"),
     "benchmark": ("benchmark", "run the speed measurements of a source checkout"),
 }
-EXIT_DONE, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 2, 130
+EXIT_DONE, EXIT_DAMAGED, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 1, 2, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a sub-command; returns the exit code: 0 done, 2 refused (nothing was changed), 130
-    interrupted (what was saved before stays; a run saves at the first Ctrl-C, not at a second).
+    """Run a sub-command; returns the exit code: 0 done, 1 `verify` found damage, 2 refused (nothing
+    was changed), 130 interrupted by one of `interrupts.SIGNALS` (what was saved before stays; a run
+    saves at the first, not at a second).
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     if not arguments or arguments[0] in ("-h", "--help"):
@@ -38,12 +41,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         module, _ = find_by_name("command", arguments[0], COMMANDS)
         run: Callable[[list[str]], int] = import_module(f"marl_cair.cli.{module}").run
-        return run(arguments[1:])
+        with interrupts_raised():
+            return run(arguments[1:])
     except KeyboardInterrupt:
         sys.stderr.write("marl-cair: interrupted\n")
         return EXIT_INTERRUPTED
-    except (ValueError, OSError) as error:
-        sys.stderr.write(f"marl-cair: {clean_text(str(error))}\n")
+    except (ValueError, OSError, MemoryError, ArithmeticError, RecursionError) as error:
+        told = f"{error}" or type(error).__name__
+        if isinstance(error, MemoryError):
+            told = f"not enough memory: {told}; give smaller numbers"
+        sys.stderr.write(f"marl-cair: {clean_text(told)}\n")
+        return EXIT_REFUSED
+    except RuntimeError as error:
+        if "allocate memory" not in f"{error}":  # what torch says in place of a MemoryError
+            raise
+        sys.stderr.write(f"marl-cair: not enough memory: {error}; give smaller numbers\n")
         return EXIT_REFUSED
 
 

@@ -60,9 +60,10 @@ class GateReport:
             read_number(acceptance, name, _ANY)
         for name in ("may_end", "may_be_rare"):
             read_number(acceptance, name, FLAG)
-        acceptance["certainty"] = Certainty(
-            *read_numbers(acceptance["certainty"], "certainty", _ANY)
-        )
+        *bounds, is_tuned = acceptance["certainty"]
+        read_number({"is_tuned": is_tuned}, "is_tuned", FLAG)
+        bounds = read_numbers(bounds, "certainty", _ANY)
+        acceptance["certainty"] = Certainty(*bounds, is_tuned)
         return cls(
             read_number(values, "passed", FLAG),
             tuple(map(str, values["reasons"])),

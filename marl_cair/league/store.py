@@ -108,6 +108,8 @@ class LeagueStore:
             raise LeagueStoreError(
                 f"{path} is not there: give the folder of a league (`marl-cair league ... --out`)"
             )
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise LeagueStoreError(f"{path} is no regular file: give another folder")
         path.parent.mkdir(parents=True, exist_ok=True)
         self._path = path
         is_fixed = settings is None and not all(os.access(p, os.W_OK) for p in (path, path.parent))

@@ -21,6 +21,7 @@ from marl_cair.replay.transition import (
     EXPERIENCE_KEYS,
     EXPERT_ACTION,
     IS_GENERATED,
+    MOST_STEPS,
     NEXT_DONE,
     NO_ACTION,
     NO_INDEX,
@@ -31,7 +32,6 @@ from marl_cair.replay.transition import (
     check_transitions,
 )
 
-_MOST_STEPS = 10_000  # of a row: the most that n_steps may be
 _STORED_KEYS: tuple[Key, ...] = (*EXPERIENCE_KEYS, STEPS_TO_NEXT_OBS)
 
 
@@ -141,7 +141,7 @@ class GeneratedReplay:
     def _find_range(self, key: Key) -> Range | None:
         """What a saved field may hold; None: whatever `check_transitions` lets through."""
         if key == STEPS_TO_NEXT_OBS:
-            return Range(1, _MOST_STEPS)
+            return Range(1, MOST_STEPS)
         is_float = self._ring[key].is_floating_point()
         return NUMBER if is_float else None
 

@@ -29,6 +29,7 @@ SELF_PLAY = {"latest": 0.5, "pfsp": 0.35, "uniform": 0.1, "bots": 0.05}
 RENAMED_OPPONENTS = {"pool": "uniform", "scripted": "bots"}
 RENAMED_OPTIONS = {"pool_recency": "recency"}
 NO_GENERATOR = "none"
+MOST_THREADS = 1024  # each takes memory of its own
 ENDLESS_FRAMES = 10**9  # as total_frames: the clock ends the run
 
 
@@ -205,6 +206,8 @@ class CollectorSettings:
     def __post_init__(self) -> None:
         for name in ("num_worlds", "steps_per_batch", "num_threads"):
             require(getattr(self, name) >= 1, f"collector.{name}", getattr(self, name), "1 or more")
+        threads, allowed = self.num_threads, f"1..{MOST_THREADS}"
+        require(threads <= MOST_THREADS, "collector.num_threads", threads, allowed)
 
 
 @dataclass(frozen=True)
@@ -354,7 +357,8 @@ class TrainConfig:
         require(self.total_frames >= 1, "total_frames", self.total_frames, "1 or more")
         require(0 <= self.seed < 2**63, "seed", self.seed, "0 or more")
         threads = self.torch_threads
-        require(threads is None or threads >= 1, "torch_threads", threads, "1 or more")
+        allowed = f"1..{MOST_THREADS}"
+        require(threads is None or 1 <= threads <= MOST_THREADS, "torch_threads", threads, allowed)
         minutes = self.max_minutes
         require(minutes is None or minutes > 0, "max_minutes", minutes, "above 0")
         self._check_scenarios()

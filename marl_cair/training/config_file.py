@@ -19,7 +19,7 @@ from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
 from marl_cair.league.allowed_code import AllowCode, require_allowed
 from marl_cair.lookup import find_by_name
-from marl_cair.stored import SETTINGS, DamagedFileError, digest_text, read_text
+from marl_cair.stored import DamagedFileError, read_settings, sign_settings
 from marl_cair.training.config import (
     RENAMED_OPTIONS,
     EvaluationSettings,
@@ -29,7 +29,6 @@ from marl_cair.training.config import (
 )
 
 CONFIG_FILE = "config.yaml"
-_CHECKSUM = "# checksum: "  # the last line of a file that a run writes
 
 
 def save_config(config: TrainConfig) -> None:
@@ -40,7 +39,7 @@ def save_config(config: TrainConfig) -> None:
 def write_settings(settings: Any, path: Path) -> None:
     """Write a dataclass of settings to `path` as YAML."""
     text = OmegaConf.to_yaml(OmegaConf.create(to_plain(dataclasses.asdict(settings))))
-    write_atomically(path, f"{text}{_CHECKSUM}{digest_text(text)}\n")
+    write_atomically(path, sign_settings(text))
 
 
 def read_yaml(path: str | os.PathLike[str]) -> Any:
@@ -50,13 +49,7 @@ def read_yaml(path: str | os.PathLike[str]) -> Any:
         ValueError: no YAML, too large a file, aliases, which can stand for more than any memory
             holds, or a text that the checksum in its last line, where there is one, is not of.
     """
-    text = read_text(path, SETTINGS)
-    body, mark, digest = text.rpartition(_CHECKSUM)
-    if mark and digest.strip() != digest_text(body):
-        raise DamagedFileError(
-            f"{path} is not as it was written: bring it back; if you have changed it on purpose, "
-            f"delete its last line, {_CHECKSUM}..."
-        )
+    text = read_settings(path)
     try:
         if "*" in text and any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)):
             raise ValueError("it holds aliases (*name): write out what they stand for")

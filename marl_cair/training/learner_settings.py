@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from marl_cair.lookup import find_by_name
+from marl_cair.replay.transition import MOST_STEPS
 from marl_cair.training.checks import require
 
 TARGET_UPDATES = ("soft", "hard")
@@ -39,6 +40,7 @@ class LearnerSettings:
     def __post_init__(self) -> None:
         for name in ("batch_size", "frames_per_update", "n_steps", "target_every_updates"):
             require(getattr(self, name) >= 1, f"learner.{name}", getattr(self, name), "1 or more")
+        require(self.n_steps <= MOST_STEPS, "learner.n_steps", self.n_steps, f"1..{MOST_STEPS}")
         for name in ("learning_rate", "max_grad_norm", "reward_scale"):
             require(getattr(self, name) > 0, f"learner.{name}", getattr(self, name), "above 0")
         end = self.learning_rate_end

@@ -1,7 +1,22 @@
-"""How the C library keeps memory between updates."""
+"""What memory a training run needs, and how the C library keeps it between updates."""
+
+from __future__ import annotations
 
 import ctypes
+import math
 import sys
+from typing import Any
+
+from marl_cair.checkpoint import count_weight_bytes
+from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.game import Game, Representation
+from marl_cair.memory import require_memory
+from marl_cair.policies.q_network import QNetworkConfig
+from marl_cair.replay.transition import TransitionSpec
+from marl_cair.training.config import TrainConfig
+
+_ENTRY_BYTES = 40  # of a step in replay, beside its observation and mask
+_NETWORK_COPIES = 6  # network, target, average, gradients, two moments
 
 
 def keep_freed_memory() -> None:
@@ -15,3 +30,41 @@ def keep_freed_memory() -> None:
         trim_threshold, mmap_threshold = -1, -3
         libc.mallopt(mmap_threshold, 32 << 20)
         libc.mallopt(trim_threshold, 1 << 30)
+
+
+def require_memory_of_games(config: TrainConfig, game: Game, scenario: Any) -> None:
+    """Raise NotEnoughMemoryError for more worlds, or longer batches of them, than memory takes."""
+    spec, collector = game.make_spec(scenario), config.collector
+    worlds, seen = collector.num_worlds, spec.representations[config.game.representation]
+    one = sum(field.nbytes for field in BatchedEngine(game, scenario, 1).state_dict().values())
+    require_memory(f"collector.num_worlds = {worlds}", worlds * one)
+    step = 2 * _observation_bytes(seen) + 2 * spec.num_actions + _ENTRY_BYTES
+    batch = worlds * spec.num_players * collector.steps_per_batch
+    name = f"collector.num_worlds * steps_per_batch = {worlds * collector.steps_per_batch}"
+    require_memory(name, batch * step)
+
+
+def require_memory_of_learning(
+    config: TrainConfig, policy: QNetworkConfig, seen: Representation, rows: TransitionSpec
+) -> None:
+    """Raise NotEnoughMemoryError for replays, batches or networks that memory does not take."""
+    replay, observation = config.replay, _observation_bytes(seen)
+    in_ring = rows.mask_bytes + _ENTRY_BYTES
+    in_ring += rows.row_bytes if replay.scratch_dir is None else 0
+    whole = 2 * (observation + rows.num_actions) + _ENTRY_BYTES
+    for name, count, num_bytes in (
+        ("replay.capacity_transitions", replay.capacity_transitions, in_ring),
+        ("replay.generated_capacity_transitions", replay.generated_capacity_transitions, whole),
+        ("nfsp.capacity_rows", config.nfsp.capacity_rows, rows.row_bytes + rows.mask_bytes),
+        ("learner.batch_size", config.learner.batch_size, 4 * whole),
+        ("nfsp.batch_size", config.nfsp.batch_size, 4 * whole),
+        ("generator.batch_size", config.generator.batch_size, 4 * whole),
+        ("generator.rows_per_refill", config.generator.rows_per_refill, whole),
+    ):
+        require_memory(f"{name} = {count}", count * num_bytes)
+    weights = count_weight_bytes(policy, seen.shape, rows.num_actions)
+    require_memory(f"the network (policy.*) of {weights:,} bytes", _NETWORK_COPIES * weights)
+
+
+def _observation_bytes(seen: Representation) -> int:
+    return math.prod(seen.shape) * int(seen.dtype().itemsize)

@@ -50,14 +50,13 @@ from marl_cair.replay.mixed import MixedReplay
 from marl_cair.replay.reservoir import Reservoir
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.stored import DamagedFileError, read_json
-from marl_cair.training import generators
+from marl_cair.training import generators, memory
 from marl_cair.training.average_policy import AveragePolicy
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import CONFIG_FILE, fixed_settings, save_config
 from marl_cair.training.demonstrations import Demonstrators
 from marl_cair.training.initial_network import fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
-from marl_cair.training.memory import keep_freed_memory
 from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
 from marl_cair.training.opponents import OpponentBook
 from marl_cair.training.own_play import OwnPolicies
@@ -100,7 +99,7 @@ class TrainingRun:
         self._resumes = resume and find_folder(self.folder / RESUME_FOLDER).is_dir()
         if config.torch_threads is not None:
             torch.set_num_threads(config.torch_threads)
-        keep_freed_memory()
+        memory.keep_freed_memory()
         self._claim = ExitStack()
         self._seeds = [
             int(n) for n in np.random.SeedSequence(config.seed).generate_state(_NUM_SEEDS)
@@ -148,6 +147,7 @@ class TrainingRun:
         pool = Pool(folder, *played, game.representation, *kept, self.seat)
         self.book = OpponentBook(opponent, *played, pool, self._seeds[6], self.seat, load)
         others_look_at = self.demonstrators.representations | self.book.representations
+        memory.require_memory_of_games(self.config, self.game, self.scenario)
         options = dataclasses.asdict(self.scenario)
         options["reward"] = game.learned_reward
         if "shaping_discount" in options:
@@ -172,6 +172,7 @@ class TrainingRun:
         self.transition_spec = TransitionSpec(
             self.seen.shape, self.spec.num_actions, self.seen.num_uniform, dtype
         )
+        memory.require_memory_of_learning(config, self.policy, self.seen, self.transition_spec)
         settings = ReplayConfig(
             capacity_transitions=config.replay.capacity_transitions,
             batch_size=config.learner.batch_size,

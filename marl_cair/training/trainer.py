@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from tensordict import TensorDictBase
 from torch import Tensor
@@ -17,6 +13,7 @@ from tqdm import tqdm
 
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.rollouts import Rollouts
+from marl_cair.interrupts import interrupts_noted
 from marl_cair.league.agents import load_agent
 from marl_cair.league.arena import Load
 from marl_cair.league.shared import LeagueSeat
@@ -57,7 +54,7 @@ def train(
     With `until_frames` it ends there if that is sooner, to go on another time: what changes in the
     course of a run, as the learning rate may, is still spread over `config.total_frames`.
 
-    An interrupt (Ctrl-C, SIGTERM) ends the current iteration, saves everything and returns; a
+    An interrupt (`interrupts.SIGNALS`) ends the current iteration, saves everything and returns; a
     second one stops at once. `listen` hears each logged row. The configuration is written to the
     run's folder, from which a later call can go on. `load` gets the agents of `config.opponent`:
     without another one, code among them runs in this process, without a limit.
@@ -82,7 +79,7 @@ def train(
         smoothing=0.05,
     )
     last_row: dict[str, float] = {}
-    with _interrupts_noted() as interrupted:
+    with interrupts_noted(tqdm.write) as interrupted:
         steps = iterate(run, timers)
         while run.frames < goal and not run.book.is_over:
             if interrupted.is_set() or (deadline is not None and time.monotonic() > deadline):
@@ -289,26 +286,3 @@ def _summarise(row: dict[str, float]) -> str:
         if name.startswith("return/") and name.count("/") == 1
     ]
     return ", ".join(shown)
-
-
-@contextmanager
-def _interrupts_noted() -> Iterator[threading.Event]:
-    """Yield an event that SIGINT or SIGTERM sets; the second signal acts as usual."""
-    noted = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield noted
-        return
-    usual: dict[int, Any] = {}
-
-    def note(number: int, frame: Any) -> None:
-        noted.set()
-        signal.signal(number, usual[number])
-        tqdm.write("interrupted: finishing this iteration and saving (once more stops at once)")
-
-    for caught in (signal.SIGINT, signal.SIGTERM):
-        usual[caught] = signal.signal(caught, note)
-    try:
-        yield noted
-    finally:
-        for number, handler in usual.items():
-            signal.signal(number, handler)

@@ -105,7 +105,7 @@ class Crash(BaseException):
     """What no handler catches, as a killed process runs none."""
 
 
-@pytest.mark.parametrize("moment", ["save_agent", "find_fingerprint", "write_atomically"])
+@pytest.mark.parametrize("moment", ["save_agent", "find_fingerprint", "write_json"])
 @pytest.mark.parametrize("when", ["before", "after"])
 @pytest.mark.parametrize("capacity", [1, 3])
 def test_a_crash_at_any_moment_leaves_the_pool_before_or_after(
@@ -125,7 +125,7 @@ def test_a_crash_at_any_moment_leaves_the_pool_before_or_after(
         with pytest.raises(Crash):
             freeze(pool, 20, {1_000: Evidence(1.0, 2.0)}, seed=2)
     complete = [20] if capacity == 1 else [10, 20]
-    is_done = (moment, when) == ("write_atomically", "after")
+    is_done = (moment, when) == ("write_json", "after")
     pool = make_pool(tmp_path, capacity)
     pool.reopen()
     assert frames_of(pool) == (complete if is_done else [10])

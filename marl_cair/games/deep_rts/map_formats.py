@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from marl_cair.games.deep_rts.tables import (
     WALL,
     WATER,
 )
+from marl_cair.stored import MAP, DamagedFileError, read_bytes
 
 MAX_PLAYERS = 8
 LEGEND = ".,^#~TGSO"  # one character per tile kind, in the order of TILE_NAMES
@@ -62,9 +62,11 @@ def read_text_rows(
     Raises MapError with the file, the line and the column, OSError where it cannot be read.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_bytes(path, MAP).decode("utf-8")
     except UnicodeDecodeError as error:
         raise MapError(f"map {path}: this is no UTF-8 text ({error}): save it as such") from error
+    except DamagedFileError as error:
+        raise MapError(f"map {error}") from error
     lines = [
         (number, line)
         for number, line in enumerate(text.rstrip().splitlines(), 1)
@@ -147,7 +149,9 @@ def read_tiled_layers(
 
 def _load_json(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
-        board = json.loads(Path(path).read_bytes())
+        board = json.loads(read_bytes(path, MAP))
+    except DamagedFileError as error:
+        raise MapError(f"map {error}") from error
     except (ValueError, RecursionError) as error:
         raise MapError(
             f"map {path}: this is no valid JSON ({error}): save it anew in Tiled as JSON map file"
@@ -190,7 +194,7 @@ def _read_tilesets(name: str, board: Mapping[str, Any]) -> Callable[[int], int |
             named = {int(entry["id"]): _kind_of_tile(entry) for entry in entries}
             known = {number: kind for number, kind in named.items() if kind is not None}
             tilesets.append((int(tileset["firstgid"]), known))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise MapError(
             f"map {name}: a tileset cannot be read ({error!r}): embed it in Tiled, then save anew"
         ) from error

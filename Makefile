@@ -17,7 +17,7 @@ export OMP_NUM_THREADS := 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo compile test test-all test-bounds test-plain lint benchmark clean
+.PHONY: help demo compile test test-all test-bounds test-plain fuzz lint benchmark clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -37,8 +37,13 @@ test-all: lint $(if $(PYTEST_ARGS),,test-bounds test-plain compile) ## the slow 
 test-bounds: $(STAMP) ## game tests in which an index out of range raises
 	NUMBA_BOUNDSCHECK=1 $(PYTEST) tests/games
 
-test-plain: $(STAMP) ## short game tests with the compiler off
-	NUMBA_DISABLE_JIT=1 $(PYTEST) -m "plain_python and not slow" tests/games
+test-plain: $(STAMP) ## short game tests and a minute of damaged states with the compiler off
+	NUMBA_DISABLE_JIT=1 $(PYTEST) -m "plain_python and not slow" tests/games tests/fuzz
+
+# As long as FUZZ_SECONDS says, another seed each time: the first line of the output names it.
+fuzz: $(STAMP) ## damaged files and states with bounds checks: make fuzz FUZZ_SECONDS=3600
+	NUMBA_BOUNDSCHECK=1 FUZZ_SECONDS=$(or $(FUZZ_SECONDS),600) FUZZ_SEED=$(or $(FUZZ_SEED),$(shell date +%s)) \
+	  $(PYTEST) tests/fuzz
 
 compile: $(STAMP) ## compile the rules of all games, so that nothing waits for it later
 	$(RUN) -m marl_cair compile --workers $(NUM_WORKERS)

@@ -151,10 +151,9 @@ def _list_rosters(worlds: World, rules: Rules) -> Iterator[Condition]:
         kind != NO_KIND, np.arange(players * slots).reshape(players, slots), NO_UNIT
     )
     listed = np.where(lists, worlds.roster, NO_UNIT)
-    yield (
-        "each roster lists the units of its player, each once",
-        (np.sort(listed, axis=2) == np.sort(expected, axis=2)).all(axis=(1, 2)),
-    )
+    holds = (np.sort(listed, axis=2) == np.sort(expected, axis=2)).all(axis=(1, 2))
+    holds &= (num_units == (kind != NO_KIND).sum(axis=2)).all(axis=1)
+    yield "each roster lists the units of its player, each once", holds
     owned = (kind[..., None] == np.arange(NUM_KINDS)).sum(axis=2)
     counted = worlds.players[:, :, NUM_OWNED : NUM_OWNED + NUM_KINDS]
     yield "NUM_OWNED counts the units of each kind", (counted == owned).all(axis=(1, 2))

@@ -11,15 +11,24 @@ from marl_cair.games.deep_rts.planes import PLANE_NAMES
 from marl_cair.games.deep_rts.state import (
     AMOUNT,
     ATTACK,
+    GATHERING,
+    IDLE,
     MOVE,
     NO_ORDER,
     NUM_UNITS,
     OCCUPANT,
+    REPAIRING,
+    TICK,
     TILE,
     UNIT_CELL,
+    UNIT_FACING,
+    UNIT_GOAL,
     UNIT_KIND,
     UNIT_ORDER,
+    UNIT_SINCE,
+    UNIT_STATE,
     UNKNOWN,
+    WALKING,
 )
 from marl_cair.games.deep_rts.tables import (
     ARCHER,
@@ -35,6 +44,7 @@ from marl_cair.games.deep_rts.tables import (
 from tests.games.deep_rts.skirmish import Skirmish, call, draw_actions
 
 NAMES = ("planes", "classic", "vector")
+ALL_NAMES = (*NAMES, "image", "gray")
 VISIBLE, EXPLORED = PLANE_NAMES.index("visible"), PLANE_NAMES.index("explored")
 
 
@@ -212,3 +222,30 @@ def test_sight_equals_a_recount_after_random_play(options):
                 np.testing.assert_array_equal(known[player, seen], board[seen])
         if engine.terminated[0]:
             engine.reset(decision)
+
+
+@pytest.mark.parametrize(
+    ("state", "column", "values"),
+    [
+        (IDLE, UNIT_FACING, (1, 2)),
+        (WALKING, UNIT_FACING, (0, 1)),
+        (WALKING, UNIT_SINCE, (1, 8)),
+        (GATHERING, UNIT_GOAL, (20, 150)),
+        (REPAIRING, UNIT_FACING, (1, 2)),
+    ],
+)
+def test_where_a_unit_looks_and_goes_is_its_owners_to_know(state, column, values):
+    """Orders are hidden from others, in every representation and in the picture for people."""
+    skirmish = Skirmish(tile_pixels=8)
+    unit = skirmish.put(1, PEASANT, 4, 8)
+    skirmish.set(unit, UNIT_STATE, state)
+    skirmish.world.due[unit] = 60
+    skirmish.world.clock[TICK] = 10
+    skirmish.set(unit, UNIT_FACING, 1)
+    seen = []
+    for value in values:
+        skirmish.set(unit, column, value)
+        seen.append({name: skirmish.engine.observe(name)[0] for name in ALL_NAMES})
+    for name in ALL_NAMES:
+        assert np.array_equal(seen[0][name][0], seen[1][name][0]), name
+    assert not np.array_equal(seen[0]["image"][1], seen[1]["image"][1])

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 
 from marl_cair.league.sections import Report, Table
+from marl_cair.league.wording import set_signs
 
 MAX_COLUMNS = 32  # of a table that a page of text can show
 
@@ -57,7 +58,7 @@ def _write_replays(report: Report) -> Iterator[str]:
 
 def escape(text: str) -> str:
     """`text` so that Markdown shows it as it is; what stands between backticks stays code."""
-    plain = " ".join(text.split())
+    plain = set_signs(" ".join(text.split()))
     parts = re.split(r"(`[^`]*`)", plain)
     return "".join(
         part if number % 2 else re.sub(r"([\\*_{}\[\]<>#|~`$&])", r"\\\1", part)

@@ -63,6 +63,7 @@ def run(arguments: Sequence[str]) -> int:
             half_width_elo=options.ci,
             max_seconds=max_seconds,
             replays=not options.no_replays,
+            zero=options.zero,
             command=tell_command("league", arguments),
         ),
         choose_load(options),
@@ -80,8 +81,10 @@ def report(arguments: Sequence[str]) -> int:
         help="alpha-Rank too; needs pip install 'marl_cair[openspiel]' (default: no)",
     )
     add_no_replays(parser)
+    _add_zero(parser)
     options = parser.parse_args(arguments)
-    return tell(report_stored(Path(options.out), options.alpha_rank, not options.no_replays))
+    replays = not options.no_replays
+    return tell(report_stored(Path(options.out), options.alpha_rank, replays, options.zero))
 
 
 def tell(result: LeagueResult) -> int:
@@ -217,8 +220,7 @@ def make_parser() -> argparse.ArgumentParser:
         f"`latest` and {MOST_SNAPSHOTS} snapshots at most, of `league train` each learner, of "
         "`league psro` the mixture, of `league exploit` the best response) or of mixtures, bots "
         "(`marl-cair games` lists them), functions that make an agent (module:function, called "
-        "with scenario and spec), and commands that speak JSON lines (process:COMMAND); `random` "
-        "is rated 0 where it takes part",
+        "with scenario and spec), and commands that speak JSON lines (process:COMMAND)",
     )
     add_match_options(parser, GAMES_PER_PAIR, "of each pair", "first checkpoint", "bots alone")
     parser.set_defaults(games=None)
@@ -252,6 +254,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add_workers(parser)
     add_no_replays(parser)
+    _add_zero(parser)
     parser.add_argument(
         "--out",
         default=DEFAULT_OUT,
@@ -270,6 +273,16 @@ def _read_time(text: str) -> float:
             f"--time is {text!r}, it must be a number above 0 with s, m or h, for example 10m"
         )
     return seconds
+
+
+def _add_zero(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--zero",
+        default="",
+        metavar="NAME",
+        help="the agent that is rated 0, as the ladder calls it, if games limit its rating "
+        "(default: the mean of all whose ratings games limit is 0)",
+    )
 
 
 def _add_folder(parser: argparse.ArgumentParser) -> None:

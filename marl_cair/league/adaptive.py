@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from marl_cair.league.groups import ELO_PER_LOGIT, find_groups
 from marl_cair.league.intervals import Z
 from marl_cair.league.likelihood import Likelihood, Rankings
-from marl_cair.league.ratings import Games, count_pairs
+from marl_cair.league.ratings import Games, Rating, count_pairs
 from marl_cair.league.schedule import Job, fill_line_up, schedule_meetings
 
-JOBS_PER_ROUND = 8  # chosen together, for the speed of several workers; never by their number
-SAFETY = 0.95  # of the target: the bootstrap's intervals are a little wider than the curvature's
+# Jobs are chosen together, for the speed of several workers, and as ratings with intervals take
+# longer than a game: 8, or a share of those so far. Never by the number of workers.
+JOBS_PER_ROUND, SHARE_PER_ROUND = 8, 0.125
 
 
 class Played(NamedTuple):
@@ -33,14 +34,17 @@ class Target:
     """When to stop.
 
     Attributes:
-        half_width_elo: of the widest 95 % interval of a rating.
+        half_width_elo: of the widest 95 % interval of a rating; 0: play on for ever.
         games_per_pair: no pair meets in more games than these.
         is_time_up: asked before each round; `play` may ask it too and leave jobs out.
+        measure: half-widths [n] in Elo of the intervals that are reported of games, 0 for agents
+            that have none; agents by number.
     """
 
     half_width_elo: float
     games_per_pair: int
     is_time_up: Callable[[], bool]
+    measure: Callable[[Games], NDArray[np.float64]]
 
 
 def play_adaptively(
@@ -86,9 +90,11 @@ def choose_round(
 
     Each job is for the agent with the widest interval among those that have one (who has never lost
     or never won has none), and for the rival against whom a game tells most: variance of their
-    difference times p (1 - p). Then the next one is chosen as if that job had been played.
+    difference times p (1 - p). Then the next one is chosen as if that job had been played. Only
+    the reported intervals end it: the curvature says by which part games narrow them.
     """
     chunks = _count_chunks(played, blocks_per_chunk)
+    num_jobs = sum(chunks.values())
     met = count_meetings(num_agents, played.line_ups)
     may_play = _find_open_pairs(num_agents, target, played, met, ladder)
     games = played.games.count_once()
@@ -100,12 +106,17 @@ def choose_round(
     chance = 1.0 / (1.0 + np.exp(rating[None, :] - rating[:, None]))
     told = chance * (1.0 - chance)  # by a game of two, in 1 / logits squared
     groups = find_groups(above)
+    scale = np.ones(num_agents)
+    if target.half_width_elo > 0.0:
+        expected, _ = _measure(curvature, num_agents, groups)
+        scale = target.measure(played.games) / np.maximum(expected, 1e-9)
     jobs: list[Job] = []
-    while len(jobs) < JOBS_PER_ROUND:
+    while len(jobs) < max(JOBS_PER_ROUND, SHARE_PER_ROUND * num_jobs):
         half_widths, gaps = _measure(curvature, num_agents, groups)
+        half_widths *= scale
         half_widths[~may_play.any(1)] = 0.0
         widest = int(half_widths.argmax())
-        if half_widths[widest] <= SAFETY * target.half_width_elo:
+        if half_widths[widest] <= target.half_width_elo:
             return jobs
         worth = np.where(may_play[widest], gaps[widest] * told[widest], -1.0)
         rival = int(worth.argmax())
@@ -123,6 +134,12 @@ def choose_round(
                     curvature[[one, two], [one, two]] += share
                     curvature[[one, two], [two, one]] -= share
     return jobs
+
+
+def measure_ladder(ratings: Sequence[Rating], names: Sequence[str]) -> NDArray[np.float64]:
+    """Half-widths of the intervals of `names` [n], 0 for those that have none."""
+    widths = {rating.name: (rating.high - rating.low) / 2.0 for rating in ratings}
+    return np.array([widths[name] for name in names])
 
 
 def _measure(

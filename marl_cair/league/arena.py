@@ -26,7 +26,7 @@ from marl_cair.league.blocks import (
     play_blocks,
     seat_line_up,
 )
-from marl_cair.league.playing import CHUNKS_AT_ONCE
+from marl_cair.league.playing import CHUNKS_AT_ONCE, line_up_seed
 from marl_cair.league.schedule import Job
 from marl_cair.league.store import LeagueStore
 from marl_cair.lookup import find_by_name
@@ -94,6 +94,7 @@ class Rules:
             chunks,
             self.design,
             self.blocks_per_chunk,
+            line_up_seed(self.seed, [entrant.fingerprint for entrant in line_up]),
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from marl_cair.league.averages import Averages, average_by_alpha_rank, average_by_nash
 from marl_cair.league.cycles import Cycle, find_cycles
-from marl_cair.league.fit import LEVEL, NOTICED_SHARE, FitTest, check_fit
+from marl_cair.league.fit import LEVEL, NOTICED_SHARE, NUM_SIMULATIONS, FitTest, check_fit
 from marl_cair.league.payoffs import Payoffs
 from marl_cair.league.ratings import Games
 
@@ -67,7 +68,7 @@ def tell_fit(fit: FitTest | None) -> str:
     if fit is None:
         return "Too few pairs have met for a circle to show: this takes three that all meet."
     numbers = (
-        f"p = {fit.p_value:.3f}; scores are {100 * fit.misfit:.1f} points of 100 off what the "
+        f"{tell_p_value(fit.p_value)}; scores are {100 * fit.misfit:.1f} points of 100 off what the "
         f"ratings say on the mean, {100 * fit.misfit_by_chance:.1f} would be by chance"
     )
     power = (
@@ -79,6 +80,13 @@ def tell_fit(fit: FitTest | None) -> str:
     if fit.power < ENOUGH_POWER:
         return f"There are too few games to tell ({numbers}): {power}."
     return f"Nothing speaks against it ({numbers}): {power}."
+
+
+def tell_p_value(p_value: float) -> str:
+    """In words: of N simulations, none of which is as extreme, only that it is below 1 / N."""
+    if p_value * (NUM_SIMULATIONS + 1) < 1.5:
+        return f"p < {math.ceil(1000.0 / NUM_SIMULATIONS) / 1000.0:.3f}"
+    return f"p = {p_value:.3f}"
 
 
 def tell_cycles(cycles: Sequence[Cycle], names: Sequence[str], num_teams: int) -> str:

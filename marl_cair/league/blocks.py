@@ -1,7 +1,6 @@
 """Seat blocks: one map seed, played with the same agents in every seat.
 
-A line-up is one agent for each team (one for each seat, where everybody plays for itself). Block k
-of every line-up has the map seed of (league seed, k): all line-ups meet the same maps.
+A line-up is one agent for each team (one for each seat, where everybody plays for itself).
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.playing import (
     CHUNKS_AT_ONCE,
@@ -133,11 +133,13 @@ def play_blocks(
     chunks: Sequence[int],
     design: Design,
     blocks_per_chunk: int,
+    map_seed: int | None = None,
 ) -> list[PlayedGame]:
     """Play whole chunks, by block and game; which chunks are named together changes no game.
 
     Chunk c holds the blocks c * blocks_per_chunk onwards. Each entry has its own random stream in
-    each chunk, from the seed, the chunk and the names of its seating.
+    each chunk, from the seed, the chunk and the names of its seating. Block k has the map seed of
+    (map_seed, k); None: of (seed, k).
 
     Raises:
         ValueError: no chunk.
@@ -145,12 +147,14 @@ def play_blocks(
     if not len(chunks):
         raise ValueError("no chunks are given: name at least one to play")
     played: list[PlayedGame] = []
+    of_maps = seed if map_seed is None else map_seed
     for start in range(0, len(chunks), CHUNKS_AT_ONCE):
         part = [
             make_chunk(number, design, blocks_per_chunk, game.make_spec(scenario).team_of_seat)
             for number in chunks[start : start + CHUNKS_AT_ONCE]
         ]
-        played += _play_part(seatings, game, scenario, seed, part, design)
+        engine = start_engine(game, scenario, of_maps, part)
+        played += _play_part(engine, seatings, seed, part, design, of_maps)
     return played
 
 
@@ -178,18 +182,17 @@ def make_chunk(
 
 
 def _play_part(
+    engine: BatchedEngine,
     seatings: Sequence[Seating],
-    game: Game,
-    scenario: Any,
     seed: int,
     chunks: Sequence[Chunk],
     design: Design,
+    map_seed: int,
 ) -> list[PlayedGame]:
-    engine = start_engine(game, scenario, seed, chunks)
     ended = play_out(engine, chunks, seatings, seed)
     teams = engine.spec.team_of_seat
     blocks = np.concatenate([chunk.blocks for chunk in chunks])
-    seeds = map_seeds(seed, blocks)
+    seeds = map_seeds(map_seed, blocks)
     played: list[PlayedGame] = []
     for world, block in enumerate(blocks.tolist()):
         number = played[-1].number + 1 if played and played[-1].block == block else 0

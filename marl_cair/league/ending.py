@@ -39,6 +39,6 @@ def tell_ending(half_width_elo: float, ratings: Sequence[Rating], is_time_up: bo
     if limited and not wide:
         but = f", but for {bare} of {len(ratings)} agents that have none" if bare else ""
         return f"All intervals are {asked}{but}."
-    why = why or "all games that --games allows, or that were thought enough, are played"
+    why = why or "all games are played that --games allows and that do not only repeat others"
     told = f"{wide} of {len(limited)} are wider" if limited else "there are none"
     return f"Not reached: intervals {asked}, {told}: {why}."

@@ -15,6 +15,7 @@ from marl_cair.league.drawings import (
     lay_out_curves,
 )
 from marl_cair.league.sections import Report
+from marl_cair.league.wording import set_signs
 from marl_cair.text import clean_text
 
 TEMPLATE = "report.html.jinja"
@@ -53,11 +54,6 @@ def clean_value(value: object) -> object:
 def allow_breaks(name: str) -> Markup:
     """`name` escaped, that may be broken after the parts of a path and of a word."""
     return Markup("<wbr>").join(re.split(r"(?<=[/_@])", clean_text(name)))
-
-
-def set_signs(text: str) -> str:
-    """`text` with the signs of bounds that terminals of every code page can not show."""
-    return text.replace(">=", "\u2265").replace("<=", "\u2264")
 
 
 def mark_code(text: str) -> Markup:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
@@ -11,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from marl_cair.files import claim_output_folder
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game
-from marl_cair.league.adaptive import Played, Target, play_adaptively
+from marl_cair.league.adaptive import Played, Target, measure_ladder, play_adaptively
 from marl_cair.league.agents import (
     describe_agent,
     find_fingerprint,
@@ -30,6 +32,7 @@ from marl_cair.league.background import COMMANDS, VERSIONS, tell_versions
 from marl_cair.league.blocks import Entrant
 from marl_cair.league.ending import Clock, tell_ending
 from marl_cair.league.match import require_rivals
+from marl_cair.league.ratings import Games, rate
 from marl_cair.league.reporting import LeagueResult, Showing, number_agents, rate_and_report
 from marl_cair.league.schedule import Job, schedule_meetings
 from marl_cair.league.store import STORE_FILE, LeagueStore, StoredGames
@@ -58,6 +61,7 @@ class LeagueConfig:
     half_width_elo: float = 0.0  # above 0: play on until no 95 % interval is wider either way
     max_seconds: float = 0.0  # above 0: choose no further games then
     replays: bool = True  # whether the report shows a few games
+    zero: str = ""  # the agent that is rated 0; "": the mean of those that are connected
     command: str = ""  # what was typed, for the report
 
     def __post_init__(self) -> None:
@@ -116,7 +120,13 @@ def run_league(
             stored,
             {id_of[entrant.fingerprint]: entrant.name for entrant in entrants},
             Path(config.out),
-            Showing(config.replays, load, frozenset(config.sources), show_progress),
+            Showing(
+                config.replays,
+                load,
+                frozenset(config.sources),
+                show_progress=show_progress,
+                zero=config.zero,
+            ),
         )
         ending = tell_ending(config.half_width_elo, result.ratings, clock.has_ended)
         return dataclasses.replace(result, ending=ending)
@@ -169,7 +179,9 @@ def _find_rules(config: LeagueConfig, game: Game, scenario: Any) -> Rules:
 
 
 def _load_entrants(config: LeagueConfig, game: Game, scenario: Any, load: Load) -> list[Entrant]:
-    """All agents by short, unique names, in the order of those names."""
+    """All agents by short, unique names, in the order of their fingerprints: no number depends on
+    what they are called.
+    """
     sources: dict[str, str] = {}
     entrants = []
     everyone = config.sources
@@ -182,20 +194,24 @@ def _load_entrants(config: LeagueConfig, game: Game, scenario: Any, load: Load) 
             )
         sources[fingerprint] = source
         entrants.append(Entrant(clean_text(name), fingerprint, agent, source))
-    return sorted(entrants, key=lambda entrant: entrant.name)
+    return sorted(entrants, key=lambda entrant: entrant.fingerprint)
 
 
 def _short_names(sources: Sequence[str], game: Game) -> list[str]:
     """Bots by their names, commands whole, folders by the fewest last parts of their paths that
-    tell them apart; no folder takes the name of a bot.
+    tell them apart; nothing else takes the name of a bot, or of one another.
     """
-    bots = {
+    code = {
         source: source.removeprefix(PREFIX) if is_process(source) else source.rpartition("/")[2]
         for source in sources
         if not is_checkpoint(source)
     }
-    folders = [source for source in sources if source not in bots]
-    short = {**bots, **shorten_paths(folders, game.bots)}
+    count = Counter((*code.values(), *game.bots))
+    for source, name in code.items():
+        if count[name] > 1 and source.rpartition("/")[2] != name:  # a bot's own stays
+            code[source] = source
+    folders = [source for source in sources if source not in code]
+    short = {**code, **shorten_paths(folders, {*game.bots, *code.values()})}
     return [short[source] for source in sources]
 
 
@@ -211,19 +227,17 @@ def _play(
     """Play what the schedule says; returns the agents' numbers in the store by fingerprint, and the
     jobs.
     """
-    # Numbered by fingerprint: a line-up is the same whatever its agents are called today.
-    numbered = sorted(entrants, key=lambda entrant: entrant.fingerprint)
     ids = [
         store.add_agent(describe_agent(one.name, one.agent, rules.game, one.source))
-        for one in numbered
+        for one in entrants
     ]
-    ladder = frozenset(n for n, one in enumerate(numbered) if one.source in config.ladder)
-    with closing(Arena(rules, numbered, ids, store, config.workers, load)) as arena:
+    ladder = frozenset(n for n, one in enumerate(entrants) if one.source in config.ladder)
+    with closing(Arena(rules, entrants, ids, store, config.workers, load)) as arena:
         jobs = _play_jobs(config, rules, arena, store, ladder, show_progress, clock)
     for key, told in ((COMMANDS, config.command), (VERSIONS, tell_versions())):
         if told:
             store.note(key, told)
-    return {one.fingerprint: number for one, number in zip(numbered, ids, strict=True)}, jobs
+    return {one.fingerprint: number for one, number in zip(entrants, ids, strict=True)}, jobs
 
 
 def _choose_rated(
@@ -266,12 +280,17 @@ def _play_jobs(
             done = len(jobs)
             return _as_played(_choose_games(rules, arena.ids, jobs, store.read_games()), arena.ids)
 
+        names = [entrant.name for entrant in arena.entrants]
+
+        def measure(games: Games) -> NDArray[np.float64]:
+            return measure_ladder(rate(names, games, rules.seed, config.zero).ratings, names)
+
         return play_adaptively(
             num_agents,
             rules.num_teams,
             rules.blocks_per_chunk,
             size,
-            Target(config.half_width_elo, config.games_per_pair, clock.is_time_up),
+            Target(config.half_width_elo, config.games_per_pair, clock.is_time_up, measure),
             play,
             ladder,
         )

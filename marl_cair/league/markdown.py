@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 
 from marl_cair.league.sections import Report, Table
+from marl_cair.league.wording import set_signs
 from marl_cair.text import clean_text
 
 MAX_COLUMNS = 32  # of a table that a page of text can show
@@ -58,7 +59,7 @@ def _write_replays(report: Report) -> Iterator[str]:
 
 def escape(text: str) -> str:
     """`text` so that Markdown shows it as it is; what stands between backticks stays code."""
-    plain = clean_text(text)
+    plain = set_signs(clean_text(text))
     parts = re.split(r"(`[^`]*`)", plain)
     return "".join(
         part if number % 2 else re.sub(r"([\\*_{}\[\]<>#|~`$&])", r"\\\1", part)

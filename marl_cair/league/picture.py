@@ -64,13 +64,12 @@ def _shorten(names: Sequence[str]) -> list[str]:
 
 
 def _caption(table: LeagueTable) -> str:
-    lines = ["Bars: 95 % intervals against the mean of all agents. Bold scores: clear of 50 %."]
+    lines = ["Bars: 95 % intervals about the zero. Bold scores: clear of 50 %."]
     ratings = table.ratings
     if any(rating.is_bound for rating in ratings):
         lines.append(
-            "Dashed line: nobody below it took a point off anybody above it; bars are against the "
-            "mean between the lines.\nOrange: a bound, the whole group may lie further along the "
-            "arrow."
+            "Dashed line: nobody below it took a point off anybody above it.\n"
+            "Orange: a bound, the whole group may lie further along the arrow."
         )
     if any(rating.open_low or rating.open_high for rating in ratings):
         lines.append("Bars that reach the edge: too few points to limit the rating on that side.")

@@ -89,12 +89,24 @@ def map_seeds(seed: int, blocks: NDArray[np.int64]) -> NDArray[np.uint64]:
     return episode_seeds(seed, blocks, np.zeros(len(blocks), np.int64))
 
 
-def start_engine(game: Game, scenario: Any, seed: int, chunks: Sequence[Chunk]) -> BatchedEngine:
-    """The games of `chunks`, with the rated reward, at their start."""
+def line_up_seed(seed: int, fingerprints: Sequence[str]) -> int:
+    """The seed, 64 bits, of a line-up's maps in a league: each line-up has maps of its own.
+
+    On a map that all line-ups share, one that favours an agent would do so in all its games: their
+    results would vary together, and tell less of its strength.
+    """
+    text = "\0".join((f"{seed} maps", *fingerprints))
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "big")
+
+
+def start_engine(
+    game: Game, scenario: Any, map_seed: int, chunks: Sequence[Chunk]
+) -> BatchedEngine:
+    """The games of `chunks`, with the rated reward, at their start; see `map_seeds`."""
     blocks = np.concatenate([chunk.blocks for chunk in chunks])
     rated = dataclasses.replace(scenario, reward=game.rated_reward)
     engine = BatchedEngine(game, rated, len(blocks))
-    engine.reset(map_seeds(seed, blocks))
+    engine.reset(map_seeds(map_seed, blocks))
     return engine
 
 

@@ -11,20 +11,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.league.groups import (
-    ELO_PER_LOGIT,
-    SWEEP_PROBABILITY,
-    draw_gaps,
-    find_gap,
-    find_groups,
-    require_comparison,
-)
-from marl_cair.league.intervals import CONFIDENCE
+from marl_cair.league.groups import ELO_PER_LOGIT, find_groups, require_comparison
+from marl_cair.league.intervals import CONFIDENCE, Z
 from marl_cair.league.likelihood import PRIOR_ELO, SEAT_PRIOR_ELO, Likelihood, Rankings
-from marl_cair.league.resampling import Resamples, resample
+from marl_cair.league.placing import draw_places, find_home, place_groups
+from marl_cair.league.resampling import Resampler, Resamples
 
-NUM_BOOTSTRAPS = 500
-ANCHOR = "random"  # rated 0 where it takes part
+# Resamples: LEAST, and as many up to MOST (and MOST_DRAWS of blocks) as ends of intervals need to
+# stay within MOVE of where another seed of the resampling would put them (95 % of the time).
+LEAST_RESAMPLES, MOST_RESAMPLES, MOST_DRAWS, MOVE_ELO = 1_000, 20_000, 100_000_000, 2.0
 TAIL = (1.0 - CONFIDENCE) / 2.0
 
 
@@ -35,7 +30,8 @@ class Games:
     Attributes:
         agents: int64 [N, T].
         points, ranks: float64 [N, T].
-        blocks: int64 [N], equal for the games of a block: what is resampled.
+        blocks: int64 [N], equal for games on one map seed: what is resampled. A block is of one
+            line-up, or of several that shared their map seeds.
         is_repeat: bool [N], games that are the same as another and are not counted.
     """
 
@@ -76,14 +72,14 @@ class Rating:
     Attributes:
         name: of the agent.
         elo: maximum-posterior rating; where `bound` is set, the bound.
-        low, high: 95 % interval against the mean of the agent's group, both equal to `elo` in a
-            group of one.
+        low, high: 95 % interval against the zero of the scale, as `elo` is; both are equal to `elo`
+            where `bound` is set, and of the agent that is the zero.
         open_low, open_high: that end is where the prior has put it: in more than 2.5 % of the
             resamples no point limits the rating on that side.
         games, score: number of games, and share of points in them.
-        bound: "lower" where the agent's group lost no point to the group of the zero of the scale,
-            neither itself nor through others: its ratings may all be larger by one unknown number.
-            "upper" where it never took one: they may all be smaller. "" in the group of the zero.
+        bound: "lower" where the agent's group lost no point to the largest group, which has the
+            zero, neither itself nor through others: its ratings may all be larger by one unknown
+            number. "upper" where it never took one: they may all be smaller. "" in the largest.
         group: of agents that took points off each other, directly or through others; 0 is the best.
         probability_first: share of the resamples in which it is the best of all; between groups
             the distance is drawn from those that the clean sweep leaves possible.
@@ -125,11 +121,18 @@ class Ladder:
         differences: [n][n], the row's agent less the column's, None where they are of different
             groups; the interval is of the difference itself, narrower than two ratings' suggest.
         seats: what each team's seats add to a rating, against the mean of all teams.
+        zero: the agent that is rated 0; "": the mean of the largest group is.
+        num_resamples: that intervals are from.
+        move: Elo by which another seed of the resampling moves the ends of ratings' intervals at
+            most, 95 % of the time; of those that are not open.
     """
 
     ratings: tuple[Rating, ...]
     differences: tuple[tuple[Estimate | None, ...], ...]
     seats: tuple[Estimate, ...]
+    zero: str
+    num_resamples: int
+    move: float
 
 
 def is_stronger(above: Rating, below: Rating, gap: Estimate | None) -> bool:
@@ -145,20 +148,21 @@ def describe_method(seed: int) -> dict[str, Any]:
         "method": "Plackett-Luce, maximum posterior; of two teams Bradley-Terry, draws as halves",
         "prior_elo": PRIOR_ELO,
         "seat_prior_elo": SEAT_PRIOR_ELO,
-        "bootstraps": NUM_BOOTSTRAPS,
+        "bootstraps": [LEAST_RESAMPLES, MOST_RESAMPLES, MOVE_ELO],
+        "blocks": "map seeds",
         "pseudo_blocks": "one for each rating, by leverage",
         "confidence": CONFIDENCE,
         "seed": seed,
     }
 
 
-def rate(names: Sequence[str], games: Games, seed: int = 0) -> Ladder:
-    """Ratings of all agents: a function of the games alone, whatever their order.
+def rate(names: Sequence[str], games: Games, seed: int = 0, zero: str = "") -> Ladder:
+    """Ratings of all agents: a function of the games alone, whatever their order and the names.
 
-    `random` is 0 where it takes part, else the mean of the largest group. Ratings have a normal
-    prior of standard deviation PRIOR_ELO about the mean of their group, seat advantages one of
-    SEAT_PRIOR_ELO about 0. The bootstrap draws whole blocks (a map seed in all its seatings), never
-    single games; `resampling` says what it adds to them. Repeats are not counted.
+    The mean of the largest group is 0, or the agent `zero` where it is in that group. Ratings have
+    a normal prior of standard deviation PRIOR_ELO about the mean of their group, seat advantages
+    one of SEAT_PRIOR_ELO about 0. The bootstrap draws whole blocks (a map seed in all its
+    seatings), never single games; `resampling` says what it adds to them. Repeats are not counted.
 
     Raises:
         ValueError: no games, or agents that no chain of games compares with the others; names them.
@@ -168,20 +172,50 @@ def rate(names: Sequence[str], games: Games, seed: int = 0) -> Ladder:
         raise ValueError("there are no games to rate: play some first")
     above, meetings = count_pairs(len(names), games)
     groups = find_groups(above)
-    home = _find_home(names, groups)
+    home = find_home(groups)
     require_comparison(names, above, groups[home][0])
     rankings = [_restrict(games, group) for group in groups]
     model, rng = Likelihood(len(names), rankings), np.random.default_rng(seed)
     point = model.fit(np.ones(model.num_blocks))
     whole = Rankings(games.agents, games.ranks, games.blocks)
-    resamples = resample(len(names), whole, rankings, point, groups, NUM_BOOTSTRAPS, rng)
+    resamples = _resample(Resampler(len(names), whole, rankings, point, groups), groups[home], rng)
     fitted = ELO_PER_LOGIT * point[: len(names)]
-    elo = _place_groups(groups, home, fitted, meetings)
-    if ANCHOR in names:
-        elo -= elo[names.index(ANCHOR)]
-    moved = _draw_places(groups, home, fitted, meetings, rng)
-    samples = _Samples(point, resamples, groups, moved)
+    elo = place_groups(groups, home, fitted, meetings)
+    moved = draw_places(groups, home, fitted, meetings, len(resamples.ratings), rng)
+    reference = [place for place in groups[home] if names[place] == zero] or groups[home]
+    elo -= elo[reference].mean()
+    samples = _Samples(point, resamples, groups, moved, reference)
     return samples.make_ladder(names, elo, groups, home, games)
+
+
+def _resample(resampler: Resampler, group: Sequence[int], rng: np.random.Generator) -> Resamples:
+    """As many resamples as `group` needs."""
+    first = resampler.draw(LEAST_RESAMPLES, rng)
+    needed = len(first.ratings) * (_find_move(first, group) / MOVE_ELO) ** 2
+    most = min(MOST_RESAMPLES, MOST_DRAWS // resampler.num_blocks)
+    more = min(math.ceil(needed), most) - LEAST_RESAMPLES
+    return first if more <= 0 else first.join(resampler.draw(more, rng))
+
+
+def _centre(ratings: NDArray[np.float64], group: Sequence[int]) -> NDArray[np.float64]:
+    """Elo [S, group] against its mean, of ratings [S, n] in logits."""
+    own = ELO_PER_LOGIT * ratings[:, group]
+    return np.asarray(own - own.mean(1, keepdims=True), np.float64)
+
+
+def _find_move(resamples: Resamples, group: Sequence[int]) -> float:
+    """How far another seed puts the ends of the intervals of `group` at most, 95 % of the time.
+
+    The standard error of a quantile is that of its probability over the density there, which the
+    quantiles on either side tell; two seeds differ by the square root of 2 of it.
+    """
+    samples = _centre(resamples.ratings, group)
+    moves = [0.0]
+    for end, is_open in ((TAIL, resamples.open_low), (1.0 - TAIL, resamples.open_high)):
+        nearer, further = np.quantile(samples, (end - TAIL / 2.0, end + TAIL / 2.0), axis=0)
+        is_held = is_open[group] <= TAIL * len(samples)
+        moves += (further - nearer)[is_held].tolist()
+    return Z * math.sqrt(2.0 * TAIL * (1.0 - TAIL) / len(samples)) * max(moves) / TAIL
 
 
 def count_pairs(num_agents: int, games: Games) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -225,69 +259,11 @@ def _restrict(games: Games, group: Sequence[int]) -> Rankings:
     return Rankings(games.agents, ranks, games.blocks)
 
 
-def _find_home(names: Sequence[str], groups: Sequence[Sequence[int]]) -> int:
-    """The group of the zero of the scale: the anchor's, else the largest, the best among equals."""
-    if ANCHOR in names:
-        anchor = names.index(ANCHOR)
-        return next(place for place, group in enumerate(groups) if anchor in group)
-    return max(range(len(groups)), key=lambda place: (len(groups[place]), place))
-
-
-def _place_groups(
-    groups: Sequence[list[int]],
-    home: int,
-    fitted: NDArray[np.float64],
-    meetings: NDArray[np.float64],
-    probability: float = SWEEP_PROBABILITY,
-) -> NDArray[np.float64]:
-    """Elo [agents]: the home group's mean is 0, the others lie as far away as is sure, or as a
-    sweep of another probability says.
-    """
-    elo = fitted.copy()
-    for group in groups:
-        elo[group] -= elo[group].mean()
-    placed = list(groups[home])
-    for group in groups[home + 1 :]:
-        elo[group] += find_gap(
-            elo[group], elo[placed], meetings[np.ix_(group, placed)], probability
-        )
-        placed += group
-    for group in reversed(groups[:home]):
-        elo[group] -= find_gap(
-            elo[placed], elo[group], meetings[np.ix_(placed, group)], probability
-        )
-        placed += group
-    return elo
-
-
-def _draw_places(
-    groups: Sequence[list[int]],
-    home: int,
-    fitted: NDArray[np.float64],
-    meetings: NDArray[np.float64],
-    rng: np.random.Generator,
-) -> NDArray[np.float64]:
-    """Where the mean of each agent's group may lie, Elo [samples, agents]: a group that has won a
-    few games only may as well be below the next.
-    """
-    elo = _place_groups(groups, home, fitted, meetings, 0.5)
-    moved = np.zeros((NUM_BOOTSTRAPS, len(elo)))
-    placed = list(groups[home])
-    for nearer, further in ((groups[home + 1 :], 1.0), (groups[:home][::-1], -1.0)):
-        total = np.zeros(NUM_BOOTSTRAPS)
-        for group in nearer:
-            upper, lower = (group, placed) if further > 0.0 else (placed, group)
-            counts, chances = meetings[np.ix_(upper, lower)], rng.random(NUM_BOOTSTRAPS)
-            total = total + further * draw_gaps(elo[upper], elo[lower], counts, chances)
-            moved[:, group] = total[:, None]
-            placed += group
-    for group in groups:
-        moved[:, group] += elo[group].mean()
-    return moved
-
-
 class _Samples:
-    """The fit, and fits to resampled blocks: Elo [S, n] and [S, T], centred by group and team."""
+    """The fit, and fits to resampled blocks: Elo [S, n] and [S, T], centred by group and team.
+
+    reference: the agents whose mean is the zero of the scale.
+    """
 
     def __init__(
         self,
@@ -295,15 +271,16 @@ class _Samples:
         resamples: Resamples,
         groups: Sequence[list[int]],
         moved: NDArray[np.float64],
+        reference: Sequence[int],
     ) -> None:
         """moved: Elo [S, n] of the mean of the agent's group."""
-        self.point, self.moved = point, moved
+        self.point, self.moved, self.reference = point, moved, reference
+        self.resamples = resamples
         self.fitted = ELO_PER_LOGIT * resamples.ratings
         for group in groups:
-            self.fitted[:, group] -= self.fitted[:, group].mean(1, keepdims=True)
+            self.fitted[:, group] = _centre(resamples.ratings, group)
         self.seats = ELO_PER_LOGIT * resamples.seats
         self.seats -= self.seats.mean(1, keepdims=True)
-        self.open_low, self.open_high = resamples.open_low, resamples.open_high
 
     def make_ladder(
         self,
@@ -316,10 +293,13 @@ class _Samples:
         """The ladder with the ratings `elo` [n], 0 at the zero of the scale."""
         best = self._find_best()
         ratings = []
+        about_zero = self.fitted - self.fitted[:, self.reference].mean(1, keepdims=True)
+        least = TAIL * len(self.fitted)
         for place, group in enumerate(groups):
-            mean = elo[group].mean()
             for index in group:
-                low, high = _find_ends(mean + self.fitted[:, index], elo[index])
+                low = high = float(elo[index])
+                if place == home:
+                    low, high = _find_ends(about_zero[:, index], elo[index])
                 played = games.agents == index
                 num = int(played.any(axis=1).sum())
                 entries = int(played.sum())
@@ -334,12 +314,20 @@ class _Samples:
                         "lower" if place > home else "upper" if place < home else "",
                         len(groups) - 1 - place,
                         float(best[index]),
-                        bool(self.open_low[index] > TAIL * NUM_BOOTSTRAPS),
-                        bool(self.open_high[index] > TAIL * NUM_BOOTSTRAPS),
+                        place == home and bool(self.resamples.open_low[index] > least),
+                        place == home and bool(self.resamples.open_high[index] > least),
                     )
                 )
         ratings.sort(key=lambda rating: (rating.group, -rating.elo, rating.name))
-        return Ladder(tuple(ratings), self._compare(names, ratings, elo), self._rate_seats())
+        order = [list(names).index(rating.name) for rating in ratings]
+        return Ladder(
+            tuple(ratings),
+            self._compare(order, ratings, elo),
+            self._rate_seats(),
+            names[self.reference[0]] if len(self.reference) < len(groups[home]) else "",
+            len(self.fitted),
+            _find_move(self.resamples, groups[home]),
+        )
 
     def _find_best(self) -> NDArray[np.float64]:
         """Share of the samples in which each agent is first; equal ones share the place."""
@@ -348,9 +336,8 @@ class _Samples:
         return np.asarray((is_first / is_first.sum(1, keepdims=True)).mean(0), np.float64)
 
     def _compare(
-        self, names: Sequence[str], ratings: Sequence[Rating], elo: NDArray[np.float64]
+        self, order: Sequence[int], ratings: Sequence[Rating], elo: NDArray[np.float64]
     ) -> tuple[tuple[Estimate | None, ...], ...]:
-        order = [list(names).index(rating.name) for rating in ratings]
         rows = []
         for own, one in zip(ratings, order, strict=True):
             gaps = self.fitted[:, [one]] - self.fitted[:, order]

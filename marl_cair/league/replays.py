@@ -22,7 +22,7 @@ from marl_cair.league.arena import Load, Rules, one_torch_thread
 from marl_cair.league.blocks import Entrant, make_chunk, seat_line_up
 from marl_cair.league.film import SMALL, film_game, write_film
 from marl_cair.league.groups import ELO_PER_LOGIT
-from marl_cair.league.playing import Step, play_out, start_engine
+from marl_cair.league.playing import Step, line_up_seed, map_seeds, play_out, start_engine
 from marl_cair.league.ratings import Rating
 from marl_cair.league.store import AgentRecord, StoredGames
 
@@ -195,7 +195,7 @@ def _film(theatre: Theatre, stored: StoredGames, place: int) -> Path:
         return path
     differs = path.with_suffix(".differs")  # so that it is not played again for nothing
     if not differs.is_file():
-        actions = _play_again(theatre, line_up, block, turn, stored.trajectories[place])
+        actions = _play_again(theatre, stored, place, line_up)
         if actions is not None:
             _write_small(path, rules, int(stored.map_seeds[place]), actions)
             return path
@@ -207,10 +207,10 @@ def _film(theatre: Theatre, stored: StoredGames, place: int) -> Path:
 
 
 def _play_again(
-    theatre: Theatre, line_up: Sequence[int], block: int, turn: int, trajectory: str
+    theatre: Theatre, stored: StoredGames, place: int, line_up: Sequence[int]
 ) -> NDArray[np.int32] | None:
     """The actions [T, P, ...] of a game; None where it differs from the stored one."""
-    rules = theatre.rules
+    rules, block, turn = theatre.rules, int(stored.numbers[place]), int(stored.turns[place])
     if theatre.version != rules.game.version:
         raise _NotShownError(
             f"It was played by version {theatre.version} of the rules, this is "
@@ -228,10 +228,14 @@ def _play_again(
         if step.running[world]:
             actions.append(step.actions[world].copy())
 
-    engine = start_engine(rules.game, rules.scenario, rules.seed, (chunk,))
+    map_seed = line_up_seed(rules.seed, [theatre.records[one].fingerprint for one in line_up])
+    if map_seeds(map_seed, np.array([block]))[0] != stored.map_seeds[place]:
+        map_seed = rules.seed  # as all line-ups had it before each had map seeds of its own
+    engine = start_engine(rules.game, rules.scenario, map_seed, (chunk,))
     with one_torch_thread():
         ended = play_out(engine, (chunk,), seatings, rules.seed, keep)
-    return np.array(actions, np.int32) if ended.trajectories[world] == trajectory else None
+    is_same = ended.trajectories[world] == stored.trajectories[place]
+    return np.array(actions, np.int32) if is_same else None
 
 
 def _load(theatre: Theatre, number: int) -> Entrant:

@@ -15,7 +15,7 @@ from marl_cair.league.agents import load_agent
 from marl_cair.league.allowed_code import AllowCode
 from marl_cair.league.arena import Load, Rules
 from marl_cair.league.background import read_background
-from marl_cair.league.ratings import ANCHOR, Games, Ladder, Rating, describe_method
+from marl_cair.league.ratings import Games, Ladder, Rating, describe_method
 from marl_cair.league.replays import FOLDER as REPLAYS
 from marl_cair.league.replays import Replay, Theatre, choose_games, make_replays
 from marl_cair.league.report import write_report
@@ -37,7 +37,11 @@ class LeagueResult:
 
 
 def number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
-    """The games with agents by their places in `ids`. Raises KeyError for one that is not there."""
+    """The games with agents by their places in `ids`, and games on one map seed as one block.
+
+    In leagues of before all line-ups had the same map seeds: what favours an agent on one of these
+    does so in all its games there. Raises KeyError for an agent that is not there.
+    """
     order = np.argsort(ids)
     places = np.searchsorted(ids, stored.agents, sorter=order)
     if missing := set(stored.agents.ravel().tolist()) - set(ids):
@@ -46,21 +50,23 @@ def number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
         order[places],
         stored.points,
         stored.ranks,
-        stored.blocks,
+        np.unique(stored.map_seeds, return_inverse=True)[1].ravel(),
         stored.is_repeat,
     )
 
 
 def name_agents(agents: Mapping[int, AgentRecord]) -> dict[int, str]:
-    """Names by id. Agents of one name, as one that was trained on under it, have their ids beside
-    it, but for the bot that is rated 0: the ladder finds it by its name.
+    """Names by id, in the order of fingerprints. Agents of one name, as one that was trained on
+    under it, have their ids beside it; one that is the only bot of them keeps it.
     """
-    names = {number: agent.name for number, agent in agents.items()}
-    anchor = next((n for n, a in agents.items() if (a.name, a.kind) == (ANCHOR, "bot")), None)
+    in_order = sorted(agents.items(), key=lambda item: item[1].fingerprint)
+    names = {number: agent.name for number, agent in in_order}
+    bots = Counter(agent.name for agent in agents.values() if agent.kind == "bot")
+    plain = {n for n, one in agents.items() if one.kind == "bot" and bots[one.name] == 1}
     while len(set(names.values())) < len(names):  # again where another is called "name (id)"
         count = Counter(names.values())
         names = {
-            number: f"{name} ({number})" if count[name] > 1 and number != anchor else name
+            number: f"{name} ({number})" if count[name] > 1 and number not in plain else name
             for number, name in names.items()
         }
     return names
@@ -76,6 +82,7 @@ class Showing:
         allow_code: which code of the league file may run for that; see `allowed_code`.
         show_progress: on the terminal.
         alpha_rank: whether to compute it.
+        zero: the agent that is rated 0, see `ratings.rate`.
     """
 
     replays: bool = True
@@ -83,6 +90,7 @@ class Showing:
     allow_code: AllowCode = False
     show_progress: bool = False
     alpha_rank: bool = False
+    zero: str = ""
 
 
 def rate_and_report(
@@ -94,15 +102,21 @@ def rate_and_report(
 ) -> LeagueResult:
     """Rate stored games of the agents `names` (by id), keep the ratings, write the report.
 
+    names: in the order of fingerprints, so that no number depends on what agents are called.
     Where no games compare everybody, the report says so and has all but the ladder.
 
     Raises:
-        ValueError: alpha-Rank without OpenSpiel.
+        ValueError: alpha-Rank without OpenSpiel, or `showing.zero` is none of the agents.
     """
+    if showing.zero and showing.zero not in names.values():
+        raise ValueError(
+            f"--zero is {showing.zero!r}, the league has no such agent: give one of "
+            f"{', '.join(sorted(names.values()))}"
+        )
     ids, called, seed = list(names), list(names.values()), int(store.settings["seed"])
     games = number_agents(stored, ids)
     forfeits = sorted(Counter(reason for reason in stored.reasons if reason).items())
-    table = make_table(called, games, forfeits, seed, showing.alpha_rank)
+    table = make_table(called, games, forfeits, seed, showing.alpha_rank, showing.zero)
     if table.ladder is not None:
         _keep_ratings(store, table.ladder, names, games, seed)
     replays, why_none = _replay(store, stored, names, table, folder, showing)
@@ -158,10 +172,10 @@ def _replay(
 
 
 def report_stored(
-    folder: Path, with_alpha_rank: bool = False, with_replays: bool = True
+    folder: Path, with_alpha_rank: bool = False, with_replays: bool = True, zero: str = ""
 ) -> LeagueResult:
     """Rate all stored games of the league in `folder` and write its report; plays nothing but the
-    few games that it shows, and no foreign code.
+    few games that it shows, and no foreign code. zero: the agent that is rated 0, see `rate`.
 
     Raises:
         LeagueStoreError: no league file, or one that cannot be read.
@@ -172,6 +186,5 @@ def report_stored(
         stored = store.read_games()
         played = set(stored.agents.ravel().tolist())
         agents = {n: one for n, one in store.read_agents().items() if n in played or not played}
-        names = dict(sorted(name_agents(agents).items(), key=lambda item: item[1]))
-        showing = Showing(with_replays, alpha_rank=with_alpha_rank)
-        return rate_and_report(store, stored, names, folder, showing)
+        showing = Showing(with_replays, alpha_rank=with_alpha_rank, zero=zero)
+        return rate_and_report(store, stored, name_agents(agents), folder, showing)

@@ -37,6 +37,15 @@ class Resamples(NamedTuple):
     open_high: NDArray[np.float64]
     open_low: NDArray[np.float64]
 
+    def join(self, more: Resamples) -> Resamples:
+        """These and more."""
+        return Resamples(
+            np.concatenate((self.ratings, more.ratings)),
+            np.concatenate((self.seats, more.seats)),
+            self.open_high + more.open_high,
+            self.open_low + more.open_low,
+        )
+
 
 class PseudoBlocks(NamedTuple):
     """M blocks that nobody has played, and how to draw what each weighs."""
@@ -50,46 +59,56 @@ class PseudoBlocks(NamedTuple):
         return self.games * rng.gamma(self.shapes, size=(num_samples, len(self.shapes)))
 
 
-def resample(
-    num_agents: int,
-    games: Rankings,
-    rankings: Sequence[Rankings],
-    point: NDArray[np.float64],
-    groups: Sequence[Sequence[int]],
-    num_samples: int,
-    rng: np.random.Generator,
-) -> Resamples:
-    """Fits to resamples of the blocks of `games`.
+class Resampler:
+    """Draws blocks of `games`, and fits each draw.
 
     rankings: of the games within each group, that `point` [n + T] fits.
     """
-    num_blocks = games.num_blocks
-    pseudo = make_pseudo_blocks(Likelihood(num_agents, rankings), point, len(games.agents))
-    joint = Likelihood(num_agents, [*rankings, pseudo.rankings])
-    mean = np.concatenate((np.ones(num_blocks), pseudo.games * pseudo.shapes))
-    centre = joint.fit(mean)
-    factor = joint.factorise(centre, mean)
-    pairs = _pair_blocks(num_agents, games)
-    above = np.ones(num_blocks) @ pairs
-    points = np.empty((num_samples, joint.num_parameters))
-    is_open = np.zeros((2, num_agents))
-    size = max(1, MAX_NUMBERS // len(mean))
-    for first in range(0, num_samples, size):
-        part = slice(first, min(first + size, num_samples))
-        drawn = rng.integers(num_blocks, size=(part.stop - first, num_blocks))
-        weights = np.stack([np.bincount(row, minlength=num_blocks) for row in drawn])
-        both = np.hstack((weights.astype(np.float64), pseudo.draw(len(weights), rng)))
-        points[part] = joint.refit(centre, both, factor)
-        is_open += _count_open(groups, above, weights @ pairs)
-    return Resamples(points[:, :num_agents], points[:, num_agents:], *is_open)
+
+    def __init__(
+        self,
+        num_agents: int,
+        games: Rankings,
+        rankings: Sequence[Rankings],
+        point: NDArray[np.float64],
+        groups: Sequence[Sequence[int]],
+    ) -> None:
+        size = find_pseudo_size(num_agents, games)
+        self._pseudo = make_pseudo_blocks(Likelihood(num_agents, rankings), point, size)
+        self._joint = Likelihood(num_agents, [*rankings, self._pseudo.rankings])
+        self.num_blocks, self._groups = games.num_blocks, groups
+        mean = np.concatenate(
+            (np.ones(self.num_blocks), self._pseudo.games * self._pseudo.shapes)
+        )
+        self._centre = self._joint.fit(mean)
+        self._factor = self._joint.factorise(self._centre, mean)
+        self._pairs = _pair_blocks(num_agents, games)
+        self._above = np.ones(self.num_blocks) @ self._pairs
+
+    def draw(self, num_samples: int, rng: np.random.Generator) -> Resamples:
+        """Fits to `num_samples` resamples."""
+        num_agents, num_blocks = self._joint.num_agents, self.num_blocks
+        points = np.empty((num_samples, self._joint.num_parameters))
+        is_open = np.zeros((2, num_agents))
+        step = max(1, MAX_NUMBERS // self._joint.num_blocks)
+        for first in range(0, num_samples, step):
+            part = slice(first, min(first + step, num_samples))
+            size = part.stop - first
+            drawn = rng.integers(num_blocks, size=(size, num_blocks))
+            drawn += num_blocks * np.arange(size)[:, None]
+            weights = np.bincount(drawn.ravel(), minlength=drawn.size).reshape(drawn.shape)
+            both = np.hstack((weights.astype(np.float64), self._pseudo.draw(size, rng)))
+            points[part] = self._joint.refit(self._centre, both, self._factor)
+            is_open += _count_open(self._groups, self._above, weights @ self._pairs)
+        return Resamples(points[:, :num_agents], points[:, num_agents:], *is_open)
 
 
 def make_pseudo_blocks(
-    model: Likelihood, point: NDArray[np.float64], num_games: int
+    model: Likelihood, point: NDArray[np.float64], num_games: float
 ) -> PseudoBlocks:
     """Two for each pair, one won in both seatings by either; numbered after the model's blocks.
 
-    num_games: of all blocks together, for how many games a pseudo-block is to count.
+    num_games: for how many a pseudo-block is to count.
     """
     leverage = find_leverage(model, point)
     one, two = np.nonzero(leverage > _LEAST_SHARE)
@@ -105,7 +124,19 @@ def make_pseudo_blocks(
     blocks = np.stack((rows, rows, rows + num_pairs, rows + num_pairs)) + model.num_blocks
     rankings = Rankings(agents.reshape(-1, num_teams), ranks.reshape(-1, num_teams), blocks.ravel())
     shapes = np.tile(_JEFFREYS * leverage[one, two], 2)
-    return PseudoBlocks(rankings, shapes, num_games / model.num_blocks / 2.0)
+    return PseudoBlocks(rankings, shapes, num_games / 2.0)
+
+
+def find_pseudo_size(num_agents: int, games: Rankings) -> float:
+    """For how many games a pseudo-block counts: as many as a block has for each of its ratings.
+
+    A block of one line-up counts whole. Of a map seed that several line-ups shared, a pseudo-block
+    is the part that one agent has in it, as its T - 1 opponents in a line-up of its own.
+    """
+    cells = np.unique(np.repeat(games.blocks, games.num_teams) * num_agents + games.agents.ravel())
+    members = np.bincount(cells // num_agents) - 1.0
+    share = (games.num_teams - 1.0) / max(members.mean(), games.num_teams - 1.0)
+    return float(len(games.agents) / games.num_blocks * share)
 
 
 def find_leverage(model: Likelihood, point: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ from marl_cair.league.wording import (
     explain_bounds,
     format_rating,
     tell_no_ladder,
+    tell_resampling,
     tell_seats,
     warn_of_repeats,
 )
@@ -146,11 +147,10 @@ def _tell_ladder(table: LeagueTable) -> Section:
     if table.ladder is None:
         return Section("ladder", "Ladder", (tell_no_ladder(table),))
     words = (
-        f"Elo, {table.zero}. Bars are 95 % intervals against the mean of all agents (of the group, "
-        "where a line parts groups), by resampling map seeds; first is how often an agent came "
-        "first in them."
+        f"Elo, {table.zero}. Bars are 95 % intervals about that zero, by resampling map seeds; "
+        f"first is how often an agent came first in them. {tell_resampling(table.ladder)}"
     )
-    header = ("", "agent", "Elo", "95 % v the mean", "first", "score", "games")
+    header = ("", "agent", "Elo", "95 %", "first", "score", "games")
     rows = [
         (str(place), rating.name, *format_rating(rating))
         for place, rating in enumerate(table.ratings, start=1)
@@ -204,7 +204,7 @@ def _tell_training(table: LeagueTable, curves: Iterable[Curve]) -> Section:
         f"Elo ({table.zero}) of each run's snapshots by the decisions that they were trained for; "
         "bars are 95 % intervals. One run is one training seed."
     )
-    header = ("run", "decisions", "agent", "Elo", "95 % v the mean")
+    header = ("run", "decisions", "agent", "Elo", "95 %")
     return Section("training", title, (words,), (Table(header, tuple(rows), 1),))
 
 

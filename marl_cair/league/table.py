@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from marl_cair.league.beyond import Beyond, look_beyond
 from marl_cair.league.payoffs import find_payoffs
-from marl_cair.league.ratings import ANCHOR, Games, Ladder, Rating, is_stronger, rate
+from marl_cair.league.ratings import Games, Ladder, Rating, is_stronger, rate
 from marl_cair.league.shares import Share, find_team_shares
 
 
@@ -45,10 +45,10 @@ class LeagueTable:
     @property
     def zero(self) -> str:
         """What is rated 0."""
-        if ANCHOR in self.names:
-            return f"{ANCHOR} = 0"
-        is_whole = not self.ratings or self.ratings[-1].group == 0
-        return "mean = 0" if is_whole else "mean of the unmarked = 0"
+        if self.ladder is not None and self.ladder.zero:
+            return f"{self.ladder.zero} = 0"
+        is_whole = not any(rating.is_bound for rating in self.ratings)
+        return "mean = 0" if is_whole else "mean of those without <= and >= is 0"
 
     @property
     def shares(self) -> NDArray[np.float64]:
@@ -91,6 +91,7 @@ def make_table(
     forfeits: Sequence[tuple[str, int]] = (),
     seed: int = 0,
     with_alpha_rank: bool = False,
+    zero: str = "",
 ) -> LeagueTable:
     """Rate games as in `rate`, agents there by index in `names`, and find all that a report tells.
 
@@ -100,7 +101,7 @@ def make_table(
         ValueError: alpha-Rank is asked for, and OpenSpiel is not installed.
     """
     with ThreadPoolExecutor(1) as pool:  # compiled code does most of it: seconds of large leagues
-        rated = pool.submit(_try_to_rate, names, games, seed)
+        rated = pool.submit(_try_to_rate, names, games, seed, zero)
         payoffs = find_payoffs(len(names), games, seed)
         num_games = int((~games.is_repeat).sum())
         beyond = look_beyond(games, payoffs, seed, with_alpha_rank) if num_games else None
@@ -129,9 +130,11 @@ def make_table(
     )
 
 
-def _try_to_rate(names: Sequence[str], games: Games, seed: int) -> tuple[Ladder | None, str]:
+def _try_to_rate(
+    names: Sequence[str], games: Games, seed: int, zero: str
+) -> tuple[Ladder | None, str]:
     """The ladder, or why there is none."""
     try:
-        return rate(names, games, seed), ""
+        return rate(names, games, seed, zero), ""
     except ValueError as error:
         return None, str(error)

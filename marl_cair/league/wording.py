@@ -11,15 +11,15 @@ import numpy as np
 from marl_cair.league.beyond import describe_beyond
 from marl_cair.league.groups import SWEEP_PROBABILITY
 from marl_cair.league.likelihood import PRIOR_ELO
-from marl_cair.league.ratings import Estimate, Rating, is_stronger
+from marl_cair.league.ratings import Estimate, Ladder, Rating, is_stronger
 from marl_cair.league.table import LeagueTable
 
 BOUND_SIGNS = {"": "", "lower": ">=", "upper": "<="}
 CAVEAT = (
-    "Intervals (95 %) of ratings are against the mean of all agents (of the group, where a line\n"
-    "parts groups), by resampling map seeds, with half a won and half a lost block for each\n"
-    "rating; `first` is how often an agent came first in them.\n"
-    f"Prior: normal, standard deviation {PRIOR_ELO:.0f} Elo about that mean. All is about these\n"
+    "Intervals (95 %) of ratings are about the same zero as the ratings, by resampling map seeds,\n"
+    "with half a won and half a lost block for each rating; `first` is how often an agent came\n"
+    "first in them.\n"
+    f"Prior: normal, standard deviation {PRIOR_ELO:.0f} Elo about the mean. All is about these\n"
     "very agents and games and says nothing of how another training run would turn out."
 )
 LINE_WIDTH = 100
@@ -38,7 +38,7 @@ def describe_league(table: LeagueTable, more: Sequence[str] = ()) -> str:
         *more,
         *map(_fill, warn_of_repeats(table)),
         *_tell_forfeits(table),
-        *([CAVEAT] if ladder else []),
+        *([_fill(tell_resampling(ladder)), CAVEAT] if ladder else []),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -54,7 +54,7 @@ def _fill(text: str) -> str:
 
 def _describe_ladder(table: LeagueTable) -> str:
     width = max(len("agent"), *map(len, table.names))
-    head = f"{'':>3} {'agent':{width}} {'Elo':>9} {'95 % v the mean':>18}"
+    head = f"{'':>3} {'agent':{width}} {'Elo':>9} {'95 %':>18}"
     lines = [
         f"Ladder (Elo, {table.zero})",
         f"{head} {'first':>6} {'score':>7} {'games':>6}",
@@ -82,15 +82,30 @@ def format_rating(rating: Rating) -> tuple[str, str, str, str, str]:
     return elo, interval, first, score, str(rating.games)
 
 
+def tell_resampling(ladder: Ladder) -> str:
+    """How many resamples intervals are from, and how much that leaves to chance."""
+    return (
+        f"Intervals of ratings are from {ladder.num_resamples:,} resamples: another seed of the "
+        f"resampling moves their ends by {ladder.move:.1f} Elo at most (95 %; ends with < and > "
+        "by more)."
+    )
+
+
+def set_signs(text: str) -> str:
+    """`text` with the signs of bounds that terminals of every code page can not show."""
+    return text.replace(">=", "\u2265").replace("<=", "\u2264")
+
+
 def explain_bounds(ratings: Sequence[Rating]) -> list[str]:
     """What the marks of the ladder mean; nothing where there are none."""
     told = []
     if any(rating.is_bound for rating in ratings):
         told.append(
             "A line parts groups: nobody below it took a single point off anybody above it, so "
-            "these games do not limit how far apart they are. >= and <= mark bounds: the group's "
-            "ratings may all be larger (smaller) by the same unknown number. Shown is the smallest "
-            f"distance at which so clean a sweep has a chance of {SWEEP_PROBABILITY:.1%}."
+            "these games do not limit how far apart they are. The zero is in the largest group. >= "
+            "and <= mark bounds, which have no interval: a group's ratings may all be larger "
+            "(smaller) by the same unknown number. Shown is the smallest distance at which so clean "
+            f"a sweep has a chance of {SWEEP_PROBABILITY:.1%}."
         )
     if any(rating.open_low or rating.open_high for rating in ratings):
         told.append(

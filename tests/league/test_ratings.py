@@ -1,5 +1,6 @@
 """Ratings recover known strengths, and say how sure they are."""
 
+import dataclasses
 import itertools
 import math
 
@@ -10,7 +11,7 @@ import pytest
 from marl_cair.league import ratings as ratings_module
 from marl_cair.league.likelihood import Likelihood, Rankings, split_ranking
 from marl_cair.league.ratings import ELO_PER_LOGIT, Games, count_pairs, is_stronger, rate
-from marl_cair.league.resampling import make_pseudo_blocks
+from marl_cair.league.resampling import find_pseudo_size, make_pseudo_blocks
 from tests.league.paper_games import (
     count_results,
     from_rows,
@@ -109,7 +110,7 @@ def test_two_agents_differ_by_the_log_odds_of_their_score():
 @pytest.mark.parametrize("map_spread", [0.0, 1.5])
 def test_known_strengths_lie_in_19_of_20_intervals(monkeypatch, map_spread):
     """Also where the map decides much, so that the games of a block are alike."""
-    monkeypatch.setattr(ratings_module, "NUM_BOOTSTRAPS", 200)
+    use_resamples(monkeypatch, 200)
     strengths = np.array([0.0, 0.4, 0.8, 1.2])
     truth = ELO_PER_LOGIT * (strengths - strengths.mean())
     covered = total = 0
@@ -138,7 +139,7 @@ def test_the_differences_of_four_lie_in_93_to_97_of_100_intervals(strengths):
 
 
 def test_known_strengths_of_free_for_alls_lie_in_19_of_20_intervals(monkeypatch):
-    monkeypatch.setattr(ratings_module, "NUM_BOOTSTRAPS", 200)
+    use_resamples(monkeypatch, 200)
     strengths = np.array([0.0, 0.3, 0.6, 0.9, 1.2])
     truth = ELO_PER_LOGIT * (strengths - strengths.mean())
     covered = 0
@@ -174,9 +175,43 @@ def measure_two(elo, games, num_leagues=300):
 
 
 @pytest.mark.parametrize("games", [4, 8, 40])
+def use_resamples(monkeypatch, number):
+    monkeypatch.setattr(ratings_module, "LEAST_RESAMPLES", number)
+    monkeypatch.setattr(ratings_module, "MOST_RESAMPLES", number)
+
+
+def test_another_seed_of_the_resampling_moves_ends_by_less_than_two_elo():
+    """With 500 resamples ends of a league like this moved by up to 9 Elo."""
+    games = simulate(np.linspace(-1.0, 1.0, 6), 20, 0)
+    ladders = [rate([*NAMES, "e", "f"], games, seed) for seed in range(4)]
+    ends = np.array([[(r.low, r.high) for r in ladder.ratings] for ladder in ladders])
+    assert ladders[0].num_resamples > 5_000
+    assert 1.0 < ladders[0].move < 2.1
+    moves = np.abs(ends[:, None] - ends)
+    assert np.quantile(moves, 0.95) < ladders[0].move
+    assert moves.max() < 3.0
+
+
+def test_what_leagues_shared_their_map_seeds_is_resampled_by_seed():
+    """A map seed that favours an agent does so in all its games there, against whomever."""
+    rng = np.random.default_rng(3)
+    rows, seeds = [], []
+    for seed, favoured in enumerate(rng.integers(4, size=24).tolist()):
+        for first, second in itertools.combinations(range(4), 2):
+            won = rng.random(2) < (0.95 if first == favoured else 0.05 if second == favoured else 0.5)
+            rows += [(first, second, seed, float(won[0])), (second, first, seed, 1.0 - won[1])]
+            seeds += [seed, seed]
+    apart = from_rows(rows)
+    together = dataclasses.replace(apart, blocks=np.array(seeds))
+    narrow, wide = (rate(NAMES, games) for games in (apart, together))
+    assert [r.elo for r in narrow.ratings] == pytest.approx([r.elo for r in wide.ratings])
+    widths = [np.mean([r.high - r.low for r in one.ratings]) for one in (narrow, wide)]
+    assert widths[1] > 1.25 * widths[0]
+
+
 def test_equals_are_seldom_called_unequal_after_few_games(monkeypatch, games):
     """The bootstrap alone said so in 51, 15 and 10 of 100 leagues."""
-    monkeypatch.setattr(ratings_module, "NUM_BOOTSTRAPS", 200)
+    use_resamples(monkeypatch, 200)
     sure, holds = measure_two(0.0, games)
     assert sure <= 0.07  # 300 leagues at the nominal 0.05
     assert holds >= 0.93
@@ -185,7 +220,7 @@ def test_equals_are_seldom_called_unequal_after_few_games(monkeypatch, games):
 @pytest.mark.parametrize("games", [8, 40])
 def test_the_difference_of_two_lies_in_19_of_20_intervals_after_few_games(monkeypatch, games):
     """The bootstrap alone held it in 67 and 91 of 100."""
-    monkeypatch.setattr(ratings_module, "NUM_BOOTSTRAPS", 200)
+    use_resamples(monkeypatch, 200)
     _, holds = measure_two(200.0, games)
     assert 0.93 <= holds <= 0.99
 
@@ -195,7 +230,7 @@ def test_pseudo_blocks_change_no_rating_and_are_as_many_as_ratings():
     rankings = [Rankings(games.agents, games.ranks, games.blocks)]
     model = Likelihood(4, rankings)
     point = model.fit(np.ones(model.num_blocks))
-    pseudo = make_pseudo_blocks(model, point, len(games.agents))
+    pseudo = make_pseudo_blocks(model, point, find_pseudo_size(4, rankings[0]))
     assert pseudo.shapes.sum() == pytest.approx(3.0, abs=0.1)  # ratings, but for their mean
     assert pseudo.games == 1.0  # a block is two games, as a pseudo-block is
     elo = {rating.name: rating.elo for rating in rate(NAMES, games).ratings}
@@ -255,32 +290,68 @@ def test_draws_count_half():
     assert first.probability_first == pytest.approx(0.5, abs=0.1)
 
 
-def test_random_is_the_zero_of_the_scale():
-    ladder = rate(["random", "b", "c"], simulate([0.0, 1.0, 2.0], 40, 0))
-    zero = next(rating for rating in ladder.ratings if rating.name == "random")
-    assert zero.elo == 0.0
-    assert zero.low < 0.0 < zero.high
+def test_an_agent_that_is_named_is_the_zero_of_ratings_and_intervals():
+    games = simulate([0.0, 1.0, 2.0], 40, 0)
+    ladder = rate(["random", "b", "c"], games, zero="random")
+    assert ladder.zero == "random"
+    ratings = {rating.name: rating for rating in ladder.ratings}
+    assert ratings["random"].elo == ratings["random"].low == ratings["random"].high == 0.0
+    gap = ladder.differences[0][2]
+    shown = ratings["c"].elo, ratings["c"].low, ratings["c"].high
+    assert shown == pytest.approx((gap.elo, gap.low, gap.high))
     assert [rating.name for rating in ladder.ratings] == ["c", "b", "random"]
     assert ladder.ratings[0].probability_first > 0.95
     assert sum(rating.probability_first for rating in ladder.ratings) == pytest.approx(1.0)
 
 
-def test_an_agent_that_never_lost_to_the_rest_has_only_a_lower_bound():
+def test_the_zero_and_all_intervals_are_of_the_group_that_is_connected():
     # Neither turtle nor economist lost to rusher or random, but each lost to the other.
     names = ["turtle", "economist", "rusher", "random"]
     rows = [*share(0, 1, 25), *sweep(0, 2), *sweep(0, 3), *sweep(1, 2), *sweep(1, 3)]
     rows += share(2, 3, 30)
     ratings = by_name(names, rows)
     assert {name: rating.bound for name, rating in ratings.items()} == {
-        "turtle": "lower",
-        "economist": "lower",
-        "rusher": "",
-        "random": "",
+        "turtle": "",
+        "economist": "",
+        "rusher": "upper",
+        "random": "upper",
     }
-    assert ratings["turtle"].score < 1.0
-    assert ratings["turtle"].is_bound
+    assert ratings["turtle"].elo == pytest.approx(-ratings["economist"].elo)
+    assert ratings["turtle"].low < ratings["turtle"].elo < ratings["turtle"].high
+    for name in ("rusher", "random"):
+        assert ratings[name].low == ratings[name].high == ratings[name].elo < -300
     assert ratings["turtle"].group == ratings["economist"].group == 0
     assert ratings["rusher"].probability_first == ratings["random"].probability_first == 0.0
+
+
+def test_an_agent_above_the_connected_group_has_only_a_lower_bound():
+    ratings = by_name(["best", "b", "c"], [*sweep(0, 1), *sweep(0, 2), *share(1, 2, 20)])
+    assert {name: rating.bound for name, rating in ratings.items()} == {
+        "best": "lower",
+        "b": "",
+        "c": "",
+    }
+    assert ratings["best"].elo > 300
+
+
+@pytest.mark.parametrize("games", [40, 80, 160])
+def test_more_games_without_a_point_for_random_move_nobody_else(games):
+    """`random` was 0 whatever it did: after 40 games the others stood at 405, after 160 at 640."""
+    rows = [*share(0, 1, games * 5 // 8, games)]
+    rows += [*sweep(0, 2, games), *sweep(1, 2, games)]
+    ratings = by_name(["a", "b", "random"], rows)
+    assert ratings["a"].elo == pytest.approx(44.4, abs=0.5)  # half of the log odds of 5 / 8
+    assert ratings["random"].bound == "upper"
+
+
+def test_a_zero_that_games_do_not_limit_is_not_taken():
+    ladder = rate(
+        ["a", "b", "random"],
+        from_rows([*share(0, 1, 25), *sweep(0, 2), *sweep(1, 2)]),
+        zero="random",
+    )
+    assert ladder.zero == ""
+    assert sum(r.elo for r in ladder.ratings if not r.is_bound) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_an_agent_that_never_won_off_the_rest_has_only_an_upper_bound():
@@ -297,23 +368,23 @@ def test_an_agent_that_never_won_off_the_rest_has_only_an_upper_bound():
 def test_bounds_do_not_come_from_a_prior():
     """All games against random won: 40 of them show 405 Elo, whoever else takes part."""
     alone = by_name(["a", "random"], sweep(0, 1))
-    assert alone["a"].elo == pytest.approx(405, abs=1)
+    assert alone["random"].elo == pytest.approx(-405, abs=1)
     longer = by_name(["a", "random"], sweep(0, 1, 400))
-    assert longer["a"].elo == pytest.approx(ELO_PER_LOGIT * 4.68, abs=2)
+    assert longer["random"].elo == pytest.approx(-ELO_PER_LOGIT * 4.68, abs=2)
 
 
 def test_a_chain_of_sweeps_is_ordered():
     rows = [*sweep(0, 1), *sweep(0, 2), *sweep(1, 2)]
     ladder = rate(["a", "random", "c"], from_rows(rows))
     assert [(r.name, r.bound, r.group) for r in ladder.ratings] == [
-        ("a", "lower", 0),
-        ("random", "", 1),
+        ("a", "", 0),
+        ("random", "upper", 1),
         ("c", "upper", 2),
     ]
     assert ladder.differences[0][1] is None
 
 
-def test_without_random_the_largest_group_is_the_zero():
+def test_the_mean_of_the_largest_group_is_the_zero():
     ratings = by_name(["a", "b", "c"], [*share(0, 1, 30), *sweep(0, 2), *sweep(1, 2)])
     assert [ratings[name].bound for name in "abc"] == ["", "", "upper"]
     assert ratings["a"].elo == pytest.approx(-ratings["b"].elo)

@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from marl_cair.league.adaptive import Played, Target, play_adaptively
+from marl_cair.league.adaptive import Played, Target, measure_ladder, play_adaptively
 from marl_cair.league.blocks import make_design
 from marl_cair.league.ratings import Games, rate
 from marl_cair.league.schedule import Job, schedule_meetings
@@ -121,17 +121,20 @@ class TestDesigns:
 class Simulation:
     """Bradley-Terry players; the games of a job depend on nothing but the job."""
 
-    def __init__(self, strengths, repeats=()):
+    def __init__(self, strengths, repeats=(), map_spread=0.0, seed=0):
         self.strengths, self.repeats = np.array(strengths), repeats
+        self.map_spread, self.seed = map_spread, seed
 
     def __call__(self, jobs):
         self.jobs = list(jobs)
         agents, ranks, line_ups, blocks, is_repeat = [], [], [], [], []
         for job in jobs:
-            rng = np.random.default_rng([*job.line_up, job.chunk])
+            rng = np.random.default_rng([self.seed, *job.line_up, job.chunk])
+            shape = 4, len(self.strengths)
+            on_map = self.strengths + self.map_spread * rng.normal(size=shape)
             for game in range(8):
                 seated = job.line_up if game % 2 else job.line_up[::-1]
-                keys = self.strengths[list(seated)] + rng.gumbel(size=len(seated))
+                keys = on_map[game // 2, list(seated)] + rng.gumbel(size=len(seated))
                 agents.append(seated)
                 ranks.append(1.0 + np.argsort(np.argsort(-keys)))
                 line_ups.append(job.line_up)
@@ -147,8 +150,13 @@ class Simulation:
 
 
 def adapt(simulation, half_width, games=4_000, is_time_up=lambda: False, num_teams=2):
-    target = Target(half_width, games, is_time_up)
     num_agents = len(simulation.strengths)
+    names = list("abcdef"[:num_agents])
+
+    def measure(played):
+        return measure_ladder(rate(names, played).ratings, names)
+
+    target = Target(half_width, games, is_time_up, measure)
     return play_adaptively(num_agents, num_teams, 4, 8, target, simulation)
 
 
@@ -159,9 +167,17 @@ class TestAdaptive:
         jobs = adapt(simulation, 60.0, num_teams=num_teams)
         ladder = rate(list("abcd"), simulation.games)
         widths = [(rating.high - rating.low) / 2 for rating in ladder.ratings]
-        assert max(widths) < 70.0
-        assert max(widths) > 35.0
+        assert 40.0 < max(widths) <= 60.0
         assert simulation.jobs == jobs
+
+    @pytest.mark.parametrize("map_spread", [0.0, 1.5])
+    def test_the_intervals_that_are_reported_end_it(self, map_spread):
+        """They were 5 to 40 % wider than what had ended it, the more so the more maps decide."""
+        for seed in range(5):
+            simulation = Simulation([0.0, 0.3, 0.6], map_spread=map_spread, seed=seed)
+            adapt(simulation, 60.0)
+            ladder = rate(list("abc"), simulation.games)
+            assert max((r.high - r.low) / 2 for r in ladder.ratings) <= 60.0
 
     def test_it_plays_where_games_tell_something(self):
         """The strong lose to the weak so seldom that games between them say little."""

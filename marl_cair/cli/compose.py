@@ -16,6 +16,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from marl_cair.cli.options import list_options
+from marl_cair.cli.parser import refuse_repeats
 from marl_cair.games import GAMES
 from marl_cair.generative import GENERATORS
 from marl_cair.league.opponents import LEAGUE_SAMPLERS, SAMPLERS
@@ -72,6 +73,7 @@ def compose_config(words: Sequence[str]) -> TrainConfig:
         UnknownNameError: an option or choice that does not exist; names the nearest.
         ValueError: a word that is no `name=value`, or a value that is not allowed.
     """
+    refuse_repeats(words, [full_name(word) for word in words])
     words = expand_recipe(words)
     overrides = [_read_word(word) for word in words]
     _register()
@@ -91,14 +93,11 @@ def expand_recipe(words: Sequence[str]) -> list[str]:
 
     Raises:
         UnknownNameError: no such recipe; names the nearest.
-        ValueError: two recipes are named.
     """
     named = [word.partition("=")[2] for word in words if word.partition("=")[0] == _RECIPE]
     rest = [word for word in words if word.partition("=")[0] != _RECIPE]
     if not named:
         return rest
-    if len(named) > 1:
-        raise ValueError(f"recipe={named[0]} and recipe={named[1]}: take one of them")
     recipe = find_by_name("recipe", named[0], RECIPES)
     given = {name for word in rest for name in _find_set_options(word)}
     chosen = {full_name(word) for word in rest}

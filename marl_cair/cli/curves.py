@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
+from marl_cair.cli.parser import Parser
 from marl_cair.training.curves import draw_curves
 from marl_cair.training.metrics import RunLog, read_log
 
@@ -30,9 +30,9 @@ def run(arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
-def make_parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         "marl-cair curves",
         description=__doc__,
         epilog="example: marl-cair curves runs/conv runs/capsule --out curves.png",

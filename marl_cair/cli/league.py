@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -17,6 +16,7 @@ from marl_cair.cli.match_options import (
     expand_agents,
     read_seconds,
 )
+from marl_cair.cli.parser import Parser
 from marl_cair.league.agents import find_scenario
 from marl_cair.league.blocks import SEATINGS
 from marl_cair.league.export import FORMATS, QUERIES, export_league
@@ -71,7 +71,7 @@ def run(arguments: Sequence[str]) -> int:
 
 def report(arguments: Sequence[str]) -> int:
     """Ratings of all stored games; plays nothing but the few games that the report shows."""
-    parser = argparse.ArgumentParser("marl-cair league report", description=report.__doc__)
+    parser = Parser("marl-cair league report", description=report.__doc__)
     _add_folder(parser)
     parser.add_argument(
         "--alpha-rank",
@@ -102,7 +102,7 @@ def tell_command(name: str, arguments: Sequence[str]) -> str:
 
 def tell_status(arguments: Sequence[str]) -> int:
     """What a league file holds; also while the league is played."""
-    parser = argparse.ArgumentParser("marl-cair league status", description=tell_status.__doc__)
+    parser = Parser("marl-cair league status", description=tell_status.__doc__)
     _add_folder(parser)
     store = LeagueStore(Path(parser.parse_args(arguments).out) / STORE_FILE)
     try:
@@ -128,7 +128,7 @@ def tell_status(arguments: Sequence[str]) -> int:
 
 def export(arguments: Sequence[str]) -> int:
     """The tables of a league file for other programs."""
-    parser = argparse.ArgumentParser("marl-cair league export", description=export.__doc__)
+    parser = Parser("marl-cair league export", description=export.__doc__)
     _add_folder(parser)
     parser.add_argument(
         "--format",
@@ -197,9 +197,9 @@ SUBCOMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
 }
 
 
-def make_parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         "marl-cair league",
         description=f"{__doc__} The same command again goes on where it stopped, and with more "
         "games or agents plays only what is new.",
@@ -271,7 +271,7 @@ def _read_time(text: str) -> float:
     return seconds
 
 
-def _add_folder(parser: argparse.ArgumentParser) -> None:
+def _add_folder(parser: Parser) -> None:
     parser.add_argument(
         "out", nargs="?", default=DEFAULT_OUT, help="folder of the league (default: %(default)s)"
     )

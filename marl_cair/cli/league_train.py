@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED
 from marl_cair.cli.options import read_comments
+from marl_cair.cli.parser import Parser
 from marl_cair.lookup import find_by_name
 from marl_cair.training.league_examples import EXAMPLES, PSRO_EXAMPLES
 from marl_cair.training.league_run import LeagueTraining, train_league
@@ -105,8 +106,8 @@ def _run(command: _Command, defaults: Any, arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
-def _make_parser(command: _Command, words: str, defaults: Any) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def _make_parser(command: _Command, words: str, defaults: Any) -> Parser:
+    parser = Parser(
         words,
         description=f"{command.about} The same command again goes on where it stopped, and with "
         f"more {command.more} in the file from where it had ended.",

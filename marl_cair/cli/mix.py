@@ -7,12 +7,12 @@ highest, as evenly spread as that allows.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
+from marl_cair.cli.parser import Parser
 from marl_cair.league.mixing import SLACK, describe_mixture, mix_league
 from marl_cair.league.mixtures import save_mixture
 
@@ -28,9 +28,9 @@ def run(arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
-def make_parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         "marl-cair league mix",
         description=__doc__,
         epilog="example: marl-cair league mix runs/league --out runs/best && marl-cair league "

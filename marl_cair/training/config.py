@@ -331,6 +331,7 @@ class TrainConfig:
     seed: int = 0  # of everything random in the run
     total_frames: int = 500_000  # decisions of one world; the run ends there
     max_minutes: float | None = None  # of this sitting; None: no limit
+    stop_score: float | None = None  # ends the run when evaluations reach it; None: never
     synthetic_fraction: float = 0.2  # generated share of each batch, 0..0.9
     initial_agent: str | None = None  # folder of one whose network begins; None: a new one
     initial_generator: str | None = None  # folder of a run whose generator begins; None: a new one
@@ -357,6 +358,8 @@ class TrainConfig:
         require(threads is None or threads >= 1, "torch_threads", threads, "1 or more")
         minutes = self.max_minutes
         require(minutes is None or minutes > 0, "max_minutes", minutes, "above 0")
+        score = self.stop_score
+        require(score is None or math.isfinite(score), "stop_score", score, "a number or null")
         self._check_scenarios()
         bots = GAMES[self.game.name].bots
         self.opponent.check_names(bots)

@@ -25,6 +25,8 @@ from marl_cair.training.config import (
 )
 
 CONFIG_FILE = "config.yaml"
+# What ends a run; a resumed run may have other values.
+ENDS = {"total_frames": int, "max_minutes": float | None, "stop_score": float | None}
 
 
 def save_config(config: TrainConfig) -> None:
@@ -41,7 +43,7 @@ def write_settings(settings: Any, path: Path) -> None:
 def fixed_settings(config: TrainConfig) -> dict[str, Any]:
     """The settings that a resumed run must share: all but how long, where, and whence."""
     values = dataclasses.asdict(config)
-    for free in ("out", "total_frames", "max_minutes", "initial_agent", "initial_generator"):
+    for free in ("out", *ENDS, "initial_agent", "initial_generator"):
         del values[free]
     return values
 

@@ -20,7 +20,7 @@ from marl_cair.training.config import OpponentSettings, TrainConfig
 from marl_cair.training.config_file import build_config, build_value, to_plain
 
 # What the league says for its learners.
-_TAKEN = ("out", "seed", "total_frames", "max_minutes")
+_TAKEN = ("out", "seed", "total_frames", "max_minutes", "stop_score")
 _TAKEN_OPPONENT = ("mixture", "warmup_mixture", "snapshot_every_frames", "snapshot_margin")
 
 

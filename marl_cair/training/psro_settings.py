@@ -18,7 +18,7 @@ from marl_cair.training.initial_network import begin_as
 from marl_cair.training.league_settings import derive_seed, read_options, refuse_given
 
 # What a round says for its response.
-_TAKEN = ("out", "seed", "total_frames", "max_minutes", "initial_agent")
+_TAKEN = ("out", "seed", "total_frames", "max_minutes", "stop_score", "initial_agent")
 _TAKEN_OPPONENT = ("mixture", "agents", "snapshot_every_frames", "snapshot_margin")
 
 

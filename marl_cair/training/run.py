@@ -112,6 +112,7 @@ class TrainingRun:
         self.frames = 0
         self.shows_progress = False
         self.best_score = -math.inf  # of all evaluations
+        self.has_reached_score = False  # `config.stop_score`, in two evaluations
         self.gate_is_open = False
         recover_folder(self.folder / RESUME_FOLDER)
         # Asked again: another process may have saved its first state here since.

@@ -13,14 +13,15 @@ import pickle
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
-
-import torch
+from typing import TYPE_CHECKING, Any
 
 from marl_cair.files import find_folder, read_run_kind, replaced_folder
-from marl_cair.lookup import find_by_name
-from marl_cair.policies.actor import GREEDY, PLAYS
-from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
+from marl_cair.lookup import check_name
+from marl_cair.policies import GREEDY, PLAYS
+from marl_cair.policies.config import QNetworkConfig
+
+if TYPE_CHECKING:  # torch takes seconds, and most commands only read descriptions
+    from marl_cair.policies.q_network import QNetwork
 
 FORMAT = "marl_cair agent"
 FORMAT_VERSION = 1
@@ -68,7 +69,7 @@ class AgentDescription:
     plays: str = GREEDY
 
     def __post_init__(self) -> None:
-        find_by_name("way to play", self.plays, PLAYS)
+        check_name("way to play", self.plays, PLAYS)
         for name in ("scenario_options", "network"):
             value = getattr(self, name)
             if not isinstance(value, dict):
@@ -162,6 +163,8 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
         CheckpointError: as `read_description`; or weights that are missing, cut short, hold
             anything but tensors, or do not fit the network.
     """
+    from marl_cair.policies.q_network import make_q_network
+
     place = find_agent(folder)
     about = read_description(place)
     path = find_folder(place) / WEIGHTS_FILE
@@ -176,6 +179,8 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
 
 def save_tensors(values: Mapping[str, Any], path: Path) -> None:
     """Write tensors and plain data for `load_tensors`. Raises OSError where the disk is full."""
+    import torch
+
     # torch writes files itself and reports a full disk as an error of its own position.
     buffer = io.BytesIO()
     torch.save(values, buffer)
@@ -188,6 +193,8 @@ def load_tensors(path: str | os.PathLike[str]) -> Mapping[str, Any]:
     Raises:
         CheckpointError: the file is missing, cut short, or holds code.
     """
+    import torch
+
     try:
         loaded: Mapping[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError as error:

@@ -15,13 +15,14 @@ from marl_cair.cli.match_options import (
     expand_agents,
 )
 from marl_cair.cli.parser import Parser
-from marl_cair.league.extend import list_fingerprints, plan_extension
-from marl_cair.league.league import run_league
 
 
 def run(arguments: Sequence[str]) -> int:
     """Play and print ladder and matrix; returns the exit code."""
     options = make_parser().parse_args(arguments)
+    from marl_cair.league.extend import list_fingerprints, plan_extension
+    from marl_cair.league.league import run_league
+
     load = choose_load(options)
     folder = Path(options.out)
     found = expand_agents(options.agents, known=list_fingerprints(folder))

@@ -6,6 +6,7 @@ import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.match_options import (
@@ -20,11 +21,11 @@ from marl_cair.cli.parser import Parser
 from marl_cair.league.agents import find_scenario
 from marl_cair.league.blocks import SEATINGS
 from marl_cair.league.export import FORMATS, QUERIES, export_league
-from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.report import FILES
-from marl_cair.league.reporting import LeagueResult, report_stored
 from marl_cair.league.run_folders import MOST_SNAPSHOTS
 from marl_cair.league.store import STORE_FILE, LeagueStore
+
+if TYPE_CHECKING:
+    from marl_cair.league.reporting import LeagueResult
 
 DEFAULT_OUT = "runs/league"
 GAMES_PER_PAIR = 40
@@ -36,6 +37,8 @@ def run(arguments: Sequence[str]) -> int:
     if arguments and arguments[0] in SUBCOMMANDS:
         return SUBCOMMANDS[arguments[0]](arguments[1:])
     options = make_parser().parse_args(arguments)
+    from marl_cair.league.league import LeagueConfig, run_league
+
     found = expand_agents([*options.agents, *options.ladder])
     agents, ladder = found.list_agents(options.agents), found.list_agents(options.ladder)
     everyone = [*agents, *ladder]
@@ -80,11 +83,15 @@ def report(arguments: Sequence[str]) -> int:
     )
     add_no_replays(parser)
     options = parser.parse_args(arguments)
+    from marl_cair.league.reporting import report_stored
+
     return tell(report_stored(Path(options.out), options.alpha_rank, not options.no_replays))
 
 
 def tell(result: LeagueResult) -> int:
     """Print what a league found; returns the exit code."""
+    from marl_cair.league.report import FILES
+
     page, *others = FILES
     sys.stdout.write(
         f"{result.text}\nThe report is {result.folder / page}; beside it are "

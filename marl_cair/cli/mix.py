@@ -13,8 +13,7 @@ from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.parser import Parser
-from marl_cair.league.mixing import SLACK, describe_mixture, mix_league
-from marl_cair.league.mixtures import save_mixture
+from marl_cair.league.mixtures import SLACK, save_mixture
 
 DEFAULT_OUT = "runs/mixture"
 
@@ -22,6 +21,8 @@ DEFAULT_OUT = "runs/mixture"
 def run(arguments: Sequence[str]) -> int:
     """Find the weights, write the agent and tell; returns the exit code."""
     options = make_parser().parse_intermixed_args(arguments)
+    from marl_cair.league.mixing import describe_mixture, mix_league
+
     found = mix_league(Path(options.folder), options.agents, options.slack)
     save_mixture(options.out, found.sources, found.weights)
     sys.stdout.write(f"{describe_mixture(found)}{options.out} is this agent\n")

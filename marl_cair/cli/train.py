@@ -18,8 +18,6 @@ from marl_cair.lookup import find_by_name
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import CONFIG_FILE, ENDS, build_value, load_config
 from marl_cair.training.recipes import RECIPES
-from marl_cair.training.run import RESUME_FOLDER
-from marl_cair.training.trainer import train
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -27,6 +25,8 @@ def run(arguments: Sequence[str]) -> int:
     if any(word in ("-h", "--help") for word in arguments):
         sys.stdout.write(describe_options())
         return EXIT_DONE
+    from marl_cair.training.trainer import train
+
     config, resume = read_arguments(arguments)
     result = train(config, resume=resume)
     told = (
@@ -65,6 +65,8 @@ def _refuse_without_state(folder: Path, config: TrainConfig) -> None:
     """Raise ValueError for a run that has ended and whose state is gone, as those of best responses
     are deleted: it would begin anew, and write over its agent.
     """
+    from marl_cair.training.run import RESUME_FOLDER
+
     agent = find_folder(folder / LATEST_FOLDER)
     if find_folder(folder / RESUME_FOLDER).is_dir() or not agent.is_dir():
         return

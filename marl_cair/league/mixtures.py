@@ -18,6 +18,7 @@ from marl_cair.files import find_folder, replaced_folder
 from marl_cair.games.game import Game
 from marl_cair.league.process import is_process
 
+SLACK = 0.02  # of a score, that evenness of a mixture may cost
 MIXTURE_FILE = "mixture.json"
 FORMAT = "marl_cair mixture"
 FORMAT_VERSION = 1

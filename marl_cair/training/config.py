@@ -15,9 +15,9 @@ from marl_cair.games import GAMES
 from marl_cair.generative import GENERATORS
 from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.league.opponents import SAMPLERS
-from marl_cair.lookup import find_by_name
-from marl_cair.policies.q_network import QNetworkConfig
-from marl_cair.replay.mixed import MAX_FRACTION
+from marl_cair.lookup import check_name, find_by_name
+from marl_cair.policies.config import QNetworkConfig
+from marl_cair.replay import MAX_FRACTION
 from marl_cair.training.checks import require
 from marl_cair.training.learner_settings import LearnerSettings, interpolate
 from marl_cair.training.nfsp_settings import NfspSettings
@@ -266,7 +266,7 @@ class GeneratorSettings:
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:
-        find_by_name("generator", self.name, {NO_GENERATOR: None, **GENERATORS})
+        check_name("generator", self.name, (NO_GENERATOR, *GENERATORS))
         for name in (
             "batch_size",
             "frames_per_update",

@@ -11,8 +11,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
 from marl_cair.lookup import find_by_name
@@ -36,6 +34,8 @@ def save_config(config: TrainConfig) -> None:
 
 def write_settings(settings: Any, path: Path) -> None:
     """Write a dataclass of settings to `path` as YAML."""
+    from omegaconf import OmegaConf
+
     text = OmegaConf.to_yaml(OmegaConf.create(to_plain(dataclasses.asdict(settings))))
     write_atomically(path, text)
 
@@ -54,6 +54,8 @@ def load_config(folder: str | os.PathLike[str]) -> TrainConfig:
     Raises:
         ValueError: the folder holds no run, or a damaged configuration.
     """
+    from omegaconf import OmegaConf
+
     path = Path(folder) / CONFIG_FILE
     if not path.is_file():
         raise ValueError(f"{str(folder)!r} holds no run to resume: it has no {CONFIG_FILE}")

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from omegaconf import OmegaConf
 
 from marl_cair.games import GAMES
 from marl_cair.league.shared import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, ROLES
@@ -170,6 +169,8 @@ def read_options(path: str | Path) -> dict[str, Any]:
     if not place.is_file():
         raise ValueError(f"{path} is no file: give a YAML file, or begin with --example")
     try:
+        from omegaconf import OmegaConf
+
         values = OmegaConf.to_container(OmegaConf.load(place))
     except Exception as error:  # whatever a damaged file makes the YAML reader raise
         raise ValueError(f"{path} cannot be read: {error}") from error

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from marl_cair.games import GAMES
-from marl_cair.league.mixing import SLACK
+from marl_cair.league.mixtures import SLACK
 from marl_cair.lookup import find_by_name
 from marl_cair.training.checks import require, require_once
 from marl_cair.training.config import ENDLESS_FRAMES, GameSettings, TrainConfig
 from marl_cair.training.config_file import build_config, build_value, to_plain
-from marl_cair.training.initial_network import begin_as
 from marl_cair.training.league_settings import derive_seed, read_options, refuse_given
 
 # What a round says for its response.
@@ -113,6 +112,8 @@ class PsroSettings:
             "total_frames": frames,
         }
         config = build_config({**self.training, "opponent": opponent, **about})
+        from marl_cair.training.initial_network import begin_as
+
         return config if start is None else begin_as(start, config)
 
 

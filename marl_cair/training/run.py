@@ -35,13 +35,8 @@ from marl_cair.league.agents import load_agent
 from marl_cair.league.arena import Load
 from marl_cair.league.pool import Pool
 from marl_cair.league.shared import LeagueSeat
-from marl_cair.policies.actor import (
-    GREEDY,
-    SAMPLED,
-    MaskedEpsilonGreedy,
-    MaskedSampling,
-    PolicyActor,
-)
+from marl_cair.policies import GREEDY, SAMPLED
+from marl_cair.policies.actor import MaskedEpsilonGreedy, MaskedSampling, PolicyActor
 from marl_cair.policies.q_network import QNetwork, make_q_network
 from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
 from marl_cair.replay.generated import GeneratedReplay
@@ -56,9 +51,10 @@ from marl_cair.training.demonstrations import Demonstrators
 from marl_cair.training.initial_network import fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
 from marl_cair.training.memory import keep_freed_memory
-from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
+from marl_cair.training.metrics import EpisodeStatistics, RunningMeans
 from marl_cair.training.opponents import OpponentBook
 from marl_cair.training.own_play import OwnPolicies
+from marl_cair.training.run_log import RunLog
 from marl_cair.training.seats import SeatRouter
 from marl_cair.training.state_file import load_state, save_state, to_arrays, to_tensors
 

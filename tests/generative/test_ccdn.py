@@ -149,7 +149,7 @@ def test_a_sample_makes_only_differences_that_have_been_seen() -> None:
 
 def test_no_rows_are_asked_about(real_rows: TensorDict) -> None:
     """Before the first rare reward there is nothing to judge."""
-    cells = tuple(range(NUM_ACTIONS - 1)) + (NO_CELL,)
+    cells = (*range(NUM_ACTIONS - 1), NO_CELL)
     for spec in (SPEC, replace(SPEC, action_cells=cells)):
         for size in (SMALL.size, replace(SMALL.size, distances=True)):
             opinions = Ensemble(spec, replace(SMALL, size=size)).ask(real_rows[:0])

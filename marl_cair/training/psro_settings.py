@@ -112,9 +112,11 @@ class PsroSettings:
             "total_frames": frames,
         }
         config = build_config({**self.training, "opponent": opponent, **about})
+        if start is None:
+            return config
         from marl_cair.training.initial_network import begin_as
 
-        return config if start is None else begin_as(start, config)
+        return begin_as(start, config)
 
 
 def load_psro(path: str | Path) -> PsroSettings:

@@ -32,8 +32,8 @@ from marl_cair.cli import main as marl_cair
 from marl_cair.files import atomic_path, write_atomically
 from marl_cair.training.curves import COLOURS, STYLES
 from marl_cair.training.evaluation import LEARNER
-from marl_cair.training.metrics import RunLog, read_log
 from marl_cair.training.run import BEST_FOLDER
+from marl_cair.training.run_log import RunLog, read_log
 
 
 class Task(NamedTuple):

@@ -14,17 +14,17 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import NoneType
-from typing import Any, BinaryIO
-
-import torch
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from marl_cair.files import find_folder, read_run_kind, replaced_folder
-from marl_cair.lookup import find_by_name
+from marl_cair.lookup import check_name
 from marl_cair.memory import require_memory
-from marl_cair.policies.actor import GREEDY, PLAYS
-from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
-from marl_cair.policies.saved_weights import restore_weights
+from marl_cair.policies import GREEDY, PLAYS
+from marl_cair.policies.config import QNetworkConfig
 from marl_cair.stored import TENSORS, DamagedFileError, open_stored, read_json
+
+if TYPE_CHECKING:  # torch takes seconds, and most commands only read descriptions
+    from marl_cair.policies.q_network import QNetwork
 
 FORMAT = "marl_cair agent"
 FORMAT_VERSION = 1
@@ -75,7 +75,7 @@ class AgentDescription:
     plays: str = GREEDY
 
     def __post_init__(self) -> None:
-        find_by_name("way to play", self.plays, PLAYS)
+        check_name("way to play", self.plays, PLAYS)
         for name in ("scenario_options", "network"):
             value = getattr(self, name)
             if not isinstance(value, dict):
@@ -172,6 +172,9 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
         CheckpointError: as `read_description`; or weights that are missing, damaged, not finite,
             anything but tensors, or do not fit the network.
     """
+    from marl_cair.policies.q_network import make_q_network
+    from marl_cair.policies.saved_weights import restore_weights
+
     place = find_agent(folder)
     about = read_description(place)
     path = find_folder(place) / WEIGHTS_FILE
@@ -197,6 +200,10 @@ def count_weight_bytes(config: QNetworkConfig, shape: tuple[int, ...], num_actio
 
     Raises ValueError as `QNetwork`, and for sizes that no memory could hold.
     """
+    import torch
+
+    from marl_cair.policies.q_network import QNetwork
+
     try:
         with torch.device("meta"):
             network = QNetwork(config, shape, num_actions)
@@ -207,6 +214,8 @@ def count_weight_bytes(config: QNetworkConfig, shape: tuple[int, ...], num_actio
 
 def save_tensors(values: Mapping[str, Any], path: Path) -> None:
     """Write tensors and plain data for `load_tensors`. Raises OSError where the disk is full."""
+    import torch
+
     # torch writes files itself and reports a full disk as an error of its own position.
     buffer = io.BytesIO()
     torch.save(values, buffer)
@@ -219,6 +228,8 @@ def load_tensors(path: str | os.PathLike[str]) -> Mapping[str, Any]:
     Raises:
         CheckpointError: the file is missing, damaged, too large for the memory, or holds code.
     """
+    import torch
+
     try:
         with open_stored(path, TENSORS) as file:
             size = os.fstat(file.fileno()).st_size
@@ -256,6 +267,8 @@ def _require_plain_data(loaded: Any) -> None:
     """Raise ValueError unless all in `loaded` is plain data, or tensors that the file holds whole:
     a small storage can be shown as a tensor of any size.
     """
+    import torch
+
     left, num_values = [loaded], 0
     while left:
         value = left.pop()

@@ -1,7 +1,8 @@
 """Look a name up in a table, and name the nearest entries where it is missing."""
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from importlib import import_module
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -19,6 +20,35 @@ class UnknownNameError(ValueError):
 
 class UnknownOptionError(UnknownNameError, TypeError):
     """A keyword argument that is no option: a TypeError too, as Python raises in such a call."""
+
+
+class LazyTable(Mapping[str, T]):
+    """A table whose entries are imported when they are looked up: their names take no time.
+
+    places: name -> "module:attribute".
+    """
+
+    def __init__(self, places: Mapping[str, str]) -> None:
+        self._places = dict(places)
+
+    def __getitem__(self, name: str) -> T:
+        module, _, attribute = self._places[name].partition(":")
+        entry: T = getattr(import_module(module), attribute)
+        return entry
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+def check_name(kind: str, name: str, known: Iterable[str]) -> None:
+    """Raise UnknownNameError, as `find_by_name`, for a name that is not one of `known`."""
+    find_by_name(kind, name, dict.fromkeys(known))
 
 
 def find_by_name(kind: str, name: str, table: Mapping[str, T]) -> T:

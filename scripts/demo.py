@@ -1,17 +1,17 @@
 """The demonstration behind `make demo`: python scripts/demo.py [--out runs/demo] ..."""
 
-import argparse
 import sys
 from dataclasses import fields
 
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED, EXIT_REFUSED
 from marl_cair.cli.options import read_comments
+from marl_cair.cli.parser import Parser
 from marl_cair.training.demo import NEXT, DemoSettings, run_demo
 
 
 def main() -> int:
     """Run it as the command line says; returns the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     comments = read_comments(DemoSettings)
     for field in fields(DemoSettings):
         name, kind = field.name.replace("_", "-"), type(field.default)

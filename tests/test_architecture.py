@@ -54,7 +54,7 @@ GAMES_DOORS: dict[str, set[str]] = {
     "pettingzoo": {"parallel_env.py"},
     "gymnasium": {"gymnasium_env.py", "parallel_env.py"},
 }
-OPTIONAL = {"pygame", "pyarrow", "open_spiel"}
+OPTIONAL = {"pyarrow", "open_spiel"}
 # Imported when used: each alone takes longer than `import marl_cair` may (0.3 s).
 NOT_AT_IMPORT = [*sorted(TORCH), "numba", "matplotlib.pyplot", "scipy.stats", "pygame", "hydra"]
 
@@ -209,11 +209,67 @@ def test_libraries_enter_games_by_their_door_only(path):
     assert wrong == set()
 
 
-@pytest.mark.parametrize("path", sorted(PACKAGE.glob("games/*/bots.py")), ids=relative)
+# Of its game a bot may know scenarios, numbers of the rules, and constants, such as where a plane
+# or an action stands; functions and classes of other files could read the state of the world.
+KNOWN_TO_BOTS = {"scenarios", "rulebook", "tables"}
+BOTS = sorted(PACKAGE.glob("games/*/bot*.py"))
+
+
+def peeks(path: Path) -> list[str]:
+    """What a file of a bot imports of the games that could show it more than its observation."""
+    peeked = []
+    for node in ast.walk(read_tree(path)):
+        if isinstance(node, ast.Import):
+            peeked += [alias.name for alias in node.names if "marl_cair" in alias.name]
+        if not isinstance(node, ast.ImportFrom):
+            continue
+        source = absolute_source(path, node)
+        file = source.rpartition(".")[2]
+        is_shared = source in {
+            f"marl_cair.games.{name}" for name in ("compiled", "game", "scripted")
+        }
+        if source.split(".")[0] != "marl_cair" or is_shared or file.startswith("bot"):
+            continue
+        names = [alias.name for alias in node.names]
+        is_closed = file in {"rules", "state"} or game_of(source) is None
+        peeked += [
+            f"{source}.{name}"
+            for name in names
+            if is_closed or not (name.isupper() or file in KNOWN_TO_BOTS)
+        ]
+    return peeked
+
+
+@pytest.mark.parametrize("path", BOTS, ids=relative)
 def test_bots_do_not_peek_at_the_state(path):
-    imported = set(imported_modules(path, read_tree(path)))
-    peeked = [name for name in imported if {"rules", "state"} & set(name.split(".")[3:])]
-    assert peeked == []
+    assert peeks(path) == []
+
+
+def test_the_rule_for_bots_covers_their_plans():
+    assert {"bots.py", "bot_plans.py", "bot_sight.py"} <= {path.name for path in BOTS}
+    assert len({path.parent for path in BOTS}) == 4
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from marl_cair.games.deep_rts.state import World",
+        "from marl_cair.games.deep_rts import state",
+        "from marl_cair.games.deep_rts.rules import combat",
+        "from marl_cair.games.deep_rts.world_view import world_at",
+        "from marl_cair.games.engine import BatchedEngine",
+        "from marl_cair.games import make_engine",
+        "from .state import NUM_SLOTS",
+        "from ..engine import BatchedEngine",
+        "import marl_cair.games.deep_rts.state",
+    ],
+)
+def test_a_bot_that_peeks_is_found(line, tmp_path, monkeypatch):
+    package = tmp_path / "marl_cair" / "games" / "deep_rts"
+    package.mkdir(parents=True)
+    (package / "bot_spy.py").write_text(f'"""A bot that peeks."""\n\n{line}\n')
+    monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
+    assert peeks(package / "bot_spy.py") != []
 
 
 @every_source
@@ -233,13 +289,12 @@ def declared_modules() -> set[str]:
     """Import names of what pyproject.toml names as needed, or as needed for an extra of users."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    for_users = [need for name in ("play", "parquet", "openspiel") for need in extras[name]]
+    for_users = [need for name in ("parquet", "openspiel") for need in extras[name]]
     requirements = project["dependencies"] + for_users
     names = {re.match(r"[\w.-]+", requirement).group() for requirement in requirements}
     renamed = {
         "hydra-core": "hydra",
         "pillow": "PIL",
-        "pygame-ce": "pygame",
         "open-spiel": "open_spiel",
     }
     return {renamed.get(name, name) for name in names}

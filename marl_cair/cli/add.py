@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,13 +15,15 @@ from marl_cair.cli.match_options import (
     choose_load,
     expand_agents,
 )
-from marl_cair.league.extend import list_fingerprints, plan_extension
-from marl_cair.league.league import run_league
+from marl_cair.cli.parser import Parser
 
 
 def run(arguments: Sequence[str]) -> int:
     """Play and print ladder and matrix; returns the exit code."""
     options = make_parser().parse_args(arguments)
+    from marl_cair.league.extend import list_fingerprints, plan_extension
+    from marl_cair.league.league import run_league
+
     load = choose_load(options)
     folder = Path(options.out)
     found = expand_agents(options.agents, known=list_fingerprints(folder))
@@ -35,9 +36,9 @@ def run(arguments: Sequence[str]) -> int:
     )
 
 
-def make_parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
     """The options of the command."""
-    parser = argparse.ArgumentParser("marl-cair league add", description=__doc__)
+    parser = Parser("marl-cair league add", description=__doc__)
     parser.add_argument(
         "agents",
         nargs="+",

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import marl_cair
+from marl_cair.cli.parser import Parser
 from marl_cair.lookup import find_by_name
 
 # Benchmarks that run for hours, or rate what their words name: only when they are named.
@@ -29,7 +29,7 @@ def run(arguments: Sequence[str]) -> int:
     Raises:
         ValueError: no such benchmark, or no source checkout.
     """
-    parser = argparse.ArgumentParser("marl-cair benchmark", description=__doc__)
+    parser = Parser("marl-cair benchmark", description=__doc__)
     parser.add_argument("name", nargs="?", help=f"default: all but {', '.join(HOURS)}")
     options, rest = parser.parse_known_args(arguments)
     root = Path(marl_cair.__file__).parents[1]

@@ -7,7 +7,6 @@ changes.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import time
@@ -16,6 +15,7 @@ from collections.abc import Sequence
 from tqdm import tqdm
 
 from marl_cair.cli import EXIT_DONE
+from marl_cair.cli.parser import Parser
 from marl_cair.games import GAMES
 from marl_cair.games.compiled import cache_root, is_compiling
 from marl_cair.games.precompile import compile_parts, list_parts, list_representations
@@ -30,7 +30,7 @@ def run(arguments: Sequence[str]) -> int:
         ValueError: fewer than one worker, or the compiler is off.
         OSError: a worker process has died.
     """
-    parser = argparse.ArgumentParser("marl-cair compile", description=__doc__)
+    parser = Parser("marl-cair compile", description=__doc__)
     parser.add_argument("games", nargs="*", metavar="GAME", help="default: all games")
     parser.add_argument(
         "--workers", type=int, default=_count_cores(), help="processes (default: a core each)"

@@ -7,15 +7,8 @@ import typing
 from collections.abc import Sequence
 from typing import Any
 
-from hydra import compose, initialize
-from hydra.core.config_store import ConfigStore
-from hydra.core.global_hydra import GlobalHydra
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.errors import HydraException
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
-
 from marl_cair.cli.options import list_options
+from marl_cair.cli.parser import refuse_repeats
 from marl_cair.games import GAMES
 from marl_cair.generative import GENERATORS
 from marl_cair.league.opponents import LEAGUE_SAMPLERS, SAMPLERS
@@ -72,6 +65,13 @@ def compose_config(words: Sequence[str]) -> TrainConfig:
         UnknownNameError: an option or choice that does not exist; names the nearest.
         ValueError: a word that is no `name=value`, or a value that is not allowed.
     """
+    from hydra import compose, initialize
+    from hydra.core.global_hydra import GlobalHydra
+    from hydra.errors import HydraException
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    refuse_repeats(words, [full_name(word) for word in words])
     words = expand_recipe(words)
     overrides = [_read_word(word) for word in words]
     _register()
@@ -91,14 +91,11 @@ def expand_recipe(words: Sequence[str]) -> list[str]:
 
     Raises:
         UnknownNameError: no such recipe; names the nearest.
-        ValueError: two recipes are named.
     """
     named = [word.partition("=")[2] for word in words if word.partition("=")[0] == _RECIPE]
     rest = [word for word in words if word.partition("=")[0] != _RECIPE]
     if not named:
         return rest
-    if len(named) > 1:
-        raise ValueError(f"recipe={named[0]} and recipe={named[1]}: take one of them")
     recipe = find_by_name("recipe", named[0], RECIPES)
     given = {name for word in rest for name in _find_set_options(word)}
     chosen = {full_name(word) for word in rest}
@@ -128,6 +125,9 @@ def full_name(word: str) -> str:
 
 def read_value(word: str) -> Any:
     """The value of `name=value` as Hydra reads it. Raises ValueError where it cannot."""
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
     try:
         return OverridesParser.create().parse_override(word).value()
     except HydraException as error:
@@ -154,6 +154,8 @@ def _read_word(word: str) -> str:
 
 def _register() -> None:
     """Tell Hydra the defaults and the choices of each group."""
+    from hydra.core.config_store import ConfigStore
+
     store = ConfigStore.instance()
     defaults = to_plain(dataclasses.asdict(TrainConfig()))
     groups = list_groups()

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
-from marl_cair.training.curves import draw_curves
-from marl_cair.training.metrics import RunLog, read_log
+from marl_cair.cli.parser import Parser
+from marl_cair.training.run_log import RunLog, read_log
 
 DEFAULT_OUT = "runs/curves.png"
 
@@ -25,14 +24,16 @@ def run(arguments: Sequence[str]) -> int:
         raise ValueError(f"--out is {options.out!r}, it must end in .png: the picture is a PNG")
     runs = name_runs(options.runs)
     out.parent.mkdir(parents=True, exist_ok=True)
+    from marl_cair.training.curves import draw_curves
+
     draw_curves(runs, out)
     sys.stdout.write(f"{out}: {', '.join(runs)}\n")
     return EXIT_DONE
 
 
-def make_parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         "marl-cair curves",
         description=__doc__,
         epilog="example: marl-cair curves runs/conv runs/capsule --out curves.png",

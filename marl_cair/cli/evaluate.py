@@ -19,6 +19,7 @@ import numpy as np
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.compose import read_value
 from marl_cair.cli.match_options import add_match_options, choose_load, round_games
+from marl_cair.cli.parser import Parser, refuse_repeats
 from marl_cair.files import write_atomically
 from marl_cair.games.game import Game
 from marl_cair.games.scenario_checks import change_scenario
@@ -44,6 +45,7 @@ def run(arguments: Sequence[str]) -> int:
         raise ValueError(f"{', '.join(sorted(twice))} is given twice: name each opponent once")
     game, name, scenario_options = find_scenario([options.agent], options.game, options.scenario)
     scenario = game.scenario(name, **{**scenario_options, "reward": game.rated_reward})
+    refuse_repeats(options.option)
     changes = {word.partition("=")[0]: read_value(word) for word in options.option}
     scenario = change_scenario(
         game.name, scenario, read_options(game.name, scenario, changes, "--option")
@@ -146,9 +148,9 @@ def _shares(match: MatchResult) -> tuple[str, str, str]:
     return f"{match.wins / match.games:.4f}", f"{low:.4f}", f"{high:.4f}"
 
 
-def make_parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
     """The options of the command."""
-    parser = argparse.ArgumentParser("marl-cair evaluate", description=__doc__)
+    parser = Parser("marl-cair evaluate", description=__doc__)
     parser.add_argument(
         "agent",
         help="folder of a checkpoint (runs/a/latest), of a run (runs/a: its `latest`) or of a "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Iterable, Sequence
@@ -11,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from marl_cair.cli import EXIT_DONE
+from marl_cair.cli.parser import Parser
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game, GameSpec
 from marl_cair.games.registry import gymnasium_id
@@ -31,7 +31,7 @@ class Row(NamedTuple):
 
 def run(arguments: Sequence[str]) -> int:
     """Print the list; returns the exit code."""
-    parser = argparse.ArgumentParser("marl-cair games", description=__doc__)
+    parser = Parser("marl-cair games", description=__doc__)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="everything, for programs")
     form.add_argument("--markdown", action="store_true", help="the table of the README")

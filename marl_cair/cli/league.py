@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.match_options import (
@@ -17,15 +17,16 @@ from marl_cair.cli.match_options import (
     expand_agents,
     read_seconds,
 )
+from marl_cair.cli.parser import Parser
 from marl_cair.league.agents import find_scenario
 from marl_cair.league.blocks import SEATINGS
 from marl_cair.league.export import FORMATS, QUERIES, export_league
-from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.report import FILES
-from marl_cair.league.reporting import LeagueResult, report_stored
 from marl_cair.league.run_folders import MOST_SNAPSHOTS
 from marl_cair.league.store import STORE_FILE, LeagueStore
 from marl_cair.text import clean_text
+
+if TYPE_CHECKING:
+    from marl_cair.league.reporting import LeagueResult
 
 DEFAULT_OUT = "runs/league"
 GAMES_PER_PAIR = 40
@@ -37,6 +38,8 @@ def run(arguments: Sequence[str]) -> int:
     if arguments and arguments[0] in SUBCOMMANDS:
         return SUBCOMMANDS[arguments[0]](arguments[1:])
     options = make_parser().parse_args(arguments)
+    from marl_cair.league.league import LeagueConfig, run_league
+
     found = expand_agents([*options.agents, *options.ladder])
     agents, ladder = found.list_agents(options.agents), found.list_agents(options.ladder)
     everyone = [*agents, *ladder]
@@ -73,7 +76,7 @@ def run(arguments: Sequence[str]) -> int:
 
 def report(arguments: Sequence[str]) -> int:
     """Ratings of all stored games; plays nothing but the few games that the report shows."""
-    parser = argparse.ArgumentParser("marl-cair league report", description=report.__doc__)
+    parser = Parser("marl-cair league report", description=report.__doc__)
     _add_folder(parser)
     parser.add_argument(
         "--alpha-rank",
@@ -84,11 +87,15 @@ def report(arguments: Sequence[str]) -> int:
     _add_zero(parser)
     options = parser.parse_args(arguments)
     replays = not options.no_replays
+    from marl_cair.league.reporting import report_stored
+
     return tell(report_stored(Path(options.out), options.alpha_rank, replays, options.zero))
 
 
 def tell(result: LeagueResult) -> int:
     """Print what a league found; returns the exit code."""
+    from marl_cair.league.report import FILES
+
     page, *others = FILES
     sys.stdout.write(
         f"{result.text}\nThe report is {result.folder / page}; beside it are "
@@ -106,7 +113,7 @@ def tell_command(name: str, arguments: Sequence[str]) -> str:
 
 def tell_status(arguments: Sequence[str]) -> int:
     """What a league file holds; also while the league is played."""
-    parser = argparse.ArgumentParser("marl-cair league status", description=tell_status.__doc__)
+    parser = Parser("marl-cair league status", description=tell_status.__doc__)
     _add_folder(parser)
     store = LeagueStore(Path(parser.parse_args(arguments).out) / STORE_FILE)
     try:
@@ -132,7 +139,7 @@ def tell_status(arguments: Sequence[str]) -> int:
 
 def export(arguments: Sequence[str]) -> int:
     """The tables of a league file for other programs."""
-    parser = argparse.ArgumentParser("marl-cair league export", description=export.__doc__)
+    parser = Parser("marl-cair league export", description=export.__doc__)
     _add_folder(parser)
     parser.add_argument(
         "--format",
@@ -201,9 +208,9 @@ SUBCOMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
 }
 
 
-def make_parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         "marl-cair league",
         description=f"{__doc__} The same command again goes on where it stopped, and with more "
         "games or agents plays only what is new.",
@@ -275,7 +282,7 @@ def _read_time(text: str) -> float:
     return seconds
 
 
-def _add_zero(parser: argparse.ArgumentParser) -> None:
+def _add_zero(parser: Parser) -> None:
     parser.add_argument(
         "--zero",
         default="",
@@ -285,7 +292,7 @@ def _add_zero(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_folder(parser: argparse.ArgumentParser) -> None:
+def _add_folder(parser: Parser) -> None:
     parser.add_argument(
         "out", nargs="?", default=DEFAULT_OUT, help="folder of the league (default: %(default)s)"
     )

@@ -10,17 +10,20 @@ import json
 import sys
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED
 from marl_cair.cli.match_options import add_allow_code
 from marl_cair.cli.options import read_comments
+from marl_cair.cli.parser import Parser
 from marl_cair.lookup import find_by_name
 from marl_cair.training.league_examples import EXAMPLES, PSRO_EXAMPLES
-from marl_cair.training.league_run import LeagueTraining, train_league
 from marl_cair.training.league_settings import LeagueSettings, build_league, load_league
-from marl_cair.training.psro import PsroResult, train_psro
 from marl_cair.training.psro_settings import PsroSettings, build_psro, load_psro
+
+if TYPE_CHECKING:
+    from marl_cair.training.league_run import LeagueTraining
+    from marl_cair.training.psro import PsroResult
 
 _WIDTH = 100
 
@@ -39,6 +42,18 @@ class _Command(NamedTuple):
     train: Callable[[Any], LeagueTraining | PsroResult]
 
 
+def _train_league(settings: LeagueSettings) -> LeagueTraining:
+    from marl_cair.training.league_run import train_league
+
+    return train_league(settings)
+
+
+def _train_psro(settings: PsroSettings) -> PsroResult:
+    from marl_cair.training.psro import train_psro
+
+    return train_psro(settings)
+
+
 def run_training(arguments: Sequence[str]) -> int:
     """Main agents and exploiters that train against one another in turns, as in AlphaStar."""
     about = run_training.__doc__ or ""
@@ -52,7 +67,7 @@ def run_training(arguments: Sequence[str]) -> int:
             EXAMPLES,
             build_league,
             load_league,
-            train_league,
+            _train_league,
         ),
         LeagueSettings(),
         arguments,
@@ -74,7 +89,7 @@ def run_psro(arguments: Sequence[str]) -> int:
             PSRO_EXAMPLES,
             build_psro,
             load_psro,
-            train_psro,
+            _train_psro,
         ),
         PsroSettings(),
         arguments,
@@ -106,8 +121,8 @@ def _run(command: _Command, defaults: Any, arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
-def _make_parser(command: _Command, words: str, defaults: Any) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def _make_parser(command: _Command, words: str, defaults: Any) -> Parser:
+    parser = Parser(
         words,
         description=f"{command.about} The same command again goes on where it stopped, and with "
         f"more {command.more} in the file from where it had ended.",

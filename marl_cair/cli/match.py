@@ -7,7 +7,6 @@ Where there are none, each plays the same map seeds alone, and their scores are 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.compose import read_value
 from marl_cair.cli.match_options import add_match_options, choose_load, round_games
+from marl_cair.cli.parser import Parser, refuse_repeats
 from marl_cair.games.game import Agent, Game
 from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.league.agents import find_fingerprint, find_scenario
@@ -74,6 +74,7 @@ def read_variants(game: Game, scenario: Any, words: Sequence[str]) -> dict[str, 
     Raises:
         UnknownNameError: no such field; ValueError: no such value, or a word that is no option.
     """
+    refuse_repeats(words)
     changes: dict[str, dict[str, Any]] = {"": {}}
     for word in words:
         name, equals, _ = word.partition("=")
@@ -226,9 +227,9 @@ def _warn_of_repeats(num_games: int, num_distinct: int) -> str:
     return f" (only {num_distinct} of {num_games} games differ: the interval is too narrow)"
 
 
-def make_parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         "marl-cair match",
         description=__doc__,
         epilog="example: marl-cair match runs/a/latest economist game=deep_rts "

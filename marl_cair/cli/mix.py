@@ -7,14 +7,13 @@ highest, as evenly spread as that allows.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
-from marl_cair.league.mixing import SLACK, describe_mixture, mix_league
-from marl_cair.league.mixtures import save_mixture
+from marl_cair.cli.parser import Parser
+from marl_cair.league.mixtures import SLACK, save_mixture
 
 DEFAULT_OUT = "runs/mixture"
 
@@ -22,15 +21,17 @@ DEFAULT_OUT = "runs/mixture"
 def run(arguments: Sequence[str]) -> int:
     """Find the weights, write the agent and tell; returns the exit code."""
     options = make_parser().parse_intermixed_args(arguments)
+    from marl_cair.league.mixing import describe_mixture, mix_league
+
     found = mix_league(Path(options.folder), options.agents, options.slack)
     save_mixture(options.out, found.sources, found.weights)
     sys.stdout.write(f"{describe_mixture(found)}{options.out} is this agent\n")
     return EXIT_DONE
 
 
-def make_parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         "marl-cair league mix",
         description=__doc__,
         epilog="example: marl-cair league mix runs/league --out runs/best && marl-cair league "

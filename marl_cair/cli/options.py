@@ -16,8 +16,7 @@ from typing import Any
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game
 from marl_cair.generative import GENERATORS
-from marl_cair.policies import NETWORKS
-from marl_cair.policies.heads import HEADS
+from marl_cair.policies import HEADS, NETWORKS
 from marl_cair.training.config import NO_GENERATOR, TrainConfig
 from marl_cair.training.learner_settings import LOSSES, TARGET_UPDATES
 

@@ -12,16 +12,14 @@ from marl_cair.checkpoint import LATEST_FOLDER, read_description
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED
 from marl_cair.cli.compose import SHORTHANDS, compose_config, list_groups, read_value
 from marl_cair.cli.options import find_choices, list_options
+from marl_cair.cli.parser import refuse_repeats
 from marl_cair.files import find_folder
 from marl_cair.lookup import find_by_name
 from marl_cair.training.config import TrainConfig
-from marl_cair.training.config_file import CONFIG_FILE, build_value, load_config
+from marl_cair.training.config_file import CONFIG_FILE, ENDS, build_value, load_config
 from marl_cair.training.recipes import RECIPES
-from marl_cair.training.run import RESUME_FOLDER
-from marl_cair.training.trainer import train
 
 _ALLOW_CODE = "allow_code"
-FREE_ON_RESUME = {"total_frames": int, "max_minutes": float | None}
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -29,6 +27,8 @@ def run(arguments: Sequence[str]) -> int:
     if any(word in ("-h", "--help") for word in arguments):
         sys.stdout.write(describe_options())
         return EXIT_DONE
+    from marl_cair.training.trainer import train
+
     config, resume = read_arguments(arguments)
     result = train(config, resume=resume)
     told = (
@@ -47,6 +47,7 @@ def read_arguments(arguments: Sequence[str]) -> tuple[TrainConfig, bool]:
     Raises:
         ValueError: as `compose_config`; or a setting that a resumed run cannot change.
     """
+    refuse_repeats(arguments)
     words = dict(word.partition("=")[::2] for word in arguments)
     if "resume" not in words:
         if _ALLOW_CODE in words:
@@ -64,7 +65,7 @@ def read_arguments(arguments: Sequence[str]) -> tuple[TrainConfig, bool]:
     _refuse_without_state(Path(folder), config)
     changes = {}
     for name, value in words.items():
-        kind = find_by_name("option of a resumed run", name, FREE_ON_RESUME)
+        kind = find_by_name("option of a resumed run", name, ENDS)
         changes[name] = build_value(kind, read_value(f"{name}={value}"), name)
     return dataclasses.replace(config, **changes), True
 
@@ -73,6 +74,8 @@ def _refuse_without_state(folder: Path, config: TrainConfig) -> None:
     """Raise ValueError for a run that has ended and whose state is gone, as those of best responses
     are deleted: it would begin anew, and write over its agent.
     """
+    from marl_cair.training.run import RESUME_FOLDER
+
     agent = find_folder(folder / LATEST_FOLDER)
     if find_folder(folder / RESUME_FOLDER).is_dir() or not agent.is_dir():
         return
@@ -88,7 +91,8 @@ def describe_options() -> str:
     choices = find_choices()
     lines = [
         "usage: marl-cair train [group=choice ...] [option=value ...]",
-        "       marl-cair train resume=FOLDER [total_frames=N] [max_minutes=M] [allow_code=true]",
+        "       marl-cair train resume=FOLDER [total_frames=N] [max_minutes=M] [stop_score=S] "
+        "[allow_code=true]",
         "",
         "example: marl-cair train game=deep_line_wars policy=capsule opponent=self_play seed=3",
         "",

@@ -32,7 +32,7 @@ def make_engine(
         UnknownNameError: no such game, scenario or option; names the nearest.
         ValueError: a value is not allowed.
     """
-    from marl_cair.games.engine import BatchedEngine  # noqa: PLC0415  # numba only from here on
+    from marl_cair.games.engine import BatchedEngine  # numba only from here on
 
     chosen = GAMES[game]
     return BatchedEngine(chosen, chosen.scenario(scenario, **options), num_worlds, num_threads)

@@ -127,7 +127,7 @@ def load_game(name: str, module: Any) -> Game:
         PackageFault: they cannot.
         BaseException: whatever its code raises.
     """
-    from marl_cair.games.game import Game, GameSpec  # noqa: PLC0415  # which imports `registry`
+    from marl_cair.games.game import Game, GameSpec  # which imports `registry`
 
     game = module.GAME
     if not isinstance(game, Game):

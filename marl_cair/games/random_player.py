@@ -29,7 +29,7 @@ class RandomPlayer:
         self._rng = np.random.default_rng(0)
 
     def seed(self, seed: int) -> None:
-        from marl_cair.games.engine_checks import check_seed  # noqa: PLC0415  # imports `game`
+        from marl_cair.games.engine_checks import check_seed  # imports `game`
 
         self._rng = np.random.default_rng(check_seed(self.name, seed))
 

@@ -182,6 +182,6 @@ class OutcomeHeads(nn.Module):
         if self.from_board is None or self.from_planes is None or self.query is None:
             return logits
         of_cells = self.from_board(seen.board.flatten(1, 2)) + self.from_planes(things) * PLANE_GAIN
-        query = self.query(hidden).view(hidden.shape[0], -1, features.shape[-1])
+        query = self.query(hidden).unflatten(-1, (-1, features.shape[-1]))
         of_cells = (of_cells + features @ query.transpose(1, 2)).flatten(1)
         return cast(Tensor, logits + of_cells[:, self.place] * self.has_cell)

@@ -93,7 +93,7 @@ class SideReadout(nn.Module):
 
     def forward(self, board: Tensor) -> Tensor:
         gaze = (GAZE * self.eyes(board)).softmax(1)
-        features = self.enter(board).transpose(1, 2).reshape(len(board), -1, *self.shape)
+        features = self.enter(board).transpose(1, 2).unflatten(-1, self.shape)
         features = functional.pad(features, (1, 1, 1, 1))
         rows, columns = self.shape
         around = [

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING
 
 from marl_cair.policies.config import NO_CELL
-from marl_cair.replay.transition import TransitionSpec
+
+if TYPE_CHECKING:
+    from marl_cair.replay.transition import TransitionSpec
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,8 @@ class GeneratorSpec:
     @property
     def transition(self) -> TransitionSpec:
         """The same transitions as replay knows them."""
+        from marl_cair.replay.transition import TransitionSpec
+
         return TransitionSpec(self.observation_shape, self.num_actions, self.num_uniform)
 
     @property

@@ -6,9 +6,10 @@ import dataclasses
 import hashlib
 import json
 import os
+import sys
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from marl_cair.checkpoint import (
     LATEST_FOLDER,
@@ -33,7 +34,10 @@ from marl_cair.league.process import load_hosted, load_process
 from marl_cair.league.shared import PLAYERS
 from marl_cair.league.store import AgentRecord
 from marl_cair.lookup import find_by_name
-from marl_cair.policies.actor import PLAYS, SAMPLED, PolicyActor
+from marl_cair.policies import PLAYS, SAMPLED
+
+if TYPE_CHECKING:
+    from marl_cair.policies.actor import PolicyActor
 
 # Folders of a run, or a league, that hold checkpoints.
 SHELVES = (SNAPSHOT_FOLDER, PLAYERS, LIVE_FOLDER)
@@ -121,12 +125,13 @@ def describe_agent(name: str, agent: Agent, game: Game, source: str = "") -> Age
     if source:
         place = find_agent(Path(source).absolute()) if is_checkpoint(source) else source
         configuration["source"] = str(place)
-    if isinstance(agent, PolicyActor):
+    actor = _find_actor(agent)
+    if actor:
         kind = "network"
-        policy = f"epsilon-greedy {agent.epsilon:g}" if agent.epsilon else "greedy"
-        if agent.is_sampled:
-            policy = f"sampled, epsilon {agent.epsilon:g}" if agent.epsilon else "sampled"
-        configuration["network"] = agent.network.config.to_dict()
+        policy = f"epsilon-greedy {actor.epsilon:g}" if actor.epsilon else "greedy"
+        if actor.is_sampled:
+            policy = f"sampled, epsilon {actor.epsilon:g}" if actor.epsilon else "sampled"
+        configuration["network"] = actor.network.config.to_dict()
         if source and is_checkpoint(source):
             configuration["training"] = describe_training(Path(source))
     elif isinstance(agent, ForeignAgent):
@@ -207,13 +212,14 @@ def find_fingerprint(agent: Agent, game: Game) -> str:
         prints = [find_fingerprint(member, game) for member in agent.members]
         mixed = sorted(zip(prints, agent.weights.tolist(), strict=True))
         return hashlib.blake2b(json.dumps(mixed).encode(), digest_size=16).hexdigest()
-    if not isinstance(agent, PolicyActor):
+    actor = _find_actor(agent)
+    if not actor:
         return f"{game.name} {game.version} {agent.name}"
-    network = agent.network
+    network = actor.network
     digest = hashlib.blake2b(digest_size=16)
-    about = (network.config.to_dict(), network.num_actions, agent.representation, agent.epsilon)
+    about = (network.config.to_dict(), network.num_actions, actor.representation, actor.epsilon)
     digest.update(json.dumps(about, sort_keys=True).encode())
-    if agent.is_sampled:
+    if actor.is_sampled:
         digest.update(SAMPLED.encode())
     for name, tensor in sorted(network.state_dict().items()):
         value = tensor.cpu().numpy()
@@ -289,7 +295,15 @@ def _find_played(game: Game, scenario: Any) -> Any:
     return game.scenario(scenario) if is_named else scenario
 
 
+def _find_actor(agent: Agent) -> PolicyActor | None:
+    """The agent, if it is a network; of a bot torch is not imported to know that."""
+    module = sys.modules.get("marl_cair.policies.actor")
+    return agent if module and isinstance(agent, module.PolicyActor) else None
+
+
 def _load_checkpoint(path: Path, game: str | None, scenario: Any, epsilon: float) -> Agent:
+    from marl_cair.policies.actor import PolicyActor
+
     network, about = load_network(path)
     if game is not None and about.game != game:
         raise CheckpointError(

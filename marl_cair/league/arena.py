@@ -196,7 +196,7 @@ def one_torch_thread() -> Iterator[None]:
     """Networks compute on one thread inside: how many there are changes how sums are rounded, and
     so, now and then, a game.
     """
-    import torch  # noqa: PLC0415  # seconds
+    import torch  # seconds
 
     usual = torch.get_num_threads()
     torch.set_num_threads(1)

@@ -80,7 +80,7 @@ def find_alpha_rank(payoff: NDArray[np.float64]) -> NDArray[np.float64]:
         ValueError: OpenSpiel is not installed.
     """
     try:
-        from open_spiel.python.egt import alpharank  # noqa: PLC0415  # an extra
+        from open_spiel.python.egt import alpharank  # an extra
     except ModuleNotFoundError as error:
         raise ValueError(
             "alpha-Rank needs OpenSpiel: pip install 'marl_cair[openspiel]', or leave --alpha-rank "

@@ -59,8 +59,8 @@ def _write_json(path: Path, columns: Sequence[str], rows: Sequence[Sequence[Any]
 
 def _write_parquet(path: Path, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     try:
-        import pyarrow  # noqa: PLC0415  # an extra
-        from pyarrow import parquet  # noqa: PLC0415
+        import pyarrow  # an extra
+        from pyarrow import parquet
     except ModuleNotFoundError as error:
         raise ValueError(
             "Parquet needs pyarrow: pip install 'marl_cair[parquet]', or export csv or json"

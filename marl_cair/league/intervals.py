@@ -7,8 +7,6 @@ from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
-from scipy.stats import binom
 
 CONFIDENCE = 0.95
 Z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2.0)
@@ -61,6 +59,8 @@ def mean_interval(values: NDArray[np.float64]) -> tuple[float, float]:
         raise ValueError("there are no values: an interval needs one or more")
     if len(values) == 1:
         return -math.inf, math.inf
+    from scipy.special import stdtrit
+
     mean = float(values.mean())
     spread = float(values.std(ddof=1)) / math.sqrt(len(values))
     half = float(stdtrit(len(values) - 1, 0.5 + CONFIDENCE / 2.0)) * spread
@@ -78,6 +78,8 @@ def median_interval(values: NDArray[np.float64]) -> tuple[float, float]:
     """
     if not len(values):
         raise ValueError("there are no values: an interval needs one or more")
+    from scipy.stats import binom
+
     rank = int(binom.ppf((1.0 - CONFIDENCE) / 2.0, len(values), 0.5))
     if rank < 1:
         return -math.inf, math.inf

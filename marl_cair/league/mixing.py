@@ -14,7 +14,7 @@ from marl_cair.league.agents import load_agent, read_source
 from marl_cair.league.arena import Load, Rules
 from marl_cair.league.equilibrium import find_safest_mixture
 from marl_cair.league.extend import find_source, load_played
-from marl_cair.league.mixtures import qualify_bot, require_data
+from marl_cair.league.mixtures import SLACK, qualify_bot, require_data
 from marl_cair.league.payoffs import count_points, find_shares, split_pairs
 from marl_cair.league.reporting import name_agents, number_agents
 from marl_cair.league.store import (
@@ -26,7 +26,6 @@ from marl_cair.league.store import (
 )
 from marl_cair.lookup import find_by_name
 
-SLACK = 0.02  # of a score, that evenness may cost
 _LEAST = 0.02  # of the largest weight; smaller ones are left out
 
 

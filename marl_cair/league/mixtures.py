@@ -21,6 +21,7 @@ from marl_cair.games.game import Game
 from marl_cair.league.allowed_code import is_process
 from marl_cair.stored import read_json
 
+SLACK = 0.02  # of a score, that evenness of a mixture may cost
 MIXTURE_FILE = "mixture.json"
 FORMAT = "marl_cair mixture"
 FORMAT_VERSION = 1

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.league.equilibrium import maximum_entropy_nash
 from marl_cair.league.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Pool
 from marl_cair.league.records import EVEN, WinRecords
 from marl_cair.league.shared import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER
@@ -165,6 +164,8 @@ def nash(standings: Standings, options: SamplerOptions) -> Probabilities:
     """
     pool = standings.pool
     payoff = standings.payoff[np.ix_(pool, pool)] - EVEN
+    from marl_cair.league.equilibrium import maximum_entropy_nash
+
     return standings.spread(pool, maximum_entropy_nash(payoff))
 
 

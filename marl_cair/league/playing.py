@@ -11,17 +11,18 @@ import dataclasses
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import NO_WINNER, Agent, Game
 from marl_cair.games.mixed_agent import MixedAgent
-from marl_cair.games.randomness import episode_seeds
 from marl_cair.games.standings import share_points
 from marl_cair.league.ranks import STILL_IN, rank_teams
+
+if TYPE_CHECKING:
+    from marl_cair.games.engine import BatchedEngine
 
 CHUNKS_AT_ONCE = 16  # on one engine, for speed alone: the worlds of an engine are independent
 FORFEIT = -1  # in place of an action: see `league.foreign`
@@ -86,6 +87,8 @@ class Step(NamedTuple):
 
 def map_seeds(seed: int, blocks: NDArray[np.int64]) -> NDArray[np.uint64]:
     """The engine's seeds uint64 [N] of blocks [N] of a match."""
+    from marl_cair.games.randomness import episode_seeds
+
     return episode_seeds(seed, blocks, np.zeros(len(blocks), np.int64))
 
 
@@ -105,6 +108,8 @@ def start_engine(
     """The games of `chunks`, with the rated reward, at their start; see `map_seeds`."""
     blocks = np.concatenate([chunk.blocks for chunk in chunks])
     rated = dataclasses.replace(scenario, reward=game.rated_reward)
+    from marl_cair.games.engine import BatchedEngine
+
     engine = BatchedEngine(game, rated, len(blocks))
     engine.reset(map_seeds(map_seed, blocks))
     return engine

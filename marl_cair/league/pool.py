@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,15 @@ from marl_cair.checkpoint import AgentDescription, CheckpointError, load_network
 from marl_cair.files import recover_folder, write_json
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents import find_fingerprint
-from marl_cair.league.equilibrium import maximum_entropy_nash
 from marl_cair.league.records import EVEN, Evidence, read_evidence
 from marl_cair.league.shared import MAIN, PLAYERS, LeagueSeat, Player
-from marl_cair.policies.actor import PLAYS, PolicyActor
-from marl_cair.policies.q_network import QNetwork
+from marl_cair.policies import PLAYS
 from marl_cair.ranges import COUNT, FLAG, Range, read_number
 from marl_cair.stored import INDEX, read_json
+
+if TYPE_CHECKING:
+    from marl_cair.policies.actor import PolicyActor
+    from marl_cair.policies.q_network import QNetwork
 
 BOT, FOREIGN, LIVE, SNAPSHOT = "bot", "foreign", "live", "snapshot"
 # Number 0 is the learner itself.
@@ -201,6 +203,8 @@ class Pool:
     def _choose_retired(self) -> Member:
         """One of the learner that has most in play: no owner is crowded out by another."""
         snapshots = self.snapshots
+        from marl_cair.league.equilibrium import maximum_entropy_nash
+
         share = maximum_entropy_nash(self.payoff([kept.number for kept in snapshots]) - EVEN)
         owners = [kept.owner for kept in snapshots]
         most = max(sorted(set(owners)), key=owners.count)
@@ -260,6 +264,8 @@ class Pool:
         return self._make_actor(network, about, name)
 
     def _make_actor(self, network: QNetwork, about: AgentDescription, name: str) -> PolicyActor:
+        from marl_cair.policies.actor import PolicyActor
+
         exploration = PLAYS[about.plays](seed=about.frames, action_groups=self._groups)
         return PolicyActor(network, name, self._representation, exploration)
 

@@ -351,7 +351,7 @@ def _end(
         try:
             process.wait(_END_SECONDS)
         except subprocess.TimeoutExpired:  # the agent has stopped its supervisor
-            from marl_cair.league.supervisor import kill_below  # noqa: PLC0415  # of Linux alone
+            from marl_cair.league.supervisor import kill_below  # of Linux alone
 
             kill_below(process.pid)
     # A supervisor that ended by itself has killed everything; one that was killed could not.

@@ -40,8 +40,8 @@ FILES = (
 
 def write_report(folder: Path, report: Report, text: str) -> None:
     """Write all of FILES to `folder`, each whole; `text` is that of `describe_league`."""
-    from marl_cair.league.html import write_page  # noqa: PLC0415  # matplotlib only from here
-    from marl_cair.league.picture import draw_league  # noqa: PLC0415  # the same
+    from marl_cair.league.html import write_page  # matplotlib only from here
+    from marl_cair.league.picture import draw_league  # the same
 
     write_atomically(folder / "ladder.txt", text)
     for name, (header, rows) in _list_tables(report).items():

@@ -18,7 +18,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.match import (
@@ -180,5 +179,7 @@ def _tilt(
 
     edges = -1.0 / gaps.max(), -1.0 / gaps.min()
     inside = 1e-12 * (edges[1] - edges[0])
+    from scipy.optimize import brentq
+
     tilt = brentq(surplus, edges[0] + inside, edges[1] - inside, xtol=1e-14)
     return np.asarray(np.log1p(tilt * gaps), np.float64)

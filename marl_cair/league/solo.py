@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.intervals import mean_interval
 from marl_cair.league.playing import CHUNKS_AT_ONCE, Chunk, Places, Seating, play_out, start_engine
+
+if TYPE_CHECKING:
+    from marl_cair.games.engine import BatchedEngine
 
 GAMES_PER_CHUNK = 8
 

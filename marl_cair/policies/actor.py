@@ -120,14 +120,6 @@ class MaskedSampling(MaskedEpsilonGreedy):
         return (ends > wanted.unsqueeze(1)).to(torch.uint8).argmax(1)
 
 
-# How a network's outputs become actions; a checkpoint names one.
-GREEDY, SAMPLED = "greedy", "sampled"
-PLAYS: dict[str, type[MaskedEpsilonGreedy]] = {
-    GREEDY: MaskedEpsilonGreedy,
-    SAMPLED: MaskedSampling,
-}
-
-
 class PolicyActor:
     """A Q-network as an agent: observations and masks in, actions out, without gradients.
 

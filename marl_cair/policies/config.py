@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 
 from marl_cair import policies
-from marl_cair.lookup import find_by_name
-from marl_cair.policies.heads import HEADS
+from marl_cair.lookup import check_name, find_by_name
 
 NO_CELL = -1  # of `action_cells`: the action points at no cell
 
@@ -46,8 +45,8 @@ class QNetworkConfig:
     capsule: CapsuleSizes = field(default_factory=CapsuleSizes)
 
     def __post_init__(self) -> None:
-        find_by_name("network", self.body, policies.NETWORKS)
-        find_by_name("head", self.head, HEADS)
+        check_name("network", self.body, policies.NETWORKS)
+        check_name("head", self.head, policies.HEADS)
         self._check_switches()
         if self.hidden_width is not None:
             _require_at_least(1, "hidden_width", self.hidden_width)

@@ -1,7 +1,6 @@
 """Heads: features to action values, plain or dueling."""
 
 import math
-from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
@@ -53,11 +52,6 @@ def _make_linear(num_inputs: int, num_outputs: int) -> nn.Linear:
     return layer
 
 
-def _make_plain(num_features: int, num_actions: int, embedding_size: int) -> nn.Module:
+def make_plain(num_features: int, num_actions: int, embedding_size: int) -> nn.Module:
+    """Make the plain head, which has no embedding of actions."""
     return PlainHead(num_features, num_actions)
-
-
-HEADS: dict[str, Callable[[int, int, int], nn.Module]] = {
-    "dueling": DuelingHead,
-    "plain": _make_plain,
-}

@@ -12,7 +12,6 @@ from marl_cair.policies.body import is_image, require_planes, standardise, stand
 from marl_cair.policies.cell_values import CellValues
 from marl_cair.policies.config import CapsuleSizes, QNetworkConfig
 from marl_cair.policies.distances import DistanceMaps
-from marl_cair.policies.heads import HEADS
 
 __all__ = ["CapsuleSizes", "QNetwork", "QNetworkConfig", "make_q_network"]
 
@@ -57,7 +56,7 @@ class QNetwork(nn.Module):
             )
             seen = (2 * board[0], *board[1:])
         self.body = make_body(seen, config)
-        self.head = HEADS[config.head](
+        self.head = policies.HEADS[config.head](
             self.body.num_features, num_actions, config.resolve_action_embedding()
         )
         self.cells: CellValues | None = None

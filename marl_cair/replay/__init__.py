@@ -1,31 +1,27 @@
 """Replay: real transitions stored once, generated ones apart, and exact mixtures of the two."""
 
-from marl_cair.replay.buffer import EpisodeReplayBuffer, ReplayConfig, make_replay_buffer
-from marl_cair.replay.generated import GeneratedReplay
-from marl_cair.replay.mixed import MixedReplay
-from marl_cair.replay.prioritized import PrioritizedSampler
-from marl_cair.replay.rollout import Rollout
-from marl_cair.replay.sampler import UniformSampler
-from marl_cair.replay.storage import EpisodeStorage
-from marl_cair.replay.transition import (
-    NO_INDEX,
-    NO_OPPONENT,
-    TransitionSpec,
-    check_transitions,
+from typing import Any
+
+from marl_cair.lookup import LazyTable
+
+MAX_FRACTION = 0.9  # of a batch that may be generated
+
+_MODULES = {
+    "buffer": ("EpisodeReplayBuffer", "ReplayConfig", "make_replay_buffer"),
+    "generated": ("GeneratedReplay",),
+    "mixed": ("MixedReplay",),
+    "prioritized": ("PrioritizedSampler",),
+    "rollout": ("Rollout",),
+    "sampler": ("UniformSampler",),
+    "storage": ("EpisodeStorage",),
+    "transition": ("NO_INDEX", "NO_OPPONENT", "TransitionSpec", "check_transitions"),
+}
+_PLACES: LazyTable[Any] = LazyTable(
+    {name: f"{__name__}.{module}:{name}" for module, names in _MODULES.items() for name in names}
 )
 
-__all__ = [
-    "NO_INDEX",
-    "NO_OPPONENT",
-    "EpisodeReplayBuffer",
-    "EpisodeStorage",
-    "GeneratedReplay",
-    "MixedReplay",
-    "PrioritizedSampler",
-    "ReplayConfig",
-    "Rollout",
-    "TransitionSpec",
-    "UniformSampler",
-    "check_transitions",
-    "make_replay_buffer",
-]
+
+def __getattr__(name: str) -> Any:
+    if name in _PLACES:
+        return _PLACES[name]  # torch is loaded only from here on
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

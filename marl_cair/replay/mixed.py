@@ -14,11 +14,10 @@ from tensordict import TensorDict
 
 from marl_cair.files import replaced_folder
 from marl_cair.ranges import COUNT, FLAG, Range, read_number
+from marl_cair.replay import MAX_FRACTION
 from marl_cair.replay.array_folder import load_arrays, save_arrays
 from marl_cair.replay.buffer import EpisodeReplayBuffer
 from marl_cair.replay.generated import GeneratedReplay
-
-MAX_FRACTION = 0.9
 
 
 class MixedReplay:

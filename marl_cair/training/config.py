@@ -15,9 +15,9 @@ from marl_cair.games import GAMES
 from marl_cair.generative import GENERATORS
 from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.league.opponents import SAMPLERS
-from marl_cair.lookup import find_by_name
-from marl_cair.policies.q_network import QNetworkConfig
-from marl_cair.replay.mixed import MAX_FRACTION
+from marl_cair.lookup import check_name, find_by_name
+from marl_cair.policies.config import QNetworkConfig
+from marl_cair.replay import MAX_FRACTION
 from marl_cair.training.checks import require
 from marl_cair.training.learner_settings import LearnerSettings, interpolate
 from marl_cair.training.nfsp_settings import NfspSettings
@@ -269,7 +269,7 @@ class GeneratorSettings:
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:
-        find_by_name("generator", self.name, {NO_GENERATOR: None, **GENERATORS})
+        check_name("generator", self.name, (NO_GENERATOR, *GENERATORS))
         for name in (
             "batch_size",
             "frames_per_update",
@@ -334,6 +334,7 @@ class TrainConfig:
     seed: int = 0  # of everything random in the run
     total_frames: int = 500_000  # decisions of one world; the run ends there
     max_minutes: float | None = None  # of this sitting; None: no limit
+    stop_score: float | None = None  # ends the run when evaluations reach it; None: never
     synthetic_fraction: float = 0.2  # generated share of each batch, 0..0.9
     initial_agent: str | None = None  # folder of one whose network begins; None: a new one
     initial_generator: str | None = None  # folder of a run whose generator begins; None: a new one
@@ -361,6 +362,8 @@ class TrainConfig:
         require(threads is None or 1 <= threads <= MOST_THREADS, "torch_threads", threads, allowed)
         minutes = self.max_minutes
         require(minutes is None or minutes > 0, "max_minutes", minutes, "above 0")
+        score = self.stop_score
+        require(score is None or math.isfinite(score), "stop_score", score, "a number or null")
         self._check_scenarios()
         bots = GAMES[self.game.name].bots
         self.opponent.check_names(bots)

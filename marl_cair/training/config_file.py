@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from omegaconf import OmegaConf
 
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
@@ -29,6 +28,8 @@ from marl_cair.training.config import (
 )
 
 CONFIG_FILE = "config.yaml"
+# What ends a run; a resumed run may have other values.
+ENDS = {"total_frames": int, "max_minutes": float | None, "stop_score": float | None}
 
 
 def save_config(config: TrainConfig) -> None:
@@ -38,6 +39,8 @@ def save_config(config: TrainConfig) -> None:
 
 def write_settings(settings: Any, path: Path) -> None:
     """Write a dataclass of settings to `path` as YAML."""
+    from omegaconf import OmegaConf
+
     text = OmegaConf.to_yaml(OmegaConf.create(to_plain(dataclasses.asdict(settings))))
     write_atomically(path, sign_settings(text))
 
@@ -49,6 +52,8 @@ def read_yaml(path: str | os.PathLike[str]) -> Any:
         ValueError: no YAML, too large a file, aliases, which can stand for more than any memory
             holds, or a text that the checksum in its last line, where there is one, is not of.
     """
+    from omegaconf import OmegaConf
+
     text = read_settings(path)
     try:
         if "*" in text and any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)):
@@ -62,7 +67,7 @@ def read_yaml(path: str | os.PathLike[str]) -> Any:
 def fixed_settings(config: TrainConfig) -> dict[str, Any]:
     """The settings that a resumed run must share: all but how long, where, and whence."""
     values = dataclasses.asdict(config)
-    for free in ("out", "total_frames", "max_minutes", "initial_agent", "initial_generator"):
+    for free in ("out", *ENDS, "initial_agent", "initial_generator"):
         del values[free]
     return values
 

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from marl_cair.files import atomic_path
-from marl_cair.training.metrics import RunLog, read_log
+from marl_cair.training.run_log import RunLog, read_log
 
 Rows = Sequence[Mapping[str, float]]
 

@@ -8,7 +8,7 @@ from marl_cair.checkpoint import load_network, read_description
 from marl_cair.files import tell_value
 from marl_cair.games.game import GameSpec, Representation
 from marl_cair.league.agents import is_checkpoint
-from marl_cair.policies.actor import GREEDY
+from marl_cair.policies import GREEDY
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
 from marl_cair.training.config import TrainConfig
 

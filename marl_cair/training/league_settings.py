@@ -26,7 +26,7 @@ from marl_cair.training.config_file import (
 )
 
 # What the league says for its learners.
-_TAKEN = ("out", "seed", "total_frames", "max_minutes")
+_TAKEN = ("out", "seed", "total_frames", "max_minutes", "stop_score")
 _TAKEN_OPPONENT = ("mixture", "warmup_mixture", "snapshot_every_frames", "snapshot_margin")
 
 

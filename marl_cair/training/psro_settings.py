@@ -10,16 +10,15 @@ from typing import Any
 
 from marl_cair.games import GAMES
 from marl_cair.league.allowed_code import AllowCode, require_allowed
-from marl_cair.league.mixing import SLACK
+from marl_cair.league.mixtures import SLACK
 from marl_cair.lookup import find_by_name
 from marl_cair.training.checks import require, require_once
 from marl_cair.training.config import ENDLESS_FRAMES, GameSettings, TrainConfig
 from marl_cair.training.config_file import build_config, build_value, list_sources, to_plain
-from marl_cair.training.initial_network import begin_as
 from marl_cair.training.league_settings import derive_seed, read_options, refuse_given
 
 # What a round says for its response.
-_TAKEN = ("out", "seed", "total_frames", "max_minutes", "initial_agent")
+_TAKEN = ("out", "seed", "total_frames", "max_minutes", "stop_score", "initial_agent")
 _TAKEN_OPPONENT = ("mixture", "agents", "snapshot_every_frames", "snapshot_margin")
 
 
@@ -114,7 +113,11 @@ class PsroSettings:
             "total_frames": frames,
         }
         config = build_config({**self.training, "opponent": opponent, **about})
-        return config if start is None else begin_as(start, config)
+        if start is None:
+            return config
+        from marl_cair.training.initial_network import begin_as
+
+        return begin_as(start, config)
 
 
 def load_psro(path: str | Path, allow_code: AllowCode = False) -> PsroSettings:

@@ -35,13 +35,8 @@ from marl_cair.league.agents import load_agent
 from marl_cair.league.arena import Load
 from marl_cair.league.pool import Pool
 from marl_cair.league.shared import LeagueSeat
-from marl_cair.policies.actor import (
-    GREEDY,
-    SAMPLED,
-    MaskedEpsilonGreedy,
-    MaskedSampling,
-    PolicyActor,
-)
+from marl_cair.policies import GREEDY, SAMPLED
+from marl_cair.policies.actor import MaskedEpsilonGreedy, MaskedSampling, PolicyActor
 from marl_cair.policies.q_network import QNetwork, make_q_network
 from marl_cair.ranges import COUNT, FLAG, Range, read_number
 from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
@@ -57,9 +52,10 @@ from marl_cair.training.config_file import CONFIG_FILE, fixed_settings, save_con
 from marl_cair.training.demonstrations import Demonstrators
 from marl_cair.training.initial_network import fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
-from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
+from marl_cair.training.metrics import EpisodeStatistics, RunningMeans
 from marl_cair.training.opponents import OpponentBook
 from marl_cair.training.own_play import OwnPolicies
+from marl_cair.training.run_log import RunLog
 from marl_cair.training.seats import SeatRouter
 from marl_cair.training.state_file import load_state, save_state, to_arrays, to_tensors
 
@@ -118,6 +114,7 @@ class TrainingRun:
         self.frames = 0
         self.shows_progress = False
         self.best_score = -math.inf  # of all evaluations
+        self.has_reached_score = False  # `config.stop_score`, in two evaluations
         self.gate_is_open = False
         recover_folder(self.folder / RESUME_FOLDER)
         # Asked again: another process may have saved its first state here since.

@@ -37,6 +37,7 @@ class TrainResult:
     was_interrupted: bool
     last_row: dict[str, float]
     is_over: bool = False  # in a league: the learner has frozen a player and begins anew
+    reached_score: bool = False  # `stop_score` has ended it
 
 
 def train(
@@ -48,8 +49,8 @@ def train(
     until_frames: int | None = None,
     load: Load = load_agent,
 ) -> TrainResult:
-    """Train until `config.total_frames` decisions, `config.max_minutes`, or an interrupt; in a
-    league, at `seat`, also until the learner is to begin anew.
+    """Train until `config.total_frames` decisions, `config.max_minutes`, `config.stop_score`, or an
+    interrupt; in a league, at `seat`, also until the learner is to begin anew.
 
     With `until_frames` it ends there if that is sooner, to go on another time: what changes in the
     course of a run, as the learning rate may, is still spread over `config.total_frames`.
@@ -81,7 +82,7 @@ def train(
     last_row: dict[str, float] = {}
     with interrupts_noted(tqdm.write) as interrupted:
         steps = iterate(run, timers)
-        while run.frames < goal and not run.book.is_over:
+        while run.frames < goal and not (run.book.is_over or run.has_reached_score):
             if interrupted.is_set() or (deadline is not None and time.monotonic() > deadline):
                 break
             before = next(steps)
@@ -106,9 +107,8 @@ def train(
     is_over = run.book.is_over
     if is_over or run.frames >= goal:  # not in the middle of a slice
         run.book.publish(run.rated_network, run.describe_agent())
-    was_interrupted = interrupted.is_set()
-    updates = run.learner.updates
-    return TrainResult(run.folder, run.frames, updates, was_interrupted, last_row, is_over)
+    ends = interrupted.is_set(), last_row, is_over, run.has_reached_score
+    return TrainResult(run.folder, run.frames, run.learner.updates, *ends)
 
 
 def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
@@ -269,8 +269,22 @@ def _evaluate(run: TrainingRun) -> dict[str, float]:
     scores, row = evaluate(run.rated, run.game, run.config, run.evaluation_seed)
     run.save_agent()
     if scores:
-        run.note_score(sum(scores) / len(scores))
+        score = sum(scores) / len(scores)
+        run.note_score(score)
+        if _may_stop(run, score):
+            # Once more in other games: the best of many evaluations is partly luck.
+            fresh, _ = evaluate(run.rated, run.game, run.config, run.evaluation_seed + run.frames)
+            row["confirmed_score"] = sum(fresh) / len(fresh)
+            run.has_reached_score = _may_stop(run, row["confirmed_score"])
     return row
+
+
+def _may_stop(run: TrainingRun, score: float) -> bool:
+    """Whether a score is enough to end the run: while exploration falls, an agent that has hardly
+    learned can win for a while.
+    """
+    goal, is_exploring = run.config.stop_score, run.frames < run.config.exploration.anneal_frames
+    return goal is not None and score >= goal and not is_exploring
 
 
 def _summarise(row: dict[str, float]) -> str:

@@ -152,7 +152,7 @@ def test_configuration_survives_its_file(tmp_path):
         (["learing_rate=1"], "'learner.learning_rate'"),
         (["policy=capsul"], "nearest are 'capsule'"),
         (["recipe=deep_rts_dule"], "nearest are 'deep_rts_duel'"),
-        (["recipe=deep_rts_duel", "recipe=deep_rts_economy"], "take one of them"),
+        (["recipe=deep_rts_duel", "recipe=deep_rts_economy"], "give it once"),
         (["opponent=countr"], "nearest are 'counter'"),
         (
             ["opponent.mixture={main_agents: 1}"],

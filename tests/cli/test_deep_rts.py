@@ -4,7 +4,7 @@ import pytest
 
 from marl_cair.cli import main
 from marl_cair.cli.compose import compose_config
-from marl_cair.training.metrics import read_log
+from marl_cair.training.run_log import read_log
 
 SMALL = (
     "game=deep_rts",

@@ -14,6 +14,7 @@ from marl_cair.generative.economy import EconomyChain, apply_changes, find_chang
 from marl_cair.generative.ensemble import Ensemble
 from marl_cair.generative.loss import RareCorrection, find_losses
 from marl_cair.generative.outcome import RewardBins
+from marl_cair.policies.config import NO_CELL
 from tests.generative.conftest import SMALL
 from tests.generative.plane_game import NUM_ACTIONS, SPEC, TERRAIN
 
@@ -144,3 +145,12 @@ def test_a_sample_makes_only_differences_that_have_been_seen() -> None:
         assert set(changes[:, 1].tolist()) == {0}
     wraps = chain.decode(context, torch.zeros_like(now), torch.Generator().manual_seed(0))
     assert set(wraps[:, 1].tolist()) <= {0, 255}  # a clock that starts anew was seen
+
+
+def test_no_rows_are_asked_about(real_rows: TensorDict) -> None:
+    """Before the first rare reward there is nothing to judge."""
+    cells = (*range(NUM_ACTIONS - 1), NO_CELL)
+    for spec in (SPEC, replace(SPEC, action_cells=cells)):
+        for size in (SMALL.size, replace(SMALL.size, distances=True)):
+            opinions = Ensemble(spec, replace(SMALL, size=size)).ask(real_rows[:0])
+            assert opinions.mask.shape == (SMALL.num_members, 0, NUM_ACTIONS)

@@ -198,7 +198,9 @@ def test_what_leagues_shared_their_map_seeds_is_resampled_by_seed():
     rows, seeds = [], []
     for seed, favoured in enumerate(rng.integers(4, size=24).tolist()):
         for first, second in itertools.combinations(range(4), 2):
-            won = rng.random(2) < (0.95 if first == favoured else 0.05 if second == favoured else 0.5)
+            won = rng.random(2) < (
+                0.95 if first == favoured else 0.05 if second == favoured else 0.5
+            )
             rows += [(first, second, seed, float(won[0])), (second, first, seed, 1.0 - won[1])]
             seeds += [seed, seed]
     apart = from_rows(rows)

@@ -12,7 +12,7 @@ from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.match import play_match
 from marl_cair.league.playing import map_seeds
 
-pytest.importorskip("pygame", reason="PettingZoo's board games need the extra `play`")
+pytest.importorskip("pygame", reason="PettingZoo's board games need the extra `dev`")
 
 from pettingzoo.classic.connect_four import connect_four  # needs pygame
 from pettingzoo.classic.tictactoe import tictactoe  # needs pygame

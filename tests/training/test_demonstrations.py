@@ -13,9 +13,9 @@ from marl_cair.training.config import DemonstrationSettings, TrainConfig
 from marl_cair.training.demonstrations import Demonstrators
 from marl_cair.training.learner import Learner
 from marl_cair.training.learner_settings import LearnerSettings
-from marl_cair.training.metrics import read_log
 from marl_cair.training.rollout import make_rollout
 from marl_cair.training.run import TrainingRun
+from marl_cair.training.run_log import read_log
 from marl_cair.training.trainer import train
 from tests.games import last_standing
 from tests.games.last_standing import NOOP, SCORE

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from marl_cair.league.opponents import LATEST_ID
 from marl_cair.training.curves import draw_curves
 from marl_cair.training.live_rating import LiveRating
-from marl_cair.training.metrics import RunLog
+from marl_cair.training.run_log import RunLog
 
 
 def rate(games):

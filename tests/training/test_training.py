@@ -29,8 +29,8 @@ from marl_cair.training.config_file import build_config, load_config
 from marl_cair.training.evaluation import evaluate_against_bots
 from marl_cair.training.learner import Learner
 from marl_cair.training.learner_settings import LearnerSettings
-from marl_cair.training.metrics import read_log
 from marl_cair.training.run import TrainingRun
+from marl_cair.training.run_log import read_log
 from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
 from tests.training.runs import (

@@ -195,7 +195,7 @@ _GENERATED = re.compile(r"generated-(\d+)x(\d+)-(\d+)p-(\d+)")
 @cache
 def _load_maps(name: str) -> tuple[GameMap, ...]:
     # Naming a scenario needs none of these.
-    from marl_cair.games.deep_rts import map_generator, map_padding, maps  # noqa: PLC0415
+    from marl_cair.games.deep_rts import map_generator, map_padding, maps
 
     if "+" in name:
         parts = [game_map for part in name.split("+") for game_map in _load_maps(part)]

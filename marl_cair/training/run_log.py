@@ -1,0 +1,74 @@
+"""The log of a run: one table as CSV, and the same for TensorBoard."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+from marl_cair.files import write_atomically
+from marl_cair.stored import LOG, DamagedFileError, read_text
+
+
+class RunLog:
+    """Rows of scalars at frames: `log.csv` (one wide table) and TensorBoard files in `folder`.
+
+    Args:
+        folder: of the run.
+        frames: rows of an earlier sitting after this frame are dropped: it resumes from there.
+    """
+
+    FILE = "log.csv"
+
+    def __init__(self, folder: Path, frames: int = 0) -> None:
+        self._path = folder / self.FILE
+        self.rows = [row for row in read_log(self._path) if row["frames"] <= frames]
+        self.frames = frames  # up to which the rows tell
+        from torch.utils.tensorboard import SummaryWriter
+
+        self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=frames + 1)
+
+    def write(self, frames: int, values: Mapping[str, float]) -> None:
+        """Add a row; both files are complete when this returns."""
+        self.rows.append({"frames": float(frames), **values})
+        self.frames = frames
+        write_atomically(self._path, format_rows(self.rows))
+        for name, value in values.items():
+            self._writer.add_scalar(name, value, frames)
+        self._writer.flush()
+
+    def note(self, frames: int, tag: str, text: str) -> None:
+        """A line of text for TensorBoard."""
+        self._writer.add_text(tag, text, frames)
+
+    def close(self) -> None:
+        """Close the TensorBoard file."""
+        self._writer.close()
+
+
+def format_rows(rows: list[dict[str, float]]) -> str:
+    """Rows as CSV text: the union of their columns, empty where a row has no value."""
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def read_log(path: Path) -> list[dict[str, float]]:
+    """Rows of a `log.csv`; none where there is no file. Raises DamagedFileError."""
+    if not path.is_file():
+        return []
+    rows = csv.DictReader(io.StringIO(read_text(path, LOG)), strict=True)
+    try:
+        read = [{name: float(value) for name, value in row.items() if value} for row in rows]
+        if any(not math.isfinite(row["frames"]) for row in read):
+            raise ValueError("frames are not finite")
+    except (ValueError, TypeError, KeyError, csv.Error) as error:
+        raise DamagedFileError(
+            f"{path}, line {rows.line_num}, cannot be read ({error!r}): bring it back, or delete it"
+        ) from error
+    return read

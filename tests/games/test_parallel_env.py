@@ -187,7 +187,8 @@ def test_every_observation_lies_in_its_space(case, form):
     for numbers in luck_for(env, 25):
         for agent in env.possible_agents:
             assert env.observation_space(agent).contains(observations[agent])
-            assert infos[agent]["action_mask"].dtype == np.int8
+            shown = observations if form.get("mask_in_observation") else infos
+            assert shown[agent]["action_mask"].dtype == np.int8
         assert env.state_space.contains(env.state())
         observations, *_, infos = env.step(choose(env, numbers))
 

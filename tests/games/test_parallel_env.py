@@ -209,7 +209,8 @@ def test_dict_forms_hold_what_was_asked_for(game_name):
     seat, agent = len(env.agents) - 1, env.agents[-1]
     seen = observations[agent]
     assert set(seen) == {"observation", "action_mask", "vector"}
-    np.testing.assert_array_equal(seen["action_mask"], infos[agent]["action_mask"])
+    np.testing.assert_array_equal(seen["action_mask"], env.engine.action_mask()[0, seat])
+    assert "action_mask" not in infos[agent]
     np.testing.assert_array_equal(seen["vector"], env.engine.observe("vector")[0, seat])
 
 

@@ -2,6 +2,8 @@
 
 VENV := .venv
 STAMP := $(VENV)/.installed
+OLDEST := .venv-oldest
+OLDEST_CASES ?=
 RUN := $(VENV)/bin/python
 TORCH := $(shell sed -n 's/^\(torch==[^ ;]*\).*/\1/p' constraints.txt)
 
@@ -17,7 +19,7 @@ export OMP_NUM_THREADS := 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo compile test test-all test-bounds test-plain fuzz lint benchmark clean
+.PHONY: help demo compile test test-all test-bounds test-plain test-oldest fuzz lint benchmark clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -45,6 +47,11 @@ fuzz: $(STAMP) ## damaged files and states with bounds checks: make fuzz FUZZ_SE
 	NUMBA_BOUNDSCHECK=1 FUZZ_SECONDS=$(or $(FUZZ_SECONDS),600) FUZZ_SEED=$(or $(FUZZ_SEED),$(shell date +%s)) \
 	  $(PYTEST) tests/fuzz
 
+# What clients of the environments meet; OLDEST_CASES=flappy_bird takes the game that compiles soonest.
+test-oldest: $(OLDEST)/.installed ## conformance tests with the oldest versions that pyproject.toml allows
+	$(OLDEST)/bin/python -m pytest -n $(NUM_WORKERS) --dist loadscope --no-loadscope-reorder -k "$(OLDEST_CASES)" \
+	  tests/games/test_gymnasium_env.py tests/games/test_parallel_env.py tests/games/test_torchrl_env.py tests/games/test_doors.py
+
 compile: $(STAMP) ## compile the rules of all games, so that nothing waits for it later
 	$(RUN) -m marl_cair compile --workers $(NUM_WORKERS)
 
@@ -57,7 +64,7 @@ benchmark: $(STAMP) ## measure the speed of every game and of training
 	unset OMP_NUM_THREADS; $(RUN) scripts/benchmark.py
 
 clean: ## remove the environment, caches and build outputs; runs/ stays
-	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(OLDEST) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find $(wildcard marl_cair tests scripts benchmarks) -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The stamp is removed first and made last: an install that was interrupted starts afresh.
@@ -71,4 +78,11 @@ $(STAMP): pyproject.toml constraints.txt
 	  "that age: install one, or name it: make PYTHON=/path/to/python3.12" >&2; exit 1
 	$(RUN) -m pip install -c constraints.txt $(TORCH)
 	$(RUN) -m pip install -c constraints.txt -e '.[dev,parquet,openspiel]'
+	@touch $@
+
+# An environment of its own, made by the Python of the first.
+$(OLDEST)/.installed: $(STAMP) constraints-oldest.txt
+	$(RUN) -m venv --clear $(OLDEST)
+	$(OLDEST)/bin/python -m pip install -c constraints-oldest.txt $(TORCH)
+	$(OLDEST)/bin/python -m pip install -c constraints-oldest.txt -e . hypothesis pytest pytest-xdist
 	@touch $@

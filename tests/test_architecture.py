@@ -398,3 +398,12 @@ def test_citation_names_the_version_of_the_package():
     version = re.findall(r'^__version__ = "(.+)"$', source, re.MULTILINE)
     assert len(version) == 1, "pyproject.toml takes the version from __version__ in __init__.py"
     assert re.findall(r"^version: (.+)$", citation, re.MULTILINE) == version
+
+
+def test_the_oldest_versions_that_are_tested_are_those_that_are_allowed():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    bounds = [re.match(r"([\w-]+)>=([\d.]+)", line) for line in project["dependencies"]]
+    assert all(bounds)
+    lines = (ROOT / "constraints-oldest.txt").read_text("utf-8").splitlines()
+    pins = [line for line in lines if not line.startswith("#")]
+    assert pins == [f"{bound[1]}=={bound[2]}" for bound in bounds]

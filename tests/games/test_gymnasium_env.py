@@ -281,7 +281,7 @@ def test_vector_without_reset_equals_single_games(game_name, form):
     env = make_vector(game_name, AutoresetMode.DISABLED, **form)
     singles = Singles(game_name, seed=5, **form)
     singles.reset()
-    _, infos = env.reset(seed=5)
+    env.reset(seed=5)
     for step, numbers in enumerate(np.random.default_rng(2).random((30, NUM_WORLDS, 2))):
         if step == 5:  # so that the worlds do not all end together
             mask = np.array([False, True, False])

@@ -123,8 +123,7 @@ def test_a_vector_of_games_equals_single_ones():
     singles = [GameEnv("deep_rts", opponent=FirstLegalAgent(), **BRIEF) for _ in range(2)]
     _, infos = vector.reset(seed=4)
     for world, env in enumerate(singles):
-        env._table.seeds._worlds = np.array([world])  # the world that it is in the vector
-        env.reset(seed=4)
+        env.reset(seed=4 + world)
     luck = np.random.default_rng(0)
     num_ended = 0
     for _ in range(25):

@@ -18,7 +18,7 @@ MOST_COUNTED = 2**31 - 1  # of counters in int32
 ANY_WORD = (0, 2**64 - 1)  # the range of a random word
 
 # What must hold between the fields of a world, in words, and where it does: bool [N].
-Condition = tuple[str, NDArray[np.bool_]]
+Condition = tuple[str, NDArray[np.bool_] | np.bool_]
 
 
 class Range(NamedTuple):

@@ -2,8 +2,9 @@
 
 import pytest
 
-from marl_cair.games import announcing
+from marl_cair.games import announcing, make_engine
 from marl_cair.games.announcing import announce_nothing, calling, compiling
+from tests.games.cases import replace_kernels
 from tests.games.test_compiled import run_python
 
 TOLD = "marl_cair: compiling the rules of chess (once for each version) ...\n"
@@ -70,3 +71,15 @@ def test_rules_that_were_compiled_before_are_read_without_a_word(tmp_path):
     told = run_python(CALL_AT_ONCE, tmp_path, NUMBA_DISABLE_JIT="0")
     assert " ".join(told) == TOLD.replace("chess", "flappy_bird").strip()
     assert run_python(CALL_AT_ONCE, tmp_path, NUMBA_DISABLE_JIT="0") == []
+
+
+def test_a_picture_is_of_the_game_that_draws_it():
+    """What drawing compiles is announced as of that game."""
+    called = []
+
+    def draw(*arguments):
+        called.append(announcing._called.get())
+
+    replace_kernels(make_engine("flappy_bird"), draw=draw).render()
+    assert called == ["flappy_bird"]
+    assert announcing._called.get() == ""

@@ -9,10 +9,11 @@ import pytest
 
 import marl_cair
 from marl_cair.games import GAMES, make_engine
+from marl_cair.games.compiled import is_compiling
 from marl_cair.games.engine import BatchedEngine, Snapshot
 from marl_cair.games.game import NO_CELL, NO_WINNER
 from marl_cair.lookup import UnknownNameError
-from tests.games.cases import Luck, choose_actions, play
+from tests.games.cases import Luck, choose_actions, play, replace_kernels
 
 
 @pytest.fixture
@@ -316,6 +317,63 @@ def test_a_refused_restore_changes_nothing(engine):
         engine.load_state_dict(broken)
     for name, value in engine.state_dict().items():
         np.testing.assert_array_equal(value, before[name])
+
+
+def test_a_snapshot_that_was_changed_is_refused_by_field_world_value_and_range(engine):
+    """`restore`, `load_state_dict` and copies of an engine check what the rules would trust."""
+    last = engine.spec.max_ticks
+    name = "clock[0] (TICK)" if hasattr(engine._worlds, "clock") else "tick"
+    said = f"{engine.game.name}: the saved state is damaged: {name} of world 1 is {last + 1}, "
+    snapshot = engine.snapshot()
+    tick = snapshot.world[engine._worlds._fields.index(name.partition("[")[0])]
+    tick[1, 0] = last + 1
+    with refuses(ValueError, f"{said}allowed are 0..{last}"):
+        engine.restore(snapshot)
+    state = engine.state_dict()
+    state[f"world.{name.partition('[')[0]}"][1, 0] = last + 1
+    with refuses(ValueError, said):
+        engine.load_state_dict(state)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("rewards", np.nan), ("rewards", np.inf), ("winner", -2), ("winner", 100)]
+)
+def test_outcomes_that_no_step_reports_are_refused(engine, name, value):
+    state = engine.state_dict()
+    state[f"outcome.{name}"][2] = value
+    with refuses(ValueError, f"{engine.game.name}: the saved state is damaged: {name}"):
+        engine.load_state_dict(state)
+
+
+def test_a_game_without_limits_checks_shapes_and_types_alone(engine):
+    plain = replace_kernels(engine, state_limits=None)
+    snapshot = engine.snapshot()
+    snapshot.world[0][:] = -1
+    plain.restore(snapshot)
+    assert (plain.snapshot().world[0] == -1).all()
+
+
+# --- one type of array for each kernel -----------------------------------------------------------
+
+
+@pytest.mark.skipif(not is_compiling(), reason="plain Python compiles nothing")
+def test_read_only_and_strided_input_compiles_no_kernel_again(game_name):
+    first = make_engine(game_name, num_worlds=2)
+    first.reset(np.arange(2, dtype=np.uint64))
+    first.step(noops(first))
+    num_known = [len(rule.entry.overloads) for rule in (first.game.reset, first.game.step)]
+    engine = make_engine(game_name, num_worlds=2)
+    seeds, mask, actions = np.arange(2, dtype=np.uint64), np.ones(2, np.bool_), noops(engine)
+    for array in (seeds, mask, actions):
+        array.flags.writeable = False  # as arrays of JAX are
+    engine.reset(seeds, mask)
+    engine.step(actions)
+    again = make_engine(game_name, num_worlds=2)
+    again.reset(np.arange(4, dtype=np.uint64)[::2], np.ones(4, np.bool_)[::2])
+    again.step(np.broadcast_to(actions[:1], actions.shape))
+    known = [len(rule.entry.overloads) for rule in (engine.game.reset, engine.game.step)]
+    assert known == num_known
+    assert not actions.flags.writeable
 
 
 def test_a_state_dict_that_lacks_fields_is_refused(engine):

@@ -230,7 +230,7 @@ def test_sight_equals_a_recount_after_random_play(options):
         (IDLE, UNIT_FACING, (1, 2)),
         (WALKING, UNIT_FACING, (0, 1)),
         (WALKING, UNIT_SINCE, (1, 8)),
-        (GATHERING, UNIT_GOAL, (20, 150)),
+        (GATHERING, UNIT_GOAL, (20, 160)),
         (REPAIRING, UNIT_FACING, (1, 2)),
     ],
 )

@@ -60,10 +60,10 @@ class GateReport:
             read_number(acceptance, name, _ANY)
         for name in ("may_end", "may_be_rare"):
             read_number(acceptance, name, FLAG)
-        *bounds, is_tuned = acceptance["certainty"]
-        read_number({"is_tuned": is_tuned}, "is_tuned", FLAG)
-        bounds = read_numbers(bounds, "certainty", _ANY)
-        acceptance["certainty"] = Certainty(*bounds, is_tuned)
+        end, going_on, *tuned = acceptance["certainty"]
+        end, going_on = read_numbers([end, going_on], "certainty", _ANY)
+        (is_tuned,) = read_numbers(tuned or [False], "certainty.is_tuned", FLAG)
+        acceptance["certainty"] = Certainty(end, going_on, is_tuned)
         return cls(
             read_number(values, "passed", FLAG),
             tuple(map(str, values["reasons"])),

@@ -93,6 +93,7 @@ def test_a_network_that_is_not_the_frozen_one_is_refused(tmp_path):
     pool.release([])
     folder = tmp_path / "snapshots"
     shutil.copy(folder / second.name / "weights.pt", folder / first.name / "weights.pt")
+    (folder / first.name / "manifest.json").unlink()
     with pytest.raises(CheckpointError, match="is not the network that was frozen"):
         pool.agent(first.number)
     pool.agent(second.number)

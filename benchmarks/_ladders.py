@@ -162,13 +162,15 @@ def _draw(traced: Traced, titles: tuple[str, str], path: Path) -> None:
         left.axhline(r.elo, color="0.6", linewidth=0.8, linestyle="--", zorder=0)
     low, high = left.get_ylim()
     heights = _space_out([r.elo for r in others.values()], LABEL_HEIGHT * (high - low))
-    for name, height in zip(others, heights, strict=True):
+    place = ("axes fraction", "data")
+    for (name, rating), height in zip(others.items(), heights, strict=True):
         left.annotate(
             _tell(name),
-            (1.0, height),
-            xycoords=("axes fraction", "data"),
-            xytext=(3, 0),
-            textcoords="offset points",
+            (1.0, rating.elo),
+            xycoords=place,
+            xytext=(1.05, height),  # a thin line leads from there to its own
+            textcoords=place,
+            arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.6, "shrinkB": 0.0},
             va="center",
             fontsize=7,
             color="0.3",

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from marl_cair.games import make_engine
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.lookup import find_by_name
+from marl_cair.training.demo import film_win
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # without a screen
@@ -144,6 +145,9 @@ def main() -> None:
     parser.add_argument("games", nargs="*", help=f"of {', '.join(GALLERIES)} (default: all)")
     for game in parser.parse_args().games or GALLERIES:
         draw_gallery(game)
+        if game == "deep_line_wars":
+            agent = str(IMAGES.parents[1] / "agents/deep_line_wars_10x15")
+            film_win(agent, "counter", game, "10x15", 0, IMAGES / f"{game}.gif")
 
 
 if __name__ == "__main__":

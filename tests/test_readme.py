@@ -1,9 +1,11 @@
-"""The programs of the README and the game pages run as they stand, those of the README only with
-fewer steps and a network trained here.
+"""The programs of the README and the game pages run as they stand in a fresh clone, those of the
+README only with fewer steps.
 """
 
+import itertools
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -42,7 +44,7 @@ def demo(tmp_path_factory):
     """A demonstration cut short by its own options."""
     folder = tmp_path_factory.mktemp("readme") / "runs" / "demo"
     settings = DemoSettings(
-        str(folder), frames=1_024, evaluation_games=2, league_games=2, num_worlds=32
+        str(folder), score=0.0, frames=1_024, evaluation_games=2, league_games=2, num_worlds=32
     )
     run_demo(settings)
     return folder
@@ -57,9 +59,33 @@ def test_the_demo_writes_what_it_promises(demo):
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=range(len(PROGRAMS)))
-def test_the_programs_of_the_readme_run(program, demo):
+def test_the_programs_of_the_readme_run(program, tmp_path):
     shorter = program.replace("range(100)", "range(2)").replace("256", "4")
-    run_program(shorter, demo.parents[1])
+    (tmp_path / "agents").symlink_to(ROOT / "agents")
+    run_program(shorter, tmp_path)
+
+
+def test_commands_name_only_folders_that_a_clone_has_or_that_a_command_before_makes():
+    for page in (ROOT / "README.md", ROOT / "docs/league.md", ROOT / "agents/README.md"):
+        made = set()
+        for block in re.findall(r"```sh\n(.*?)```", page.read_text("utf-8"), re.DOTALL):
+            for line in block.splitlines():
+                words = shlex.split(line, comments=True)
+                made |= {w.removeprefix("out=") for w in words if w.startswith("out=runs/")}
+                made |= {b for a, b in itertools.pairwise(words) if a == "--out"}
+                for word in words:
+                    if word.startswith("agents/"):
+                        assert (ROOT / word).is_dir(), line
+                    if word.startswith("runs/") and page.name == "README.md":
+                        assert any(word.startswith(one) for one in made), line
+
+
+def test_a_demo_that_has_not_learned_says_so(tmp_path):
+    settings = DemoSettings(
+        str(tmp_path), score=1.01, frames=512, evaluation_games=2, num_worlds=32
+    )
+    with pytest.raises(ValueError, match="the conv network has .* it must have 101%"):
+        run_demo(settings)
 
 
 GAME_PROGRAMS = [

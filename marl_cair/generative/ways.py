@@ -50,7 +50,8 @@ class WayReadout(nn.Module):
         self.num_numbers = 2 * len(static) * len(moving)
 
     def forward(self, now: Tensor, later: Tensor) -> Tensor:
-        planes = now[..., self.static].transpose(1, 2).unflatten(-1, self.board)
+        planes = now[..., self.static].transpose(1, 2)
+        planes = planes.reshape(*planes.shape[:2], *self.board)
         cost = find_costs(planes, self.log_cost, self.usual_cost)
         nearness = measure_nearness(planes, cost).flatten(2)
         before, after = (

@@ -20,13 +20,13 @@ Rows = Sequence[Mapping[str, float]]
 # Okabe and Ito's palette, which colour-blind readers tell apart.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
 STYLES = ("-", "--", ":", "-.")
-PANEL_INCHES = (4.33, 3.8)
+PANEL_INCHES = (4.6, 3.6)
 
 
 def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathLike[str]) -> None:
-    """Write a PNG of up to eight panels: win rates (returns, where one plays alone), TD errors,
-    overestimation, live rating, generator, speed, actions, games won while collecting. One of which
-    no run has logged anything, as ratings where nobody else plays, is left out.
+    """Write a PNG of up to five panels: win rates (returns, where one plays alone), TD errors,
+    overestimation, generator, actions. One of which no run has logged anything, as of generators
+    that are switched off, is left out.
 
     runs: label -> run folder (with log.csv). Raises ValueError where no run has logged anything.
     """
@@ -50,7 +50,7 @@ def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathL
     for panel in panels.flat[: len(drawn)]:
         panel.spines[["top", "right"]].set_visible(False)
         panel.grid(alpha=0.25)
-        panel.set_xlabel("decisions (thousands)")
+        panel.set_xlabel("environment steps (thousands)")
         panel.title.set_fontsize(11)  # the longest is as wide as its panel
         for line in panel.lines:
             if len(line.get_xdata()) == 1:  # of a run that was cut short: no line to be seen
@@ -112,44 +112,15 @@ def _draw_overestimation(panel: Any, logs: Mapping[str, Rows]) -> None:
 
 def _draw_generator(panel: Any, logs: Mapping[str, Rows]) -> None:
     for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
-        panel.plot(
-            *_series(rows, "gate/cells/changed_f1"), color=colour, label=f"{label}, changed-cell F1"
-        )
-        share = _series(rows, "batch/generated_share")
-        panel.plot(*share, ":", color=colour, label=f"{label}, generated share")
+        if not _names({label: rows}, "gate/cells/changed_f1", depth=2):
+            continue  # it has no generator
+        for style, name, told in (
+            ("-", "gate/cells/changed_f1", "changed-cell F1"),
+            (":", "batch/generated_share", "generated share"),
+        ):
+            panel.plot(*_series(rows, name), style, color=colour, label=f"{label}, {told}")
     panel.set(title="Generator (CCDN)", ylim=(-0.03, 1.03))
     _add_legend(panel)
-
-
-def _draw_speed(panel: Any, logs: Mapping[str, Rows]) -> None:
-    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
-        panel.plot(*_series(rows, "frames_per_second"), color=colour, label=label)
-    panel.set(title="Speed of the whole loop", ylabel="decisions / s")
-    panel.set_ylim(bottom=0)
-    _add_legend(panel)
-
-
-def _draw_live_rating(panel: Any, logs: Mapping[str, Rows]) -> None:
-    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
-        frames, means = _series(rows, "order_dependent_rating")
-        spread = 2.0 * _series(rows, "order_dependent_rating/deviation")[1]
-        panel.plot(frames, means, color=colour, label=label)
-        panel.fill_between(frames, means - spread, means + spread, color=colour, alpha=0.12)
-    panel.set(title="Live rating: depends on the order of games", ylabel="openskill")
-    _add_legend(panel)
-
-
-def _draw_collected(panel: Any, logs: Mapping[str, Rows]) -> None:
-    # The runs share the styles here: there are more opponents than styles.
-    names = _names(logs, "collect_win_rate/")
-    for style, (label, rows) in zip(cycle(STYLES), logs.items(), strict=False):
-        for colour, name in zip(cycle(COLOURS), names, strict=False):
-            frames, rates = _series(rows, name)
-            if len(frames):
-                rival = name.partition("/")[2]
-                panel.plot(frames, rates, style, color=colour, label=f"{label} v {rival}")
-    panel.set(title="While collecting, exploration included", ylim=(-0.03, 1.03))
-    _add_legend_below(panel, num_columns=3)
 
 
 def _draw_actions(panel: Any, logs: Mapping[str, Rows]) -> None:
@@ -162,7 +133,7 @@ def _draw_actions(panel: Any, logs: Mapping[str, Rows]) -> None:
     kinds = [name.partition("/")[2].replace("_", " ") for name in names]
     panel.stackplot(frames, shares, labels=kinds, colors=COLOURS, alpha=0.85, linewidth=0)
     panel.set(title=f"Actions of {label}", ylabel="share of decisions", ylim=(0, 1))
-    _add_legend_below(panel, num_columns=4)
+    _add_legend_below(panel, num_columns=3)
 
 
 # What a panel shows, and what the names in the log begin with of which it shows something.
@@ -170,22 +141,17 @@ _PANELS: tuple[tuple[Callable[[Any, Mapping[str, Rows]], None], tuple[str, ...]]
     (_draw_win_rates, ("win_rate/", "return/")),
     (_draw_td_errors, ("td_error/",)),
     (_draw_overestimation, ("q/overestimation",)),
-    (_draw_live_rating, ("order_dependent_rating",)),
-    (_draw_generator, ("gate/cells/changed_f1", "batch/generated_share")),
-    (_draw_speed, ("frames_per_second",)),
+    (_draw_generator, ("gate/cells/changed_f1",)),
     (_draw_actions, ("actions/",)),
-    (_draw_collected, ("collect_win_rate/",)),
 )
 
 
 def _add_legend(panel: Any) -> None:
     if panel.get_legend_handles_labels()[0]:
-        panel.legend(fontsize=7, framealpha=0.85)
+        panel.legend(fontsize=8, framealpha=0.85)
 
 
 def _add_legend_below(panel: Any, num_columns: int) -> None:
     """Of many entries, which would hide what is drawn."""
     if panel.get_legend_handles_labels()[0]:
-        panel.legend(
-            fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=num_columns
-        )
+        panel.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=num_columns)

@@ -1,8 +1,10 @@
 """Evaluation while training: fair shares, returns of who plays alone, held-out scenarios."""
 
+import dataclasses
+
 import pytest
 
-from marl_cair.training.config import EvaluationSettings, TrainConfig
+from marl_cair.training.config import EvaluationSettings, ExplorationSettings, TrainConfig
 from marl_cair.training.curves import draw_curves
 from marl_cair.training.evaluation import evaluate, rate_on
 from marl_cair.training.run import TrainingRun
@@ -78,6 +80,52 @@ def test_the_best_agent_is_chosen_by_the_training_scenario(tmp_path):
     assert run.best_score == max(row["return/learner"] for row in rows)
     assert all(row["return/learner@heldout"] == 0.0 for row in rows)
     run.close()
+
+
+def stopping(folder, stop_score, anneal_frames=1):
+    settings = EvaluationSettings(every_frames=128, games=4, bots=("idle",))
+    config = small(folder, "alone", frames=640, evaluation=settings)
+    exploration = ExplorationSettings(anneal_frames=anneal_frames)
+    return dataclasses.replace(config, stop_score=stop_score, exploration=exploration)
+
+
+@pytest.mark.parametrize(
+    ("stop_score", "anneal_frames", "frames", "reached"),
+    [
+        (-1e9, 1, 128, True),
+        (-1e9, 300, 384, True),  # not while it explores
+        (1e9, 1, 640, False),
+        (None, 1, 640, False),
+    ],
+)
+def test_a_run_ends_at_its_stop_score(tmp_path, stop_score, anneal_frames, frames, reached):
+    config = stopping(tmp_path / "a", stop_score, anneal_frames)
+    result = train(config, show_progress=False)
+    assert (result.frames, result.reached_score) == (frames, reached)
+    rows = read_log(tmp_path / "a" / "log.csv")
+    assert ["confirmed_score" in row for row in rows] == [False] * (len(rows) - 1) + [reached]
+    later = dataclasses.replace(config, stop_score=None)
+    assert train(later, resume=True, show_progress=False).frames == 640
+
+
+def test_a_score_that_new_games_do_not_confirm_does_not_end_a_run(tmp_path, monkeypatch):
+    seen = []
+
+    def rate(agent, game, config, seed):
+        seen.append(seed)
+        return [1.0 if seed == seen[0] else 0.0], {}
+
+    monkeypatch.setattr("marl_cair.training.trainer.evaluate", rate)
+    result = train(stopping(tmp_path / "a", 0.5), show_progress=False)
+    assert (result.frames, result.reached_score) == (640, False)
+    assert len(seen) == 10
+    assert len(set(seen)) == 6  # the confirming games are others each time
+
+
+@pytest.mark.parametrize("score", [float("nan"), float("inf")])
+def test_a_stop_score_is_a_number(tmp_path, score):
+    with pytest.raises(ValueError, match=f"stop_score is {score}, it must be a number or null"):
+        stopping(tmp_path, score)
 
 
 @pytest.mark.parametrize(

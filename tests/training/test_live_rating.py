@@ -1,12 +1,9 @@
 """The live rating: rises with wins, is marked as dependent on order, survives a resume."""
 
 import pytest
-from matplotlib.figure import Figure
 
 from marl_cair.league.opponents import LATEST_ID
-from marl_cair.training.curves import draw_curves
 from marl_cair.training.live_rating import LiveRating
-from marl_cair.training.run_log import RunLog
 
 
 def rate(games):
@@ -42,19 +39,3 @@ def test_a_snapshot_begins_with_the_learners_rating_and_a_saved_one_goes_on():
     for one in (rating, again):
         one.note(1_000, 0.0)
     assert again.report() == rating.report()
-
-
-def test_the_picture_says_that_it_depends_on_the_order_of_games(tmp_path, monkeypatch):
-    titles = []
-    real = Figure.savefig
-
-    def save(figure, *words, **options):
-        titles.extend(panel.get_title() for panel in figure.axes)
-        real(figure, *words, **options)
-
-    monkeypatch.setattr(Figure, "savefig", save)
-    log = RunLog(tmp_path)
-    log.write(10, {**rate([(1, 1.0)]).report(), "collect_win_rate/a": 1.0, "actions/a": 1.0})
-    log.close()
-    draw_curves({"run": tmp_path}, tmp_path / "curves.png")
-    assert "Live rating: depends on the order of games" in titles

@@ -1,0 +1,90 @@
+"""Options of all commands: given once and in full, misspelt ones name the nearest; imports."""
+
+import subprocess
+import sys
+
+import pytest
+
+from marl_cair.cli import main
+
+AGENTS = ("random", "counter")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["match", *AGENTS, "--scenario", "11x11", "scenario=10x15"],
+            "--scenario is given twice, as '--scenario 11x11' and as '--scenario=10x15'",
+        ),
+        (["match", *AGENTS, "games=2", "--games", "4"], "--games is given twice"),
+        (["evaluate", "random", "--seed", "1", "--seed=2"], "--seed is given twice"),
+        (
+            ["league", *AGENTS, "--scenari", "11x11"],
+            "unknown option '--scenari': nearest are",
+        ),
+        (["evaluate", "random", "--aginst", "counter"], "nearest are '--against'"),
+        (["league", "export", "--formt", "json"], "nearest are '--format'"),
+        (["curves", "a", "--out", "a.png", "--out", "b.png"], "--out is given twice"),
+    ],
+)
+def test_options_are_given_once_and_in_full(words, message, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["train", "seed=1", "seed=2"], "'seed=1' and 'seed=2' set the same option"),
+        (["train", "scenario=11x11", "game.scenario=10x15"], "set the same option"),
+        (["train", "resume=a", "resume=b"], "set the same option"),
+        (["match", *AGENTS, "max_ticks=500", "max_ticks=600"], "set the same option"),
+        (["evaluate", "random", "--option", "max_ticks=1", "max_ticks=2"], "set the same option"),
+    ],
+)
+def test_words_set_an_option_once(words, message, capsys):
+    if words[0] == "evaluate":
+        words = [*words, "--game", "deep_line_wars"]
+    if words[0] == "match":
+        words = [*words, "game=deep_line_wars"]
+    assert main(words) == 2
+    assert message in capsys.readouterr().err
+
+
+HEAVY = ("torch", "torchrl", "tensordict", "matplotlib", "hydra", "omegaconf", "openskill")
+REPORT = """
+import contextlib, io, sys
+from marl_cair.cli import main
+with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    main(WORDS)
+print(sorted(set(HEAVY) & set(sys.modules)))
+"""
+
+
+def imported_by(words, watched):
+    code = f"WORDS, HEAVY = {words!r}, {watched!r}\n{REPORT}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        *("train", "curves", "evaluate", "match", "league", "games", "compile", "benchmark"),
+        *("league train", "league psro", "league exploit", "league add", "league mix"),
+        *("league status", "league report", "league export"),
+    ],
+)
+def test_help_imports_no_library_that_takes_seconds(command):
+    # Defaults and choices of training are those of the games, whose rules are numba's.
+    of_games = command in ("train", "league train", "league psro", "compile")
+    watched = HEAVY if of_games else (*HEAVY, "scipy", "numba")
+    assert imported_by([*command.split(), "--help"], watched) == "[]"
+
+
+def test_evaluation_of_bots_imports_no_torch():
+    words = ["evaluate", "counter", "--game", "deep_line_wars", "--scenario", "11x11"]
+    assert imported_by([*words, "--games", "2"], HEAVY) == "[]"

@@ -77,9 +77,7 @@ class Resampler:
         self._pseudo = make_pseudo_blocks(Likelihood(num_agents, rankings), point, size)
         self._joint = Likelihood(num_agents, [*rankings, self._pseudo.rankings])
         self.num_blocks, self._groups = games.num_blocks, groups
-        mean = np.concatenate(
-            (np.ones(self.num_blocks), self._pseudo.games * self._pseudo.shapes)
-        )
+        mean = np.concatenate((np.ones(self.num_blocks), self._pseudo.games * self._pseudo.shapes))
         self._centre = self._joint.fit(mean)
         self._factor = self._joint.factorise(self._centre, mean)
         self._pairs = _pair_blocks(num_agents, games)

@@ -53,7 +53,7 @@ from marl_cair.training.average_policy import AveragePolicy
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import fixed_settings, save_config
 from marl_cair.training.demonstrations import Demonstrators
-from marl_cair.training.initial_network import fit_policy, make_initial_network
+from marl_cair.training.initial_network import count_training, fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
 from marl_cair.training.memory import keep_freed_memory
 from marl_cair.training.metrics import EpisodeStatistics, RunLog, RunningMeans
@@ -208,8 +208,10 @@ class TrainingRun:
 
     def _make_learner(self) -> None:
         config = self.config
+        source = None if self._resumes else config.initial_agent
+        self._trained_before = count_training(source)  # frames and updates
         network = make_initial_network(
-            None if self._resumes else config.initial_agent,
+            source,
             self.policy,
             (self.game.name, self.seen.name, self.seen.shape, self.spec.num_actions),
             seed=self._seeds[4],
@@ -288,6 +290,8 @@ class TrainingRun:
             updates=self.learner.updates,
             seed=self.config.seed,
             plays=SAMPLED if self.rated.is_sampled else GREEDY,
+            frames_total=self._trained_before[0] + self.frames,
+            updates_total=self._trained_before[1] + self.learner.updates,
         )
 
     @property
@@ -318,6 +322,7 @@ class TrainingRun:
         """
         state = {
             "frames": self.frames,
+            "trained_before": self._trained_before,
             "best_score": self.best_score,
             "gate_is_open": self.gate_is_open,
             "learner": self.learner.state_dict(),
@@ -359,6 +364,8 @@ class TrainingRun:
 
     def _import_state(self, state: Any, folder: Path) -> None:
         self.frames, self.best_score = state["frames"], state["best_score"]
+        before = state.get("trained_before", (0, 0))  # states of before do not say
+        self._trained_before = int(before[0]), int(before[1])
         # An agent that is better than any before the state was saved is on disk all the same.
         kept = self.folder / BEST_SCORE_FILE
         if kept.is_file():

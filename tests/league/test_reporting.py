@@ -15,7 +15,6 @@ from marl_cair.league.league import LeagueConfig, _short_names, play_league, run
 from marl_cair.league.reporting import name_agents, report_stored
 from marl_cair.league.store import STORE_FILE, AgentRecord
 
-
 GAME = GAMES["deep_line_wars"]
 
 

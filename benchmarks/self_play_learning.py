@@ -5,7 +5,7 @@
         [--out runs/self_play_stages] [--picture <out>/self_play.png] [option=value ...]
 
 Each RUN is a folder of `marl-cair train` or an agent's alone, in the order in which they went on
-from one another: the decisions of each are counted on from those of all before it. The last agent
+from one another; agents carry the sum of their decisions. The last agent
 plays `--games` games against each bot and `--alone`, an agent that met random play alone; what was
 kept of its past, thinned to one agent in `--past-every` decisions, `--past-games` against
 everybody. A best response to the last agent is rated by `marl-cair league exploit` (options with
@@ -46,14 +46,13 @@ NO_BUDGET = "0"
 
 def list_past(runs: list[Path]) -> Iterator[tuple[int, Path]]:
     """Each agent that was kept, and its decisions since the first run began; ascending."""
-    before = 0
     for folder in runs:
-        trained = read_description(folder).frames
+        last = read_description(folder)
         for agent in list_checkpoints(folder / SNAPSHOT_FOLDER):
-            if (frames := read_description(agent).frames) < trained:
-                yield before + frames, agent
-        before += trained
-        yield before, find_agent(folder)
+            about = read_description(agent)
+            if about.frames < last.frames:
+                yield about.frames_total, agent
+        yield last.frames_total, find_agent(folder)
 
 
 def thin(past: list[tuple[int, Path]], every: int) -> list[tuple[int, Path]]:

@@ -55,9 +55,12 @@ class AgentDescription:
         game, game_version, scenario: where it was trained; `scenario_options` are all its fields.
         representation, observation_shape, action_names: what it sees and can do.
         network: `QNetworkConfig.to_dict()`.
-        frames, updates: how long it was trained.
+        frames, updates: how long it was trained in its run.
         seed: of the training run.
         plays: how the network's outputs become actions, a name of `policies.actor.PLAYS`.
+        frames_total, updates_total: the same with all runs that it went on from, one after the
+            other (`initial_agent`, best responses that begin as an agent); at least those of its
+            run, which is all that files of before know.
     """
 
     name: str
@@ -73,8 +76,12 @@ class AgentDescription:
     updates: int
     seed: int
     plays: str = GREEDY
+    frames_total: int = 0
+    updates_total: int = 0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "frames_total", max(self.frames, self.frames_total))
+        object.__setattr__(self, "updates_total", max(self.updates, self.updates_total))
         check_name("way to play", self.plays, PLAYS)
         for name in ("scenario_options", "network"):
             value = getattr(self, name)

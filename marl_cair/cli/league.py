@@ -19,6 +19,7 @@ from marl_cair.cli.match_options import (
 )
 from marl_cair.cli.parser import Parser
 from marl_cair.league.agents import find_scenario
+from marl_cair.league.background import tell_training
 from marl_cair.league.blocks import SEATINGS
 from marl_cair.league.export import FORMATS, QUERIES, export_league
 from marl_cair.league.run_folders import MOST_SNAPSHOTS
@@ -126,10 +127,8 @@ def tell_status(arguments: Sequence[str]) -> int:
         )
         for number, agent in agents.items():
             played = int((games.agents == number).any(axis=1).sum())
-            lines.append(
-                f"  {agent.name}: {played} games; {agent.kind}, {agent.evaluation_policy}, "
-                f"{agent.fingerprint}"
-            )
+            about = agent.kind, agent.evaluation_policy, tell_training(agent), agent.fingerprint
+            lines.append(f"  {agent.name}: {played} games; {', '.join(filter(None, about))}")
         lines += [f"  forfeits, {count}: {reason}" for reason, count in store.read_forfeits()]
     finally:
         store.close()

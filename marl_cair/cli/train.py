@@ -91,8 +91,8 @@ def describe_options() -> str:
     choices = find_choices()
     lines = [
         "usage: marl-cair train [group=choice ...] [option=value ...]",
-        "       marl-cair train resume=FOLDER [total_frames=N] [max_minutes=M] [stop_score=S] "
-        "[allow_code=true]",
+        "       marl-cair train resume=FOLDER [total_frames=N] [max_minutes=M] [stop_score=S]",
+        "                       [allow_code=true]",
         "",
         "example: marl-cair train game=deep_line_wars policy=capsule opponent=self_play seed=3",
         "",

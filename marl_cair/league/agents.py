@@ -178,7 +178,8 @@ def describe_training(folder: Path) -> dict[str, Any]:
         name = place.name.rpartition("-")[0]
     if run.name in SHELVES:
         run = run.parent
-    return {"run": str(run), "name": name, "seed": about.seed, "frames": about.frames}
+    told = {"run": str(run), "name": name, "seed": about.seed, "frames": about.frames}
+    return {**told, "frames_total": about.frames_total}
 
 
 def shorten_paths(paths: Sequence[str], taken: Collection[str] = ()) -> dict[str, str]:

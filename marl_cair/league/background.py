@@ -122,7 +122,7 @@ def find_curves(ratings: Sequence[Rating], records: Mapping[str, AgentRecord]) -
         record = records.get(rating.name)
         if record and (about := _read_training(record)):
             key = str(about["run"]), str(about["name"]), int(about["seed"])
-            frames = int(about["frames"])
+            frames = int(about["frames_total"])
             runs.setdefault(key, {})[frames] = Point(frames, rating)
     several = {key: points for key, points in runs.items() if len(points) > 1}
     places = {key: _find_place(*key[:2]) for key in several}
@@ -134,14 +134,21 @@ def find_curves(ratings: Sequence[Rating], records: Mapping[str, AgentRecord]) -
 
 
 def tell_training(record: AgentRecord) -> str:
-    """How long an agent had been trained; "" where nothing is known of it."""
+    """How long an agent had been trained, over all runs that it went on from; "" where nothing is
+    known of it.
+    """
     about = _read_training(record)
-    return f"{about['frames']:,} decisions, seed {about['seed']}" if about else ""
+    if not about:
+        return ""
+    own, total = about["frames"], about["frames_total"]
+    part = f" ({own:,} of them in its last run)" if own < total else ""
+    return f"{total:,} decisions{part}, seed {about['seed']}"
 
 
 def _read_training(record: AgentRecord) -> dict[str, Any]:
-    """As `agents.describe_training` has written it."""
-    return dict(json.loads(record.configuration).get("training", {}))
+    """As `agents.describe_training` has written it, in files of before without the total."""
+    told = dict(json.loads(record.configuration).get("training", {}))
+    return {"frames_total": told["frames"], **told} if told else {}
 
 
 def _find_place(folder: str, name: str) -> str:

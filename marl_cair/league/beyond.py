@@ -68,8 +68,8 @@ def tell_fit(fit: FitTest | None) -> str:
     if fit is None:
         return "Too few pairs have met for a circle to show: this takes three that all meet."
     numbers = (
-        f"{tell_p_value(fit.p_value)}; scores are {100 * fit.misfit:.1f} points of 100 off what the "
-        f"ratings say on the mean, {100 * fit.misfit_by_chance:.1f} would be by chance"
+        f"{tell_p_value(fit.p_value)}; scores are {100 * fit.misfit:.1f} points of 100 off what "
+        f"the ratings say on the mean, {100 * fit.misfit_by_chance:.1f} would be by chance"
     )
     power = (
         f"if every pair were {100 * NOTICED_SHARE:.0f} points of 100 off, that would show with a "

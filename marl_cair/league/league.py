@@ -207,9 +207,10 @@ def _short_names(sources: Sequence[str], game: Game) -> list[str]:
         if not is_checkpoint(source)
     }
     count = Counter((*code.values(), *game.bots))
-    for source, name in code.items():
-        if count[name] > 1 and source.rpartition("/")[2] != name:  # a bot's own stays
-            code[source] = source
+    code = {  # a bot keeps its own
+        source: source if count[name] > 1 and source.rpartition("/")[2] != name else name
+        for source, name in code.items()
+    }
     folders = [source for source in sources if source not in code]
     short = {**code, **shorten_paths(folders, {*game.bots, *code.values()})}
     return [short[source] for source in sources]

@@ -1,14 +1,17 @@
-"""`WinRecords`: how a learner does against each opponent, as evidence that fades with time."""
+"""How a learner does against each opponent: evidence that fades, and a test while it is played."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from marl_cair.ranges import COUNT, WEIGHT, Range, check_number, read_number
 
 OPPONENT = Range(-(2**15), 2**15 - 1)  # numbers of opponents: int16 in replay
+_LOG_WEALTH = Range(-1e9, 1e9, float)
 EVEN = 0.5  # score of equals: a win counts 1, a draw 1/2
+MOST_STAKED = 0.75  # of a bettor's wealth, on one game
 
 
 class Evidence(NamedTuple):
@@ -26,6 +29,57 @@ class Evidence(NamedTuple):
         """The score to expect, in 0..1: `prior_games` even games are added to those played."""
         total = self.games + prior_games
         return (self.points + EVEN * prior_games) / total if total else EVEN
+
+
+class BettingTest:
+    """Whether scores against opponents are above a bar, looked at after any game and as often as
+    wanted: with a chance of `error` at most it is ever said of one whose expected score is not.
+
+    A bettor stakes a part of its wealth on each game's score being above the bar. While the
+    expected score is not, wealth is a supermartingale, which ever reaches 1 / error with the chance
+    `error` at most (Ville 1939; Waudby-Smith and Ramdas 2024, "Estimating means of bounded random
+    variables by betting"). The stake is Kelly's for the score that was expected before the game.
+
+    Args:
+        bar: in 0..1, both excluded.
+        error: of saying so wrongly.
+
+    Raises:
+        ValueError: a bar or an error outside 0..1.
+    """
+
+    def __init__(self, bar: float, error: float) -> None:
+        for name, value in (("bar", bar), ("error", error)):
+            if not 0.0 < value < 1.0:
+                raise ValueError(f"{name} is {value!r}, it must be above 0 and below 1")
+        self._bar, self._limit = bar, -math.log(error)
+        self._log_wealth: dict[int, float] = {}
+
+    def book(self, number: int, score: float, expected: float) -> None:
+        """A game against `number` had this score in 0..1; `expected` was known before it."""
+        bar = self._bar
+        stake = min(max(0.0, (expected - bar) / (bar * (1.0 - bar))), MOST_STAKED / bar)
+        gain = math.log1p(stake * (score - bar))
+        self._log_wealth[number] = self._log_wealth.get(number, 0.0) + gain
+
+    def is_above(self, number: int) -> bool:
+        """Whether the score against `number` is surely above the bar."""
+        return self._log_wealth.get(number, 0.0) >= self._limit
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self._log_wealth = {}
+
+    def state_dict(self) -> dict[str, Any]:
+        """As plain data."""
+        return {"log_wealth": dict(self._log_wealth)}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from `state_dict`. Raises ValueError for numbers that no games bring."""
+        held = {_read_opponent(number): wealth for number, wealth in state["log_wealth"].items()}
+        for number in held:
+            read_number(held, number, _LOG_WEALTH)
+        self._log_wealth = held
 
 
 class WinRecords:

@@ -204,7 +204,6 @@ class LeagueStore:
             with named_damage():
                 for *_, configuration in rows:
                     dict(json.loads(configuration))
-        # The last column is JSON.
         cleaned = ([one, *map(clean_text, map(str, shown)), last] for one, *shown, last in rows)
         return {int(number): AgentRecord(*about) for number, *about in cleaned}
 
@@ -279,8 +278,10 @@ class LeagueStore:
     def read_forfeits(self) -> list[tuple[str, int]]:
         """Why games were forfeited, and how many for that reason."""
         with self._named_errors():
-            query = "SELECT reason, count(*) FROM game WHERE status = 'forfeit' GROUP BY reason"
-            rows = self._database.execute(f"{query} ORDER BY reason")
+            query = (
+                "SELECT reason, count(*) FROM game WHERE status = 'forfeit' GROUP BY 1 ORDER BY 1"
+            )
+            rows = self._database.execute(query)
             return [(clean_text(str(reason)), int(count)) for reason, count in rows]
 
     def note(self, key: str, value: str) -> None:

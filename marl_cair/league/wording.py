@@ -104,8 +104,8 @@ def explain_bounds(ratings: Sequence[Rating]) -> list[str]:
             "A line parts groups: nobody below it took a single point off anybody above it, so "
             "these games do not limit how far apart they are. The zero is in the largest group. >= "
             "and <= mark bounds, which have no interval: a group's ratings may all be larger "
-            "(smaller) by the same unknown number. Shown is the smallest distance at which so clean "
-            f"a sweep has a chance of {SWEEP_PROBABILITY:.1%}."
+            "(smaller) by the same unknown number. Shown is the smallest distance at which so "
+            f"clean a sweep has a chance of {SWEEP_PROBABILITY:.1%}."
         )
     if any(rating.open_low or rating.open_high for rating in ratings):
         told.append(

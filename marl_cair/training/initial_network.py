@@ -112,6 +112,16 @@ def make_initial_network(
     return network.train()
 
 
+def count_training(source: str | None) -> tuple[int, int]:
+    """Frames and updates of the agent in folder `source` and of all that it went on from; none
+    where that is None. Raises CheckpointError where `source` is no agent's folder.
+    """
+    if source is None:
+        return 0, 0
+    about = read_description(source)
+    return about.frames_total, about.updates_total
+
+
 def _tell_differences(its: QNetworkConfig, own: QNetworkConfig) -> tuple[str, str]:
     """The settings in which two policies differ, in words for each."""
     first, second = its.to_dict(), own.to_dict()

@@ -14,7 +14,6 @@ from marl_cair.checkpoint import LIVE_FOLDER, AgentDescription, save_agent
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents import load_agent
 from marl_cair.league.arena import Load
-from marl_cair.league.intervals import win_rate_interval
 from marl_cair.league.mixtures import is_mixture, read_mixture
 from marl_cair.league.opponents import (
     BOTS,
@@ -27,7 +26,7 @@ from marl_cair.league.opponents import (
     read_standings,
 )
 from marl_cair.league.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Member, Pool
-from marl_cair.league.records import EVEN, OPPONENT, WinRecords
+from marl_cair.league.records import EVEN, OPPONENT, BettingTest, WinRecords
 from marl_cair.league.shared import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, LeagueSeat
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.ranges import COUNT, FLAG, MOST, WEIGHT, Range, read_number, read_numbers
@@ -39,6 +38,8 @@ from marl_cair.training.live_rating import LiveRating
 SNAPSHOTS = "pool"  # how the log calls all of them together
 # A margin that is kept up earns no more snapshots than this share of those by the clock allows.
 _SOONEST_SNAPSHOT = 0.25
+# Of freezing a learner before its time that does not beat the pool's best by the margin.
+SNAPSHOT_ERROR = 0.025
 
 
 class Meeting(NamedTuple):
@@ -91,6 +92,8 @@ class OpponentBook:
         self.records = WinRecords(settings.half_life_frames, settings.prior_games)
         # Of a snapshot only what it played itself, nearly: older games are those of other policies.
         self._since_snapshot = WinRecords(settings.half_life_frames, settings.prior_games)
+        bar = EVEN + (settings.snapshot_margin or 0.0)
+        self._bets = BettingTest(bar, SNAPSHOT_ERROR)
         self.pool = pool
         self._options = SamplerOptions(settings.delta, settings.recency, settings.pfsp_power)
         if not self.is_alone:
@@ -161,20 +164,22 @@ class OpponentBook:
     def note(self, meetings: Iterable[Meeting], frames: int) -> None:
         """Book the outcomes of games that ended at `frames` to those who played them."""
         for opponent, score, _ in meetings:
+            self._bets.book(opponent, score, self.records.estimate(opponent, frames))
             self.records.book(opponent, score, frames)
             self._since_snapshot.book(opponent, score, frames)
             self.live_rating.note(opponent, score)
 
     def beats_the_best(self, frames: int) -> bool:
         """Whether the learner's win rate against the pool's best snapshot is above 1/2 by the
-        margin, with 97.5 % confidence, and the last snapshot is not of just now. A main exploiter
+        margin, and the last snapshot is not of just now. However often this is asked between two
+        snapshots, with SNAPSHOT_ERROR at most it is said of a learner that is not. A main exploiter
         has to beat every main agent so, a league exploiter every player in the pool.
         """
         margin, rivals = self.settings.snapshot_margin, self._find_bar()
         soonest = _SOONEST_SNAPSHOT * self.settings.snapshot_every_frames
         if margin is None or not rivals or frames - self._last_snapshot_frames < soonest:
             return False
-        return all(self._surely_beats(rival.number, frames, margin) for rival in rivals)
+        return all(self._bets.is_above(rival.number) for rival in rivals)
 
     def _find_bar(self) -> list[Member]:
         """Whom the learner has to beat for a snapshot before its time."""
@@ -185,10 +190,6 @@ class OpponentBook:
             return self.pool.snapshots
         best = self.pool.best_snapshot()
         return [best] if best else []
-
-    def _surely_beats(self, number: int, frames: int, margin: float) -> bool:
-        points, games = self.records.evidence(number, frames)
-        return games >= 1.0 and win_rate_interval(points, 0.0, games)[0] > EVEN + margin
 
     # --- the league --------------------------------------------------------------------------
 
@@ -223,6 +224,7 @@ class OpponentBook:
         }
         member = self.pool.add_snapshot(network, about, met)
         self._since_snapshot.clear()
+        self._bets.clear()
         self.live_rating.freeze(member.number)
         self._last_snapshot_frames = frames
         self._drawn_for = (-1, -1)
@@ -252,6 +254,7 @@ class OpponentBook:
             "pool": self.pool.state_dict(),
             "records": self.records.state_dict(),
             "since_snapshot": self._since_snapshot.state_dict(),
+            "bets": self._bets.state_dict(),
             "numbers": list(self._numbers),
             "probabilities": list(self._probabilities),
             "drawn_for": self._drawn_for,
@@ -266,6 +269,8 @@ class OpponentBook:
         self.pool.load_state_dict(state["pool"])
         self.records.load_state_dict(state["records"])
         self._since_snapshot.load_state_dict(state["since_snapshot"])
+        bets = state.get("bets", {"log_wealth": {}})  # none in states of older versions
+        self._bets.load_state_dict(bets)
         numbers = read_numbers(state["numbers"], "numbers", OPPONENT)
         self.pool.require_members({*numbers} - {LATEST_ID})
         shares = read_numbers(state["probabilities"], "probabilities", WEIGHT)

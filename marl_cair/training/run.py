@@ -26,7 +26,6 @@ from marl_cair.files import (
     find_folder,
     recover_folder,
     replaced_folder,
-    require_free_space,
     write_json,
 )
 from marl_cair.games import GAMES
@@ -38,7 +37,7 @@ from marl_cair.league.shared import LeagueSeat
 from marl_cair.policies import GREEDY, SAMPLED
 from marl_cair.policies.actor import MaskedEpsilonGreedy, MaskedSampling, PolicyActor
 from marl_cair.policies.q_network import QNetwork, make_q_network
-from marl_cair.ranges import COUNT, FLAG, Range, read_number
+from marl_cair.ranges import COUNT, FLAG, Range, read_number, read_numbers
 from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
 from marl_cair.replay.generated import GeneratedReplay
 from marl_cair.replay.mixed import MixedReplay
@@ -50,21 +49,26 @@ from marl_cair.training.average_policy import AveragePolicy
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import CONFIG_FILE, fixed_settings, save_config
 from marl_cair.training.demonstrations import Demonstrators
-from marl_cair.training.initial_network import fit_policy, make_initial_network
+from marl_cair.training.initial_network import count_training, fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
 from marl_cair.training.metrics import EpisodeStatistics, RunningMeans
 from marl_cair.training.opponents import OpponentBook
 from marl_cair.training.own_play import OwnPolicies
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.seats import SeatRouter
-from marl_cair.training.state_file import load_state, save_state, to_arrays, to_tensors
+from marl_cair.training.state_file import (
+    load_state,
+    require_space,
+    save_state,
+    to_arrays,
+    to_tensors,
+)
 
 BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
 REPLAY_FOLDER, RESERVOIR_FOLDER = "replay", "reservoir"
 _SCORES = Range(-math.inf, math.inf, float)  # -inf before the first
 _NUM_SEEDS = 14
-_SPARE_BYTES = 64 << 20  # logs, agents, pictures
 
 
 class TrainingRun:
@@ -108,7 +112,7 @@ class TrainingRun:
         self._make_learner()
         self._make_collector()
         # Whatever was wrong with the settings has been found by now.
-        self._require_space()
+        require_space(self.folder, config, self.replay.real, self.transition_spec)
         self._claim.enter_context(self._claim_folder(resume))
         save_config(config)
         self.frames = 0
@@ -201,21 +205,12 @@ class TrainingRun:
         fixed = fixed_settings(self.config)
         return claim_output_folder(self.folder, TRAINING, fixed, resume, advice, CONFIG_FILE)
 
-    def _require_space(self) -> None:
-        real = self.replay.real
-        needed = _SPARE_BYTES
-        if self.config.checkpoint.include_replay:
-            # A new state is written beside the old one before it takes its place.
-            needed += 2 * real._storage.nbytes_per_step * self.config.replay.capacity_transitions
-        if self.config.nfsp.enabled:
-            spec = self.transition_spec
-            needed += 2 * self.config.nfsp.capacity_rows * (spec.row_bytes + spec.mask_bytes + 4)
-        require_free_space(self.folder, needed)
-
     def _make_learner(self) -> None:
         config = self.config
+        source = None if self._resumes else config.initial_agent
+        self._trained_before = count_training(source)  # frames and updates
         network = make_initial_network(
-            None if self._resumes else config.initial_agent,
+            source,
             self.policy,
             (self.game.name, self.seen.name, self.seen.shape, self.spec.num_actions),
             seed=self._seeds[4],
@@ -294,6 +289,8 @@ class TrainingRun:
             updates=self.learner.updates,
             seed=self.config.seed,
             plays=SAMPLED if self.rated.is_sampled else GREEDY,
+            frames_total=self._trained_before[0] + self.frames,
+            updates_total=self._trained_before[1] + self.learner.updates,
         )
 
     @property
@@ -324,6 +321,7 @@ class TrainingRun:
         """
         state = {
             "frames": self.frames,
+            "trained_before": self._trained_before,
             "best_score": self.best_score,
             "gate_is_open": self.gate_is_open,
             "learner": self.learner.state_dict(),
@@ -368,6 +366,9 @@ class TrainingRun:
     def _import_state(self, state: Any, folder: Path) -> None:
         self.frames = read_number(state, "frames", COUNT)
         self.best_score = read_number(state, "best_score", _SCORES)
+        before = state.get("trained_before", (0, 0))  # states of older versions do not say
+        frames, updates = read_numbers(before, "trained_before", COUNT)
+        self._trained_before = frames, updates
         # An agent that is better than any before the state was saved is on disk all the same.
         kept = self.folder / BEST_SCORE_FILE
         if kept.is_file():

@@ -9,8 +9,13 @@ import numpy as np
 import torch
 
 from marl_cair.checkpoint import CheckpointError, load_tensors, save_tensors
+from marl_cair.files import require_free_space
+from marl_cair.replay.buffer import EpisodeReplayBuffer
+from marl_cair.replay.transition import TransitionSpec
+from marl_cair.training.config import TrainConfig
 
 STATE_FILE = "state.pt"
+_SPARE_BYTES = 64 << 20  # logs, agents, pictures
 STATE_VERSION = 1  # of what `TrainingRun.save_state` puts into it; raise it when that changes
 
 
@@ -34,6 +39,19 @@ def load_state(folder: Path) -> dict[str, Any]:
             f"initial_agent={folder.parent / 'latest'}"
         )
     return state
+
+
+def require_space(
+    folder: Path, config: TrainConfig, real: EpisodeReplayBuffer, spec: TransitionSpec
+) -> None:
+    """Raise NotEnoughSpaceError unless the disk has room for a run's states and its other files."""
+    needed = _SPARE_BYTES
+    if config.checkpoint.include_replay:
+        # A new state is written beside the old one before it takes its place.
+        needed += 2 * real._storage.nbytes_per_step * config.replay.capacity_transitions
+    if config.nfsp.enabled:
+        needed += 2 * config.nfsp.capacity_rows * (spec.row_bytes + spec.mask_bytes + 4)
+    require_free_space(folder, needed)
 
 
 def to_tensors(value: Any) -> Any:

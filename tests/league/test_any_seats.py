@@ -1,5 +1,8 @@
 """Matches of more than two seats and of teams, and agents that play alone, on the test game."""
 
+import sqlite3
+from contextlib import closing
+
 import numpy as np
 import pytest
 
@@ -9,7 +12,7 @@ from marl_cair.league.intervals import block_interval, mean_interval
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.match import GameResult, MatchResult, play_chunks, play_match, record_game
 from marl_cair.league.playing import map_seeds
-from marl_cair.league.reporting import report_stored
+from marl_cair.league.reporting import number_agents, report_stored
 from marl_cair.league.solo import compare, play_alone
 from marl_cair.league.store import LeagueStore, LeagueStoreError
 from tests.games import last_standing
@@ -301,6 +304,33 @@ class TestLeague:
                 assert len(seated) == games
                 for seat in range(4):
                     assert set(np.bincount(seated[:, seat])[1:]) == {games // 4}
+
+    def test_each_line_up_has_map_seeds_of_its_own(self, tmp_path):
+        play_league(tmp_path, "idle", "random", "scorer", scenario="duel", games_per_pair=8)
+        stored = LeagueStore(tmp_path / "league.sqlite").read_games()
+        blocks, seeds = (len(np.unique(one)) for one in (stored.blocks, stored.map_seeds))
+        assert blocks == seeds == 3 * 4
+        games = number_agents(stored, sorted(set(stored.agents.ravel().tolist())))
+        assert len(np.unique(games.blocks)) == blocks
+
+    def test_games_of_leagues_that_shared_map_seeds_are_one_block(self, tmp_path):
+        """What plays on has map seeds of its own; what was played keeps those it had."""
+        play_league(tmp_path, "idle", "random", "scorer", scenario="duel", games_per_pair=8)
+        shared = map_seeds(0, np.arange(4))
+        with closing(sqlite3.connect(tmp_path / "league.sqlite")) as database, database:
+            for number, seed in enumerate(shared.tolist()):
+                database.execute(
+                    "UPDATE block SET map_seed = ? WHERE number = ?", (str(seed), number)
+                )
+        result = play_league(
+            tmp_path, "idle", "random", "scorer", scenario="duel", games_per_pair=16
+        )
+        assert all(rating.games == 32 for rating in result.ratings)
+        stored = LeagueStore(tmp_path / "league.sqlite").read_games()
+        assert set(stored.map_seeds[stored.numbers < 4].tolist()) == set(shared.tolist())
+        games = number_agents(stored, sorted(set(stored.agents.ravel().tolist())))
+        sizes = np.bincount(games.blocks)
+        assert sorted(sizes.tolist()) == [2] * 12 + [6] * 4
 
     def test_a_league_of_another_seating_is_refused(self, tmp_path):
         play_league(tmp_path, "idle", "random", games_per_pair=4)

@@ -32,7 +32,7 @@ def circle():
 
 def test_a_circle_is_told_in_plain_words(circle):
     text = describe_beyond(circle, NAMES, 2).replace("\n", " ")
-    assert "Is one number per agent enough? No (p = 0.003" in text
+    assert "Is one number per agent enough? No (p < 0.004" in text
     assert "read the matrix, not the ladder alone" in text
     told = "paper beats rock, rock beats scissors, and scissors beats paper (with 82% of the points"
     assert f"1 circle of three: {told}" in text

@@ -1,8 +1,10 @@
 """Win records: a prior, evidence that fades, counts, and the same after a resume."""
 
+import numpy as np
 import pytest
 
-from marl_cair.league.records import Evidence, WinRecords
+from marl_cair.league.intervals import win_rate_interval
+from marl_cair.league.records import BettingTest, Evidence, WinRecords
 
 
 def test_estimates_start_from_even_games():
@@ -53,3 +55,47 @@ def test_what_cannot_be_is_refused():
         WinRecords(half_life_frames=1, prior_games=-1)
     with pytest.raises(ValueError, match=r"score against opponent 3 is 1.5, not in 0..1"):
         WinRecords(half_life_frames=1).book(3, 1.5, 0)
+
+
+def play_at(score, num_learners, num_games):
+    """Shares of learners of whom it is ever said that they are above 0.6, asked after each game;
+    by the test, and by Wilson's interval, as it was.
+    """
+    rng = np.random.default_rng(0)
+    found = np.zeros((2, num_learners), bool)
+    for learner in range(num_learners):
+        test, records = BettingTest(0.6, 0.025), WinRecords(half_life_frames=10**9)
+        won = rng.random(num_games) < score
+        for game, points in enumerate(won.cumsum().tolist(), start=1):
+            test.book(1, float(won[game - 1]), records.estimate(1, 0))
+            records.book(1, float(won[game - 1]), 0)
+            found[0, learner] |= test.is_above(1)
+            if game % 10 == 0:
+                found[1, learner] |= win_rate_interval(points, 0, game)[0] > 0.6
+    return found.mean(1)
+
+
+def test_asking_after_each_game_deceives_one_in_40_at_most():
+    by_test, by_interval = play_at(0.6, 400, 500)
+    assert by_test <= 0.035  # 0.025, and what 400 learners are off by chance
+    assert by_interval > 0.07
+    assert play_at(0.8, 50, 300)[0] == 1.0
+
+
+def test_a_bettor_resumes_and_begins_anew():
+    test, resumed = BettingTest(0.6, 0.025), BettingTest(0.6, 0.025)
+    for _ in range(30):
+        test.book(1, 1.0, 0.95)
+    assert test.is_above(1)
+    assert not test.is_above(2)
+    resumed.load_state_dict(test.state_dict())
+    assert resumed.is_above(1)
+    test.clear()
+    assert not test.is_above(1)
+    assert resumed.is_above(1)
+
+
+@pytest.mark.parametrize(("bar", "error"), [(0.0, 0.1), (1.0, 0.1), (0.5, 0.0), (0.5, 1.0)])
+def test_bars_and_errors_outside_0_to_1_are_refused(bar, error):
+    with pytest.raises(ValueError, match="must be above 0 and below 1"):
+        BettingTest(bar, error)

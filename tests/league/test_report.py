@@ -22,23 +22,23 @@ def read_cells(folder, name):
 def test_bounds_are_marked_in_the_text():
     text = describe_league(make())
     lines = {line.split()[1]: line for line in text.splitlines()[2:7] if "---" not in line}
-    assert ">=" in lines["turtle"]
-    assert ">=" in lines["economist"]
-    assert ">=" not in lines["random"]
+    assert "<= " in lines["rusher"]
+    assert "<= " in lines["random"]
+    assert "<=" not in lines["turtle"]
     assert "nobody below it took a single point off anybody above it" in text
     assert text.isascii()  # consoles of every code page can print it
 
 
 def test_a_league_without_bounds_does_not_speak_of_them():
     text = describe_league(make(dict.fromkeys(EDGES, 25)))
-    assert ">=" not in text
+    assert "<= " not in text
     assert "parts groups: nobody" not in text
 
 
 def test_bounds_are_marked_in_the_csv(tmp_path):
     write_report(tmp_path, make_report(make()), "")
     bounds = {row["agent"]: row["bound"] for row in read_cells(tmp_path, "ladder.csv")}
-    assert bounds == {"turtle": "lower", "economist": "lower", "rusher": "", "random": ""}
+    assert bounds == {"turtle": "", "economist": "", "rusher": "upper", "random": "upper"}
 
 
 def test_half_points_reach_the_intervals(tmp_path):

@@ -1,13 +1,21 @@
 """What a run begins with, and what it draws: networks of others, prioritised rows."""
 
 import dataclasses
+import json
 import shutil
 from pathlib import Path
 
 import pytest
 import torch
 
-from marl_cair.checkpoint import CheckpointError, load_network, load_tensors, save_tensors
+from marl_cair.checkpoint import (
+    CheckpointError,
+    load_network,
+    load_tensors,
+    read_description,
+    save_tensors,
+)
+from marl_cair.cli import main
 from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.training.config import GameSettings, GeneratorSettings, ReplaySettings
@@ -207,3 +215,23 @@ def test_a_damaged_generator_is_named(tmp_path):
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(CheckpointError, match=r"generator.pt is cut short"):
         TrainingRun(config)
+
+
+def test_agents_carry_the_sum_of_their_training(tmp_path):
+    words = ["scenario=11x11", "collector.num_worlds=16", "collector.steps_per_batch=8"]
+    words += ["policy.hidden_width=16", "replay.min_transitions=200", "learner.batch_size=16"]
+    first, second = tmp_path / "first", tmp_path / "second"
+    assert main(["train", *words, "total_frames=512", f"out={first}"]) == 0
+    more = [f"initial_agent={first / 'latest'}", "total_frames=256", f"out={second}"]
+    assert main(["train", *words, *more]) == 0
+    one, two = (read_description(folder / "latest") for folder in (first, second))
+    assert (one.frames, one.frames_total) == (512, 512)
+    assert (two.frames, two.frames_total) == (256, 768)
+    assert two.updates_total == one.updates + two.updates
+    assert main(["train", f"resume={second}", "total_frames=512"]) == 0
+    assert read_description(second / "latest").frames_total == 1_024
+    file = first / "latest" / "agent.json"
+    old = json.loads(file.read_text("utf-8"))
+    del old["frames_total"], old["updates_total"]
+    file.write_text(json.dumps(old), "utf-8")
+    assert read_description(first / "latest").frames_total == 512

@@ -238,6 +238,7 @@ def declared_modules() -> set[str]:
     renamed = {
         "hydra-core": "hydra",
         "pillow": "PIL",
+        "pyyaml": "yaml",
         "pygame-ce": "pygame",
         "open-spiel": "open_spiel",
     }

@@ -295,6 +295,7 @@ def declared_modules() -> set[str]:
     renamed = {
         "hydra-core": "hydra",
         "pillow": "PIL",
+        "pyyaml": "yaml",
         "open-spiel": "open_spiel",
     }
     return {renamed.get(name, name) for name in names}

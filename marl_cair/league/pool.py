@@ -386,18 +386,16 @@ class Pool:
 
 def _read_name(saved: Mapping[str, Any]) -> str:
     """The name of a snapshot's folder. Raises ValueError for a path that leads elsewhere."""
-    name = str(saved["name"])
-    if name in ("", ".", "..") or any(mark in name for mark in "/\\\0"):
+    if (name := str(saved["name"])) in ("", ".", "..") or any(mark in name for mark in "/\\\0"):
         raise ValueError(f"the snapshot {name!r:.80} must be the plain name of a folder")
     return name
 
 
 def choose_retired(frames: Sequence[int], needed: Collection[int] = ()) -> int:
-    """Which of two or more snapshots retires, an index; `frames` [K] rise.
+    """The index of the snapshot that retires, of two or more; `frames` [K] rise.
 
-    Never the oldest, the newest, or one of `needed` (those in the support of the Nash mixture: what
-    they know, no other does), unless that leaves nobody. Of the others the one that leaves the
-    smallest gap: what stays covers the whole training, more evenly than the newest K would.
+    Never the oldest or the newest, and none of `needed` (the support of the Nash mixture) unless no
+    other is left. Of the others the one that leaves the smallest gap in training.
     """
     if len(frames) < 3:
         return 0

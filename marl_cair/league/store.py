@@ -104,12 +104,11 @@ class LeagueStore:
     """
 
     def __init__(self, path: Path, settings: Mapping[str, Any] | None = None) -> None:
-        if settings is None and not path.is_file():
+        if not path.is_file() and (settings is None or path.exists()):  # a pipe would be waited for
+            told = "no regular file" if path.exists() else "not there"
             raise LeagueStoreError(
-                f"{path} is not there: give the folder of a league (`marl-cair league ... --out`)"
+                f"{path} is {told}: give the folder of a league (`marl-cair league ... --out`)"
             )
-        if path.exists() and not path.is_file():  # a pipe would be waited for
-            raise LeagueStoreError(f"{path} is no regular file: give another folder")
         path.parent.mkdir(parents=True, exist_ok=True)
         self._path = path
         is_fixed = settings is None and not all(os.access(p, os.W_OK) for p in (path, path.parent))
@@ -278,10 +277,8 @@ class LeagueStore:
     def read_forfeits(self) -> list[tuple[str, int]]:
         """Why games were forfeited, and how many for that reason."""
         with self._named_errors():
-            query = (
-                "SELECT reason, count(*) FROM game WHERE status = 'forfeit' GROUP BY 1 ORDER BY 1"
-            )
-            rows = self._database.execute(query)
+            query = "SELECT reason, count(*) FROM game WHERE status = 'forfeit' GROUP BY 1"
+            rows = self._database.execute(f"{query} ORDER BY 1")
             return [(clean_text(str(reason)), int(count)) for reason, count in rows]
 
     def note(self, key: str, value: str) -> None:

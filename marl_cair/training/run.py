@@ -56,13 +56,8 @@ from marl_cair.training.opponents import OpponentBook
 from marl_cair.training.own_play import OwnPolicies
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.seats import SeatRouter
-from marl_cair.training.state_file import (
-    load_state,
-    require_space,
-    save_state,
-    to_arrays,
-    to_tensors,
-)
+from marl_cair.training.state_file import load_state, require_space, save_state
+from marl_cair.training.state_file import to_arrays, to_tensors
 
 BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from marl_cair import policies
 from marl_cair.lookup import UnknownNameError
-from marl_cair.policies.body import standardise_changes
+from marl_cair.policies.body import Body, standardise_changes
 from marl_cair.policies.conv import ConvLayer, choose_layers
 from marl_cair.policies.heads import DuelingHead
 from marl_cair.policies.q_network import CapsuleSizes, QNetwork, QNetworkConfig, make_q_network
@@ -35,7 +35,7 @@ def random_bytes(*shape: int, seed: int = 0) -> Tensor:
 
 
 def test_every_network_is_a_body():
-    assert all(issubclass(body, policies.Body) for body in policies.NETWORKS.values())
+    assert all(issubclass(body, Body) for body in policies.NETWORKS.values())
 
 
 @pytest.mark.parametrize("head", ["dueling", "plain"])

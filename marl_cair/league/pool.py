@@ -25,12 +25,11 @@ if TYPE_CHECKING:
     from marl_cair.policies.q_network import QNetwork
 
 BOT, FOREIGN, LIVE, SNAPSHOT = "bot", "foreign", "live", "snapshot"
-# Number 0 is the learner itself.
-FIRST_NUMBERS = {BOT: 1, FOREIGN: 500, LIVE: 900, SNAPSHOT: 1_000}
+FIRST_NUMBERS = {BOT: 1, FOREIGN: 500, LIVE: 900, SNAPSHOT: 1_000}  # 0 is the learner itself
 _SNAPSHOT_NUMBERS = Range(FIRST_NUMBERS[SNAPSHOT], 2**15 - 1)  # int16 in replay
 INDEX_FILE = "pool.json"
 _FORMAT_VERSION = 1
-_SUPPORT = 0.01  # share of the Nash mixture from which on a snapshot is needed in it
+_SUPPORT = 0.01  # least share of the Nash mixture of a snapshot that it needs
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ class Member:
         fingerprint: of a snapshot's network, `league.agents.find_fingerprint`; else empty.
         met: what the learner had to show against each other member shortly before it was frozen.
         is_retired: whether it is drawn no more.
-        owner, role: in a league, the learner that it is of, and which of `shared.ROLES` that has.
+        owner, role: in a league, its learner, and that learner's role (`shared.ROLES`).
     """
 
     number: int
@@ -253,7 +252,7 @@ class Pool:
 
     def release(self, in_use: Collection[int]) -> None:
         """Forget the networks of snapshots other than `in_use`; they stay on disk."""
-        for number in [number for number in self._agents if number not in in_use]:
+        for number in self._agents.keys() - {*in_use}:
             if self._members[number].kind == SNAPSHOT:
                 del self._agents[number]
         self._unread = {n: state for n, state in self._unread.items() if n in in_use}
@@ -274,17 +273,15 @@ class Pool:
     def payoff(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Scores to expect in 0..1 of row against column, float64 [K, K]; 1/2 is even.
 
-        Between a snapshot and who was there before it, what the learner had to show shortly before
-        it was frozen, exploration included; 1/2 where they have not met.
+        Between a snapshot and earlier members, the learner's score shortly before it was frozen.
         """
         payoff = np.full((len(numbers), len(numbers)), EVEN)
         places = {number: place for place, number in enumerate(numbers)}
         for row, number in enumerate(numbers):
             for other, evidence in self._find(number).met.items():
-                if other in places:
-                    score = evidence.estimate(self._prior_games)
-                    payoff[row, places[other]] = score
-                    payoff[places[other], row] = 1.0 - score
+                if (column := places.get(other)) is not None:
+                    payoff[row, column] = score = evidence.estimate(self._prior_games)
+                    payoff[column, row] = 1.0 - score
         return payoff
 
     def best_snapshot(self) -> Member | None:
@@ -397,8 +394,6 @@ def choose_retired(frames: Sequence[int], needed: Collection[int] = ()) -> int:
     Never the oldest or the newest, and none of `needed` (the support of the Nash mixture) unless no
     other is left. Of the others the one that leaves the smallest gap in training.
     """
-    if len(frames) < 3:
-        return 0
     inner = range(1, len(frames) - 1)
-    free = [index for index in inner if index not in needed] or inner
+    free = [index for index in inner if index not in needed] or inner or [0]
     return min(free, key=lambda index: (frames[index + 1] - frames[index - 1], index))

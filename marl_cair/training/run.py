@@ -44,7 +44,7 @@ from marl_cair.replay.mixed import MixedReplay
 from marl_cair.replay.reservoir import Reservoir
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.stored import DamagedFileError, read_json
-from marl_cair.training import generators, memory
+from marl_cair.training import generators, memory, state_file
 from marl_cair.training.average_policy import AveragePolicy
 from marl_cair.training.config import TrainConfig
 from marl_cair.training.config_file import CONFIG_FILE, fixed_settings, save_config
@@ -56,8 +56,7 @@ from marl_cair.training.opponents import OpponentBook
 from marl_cair.training.own_play import OwnPolicies
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.seats import SeatRouter
-from marl_cair.training.state_file import load_state, require_space, save_state
-from marl_cair.training.state_file import to_arrays, to_tensors
+from marl_cair.training.state_file import require_space, to_arrays, to_tensors
 
 BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
@@ -333,7 +332,7 @@ class TrainingRun:
         with replaced_folder(self.folder / RESUME_FOLDER) as fresh:
             if self.generator:
                 state["generator"] = generators.save_generator(self.generator, fresh)
-            save_state(state, fresh)
+            state_file.save_state(state, fresh)
             if self.config.checkpoint.include_replay:
                 self.replay.save(fresh / REPLAY_FOLDER)
             if self.average_policy:  # it is the mean of all time: nothing could bring it back
@@ -348,7 +347,7 @@ class TrainingRun:
             CheckpointError: the state cannot be read, or is of other settings or another version.
         """
         folder = self.folder / RESUME_FOLDER
-        state = load_state(folder)
+        state = state_file.load_state(folder)
         try:
             self._import_state(state, folder)
         except DamagedFileError as error:  # it names the file

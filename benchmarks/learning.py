@@ -16,6 +16,7 @@ import csv
 import io
 import json
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from marl_cair.checkpoint import read_description
@@ -65,6 +66,12 @@ def train(run: Path, minutes: float | None, words: list[str]) -> None:
     write_atomically(run / FINISHED_FILE, "")
 
 
+def give(recipe: Iterable[str], words: list[str]) -> list[str]:
+    """The words of a recipe that `words` do not override, and `words`."""
+    names = {word.partition("=")[0] for word in words}
+    return [*(word for word in recipe if word.partition("=")[0] not in names), *words]
+
+
 def rate(run: Path, against: list[str], games: int) -> list[dict[str, str]]:
     """Rows of the evaluation of the best agent, played once and kept beside it."""
     table = run / f"evaluation_{'_'.join(against)}_{games}.csv"
@@ -93,7 +100,7 @@ def main() -> None:
             run = options.out / f"{network}-{seed}"
             fixed = [f"policy={network}", f"seed={seed}"]
             fixed.append(f"evaluation.bots=[{','.join(options.against)}]")
-            train(run, options.minutes, [*RECIPE, *fixed, *words])
+            train(run, options.minutes, [*fixed, *give(RECIPE, words)])
             decisions = read_description(run / BEST_FOLDER).frames
             minutes = f"{trained_minutes(run):.1f}"
             for line in rate(run, options.against, options.games):

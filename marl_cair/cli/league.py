@@ -19,7 +19,6 @@ from marl_cair.cli.match_options import (
 )
 from marl_cair.cli.parser import Parser
 from marl_cair.league.agents import find_scenario
-from marl_cair.league.background import tell_training
 from marl_cair.league.blocks import SEATINGS
 from marl_cair.league.export import FORMATS, QUERIES, export_league
 from marl_cair.league.run_folders import MOST_SNAPSHOTS
@@ -117,6 +116,8 @@ def tell_status(arguments: Sequence[str]) -> int:
     parser = Parser("marl-cair league status", description=tell_status.__doc__)
     _add_folder(parser)
     store = LeagueStore(Path(parser.parse_args(arguments).out) / STORE_FILE)
+    from marl_cair.league.background import tell_training
+
     try:
         games, agents = store.read_games(), store.read_agents()
         held = {key: store.settings[key] for key in ("game", "game_version", "seed", "seating")}

@@ -10,12 +10,11 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.playing import (
     CHUNKS_AT_ONCE,
@@ -26,6 +25,9 @@ from marl_cair.league.playing import (
     play_out,
     start_engine,
 )
+
+if TYPE_CHECKING:  # which imports the compiler
+    from marl_cair.games.engine import BatchedEngine
 
 GAMES_PER_CHUNK = 8  # at least, in whole blocks
 SEATINGS = ("ring", "all")

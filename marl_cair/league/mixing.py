@@ -87,7 +87,8 @@ def mix_league(
     }
     if not agents:
         raise LeagueStoreError(f"{folder} holds no games yet: play them first (`marl-cair league`)")
-    called, ids = name_agents(agents), list(agents)
+    called = name_agents(agents)
+    ids = list(called)
     rows = [ids.index(number) for number in _choose_members(folder, agents, called, names)]
     scores = _find_scores(folder, stored, called, rows)
     weights = find_safest_mixture(scores, slack)

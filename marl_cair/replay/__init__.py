@@ -5,6 +5,7 @@ from typing import Any
 from marl_cair.lookup import LazyTable
 
 MAX_FRACTION = 0.9  # of a batch that may be generated
+MOST_STEPS = 10_000  # between an observation and the next of a row: the most that n_steps may be
 
 _MODULES = {
     "buffer": ("EpisodeReplayBuffer", "ReplayConfig", "make_replay_buffer"),

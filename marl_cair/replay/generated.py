@@ -15,13 +15,13 @@ from tensordict import TensorDict
 
 from marl_cair.files import replaced_folder
 from marl_cair.ranges import COUNT, NUMBER, Range, read_array, read_number
+from marl_cair.replay import MOST_STEPS
 from marl_cair.replay.array_folder import load_arrays, require_layout, save_arrays
 from marl_cair.replay.sampler import draw_integers, restore_generator
 from marl_cair.replay.transition import (
     EXPERIENCE_KEYS,
     EXPERT_ACTION,
     IS_GENERATED,
-    MOST_STEPS,
     NEXT_DONE,
     NO_ACTION,
     NO_INDEX,

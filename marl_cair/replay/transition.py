@@ -42,7 +42,6 @@ LABEL_KEYS: tuple[Key, ...] = (
 )
 TRANSITION_KEYS: tuple[Key, ...] = EXPERIENCE_KEYS + LABEL_KEYS
 
-MOST_STEPS = 10_000  # between an observation and the next of a row: the most that n_steps may be
 NO_ACTION = -1  # of EXPERT_ACTION: nobody shows what to do
 NO_OPPONENT = -1  # the row met nobody that is known by number, or several
 NO_INDEX = -1  # the row lies in no ring of real transitions

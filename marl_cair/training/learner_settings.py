@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from marl_cair.lookup import find_by_name
-from marl_cair.replay.transition import MOST_STEPS
+from marl_cair.replay import MOST_STEPS
 from marl_cair.training.checks import require
 
 TARGET_UPDATES = ("soft", "hard")

@@ -2,7 +2,6 @@
 
 import re
 
-import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -11,8 +10,6 @@ from torchrl.collectors import Collector
 from torchrl.envs import (
     ActionMask,
     Compose,
-    GymEnv,
-    GymWrapper,
     PettingZooWrapper,
     RewardSum,
     StepCounter,
@@ -21,13 +18,10 @@ from torchrl.envs import (
 from torchrl.envs.utils import check_env_specs
 
 import marl_cair
-from marl_cair.games import GAMES
-from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
 from marl_cair.games.parallel_env import GameParallelEnv
-from marl_cair.games.registry import gymnasium_id
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
 from marl_cair.lookup import UnknownNameError
-from tests.games.cases import QUICK_CASES, REPRESENTATIONS, Case, Luck, choose_actions, ticks_of
+from tests.games.cases import REPRESENTATIONS, Case, Luck, choose_actions, ticks_of
 
 MAX_DECISIONS = 30
 
@@ -270,64 +264,6 @@ def test_random_actions_are_uniform_over_the_legal_ones():
     assert 0.95 < shares[mask].mean() < 1.05
     assert (counts[~mask] == 0).all()
     assert env.rand_action()[GROUP, "action"].dtype == torch.int64
-
-
-# --- TorchRL's wrappers around the other environments ----------------------------------------
-
-IDS = sorted(
-    {
-        gymnasium_id(GAMES[case.game].gymnasium_prefix, case.scenario)
-        for case in QUICK_CASES
-        if case.scenario in GAMES[case.game].scenarios
-    }
-)
-
-
-@pytest.mark.parametrize("env_id", IDS)
-def test_gym_env_takes_every_id(env_id):
-    check_env_specs(GymEnv(env_id), seed=0)
-
-
-@pytest.mark.parametrize("categorical", [False, True], ids=["one-hot", "categorical"])
-def test_gym_env_draws_legal_actions_by_the_mask_in_the_observation(game_name, categorical):
-    chosen = GAMES[game_name]
-    env_id = gymnasium_id(chosen.gymnasium_prefix, chosen.default_scenario)
-    plain = GymEnv(env_id, mask_in_observation=True, categorical_action_encoding=categorical)
-    env = TransformedEnv(plain, ActionMask())
-    check_env_specs(env, seed=0)
-    torch.manual_seed(0)
-    stored = env.rollout(60, break_when_any_done=False)
-    actions = stored["action"] if categorical else stored["action"].int().argmax(-1)
-    assert stored["action_mask"].gather(-1, actions.unsqueeze(-1)).all()
-    assert not plain.unwrapped.engine.illegal_actions.any()
-
-
-@pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
-def test_gym_wrapper_takes_vectors(game_name, mode):
-    chosen = GAMES[game_name]
-    env_id = gymnasium_id(chosen.gymnasium_prefix, chosen.default_scenario)
-    vector = gymnasium.make_vec(env_id, 3, autoreset_mode=mode, max_episode_steps=5)
-    env = GymWrapper(vector, categorical_action_encoding=True)
-    assert env.batch_size == (3,)
-    check_env_specs(env, seed=0)
-    stored = env.rollout(12, break_when_any_done=False)
-    assert stored["next", "done"].sum() >= 6
-
-
-def test_torchrls_pettingzoo_wrapper_takes_the_mask_in_the_observation(game_name):
-    limit = ticks_of(game_name, MAX_DECISIONS)
-    env = PettingZooWrapper(GameParallelEnv(game_name, mask_in_observation=True, max_ticks=limit))
-    check_env_specs(env, seed=0)
-    masks = env.rollout(8)[GROUP, "action_mask"]
-    assert not masks.all()
-
-
-def test_an_unknown_option_is_an_unexpected_keyword_argument(game_name):
-    message = r"unknown \w+ option 'frameskip'.*\(unexpected keyword argument 'frameskip'\)"
-    for make in (GameParallelEnv, GameEnv, GameVectorEnv, BatchedGameEnv, marl_cair.make_engine):
-        with pytest.raises(TypeError, match=message) as raised:
-            make(game_name, frameskip=4)
-        assert isinstance(raised.value, ValueError)
 
 
 def test_the_same_seed_gives_the_same_games(case):

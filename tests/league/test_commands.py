@@ -12,6 +12,7 @@ from marl_cair.cli import evaluate, league, main
 from marl_cair.games import GAMES
 from marl_cair.league import agents
 from marl_cair.league.agents import find_scenario, load_agent
+from tests.damage import forget_checksums
 from tests.league.players import GAME, save_network
 from tests.refusals import assert_refused
 
@@ -104,6 +105,7 @@ def test_an_agent_of_a_scenario_that_nobody_knows_here_is_loaded_by_its_fields(t
     about = tmp_path / "net" / DESCRIPTION_FILE
     held = json.loads(about.read_text("utf-8"))
     about.write_text(json.dumps({**held, "scenario": "mine"}), "utf-8")
+    forget_checksums(tmp_path)
     trained = GAME.scenario("11x11", max_ticks=300, reward=GAME.rated_reward)
     game, name, fields = find_scenario([net])
     assert game.scenario(name, **fields) == trained

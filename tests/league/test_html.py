@@ -18,7 +18,7 @@ from marl_cair.league.shares import Share
 from marl_cair.league.store import AgentRecord
 from marl_cair.league.table import make_table
 from marl_cair.league.verdict import tell_headline, tell_verdict
-from marl_cair.league.wording import LINE_WIDTH, describe_league, format_rating
+from marl_cair.league.wording import LINE_WIDTH, describe_league, format_rating, set_signs
 from tests.league.leagues import EDGES, NAMES, make, make_games, no_games
 
 EVIL = '<script>alert("x")</script>'
@@ -83,7 +83,7 @@ def test_the_ladder_of_the_page_is_that_of_the_text():
     text = describe_league(table)
     for rating, row in zip(table.ratings, rows, strict=True):
         elo, ends, *others = format_rating(rating)
-        assert row[1:4] == [rating.name, elo.replace(">=", "\u2265"), ends]
+        assert row[1:4] == [rating.name, set_signs(elo), ends]
         assert row[5:] == others
         assert all(word in text for word in (rating.name, elo, ends, *others))
 

@@ -218,7 +218,7 @@ def test_a_league_file_that_cannot_be_written_is_named(tmp_path):
     for file in (tmp_path / "a").glob("league.sqlite*"):
         file.unlink()
     (tmp_path / "a" / "league.sqlite").mkdir()
-    with pytest.raises(LeagueStoreError, match="league.sqlite cannot be read or written"):
+    with pytest.raises(LeagueStoreError, match="league.sqlite is no regular file"):
         play(tmp_path / "a")
 
 

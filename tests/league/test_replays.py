@@ -235,7 +235,13 @@ def test_snapshots_know_their_run_and_their_age(tmp_path):
         folder = tmp_path / "run" / shelf
         save_network(folder, name="run@5" if "frames" in shelf else "run")
         about = describe_training(folder)
-        assert about == {"run": str(tmp_path / "run"), "name": "run", "seed": 0, "frames": 0}
+        assert about == {
+            "run": str(tmp_path / "run"),
+            "name": "run",
+            "seed": 0,
+            "frames": 0,
+            "frames_total": 0,
+        }
     player = tmp_path / "shared" / "players" / "main_0-001-0000000007"
     save_network(player)
     assert describe_training(player)["name"] == "main_0-001"

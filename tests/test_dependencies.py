@@ -1,0 +1,47 @@
+"""Libraries are declared with bounds that are tested."""
+
+import re
+import sys
+import tomllib
+
+from tests.test_architecture import PACKAGE, ROOT, every_source, imported_modules, read_tree
+
+
+@every_source
+def test_every_imported_library_is_declared(path):
+    imported = {name.split(".")[0] for name in imported_modules(path, read_tree(path))}
+    third_party = imported - set(sys.stdlib_module_names) - {"marl_cair"}
+    assert third_party - declared_modules() == set()
+
+
+def declared_modules() -> set[str]:
+    """Import names of what pyproject.toml names as needed, or as needed for an extra of users."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    for_users = [need for name in ("parquet", "openspiel") for need in extras[name]]
+    requirements = project["dependencies"] + for_users
+    names = {re.match(r"[\w.-]+", requirement).group() for requirement in requirements}
+    renamed = {
+        "hydra-core": "hydra",
+        "pillow": "PIL",
+        "pyyaml": "yaml",
+        "open-spiel": "open_spiel",
+    }
+    return {renamed.get(name, name) for name in names}
+
+
+def test_citation_names_the_version_of_the_package():
+    source = (PACKAGE / "__init__.py").read_text(encoding="utf-8")
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    version = re.findall(r'^__version__ = "(.+)"$', source, re.MULTILINE)
+    assert len(version) == 1, "pyproject.toml takes the version from __version__ in __init__.py"
+    assert re.findall(r"^version: (.+)$", citation, re.MULTILINE) == version
+
+
+def test_the_oldest_versions_that_are_tested_are_those_that_are_allowed():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    bounds = [re.match(r"([\w-]+)>=([\d.]+)", line) for line in project["dependencies"]]
+    assert all(bounds)
+    lines = (ROOT / "constraints-oldest.txt").read_text("utf-8").splitlines()
+    pins = [line for line in lines if not line.startswith("#")]
+    assert pins == [f"{bound[1]}=={bound[2]}" for bound in bounds]

@@ -3,19 +3,29 @@
     python -m benchmarks.deep_rts [--worlds 256] [--seconds 1.0] [--processor-time]
                                   [--original /tmp/deep_rts_original]
 
-One thread, random actions of the `classic` space at each tick, resets included; best of 5. `rich`
-games start with a million of gold and lumber and food for 50 units, and end after 3,000 ticks.
+One thread, random actions of the `classic` space at each tick, resets included; best of 5. Each row
+says how many living units, buildings included, stand on a board on average and at most. `rich`
+games start with a million of gold and lumber and food for 50 units, and end after 3,000 ticks; in
+those with halls each player has a town hall from the start, so that few are defeated early. With
+the same settings our boards have more units than the original's. "Equal units" is therefore ours
+without halls beside the original with halls: as many units on games as long.
 
 With --original, the C++ engine of Deep RTS (github.com/cair/deep-rts, which is not part of this
-project) plays the same workloads beside ours, one game at a time on its own maps of these sizes,
-and each row ends in our rate divided by its rate. "Planes" is there a copy of its state array at
-each tick; it has no masks. The executable is a driver of your own around your build. It takes
+project) plays the same workloads in turns with ours, one game at a time on its own maps of these
+sizes. Each row ends in two ratios, ours divided by its: ticks/s, and unit-ticks/s (ticks/s times
+the mean number of units). The original's numbers are those of its fastest run.
+Compare rates only where both boards have about as many units. "Planes" is there a copy of its state
+array at each tick; it has no masks. The executable is a driver of your own around your build. It
+takes
 
-    --map FILE --players N --max-ticks N --seconds S [--rich] [--copy-state] [--processor-time]
+    --map FILE --players N --max-ticks N --seconds S
+    [--rich] [--halls] [--copy-state] [--processor-time]
 
 does a random action of the 16 for each player at each tick, drawn before the clock starts, plays
 whole games, resets included, until the seconds are over, and prints as its last line
-{"ticks_per_second": ..., "most_units": ...}.
+{"ticks_per_second": ..., "mean_units": ..., "most_units": ...}, units being those in the lists of
+all players. Its settings are the engine's defaults with barracks and archer on, with --halls also
+instant town hall, without GUI and limit of frames.
 
 On a machine that others use too, --processor-time counts the seconds that each side computed.
 """
@@ -29,13 +39,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.engine import REPEATS, measure
+from benchmarks._legal_actions import make_draw_legal
+from benchmarks.engine import REPEATS, measure_once
 from marl_cair.games import make_engine
 from marl_cair.games.deep_rts import tables
 from marl_cair.games.deep_rts.state import NUM_UNITS
@@ -43,7 +52,6 @@ from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.randomness import episode_seeds
 
 ACTION_SETS = 256
-BLOCK = 64  # actions
 ORIGINAL_MAPS = {
     "15x15-2p-crossing": "15x15-2p-ffa-Cresal.json",
     "31x31-6p-frontier": "31x31-6p-ffa-Thelor.json",
@@ -54,6 +62,7 @@ RICH = replace(
     start_lumber=1_000_000,
     start_food=50,
 )
+RICH_PRESETS = {"rich": RICH, "rich, halls": replace(RICH, starts_with_hall=True)}
 
 
 @dataclass(frozen=True)
@@ -68,6 +77,7 @@ class Workload:
     reads: str = ""  # "planes", or "planes and masks"
     num_worlds: int = 512  # fewer where their planes would not fit the processor's caches
     actions: str = "classic"
+    original_halls: bool = False
     legal: bool = False  # actions are drawn from the masks, at each tick; else drawn beforehand
 
     def make_engine(self, num_worlds: int) -> BatchedEngine:
@@ -95,49 +105,65 @@ WORKLOADS = (
         num_worlds=256,
     ),
     Workload("15x15, 2 players, rich", "15x15-2p-crossing", 2, "rich", 3_000),
+    Workload(
+        "15x15, 2 players, rich, halls",
+        "15x15-2p-crossing",
+        2,
+        "rich, halls",
+        3_000,
+        original_halls=True,
+    ),
+    Workload(
+        "15x15, 2 players, equal units",
+        "15x15-2p-crossing",
+        2,
+        "rich",
+        3_000,
+        original_halls=True,
+    ),
     Workload("31x31, 6 players", "31x31-6p-frontier", 6),
     Workload("31x31, 6 players, rich", "31x31-6p-frontier", 6, "rich", 3_000),
+    Workload(
+        "31x31, 6 players, rich, halls",
+        "31x31-6p-frontier",
+        6,
+        "rich, halls",
+        3_000,
+        original_halls=True,
+    ),
+    Workload(
+        "31x31, 6 players, equal units",
+        "31x31-6p-frontier",
+        6,
+        "rich",
+        3_000,
+        original_halls=True,
+    ),
     Workload("31x31, 6 players, planes", "31x31-6p-frontier", 6, reads="planes", num_worlds=128),
 )
 
 
-def make_draw_legal() -> Callable[..., None]:
-    """`draw(mask bool [B, P, A], draws float [B, P], out [B, P])`: each seat's random legal action.
+class Units:
+    """Living units of a world, buildings included: the mean and the largest number counted."""
 
-    Each draw in [0, 1) chooses among that seat's legal actions, all equally likely.
-    """
+    def __init__(self) -> None:
+        self._counts: list[NDArray[np.int64]] = []
 
-    @numba.njit
-    def count(legal: NDArray[Any]) -> int:
-        found = 0
-        for action in range(len(legal)):
-            found += legal[action]
-        return found
+    def count(self, engine: BatchedEngine) -> None:
+        """Count the units of every world now."""
+        self._counts.append(engine._worlds.players[:, :, NUM_UNITS].sum(1))
 
-    @numba.njit
-    def choose(legal: NDArray[Any], draw: float) -> int:
-        before, action = int(draw * count(legal)), 0  # legal ones before the chosen one
-        # Whole blocks first: the compiler counts many actions at once.
-        here = count(legal[:BLOCK])
-        while here <= before:
-            before -= here
-            action += BLOCK
-            here = count(legal[action : action + BLOCK])
-        while before > 0 or not legal[action]:
-            before -= int(legal[action])
-            action += 1
-        return action
+    def mean(self) -> float:
+        """Over worlds and times of counting."""
+        return float(np.mean(self._counts))
 
-    @numba.njit
-    def draw(mask: NDArray[Any], draws: NDArray[Any], out: NDArray[Any]) -> None:
-        for world, seat in np.ndindex(draws.shape):
-            out[world, seat] = choose(mask[world, seat], draws[world, seat])
-
-    return draw
+    def most(self) -> int:
+        """In one world."""
+        return int(np.max(self._counts))
 
 
-def prepare(workload: Workload, num_worlds: int) -> tuple[Callable[[], int], Callable[[], int]]:
-    """A round of play that returns its ticks, and the largest number of units seen so far."""
+def prepare(workload: Workload, num_worlds: int) -> tuple[Callable[[], int], Units]:
+    """A round of play that returns its ticks, and the units counted at the end of each round."""
     engine = workload.make_engine(num_worlds)
     shape = (ACTION_SETS, num_worlds, engine.num_players)
     actions = np.random.default_rng(0).integers(engine.num_actions, size=shape, dtype=np.int32)
@@ -146,7 +172,7 @@ def prepare(workload: Workload, num_worlds: int) -> tuple[Callable[[], int], Cal
     engine.reset(episode_seeds(0, indices, episodes))
     mask = engine.action_mask()
     draw_legal = make_draw_legal() if workload.legal else None
-    most = 0
+    units = Units()
 
     def choose(index: int) -> NDArray[np.int32]:
         if draw_legal:
@@ -169,21 +195,29 @@ def prepare(workload: Workload, num_worlds: int) -> tuple[Callable[[], int], Cal
     nobody = np.zeros(num_worlds, np.bool_)
 
     def play() -> int:
-        nonlocal most
         for index in range(ACTION_SETS):
             step(choose(index), nobody)
             if workload.reads:
                 engine.observe_in_place("planes")
             if workload.reads == "planes and masks":
                 engine.action_mask(out=mask)
-        most = max(most, int(engine._worlds.players[:, :, NUM_UNITS].sum(1).max()))
+        units.count(engine)
         return ACTION_SETS * num_worlds
 
-    return play, lambda: most
+    return play, units
 
 
 class OriginalError(Exception):
     """The executable of the original could not be run, or did not do what was asked."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the driver of the original measured."""
+
+    rate: float  # ticks/s
+    mean_units: float
+    most_units: int
 
 
 @dataclass(frozen=True)
@@ -193,18 +227,23 @@ class Original:
     path: Path
     processor_time: bool
 
-    def play(self, workload: Workload, seconds: float) -> tuple[float, int]:
-        """Ticks per second, and the largest number of units seen."""
+    def play(self, workload: Workload, seconds: float) -> Answer:
+        """One run of the driver."""
         command = [str(self.path.resolve()), "--map", ORIGINAL_MAPS[workload.map]]
         command += ["--players", str(workload.num_players), "--seconds", str(seconds)]
         command += ["--max-ticks", str(workload.max_ticks)]
-        command += ["--rich"] * (workload.preset == "rich")
+        command += ["--rich"] * (workload.preset in RICH_PRESETS)
+        command += ["--halls"] * workload.original_halls
         command += ["--copy-state"] * bool(workload.reads)
         command += ["--processor-time"] * self.processor_time
         try:
             done = subprocess.run(command, capture_output=True, text=True, check=True)
             answer = json.loads(done.stdout.splitlines()[-1])
-            return float(answer["ticks_per_second"]), int(answer["most_units"])
+            return Answer(
+                float(answer["ticks_per_second"]),
+                float(answer["mean_units"]),
+                int(answer["most_units"]),
+            )
         except OSError as error:
             raise OriginalError(f"{self.path} cannot be run: {error.strerror}") from error
         except subprocess.CalledProcessError as error:
@@ -213,11 +252,6 @@ class Original:
         except (ValueError, KeyError, TypeError, IndexError) as error:
             message = f"{self.path} did not answer with a rate as `--help` asks for"
             raise OriginalError(message) from error
-
-    def measure(self, workload: Workload, seconds: float) -> tuple[float, int]:
-        """Best rate of REPEATS, and the largest number of units seen."""
-        rates, units = zip(*(self.play(workload, seconds) for _ in range(REPEATS)), strict=True)
-        return max(rates), max(units)
 
     def check(self) -> None:
         """Raise before anything is measured, not after minutes."""
@@ -235,13 +269,22 @@ def print_table(options: argparse.Namespace) -> None:
     print(f"deep_rts, one thread, best of {REPEATS}")
     for workload in WORKLOADS:
         num_worlds = options.worlds or workload.num_worlds
-        play, most = prepare(workload, num_worlds)
-        rate = measure(play, options.seconds, clock)
-        row = f"{workload.name:30s} {num_worlds:5d} worlds {rate:11,.0f} ticks/s, up to {most():4d}"
-        row += " units"
-        if original and workload.map in ORIGINAL_MAPS:
-            theirs, units = original.measure(workload, options.seconds)
-            row += f"; original {theirs:10,.0f}, up to {units:4d}; ratio {rate / theirs:6.2f}"
+        play, units = prepare(workload, num_worlds)
+        play()
+        rates, answers = [], []
+        for _ in range(REPEATS):
+            rates.append(measure_once(play, options.seconds, clock))
+            if original and workload.map in ORIGINAL_MAPS:
+                answers.append(original.play(workload, options.seconds))
+        rate, mean = max(rates), units.mean()
+        row = f"{workload.name:31s} {num_worlds:4d} worlds {rate:10,.0f} ticks/s"
+        row += f" with {mean:5.1f} units (most {units.most():3d})"
+        if answers:
+            best = max(answers, key=lambda answer: answer.rate)
+            theirs, most = best.mean_units, best.most_units
+            ratio = rate / best.rate
+            row += f"; original {best.rate:9,.0f} with {theirs:5.1f} (most {most:3d}); "
+            row += f"ratio {ratio:5.2f}, of unit-ticks {ratio * mean / theirs:5.2f}"
         print(row, flush=True)
 
 
@@ -257,7 +300,7 @@ def main() -> None:
     )
     parser.add_argument("--original", type=Path, help="executable that plays the original engine")
     options = parser.parse_args()
-    tables.PRESETS["rich"] = RICH
+    tables.PRESETS.update(RICH_PRESETS)
     try:
         print_table(options)
     except OriginalError as error:

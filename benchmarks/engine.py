@@ -1,9 +1,15 @@
 """Speed of the engine and of its doors, as ratios to the same rules in plain Python.
 
-    python benchmarks/engine.py [--game deep_line_wars] [--scenario 10x15] [--seconds 1.0]
+    python -m benchmarks.engine [--game deep_line_wars] [--scenario 10x15] [--seconds 1.0]
+                                [--processor-time]
 
 One thread. Best of 5, all in one run; a tick is one tick of one world, an agent-step one decision
-of one seat with what the row names.
+of one seat with what the row names. Games of all ages are measured side by side, but for the rows
+of one world. Uniform actions are drawn from all actions: most are illegal and boards stay nearly
+empty. By kind: first a kind of action, then one of that kind. Legal: at each step uniformly from
+the mask, with planes and mask of every seat observed. The rows of the engine say how many units
+and towers, of both seats together, stand on a board on average. On a machine that others use too,
+--processor-time counts the seconds that the process computed.
 """
 
 from __future__ import annotations
@@ -17,8 +23,12 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 import marl_cair
+from benchmarks._legal_actions import make_draw_legal
+from marl_cair.games.deep_rts.state import NUM_UNITS
+from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.parallel_env import make_parallel_env
 from marl_cair.games.randomness import episode_seeds
 
@@ -58,27 +68,81 @@ def measure_once(play: Callable[[], int], seconds: float, clock: Callable[[], fl
     return units / (clock() - start)
 
 
-def measure_engine(game: str, scenario: str, worlds: int, seconds: float, by_kind: bool) -> float:
-    """Ticks per second over whole games, resets included."""
-    engine = marl_cair.make_engine(game, scenario, worlds)
-    actions = draw_actions(engine, ACTION_SETS, by_kind)
-    indices, ticks = np.arange(worlds), engine.spec.ticks_per_step
-    episodes = np.zeros(worlds, np.int64)
+class Boards:
+    """Mean number of units and towers on the boards of an engine."""
+
+    def __init__(self, engine: BatchedEngine) -> None:
+        self._worlds = engine._worlds
+        self._counts: list[tuple[float, ...]] = []
+        self._names = {"deep_line_wars": ("units", "towers"), "deep_rts": ("units",)}.get(
+            engine.game.name, ()
+        )
+
+    def count(self) -> None:
+        """Count those of now."""
+        worlds = self._worlds
+        if "towers" in self._names:
+            units = (worlds.unit_health > 0).sum((1, 2)).mean()
+            self._counts.append((units, worlds.num_towers.sum(1).mean()))
+        elif self._names:
+            self._counts.append((worlds.players[:, :, NUM_UNITS].sum(1).mean(),))
+
+    def describe(self) -> str:
+        """Such as `3.1 units, 2.0 towers`; nothing of a game without them."""
+        means = np.mean(self._counts, axis=0) if self._names else ()
+        return ", ".join(
+            f"{mean:.1f} {name}" for mean, name in zip(means, self._names, strict=True)
+        )
+
+
+def prepare_engine(
+    game: str, scenario: str, num_worlds: int, draw: str
+) -> tuple[Callable[[], int], Boards]:
+    """A round of play that returns its ticks, resets included, and the boards.
+
+    `draw` is "uniform", "by kind" or "legal".
+    """
+    engine = marl_cair.make_engine(game, scenario, num_worlds)
+    actions = draw_actions(engine, ACTION_SETS, draw == "by kind")
+    draws = np.random.default_rng(1).random(actions.shape, dtype=np.float32)
+    indices, ticks = np.arange(num_worlds), engine.spec.ticks_per_step
+    episodes = np.zeros(num_worlds, np.int64)
     engine.reset(episode_seeds(0, indices, episodes))
+    mask, boards = engine.action_mask(), Boards(engine)
+    draw_legal = make_draw_legal() if draw == "legal" else None
+
+    def step(index: int, restarted: NDArray[np.bool_]) -> None:
+        chosen = actions[index]
+        if draw_legal:
+            draw_legal(mask, draws[index], chosen)
+        engine.step(chosen)
+        ended = engine.terminated | engine.truncated | restarted
+        if ended.any():
+            episodes[ended] += 1
+            engine.reset(episode_seeds(0, indices, episodes), ended)
+        if draw_legal:
+            engine.observe_in_place("planes")
+            engine.action_mask(out=mask)
+
+    # One world after the other begins anew, so that games of all ages are measured at any time.
+    num_steps = engine.spec.max_ticks // ticks if num_worlds > 1 else 0
+    starts = indices * num_steps // num_worlds
+    for number in range(num_steps):
+        step(number % ACTION_SETS, starts == number)
+    none = np.zeros(num_worlds, np.bool_)
 
     def play() -> int:
-        for chosen in actions:
-            engine.step(chosen)
-            ended = engine.terminated | engine.truncated
-            if ended.any():
-                episodes[ended] += 1
-                engine.reset(episode_seeds(0, indices, episodes), ended)
-        return ACTION_SETS * worlds * ticks
+        for index in range(ACTION_SETS):
+            step(index, none)
+        boards.count()
+        return ACTION_SETS * num_worlds * ticks
 
-    return measure(play, seconds)
+    return play, boards
 
 
-def measure_torchrl(game: str, scenario: str, worlds: int, seconds: float) -> float:
+def measure_torchrl(
+    game: str, scenario: str, worlds: int, seconds: float, clock: Callable[[], float]
+) -> float:
     """Agent-steps per second of `step_and_maybe_reset` with planes and mask of every seat."""
     torch.set_num_threads(1)
     env = marl_cair.make_torchrl_env(game, scenario, num_worlds=worlds, seed=0)
@@ -92,10 +156,12 @@ def measure_torchrl(game: str, scenario: str, worlds: int, seconds: float) -> fl
             _, state = env.step_and_maybe_reset(state)
         return ACTION_SETS * worlds * env.engine.num_players
 
-    return measure(play, seconds)
+    return measure(play, seconds, clock)
 
 
-def measure_pettingzoo(game: str, scenario: str, seconds: float) -> float:
+def measure_pettingzoo(
+    game: str, scenario: str, seconds: float, clock: Callable[[], float]
+) -> float:
     """Steps per second of one parallel environment, observations and masks of all players."""
     env = make_parallel_env(game, scenario)
     agents = env.possible_agents
@@ -109,13 +175,14 @@ def measure_pettingzoo(game: str, scenario: str, seconds: float) -> float:
                 env.reset()
         return ACTION_SETS
 
-    return measure(play, seconds)
+    return measure(play, seconds, clock)
 
 
-def measure_plain_python(game: str, scenario: str) -> float:
+def measure_plain_python(game: str, scenario: str, clock_name: str) -> float:
     """Ticks per second of the rules without compiler."""
     return evaluate_plainly(
-        "benchmarks.engine", f"measure_engine({game!r}, {scenario!r}, 1, 1.0, False)"
+        "benchmarks.engine",
+        f"measure(prepare_engine({game!r}, {scenario!r}, 1, 'uniform')[0], 1.0, time.{clock_name})",
     )
 
 
@@ -137,38 +204,35 @@ def main() -> None:
     parser.add_argument("--game", default="deep_line_wars")
     parser.add_argument("--scenario", default="10x15")
     parser.add_argument("--seconds", type=float, default=1.0, help="of each repeat")
+    parser.add_argument(
+        "--processor-time", action="store_true", help="seconds computed, not passed"
+    )
     options = parser.parse_args()
     game, scenario, seconds = options.game, options.scenario, options.seconds
-    plain = measure_plain_python(game, scenario)
+    clock_name = "process_time" if options.processor_time else "perf_counter"
+    clock = getattr(time, clock_name)
+    plain = measure_plain_python(game, scenario, clock_name)
     spec = marl_cair.make_engine(game, scenario).spec
     ticks = spec.ticks_per_step
-    rows = [
-        ("plain Python rules, 1 world", plain, "ticks/s"),
-        (
-            "engine, 1,024 worlds, uniform actions",
-            measure_engine(game, scenario, 1024, seconds, False),
-            "ticks/s",
-        ),
-        (
-            "engine, 1,024 worlds, actions by kind",
-            measure_engine(game, scenario, 1024, seconds, True),
-            "ticks/s",
-        ),
-        (
-            "TorchRL environment, 1,024 worlds, planes + mask",
-            measure_torchrl(game, scenario, 1024, seconds),
-            "agent-steps/s",
-        ),
-        (
-            "PettingZoo environment, planes + mask",
-            measure_pettingzoo(game, scenario, seconds),
-            "steps/s",
-        ),
-    ]
+    rows = [("plain Python rules, 1 world, uniform actions", plain, "ticks/s", "")]
+    for draw, name in (
+        ("uniform", "uniform actions"),
+        ("by kind", "actions by kind"),
+        ("legal", "legal actions, planes + mask"),
+    ):
+        play, boards = prepare_engine(game, scenario, 1024, draw)
+        rate = measure(play, seconds, clock)
+        rows.append((f"engine, 1,024 worlds, {name}", rate, "ticks/s", boards.describe()))
+    rate = measure_torchrl(game, scenario, 1024, seconds, clock)
+    name = "TorchRL environment, 1,024 worlds, planes + mask"
+    rows.append((name, rate, "agent-steps/s", "uniform actions"))
+    rate = measure_pettingzoo(game, scenario, seconds, clock)
+    rows.append(("PettingZoo environment, planes + mask", rate, "steps/s", "uniform actions"))
     print(f"{game} {scenario}, {ticks} ticks a step, one thread, best of {REPEATS}")
-    for name, rate, unit in rows:
+    for name, rate, unit, boards_of_row in rows:
         scale = {"ticks/s": 1, "agent-steps/s": ticks / spec.num_players, "steps/s": ticks}[unit]
-        print(f"{name:50s} {rate:14,.0f} {unit:14s} {rate * scale / plain:9,.0f} x plain Python")
+        row = f"{name:50s} {rate:14,.0f} {unit:14s} {rate * scale / plain:9,.1f} x plain Python"
+        print(f"{row}  {boards_of_row}".rstrip())
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.deep_rts import make_draw_legal
+from benchmarks._legal_actions import make_draw_legal
 from benchmarks.peers import DRIVERS, PEERS, Peer, PeerError, start
 
 PYTHON = Path(sys.executable)

@@ -19,8 +19,7 @@ from marl_cair.games.parallel_env import GameParallelEnv
 from marl_cair.games.registry import gymnasium_id
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
 from tests.games.cases import QUICK_CASES, ticks_of
-
-# --- TorchRL's wrappers around the other environments ----------------------------------------
+from tests.games.test_torchrl_env import MAX_DECISIONS
 
 IDS = sorted(
     {

@@ -297,7 +297,7 @@ def test_the_log_holds_both_kinds_of_loss_and_the_action_shares(tmp_path, monkey
         (lambda: ReplaySettings(10, min_transitions=20), "it must be 20 or more"),
         (lambda: GeneratorSettings(name="gan"), "unknown generator 'gan'"),
         (lambda: EvaluationSettings(games=0), "evaluation.games is 0, it must be 1 or more"),
-        (lambda: TrainConfig(torch_threads=0), "torch_threads is 0, it must be 1 or more"),
+        (lambda: TrainConfig(torch_threads=0), r"torch_threads is 0, it must be 1\.\.1024"),
         (lambda: OpponentSettings({"uniform": float("inf")}), "it must be 0 or more"),
         (lambda: OpponentSettings(warmup_frames=-5), "opponent.warmup_frames is -5"),
         (lambda: OpponentSettings(delta=1.0), "opponent.delta is 1.0, it must be 0 or more, below"),

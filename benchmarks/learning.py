@@ -16,11 +16,11 @@ import csv
 import io
 import json
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 
 from marl_cair.checkpoint import read_description
 from marl_cair.cli import main as marl_cair
+from marl_cair.cli.compose import override
 from marl_cair.files import write_atomically
 from marl_cair.training.config_file import CONFIG_FILE
 from marl_cair.training.demo import FINISHED_FILE
@@ -66,12 +66,6 @@ def train(run: Path, minutes: float | None, words: list[str]) -> None:
     write_atomically(run / FINISHED_FILE, "")
 
 
-def give(recipe: Iterable[str], words: list[str]) -> list[str]:
-    """The words of a recipe that `words` do not override, and `words`."""
-    names = {word.partition("=")[0] for word in words}
-    return [*(word for word in recipe if word.partition("=")[0] not in names), *words]
-
-
 def rate(run: Path, against: list[str], games: int) -> list[dict[str, str]]:
     """Rows of the evaluation of the best agent, played once and kept beside it."""
     table = run / f"evaluation_{'_'.join(against)}_{games}.csv"
@@ -100,7 +94,7 @@ def main() -> None:
             run = options.out / f"{network}-{seed}"
             fixed = [f"policy={network}", f"seed={seed}"]
             fixed.append(f"evaluation.bots=[{','.join(options.against)}]")
-            train(run, options.minutes, [*fixed, *give(RECIPE, words)])
+            train(run, options.minutes, [*fixed, *override(RECIPE, words)])
             decisions = read_description(run / BEST_FOLDER).frames
             minutes = f"{trained_minutes(run):.1f}"
             for line in rate(run, options.against, options.games):

@@ -23,9 +23,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.learning import give
 from marl_cair.checkpoint import LATEST_FOLDER
 from marl_cair.cli import main as marl_cair
+from marl_cair.cli.compose import override
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
 from marl_cair.league.agents import load_agent
@@ -68,7 +68,7 @@ def train(run: Path, mixture: str, frames: int, seed: int, words: list[str]) -> 
     else:
         weights = ", ".join(f"{name}: {weight}" for name, weight in MIXTURES[mixture].items())
         fixed = [f"out={run}", f"seed={seed}", f"total_frames={frames}"]
-        command = [*fixed, f"opponent.mixture={{{weights}}}", *give(RECIPE, words)]
+        command = [*fixed, f"opponent.mixture={{{weights}}}", *override(RECIPE, words)]
     if code := marl_cair(["train", *command]):
         sys.exit(code)
     write_atomically(finished, f"{frames} decisions\n")

@@ -132,7 +132,7 @@ def test_mixtures_of_too_many(tmp_path):
     members = [{"agent": "deep_line_wars/random", "weight": 5e-5}] * 20_000
     record = {"format": "marl_cair mixture", "format_version": 1, "members": members}
     (tmp_path / "mixture.json").write_text(json.dumps(record))
-    with pytest.raises(CheckpointError, match="it has 20000 members, at most 256"):
+    with pytest.raises(CheckpointError, match="it has 20000 members, it must have 1 to 256"):
         read_mixture(tmp_path)
 
 

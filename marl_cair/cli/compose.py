@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import typing
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from marl_cair.cli.options import list_options
@@ -96,16 +96,20 @@ def expand_recipe(words: Sequence[str]) -> list[str]:
     rest = [word for word in words if word.partition("=")[0] != _RECIPE]
     if not named:
         return rest
-    recipe = find_by_name("recipe", named[0], RECIPES)
-    given = {name for word in rest for name in _find_set_options(word)}
-    chosen = {full_name(word) for word in rest}
+    return override(find_by_name("recipe", named[0], RECIPES).words, rest)
+
+
+def override(defaults: Iterable[str], words: Sequence[str]) -> list[str]:
+    """`words`, and before them those of `defaults` whose option or group they do not set."""
+    given = {name for word in words for name in _find_set_options(word)}
+    chosen = {full_name(word) for word in words}
     kept = [
         word
-        for word in recipe.words
+        for word in defaults
         if full_name(word) not in chosen
         and not any(f"{full_name(word)}.".startswith(f"{name}.") for name in given)
     ]
-    return [*kept, *rest]
+    return [*kept, *words]
 
 
 def _find_set_options(word: str) -> list[str]:

@@ -340,9 +340,6 @@ class Pool:
 
     def _take_index(self, record: Mapping[str, Any]) -> None:
         others = {n: kept for n, kept in self._members.items() if kept.kind != SNAPSHOT}
-        for saved in record["snapshots"]:  # each a folder in this one
-            if Path(saved["name"]).name != saved["name"] or saved["name"] == "..":
-                raise ValueError(f"a snapshot is called {saved['name']!r}, which is no plain name")
         snapshots = {
             saved["number"]: Member(
                 read_number(saved, "number", _SNAPSHOT_NUMBERS),

@@ -25,6 +25,7 @@ from marl_cair.training.league_slice import MemberRecord, _begin, make_member
 from marl_cair.training.nfsp_settings import NfspSettings
 from marl_cair.training.run import RESUME_FOLDER, TrainingRun
 from marl_cair.training.trainer import train
+from tests.damage import forget_checksums
 from tests.training.runs import digest, make_batch, make_learner, tiny
 
 
@@ -196,9 +197,9 @@ def test_a_learner_of_a_league_that_begins_anew_keeps_its_generator(tmp_path):
     member, shared = tmp_path / "member", tmp_path / "shared"
     record = MemberRecord("main_exploiter_0", "main_exploiter", ("main_0",), 1.0, False, 0, 0)
     make_member(member, record, tiny(member))
-    assert _begin(member, shared, record).initial_generator is None
+    assert _begin(member, shared, record, False).initial_generator is None
     train(tiny(member / "000", 128), show_progress=False)
-    anew = _begin(member, shared, dataclasses.replace(record, generation=1))
+    anew = _begin(member, shared, dataclasses.replace(record, generation=1), False)
     assert anew.initial_generator == str(member / "000")
     assert anew.initial_agent is None
 
@@ -234,4 +235,5 @@ def test_agents_carry_the_sum_of_their_training(tmp_path):
     old = json.loads(file.read_text("utf-8"))
     del old["frames_total"], old["updates_total"]
     file.write_text(json.dumps(old), "utf-8")
+    forget_checksums(first)
     assert read_description(first / "latest").frames_total == 512

@@ -105,7 +105,7 @@ def test_bots_that_are_not_met_need_not_fit_the_scenario(tmp_path, monkeypatch):
     run = make_run(tmp_path / "c", "ffa-3", {"bots": 1.0})
     assert {member.name for member in run.book.pool.members} == set(GAME.bots) - {"scorer"}
     run.close()
-    without_players = dataclasses.replace(GAME, bots={"scorer": refuse})
+    without_players = dataclasses.replace(GAME, bots={"scorer": refuse, "random": refuse})
     with pytest.raises(ValueError, match="cannot play this; or leave 'bots' out of opponent.mixtu"):
         make_bots({"bots"}, without_players, GAME.scenario("ffa-3"))
 

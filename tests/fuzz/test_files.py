@@ -24,9 +24,10 @@ from marl_cair.league.store import LeagueStore
 from marl_cair.training.config_file import load_config
 from marl_cair.training.league_run import read_progress
 from marl_cair.training.league_slice import MemberRecord, read_member, save_member
-from marl_cair.training.metrics import Timers, read_log
+from marl_cair.training.metrics import Timers
 from marl_cair.training.psro import _Plan, _read_plan
 from marl_cair.training.run import TrainingRun
+from marl_cair.training.run_log import read_log
 from marl_cair.training.trainer import iterate, train
 from tests.damage import forget_checksums
 from tests.training.runs import tiny

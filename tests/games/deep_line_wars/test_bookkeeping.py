@@ -120,7 +120,9 @@ def repeat_for_every_action(board: Board, player: int) -> BatchedEngine:
     """As many copies of the board's world as there are actions; in each, `player` takes one."""
     engine = board.engine
     many = BatchedEngine(engine.game, engine.scenario, engine.num_actions)
-    many.restore(engine.snapshot([0] * engine.num_actions))
+    many.reset(np.zeros(engine.num_actions, np.uint64))
+    for field, held in zip(many._worlds, engine._worlds, strict=True):
+        field[:] = held[0]  # also what no game can hold, which `restore` refuses
     actions = np.full((engine.num_actions, 2), board.noop)
     actions[:, player] = np.arange(engine.num_actions)
     many.step(actions)

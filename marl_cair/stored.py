@@ -172,30 +172,29 @@ def read_manifest(folder: Path) -> dict[str, tuple[int, str]]:
         ) from error
 
 
-def find_damage(folder: Path) -> tuple[dict[str, str], int]:
-    """What is wrong with files that the manifest of `folder` lists, by name, and how many are
+def find_damage(folder: Path) -> dict[str, str]:
+    """What is wrong with each file that the manifest of `folder` lists, by name; "" where it is
     sound. Raises as `read_manifest`.
     """
-    wrong: dict[str, str] = {}
-    listed = read_manifest(folder)
-    for name, (size, digest) in listed.items():
+    found: dict[str, str] = {}
+    for name, (size, digest) in read_manifest(folder).items():
         path = folder / name
-        if not path.is_file():
-            wrong[name] = "is missing" if not path.exists() else "is no regular file"
-            continue
-        with path.open("rb") as file:
-            if problem := _compare(file, size, digest):
-                wrong[name] = problem
-    return wrong, len(listed) - len(wrong)
+        if path.is_file():
+            with path.open("rb") as file:
+                found[name] = _compare(file, size, digest)
+        else:
+            found[name] = "is no regular file" if path.exists() else "is missing"
+    return found
 
 
 def refuse_damage(folder: Path, name: str) -> None:
     """Raise DamagedFileError where a file of `folder`, which is called `name`, is not as its
     manifest says; without a manifest, nothing is known.
     """
-    wrong = find_damage(folder)[0] if (folder / MANIFEST_FILE).is_file() else {}
-    for file, problem in wrong.items():
-        raise DamagedFileError(f"{name}/{file} {problem}: bring it back from a copy")
+    found = find_damage(folder) if (folder / MANIFEST_FILE).is_file() else {}
+    for file, problem in found.items():
+        if problem:
+            raise DamagedFileError(f"{name}/{file} {problem}: bring it back from a copy")
 
 
 def _find_listed(path: Path) -> tuple[int, str] | None:

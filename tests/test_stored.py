@@ -39,7 +39,7 @@ def test_a_folder_that_is_replaced_lists_its_files(tmp_path):
             (inner / "y.txt").write_text("two")
     listed = json.loads((tmp_path / "a" / "manifest.json").read_text())["files"]
     assert sorted(listed) == ["inner/manifest.json", "x.txt"]
-    assert find_damage(tmp_path / "a") == ({}, 2)
+    assert list(find_damage(tmp_path / "a").values()) == ["", ""]
     assert read_bytes(tmp_path / "a" / "inner" / "y.txt", RECORD) == b"two"
     (tmp_path / "a" / "inner" / "y.txt").write_text("twe")
     with pytest.raises(DamagedFileError, match=r"y.txt is damaged: its content"):

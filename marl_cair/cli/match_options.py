@@ -148,7 +148,7 @@ def add_answer_limits(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def read_bytes(text: str, option: str) -> int:
+def read_size(text: str, option: str) -> int:
     """Bytes of "500MiB" or "2GiB"; 0 of "". Raises ValueError for other words."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?) ?([KMGT])i?B?", text)
     if found is None and text:
@@ -158,7 +158,7 @@ def read_bytes(text: str, option: str) -> int:
 
 def choose_load(options: argparse.Namespace) -> Load:
     """How agents are loaded, by the options of `add_answer_limits`."""
-    memory = read_bytes(options.answer_memory, "--answer-memory")
+    memory = read_size(options.answer_memory, "--answer-memory")
     if options.answer_seconds == 0 and (memory or options.answer_processes):
         raise ValueError(
             "--answer-seconds 0 runs functions in this process, where --answer-memory and "

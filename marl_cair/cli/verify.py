@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sqlite3
 import sys
 import zipfile
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from marl_cair.cli import EXIT_DAMAGED, EXIT_DONE
+from marl_cair.cli.parser import Parser
 from marl_cair.files import is_leftover
 from marl_cair.stored import (
     CHECKSUM,
@@ -24,7 +24,6 @@ from marl_cair.stored import (
     open_stored,
     read_bytes,
     read_json,
-    read_manifest,
     read_settings,
 )
 
@@ -54,9 +53,9 @@ def run(arguments: Sequence[str]) -> int:
     return EXIT_DAMAGED if found.problems else EXIT_DONE
 
 
-def make_parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
     """The options of the command."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         "marl-cair verify",
         description="Compare all stored files in a folder with their checksums, and the file of a "
         "league with what a league must be. Nothing in them is run. The exit code is 0, or 1 where "
@@ -77,12 +76,12 @@ def verify_folder(folder: Path) -> Findings:
         if not (place / MANIFEST_FILE).exists():
             continue
         try:
-            wrong, sound = find_damage(place)
-            listed |= {place / name for name in read_manifest(place)}
+            found = find_damage(place)
         except DamagedFileError as error:
-            wrong, sound = {MANIFEST_FILE: _shorten(error, place / MANIFEST_FILE)}, 0
-        problems |= {place / name: problem for name, problem in wrong.items()}
-        num_sound += sound
+            found = {MANIFEST_FILE: _shorten(error, place / MANIFEST_FILE)}
+        listed |= {place / name for name in found}
+        problems |= {place / name: problem for name, problem in found.items() if problem}
+        num_sound += sum(not problem for problem in found.values())
     for path in _list_others(folder, listed):
         problem = _check_alone(path)
         if problem is None:

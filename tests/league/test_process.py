@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from marl_cair.cli import main
-from marl_cair.cli.match_options import read_bytes
+from marl_cair.cli.match_options import read_size
 from marl_cair.league.agents import describe_agent, is_checkpoint, load_agent
 from marl_cair.league.allowed_code import is_process
 from marl_cair.league.foreign import ForeignAgentError
@@ -190,7 +190,7 @@ def test_commands_take_the_limits(capsys):
     ("text", "number"), [("", 0), ("1KiB", 1024), ("1.5 GiB", 3 << 29), ("2G", 2 << 30)]
 )
 def test_sizes(text, number):
-    assert read_bytes(text, "--answer-memory") == number
+    assert read_size(text, "--answer-memory") == number
 
 
 def test_what_an_agent_writes_is_shown_without_control_characters():

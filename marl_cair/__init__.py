@@ -12,6 +12,7 @@ import gymnasium
 
 from marl_cair.games import GAMES, make_engine
 from marl_cair.games.registry import add_scenario, describe_scenario, gymnasium_id
+from marl_cair.lookup import import_when_used
 
 if TYPE_CHECKING:
     from marl_cair.games.torchrl_env import BatchedGameEnv
@@ -42,12 +43,7 @@ def make_torchrl_env(
     return BatchedGameEnv(game, scenario, num_worlds, **options)
 
 
-def __getattr__(name: str) -> Any:
-    if name == "load_agent":
-        from marl_cair.league.agents import load_agent  # torch is loaded only from here on
-
-        return load_agent
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = import_when_used(__name__, {"load_agent": "marl_cair.league.agents:load_agent"})
 
 
 def register_scenario(game: str, name: str, base: str | None = None, **options: Any) -> str:

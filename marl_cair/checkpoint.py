@@ -21,7 +21,13 @@ from marl_cair.lookup import check_name
 from marl_cair.memory import require_memory
 from marl_cair.policies import GREEDY, PLAYS
 from marl_cair.policies.config import QNetworkConfig
-from marl_cair.stored import TENSORS, DamagedFileError, open_stored, read_json
+from marl_cair.stored import (
+    TENSORS,
+    DamagedFileError,
+    check_plain_name,
+    open_stored,
+    read_json,
+)
 
 if TYPE_CHECKING:  # torch takes seconds, and most commands only read descriptions
     from marl_cair.policies.q_network import QNetwork
@@ -132,10 +138,7 @@ def find_agent(folder: str | os.PathLike[str]) -> Path:
 
 def _read_chosen(file: Path) -> str:
     try:
-        chosen = str(read_json(file)["chosen"])
-        if Path(chosen).name != chosen or chosen == "..":
-            raise ValueError(f"chosen is {chosen!r}, which is no plain name")
-        return chosen
+        return check_plain_name(read_json(file)["chosen"], "the chosen candidate")
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise CheckpointError(
             f"{file.parent} is a run of `league exploit` without a result ({error!r}): let it end, "

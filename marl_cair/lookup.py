@@ -1,9 +1,9 @@
 """Look a name up in a table, and name the nearest entries where it is missing."""
 
 import difflib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
@@ -44,6 +44,20 @@ class LazyTable(Mapping[str, T]):
 
     def __len__(self) -> int:
         return len(self._places)
+
+
+def import_when_used(module: str, places: Mapping[str, str]) -> Callable[[str], Any]:
+    """The `__getattr__` of a module: names of `places` ("module:attribute") are imported when they
+    are used, as what they import takes seconds.
+    """
+    table: LazyTable[Any] = LazyTable(places)
+
+    def find(name: str) -> Any:
+        if name in table:
+            return table[name]
+        raise AttributeError(f"module {module!r} has no attribute {name!r}")
+
+    return find
 
 
 def check_name(kind: str, name: str, known: Iterable[str]) -> None:

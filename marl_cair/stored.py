@@ -107,6 +107,16 @@ def read_json(path: str | os.PathLike[str], kind: str = RECORD) -> Any:
     return value
 
 
+def check_plain_name(name: Any, what: str) -> str:
+    """`name` as text, where it names an entry of a folder. Raises ValueError for a path elsewhere;
+    what: is called so, for the message.
+    """
+    plain = str(name)
+    if plain in ("", ".", "..") or any(mark in plain for mark in "/\\\0"):
+        raise ValueError(f"{what} {plain!r:.80} must be the plain name of a folder")
+    return plain
+
+
 def with_checksum(values: Mapping[str, Any]) -> dict[str, Any]:
     """`values` as JSON gives them back, and their `checksum` for `read_json`."""
     plain = json.loads(json.dumps(dict(values)))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from marl_cair.generative.settings import GateConfig, GeneratorConfig, GeneratorSpec, NetworkSize
-from marl_cair.lookup import LazyTable
+from marl_cair.lookup import LazyTable, import_when_used
 
 if TYPE_CHECKING:
     from marl_cair.generative.generator import Generator
@@ -16,16 +16,11 @@ __all__ = ["GENERATORS", "GateConfig", "GeneratorConfig", "GeneratorSpec", "Netw
 GENERATORS: LazyTable[Callable[[GeneratorConfig, GeneratorSpec], Generator]] = LazyTable(
     {"ccdn": "marl_cair.generative.generator:CCDNGenerator"}
 )
-_PLACES: LazyTable[Any] = LazyTable(
+__getattr__ = import_when_used(
+    __name__,
     {
         "CCDNGenerator": "marl_cair.generative.generator:CCDNGenerator",
         "GateReport": "marl_cair.generative.gate:GateReport",
         "Generator": "marl_cair.generative.generator:Generator",
-    }
+    },
 )
-
-
-def __getattr__(name: str) -> Any:
-    if name in _PLACES:
-        return _PLACES[name]  # torch is loaded only from here on
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -18,7 +18,7 @@ from marl_cair.league.records import EVEN, Evidence, read_evidence
 from marl_cair.league.shared import MAIN, PLAYERS, LeagueSeat, Player
 from marl_cair.policies import PLAYS
 from marl_cair.ranges import COUNT, FLAG, Range, read_number
-from marl_cair.stored import INDEX, read_json
+from marl_cair.stored import INDEX, check_plain_name, read_json
 
 if TYPE_CHECKING:
     from marl_cair.policies.actor import PolicyActor
@@ -343,7 +343,7 @@ class Pool:
         snapshots = {
             saved["number"]: Member(
                 read_number(saved, "number", _SNAPSHOT_NUMBERS),
-                _read_name(saved),
+                check_plain_name(saved["name"], "the snapshot"),
                 SNAPSHOT,
                 read_number(saved, "frames", COUNT),
                 str(saved["fingerprint"]),
@@ -376,13 +376,6 @@ class Pool:
             self._agents[number].load_state_dict(saved.pop(number))
         self._take_index(state["index"])
         self._unread = saved  # a snapshot is read when it plays
-
-
-def _read_name(saved: Mapping[str, Any]) -> str:
-    """The name of a snapshot's folder. Raises ValueError for a path that leads elsewhere."""
-    if (name := str(saved["name"])) in ("", ".", "..") or any(mark in name for mark in "/\\\0"):
-        raise ValueError(f"the snapshot {name!r:.80} must be the plain name of a folder")
-    return name
 
 
 def choose_retired(frames: Sequence[int], needed: Collection[int] = ()) -> int:

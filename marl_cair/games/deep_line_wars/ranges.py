@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from math import ceil
 
 import numpy as np
@@ -40,11 +41,10 @@ def state_limits(scenario: Scenario) -> StateLimits:
     """What the worlds of `scenario` may hold."""
     rules = make_rules(scenario)
 
-    def list_conditions(worlds: World) -> Iterator[Condition]:
-        return _list_conditions(worlds, rules)
-
     ranges = _economy_ranges(scenario) | _unit_ranges(scenario, rules)
-    return StateLimits(ranges | _tower_ranges(scenario, rules), list_conditions)
+    return StateLimits(
+        ranges | _tower_ranges(scenario, rules), partial(_list_conditions, rules=rules)
+    )
 
 
 def _economy_ranges(scenario: Scenario) -> dict[str, Range]:

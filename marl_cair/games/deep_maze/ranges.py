@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,9 +46,6 @@ def state_limits(scenario: Scenario) -> StateLimits:
     # Of the reward `distance`: the way in this maze, and the mazes to come.
     lowest = -(last_cell / (scenario.rows + scenario.columns) + mazes - 1)
 
-    def list_conditions(worlds: World) -> Iterator[Condition]:
-        return _list_conditions(worlds, rules)
-
     ranges = {
         "clock": Range((0, RUNNING, NO_WINNER, 0, 0, 0, 0), last_clock, _CLOCK_NAMES),
         "random": Range(*ANY_WORD),
@@ -62,7 +60,7 @@ def state_limits(scenario: Scenario) -> StateLimits:
         "illegal": Range(0, MOST_COUNTED),
         "sight": Range(0, 0 if scenario.visibility == "full" else IN_SIGHT | KNOWN),
     }
-    return StateLimits(ranges, list_conditions)
+    return StateLimits(ranges, partial(_list_conditions, rules=rules))
 
 
 def _list_conditions(worlds: World, rules: Rules) -> Iterator[Condition]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from functools import partial
 
 from marl_cair.games.deep_rts.consistency import list_conditions
 from marl_cair.games.deep_rts.grid_orders import NUM_GRID
@@ -31,7 +31,6 @@ from marl_cair.games.deep_rts.state import (
     RUNNING,
     TRUNCATED,
     UNKNOWN,
-    World,
 )
 from marl_cair.games.deep_rts.tables import (
     MAX_RESOURCE,
@@ -49,7 +48,6 @@ from marl_cair.games.game import NO_WINNER
 from marl_cair.games.state_checks import (
     ANY_WORD,
     MOST_COUNTED,
-    Condition,
     Range,
     StateLimits,
 )
@@ -66,9 +64,6 @@ def state_limits(scenario: Scenario) -> StateLimits:
     rules = make_rules(scenario)
     units = scenario.num_players * scenario.slots_per_player
 
-    def conditions(worlds: World) -> Iterator[Condition]:
-        return list_conditions(worlds, rules)
-
     ranges = {
         "clock": _join(_clock_columns(rules, units, scenario.num_cells)),
         "seed": Range(*ANY_WORD),
@@ -83,7 +78,7 @@ def state_limits(scenario: Scenario) -> StateLimits:
         "path": Range(*ANY_WORD),
         "acting": Range(0, units - 1),
     }
-    return StateLimits(ranges, conditions)
+    return StateLimits(ranges, partial(list_conditions, rules=rules))
 
 
 def _join(columns: Columns) -> Range:

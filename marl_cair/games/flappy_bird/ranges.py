@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -50,9 +51,6 @@ def state_limits(scenario: Scenario) -> StateLimits:
     first_gap, last_gap = gap_tops(scenario.pipe_gap)
     leftmost = RENEW_BELOW_X * HUNDREDTHS - scenario.speed_hundredths
 
-    def list_conditions(worlds: World) -> Iterator[Condition]:
-        return _list_conditions(worlds, scenario.max_ticks)
-
     ranges = {
         "tick": Range(0, scenario.max_ticks),
         "phase": Range(RUNNING, TRUNCATED),
@@ -73,7 +71,7 @@ def state_limits(scenario: Scenario) -> StateLimits:
         "newest_frame": Range(0, NUM_FRAMES - 1),
         "film": _film_range(scenario),
     }
-    return StateLimits(ranges, list_conditions)
+    return StateLimits(ranges, partial(_list_conditions, max_ticks=scenario.max_ticks))
 
 
 def _film_range(scenario: Scenario) -> Range:

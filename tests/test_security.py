@@ -15,7 +15,6 @@ from marl_cair.cli import main
 from marl_cair.league.agents import load_agent
 from marl_cair.league.allowed_code import CodeNotAllowedError, is_code, require_allowed
 from marl_cair.league.extend import plan_extension
-from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.mixing import mix_league
 from marl_cair.league.mixtures import MIXTURE_FILE, save_mixture
 from marl_cair.league.pool import Pool
@@ -30,6 +29,7 @@ from marl_cair.training.psro_settings import load_psro
 from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
 from tests.games import last_standing
+from tests.league.leagues import play_bots
 from tests.league.players import save_network
 from tests.refusals import assert_refused
 from tests.training.leagues import make_league
@@ -67,15 +67,7 @@ def ran(folder):
 @pytest.fixture(scope="module")
 def played(tmp_path_factory):
     folder = tmp_path_factory.mktemp("played") / "league"
-    config = LeagueConfig(
-        ("random", "rusher", "turtle"),
-        scenario="11x11",
-        scenario_options={"max_ticks": 300},
-        games_per_pair=4,
-        out=str(folder),
-        replays=False,
-    )
-    run_league(config, show_progress=False)
+    play_bots(folder, "random", "rusher", "turtle")
     return folder
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from marl_cair.cli import main
 from marl_cair.league.export import QUERIES
-from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.text import clean_cell, clean_lines, clean_text
+from tests.league.leagues import play_bots
 
 HOSTILE = "\x1b[31mred\u202egnp\r\n\u200b\u2066end\x00\x9b"
 CLEAN = r"\x1b[31mred\u202egnp \u200b\u2066end\x00\x9b"
@@ -53,15 +53,7 @@ def test_no_cell_is_a_formula(text):
 def league(tmp_path_factory):
     """A played league whose agents have hostile names, kinds and reasons."""
     folder = tmp_path_factory.mktemp("hostile") / "league"
-    config = LeagueConfig(
-        ("random", "rusher"),
-        scenario="11x11",
-        scenario_options={"max_ticks": 300},
-        games_per_pair=4,
-        out=str(folder),
-        replays=False,
-    )
-    run_league(config, show_progress=False)
+    play_bots(folder, "random", "rusher")
     database = sqlite3.connect(folder / "league.sqlite")
     with database:
         told = json.dumps({"training": {"run": HOSTILE, "name": HOSTILE, "seed": 1, "frames": 5}})

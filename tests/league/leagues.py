@@ -1,7 +1,8 @@
-"""Made-up leagues for the tests of reports."""
+"""Leagues for tests: made-up ones, and a short one of bots that is played."""
 
 import numpy as np
 
+from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.ratings import Games
 from marl_cair.league.table import make_table
 
@@ -28,6 +29,19 @@ def make(results=EDGES, names=NAMES, repeats=0, draws=0, forfeits=()):
     """The table of `make_games`."""
     games = make_games(results, repeats, draws)
     return make_table(names, games, forfeits)
+
+
+def play_bots(folder, *bots):
+    """Play 4 short games of each pair into `folder`."""
+    config = LeagueConfig(
+        bots,
+        scenario="11x11",
+        scenario_options={"max_ticks": 300},
+        games_per_pair=4,
+        out=str(folder),
+        replays=False,
+    )
+    run_league(config, show_progress=False)
 
 
 def no_games(num_teams=2):

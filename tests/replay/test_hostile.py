@@ -20,6 +20,13 @@ def make_buffer():
     return make_replay_buffer(ReplayConfig(64, batch_size=4, priority_alpha=0.6), SPEC)
 
 
+def put(path, place, value):
+    """Change one entry of a saved array."""
+    field = np.load(path)
+    field[place] = value
+    np.save(path, field)
+
+
 @pytest.fixture
 def saved(tmp_path):
     """A replay of 20 steps in a chain."""
@@ -59,10 +66,7 @@ def test_what_is_sound_is_taken_over(saved):
     ],
 )
 def test_a_field_out_of_range_is_named(saved, name, value, message):
-    path = saved / "storage" / f"{name}.npy"
-    field = np.load(path)
-    field[7] = value
-    np.save(path, field)
+    put(saved / "storage" / f"{name}.npy", 7, value)
     with pytest.raises(ValueError, match=message):
         make_buffer().loads(saved)
 
@@ -101,10 +105,7 @@ def test_a_count_that_is_none(saved, value):
     ],
 )
 def test_priorities(saved, value, message):
-    path = saved / "sampler" / "priorities" / "priorities.npy"
-    field = np.load(path)
-    field[3] = value
-    np.save(path, field)
+    put(saved / "sampler" / "priorities" / "priorities.npy", 3, value)
     with pytest.raises(ValueError, match=message):
         make_buffer().loads(saved)
 

@@ -106,18 +106,22 @@ class Likelihood:
             (weights, (blocks, numbers.ravel())), shape=(num_blocks, len(unique))
         )
         self._is_member = unique >= 0
-        agents = np.maximum(unique, 0)
-        # Rating and advantage of each place of each set: two ones in a row.
-        columns = np.stack(
-            (agents, np.broadcast_to(num_agents + np.arange(num_teams), agents.shape)), 2
-        )
-        starts = np.arange(0, columns.size + 1, 2)
-        shape = (agents.size, self.num_parameters)
-        self._design = csr_array((np.ones(columns.size), columns.ravel(), starts), shape=shape)
-        self._columns = columns.reshape(len(unique), 2 * num_teams)
+        self._agents = np.maximum(unique, 0)
+        # Rating and advantage of each place of each set: two ones in a row; and their products.
+        pairs = np.stack(
+            (self._agents, np.broadcast_to(num_agents + np.arange(num_teams), unique.shape)), 2
+        ).reshape(-1, 2)
+        self._design = _count_ones(pairs, self.num_parameters)
+        products = self.num_parameters * pairs[:, :, None] + pairs[:, None, :]
+        self._products = _count_ones(products.reshape(-1, 4), self.num_parameters**2)
         precision = np.full(self.num_parameters, (ELO_PER_LOGIT / PRIOR_ELO) ** 2)
         precision[num_agents:] = (ELO_PER_LOGIT / SEAT_PRIOR_ELO) ** 2
         self._precision = precision
+
+    @property
+    def num_places(self) -> int:
+        """Of all sets together, T in each."""
+        return int(self._is_member.size)
 
     def _split(self, rankings: Rankings) -> list[tuple[Any, Any]]:
         """(block, parameter, times chosen) and (block, set [., T], weight) of each kind of game."""
@@ -176,21 +180,20 @@ class Likelihood:
         self, points: NDArray[np.float64], block_weights: NDArray[np.float64], factor: Any
     ) -> NDArray[np.float64]:
         chosen, weights = block_weights @ self._chosen, block_weights @ self._weights
-        is_left = np.ones(len(points), np.bool_)
+        is_far = np.zeros(len(points), np.bool_)
+        left = np.arange(len(points))
         for _ in range(MAX_CHORD_STEPS):
-            left = np.flatnonzero(is_left)
-            if not len(left):
-                break
             shares = self._share(points[left])
             rise = self._climb(points[left], chosen[left], weights[left], shares)
             step = cho_solve(factor, rise.T).T
             points[left] += step
             size = np.abs(step).max(1)
-            is_left[left] = ~(size < CHORD_TOLERANCE)
-            if not (size <= MAX_STEP).all():
+            is_far[left] = ~(size <= MAX_STEP)
+            left = left[(size >= CHORD_TOLERANCE) & (size <= MAX_STEP)]
+            if not len(left):
                 break
-        left = np.flatnonzero(is_left)
-        size = max(1, MAX_NUMBERS // max(1, self._columns.size * self._columns.shape[1]))
+        left = np.union1d(left, np.flatnonzero(is_far))
+        size = max(1, MAX_NUMBERS // max(1, len(self._agents) * self.num_parameters))
         for first in range(0, len(left), size):
             part = left[first : first + size]
             points[part] = self._climb_carefully(chosen[part], weights[part])
@@ -201,13 +204,16 @@ class Likelihood:
     ) -> NDArray[np.float64]:
         """Newton's method for S weightings: chosen [S, n + T], weights [S, sets] -> [S, n + T]."""
         points = np.zeros(chosen.shape)
+        left = np.arange(len(points))
         for _ in range(MAX_NEWTON_STEPS):
-            shares = self._share(points)
-            rise = self._climb(points, chosen, weights, shares)
-            steps = np.linalg.solve(self._curve_each(weights, shares), rise[..., None])[..., 0]
-            size = np.abs(steps).max(1, keepdims=True)
-            points += steps * np.minimum(1.0, MAX_STEP / np.maximum(size, 1e-300))
-            if (size < CHORD_TOLERANCE).all():
+            shares = self._share(points[left])
+            rise = self._climb(points[left], chosen[left], weights[left], shares)
+            curves = self._curve(weights[left], shares)
+            steps = np.linalg.solve(curves, rise[..., None])[..., 0]
+            size = np.abs(steps).max(1)
+            points[left] += steps * np.minimum(1.0, MAX_STEP / np.maximum(size, 1e-300))[:, None]
+            left = left[size >= CHORD_TOLERANCE]
+            if not len(left):
                 break
         return points
 
@@ -243,29 +249,23 @@ class Likelihood:
         expected = (self._design.T @ mass.T).T
         return np.asarray(chosen - expected - self._precision * points, np.float64)
 
-    def _curve_each(
-        self, weights: NDArray[np.float64], shares: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """As `_curve` for S weightings, without sparse matrices: [S, n + T, n + T]."""
-        num_samples, size = len(weights), self.num_parameters
-        twice = np.repeat(shares, 2, axis=2)  # for the rating, and for the advantage
-        place = np.arange(twice.shape[2]) // 2
-        own = twice[..., None] * (place[:, None] == place)
-        told = weights[..., None, None] * (own - twice[..., None] * twice[..., None, :])
-        cells = self._columns[:, :, None] * size + self._columns[:, None, :]
-        cells = np.arange(num_samples)[:, None, None, None] * size**2 + cells
-        curves = np.bincount(cells.ravel(), told.ravel(), num_samples * size**2)
-        return np.asarray(curves.reshape(-1, size, size) + np.diag(self._precision), np.float64)
-
     def _curve(
         self, weights: NDArray[np.float64], shares: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        mass = (weights[:, None] * shares).ravel()
-        own = self._design.T @ (self._design * mass[:, None])
-        size = self._columns.shape[1]
-        starts = np.arange(0, self._columns.size + 1, size)
-        shape = (len(shares), self.num_parameters)
-        twice = np.repeat(shares, 2, axis=1).ravel()  # for the rating, and for the advantage
-        mean = csr_array((twice, self._columns.ravel(), starts), shape=shape)
-        curve = (own - mean.T @ (mean * weights[:, None])).toarray()
-        return np.asarray(curve + np.diag(self._precision), np.float64)
+        """Minus the second derivatives: weights [..., sets] -> [..., n + T, n + T]."""
+        num_sets, size = len(self._agents), self.num_parameters
+        mass = (weights[..., None] * shares).reshape(*weights.shape[:-1], -1)
+        own = (self._products.T @ mass.T).T.reshape(*weights.shape[:-1], size, size)
+        means = np.zeros((*weights.shape, size))
+        means[..., self.num_agents :] = shares
+        for team in range(shares.shape[-1]):
+            means[..., np.arange(num_sets), self._agents[:, team]] += shares[..., team]
+        both = np.swapaxes(means, -1, -2) @ (weights[..., None] * means)
+        return np.asarray(own - both + np.diag(self._precision), np.float64)
+
+
+def _count_ones(columns: NDArray[np.int64], num_columns: int) -> csr_array:
+    """A sparse matrix of ones at `columns` [N, of each row]."""
+    starts = np.arange(0, columns.size + 1, columns.shape[1])
+    shape = (len(columns), num_columns)
+    return csr_array((np.ones(columns.size), columns.ravel(), starts), shape=shape)

@@ -17,9 +17,9 @@ from marl_cair.league.likelihood import PRIOR_ELO, SEAT_PRIOR_ELO, Likelihood, R
 from marl_cair.league.placing import draw_places, find_home, place_groups
 from marl_cair.league.resampling import Resampler, Resamples
 
-# Resamples: LEAST, and as many up to MOST (and MOST_DRAWS of blocks) as ends of intervals need to
-# stay within MOVE of where another seed of the resampling would put them (95 % of the time).
-LEAST_RESAMPLES, MOST_RESAMPLES, MOST_DRAWS, MOVE_ELO = 1_000, 20_000, 100_000_000, 2.0
+# Resamples: LEAST, and as many up to MOST (and MOST_WORK, some seconds) as ends of intervals need
+# to stay within MOVE of where another seed of the resampling would put them (95 % of the time).
+LEAST_RESAMPLES, MOST_RESAMPLES, MOST_WORK, MOVE_ELO = 1_000, 20_000, 100_000_000, 2.0
 TAIL = (1.0 - CONFIDENCE) / 2.0
 
 
@@ -192,7 +192,7 @@ def _resample(resampler: Resampler, group: Sequence[int], rng: np.random.Generat
     """As many resamples as `group` needs."""
     first = resampler.draw(LEAST_RESAMPLES, rng)
     needed = len(first.ratings) * (_find_move(first, group) / MOVE_ELO) ** 2
-    most = min(MOST_RESAMPLES, MOST_DRAWS // resampler.num_blocks)
+    most = min(MOST_RESAMPLES, MOST_WORK // resampler.work)
     more = min(math.ceil(needed), most) - LEAST_RESAMPLES
     return first if more <= 0 else first.join(resampler.draw(more, rng))
 

@@ -82,6 +82,9 @@ class Resampler:
         self._factor = self._joint.factorise(self._centre, mean)
         self._pairs = _pair_blocks(num_agents, games)
         self._above = np.ones(self.num_blocks) @ self._pairs
+        # What a resample costs: its blocks, and an exponential for each place of each set, in
+        # each of some ten steps of the fit.
+        self.work = self.num_blocks + 10 * self._joint.num_places
 
     def draw(self, num_samples: int, rng: np.random.Generator) -> Resamples:
         """Fits to `num_samples` resamples."""
@@ -163,15 +166,16 @@ def _count_open(
     counts = np.zeros((2, num_agents))
     # Where every arrow between two agents is still there, no group has fallen apart.
     has_lost = (samples <= 0.0)[:, above > 0.0].any(axis=1)
-    for sample in samples[has_lost]:
-        pairs = sample.reshape(num_agents, num_agents)
-        parts = connected_components(pairs > 0.0, directed=True, connection="strong")[0]
+    arrows, times = np.unique(np.packbits(samples[has_lost] > 0.0, 1), axis=0, return_counts=True)
+    for packed, number in zip(arrows, times.tolist(), strict=True):
+        pairs = np.unpackbits(packed, count=num_agents**2).reshape(num_agents, num_agents)
+        parts = connected_components(pairs, directed=True, connection="strong")[0]
         if parts == len(groups):
             continue
         for group in groups:
             core, is_above = split_core(pairs[np.ix_(group, group)])
-            counts[0, group] += ~core & is_above
-            counts[1, group] += ~core & ~is_above
+            counts[0, group] += number * (~core & is_above)
+            counts[1, group] += number * (~core & ~is_above)
     return counts
 
 

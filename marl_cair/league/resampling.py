@@ -168,7 +168,8 @@ def _count_open(
     has_lost = (samples <= 0.0)[:, above > 0.0].any(axis=1)
     arrows, times = np.unique(np.packbits(samples[has_lost] > 0.0, 1), axis=0, return_counts=True)
     for packed, number in zip(arrows, times.tolist(), strict=True):
-        pairs = np.unpackbits(packed, count=num_agents**2).reshape(num_agents, num_agents)
+        cells = np.unpackbits(packed, count=num_agents**2).astype(np.float64)
+        pairs = cells.reshape(num_agents, num_agents)
         parts = connected_components(pairs, directed=True, connection="strong")[0]
         if parts == len(groups):
             continue

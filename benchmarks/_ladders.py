@@ -27,7 +27,7 @@ from scipy.stats import spearmanr
 from marl_cair.cli import main as marl_cair
 from marl_cair.files import atomic_path, write_atomically
 from marl_cair.training.curves import COLOURS
-from marl_cair.training.exploit import RESULT_FILE
+from marl_cair.training.population.exploit import RESULT_FILE
 
 MAIN, ALONE, LADDER, EXPLOIT = "main_0", "alone", "ladder", "exploit"
 _PAST = re.compile(rf"{MAIN}-\d+-(\d+)$")  # the name of a frozen player ends in its decisions

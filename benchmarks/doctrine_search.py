@@ -27,8 +27,8 @@ import marl_cair
 from benchmarks._bot_tables import describe_pair
 from benchmarks._matches import MatchResult, play_match
 from marl_cair.games import GAMES
-from marl_cair.games.deep_rts.bot_doctrines import DOCTRINES, Doctrine
-from marl_cair.games.deep_rts.bots import make_bot
+from marl_cair.games.deep_rts.bots.bots import make_bot
+from marl_cair.games.deep_rts.bots.doctrines import DOCTRINES, Doctrine
 
 LOWEST = Doctrine(1, 3, 1, 1, 0, 0, 1, 0, 1, 0, 0, 0, 0, 0, 0, 0)
 HIGHEST = Doctrine(10, 22, 3, 6, 2, 3, 20, 200, 5, 120, 3, 3, 3, 3, 12, 1)

@@ -19,14 +19,14 @@ import torch
 from tensordict import TensorDict
 
 from benchmarks._timing import best_seconds
-from marl_cair.generative.ccdn import CCDN
 from marl_cair.generative.ensemble import CHUNK_ROWS
 from marl_cair.generative.generator import CCDNGenerator
-from marl_cair.generative.open_cells import OpenCells
-from marl_cair.training.config import EvaluationSettings, GameSettings, TrainConfig
-from marl_cair.training.learner_settings import LearnerSettings
+from marl_cair.generative.networks.ccdn import CCDN
+from marl_cair.generative.networks.open_cells import OpenCells
 from marl_cair.training.metrics import Timers
 from marl_cair.training.run import TrainingRun
+from marl_cair.training.settings.config import EvaluationSettings, GameSettings, TrainConfig
+from marl_cair.training.settings.learner import LearnerSettings
 from marl_cair.training.trainer import iterate
 
 COLLECTED = 4_096  # decisions

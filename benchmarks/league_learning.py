@@ -38,11 +38,11 @@ from benchmarks.learning import train, trained_minutes
 from marl_cair.checkpoint import LATEST_FOLDER, LIVE_FOLDER, SHARED, read_description
 from marl_cair.cli.league_train import format_options
 from marl_cair.files import write_atomically
-from marl_cair.league.shared import PLAYERS
-from marl_cair.training.config_file import CONFIG_FILE
-from marl_cair.training.league_examples import EXAMPLES
-from marl_cair.training.league_run import MEMBERS, MIXTURE
-from marl_cair.training.league_settings import build_league, load_league
+from marl_cair.self_play.shared_folder import PLAYERS
+from marl_cair.training.population.league_examples import EXAMPLES
+from marl_cair.training.population.league_run import MEMBERS, MIXTURE
+from marl_cair.training.population.league_settings import build_league, load_league
+from marl_cair.training.settings.config_file import CONFIG_FILE
 
 
 def list_options(settings: Mapping[str, Any], prefix: str = "") -> Iterator[str]:

@@ -22,10 +22,10 @@ from marl_cair.checkpoint import read_description
 from marl_cair.cli import main as marl_cair
 from marl_cair.cli.compose import override
 from marl_cair.files import write_atomically
-from marl_cair.training.config_file import CONFIG_FILE
 from marl_cair.training.demo import FINISHED_FILE
 from marl_cair.training.run import BEST_FOLDER
 from marl_cair.training.run_log import RunLog, read_log
+from marl_cair.training.settings.config_file import CONFIG_FILE
 
 RECIPE = (
     "opponent.mixture={latest:0.3,uniform:0.1,bots:0.25,counter:0.25,random:0.1}",

@@ -10,8 +10,8 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks._timing import best_seconds
-from marl_cair.games.deep_rts.map_generator import generate_map
-from marl_cair.games.deep_rts.maps import read_text_map, write_text_map
+from marl_cair.games.deep_rts.maps.generator import generate_map
+from marl_cair.games.deep_rts.maps.maps import read_text_map, write_text_map
 
 SIDES = (15, 31, 64, 128)
 NUM_PLAYERS = 4

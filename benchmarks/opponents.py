@@ -28,11 +28,11 @@ from marl_cair.cli import main as marl_cair
 from marl_cair.cli.compose import override
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
-from marl_cair.league.agents import load_agent
-from marl_cair.league.match import play_match
-from marl_cair.training.config import SELF_PLAY
-from marl_cair.training.config_file import CONFIG_FILE, load_config
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.play.match import play_match
 from marl_cair.training.demo import FINISHED_FILE, MIXTURE
+from marl_cair.training.settings.config import SELF_PLAY
+from marl_cair.training.settings.config_file import CONFIG_FILE, load_config
 
 MIXTURES: dict[str, dict[str, float]] = {
     "default": SELF_PLAY,

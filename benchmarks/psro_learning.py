@@ -35,10 +35,10 @@ from benchmarks.learning import trained_minutes
 from marl_cair.checkpoint import read_description
 from marl_cair.cli.league_train import format_options
 from marl_cair.files import write_atomically
-from marl_cair.training.config_file import CONFIG_FILE
-from marl_cair.training.league_examples import PSRO_EXAMPLES
-from marl_cair.training.psro import MIXTURE, ROUNDS, find_entrants
-from marl_cair.training.psro_settings import PsroSettings, build_psro, load_psro
+from marl_cair.training.population.league_examples import PSRO_EXAMPLES
+from marl_cair.training.population.psro import MIXTURE, ROUNDS, find_entrants
+from marl_cair.training.population.psro_settings import PsroSettings, build_psro, load_psro
+from marl_cair.training.settings.config_file import CONFIG_FILE
 
 FOLDER = "rounds"
 

@@ -38,7 +38,7 @@ from benchmarks._ladders import (
 from marl_cair.checkpoint import SNAPSHOT_FOLDER, find_agent, read_description
 from marl_cair.files import copy_folder
 from marl_cair.games import GAMES
-from marl_cair.league.run_folders import list_checkpoints
+from marl_cair.league.agents.run_folders import list_checkpoints
 
 AGENTS = "agents"
 NO_BUDGET = "0"

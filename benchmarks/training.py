@@ -29,7 +29,8 @@ from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.training import run as training_run
 from marl_cair.training import trainer
-from marl_cair.training.config import (
+from marl_cair.training.metrics import Timers
+from marl_cair.training.settings.config import (
     CheckpointSettings,
     CollectorSettings,
     EvaluationSettings,
@@ -37,8 +38,7 @@ from marl_cair.training.config import (
     ReplaySettings,
     TrainConfig,
 )
-from marl_cair.training.learner_settings import LearnerSettings
-from marl_cair.training.metrics import Timers
+from marl_cair.training.settings.learner import LearnerSettings
 
 WORLDS, STEPS, CAPACITY, MIN_TRANSITIONS = 128, 16, 100_000, 5_000
 WINDOWS = 5

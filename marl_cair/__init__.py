@@ -16,7 +16,7 @@ from marl_cair.lookup import import_when_used
 
 if TYPE_CHECKING:
     from marl_cair.games.torchrl_env import BatchedGameEnv
-    from marl_cair.league.agents import load_agent
+    from marl_cair.league.agents.load import load_agent
 
 __version__ = "0.1.0"
 
@@ -43,7 +43,7 @@ def make_torchrl_env(
     return BatchedGameEnv(game, scenario, num_worlds, **options)
 
 
-__getattr__ = import_when_used(__name__, {"load_agent": "marl_cair.league.agents:load_agent"})
+__getattr__ = import_when_used(__name__, {"load_agent": "marl_cair.league.agents.load:load_agent"})
 
 
 def register_scenario(game: str, name: str, base: str | None = None, **options: Any) -> str:

@@ -6,8 +6,8 @@ import pytest
 
 from marl_cair.checkpoint import read_description
 from marl_cair.games import GAMES
-from marl_cair.league.agents import load_agent
-from marl_cair.league.match import play_match
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.play.match import play_match
 
 AGENTS = Path(__file__).parents[1] / "agents"
 GAMES_EACH = 24

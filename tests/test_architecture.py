@@ -254,7 +254,7 @@ def test_the_rule_for_bots_covers_their_plans():
     [
         "from marl_cair.games.deep_rts.state import World",
         "from marl_cair.games.deep_rts import state",
-        "from marl_cair.games.deep_rts.rules import combat",
+        "from marl_cair.games.deep_rts.rules.step import combat",
         "from marl_cair.games.deep_rts.world_view import world_at",
         "from marl_cair.games.engine import BatchedEngine",
         "from marl_cair.games import make_engine",

@@ -5,7 +5,7 @@ import pytest
 from tqdm import tqdm
 
 from benchmarks.coverage import Case, find_truth, measure
-from marl_cair.league import ratings as ratings_module
+from marl_cair.league.ratings import rate as ratings_module
 
 
 def cover(monkeypatch, case, num_leagues):

@@ -7,9 +7,9 @@ from benchmarks import doctrine_search
 from benchmarks._matches import play_match
 from benchmarks.doctrine_search import HIGHEST, LOWEST, Search
 from marl_cair.games import GAMES, make_engine
-from marl_cair.games.deep_rts.bot_doctrines import DOCTRINES, Doctrine
+from marl_cair.games.deep_rts.bots.doctrines import DOCTRINES, Doctrine
 from marl_cair.games.deep_rts.teacher import TEACHER
-from marl_cair.league.agents import load_agent
+from marl_cair.league.agents.load import load_agent
 
 SOURCE = "marl_cair.games.deep_rts.teacher:make_teacher"
 

@@ -7,7 +7,7 @@ import yaml
 
 from benchmarks._ladders import _space_out
 from marl_cair.cli import main
-from marl_cair.training.league_examples import EXAMPLES, PSRO_EXAMPLES
+from marl_cair.training.population.league_examples import EXAMPLES, PSRO_EXAMPLES
 from tests.benchmark_runs import read_table
 
 SHORT = (

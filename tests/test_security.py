@@ -12,20 +12,20 @@ import pytest
 
 from marl_cair.checkpoint import CheckpointError, load_network
 from marl_cair.cli import main
-from marl_cair.league.agents import load_agent
-from marl_cair.league.allowed_code import CodeNotAllowedError, is_code, require_allowed
+from marl_cair.league.agents.allowed_code import CodeNotAllowedError, is_code, require_allowed
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.agents.mixtures import MIXTURE_FILE, save_mixture
 from marl_cair.league.extend import plan_extension
 from marl_cair.league.mixing import mix_league
-from marl_cair.league.mixtures import MIXTURE_FILE, save_mixture
-from marl_cair.league.pool import Pool
-from marl_cair.league.reporting import report_stored
-from marl_cair.league.store import STORE_FILE
-from marl_cair.training.config import DemonstrationSettings
-from marl_cair.training.config_file import load_config
-from marl_cair.training.league_run import train_league
-from marl_cair.training.league_settings import load_league
-from marl_cair.training.league_slice import Budget, run_slice
-from marl_cair.training.psro_settings import load_psro
+from marl_cair.league.report.report import report_stored
+from marl_cair.league.store.store import STORE_FILE
+from marl_cair.self_play.pool import Pool
+from marl_cair.training.population.league_run import train_league
+from marl_cair.training.population.league_settings import load_league
+from marl_cair.training.population.league_slice import Budget, run_slice
+from marl_cair.training.population.psro_settings import load_psro
+from marl_cair.training.settings.config import DemonstrationSettings
+from marl_cair.training.settings.config_file import load_config
 from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
 from tests.games import last_standing

@@ -10,7 +10,7 @@ import pytest
 from marl_cair.cli import main
 from marl_cair.cli.compose import compose_config
 from marl_cair.cli.league import make_parser
-from marl_cair.training.league_examples import EXAMPLES, PSRO_EXAMPLES
+from marl_cair.training.population.league_examples import EXAMPLES, PSRO_EXAMPLES
 
 PAGE = (Path(__file__).parents[1] / "docs/self_play.md").read_text("utf-8")
 COMMANDS = [

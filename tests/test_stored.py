@@ -14,12 +14,12 @@ import torch
 from marl_cair.checkpoint import CheckpointError, load_network, load_tensors
 from marl_cair.cli import main
 from marl_cair.files import copy_folder, replaced_folder, write_json
-from marl_cair.games.deep_rts.maps import MapError, read_map
-from marl_cair.league.mixtures import read_mixture
-from marl_cair.league.store import LeagueStore, LeagueStoreError
+from marl_cair.games.deep_rts.maps.maps import MapError, read_map
+from marl_cair.league.agents.mixtures import read_mixture
+from marl_cair.league.store.store import LeagueStore, LeagueStoreError
 from marl_cair.replay.array_folder import load_arrays
 from marl_cair.stored import MAX_BYTES, RECORD, DamagedFileError, find_damage, read_bytes, read_json
-from marl_cair.training.config_file import load_config, read_yaml
+from marl_cair.training.settings.config_file import load_config, read_yaml
 
 AGENT = Path(__file__).parents[1] / "agents" / "deep_line_wars_10x15"
 

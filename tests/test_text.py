@@ -9,7 +9,7 @@ import unicodedata
 import pytest
 
 from marl_cair.cli import main
-from marl_cair.league.export import QUERIES
+from marl_cair.league.store.export import QUERIES
 from marl_cair.text import clean_cell, clean_lines, clean_text
 from tests.league.leagues import play_bots
 

@@ -11,12 +11,12 @@ from marl_cair.cli.options import list_options
 from marl_cair.cli.parser import refuse_repeats
 from marl_cair.games import GAMES
 from marl_cair.generative import GENERATORS
-from marl_cair.league.opponents import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.lookup import find_by_name
 from marl_cair.policies import NETWORKS
-from marl_cair.training.config import NO_GENERATOR, SELF_PLAY, TrainConfig
-from marl_cair.training.config_file import build_config, to_plain
-from marl_cair.training.recipes import RECIPES
+from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
+from marl_cair.training.settings.config import NO_GENERATOR, SELF_PLAY, TrainConfig
+from marl_cair.training.settings.config_file import build_config, to_plain
+from marl_cair.training.settings.recipes import RECIPES
 
 SHORTHANDS = {
     "scenario": "game.scenario",

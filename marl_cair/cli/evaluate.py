@@ -21,14 +21,14 @@ from marl_cair.cli.compose import read_value
 from marl_cair.cli.match_options import add_match_options, choose_load, round_games
 from marl_cair.cli.parser import Parser, refuse_repeats
 from marl_cair.files import write_atomically
+from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.game import Game
-from marl_cair.games.scenario_checks import change_scenario
-from marl_cair.league.agents import find_fingerprint, find_scenario
-from marl_cair.league.intervals import mean_interval, median_interval, win_rate_interval
-from marl_cair.league.match import MatchResult, play_match, require_rivals
-from marl_cair.league.solo import play_alone
+from marl_cair.league.agents.load import find_fingerprint, find_scenario
+from marl_cair.league.play.match import MatchResult, play_match, require_rivals
+from marl_cair.league.play.solo import play_alone
+from marl_cair.league.ratings.intervals import mean_interval, median_interval, win_rate_interval
 from marl_cair.text import clean_cell
-from marl_cair.training.config_file import read_options
+from marl_cair.training.settings.config_file import read_options
 
 COLUMNS = ("opponent", "games", "wins", "draws", "losses", "win_rate", "low", "high")
 _OF_MEDIAN = ("median", "median_low", "median_high")

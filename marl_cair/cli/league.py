@@ -18,15 +18,15 @@ from marl_cair.cli.match_options import (
     read_seconds,
 )
 from marl_cair.cli.parser import Parser
-from marl_cair.league.agents import find_scenario
-from marl_cair.league.blocks import SEATINGS
-from marl_cair.league.export import FORMATS, QUERIES, export_league
-from marl_cair.league.run_folders import MOST_SNAPSHOTS
-from marl_cair.league.store import STORE_FILE, LeagueStore
+from marl_cair.league.agents.load import find_scenario
+from marl_cair.league.agents.run_folders import MOST_SNAPSHOTS
+from marl_cair.league.play.blocks import SEATINGS
+from marl_cair.league.store.export import FORMATS, QUERIES, export_league
+from marl_cair.league.store.store import STORE_FILE, LeagueStore
 from marl_cair.text import clean_text
 
 if TYPE_CHECKING:
-    from marl_cair.league.reporting import LeagueResult
+    from marl_cair.league.report.report import LeagueResult
 
 DEFAULT_OUT = "runs/league"
 GAMES_PER_PAIR = 40
@@ -87,14 +87,14 @@ def report(arguments: Sequence[str]) -> int:
     _add_zero(parser)
     options = parser.parse_args(arguments)
     replays = not options.no_replays
-    from marl_cair.league.reporting import report_stored
+    from marl_cair.league.report.report import report_stored
 
     return tell(report_stored(Path(options.out), options.alpha_rank, replays, options.zero))
 
 
 def tell(result: LeagueResult) -> int:
     """Print what a league found; returns the exit code."""
-    from marl_cair.league.report import FILES
+    from marl_cair.league.report.files import FILES
 
     page, *others = FILES
     sys.stdout.write(
@@ -116,7 +116,7 @@ def tell_status(arguments: Sequence[str]) -> int:
     parser = Parser("marl-cair league status", description=tell_status.__doc__)
     _add_folder(parser)
     store = LeagueStore(Path(parser.parse_args(arguments).out) / STORE_FILE)
-    from marl_cair.league.background import tell_training
+    from marl_cair.league.report.background import tell_training
 
     try:
         games, agents = store.read_games(), store.read_agents()

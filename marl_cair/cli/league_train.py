@@ -17,13 +17,13 @@ from marl_cair.cli.match_options import add_allow_code
 from marl_cair.cli.options import read_comments
 from marl_cair.cli.parser import Parser
 from marl_cair.lookup import find_by_name
-from marl_cair.training.league_examples import EXAMPLES, PSRO_EXAMPLES
-from marl_cair.training.league_settings import LeagueSettings, build_league, load_league
-from marl_cair.training.psro_settings import PsroSettings, build_psro, load_psro
+from marl_cair.training.population.league_examples import EXAMPLES, PSRO_EXAMPLES
+from marl_cair.training.population.league_settings import LeagueSettings, build_league, load_league
+from marl_cair.training.population.psro_settings import PsroSettings, build_psro, load_psro
 
 if TYPE_CHECKING:
-    from marl_cair.training.league_run import LeagueTraining
-    from marl_cair.training.psro import PsroResult
+    from marl_cair.training.population.league_run import LeagueTraining
+    from marl_cair.training.population.psro import PsroResult
 
 _WIDTH = 100
 
@@ -43,13 +43,13 @@ class _Command(NamedTuple):
 
 
 def _train_league(settings: LeagueSettings) -> LeagueTraining:
-    from marl_cair.training.league_run import train_league
+    from marl_cair.training.population.league_run import train_league
 
     return train_league(settings)
 
 
 def _train_psro(settings: PsroSettings) -> PsroResult:
-    from marl_cair.training.psro import train_psro
+    from marl_cair.training.population.psro import train_psro
 
     return train_psro(settings)
 

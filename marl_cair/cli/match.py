@@ -15,18 +15,13 @@ from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.compose import read_value
 from marl_cair.cli.match_options import add_match_options, choose_load, round_games
 from marl_cair.cli.parser import Parser, refuse_repeats
+from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.game import Agent, Game
-from marl_cair.games.scenario_checks import change_scenario
-from marl_cair.league.agents import find_fingerprint, find_scenario
-from marl_cair.league.match import MatchResult, play_match
-from marl_cair.league.sequential import (
-    ERROR_RATE,
-    SequentialTest,
-    find_elo,
-    play_sequentially,
-)
-from marl_cair.league.solo import Estimate, SoloResult, compare, play_alone
-from marl_cair.training.config_file import read_options
+from marl_cair.league.agents.load import find_fingerprint, find_scenario
+from marl_cair.league.play.match import MatchResult, play_match
+from marl_cair.league.play.sequential import ERROR_RATE, SequentialTest, find_elo, play_sequentially
+from marl_cair.league.play.solo import Estimate, SoloResult, compare, play_alone
+from marl_cair.training.settings.config_file import read_options
 
 HELDOUT_MAP = "heldout_map"  # short for heldout.map
 _PARSER_OPTIONS = ("game", "scenario", "games", "seed", "sprt")

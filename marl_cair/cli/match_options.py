@@ -12,11 +12,11 @@ from typing import Any
 
 from marl_cair.games import GAMES
 from marl_cair.games.game import Agent, GameSpec
-from marl_cair.league.agents import load_agent
-from marl_cair.league.allowed_code import is_foreign
-from marl_cair.league.arena import Load
-from marl_cair.league.limits import ANSWER_SECONDS, FUNCTION_SECONDS
-from marl_cair.league.run_folders import Expansion, expand_runs
+from marl_cair.league.agents.allowed_code import is_foreign
+from marl_cair.league.agents.limits import ANSWER_SECONDS, FUNCTION_SECONDS
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.agents.run_folders import Expansion, expand_runs
+from marl_cair.league.play.arena import Load
 
 _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.parser import Parser
-from marl_cair.league.mixtures import SLACK, save_mixture
+from marl_cair.league.agents.mixtures import SLACK, save_mixture
 
 DEFAULT_OUT = "runs/mixture"
 

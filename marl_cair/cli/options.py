@@ -17,8 +17,8 @@ from marl_cair.games import GAMES
 from marl_cair.games.game import Game
 from marl_cair.generative import GENERATORS
 from marl_cair.policies import HEADS, NETWORKS
-from marl_cair.training.config import NO_GENERATOR, TrainConfig
-from marl_cair.training.learner_settings import LOSSES, TARGET_UPDATES
+from marl_cair.training.settings.config import NO_GENERATOR, TrainConfig
+from marl_cair.training.settings.learner import LOSSES, TARGET_UPDATES
 
 
 @dataclass(frozen=True)

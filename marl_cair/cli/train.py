@@ -15,9 +15,9 @@ from marl_cair.cli.options import find_choices, list_options
 from marl_cair.cli.parser import refuse_repeats
 from marl_cair.files import find_folder
 from marl_cair.lookup import find_by_name
-from marl_cair.training.config import TrainConfig
-from marl_cair.training.config_file import CONFIG_FILE, ENDS, build_value, load_config
-from marl_cair.training.recipes import RECIPES
+from marl_cair.training.settings.config import TrainConfig
+from marl_cair.training.settings.config_file import CONFIG_FILE, ENDS, build_value, load_config
+from marl_cair.training.settings.recipes import RECIPES
 
 _ALLOW_CODE = "allow_code"
 

@@ -136,7 +136,7 @@ def _check_film(path: Path) -> str:
 
 
 def _check_league(path: Path) -> str:
-    from marl_cair.league.store import LeagueStore  # for leagues alone
+    from marl_cair.league.store.store import LeagueStore  # for leagues alone
 
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
         (state,) = database.execute("PRAGMA integrity_check(1)").fetchone()

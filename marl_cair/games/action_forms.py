@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import NO_CELL, GameSpec, Shape
-from marl_cair.games.random_player import draw_legal
+from marl_cair.games.players.random_player import draw_legal
 from marl_cair.lookup import find_by_name
 
 NO_ACTION = -1

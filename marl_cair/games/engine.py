@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.announcing import calling
-from marl_cair.games.compiled import is_compiling, settled
-from marl_cair.games.engine_checks import (
+from marl_cair.games.checks.engine import (
     check_actions,
     check_count,
     check_mask,
@@ -21,13 +20,9 @@ from marl_cair.games.engine_checks import (
     check_seeds,
     check_start,
 )
+from marl_cair.games.checks.state import StateLimits, check_arrays, check_outcome, check_worlds
+from marl_cair.games.compiled import is_compiling, settled
 from marl_cair.games.game import NO_WINNER, Game, GameSpec, Representation
-from marl_cair.games.state_checks import (
-    StateLimits,
-    check_arrays,
-    check_outcome,
-    check_worlds,
-)
 from marl_cair.lookup import find_by_name
 
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.random_player import RANDOM, RandomPlayer
+from marl_cair.games.checks.scenario import change_scenario
+from marl_cair.games.players.random_player import RANDOM, RandomPlayer
 from marl_cair.games.registry import GAMES, find_game
-from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.lookup import find_by_name
 
 if TYPE_CHECKING:
-    from marl_cair.games.state_checks import StateLimits
+    from marl_cair.games.checks.state import StateLimits
 
 NO_WINNER = -1
 LEAST_FPS = 10  # of pictures, one for each decision

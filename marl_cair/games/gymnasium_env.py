@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from marl_cair.games.action_forms import FlatActions
-from marl_cair.games.engine_checks import check_count, check_num_worlds, check_seed
+from marl_cair.games.checks.engine import check_count, check_num_worlds, check_seed
 from marl_cair.games.game import Agent
 from marl_cair.games.learner_seat import LearnerSeat, SeatSettings
 from marl_cair.games.parallel_env import (
@@ -22,7 +22,7 @@ from marl_cair.games.parallel_env import (
     make_action_space,
     make_observation_space,
 )
-from marl_cair.games.random_player import RANDOM
+from marl_cair.games.players.random_player import RANDOM
 
 NO_LIMIT = np.iinfo(np.int64).max  # of decisions
 _METADATA = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # an instance has its game's

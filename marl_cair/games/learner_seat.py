@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from marl_cair.games import make_engine
 from marl_cair.games.action_forms import make_action_form
+from marl_cair.games.checks.engine import check_seed, read_index
 from marl_cair.games.engine import BatchedEngine
-from marl_cair.games.engine_checks import check_seed, read_index
 from marl_cair.games.game import Agent
-from marl_cair.games.mixed_agent import MixedAgent
-from marl_cair.games.random_player import RANDOM
+from marl_cair.games.players.mixed_agent import MixedAgent
+from marl_cair.games.players.random_player import RANDOM
 from marl_cair.games.randomness import EpisodeSeeds
 
 

@@ -13,8 +13,8 @@ from pettingzoo.utils.conversions import parallel_to_aec
 
 from marl_cair.games import make_engine
 from marl_cair.games.action_forms import ActionForm, make_action_form
+from marl_cair.games.checks.engine import check_count, check_num_worlds, check_seed, read_index
 from marl_cair.games.engine import BatchedEngine
-from marl_cair.games.engine_checks import check_count, check_num_worlds, check_seed, read_index
 from marl_cair.games.game import Representation
 from marl_cair.games.randomness import EpisodeSeeds
 

@@ -11,6 +11,7 @@ from importlib.metadata import EntryPoint
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.game_packages import (
     NAME_RULE,
     PackageFault,
@@ -22,7 +23,6 @@ from marl_cair.games.game_packages import (
     name_package,
     read_entry_points,
 )
-from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.lookup import find_by_name
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from torchrl.envs import EnvBase
 
 from marl_cair.games import make_engine
 from marl_cair.games.array_pool import ArrayPool
-from marl_cair.games.engine_checks import check_count, check_seed
+from marl_cair.games.checks.engine import check_count, check_seed
 from marl_cair.games.game import NO_WINNER
 from marl_cair.games.randomness import EpisodeSeeds
 

@@ -11,8 +11,8 @@ from torch import Tensor, nn
 
 from marl_cair.generative.families import Member, choose_family
 from marl_cair.generative.loss import RareCorrection
+from marl_cair.generative.networks.steps import StepTable
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
-from marl_cair.generative.steps import StepTable
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 

@@ -12,14 +12,14 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from marl_cair.generative.ccdn import CCDN, Encoding, NextState
-from marl_cair.generative.cells import take_log
-from marl_cair.generative.economy import find_changes
-from marl_cair.generative.frame_network import FrameCCDN, ask_frames, find_frame_losses
 from marl_cair.generative.loss import RareCorrection, find_losses
-from marl_cair.generative.outcome import read_outcome
+from marl_cair.generative.networks.ccdn import CCDN, Encoding, NextState
+from marl_cair.generative.networks.cells import take_log
+from marl_cair.generative.networks.economy import find_changes
+from marl_cair.generative.networks.frame_network import FrameCCDN, ask_frames, find_frame_losses
+from marl_cair.generative.networks.outcome import read_outcome
+from marl_cair.generative.networks.steps import StepTable
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec, NetworkSize
-from marl_cair.generative.steps import StepTable
 
 COUNTED_STRIDE = 8  # one in so many rows shows enough of which steps are usual on the board
 

@@ -21,7 +21,7 @@ from marl_cair.generative.gate import (
 )
 from marl_cair.generative.heldout import TransitionRing, is_heldout, make_empty_transitions
 from marl_cair.generative.metrics import decide_mask, examine, measure
-from marl_cair.generative.outcome import RewardBins
+from marl_cair.generative.networks.outcome import RewardBins
 from marl_cair.generative.rare import RareCounts, Stratum
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.replay.sampler import restore_generator

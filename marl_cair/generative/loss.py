@@ -9,10 +9,10 @@ from tensordict import TensorDict
 from torch import Tensor
 from torch.nn import functional
 
-from marl_cair.generative.ccdn import CCDN, Encoding, NextState
-from marl_cair.generative.cells import find_log_prob
-from marl_cair.generative.economy import find_changes
-from marl_cair.generative.outcome import Outcome, RewardBins, read_reward
+from marl_cair.generative.networks.ccdn import CCDN, Encoding, NextState
+from marl_cair.generative.networks.cells import find_log_prob
+from marl_cair.generative.networks.economy import find_changes
+from marl_cair.generative.networks.outcome import Outcome, RewardBins, read_reward
 
 
 class RareCorrection(NamedTuple):

@@ -10,7 +10,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.generative.loss import RareCorrection
-from marl_cair.generative.outcome import RewardBins
+from marl_cair.generative.networks.outcome import RewardBins
 from marl_cair.ranges import MOST, Range, read_array, read_numbers
 
 _AMOUNT = Range(0.0, MOST, float)  # of rows

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from marl_cair.games.game import Agent
-from marl_cair.league.adaptive import count_meetings
-from marl_cair.league.agents import find_fingerprint, load_agent, read_source
-from marl_cair.league.allowed_code import AllowCode, require_allowed
-from marl_cair.league.arena import Load, Rules
+from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
+from marl_cair.league.agents.load import find_fingerprint, load_agent, read_source
 from marl_cair.league.league import LeagueConfig
-from marl_cair.league.store import STORE_FILE, AgentRecord, LeagueStore, LeagueStoreError
+from marl_cair.league.play.adaptive import count_meetings
+from marl_cair.league.play.arena import Load, Rules
+from marl_cair.league.store.store import STORE_FILE, AgentRecord, LeagueStore, LeagueStoreError
 
 
 def plan_extension(

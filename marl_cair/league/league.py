@@ -18,24 +18,24 @@ from tqdm import tqdm
 from marl_cair.files import claim_output_folder
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game
-from marl_cair.league.adaptive import Played, Target, measure_ladder, play_adaptively
-from marl_cair.league.agents import (
+from marl_cair.league.agents.allowed_code import PREFIX, is_process
+from marl_cair.league.agents.load import (
     describe_agent,
     find_fingerprint,
     is_checkpoint,
     load_agent,
     shorten_paths,
 )
-from marl_cair.league.allowed_code import PREFIX, is_process
-from marl_cair.league.arena import Arena, Load, Rules
-from marl_cair.league.background import COMMANDS, VERSIONS, tell_versions
-from marl_cair.league.blocks import Entrant
-from marl_cair.league.ending import Clock, tell_ending
-from marl_cair.league.match import require_rivals
-from marl_cair.league.ratings import Games, rate
-from marl_cair.league.reporting import LeagueResult, Showing, number_agents, rate_and_report
-from marl_cair.league.schedule import Job, schedule_meetings
-from marl_cair.league.store import STORE_FILE, LeagueStore, StoredGames
+from marl_cair.league.play.adaptive import Played, Target, measure_ladder, play_adaptively
+from marl_cair.league.play.arena import Arena, Load, Rules
+from marl_cair.league.play.blocks import Entrant
+from marl_cair.league.play.match import require_rivals
+from marl_cair.league.play.schedule import Job, schedule_meetings
+from marl_cair.league.play.stopping import Clock, tell_ending
+from marl_cair.league.ratings.rate import Games, rate
+from marl_cair.league.report.background import COMMANDS, VERSIONS, tell_versions
+from marl_cair.league.report.report import LeagueResult, Showing, number_agents, rate_and_report
+from marl_cair.league.store.store import STORE_FILE, LeagueStore, StoredGames
 from marl_cair.lookup import find_by_name
 from marl_cair.text import clean_text
 

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.mixed_agent import MixedAgent
-from marl_cair.league.agents import load_agent, read_source
-from marl_cair.league.arena import Load, Rules
-from marl_cair.league.equilibrium import find_safest_mixture
+from marl_cair.games.players.mixed_agent import MixedAgent
+from marl_cair.league.agents.load import load_agent, read_source
+from marl_cair.league.agents.mixtures import SLACK, qualify_bot, require_data
 from marl_cair.league.extend import find_source, load_played
-from marl_cair.league.mixtures import SLACK, qualify_bot, require_data
-from marl_cair.league.payoffs import count_points, find_shares, split_pairs
-from marl_cair.league.reporting import name_agents, number_agents
-from marl_cair.league.store import (
+from marl_cair.league.play.arena import Load, Rules
+from marl_cair.league.ratings.equilibrium import find_safest_mixture
+from marl_cair.league.ratings.payoffs import count_points, find_shares, split_pairs
+from marl_cair.league.report.report import name_agents, number_agents
+from marl_cair.league.store.store import (
     STORE_FILE,
     AgentRecord,
     LeagueStore,

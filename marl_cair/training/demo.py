@@ -11,12 +11,13 @@ from tqdm import tqdm
 from marl_cair.checkpoint import LATEST_FOLDER
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
-from marl_cair.league.agents import load_agent
-from marl_cair.league.film import save_film
+from marl_cair.league.agents.load import load_agent
 from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.match import play_match
+from marl_cair.league.play.film import save_film
+from marl_cair.league.play.match import play_match
 from marl_cair.policies.q_network import QNetworkConfig
-from marl_cair.training.config import (
+from marl_cair.training.curves import draw_curves
+from marl_cair.training.settings.config import (
     CheckpointSettings,
     CollectorSettings,
     EvaluationSettings,
@@ -27,8 +28,7 @@ from marl_cair.training.config import (
     ReplaySettings,
     TrainConfig,
 )
-from marl_cair.training.curves import draw_curves
-from marl_cair.training.learner_settings import LearnerSettings
+from marl_cair.training.settings.learner import LearnerSettings
 from marl_cair.training.trainer import train
 
 FINISHED_FILE = "finished.txt"  # in the folder of a run that a later call need not go on with

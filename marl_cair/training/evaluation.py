@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.game import Agent, Game
-from marl_cair.league.match import play_match
-from marl_cair.league.solo import Estimate, compare, play_alone
-from marl_cair.training.config import TrainConfig
+from marl_cair.league.play.match import play_match
+from marl_cair.league.play.solo import Estimate, compare, play_alone
+from marl_cair.training.settings.config import TrainConfig
 
 LEARNER = "learner"  # in the log, beside the names of bots
 

@@ -19,7 +19,7 @@ from marl_cair.generative.coded import CodedGenerator, FrameCodec
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.settings import GeneratorSpec
 from marl_cair.generative.vectors import VectorCodec
-from marl_cair.training.config import NO_GENERATOR, TrainConfig
+from marl_cair.training.settings.config import NO_GENERATOR, TrainConfig
 
 GENERATOR_FILE = "generator.pt"  # in a run's folder
 SHADES_TAKEN_FOR_EQUAL = 8  # of 255, in pictures

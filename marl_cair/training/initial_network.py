@@ -7,10 +7,10 @@ import dataclasses
 from marl_cair.checkpoint import load_network, read_description
 from marl_cair.files import tell_value
 from marl_cair.games.game import GameSpec, Representation
-from marl_cair.league.agents import is_checkpoint
+from marl_cair.league.agents.load import is_checkpoint
 from marl_cair.policies import GREEDY
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
-from marl_cair.training.config import TrainConfig
+from marl_cair.training.settings.config import TrainConfig
 
 # A learner that knows how to play loses it within minutes where it goes on as one that does not:
 # with large steps of an optimiser that has seen nothing yet, on the first few games alone.

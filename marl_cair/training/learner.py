@@ -17,8 +17,8 @@ from marl_cair.policies.q_network import QNetwork
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.transition import NO_ACTION
-from marl_cair.training.config import DemonstrationSettings
-from marl_cair.training.learner_settings import LearnerSettings
+from marl_cair.training.settings.config import DemonstrationSettings
+from marl_cair.training.settings.learner import LearnerSettings
 
 # Of the averaged weights' warm-up: after n updates they average over no more than about n / 10.
 _AVERAGE_WARMUP = 10

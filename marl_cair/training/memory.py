@@ -13,7 +13,7 @@ from marl_cair.games.game import Game, Representation
 from marl_cair.memory import require_memory
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.replay.transition import TransitionSpec
-from marl_cair.training.config import TrainConfig
+from marl_cair.training.settings.config import TrainConfig
 
 _ENTRY_BYTES = 40  # of a step in replay, beside its observation and mask
 _NETWORK_COPIES = 6  # network, target, average, gradients, two moments

@@ -15,7 +15,6 @@ from torch import Tensor
 from marl_cair.games.game import NO_WINNER, GameSpec
 from marl_cair.games.standings import share_points
 from marl_cair.games.torchrl_env import LastStep
-from marl_cair.league.records import OPPONENT
 from marl_cair.ranges import (
     COUNT,
     MOST,
@@ -26,7 +25,8 @@ from marl_cair.ranges import (
     read_numbers,
     take_arrays,
 )
-from marl_cair.training.opponents import Meeting
+from marl_cair.self_play.win_rates import OPPONENT
+from marl_cair.training.collecting.opponents import Meeting
 
 _VALUE = Range(-1e300, 1e300, float)
 _RANGES = {  # of saved arrays

@@ -30,10 +30,8 @@ from marl_cair.files import (
 )
 from marl_cair.games import GAMES
 from marl_cair.games.torchrl_env import BatchedGameEnv
-from marl_cair.league.agents import load_agent
-from marl_cair.league.arena import Load
-from marl_cair.league.pool import Pool
-from marl_cair.league.shared import LeagueSeat
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.play.arena import Load
 from marl_cair.policies import GREEDY, SAMPLED
 from marl_cair.policies.actor import MaskedEpsilonGreedy, MaskedSampling, PolicyActor
 from marl_cair.policies.q_network import QNetwork, make_q_network
@@ -43,19 +41,21 @@ from marl_cair.replay.generated import GeneratedReplay
 from marl_cair.replay.mixed import MixedReplay
 from marl_cair.replay.reservoir import Reservoir
 from marl_cair.replay.transition import TransitionSpec
+from marl_cair.self_play.pool import Pool
+from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.stored import DamagedFileError, read_json
 from marl_cair.training import generators, memory, state_file
-from marl_cair.training.average_policy import AveragePolicy
-from marl_cair.training.config import TrainConfig
-from marl_cair.training.config_file import CONFIG_FILE, fixed_settings, save_config
-from marl_cair.training.demonstrations import Demonstrators
+from marl_cair.training.collecting.average_policy import AveragePolicy
+from marl_cair.training.collecting.demonstrations import Demonstrators
+from marl_cair.training.collecting.opponents import OpponentBook
+from marl_cair.training.collecting.own_play import OwnPolicies
+from marl_cair.training.collecting.seats import SeatRouter
 from marl_cair.training.initial_network import count_training, fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
 from marl_cair.training.metrics import EpisodeStatistics, RunningMeans
-from marl_cair.training.opponents import OpponentBook
-from marl_cair.training.own_play import OwnPolicies
 from marl_cair.training.run_log import RunLog
-from marl_cair.training.seats import SeatRouter
+from marl_cair.training.settings.config import TrainConfig
+from marl_cair.training.settings.config_file import CONFIG_FILE, fixed_settings, save_config
 from marl_cair.training.state_file import require_space, to_arrays, to_tensors
 
 BEST_FOLDER = "best"

@@ -12,7 +12,7 @@ from marl_cair.checkpoint import CheckpointError, load_tensors, save_tensors
 from marl_cair.files import require_free_space
 from marl_cair.replay.buffer import EpisodeReplayBuffer
 from marl_cair.replay.transition import TransitionSpec
-from marl_cair.training.config import TrainConfig
+from marl_cair.training.settings.config import TrainConfig
 
 STATE_FILE = "state.pt"
 _SPARE_BYTES = 64 << 20  # logs, agents, pictures

@@ -14,15 +14,15 @@ from tqdm import tqdm
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.rollouts import Rollouts
 from marl_cair.interrupts import interrupts_noted
-from marl_cair.league.agents import load_agent
-from marl_cair.league.arena import Load
-from marl_cair.league.shared import LeagueSeat
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.play.arena import Load
 from marl_cair.policies.actor import PolicyActor, masked_argmax
-from marl_cair.training.config import ENDLESS_FRAMES, TrainConfig
+from marl_cair.self_play.shared_folder import LeagueSeat
+from marl_cair.training.collecting.rollout import make_rollout
 from marl_cair.training.evaluation import evaluate
 from marl_cair.training.metrics import Timers
-from marl_cair.training.rollout import make_rollout
 from marl_cair.training.run import TrainingRun
+from marl_cair.training.settings.config import ENDLESS_FRAMES, TrainConfig
 
 LOG_EVERY_FRAMES = 10_000
 

@@ -16,10 +16,10 @@ from marl_cair.cli.compose import compose_config, list_groups
 from marl_cair.cli.options import list_options
 from marl_cair.cli.train import describe_options
 from marl_cair.games import GAMES
-from marl_cair.league.opponents import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.lookup import UnknownNameError
-from marl_cair.training.config_file import build_config, load_config, save_config
-from marl_cair.training.recipes import RECIPES
+from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
+from marl_cair.training.settings.config_file import build_config, load_config, save_config
+from marl_cair.training.settings.recipes import RECIPES
 from tests.refusals import assert_refused
 
 SMALL = (
@@ -45,7 +45,7 @@ def test_the_issues_example_composes():
 
 
 def test_no_words_give_the_defaults():
-    from marl_cair.training.config import TrainConfig
+    from marl_cair.training.settings.config import TrainConfig
 
     assert compose_config([]) == TrainConfig()
 

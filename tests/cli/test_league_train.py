@@ -7,8 +7,8 @@ import pytest
 from marl_cair.cli import main
 from marl_cair.cli.league_train import format_options
 from marl_cair.cli.options import list_options, read_comments
-from marl_cair.training.league_examples import EXAMPLES
-from marl_cair.training.league_settings import (
+from marl_cair.training.population.league_examples import EXAMPLES
+from marl_cair.training.population.league_settings import (
     LeagueSettings,
     RoleSettings,
     build_league,

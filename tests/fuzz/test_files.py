@@ -16,18 +16,18 @@ import torch
 from marl_cair.checkpoint import EXPLOIT, find_agent, load_network
 from marl_cair.cli.verify import verify_folder
 from marl_cair.files import write_json
-from marl_cair.games.deep_rts.maps import read_map
-from marl_cair.league.agents import load_agent
+from marl_cair.games.deep_rts.maps.maps import read_map
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.agents.mixtures import save_mixture
 from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.mixtures import save_mixture
-from marl_cair.league.store import LeagueStore
-from marl_cair.training.config_file import load_config
-from marl_cair.training.league_run import read_progress
-from marl_cair.training.league_slice import MemberRecord, read_member, save_member
+from marl_cair.league.store.store import LeagueStore
 from marl_cair.training.metrics import Timers
-from marl_cair.training.psro import _Plan, _read_plan
+from marl_cair.training.population.league_run import read_progress
+from marl_cair.training.population.league_slice import MemberRecord, read_member, save_member
+from marl_cair.training.population.psro import _Plan, _read_plan
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
+from marl_cair.training.settings.config_file import load_config
 from marl_cair.training.trainer import iterate, train
 from tests.damage import forget_checksums
 from tests.training.runs import tiny
@@ -36,7 +36,7 @@ SECONDS = float(os.environ.get("FUZZ_SECONDS", "20"))
 SEED = int(os.environ.get("FUZZ_SEED", "0"))
 ALLOWED = (ValueError, OSError, MemoryError, ArithmeticError, RecursionError)  # as `cli.main`
 MOST_SECONDS = 6.0  # of one file, on a machine that is busy
-MAP = Path(__file__).parents[2] / "marl_cair/games/deep_rts/map_files/10x10-2p-clearing.txt"
+MAP = Path(__file__).parents[2] / "marl_cair/games/deep_rts/maps/files/10x10-2p-clearing.txt"
 HOSTILE = (None, -1, 0, 2**31, 2**63, 10**30, 1e308, float("nan"), float("inf"), True, "", "../x",
            "x" * 5_000, [], {}, [[]], {"a": {}})  # fmt: skip
 

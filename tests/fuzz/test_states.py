@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from marl_cair.games import GAMES
+from marl_cair.games.checks.state import Range
 from marl_cair.games.compiled import is_compiling
 from marl_cair.games.engine import BatchedEngine, Snapshot
-from marl_cair.games.state_checks import Range
 from tests.games.cases import QUICK_CASES, Case, choose_actions
 
 if is_compiling() and not numba.config.BOUNDSCHECK:

@@ -11,8 +11,8 @@ import pytest
 from marl_cair.games import GAMES, make_engine
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
-from marl_cair.games.mixed_agent import MixedAgent
 from marl_cair.games.parallel_env import GameParallelEnv
+from marl_cair.games.players.mixed_agent import MixedAgent
 from marl_cair.games.torchrl_env import BatchedGameEnv
 from tests.games import last_standing
 from tests.games.cases import FirstLegalAgent

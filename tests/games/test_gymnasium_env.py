@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 
 from marl_cair.games import GAMES
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
-from marl_cair.games.mixed_agent import MixedAgent
+from marl_cair.games.players.mixed_agent import MixedAgent
 from tests.games.cases import REPRESENTATIONS, FirstLegalAgent, choose_action, ticks_of
 
 IDS = sorted(name for name in gymnasium.registry if name.startswith("marl_cair/"))

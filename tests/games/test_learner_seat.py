@@ -10,9 +10,9 @@ import pytest
 
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
 from marl_cair.games.learner_seat import OpponentError
-from marl_cair.games.mixed_agent import MixedAgent
-from marl_cair.games.random_player import RandomPlayer
-from marl_cair.league.agents import load_agent
+from marl_cair.games.players.mixed_agent import MixedAgent
+from marl_cair.games.players.random_player import RandomPlayer
+from marl_cair.league.agents.load import load_agent
 from tests.games import kuhn_poker, last_standing, rock_paper_scissors
 from tests.games.cases import FirstLegalAgent
 

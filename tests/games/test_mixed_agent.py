@@ -5,7 +5,7 @@ import pytest
 
 from marl_cair.games import GAMES
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
-from marl_cair.games.mixed_agent import MixedAgent
+from marl_cair.games.players.mixed_agent import MixedAgent
 from tests.games import rock_paper_scissors
 from tests.games.rock_paper_scissors import PAPER, ROCK, SCISSORS, Thrower
 

@@ -9,7 +9,7 @@ import pytest
 from marl_cair.games import make_engine
 from marl_cair.games.deep_line_wars.scenarios import Scenario as LineWars
 from marl_cair.games.deep_maze.scenarios import Scenario as Maze
-from marl_cair.games.deep_rts.map_formats import MapError
+from marl_cair.games.deep_rts.maps.formats import MapError
 from marl_cair.games.deep_rts.scenarios import Scenario as Rts
 from marl_cair.games.flappy_bird.scenarios import Scenario as Flappy
 

@@ -9,11 +9,11 @@ import torch
 from tensordict import TensorDict
 
 from marl_cair.generative import GeneratorSpec, NetworkSize
-from marl_cair.generative.ccdn import CCDN
-from marl_cair.generative.economy import EconomyChain, apply_changes, find_changes
 from marl_cair.generative.ensemble import Ensemble
 from marl_cair.generative.loss import RareCorrection, find_losses
-from marl_cair.generative.outcome import RewardBins
+from marl_cair.generative.networks.ccdn import CCDN
+from marl_cair.generative.networks.economy import EconomyChain, apply_changes, find_changes
+from marl_cair.generative.networks.outcome import RewardBins
 from marl_cair.policies.config import NO_CELL
 from tests.generative.conftest import SMALL
 from tests.generative.plane_game import NUM_ACTIONS, SPEC, TERRAIN

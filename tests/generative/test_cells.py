@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from marl_cair.generative.cells import (
+from marl_cair.generative.networks.cells import (
     CellDistribution,
     build_distribution,
     choose_surprises,
@@ -17,7 +17,7 @@ from marl_cair.generative.cells import (
     gather_candidates,
     sample_others,
 )
-from marl_cair.generative.open_cells import OpenCells
+from marl_cair.generative.networks.open_cells import OpenCells
 
 SHIFTS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 NO_STEPS = torch.arange(256, dtype=torch.uint8).repeat(2, 1, 1)  # of two planes

@@ -31,7 +31,7 @@ from marl_cair.generative.metrics import (
     measure,
     tune_certainty,
 )
-from marl_cair.generative.outcome import RewardBins
+from marl_cair.generative.networks.outcome import RewardBins
 from marl_cair.generative.rare import RareCounts
 from tests.generative.conftest import train
 from tests.generative.plane_game import SPEC, TERRAIN, TOWER

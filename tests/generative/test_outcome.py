@@ -8,7 +8,7 @@ from torch import Tensor
 
 from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec
 from marl_cair.generative.heldout import make_empty_transitions
-from marl_cair.generative.readout import BoardReadout, compare, flatten_board
+from marl_cair.generative.networks.readout import BoardReadout, compare, flatten_board
 
 SIDE = 5
 CELLS = SIDE * SIDE

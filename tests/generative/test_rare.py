@@ -8,7 +8,7 @@ from tensordict import TensorDict
 
 from marl_cair.generative.ensemble import Ensemble
 from marl_cair.generative.metrics import Certainty, examine, measure
-from marl_cair.generative.outcome import RewardBins
+from marl_cair.generative.networks.outcome import RewardBins
 from marl_cair.generative.rare import RareCounts
 from marl_cair.generative.settings import GeneratorConfig
 from tests.generative.plane_game import SPEC

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from marl_cair.generative.readout import SIDES, SideReadout, flatten_board
+from marl_cair.generative.networks.readout import SIDES, SideReadout, flatten_board
 
 ROWS, COLUMNS = 4, 6
 WALKER, WALL = range(2)

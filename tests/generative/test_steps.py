@@ -5,9 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from marl_cair.generative.cells import gather_candidates
-from marl_cair.generative.readout import NearReadout
-from marl_cair.generative.steps import StepTable
+from marl_cair.generative.networks.cells import gather_candidates
+from marl_cair.generative.networks.readout import NearReadout
+from marl_cair.generative.networks.steps import StepTable
 
 SHIFTS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 CLOCK, WALKER = 0, 1

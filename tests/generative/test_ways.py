@@ -8,9 +8,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from marl_cair.generative.readout import flatten_board
+from marl_cair.generative.networks.readout import flatten_board
+from marl_cair.generative.networks.ways import WayReadout
 from marl_cair.generative.settings import GeneratorSpec, NetworkSize
-from marl_cair.generative.ways import WayReadout
 
 WALL, GOAL, WALKER = range(3)
 # A wall with one gap: who stands above the goal must walk around.

@@ -3,8 +3,8 @@
 import numpy as np
 
 from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.ratings import Games
-from marl_cair.league.table import make_table
+from marl_cair.league.ratings.rate import Games
+from marl_cair.league.report.table import make_table
 
 NAMES = ["turtle", "economist", "rusher", "random"]
 EDGES = {(0, 1): 25, (0, 2): 40, (0, 3): 40, (1, 2): 40, (1, 3): 40, (2, 3): 30}

@@ -4,7 +4,7 @@ from multiprocessing import parent_process
 
 from benchmarks import _networks
 from marl_cair.games import GAMES
-from marl_cair.league.agents import load_agent
+from marl_cair.league.agents.load import load_agent
 from marl_cair.policies.q_network import QNetworkConfig
 
 GAME = GAMES["deep_line_wars"]

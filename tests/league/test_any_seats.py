@@ -8,13 +8,19 @@ import pytest
 
 from marl_cair.cli import main
 from marl_cair.games.game import NO_WINNER
-from marl_cair.league.intervals import block_interval, mean_interval
 from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.match import GameResult, MatchResult, play_chunks, play_match, record_game
-from marl_cair.league.playing import map_seeds
-from marl_cair.league.reporting import number_agents, report_stored
-from marl_cair.league.solo import compare, play_alone
-from marl_cair.league.store import LeagueStore, LeagueStoreError
+from marl_cair.league.play.match import (
+    GameResult,
+    MatchResult,
+    play_chunks,
+    play_match,
+    record_game,
+)
+from marl_cair.league.play.playing import map_seeds
+from marl_cair.league.play.solo import compare, play_alone
+from marl_cair.league.ratings.intervals import block_interval, mean_interval
+from marl_cair.league.report.report import number_agents, report_stored
+from marl_cair.league.store.store import LeagueStore, LeagueStoreError
 from tests.games import last_standing
 from tests.games.last_standing import FINISH, GAME, NOOP
 
@@ -153,7 +159,7 @@ def test_the_interval_is_of_blocks_and_not_of_games():
 
 @pytest.mark.parametrize("num_teams", [2, 3, 6])
 def test_who_won_all_games_has_the_interval_of_so_many_games(num_teams):
-    from marl_cair.league.intervals import win_rate_interval
+    from marl_cair.league.ratings.intervals import win_rate_interval
 
     match = make_match([num_teams] * 12, num_teams)
     assert match.interval() == pytest.approx(win_rate_interval(12 * num_teams, 0, 12 * num_teams))

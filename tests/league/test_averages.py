@@ -5,10 +5,14 @@ import sys
 import numpy as np
 import pytest
 
-from marl_cair.league import averages as averages_module
-from marl_cair.league.averages import average_by_alpha_rank, average_by_nash, find_alpha_rank
-from marl_cair.league.equilibrium import exploitability, maximum_entropy_nash
-from marl_cair.league.payoffs import find_payoffs
+from marl_cair.league.ratings import averages as averages_module
+from marl_cair.league.ratings.averages import (
+    average_by_alpha_rank,
+    average_by_nash,
+    find_alpha_rank,
+)
+from marl_cair.league.ratings.equilibrium import exploitability, maximum_entropy_nash
+from marl_cair.league.ratings.payoffs import find_payoffs
 from tests.league.leagues import make_games
 from tests.league.paper_games import from_rows, simulate, sweep
 

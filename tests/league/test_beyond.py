@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from marl_cair.league.beyond import (
+from marl_cair.league.ratings.diagnostics import (
     describe_beyond,
     list_averages,
     list_cycles,
@@ -12,8 +12,8 @@ from marl_cair.league.beyond import (
     look_beyond,
     tell_fit,
 )
-from marl_cair.league.fit import check_fit
-from marl_cair.league.payoffs import find_payoffs
+from marl_cair.league.ratings.fit import check_fit
+from marl_cair.league.ratings.payoffs import find_payoffs
 from tests.league.paper_games import from_rows, share, simulate
 
 NAMES = ["paper", "rock", "scissors"]

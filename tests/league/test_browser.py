@@ -6,13 +6,13 @@ import shutil
 import numpy as np
 import pytest
 
-from marl_cair.league.background import Background
-from marl_cair.league.film import SMALL, shrink, write_film
-from marl_cair.league.html import write_page
-from marl_cair.league.replays import Replay
-from marl_cair.league.sections import make_report
-from marl_cair.league.shares import Share
-from marl_cair.league.store import AgentRecord
+from marl_cair.league.play.film import SMALL, shrink, write_film
+from marl_cair.league.ratings.shares import Share
+from marl_cair.league.report.background import Background
+from marl_cair.league.report.html import write_page
+from marl_cair.league.report.replays import Replay
+from marl_cair.league.report.sections import make_report
+from marl_cair.league.store.store import AgentRecord
 from tests.league.leagues import EDGES, make, make_games
 from tests.league.test_html import unrated
 

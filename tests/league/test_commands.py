@@ -10,8 +10,8 @@ import pytest
 from marl_cair.checkpoint import DESCRIPTION_FILE
 from marl_cair.cli import evaluate, league, main
 from marl_cair.games import GAMES
-from marl_cair.league import agents
-from marl_cair.league.agents import find_scenario, load_agent
+from marl_cair.league.agents import load as agents
+from marl_cair.league.agents.load import find_scenario, load_agent
 from tests.damage import forget_checksums
 from tests.league.players import GAME, save_network
 from tests.refusals import assert_refused

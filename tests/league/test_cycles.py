@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from marl_cair.league.cycles import find_chance, find_cycles, find_uneven_pairs
+from marl_cair.league.ratings.cycles import find_chance, find_cycles, find_uneven_pairs
 from tests.league.paper_games import from_rows, make_games, share, simulate, sweep
 
 

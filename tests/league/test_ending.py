@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from marl_cair.cli import main
-from marl_cair.league.adaptive import Target, play_adaptively
-from marl_cair.league.ending import Clock, tell_ending
-from marl_cair.league.store import STORE_FILE, LeagueStore
+from marl_cair.league.play.adaptive import Target, play_adaptively
+from marl_cair.league.play.stopping import Clock, tell_ending
+from marl_cair.league.store.store import STORE_FILE, LeagueStore
 from tests.league.leagues import EDGES, make
 from tests.league.test_schedules import Simulation
 

@@ -9,7 +9,7 @@ import pytest
 from marl_cair.cli import add, main
 from marl_cair.league.extend import plan_extension
 from marl_cair.league.league import LeagueConfig, play_league
-from marl_cair.league.store import LeagueStore, LeagueStoreError
+from marl_cair.league.store.store import LeagueStore, LeagueStoreError
 from tests.games import last_standing
 from tests.league.players import GAME, save_network
 

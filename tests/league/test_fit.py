@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from marl_cair.league import fit as fit_module
-from marl_cair.league.fit import check_fit
+from marl_cair.league.ratings import fit as fit_module
+from marl_cair.league.ratings.fit import check_fit
 from tests.league.paper_games import from_rows, make_games, share, simulate, simulate_orders, sweep
 
 STRENGTHS = [-1.5, -0.5, 0.0, 0.4, 1.0]

@@ -7,11 +7,11 @@ import pytest
 
 from marl_cair.cli import main
 from marl_cair.games.game import NO_WINNER
-from marl_cair.league.agents import describe_agent, load_agent
-from marl_cair.league.allowed_code import is_foreign
-from marl_cair.league.blocks import Entrant, make_design, play_blocks, seat_line_up
-from marl_cair.league.foreign import ForeignAgent, ForeignAgentError
-from marl_cair.league.match import play_match
+from marl_cair.league.agents.allowed_code import is_foreign
+from marl_cair.league.agents.foreign import ForeignAgent, ForeignAgentError
+from marl_cair.league.agents.load import describe_agent, load_agent
+from marl_cair.league.play.blocks import Entrant, make_design, play_blocks, seat_line_up
+from marl_cair.league.play.match import play_match
 from tests.games import last_standing
 from tests.games.last_standing import FINISH, GAME, NOOP
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from marl_cair.league.groups import ELO_PER_LOGIT, find_gap, find_groups, split_core
+from marl_cair.league.ratings.groups import ELO_PER_LOGIT, find_gap, find_groups, split_core
 
 
 def test_a_cycle_is_one_group_and_a_chain_of_sweeps_is_many():

@@ -1,4 +1,4 @@
-"""Python functions behind the protocol of processes: `league.host` and its limits."""
+"""Python functions behind the protocol of processes: `league.agents.host` and its limits."""
 
 import base64
 import io
@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from marl_cair.cli import main
-from marl_cair.league.agents import load_agent
-from marl_cair.league.foreign import AgentFault, ForeignAgentError, digest_code
-from marl_cair.league.host import serve
-from marl_cair.league.match import play_match
+from marl_cair.league.agents.foreign import AgentFault, ForeignAgentError, digest_code
+from marl_cair.league.agents.host import serve
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.play.match import play_match
 from tests.league.players import GAME as LINES
 
 SPEC = LINES.make_spec(LINES.scenario("11x11"))

@@ -7,18 +7,18 @@ import re
 import numpy as np
 import pytest
 
-from marl_cair.league.background import Background, find_curves
-from marl_cair.league.html import write_page
-from marl_cair.league.markdown import escape, write_markdown
-from marl_cair.league.ratings import Games
-from marl_cair.league.replays import Replay
-from marl_cair.league.report import FILES, write_report
-from marl_cair.league.sections import describe_more, make_report
-from marl_cair.league.shares import Share
-from marl_cair.league.store import AgentRecord
-from marl_cair.league.table import make_table
-from marl_cair.league.verdict import tell_headline, tell_verdict
-from marl_cair.league.wording import LINE_WIDTH, describe_league, format_rating, set_signs
+from marl_cair.league.ratings.rate import Games
+from marl_cair.league.ratings.shares import Share
+from marl_cair.league.report.background import Background, find_curves
+from marl_cair.league.report.files import FILES, write_report
+from marl_cair.league.report.html import write_page
+from marl_cair.league.report.markdown import escape, write_markdown
+from marl_cair.league.report.replays import Replay
+from marl_cair.league.report.sections import describe_more, make_report
+from marl_cair.league.report.summary import tell_headline, tell_verdict
+from marl_cair.league.report.table import make_table
+from marl_cair.league.report.wording import LINE_WIDTH, describe_league, format_rating, set_signs
+from marl_cair.league.store.store import AgentRecord
 from tests.league.leagues import EDGES, NAMES, make, make_games, no_games
 
 EVIL = '<script>alert("x")</script>'

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.stats import binomtest
 
-from marl_cair.league.intervals import (
+from marl_cair.league.ratings.intervals import (
     block_interval,
     mean_interval,
     median_interval,

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from marl_cair.league.opponents import LATEST_ID, SamplerOptions, mix, read_standings
-from marl_cair.league.pool import FOREIGN, Pool
-from marl_cair.league.records import WinRecords
-from marl_cair.training.config import SELF_PLAY
+from marl_cair.self_play.pool import FOREIGN, Pool
+from marl_cair.self_play.samplers import LATEST_ID, SamplerOptions, mix, read_standings
+from marl_cair.self_play.win_rates import WinRecords
+from marl_cair.training.settings.config import SELF_PLAY
 from tests.games.rock_paper_scissors import GAME
 
 pyspiel = pytest.importorskip("pyspiel", reason="OpenSpiel is the extra `openspiel`")

@@ -16,9 +16,9 @@ from PIL import Image
 
 from marl_cair.checkpoint import CheckpointError
 from marl_cair.files import OutputFolderError
-from marl_cair.league.agents import find_fingerprint, find_scenario, load_agent
+from marl_cair.league.agents.load import find_fingerprint, find_scenario, load_agent
 from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.store import LeagueStoreError
+from marl_cair.league.store.store import LeagueStoreError
 from marl_cair.lookup import UnknownNameError
 from tests.league.players import (
     GAME,

@@ -5,10 +5,10 @@ import pytest
 from PIL import Image
 
 from marl_cair.games.engine import BatchedEngine
-from marl_cair.league.agents import load_agent
-from marl_cair.league.film import save_film
-from marl_cair.league.match import BLOCKS_PER_CHUNK, play_chunks, play_match, record_game
-from marl_cair.league.playing import map_seeds
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.play.film import save_film
+from marl_cair.league.play.match import BLOCKS_PER_CHUNK, play_chunks, play_match, record_game
+from marl_cair.league.play.playing import map_seeds
 from tests.league.players import GAME, save_network
 
 GAMES_PER_CHUNK = 2 * BLOCKS_PER_CHUNK

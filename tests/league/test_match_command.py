@@ -5,7 +5,7 @@ import re
 import pytest
 
 from marl_cair.cli import evaluate, main, match
-from marl_cair.league.match import GameResult, MatchResult
+from marl_cair.league.play.match import GameResult, MatchResult
 from tests.games import last_standing
 from tests.games.last_standing import NAME
 

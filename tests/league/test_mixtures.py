@@ -9,12 +9,12 @@ from marl_cair.checkpoint import CheckpointError
 from marl_cair.cli import main
 from marl_cair.games import GAMES
 from marl_cair.league import mixing
-from marl_cair.league.agents import describe_agent, find_fingerprint, find_scenario, load_agent
-from marl_cair.league.equilibrium import find_safest_mixture
-from marl_cair.league.match import play_chunks, play_match
+from marl_cair.league.agents.load import describe_agent, find_fingerprint, find_scenario, load_agent
+from marl_cair.league.agents.mixtures import is_mixture, read_mixture, save_mixture
 from marl_cair.league.mixing import mix_league
-from marl_cair.league.mixtures import is_mixture, read_mixture, save_mixture
-from marl_cair.league.store import LeagueStoreError
+from marl_cair.league.play.match import play_chunks, play_match
+from marl_cair.league.ratings.equilibrium import find_safest_mixture
+from marl_cair.league.store.store import LeagueStoreError
 from marl_cair.lookup import UnknownNameError
 from tests.damage import forget_checksums
 from tests.games import rock_paper_scissors

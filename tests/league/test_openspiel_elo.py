@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from marl_cair.league.likelihood import Likelihood, Rankings
-from marl_cair.league.ratings import ELO_PER_LOGIT
+from marl_cair.league.ratings.likelihood import Likelihood, Rankings
+from marl_cair.league.ratings.rate import ELO_PER_LOGIT
 from tests.league.paper_games import from_rows, simulate
 
 pyspiel = pytest.importorskip("pyspiel")

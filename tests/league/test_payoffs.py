@@ -5,8 +5,8 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from marl_cair.league import payoffs as payoffs_module
-from marl_cair.league.payoffs import find_payoffs
+from marl_cair.league.ratings import payoffs as payoffs_module
+from marl_cair.league.ratings.payoffs import find_payoffs
 from tests.league.paper_games import (
     from_rows,
     make_games,

@@ -10,12 +10,12 @@ import torch
 
 from marl_cair.checkpoint import AgentDescription, CheckpointError
 from marl_cair.files import replaced_folder
-from marl_cair.league import pool as pool_module
-from marl_cair.league.agents import find_fingerprint, load_agent
-from marl_cair.league.pool import BOT, FOREIGN, Pool, choose_retired
-from marl_cair.league.records import Evidence
-from marl_cair.league.shared import MAIN, MAIN_EXPLOITER, LeagueSeat
+from marl_cair.league.agents.load import find_fingerprint, load_agent
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+from marl_cair.self_play import pool as pool_module
+from marl_cair.self_play.pool import BOT, FOREIGN, Pool, choose_retired
+from marl_cair.self_play.shared_folder import MAIN, MAIN_EXPLOITER, LeagueSeat
+from marl_cair.self_play.win_rates import Evidence
 from tests.games import last_standing
 from tests.games.last_standing import GAME, SCORE, Bot
 

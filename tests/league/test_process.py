@@ -11,13 +11,13 @@ import pytest
 
 from marl_cair.cli import main
 from marl_cair.cli.match_options import read_size
-from marl_cair.league.agents import describe_agent, is_checkpoint, load_agent
-from marl_cair.league.allowed_code import is_process
-from marl_cair.league.foreign import ForeignAgentError
-from marl_cair.league.limits import Limits
-from marl_cair.league.match import play_match
-from marl_cair.league.process import load_process
-from marl_cair.league.supervisor import find_below
+from marl_cair.league.agents.allowed_code import is_process
+from marl_cair.league.agents.foreign import ForeignAgentError
+from marl_cair.league.agents.limits import Limits
+from marl_cair.league.agents.load import describe_agent, is_checkpoint, load_agent
+from marl_cair.league.agents.process import load_process
+from marl_cair.league.agents.supervisor import find_below
+from marl_cair.league.play.match import play_match
 from tests.games.last_standing import GAME
 from tests.league.players import GAME as LINES
 
@@ -163,7 +163,7 @@ def test_who_keeps_the_limits_plays():
 
 
 def test_elsewhere_limits_that_cannot_be_kept_are_refused(monkeypatch):
-    monkeypatch.setattr("marl_cair.league.limits.IS_SUPERVISED", False)
+    monkeypatch.setattr("marl_cair.league.agents.limits.IS_SUPERVISED", False)
     for changes in ({"memory_bytes": 1}, {"processes": 1}):
         with pytest.raises(ValueError, match="only Linux can limit it"):
             Limits(**changes)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from marl_cair.league.intervals import win_rate_interval
-from marl_cair.league.records import BettingTest, Evidence, WinRecords
+from marl_cair.league.ratings.intervals import win_rate_interval
+from marl_cair.self_play.win_rates import BettingTest, Evidence, WinRecords
 
 
 def test_estimates_start_from_even_games():

@@ -11,16 +11,16 @@ from PIL import Image
 from marl_cair.cli import main
 from marl_cair.games import GAMES
 from marl_cair.games.engine import BatchedEngine
-from marl_cair.league.agents import describe_training, shorten_paths
-from marl_cair.league.background import read_background
-from marl_cair.league.film import SMALL, film_game, shrink, write_film
+from marl_cair.league.agents.load import describe_training, shorten_paths
 from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.match import record_game
-from marl_cair.league.playing import map_seeds
-from marl_cair.league.ratings import Games, Rating
-from marl_cair.league.replays import FOLDER, choose_games
-from marl_cair.league.reporting import report_stored
-from marl_cair.league.store import AgentRecord, LeagueStore, StoredGames
+from marl_cair.league.play.film import SMALL, film_game, shrink, write_film
+from marl_cair.league.play.match import record_game
+from marl_cair.league.play.playing import map_seeds
+from marl_cair.league.ratings.rate import Games, Rating
+from marl_cair.league.report.background import read_background
+from marl_cair.league.report.replays import FOLDER, choose_games
+from marl_cair.league.report.report import report_stored
+from marl_cair.league.store.store import AgentRecord, LeagueStore, StoredGames
 from tests.league.players import save_network
 
 OPTIONS = {"max_ticks": 300}  # 30 decisions

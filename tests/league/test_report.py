@@ -6,11 +6,11 @@ import io
 import pytest
 from PIL import Image
 
-from marl_cair.league.report import write_report
-from marl_cair.league.sections import make_report
-from marl_cair.league.table import make_table
-from marl_cair.league.verdict import tell_headline, tell_verdict
-from marl_cair.league.wording import describe_league
+from marl_cair.league.report.files import write_report
+from marl_cair.league.report.sections import make_report
+from marl_cair.league.report.summary import tell_headline, tell_verdict
+from marl_cair.league.report.table import make_table
+from marl_cair.league.report.wording import describe_league
 from tests.league.leagues import EDGES, make
 from tests.league.paper_games import from_rows
 

@@ -8,11 +8,11 @@ from marl_cair import checkpoint
 from marl_cair.checkpoint import CheckpointError
 from marl_cair.cli import main
 from marl_cair.files import claim_output_folder, read_run_kind
-from marl_cair.league.agents import describe_agent, find_fingerprint, load_agent, read_source
-from marl_cair.league.mixtures import read_mixture, save_mixture
-from marl_cair.league.run_folders import expand_runs
-from marl_cair.league.store import LeagueStore
-from marl_cair.training.config import EvaluationSettings, OpponentSettings
+from marl_cair.league.agents.load import describe_agent, find_fingerprint, load_agent, read_source
+from marl_cair.league.agents.mixtures import read_mixture, save_mixture
+from marl_cair.league.agents.run_folders import expand_runs
+from marl_cair.league.store.store import LeagueStore
+from marl_cair.training.settings.config import EvaluationSettings, OpponentSettings
 from marl_cair.training.trainer import train
 from tests.league.players import GAME, save_network
 from tests.refusals import assert_refused

@@ -3,15 +3,9 @@
 import numpy as np
 import pytest
 
-from marl_cair.league.equilibrium import exploitability, maximum_entropy_nash
-from marl_cair.league.opponents import (
-    SAMPLERS,
-    SamplerOptions,
-    Standings,
-    draw_evenly,
-    mix,
-)
+from marl_cair.league.ratings.equilibrium import exploitability, maximum_entropy_nash
 from marl_cair.lookup import UnknownNameError
+from marl_cair.self_play.samplers import SAMPLERS, SamplerOptions, Standings, draw_evenly, mix
 
 OPTIONS = SamplerOptions()
 

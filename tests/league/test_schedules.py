@@ -6,10 +6,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from marl_cair.league.adaptive import Played, Target, measure_ladder, play_adaptively
-from marl_cair.league.blocks import make_design
-from marl_cair.league.ratings import Games, rate
-from marl_cair.league.schedule import Job, schedule_meetings
+from marl_cair.league.play.adaptive import Played, Target, measure_ladder, play_adaptively
+from marl_cair.league.play.blocks import make_design
+from marl_cair.league.play.schedule import Job, schedule_meetings
+from marl_cair.league.ratings.rate import Games, rate
 
 
 def count_meetings(jobs, games_per_chunk):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from marl_cair.league.sequential import (
+from marl_cair.league.play.sequential import (
     SequentialTest,
     find_elo,
     find_score,

@@ -9,8 +9,8 @@ import pytest
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import NO_WINNER
 from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.match import play_match
-from marl_cair.league.playing import map_seeds
+from marl_cair.league.play.match import play_match
+from marl_cair.league.play.playing import map_seeds
 
 pytest.importorskip("pygame", reason="PettingZoo's board games need the extra `dev`")
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from marl_cair.league.ratings import ELO_PER_LOGIT, rate
+from marl_cair.league.ratings.rate import ELO_PER_LOGIT, rate
 from tests.league.paper_games import (
     from_rows,
     share,

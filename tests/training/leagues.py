@@ -1,6 +1,6 @@
 """Leagues of learners that train in seconds."""
 
-from marl_cair.training.league_settings import build_league
+from marl_cair.training.population.league_settings import build_league
 
 NETWORK = {"policy": {"hidden_width": 8, "body": "mlp"}}
 TRAINING = {

@@ -10,7 +10,9 @@ from marl_cair.games import GAMES
 from marl_cair.generative.settings import GeneratorConfig, NetworkSize
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.transition import TransitionSpec
-from marl_cair.training.config import (
+from marl_cair.training.learner import Learner
+from marl_cair.training.metrics import Timers
+from marl_cair.training.settings.config import (
     CheckpointSettings,
     CollectorSettings,
     EvaluationSettings,
@@ -21,9 +23,7 @@ from marl_cair.training.config import (
     ReplaySettings,
     TrainConfig,
 )
-from marl_cair.training.learner import Learner
-from marl_cair.training.learner_settings import LearnerSettings
-from marl_cair.training.metrics import Timers
+from marl_cair.training.settings.learner import LearnerSettings
 from marl_cair.training.trainer import iterate
 from tests.replay.streams import make_transitions
 

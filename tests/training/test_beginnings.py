@@ -18,12 +18,12 @@ from marl_cair.checkpoint import (
 from marl_cair.cli import main
 from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.policies.q_network import QNetworkConfig
-from marl_cair.training.config import GameSettings, GeneratorSettings, ReplaySettings
 from marl_cair.training.generators import GENERATOR_FILE
 from marl_cair.training.initial_network import can_begin_as
-from marl_cair.training.league_slice import MemberRecord, _begin, make_member
-from marl_cair.training.nfsp_settings import NfspSettings
+from marl_cair.training.population.league_slice import MemberRecord, _begin, make_member
 from marl_cair.training.run import RESUME_FOLDER, TrainingRun
+from marl_cair.training.settings.config import GameSettings, GeneratorSettings, ReplaySettings
+from marl_cair.training.settings.nfsp import NfspSettings
 from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
 from tests.training.runs import digest, make_batch, make_learner, tiny

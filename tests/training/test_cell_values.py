@@ -7,10 +7,10 @@ import torch
 
 from marl_cair.checkpoint import load_network
 from marl_cair.games import GAMES
-from marl_cair.league.agents import load_agent
+from marl_cair.league.agents.load import load_agent
 from marl_cair.policies.q_network import QNetworkConfig
-from marl_cair.training.config import GameSettings, OpponentSettings
 from marl_cair.training.initial_network import begin_as
+from marl_cair.training.settings.config import GameSettings, OpponentSettings
 from marl_cair.training.trainer import train
 from tests.training.runs import tiny
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from marl_cair.checkpoint import CheckpointError, load_network, load_tensors, save_tensors
-from marl_cair.league.agents import load_agent
+from marl_cair.league.agents.load import load_agent
 from marl_cair.training.state_file import STATE_FILE
 from marl_cair.training.trainer import train
 from tests.damage import forget_checksums

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-from marl_cair.league.mixtures import save_mixture
+from marl_cair.league.agents.mixtures import save_mixture
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.transition import NO_ACTION, TransitionSpec
-from marl_cair.training.config import DemonstrationSettings, TrainConfig
-from marl_cair.training.demonstrations import Demonstrators
+from marl_cair.training.collecting.demonstrations import Demonstrators
+from marl_cair.training.collecting.rollout import make_rollout
 from marl_cair.training.learner import Learner
-from marl_cair.training.learner_settings import LearnerSettings
-from marl_cair.training.rollout import make_rollout
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
+from marl_cair.training.settings.config import DemonstrationSettings, TrainConfig
+from marl_cair.training.settings.learner import LearnerSettings
 from marl_cair.training.trainer import train
 from tests.games import last_standing
 from tests.games.last_standing import NOOP, SCORE

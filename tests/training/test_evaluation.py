@@ -4,11 +4,11 @@ import dataclasses
 
 import pytest
 
-from marl_cair.training.config import EvaluationSettings, ExplorationSettings, TrainConfig
 from marl_cair.training.curves import draw_curves
 from marl_cair.training.evaluation import evaluate, rate_on
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
+from marl_cair.training.settings.config import EvaluationSettings, ExplorationSettings, TrainConfig
 from marl_cair.training.trainer import train
 from tests.games import last_standing
 from tests.games.last_standing import GAME

@@ -9,9 +9,9 @@ import torch
 from marl_cair.generative import CCDNGenerator
 from marl_cair.generative.gate import Acceptance, GateReport
 from marl_cair.generative.metrics import Certainty
-from marl_cair.training.config import GeneratorSettings, ReplaySettings
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
+from marl_cair.training.settings.config import GeneratorSettings, ReplaySettings
 from marl_cair.training.trainer import Timers, iterate, train
 from tests.training.runs import digest, tiny
 

@@ -13,8 +13,8 @@ import pytest
 
 from marl_cair.files import OutputFolderError
 from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.training.config_file import load_config
-from marl_cair.training.league_run import train_league
+from marl_cair.training.population.league_run import train_league
+from marl_cair.training.settings.config_file import load_config
 from marl_cair.training.trainer import train
 from tests.games import last_standing
 from tests.training.leagues import make_league

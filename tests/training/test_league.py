@@ -14,11 +14,11 @@ import torch
 
 from marl_cair.checkpoint import CheckpointError, load_network
 from marl_cair.files import OutputFolderError
-from marl_cair.league.mixtures import read_mixture
-from marl_cair.league.shared import read_players, read_records
-from marl_cair.training.config_file import load_config
-from marl_cair.training.league_run import train_league
-from marl_cair.training.league_slice import Budget, SliceResult, read_member, run_slice
+from marl_cair.league.agents.mixtures import read_mixture
+from marl_cair.self_play.shared_folder import read_players, read_records
+from marl_cair.training.population.league_run import train_league
+from marl_cair.training.population.league_slice import Budget, SliceResult, read_member, run_slice
+from marl_cair.training.settings.config_file import load_config
 from tests.games import last_standing
 from tests.training.leagues import TRAINING, make_league
 
@@ -212,7 +212,7 @@ def test_kill_minus_nine_at_twenty_moments_changes_nothing(league, tmp_path):
     code = (
         "import pytest, sys; from tests.games import last_standing;"
         "last_standing.register(pytest.MonkeyPatch());"
-        "from marl_cair.training.league_run import train_league;"
+        "from marl_cair.training.population.league_run import train_league;"
         "from tests.training.leagues import make_league;"
         "train_league(make_league(sys.argv[1]), show_progress=False)"
     )

@@ -2,8 +2,8 @@
 
 import pytest
 
-from marl_cair.league.shared import ROLES
-from marl_cair.training.league_settings import LeagueSettings, RoleSettings
+from marl_cair.self_play.shared_folder import ROLES
+from marl_cair.training.population.league_settings import LeagueSettings, RoleSettings
 from tests.games import last_standing
 from tests.training.leagues import TRAINING, make_league
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from marl_cair.league.opponents import LATEST_ID
-from marl_cair.training.live_rating import LiveRating
+from marl_cair.self_play.live_rating import LiveRating
+from marl_cair.self_play.samplers import LATEST_ID
 
 
 def rate(games):

@@ -7,14 +7,14 @@ import pytest
 import torch
 
 from marl_cair.checkpoint import read_description
-from marl_cair.league.agents import describe_agent, find_fingerprint, load_agent
+from marl_cair.league.agents.load import describe_agent, find_fingerprint, load_agent
 from marl_cair.replay.transition import NO_ACTION
-from marl_cair.training.config import GeneratorSettings, ReplaySettings
-from marl_cair.training.demonstrations import NOBODY
-from marl_cair.training.learner_settings import LearnerSettings
-from marl_cair.training.nfsp_settings import NfspSettings
+from marl_cair.training.collecting.demonstrations import NOBODY
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
+from marl_cair.training.settings.config import GeneratorSettings, ReplaySettings
+from marl_cair.training.settings.learner import LearnerSettings
+from marl_cair.training.settings.nfsp import NfspSettings
 from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
 from tests.games import last_standing

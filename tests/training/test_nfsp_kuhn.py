@@ -13,8 +13,9 @@ import torch
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.reservoir import Reservoir
 from marl_cair.replay.transition import TransitionSpec
-from marl_cair.training.average_policy import AveragePolicy
-from marl_cair.training.config import (
+from marl_cair.training.collecting.average_policy import AveragePolicy
+from marl_cair.training.run import TrainingRun
+from marl_cair.training.settings.config import (
     CheckpointSettings,
     CollectorSettings,
     EvaluationSettings,
@@ -25,9 +26,8 @@ from marl_cair.training.config import (
     ReplaySettings,
     TrainConfig,
 )
-from marl_cair.training.learner_settings import LearnerSettings
-from marl_cair.training.nfsp_settings import NfspSettings
-from marl_cair.training.run import TrainingRun
+from marl_cair.training.settings.learner import LearnerSettings
+from marl_cair.training.settings.nfsp import NfspSettings
 from marl_cair.training.trainer import Timers, iterate
 
 pyspiel = pytest.importorskip("pyspiel", reason="OpenSpiel is the extra `openspiel`")

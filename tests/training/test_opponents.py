@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 import torch
 
-from marl_cair.league.agents import find_fingerprint
-from marl_cair.league.foreign import ForeignAgentError
-from marl_cair.league.mixtures import save_mixture
-from marl_cair.league.opponents import LATEST_ID
-from marl_cair.league.pool import FIRST_NUMBERS, FOREIGN, SNAPSHOT
+from marl_cair.league.agents.foreign import ForeignAgentError
+from marl_cair.league.agents.load import find_fingerprint
+from marl_cair.league.agents.mixtures import save_mixture
 from marl_cair.replay.transition import NO_OPPONENT
-from marl_cair.training.config import OpponentSettings
+from marl_cair.self_play.pool import FIRST_NUMBERS, FOREIGN, SNAPSHOT
+from marl_cair.self_play.samplers import LATEST_ID
+from marl_cair.training.collecting.opponents import Meeting
+from marl_cair.training.collecting.seats import find_met
 from marl_cair.training.metrics import Decisions, find_meetings
-from marl_cair.training.opponents import Meeting
 from marl_cair.training.run import TrainingRun
-from marl_cair.training.seats import find_met
+from marl_cair.training.settings.config import OpponentSettings
 from marl_cair.training.trainer import train
 from tests.games import last_standing
 from tests.games.last_standing import FINISH, LEAVE

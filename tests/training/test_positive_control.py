@@ -3,10 +3,11 @@
 import pytest
 
 from marl_cair.games.deep_line_wars.observation import ENEMY_UNITS
-from marl_cair.league.agents import load_agent
-from marl_cair.league.match import play_match
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.play.match import play_match
 from marl_cair.policies.q_network import QNetworkConfig
-from marl_cair.training.config import (
+from marl_cair.training.population.exploit import ExploitConfig, exploit
+from marl_cair.training.settings.config import (
     CheckpointSettings,
     CollectorSettings,
     ExplorationSettings,
@@ -15,8 +16,7 @@ from marl_cair.training.config import (
     ReplaySettings,
     TrainConfig,
 )
-from marl_cair.training.exploit import ExploitConfig, exploit
-from marl_cair.training.learner_settings import LearnerSettings
+from marl_cair.training.settings.learner import LearnerSettings
 from tests.league.players import GAME
 
 FRAMES = 12_000

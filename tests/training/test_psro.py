@@ -11,12 +11,12 @@ from marl_cair import games
 from marl_cair.checkpoint import CheckpointError
 from marl_cair.files import OutputFolderError
 from marl_cair.games import GAMES
-from marl_cair.league.agents import find_fingerprint, load_agent
-from marl_cair.league.mixtures import read_mixture, save_mixture
-from marl_cair.training import psro
-from marl_cair.training.config import GameSettings
-from marl_cair.training.psro import train_psro, weigh_opponents
-from marl_cair.training.psro_settings import build_psro
+from marl_cair.league.agents.load import find_fingerprint, load_agent
+from marl_cair.league.agents.mixtures import read_mixture, save_mixture
+from marl_cair.training.population import psro
+from marl_cair.training.population.psro import train_psro, weigh_opponents
+from marl_cair.training.population.psro_settings import build_psro
+from marl_cair.training.settings.config import GameSettings
 from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
 from tests.games import rock_paper_scissors

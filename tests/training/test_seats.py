@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from marl_cair.league.opponents import LATEST_ID
 from marl_cair.replay.transition import NO_OPPONENT
-from marl_cair.training.config import ReplaySettings
-from marl_cair.training.learner_settings import LearnerSettings
-from marl_cair.training.opponents import make_bots
-from marl_cair.training.rollout import make_rollout
+from marl_cair.self_play.samplers import LATEST_ID
+from marl_cair.training.collecting.opponents import make_bots
+from marl_cair.training.collecting.rollout import make_rollout
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
+from marl_cair.training.settings.config import ReplaySettings
+from marl_cair.training.settings.learner import LearnerSettings
 from marl_cair.training.trainer import train
 from tests.games import last_standing
 from tests.games.last_standing import GAME, LEAVE, NOOP

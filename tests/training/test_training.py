@@ -11,10 +11,14 @@ import torch
 
 from marl_cair.checkpoint import CheckpointError, load_network
 from marl_cair.files import OutputFolderError
-from marl_cair.league.agents import load_agent
-from marl_cair.league.match import play_match
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.play.match import play_match
 from marl_cair.policies.q_network import QNetworkConfig
-from marl_cair.training.config import (
+from marl_cair.training.evaluation import evaluate_against_bots
+from marl_cair.training.learner import Learner
+from marl_cair.training.run import TrainingRun
+from marl_cair.training.run_log import read_log
+from marl_cair.training.settings.config import (
     CheckpointSettings,
     CollectorSettings,
     EvaluationSettings,
@@ -25,12 +29,8 @@ from marl_cair.training.config import (
     ReplaySettings,
     TrainConfig,
 )
-from marl_cair.training.config_file import build_config, load_config
-from marl_cair.training.evaluation import evaluate_against_bots
-from marl_cair.training.learner import Learner
-from marl_cair.training.learner_settings import LearnerSettings
-from marl_cair.training.run import TrainingRun
-from marl_cair.training.run_log import read_log
+from marl_cair.training.settings.config_file import build_config, load_config
+from marl_cair.training.settings.learner import LearnerSettings
 from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
 from tests.training.runs import (
@@ -127,7 +127,7 @@ def test_gradients_reach_every_parameter_of_both_networks(tmp_path):
     for body in ("conv", "capsule"):
         run = TrainingRun(tiny(tmp_path / body, policy=QNetworkConfig(body=body)))
         batches = iter(run.collector)
-        from marl_cair.training.rollout import make_rollout
+        from marl_cair.training.collecting.rollout import make_rollout
 
         for _ in range(3):
             run.replay.real.extend_rollout(make_rollout(next(batches), 1.0))

@@ -8,6 +8,14 @@ from math import ceil
 
 import numpy as np
 
+from marl_cair.games.checks.state import (
+    ANY_WORD,
+    MOST_COUNTED,
+    Condition,
+    Range,
+    StateLimits,
+    has_time,
+)
 from marl_cair.games.deep_line_wars.rulebook import Rules, make_rules
 from marl_cair.games.deep_line_wars.rules import MAX_STORE
 from marl_cair.games.deep_line_wars.scenarios import Scenario
@@ -26,14 +34,6 @@ from marl_cair.games.deep_line_wars.tables import (
     PRESETS,
     PROGRESS_PER_TILE,
     Preset,
-)
-from marl_cair.games.state_checks import (
-    ANY_WORD,
-    MOST_COUNTED,
-    Condition,
-    Range,
-    StateLimits,
-    has_time,
 )
 
 

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from marl_cair.games.checks.scenario import check_shaping_discount, check_time, check_whole_number
 from marl_cair.games.deep_line_wars.tables import PRESETS, PROGRESS_PER_TILE
-from marl_cair.games.scenario_checks import (
-    check_shaping_discount,
-    check_time,
-    check_whole_number,
-)
 from marl_cair.lookup import find_by_name
 
 GYMNASIUM_PREFIX = "DeepLineWars"  # of the ids marl_cair/DeepLineWars-<scenario>-v0

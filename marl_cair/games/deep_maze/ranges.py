@@ -8,6 +8,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from marl_cair.games.checks.state import (
+    ANY_WORD,
+    MOST_COUNTED,
+    Condition,
+    Range,
+    StateLimits,
+    has_time,
+)
 from marl_cair.games.deep_maze.rulebook import HUNTER, Rules, make_rules
 from marl_cair.games.deep_maze.scenarios import Scenario
 from marl_cair.games.deep_maze.state import (
@@ -25,14 +33,6 @@ from marl_cair.games.deep_maze.state import (
 )
 from marl_cair.games.deep_maze.tables import NUM_MOVES
 from marl_cair.games.game import NO_WINNER
-from marl_cair.games.state_checks import (
-    ANY_WORD,
-    MOST_COUNTED,
-    Condition,
-    Range,
-    StateLimits,
-    has_time,
-)
 
 _CLOCK_NAMES = ("TICK", "PHASE", "WINNER", "GOAL", "MAZE", "MAZE_START", "EARLIER_OPTIMAL")
 

@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
+from marl_cair.games.checks.scenario import (
+    MAX_TICKS,
+    check_shaping_discount,
+    check_switch,
+    check_whole_number,
+    read_number,
+)
 from marl_cair.games.deep_maze.tables import (
     MAX_PLAYERS,
     MAX_TICKS_OF_SIZE,
     ORIGINAL_MAZE_SEED,
     ORIGINAL_PREVIEW_MOVES,
     ORIGINAL_VISION_CELLS,
-)
-from marl_cair.games.scenario_checks import (
-    MAX_TICKS,
-    check_shaping_discount,
-    check_switch,
-    check_whole_number,
-    read_number,
 )
 from marl_cair.lookup import find_by_name
 

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.deep_rts.rulebook import (
+from marl_cair.games.checks.state import Condition, has_time
+from marl_cair.games.deep_rts.rules.rulebook import (
     KIND_HALF_SIZE,
     KIND_HEALTH,
     KIND_SIGHT,
@@ -70,7 +71,6 @@ from marl_cair.games.deep_rts.tables import (
     NUM_MOBILE_KINDS,
     PEASANT,
 )
-from marl_cair.games.state_checks import Condition, has_time
 
 Holds = NDArray[np.bool_]
 

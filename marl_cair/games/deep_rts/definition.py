@@ -8,19 +8,27 @@ from typing import Any
 
 import numpy as np
 
-from marl_cair.games.deep_rts import (
-    bots,
-    classic_orders,
-    grid_orders,
-    masks,
-    observation,
-    orders,
-    other_views,
-    rendering,
-    rules,
+from marl_cair.games.deep_rts.art import rendering
+from marl_cair.games.deep_rts.bots import bots
+from marl_cair.games.deep_rts.orders import (
+    classic as classic_orders,
 )
-from marl_cair.games.deep_rts.other_views import CLASSIC_NAMES, VECTOR_NAMES
-from marl_cair.games.deep_rts.planes import (
+from marl_cair.games.deep_rts.orders import (
+    grid as grid_orders,
+)
+from marl_cair.games.deep_rts.orders import (
+    masks,
+    orders,
+)
+from marl_cair.games.deep_rts.ranges import state_limits
+from marl_cair.games.deep_rts.rules import step as rules
+from marl_cair.games.deep_rts.rules.rulebook import make_rules
+from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, PAYS, REWARDS, SCENARIOS, Scenario
+from marl_cair.games.deep_rts.state import MAP_INDEX, allocate
+from marl_cair.games.deep_rts.tables import MAX_PLAYERS, PRODUCT_NAMES, RESOURCE_NAMES
+from marl_cair.games.deep_rts.views import observation, other_views
+from marl_cair.games.deep_rts.views.other_views import CLASSIC_NAMES, VECTOR_NAMES
+from marl_cair.games.deep_rts.views.planes import (
     FIRST_KIND,
     FIRST_TILE,
     HEALTH,
@@ -30,11 +38,6 @@ from marl_cair.games.deep_rts.planes import (
     RESOURCE_LEFT,
     SELECTED,
 )
-from marl_cair.games.deep_rts.ranges import state_limits
-from marl_cair.games.deep_rts.rulebook import make_rules
-from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, PAYS, REWARDS, SCENARIOS, Scenario
-from marl_cair.games.deep_rts.state import MAP_INDEX, allocate
-from marl_cair.games.deep_rts.tables import MAX_PLAYERS, PRODUCT_NAMES, RESOURCE_NAMES
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
 VERSION = "2"

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 
+from marl_cair.games.checks.state import ANY_WORD, MOST_COUNTED, Range, StateLimits
 from marl_cair.games.deep_rts.consistency import list_conditions
-from marl_cair.games.deep_rts.grid_orders import NUM_GRID
-from marl_cair.games.deep_rts.motion import MAX_BLOCKED
-from marl_cair.games.deep_rts.paths import ANY_RESOURCE, LAST_SEARCH, NOT_FOR_RESOURCE
-from marl_cair.games.deep_rts.rulebook import (
+from marl_cair.games.deep_rts.orders.grid import NUM_GRID
+from marl_cair.games.deep_rts.rules.motion import MAX_BLOCKED
+from marl_cair.games.deep_rts.rules.paths import ANY_RESOURCE, LAST_SEARCH, NOT_FOR_RESOURCE
+from marl_cair.games.deep_rts.rules.rulebook import (
     KIND_ATTACK_TICKS,
     KIND_HEALTH,
     NUM_DIRECTIONS,
@@ -45,12 +46,6 @@ from marl_cair.games.deep_rts.tables import (
     UPGRADE_NAMES,
 )
 from marl_cair.games.game import NO_WINNER
-from marl_cair.games.state_checks import (
-    ANY_WORD,
-    MOST_COUNTED,
-    Range,
-    StateLimits,
-)
 
 _MOST_SERIALS = 2**24 - 1  # dice give each of these numbers of its own in a tick
 _WIDEST = 2  # cells from the centre of the largest building to its side

@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
-from marl_cair.games.deep_rts.tables import MAX_PLAYERS, MAX_UNITS, PRESETS
-from marl_cair.games.scenario_checks import (
+from marl_cair.games.checks.scenario import (
     check_shaping_discount,
     check_switch,
     check_time,
     check_whole_number,
     read_whole_numbers,
 )
+from marl_cair.games.deep_rts.tables import MAX_PLAYERS, MAX_UNITS, PRESETS
 from marl_cair.lookup import find_by_name
 
 if TYPE_CHECKING:
-    from marl_cair.games.deep_rts.maps import GameMap
+    from marl_cair.games.deep_rts.maps.maps import GameMap
 
 GYMNASIUM_PREFIX = "DeepRTS"  # of the ids marl_cair/DeepRTS-<scenario>-v0
 
@@ -195,7 +195,15 @@ _GENERATED = re.compile(r"generated-(\d+)x(\d+)-(\d+)p-(\d+)")
 @cache
 def _load_maps(name: str) -> tuple[GameMap, ...]:
     # Naming a scenario needs none of these.
-    from marl_cair.games.deep_rts import map_generator, map_padding, maps
+    from marl_cair.games.deep_rts.maps import (
+        generator as map_generator,
+    )
+    from marl_cair.games.deep_rts.maps import (
+        maps,
+    )
+    from marl_cair.games.deep_rts.maps import (
+        padding as map_padding,
+    )
 
     if "+" in name:
         parts = [game_map for part in name.split("+") for game_map in _load_maps(part)]

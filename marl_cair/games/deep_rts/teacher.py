@@ -7,11 +7,11 @@ by and what it was chosen on: name it as `marl_cair.games.deep_rts.teacher:make_
 
 from __future__ import annotations
 
-from marl_cair.games.deep_rts.bot_doctrines import Doctrine
-from marl_cair.games.deep_rts.bots import make_bot
+from marl_cair.games.deep_rts.bots.bots import make_bot
+from marl_cair.games.deep_rts.bots.doctrines import Doctrine
 from marl_cair.games.deep_rts.scenarios import Scenario
 from marl_cair.games.game import GameSpec
-from marl_cair.games.scripted import ScriptedPlayer
+from marl_cair.games.players.scripted import ScriptedPlayer
 
 TEACHER = Doctrine(
     workers_first=1,

@@ -7,6 +7,14 @@ from functools import partial
 
 import numpy as np
 
+from marl_cair.games.checks.state import (
+    ANY_WORD,
+    MOST_COUNTED,
+    Condition,
+    Range,
+    StateLimits,
+    has_time,
+)
 from marl_cair.games.flappy_bird.observation import VECTOR_HIGH, VECTOR_LOW
 from marl_cair.games.flappy_bird.scenarios import Scenario
 from marl_cair.games.flappy_bird.state import (
@@ -30,14 +38,6 @@ from marl_cair.games.flappy_bird.tables import (
     gap_tops,
 )
 from marl_cair.games.game import NO_WINNER
-from marl_cair.games.state_checks import (
-    ANY_WORD,
-    MOST_COUNTED,
-    Condition,
-    Range,
-    StateLimits,
-    has_time,
-)
 
 _SLOWEST, _FASTEST = FLAP_VELOCITY * HUNDREDTHS, MAX_FALL * HUNDREDTHS
 _LOWEST_Y, _HIGHEST_Y = int(VECTOR_LOW[0]) * HUNDREDTHS, int(VECTOR_HIGH[0]) * HUNDREDTHS

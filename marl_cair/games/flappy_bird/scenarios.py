@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from marl_cair.games.checks.scenario import check_time, check_whole_number, read_number
 from marl_cair.games.flappy_bird.playable import is_playable
 from marl_cair.games.flappy_bird.tables import (
     BIRD_HEIGHT,
@@ -18,7 +19,6 @@ from marl_cair.games.flappy_bird.tables import (
     PIPE_GAP,
     PIPE_SPEED,
 )
-from marl_cair.games.scenario_checks import check_time, check_whole_number, read_number
 from marl_cair.lookup import find_by_name
 
 GYMNASIUM_PREFIX = "FlappyBird"  # of the ids marl_cair/FlappyBird-<scenario>-v0

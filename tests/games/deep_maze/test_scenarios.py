@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from marl_cair.games import GAMES, make_engine
+from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.deep_maze.scenarios import SCENARIOS, Scenario
-from marl_cair.games.scenario_checks import change_scenario
 from marl_cair.lookup import UnknownNameError
 
 pytestmark = pytest.mark.plain_python

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from marl_cair.games.deep_rts.map_formats import LEGEND
+from marl_cair.games.deep_rts.maps.formats import LEGEND
 from marl_cair.games.deep_rts.tables import GRASS
 
 PLAIN = """\

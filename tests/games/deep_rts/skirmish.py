@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from marl_cair.games import make_engine
 from marl_cair.games.compiled import is_compiling
-from marl_cair.games.deep_rts import orders, roster
-from marl_cair.games.deep_rts.rulebook import SEAT_FRAME, Rules
+from marl_cair.games.deep_rts.orders import orders
+from marl_cair.games.deep_rts.rules import roster
+from marl_cair.games.deep_rts.rules.rulebook import SEAT_FRAME, Rules
 from marl_cair.games.deep_rts.state import (
     AMOUNT,
     ATTACK,

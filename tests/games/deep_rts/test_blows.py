@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from marl_cair.games.deep_rts import combat
+from marl_cair.games.deep_rts.rules import combat
 from marl_cair.games.deep_rts.state import (
     DAMAGE_DONE,
     DAMAGE_TAKEN,

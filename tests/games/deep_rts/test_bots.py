@@ -6,15 +6,12 @@ import pytest
 from benchmarks._matches import play_match
 from marl_cair.games import make_engine
 from marl_cair.games.compiled import is_compiling
-from marl_cair.games.deep_rts.bot_doctrines import DOCTRINES
-from marl_cair.games.deep_rts.bot_economy import cell_action
-from marl_cair.games.deep_rts.bot_plans import SCOUT_WORKERS, scout
-from marl_cair.games.deep_rts.bot_purchases import (
-    ENOUGH_SOLDIERS,
-    choose_soldier,
-    wanted_building,
-)
-from marl_cair.games.deep_rts.bot_sight import (
+from marl_cair.games.deep_rts.bots.bots import BOTS
+from marl_cair.games.deep_rts.bots.doctrines import DOCTRINES
+from marl_cair.games.deep_rts.bots.economy import cell_action
+from marl_cair.games.deep_rts.bots.plans import SCOUT_WORKERS, scout
+from marl_cair.games.deep_rts.bots.purchases import ENOUGH_SOLDIERS, choose_soldier, wanted_building
+from marl_cair.games.deep_rts.bots.sight import (
     FOOD_MADE,
     FOOD_USED,
     FREE_SMITHY,
@@ -31,11 +28,8 @@ from marl_cair.games.deep_rts.bot_sight import (
     make_sight,
     stored,
 )
-from marl_cair.games.deep_rts.bot_sites import keeps_ways_open, nearest_person, num_free_around
-from marl_cair.games.deep_rts.bots import BOTS
-from marl_cair.games.deep_rts.observation import log_level
-from marl_cair.games.deep_rts.orders import GO_THERE, NOOP, SELECT_THERE
-from marl_cair.games.deep_rts.planes import TIME_LEFT
+from marl_cair.games.deep_rts.bots.sites import keeps_ways_open, nearest_person, num_free_around
+from marl_cair.games.deep_rts.orders.orders import GO_THERE, NOOP, SELECT_THERE
 from marl_cair.games.deep_rts.tables import (
     ARCHER,
     BARRACKS,
@@ -53,6 +47,8 @@ from marl_cair.games.deep_rts.tables import (
     SMITHY,
     TOWN_HALL,
 )
+from marl_cair.games.deep_rts.views.observation import log_level
+from marl_cair.games.deep_rts.views.planes import TIME_LEFT
 from marl_cair.games.randomness import episode_seeds
 from tests.games.bot_play import (
     assert_answers_each_row_on_its_own,

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from marl_cair.games import make_engine
-from marl_cair.games.deep_rts.other_views import VECTOR_NAMES
 from marl_cair.games.deep_rts.state import (
     DAMAGE_DONE,
     GATHERED,
@@ -25,6 +24,7 @@ from marl_cair.games.deep_rts.tables import (
     SMITHY,
     TOWN_HALL,
 )
+from marl_cair.games.deep_rts.views.other_views import VECTOR_NAMES
 from marl_cair.games.game import NO_WINNER
 from tests.games.deep_rts.skirmish import Skirmish, draw_actions
 

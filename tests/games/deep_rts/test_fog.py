@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from marl_cair.games import make_engine
-from marl_cair.games.deep_rts.board import sight_of
-from marl_cair.games.deep_rts.planes import PLANE_NAMES
+from marl_cair.games.deep_rts.rules.board import sight_of
 from marl_cair.games.deep_rts.state import (
     AMOUNT,
     ATTACK,
@@ -41,6 +40,7 @@ from marl_cair.games.deep_rts.tables import (
     TOWN_HALL,
     WALL,
 )
+from marl_cair.games.deep_rts.views.planes import PLANE_NAMES
 from tests.games.deep_rts.skirmish import Skirmish, call, draw_actions
 
 NAMES = ("planes", "classic", "vector")

@@ -16,7 +16,7 @@ from torchrl.envs import ActionMask, PettingZooWrapper, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 from marl_cair.games import make_engine
-from marl_cair.games.deep_rts.grid_orders import NUM_GRID
+from marl_cair.games.deep_rts.orders.grid import NUM_GRID
 from marl_cair.games.deep_rts.state import IS_ALIVE, IS_OUT
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
 from marl_cair.games.parallel_env import GameParallelEnv

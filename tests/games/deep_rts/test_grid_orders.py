@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from marl_cair.games import make_engine
-from marl_cair.games.deep_rts.grid_orders import FIRST_GO, NUM_GRID, REACH_TILES
-from marl_cair.games.deep_rts.rulebook import SEAT_FRAME
+from marl_cair.games.deep_rts.orders.grid import FIRST_GO, NUM_GRID, REACH_TILES
+from marl_cair.games.deep_rts.rules.rulebook import SEAT_FRAME
 from marl_cair.games.deep_rts.state import (
     ADVANCE,
     ATTACK,

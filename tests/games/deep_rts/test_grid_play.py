@@ -7,8 +7,8 @@ import pytest
 
 from marl_cair.games import make_engine
 from marl_cair.games.compiled import is_compiling
-from marl_cair.games.deep_rts.obedience import obey_all
-from marl_cair.games.deep_rts.rulebook import COLUMN_STEP, ROW_STEP, SEAT_FRAME
+from marl_cair.games.deep_rts.orders.obedience import obey_all
+from marl_cair.games.deep_rts.rules.rulebook import COLUMN_STEP, ROW_STEP, SEAT_FRAME
 from marl_cair.games.deep_rts.state import (
     CURSOR,
     FRONTIER,
@@ -19,7 +19,7 @@ from marl_cair.games.deep_rts.state import (
     world_at,
 )
 from marl_cair.games.engine import BatchedEngine
-from marl_cair.league.match import play_match, record_game
+from marl_cair.league.play.match import play_match, record_game
 from tests.games.deep_rts.skirmish import call, draw_actions
 
 STAGES = [

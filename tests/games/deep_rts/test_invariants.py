@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from marl_cair.games import make_engine
-from marl_cair.games.deep_rts.rulebook import KIND_FOOD_CONSUMED, KIND_HALF_SIZE, KIND_HEALTH
+from marl_cair.games.deep_rts.rules.rulebook import KIND_FOOD_CONSUMED, KIND_HALF_SIZE, KIND_HEALTH
 from marl_cair.games.deep_rts.scenarios import SCENARIOS
 from marl_cair.games.deep_rts.state import (
     AMOUNT,

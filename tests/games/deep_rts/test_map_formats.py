@@ -6,8 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from marl_cair.games.deep_rts.map_formats import LEGEND, MAX_TILED_SIDE
-from marl_cair.games.deep_rts.maps import (
+from marl_cair.games.deep_rts.maps.formats import LEGEND, MAX_TILED_SIDE
+from marl_cair.games.deep_rts.maps.maps import (
     BUILT_IN_MAPS,
     MapError,
     load_map,

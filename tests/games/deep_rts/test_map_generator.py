@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from marl_cair.games.deep_rts import map_generator
-from marl_cair.games.deep_rts.map_formats import LEGEND
-from marl_cair.games.deep_rts.map_generator import (
+from marl_cair.games.deep_rts.maps import generator as map_generator
+from marl_cair.games.deep_rts.maps.formats import LEGEND
+from marl_cair.games.deep_rts.maps.generator import (
     MAP_SETS,
     TEST_SEEDS,
     TRAIN_SEEDS,
@@ -18,7 +18,7 @@ from marl_cair.games.deep_rts.map_generator import (
     generate_map,
     map_set,
 )
-from marl_cair.games.deep_rts.maps import (
+from marl_cair.games.deep_rts.maps.maps import (
     MapError,
     check_map,
     read_map,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from marl_cair.games import make_engine
-from marl_cair.games.deep_rts.map_padding import pad_maps
-from marl_cair.games.deep_rts.maps import MapError, load_map
+from marl_cair.games.deep_rts.maps.maps import MapError, load_map
+from marl_cair.games.deep_rts.maps.padding import pad_maps
 from marl_cair.games.deep_rts.scenarios import Scenario
 from marl_cair.games.deep_rts.state import MAP_INDEX
 from marl_cair.games.deep_rts.tables import WALL

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from marl_cair.games.deep_rts.maps import (
+from marl_cair.games.deep_rts.maps.maps import (
     BUILT_IN_MAPS,
     NUM_FRAMES,
     SWAP,

@@ -3,18 +3,20 @@
 import numpy as np
 import pytest
 
-from marl_cair.games.deep_rts import rendering, rules, state
-from marl_cair.games.deep_rts.gray import GRAY_BARS
-from marl_cair.games.deep_rts.roster import add_unit
-from marl_cair.games.deep_rts.rulebook import SEAT_FRAME, make_rules
-from marl_cair.games.deep_rts.scenarios import Scenario
-from marl_cair.games.deep_rts.sprites import (
+from marl_cair.games.deep_rts import state
+from marl_cair.games.deep_rts.art import rendering
+from marl_cair.games.deep_rts.art.gray import GRAY_BARS
+from marl_cair.games.deep_rts.art.sprites import (
     GREAT_BUILDINGS,
     PALETTES,
     SMALL_BUILDINGS,
     TILE_SPRITES,
     UNIT_SPRITES,
 )
+from marl_cair.games.deep_rts.rules import step as rules
+from marl_cair.games.deep_rts.rules.roster import add_unit
+from marl_cair.games.deep_rts.rules.rulebook import SEAT_FRAME, make_rules
+from marl_cair.games.deep_rts.scenarios import Scenario
 from marl_cair.games.deep_rts.state import (
     AMOUNT,
     CURSOR,

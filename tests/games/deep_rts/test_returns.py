@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from marl_cair.games import make_engine
-from marl_cair.games.deep_rts.planes import FIRST_KIND, FIRST_TILE, HAS_ORDER, SELECTED
 from marl_cair.games.deep_rts.tables import GOLD_TILE, LUMBER_TILE, PEASANT, TOWN_HALL
+from marl_cair.games.deep_rts.views.planes import FIRST_KIND, FIRST_TILE, HAS_ORDER, SELECTED
 from marl_cair.games.engine import BatchedEngine
 
 Play = Callable[[BatchedEngine, np.ndarray, np.ndarray], str]

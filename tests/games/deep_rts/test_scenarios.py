@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from marl_cair.games import make_engine
-from marl_cair.games.deep_rts.map_formats import MapError
+from marl_cair.games.deep_rts.maps.formats import MapError
 from marl_cair.games.deep_rts.scenarios import SCENARIOS, Scenario
 from marl_cair.games.deep_rts.tables import NUM_KINDS, PRESETS, UNIT_NAMES
 from marl_cair.lookup import UnknownNameError

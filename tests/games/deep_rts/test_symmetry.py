@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from marl_cair.games import make_engine
-from marl_cair.games.deep_rts.map_generator import MapStyle, generate_map
-from marl_cair.games.deep_rts.maps import compose_frames, load_map, symmetries, write_text_map
+from marl_cair.games.deep_rts.maps.generator import MapStyle, generate_map
+from marl_cair.games.deep_rts.maps.maps import compose_frames, load_map, symmetries, write_text_map
 from marl_cair.games.engine import BatchedEngine
 from tests.games.deep_rts.skirmish import draw_action
 

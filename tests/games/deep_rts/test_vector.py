@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 
 from marl_cair.games import GAMES
-from marl_cair.games.deep_rts.other_views import VECTOR_NAMES
 from marl_cair.games.deep_rts.scenarios import Scenario
 from marl_cair.games.deep_rts.state import HARVEST, NEVER
 from marl_cair.games.deep_rts.tables import GOLD, MAX_RESOURCE, PRESETS
+from marl_cair.games.deep_rts.views.other_views import VECTOR_NAMES
 from tests.games.deep_rts.skirmish import Skirmish
 from tests.games.deep_rts.test_harvest import FIELD, put_worker
 

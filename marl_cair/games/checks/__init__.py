@@ -1,0 +1,1 @@
+"""Checks arguments, scenarios and saved states before compiled rules see them."""

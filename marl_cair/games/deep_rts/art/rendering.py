@@ -1,0 +1,193 @@
+"""Pictures of a world of Deep RTS: for people, and as the observations `image` and `gray`.
+
+Only reads the state. A seat's own view lies as its planes do, shows itself in blue and what it
+knows: black where it never looked, dim where it does not look now. The spectator sees all.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.compiled import compiled_compact
+from marl_cair.games.deep_rts.art.gray import GRAY_SIDE, observe_gray
+from marl_cair.games.deep_rts.art.marks import paint_marks
+from marl_cair.games.deep_rts.art.painting import paint_ground, paint_pieces
+from marl_cair.games.deep_rts.art.scene import SPECTATOR, colour_of, scene_of
+from marl_cair.games.deep_rts.art.sprites import (
+    FOOD_ICON,
+    ICONS,
+    PALETTES,
+    PLAYER_COLOURS,
+    TIME_ICON,
+)
+from marl_cair.games.deep_rts.rules.judging import score_of
+from marl_cair.games.deep_rts.state import (
+    FOOD_MADE,
+    FOOD_USED,
+    IS_ALIVE,
+    NUM_UNITS,
+    RESOURCES,
+    TICK,
+    World,
+)
+from marl_cair.games.deep_rts.tables import NUM_RESOURCES
+from marl_cair.games.drawing import (
+    GLYPH_COLUMNS,
+    draw_bar,
+    draw_line,
+    draw_number,
+    draw_smooth,
+    fill_box,
+)
+
+__all__ = ["GRAY_SIDE", "draw", "observe_gray", "observe_image", "picture_layout", "tile_side"]
+
+LARGE_TILE, MIDDLE_TILE, SMALL_TILE = 32, 24, 16
+LARGE_BOARD, MAX_BOARD_PIXELS = 24, 1024
+MARGIN = 6  # pixels around the board and between the rows of the panel
+LEAST_WIDTH = 520  # so that a player's numbers fit
+CLOCK_HEIGHT, ROW_HEIGHT = 22, 24
+ICON_PIXELS, GLYPH_SCALE = 16, 2
+NUM_ENTRIES = 7  # resources, food, units, score
+
+BACKGROUND, PANEL, INK, DIM, TRACK = (
+    np.array(colour, np.uint8)
+    for colour in ((22, 24, 30), (58, 62, 74), (240, 242, 246), (132, 136, 150), (58, 62, 74))
+)
+
+
+def tile_side(rows: int, columns: int) -> int:
+    """Pixels along a tile in the pictures for people: 32 up to 24 tiles a side, then fewer."""
+    side = max(rows, columns)
+    if side <= LARGE_BOARD:
+        return LARGE_TILE
+    if side * MIDDLE_TILE <= MAX_BOARD_PIXELS:
+        return MIDDLE_TILE
+    return max(1, min(SMALL_TILE, MAX_BOARD_PIXELS // side))
+
+
+def picture_layout(rules: Any, num_shown: int) -> tuple[int, int, int, int, int]:
+    """(height, width, tile, top, left) of a picture whose panel lists `num_shown` players."""
+    tile = tile_side(rules.rows, rules.columns)
+    width = max(LEAST_WIDTH, rules.columns * tile + 2 * MARGIN)
+    top = CLOCK_HEIGHT + num_shown * ROW_HEIGHT + MARGIN
+    left = (width - rules.columns * tile) // 2
+    return top + rules.rows * tile + MARGIN, width, tile, top, left
+
+
+@compiled_compact
+def num_digits(number: int) -> int:
+    """Digits of a number of 0 or more."""
+    digits = 1
+    while number >= 10:
+        number //= 10
+        digits += 1
+    return digits
+
+
+@compiled_compact
+def paint_row(numbers: Any, colour: int, top: int, is_alive: bool, image: Any) -> None:
+    """A player's colour and numbers [NUM_ENTRIES + 1], the last one the food that there is."""
+    ink = INK if is_alive else DIM
+    width = image.shape[2] - 2 * MARGIN
+    fill_box(image, top, MARGIN, ROW_HEIGHT - 3, width, PANEL)
+    fill_box(image, top, MARGIN, ROW_HEIGHT - 3, 10, PLAYER_COLOURS[colour])
+    step = (width - 20) // NUM_ENTRIES
+    advance = (GLYPH_COLUMNS + 1) * GLYPH_SCALE
+    for entry in range(NUM_ENTRIES):
+        left = MARGIN + 16 + entry * step
+        draw_smooth(image, ICONS[entry], PALETTES[0], top + 2, left, ICON_PIXELS, False, 0)
+        left += ICON_PIXELS + 3
+        number = max(0, int(numbers[entry]))
+        draw_number(image, number, top + 6, left, GLYPH_SCALE, ink, False)
+        if entry == FOOD_ICON:
+            left += num_digits(number) * advance
+            draw_line(image, top + 15.0, float(left), top + 6.0, left + 4.0, 1, DIM)
+            limit = int(numbers[NUM_ENTRIES])
+            draw_number(image, limit, top + 6, left + 7, GLYPH_SCALE, ink, False)
+
+
+@compiled_compact
+def paint_clock(tick: int, max_ticks: int, image: Any) -> None:
+    """Ticks played, and a bar of the time that is left."""
+    draw_smooth(image, ICONS[TIME_ICON], PALETTES[0], 3, MARGIN, ICON_PIXELS, False, 0)
+    draw_number(image, tick, 7, MARGIN + ICON_PIXELS + 4, GLYPH_SCALE, INK, False)
+    left = MARGIN + ICON_PIXELS + 80
+    share = 1.0 - tick / max_ticks
+    draw_bar(image, 10, left, 4, image.shape[2] - MARGIN - left, share, DIM, TRACK)
+
+
+@compiled_compact
+def paint_world(
+    worlds: Any, rules: Any, index: int, viewer: int, tile: int, top: int, left: int, image: Any
+) -> None:
+    """The board of one world among many, its corner at (top, left)."""
+    scene = scene_of(worlds, rules, index, viewer, tile, top, left)
+    paint_ground(scene, image)
+    paint_pieces(scene, image)
+    paint_marks(scene, image)
+
+
+@compiled_compact
+def observe_image(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
+    """Write every seat's board to out [B, P, 3, rows * tile_pixels, columns * tile_pixels]."""
+    out[first:last] = 0
+    corner = first - first  # a number like any other: a literal 0 would compile all anew
+    for index in range(first, last):
+        for player in range(rules.num_players):
+            image = out[index, player]
+            paint_world(worlds, rules, index, player, rules.tile_pixels, corner, corner, image)
+
+
+def _numbers_of(worlds: World, rules: Any, world: int, player: int) -> NDArray[np.int64]:
+    """What a row of the panel shows."""
+    limit = int(rules.start_food) + int(worlds.players[world, player, FOOD_MADE])
+    return np.array(
+        [
+            *worlds.players[world, player, RESOURCES : RESOURCES + NUM_RESOURCES],
+            worlds.players[world, player, FOOD_USED],
+            worlds.players[world, player, NUM_UNITS],
+            int(_score_of(worlds, world, player)),
+            min(int(rules.food_limit), limit),
+        ],
+        np.int64,
+    )
+
+
+def _score_of(worlds: World, world: int, player: int) -> float:
+    """The score in plain Python: not worth the wait for the compiler."""
+    plain = getattr(score_of, "py_func", score_of)
+    return float(plain(World(*(field[world] for field in worlds)), player))
+
+
+def _paint_panel(
+    worlds: World, rules: Any, world: int, viewer: int, image: NDArray[np.uint8]
+) -> None:
+    paint_clock(int(worlds.clock[world, TICK]), rules.max_ticks, image)
+    top = CLOCK_HEIGHT
+    for player in range(rules.num_players):
+        if viewer in (SPECTATOR, player):
+            is_alive = bool(worlds.players[world, player, IS_ALIVE])
+            numbers = _numbers_of(worlds, rules, world, player)
+            paint_row(numbers, colour_of(rules.team, viewer, player), top, is_alive, image)
+            top += ROW_HEIGHT
+
+
+def draw(worlds: World, rules: Any, world: int, player: int | None) -> NDArray[np.uint8]:
+    """The picture of one world, uint8 [h, w, 3]: of a seat's own view, or the spectator's (None).
+
+    `picture_layout` tells its size; the spectator's panel lists all players, a seat's only itself.
+    """
+    viewer = SPECTATOR if player is None else player
+    num_shown = rules.num_players if player is None else 1
+    height, width, tile, top, left = picture_layout(rules, num_shown)
+    image = np.empty((3, height, width), np.uint8)
+    image[:] = BACKGROUND[:, None, None]
+    image[:, top : height - MARGIN, left : left + rules.columns * tile] = 0
+    paint_world(worlds, rules, world, viewer, tile, top, left, image)
+    image[:, :top] = BACKGROUND[:, None, None]  # units at the edge reach a little over the board
+    _paint_panel(worlds, rules, world, viewer, image)
+    return np.ascontiguousarray(image.transpose(1, 2, 0))

@@ -1,0 +1,265 @@
+"""What the painter of Deep RTS needs of a world, as one seat sees it: few arrays, and pieces.
+
+Numba hands every array of a tuple to every call, so a `Scene` holds those that are painted only;
+what is drawn of a unit is read once into a `Piece` of plain numbers.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from marl_cair.games.compiled import compiled_compact
+from marl_cair.games.deep_rts.rules.board import direction_between, sees_unit
+from marl_cair.games.deep_rts.rules.rulebook import (
+    COLUMN_STEP,
+    KIND_ATTACK_TICKS,
+    KIND_HALF_SIZE,
+    KIND_HEALTH,
+    KIND_RANGE_TILES,
+    NO_DIRECTION,
+    NUM_DIRECTIONS,
+    ROW_STEP,
+    SEAT_FRAME,
+)
+from marl_cair.games.deep_rts.state import (
+    FIGHTING,
+    GATHERING,
+    MAP_INDEX,
+    NO_UNIT,
+    OCCUPANT,
+    REPAIRING,
+    RISING,
+    TICK,
+    UNIT_CARRY,
+    UNIT_CARRY_KIND,
+    UNIT_CELL,
+    UNIT_FACING,
+    UNIT_GOAL,
+    UNIT_HEALTH,
+    UNIT_KIND,
+    UNIT_READY,
+    UNIT_SERIAL,
+    UNIT_SINCE,
+    UNIT_STATE,
+    UNIT_TARGET,
+    UNIT_TARGET_SERIAL,
+    WALKING,
+    world_at,
+)
+from marl_cair.games.deep_rts.tables import NUM_MOBILE_KINDS
+
+SPECTATOR = -1  # sees all, from the side of the board itself
+FLASH_TICKS = 4  # that a blow, or an arrow in flight, is seen
+NO_BLOW = -1
+_SOUTH = 2
+
+
+class Scene(NamedTuple):
+    """One world and its rules, by their names there, with the viewer and its place on an image."""
+
+    viewer: int  # seat, or SPECTATOR
+    tile_side: int  # pixels
+    top: int  # pixels over the board
+    left: int
+    tick: int
+    rows: int
+    columns: int
+    stride: int
+    num_players: int
+    slots: int
+    fog: int
+    own_cell: Any  # of the viewer's frame, as the next two
+    world_cell: Any
+    own_direction: Any
+    cells: Any
+    team: Any
+    kinds: Any
+    tiles: Any
+    board: Any
+    vision: Any
+    known: Any
+    players: Any
+    units: Any
+    due: Any
+
+
+class Piece(NamedTuple):
+    """What is drawn of a unit or building; pixels are those of the image."""
+
+    kind: int
+    owner: int
+    colour: int  # row of PALETTES
+    state: int
+    top: int
+    left: int
+    size: int
+    direction: int  # as the view shows it
+    done_percent: int  # of what it does
+    health_percent: int
+    ticks: int  # since its state began
+    blow_ticks: int  # since it struck, or NO_BLOW
+    carry_kind: int  # resource on its back, or NO_RESOURCE
+
+
+@compiled_compact
+def scene_of(
+    worlds: Any, rules: Any, index: int, viewer: int, tile_side: int, top: int, left: int
+) -> Any:
+    """The scene of one world among many, for a seat or the SPECTATOR."""
+    world = world_at(worlds, index)
+    frame = 0
+    if viewer != SPECTATOR:
+        frame = int(rules.seats[world.clock[MAP_INDEX], viewer, SEAT_FRAME])
+    return Scene(
+        viewer,
+        tile_side,
+        top,
+        left,
+        int(world.clock[TICK]),
+        rules.rows,
+        rules.columns,
+        rules.stride,
+        rules.num_players,
+        rules.slots,
+        rules.fog,
+        rules.own_cell[frame],
+        rules.world_cell[frame],
+        rules.own_direction[frame],
+        rules.cells,
+        rules.team,
+        rules.kinds,
+        rules.tiles,
+        world.board,
+        world.vision,
+        world.known,
+        world.players,
+        world.units,
+        world.due,
+    )
+
+
+@compiled_compact
+def colour_of(team: Any, viewer: int, owner: int) -> int:
+    """Row of PALETTES: the seat's number for a spectator; for a seat itself first, then its team,
+    then the others, each in the order of seats after its own. `team` int8 [P].
+    """
+    if viewer in (SPECTATOR, owner):
+        return owner if viewer == SPECTATOR else 0
+    players = len(team)
+    is_ally = team[owner] == team[viewer]
+    behind = (owner - viewer) % players
+    rank = 1
+    for step in range(1, players):
+        other_is_ally = team[(viewer + step) % players] == team[viewer]
+        if (other_is_ally and not is_ally) or (other_is_ally == is_ally and step < behind):
+            rank += 1
+    return rank
+
+
+@compiled_compact
+def stands_at(scene: Any, cell: int) -> int:
+    """The unit whose (middle) cell this is, NO_UNIT where none is or none is seen."""
+    unit = int(scene.board[OCCUPANT, cell])
+    if unit == NO_UNIT or scene.units[unit, UNIT_CELL] != cell:
+        return NO_UNIT
+    if scene.viewer != SPECTATOR and not sees_unit(scene, scene, scene.viewer, unit):
+        return NO_UNIT
+    return unit
+
+
+@compiled_compact
+def target_in_sight(scene: Any, unit: int) -> int:
+    """Whom a unit fights or mends, NO_UNIT where the viewer does not see it."""
+    target = int(scene.units[unit, UNIT_TARGET])
+    if target == NO_UNIT or scene.units[target, UNIT_KIND] < 0:
+        return NO_UNIT
+    if scene.units[target, UNIT_SERIAL] != scene.units[unit, UNIT_TARGET_SERIAL]:
+        return NO_UNIT
+    return stands_at(scene, int(scene.units[target, UNIT_CELL]))
+
+
+@compiled_compact
+def facing_of(scene: Any, unit: int) -> int:
+    """Where a unit looks, as the view shows it: at its target, at its work, else ahead."""
+    cell, state = int(scene.units[unit, UNIT_CELL]), int(scene.units[unit, UNIT_STATE])
+    direction, looked_at = int(scene.units[unit, UNIT_FACING]), NO_DIRECTION
+    if state == GATHERING:
+        looked_at = direction_between(scene, cell, int(scene.units[unit, UNIT_GOAL]))
+    elif state in (FIGHTING, REPAIRING):
+        target = target_in_sight(scene, unit)
+        if target != NO_UNIT:
+            looked_at = direction_between(scene, cell, int(scene.units[target, UNIT_CELL]))
+    if looked_at != NO_DIRECTION:
+        direction = looked_at
+    for own in range(NUM_DIRECTIONS):
+        if scene.own_direction[own] == direction:
+            return own
+    return _SOUTH
+
+
+@compiled_compact
+def forward_pixels(side: int, state: int, ticks: int, done_percent: int, strikes: bool) -> int:
+    """How far before its cell a unit is: it walks there, hacks or strikes."""
+    if state == WALKING:
+        return side * done_percent // 100
+    if state == GATHERING and ticks // 2 % 2 == 1:
+        return side // 12
+    return side // 6 if strikes else 0
+
+
+@compiled_compact
+def piece_of(scene: Any, unit: int) -> Any:
+    """The `Piece` of a unit on the board.
+
+    Where a unit goes and looks, and since when it does what it does, is its owner's to know: others
+    see it face them, in the middle of its cell.
+    """
+    kind, owner = int(scene.units[unit, UNIT_KIND]), int(unit // scene.slots)
+    state, side = int(scene.units[unit, UNIT_STATE]), scene.tile_side
+    is_open = scene.viewer in (SPECTATOR, owner)
+    ticks = 0
+    if is_open or state == RISING:
+        ticks = scene.tick - int(scene.units[unit, UNIT_SINCE])
+    lasts = max(1, int(scene.due[unit]) - int(scene.units[unit, UNIT_SINCE]))
+    done_percent = max(0, min(100, 100 * ticks // lasts))
+    blow_ticks = NO_BLOW
+    if state == FIGHTING:
+        age = (
+            scene.tick
+            - int(scene.units[unit, UNIT_READY])
+            + int(scene.kinds[kind, KIND_ATTACK_TICKS])
+        )
+        if 0 <= age < FLASH_TICKS:
+            blow_ticks = age
+    own, half = (
+        int(scene.own_cell[scene.units[unit, UNIT_CELL]]),
+        int(scene.kinds[kind, KIND_HALF_SIZE]),
+    )
+    top = scene.top + (own // scene.columns - half) * side
+    left = scene.left + (own % scene.columns - half) * side
+    direction = _SOUTH
+    if kind < NUM_MOBILE_KINDS and is_open:
+        direction = facing_of(scene, unit)
+        strikes = blow_ticks != NO_BLOW and scene.kinds[kind, KIND_RANGE_TILES] <= 1
+        ahead = forward_pixels(side, state, ticks, done_percent, strikes)
+        top += ahead * ROW_STEP[direction]
+        left += ahead * COLUMN_STEP[direction]
+    return Piece(
+        kind=kind,
+        owner=owner,
+        colour=colour_of(scene.team, scene.viewer, owner),
+        state=state,
+        top=top,
+        left=left,
+        size=(2 * half + 1) * side,
+        direction=direction,
+        done_percent=done_percent,
+        health_percent=100
+        * max(0, int(scene.units[unit, UNIT_HEALTH]))
+        // int(scene.kinds[kind, KIND_HEALTH]),
+        ticks=ticks,
+        blow_ticks=blow_ticks,
+        carry_kind=int(scene.units[unit, UNIT_CARRY_KIND])
+        if scene.units[unit, UNIT_CARRY] > 0
+        else -1,
+    )

@@ -1,0 +1,1 @@
+"""Maps of Deep RTS: files, formats, generator and padding."""

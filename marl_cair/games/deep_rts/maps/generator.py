@@ -1,0 +1,378 @@
+"""Make maps of any size from a seed: fair by symmetry, always connected, the same everywhere."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from marl_cair.games.deep_rts.maps.maps import (
+    MAX_PLAYERS,
+    MAX_SIDE,
+    MIN_SIDE,
+    GameMap,
+    MapError,
+    make_map,
+    to_own,
+)
+from marl_cair.games.deep_rts.maps.plans import (
+    MAX_BASE_RADIUS,
+    MIN_BASE_RADIUS,
+    SYMMETRIES,
+    list_plans,
+    require_room,
+)
+from marl_cair.games.deep_rts.tables import (
+    DESERT,
+    GOLD_TILE,
+    GRASS,
+    LAVA,
+    LUMBER_TILE,
+    OIL_TILE,
+    STONE_TILE,
+    WALL,
+    WATER,
+)
+from marl_cair.lookup import find_by_name
+
+NUM_ATTEMPTS = 64
+
+Cell = tuple[int, int]
+_FREE, _BASE, _RESOURCE = range(3)  # who owns a cell while a map is made
+
+
+def _check_number(name: str, value: int, low: int, high: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise ValueError(
+            f"deep_rts map: {name} is {value!r}, it must be a whole number in {low}..{high}"
+        )
+
+
+@dataclass(frozen=True)
+class MapStyle:
+    """What a generated map is made of. Percentages are of all tiles, before ways are cleared.
+
+    Raises:
+        ValueError: a value is outside what is allowed; the message names field, value and range.
+    """
+
+    lumber_percent: int = 14
+    wall_percent: int = 6
+    water_percent: int = 6
+    desert_percent: int = 8
+    lava_percent: int = 2
+    gold_patches: int = 2  # contested ones, before symmetry multiplies them
+    symmetry: str = "auto"  # or "rotate", "mirror"; a single player's map has none
+
+    def __post_init__(self) -> None:
+        find_by_name("deep_rts map symmetry", self.symmetry, SYMMETRIES)
+        _check_number("gold_patches", self.gold_patches, 0, 16)
+        names = [field.name for field in fields(self) if field.name.endswith("_percent")]
+        for name in names:
+            _check_number(name, getattr(self, name), 0, 60)
+        total = sum(getattr(self, name) for name in names)
+        if total > 80:
+            raise ValueError(
+                f"deep_rts map: {', '.join(names)} sum to {total}, leave at least 20 percent of "
+                "the map to grass"
+            )
+
+
+@dataclass(frozen=True)
+class MapSet:
+    """Maps of one size, by seed. Train and test sets never share a seed."""
+
+    rows: int
+    columns: int
+    num_players: int
+    seeds: range
+    style: MapStyle = MapStyle()
+
+    def make(self, index: int) -> GameMap:
+        """Return map `index`; IndexError outside 0..len(seeds) - 1."""
+        return generate_map(
+            self.rows, self.columns, self.num_players, self.seeds[index], self.style
+        )
+
+
+TRAIN_SEEDS, TEST_SEEDS = range(100_000), range(1_000_000, 1_001_000)
+MAP_SETS = {
+    f"{split}-{rows}x{columns}-{players}p": MapSet(rows, columns, players, seeds)
+    for rows, columns, players in (
+        (10, 10, 2),
+        (15, 15, 1),
+        (15, 15, 2),
+        (21, 21, 2),
+        (31, 31, 2),
+        (31, 31, 4),
+        (31, 31, 6),
+        (64, 64, 2),
+        (64, 64, 8),
+    )
+    for split, seeds in (("train", TRAIN_SEEDS), ("test", TEST_SEEDS))
+}
+
+
+def map_set(name: str, count: int) -> tuple[GameMap, ...]:
+    """Return the first `count` maps of a set of MAP_SETS; the next ones are `MapSet.make`'s.
+
+    Raises UnknownNameError for an unknown set, ValueError where it holds fewer maps.
+    """
+    maps = find_by_name("deep_rts map set", name, MAP_SETS)
+    _check_number("count", count, 0, len(maps.seeds))
+    return tuple(maps.make(index) for index in range(count))
+
+
+def generate_map(
+    rows: int, columns: int, num_players: int, seed: int, style: MapStyle | None = None
+) -> GameMap:
+    """Return the map of `seed`, the same on every machine.
+
+    rows, columns: 8..128; num_players: 1..8; seed: 0..2**63 - 1.
+    All bases have the same ground around them, so that every seat walks equally far to its nearest
+    tile of each resource. With 2 and 4 players the whole map is symmetric; an odd number of them
+    leaves one base of a symmetric map free.
+    Raises MapError where the players' bases do not fit, ValueError for a value out of range.
+    """
+    _check_number("rows", rows, MIN_SIDE, MAX_SIDE)
+    _check_number("columns", columns, MIN_SIDE, MAX_SIDE)
+    _check_number("num_players", num_players, 1, MAX_PLAYERS)
+    _check_number("seed", seed, 0, 2**63 - 1)
+    style = style or MapStyle()
+    require_room(rows, columns, num_players, style.symmetry)
+    name = f"generated-{rows}x{columns}-{num_players}p-{seed}"
+    for attempt in range(NUM_ATTEMPTS):
+        draws = _Draws((seed, rows, columns, num_players, attempt))
+        board = _Board(rows, columns, num_players, style, draws)
+        if board.is_connected:
+            return make_map(name, board.tiles, board.spawns)
+    raise MapError(
+        f"map {name}: no way between the bases was found in {NUM_ATTEMPTS} attempts: give another "
+        "seed, a larger map or fewer gold_patches"
+    )
+
+
+# --- making one ----------------------------------------------------------------------------------
+
+
+class _Draws:
+    """Whole random numbers of a bit stream that NumPy keeps the same in all its versions."""
+
+    def __init__(self, words: Sequence[int]) -> None:
+        self._bits = np.random.PCG64(np.random.SeedSequence(list(words)))
+        self._buffer: list[int] = []
+
+    def below(self, limit: int) -> int:
+        """A number in 0..limit - 1."""
+        if not self._buffer:
+            self._buffer = self._bits.random_raw(512).tolist()
+        return (self._buffer.pop() >> 16) % limit
+
+
+class _Board:
+    """A map in the making; every change is made to all images of a cell at once."""
+
+    def __init__(
+        self, rows: int, columns: int, num_players: int, style: MapStyle, draws: _Draws
+    ) -> None:
+        self.rows, self.columns, self.draws = rows, columns, draws
+        plans = list_plans(rows, columns, num_players, style.symmetry)
+        self.plan = plans[draws.below(len(plans))]
+        self.tiles = np.full((rows, columns), GRASS, dtype=np.uint8)
+        self.owners = np.full((rows, columns), _FREE, dtype=np.uint8)
+        self.radius = self._choose_radius()
+        self.bases = [self._place_base(*plot) for plot in self.plan.plots]
+        self._stamp_bases()
+        places = sorted(image for base in self.bases for image in self.images(*base))
+        self._place_contested(style, places)
+        for kind, percent, size, straight in (
+            (DESERT, style.desert_percent, 14, 0),
+            (WATER, style.water_percent, 12, 0),
+            (LUMBER_TILE, style.lumber_percent, 12, 1),
+            (WALL, style.wall_percent, 6, 3),
+            (LAVA, style.lava_percent, 5, 1),
+        ):
+            self._scatter(kind, percent, size, straight)
+        self.is_connected = self._clear_ways(places)
+        while len(places) > num_players:
+            places.pop(draws.below(len(places)))
+        self.spawns = tuple(places)
+
+    def images(self, row: int, column: int) -> list[Cell]:
+        """Where the symmetries of the plan take a cell, itself first."""
+        shape = (self.rows, self.columns)
+        return [to_own(frame, row, column, *shape) for frame in self.plan.frames]
+
+    def _choose_radius(self) -> int:
+        largest = self.plan.base_radius
+        smallest = min(largest, 3 if largest < MAX_BASE_RADIUS else 4)
+        return smallest + self.draws.below(largest - smallest + 1)
+
+    def _place_base(self, first_row: int, first_column: int, rows: int, columns: int) -> Cell:
+        """A spawn within its plot, in the outer two thirds of the room that it has there."""
+        free_rows, free_columns = rows - 2 * self.radius, columns - 2 * self.radius
+        row_slack, column_slack = -(-2 * free_rows // 3), -(-2 * free_columns // 3)
+        return (
+            first_row + self.radius + self.draws.below(row_slack),
+            first_column + self.radius + self.draws.below(column_slack),
+        )
+
+    def _stamp_bases(self) -> None:
+        """Open ground with the same resources on its outer sides at every base."""
+        resources = self._draw_base_resources()
+        reach = range(-self.radius, self.radius + 1)
+        for row, column in self.bases:
+            for image_row, image_column in (
+                cell for dr in reach for dc in reach for cell in self.images(row + dr, column + dc)
+            ):
+                self.owners[image_row, image_column] = _BASE
+        for row, column in self.bases:
+            # The outer sides look away from the centre, so the inner ones stay open.
+            row_sign = -1 if 2 * row < self.rows else 1
+            column_sign = -1 if 2 * column < self.columns else 1
+            for kind, along_row, along_column, is_within in resources:
+                cell = row + row_sign * along_row, column + column_sign * along_column
+                is_inside = 0 <= cell[0] < self.rows and 0 <= cell[1] < self.columns
+                if is_inside and (is_within or self.owners[cell] == _FREE):
+                    self.paint(cell, kind, _RESOURCE)
+
+    def _draw_base_resources(self) -> list[tuple[int, int, int, bool]]:
+        """Clumps along the outer row and the outer column: (tile, outward offsets, is in base)."""
+        radius = self.radius
+        side = [(radius, k) for k in range(-radius + 1, radius + 1)]
+        side += [(k, radius) for k in range(radius - 1, -radius, -1)]
+        more = 1 if radius > MIN_BASE_RADIUS else 0
+        clumps = [
+            (GOLD_TILE, 2 + more),
+            (LUMBER_TILE, 2 + 2 * more),
+            (STONE_TILE, 1 + more),
+            (OIL_TILE, 1),
+        ]
+        gaps = len(side) - sum(length for _, length in clumps)
+        resources, at = [], 0
+        while clumps:
+            skipped = self.draws.below(gaps // len(clumps) + 1)
+            gaps -= skipped
+            at += skipped
+            kind, length = clumps.pop(self.draws.below(len(clumps)))
+            for row, column in side[at : at + length]:
+                resources.append((kind, row, column, True))
+                if kind in (GOLD_TILE, LUMBER_TILE):
+                    behind = (row + 1, column) if row == radius else (row, column + 1)
+                    resources.append((kind, *behind, False))
+            at += length
+        return resources
+
+    def paint(self, cell: Cell, kind: int, owner: int) -> int:
+        """Set a cell and its images; returns how many they are."""
+        images = set(self.images(*cell))
+        for image in images:
+            self.tiles[image] = kind
+            self.owners[image] = owner
+        return len(images)
+
+    def _place_contested(self, style: MapStyle, places: Sequence[Cell]) -> None:
+        """Clumps of resources where all bases are far."""
+        kinds = [GOLD_TILE] * style.gold_patches + [STONE_TILE, OIL_TILE]
+        grid = np.indices(self.tiles.shape)
+        away = np.full(self.tiles.shape, MAX_SIDE)
+        for row, column in places:
+            away = np.minimum(away, np.maximum(abs(grid[0] - row), abs(grid[1] - column)))
+        far = away >= max(self.radius + 3, 3 * int(away.max()) // 4)
+        cells = [(int(row), int(column)) for row, column in np.argwhere(far)]
+        size = 2 + min(self.rows, self.columns) // 16
+        for kind in kinds if cells else ():
+            cell = cells[self.draws.below(len(cells))]
+            self._grow(cell, kind, 1 if kind == OIL_TILE else size, 0, _RESOURCE)
+
+    def _scatter(self, kind: int, percent: int, size: int, straight: int) -> None:
+        """Grow clumps of a kind until they cover a share of the map, or no more room is found."""
+        missing = self.rows * self.columns * percent // 100
+        scale = max(1, min(self.rows, self.columns) // 24)
+        for _ in range(4 * missing):
+            if missing <= 0:
+                return
+            cell = self.draws.below(self.rows), self.draws.below(self.columns)
+            length = min(missing, size * scale // 2 + self.draws.below(size * scale))
+            missing -= self._grow(cell, kind, length, straight, _FREE)
+
+    def _grow(self, cell: Cell, kind: int, size: int, straight: int, owner: int) -> int:
+        """Paint along a random walk over free grass; returns how many cells are new.
+
+        straight: of each turn that the walk might take, so many times it goes on as before.
+        """
+        row, column = cell
+        step, painted = (0, 0), 0
+        for _ in range(3 * size):
+            if painted >= size or not (0 <= row < self.rows and 0 <= column < self.columns):
+                break
+            if self.owners[row, column] == _FREE and self.tiles[row, column] == GRASS:
+                painted += self.paint((row, column), kind, owner)
+            if step == (0, 0) or self.draws.below(straight + 1) == 0:
+                step = ((0, 1), (1, 0), (0, -1), (-1, 0))[self.draws.below(4)]
+            row, column = row + step[0], column + step[1]
+        return painted
+
+    def _clear_ways(self, places: Sequence[Cell]) -> bool:
+        """Open ways without lava from the first base to all others and to contested resources.
+
+        False where resources bar the way, which are never cleared.
+        """
+        parents = self._find_ways(places[0])
+        goals = list(places)
+        if any(goal not in parents for goal in goals):
+            return False
+        contested = np.argwhere(self.owners == _RESOURCE)
+        goals += [parents[cell] for cell in map(tuple, contested.tolist()) if cell in parents]
+        is_wide = min(self.rows, self.columns) >= 20
+        cleared: set[Cell] = set()
+        for goal in goals:
+            cell = goal
+            while cell not in cleared and cell != places[0]:
+                cleared.add(cell)
+                cell = parents[cell]
+        for row, column in sorted(cell for cell in cleared if self._is_obstacle(cell)):
+            block = [(row, column), (row + 1, column), (row, column + 1), (row + 1, column + 1)]
+            for place in block if is_wide else block[:1]:
+                if self._is_obstacle(place):
+                    self.paint(place, GRASS, _FREE)
+        return True
+
+    def _is_obstacle(self, cell: Cell) -> bool:
+        """Whether a cell is terrain that bars or burns walkers, and not a resource of a clump."""
+        if cell[0] >= self.rows or cell[1] >= self.columns:
+            return False
+        return bool(self.owners[cell] == _FREE) and self.tiles[cell] not in (GRASS, DESERT)
+
+    def _find_ways(self, start: Cell) -> dict[Cell, Cell]:
+        """From each cell the next one on a way to `start` with the least to clear.
+
+        Ways go in the four straight directions. Resources are reached, never crossed.
+        """
+        is_blocked = (~np.isin(self.tiles, (GRASS, DESERT))).tolist()
+        is_end = (self.owners == _RESOURCE).tolist()
+        parents: dict[Cell, Cell] = {}
+        # By what they clear, then by length: ways to come wait in two queues.
+        queue, costlier = deque([(start, start)]), deque[tuple[Cell, Cell]]()
+        while queue or costlier:
+            if not queue:
+                queue, costlier = costlier, queue
+            cell, parent = queue.popleft()
+            if cell in parents:
+                continue
+            parents[cell] = parent
+            row, column = cell
+            if is_end[row][column]:
+                continue
+            for near in (
+                (row + 1, column),
+                (row, column + 1),
+                (row - 1, column),
+                (row, column - 1),
+            ):
+                if 0 <= near[0] < self.rows and 0 <= near[1] < self.columns and near not in parents:
+                    waits = costlier if is_blocked[near[0]][near[1]] else queue
+                    waits.append((near, cell))
+        return parents

@@ -1,0 +1,1 @@
+"""Orders of Deep RTS: what actions do, when they are legal, and the cursor."""

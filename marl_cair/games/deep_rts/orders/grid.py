@@ -1,0 +1,275 @@
+"""`grid`: one order for each own unit at once, given at the cell where the unit stands.
+
+Orders point at cells relative to the unit, in the own view:
+
+    0       no-op: the unit goes on with what it does
+    1, 2    stop, cancel
+    3..     make, one for each product
+    then    go to one of the 80 cells of a window of 9x9 around the unit, row by row
+    then    advance in one of 8 directions
+
+The window reaches as far as the longest shot. All orders are judged by the board that the players
+saw; what one player's orders cannot have all at once, those at earlier cells of its view get.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from marl_cair.games.compiled import compiled
+from marl_cair.games.deep_rts.orders.orders import (
+    give_order,
+    may_advance,
+    may_rally,
+    may_stop,
+    obey_go,
+)
+from marl_cair.games.deep_rts.orders.sights import order_at
+from marl_cair.games.deep_rts.rules.board import is_building, owner_of
+from marl_cair.games.deep_rts.rules.building import (
+    begin_site,
+    can_cancel,
+    can_produce,
+    cancel,
+    claim_site,
+    clear_site_claims,
+    is_contested,
+    produce,
+    site_cell,
+    site_claims,
+)
+from marl_cair.games.deep_rts.rules.paths import NOWHERE
+from marl_cair.games.deep_rts.rules.roster import pay, refund
+from marl_cair.games.deep_rts.rules.rulebook import (
+    COLUMN_STEP,
+    NUM_DIRECTIONS,
+    ROW_STEP,
+    SEAT_FRAME,
+)
+from marl_cair.games.deep_rts.state import (
+    ADVANCE,
+    FRONTIER,
+    IS_ALIVE,
+    MAP_INDEX,
+    NO_GOAL,
+    NO_ORDER,
+    NO_UNIT,
+    NUM_UNITS,
+    OCCUPANT,
+    UNIT_CELL,
+)
+from marl_cair.games.deep_rts.tables import NUM_PRODUCTS
+
+GRID_NOOP, GRID_STOP, GRID_CANCEL, FIRST_GRID_PRODUCT = range(4)
+REACH_TILES = 4  # of the window, to each side
+WINDOW_SIDE = 2 * REACH_TILES + 1
+NUM_WINDOW = WINDOW_SIDE * WINDOW_SIDE - 1  # without the unit's own cell
+FIRST_GO = FIRST_GRID_PRODUCT + NUM_PRODUCTS
+FIRST_ADVANCE = FIRST_GO + NUM_WINDOW
+NUM_GRID = FIRST_ADVANCE + NUM_DIRECTIONS
+
+
+@compiled
+def own_to_cell(world: Any, rules: Any, player: int, own: int) -> int:
+    """The cell of the board at row * columns + column of the own view."""
+    frame = rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME]
+    return int(rules.world_cell[frame, own])
+
+
+@compiled
+def unit_at(world: Any, rules: Any, player: int, cell: int) -> int:
+    """The player's unit that takes orders at a cell: who stands there or is centred there."""
+    unit = int(world.board[OCCUPANT, cell])
+    if unit == NO_UNIT or owner_of(rules, unit) != player or world.units[unit, UNIT_CELL] != cell:
+        return NO_UNIT
+    return unit
+
+
+@compiled
+def window_row(index: int) -> int:
+    """Rows from the unit to a cell of the window, by the number of the cell."""
+    return (index + index // (NUM_WINDOW // 2)) // WINDOW_SIDE - REACH_TILES
+
+
+@compiled
+def window_column(index: int) -> int:
+    """Columns from the unit to a cell of the window, by the number of the cell."""
+    return (index + index // (NUM_WINDOW // 2)) % WINDOW_SIDE - REACH_TILES
+
+
+@compiled
+def cell_away(world: Any, rules: Any, player: int, unit: int, rows: int, columns: int) -> int:
+    """The cell so many rows and columns of the own view from the unit; NOWHERE off the board."""
+    frame = rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME]
+    row = int(rules.own_place[frame, world.units[unit, UNIT_CELL], 0]) + rows
+    column = int(rules.own_place[frame, world.units[unit, UNIT_CELL], 1]) + columns
+    if not 0 <= row < rules.rows or not 0 <= column < rules.columns:
+        return NOWHERE
+    return own_to_cell(world, rules, player, row * rules.columns + column)
+
+
+@compiled
+def window_cell(world: Any, rules: Any, player: int, unit: int, action: int) -> int:
+    """The cell that a go points at; NOWHERE off the board."""
+    rows, columns = window_row(action - FIRST_GO), window_column(action - FIRST_GO)
+    return cell_away(world, rules, player, unit, rows, columns)
+
+
+@compiled
+def advance_cell(world: Any, rules: Any, player: int, unit: int, action: int) -> int:
+    """Where an advance leads: the farthest cell of the direction within reach that it may lead to.
+
+    NOWHERE where there is none.
+    """
+    rows, columns = ROW_STEP[action - FIRST_ADVANCE], COLUMN_STEP[action - FIRST_ADVANCE]
+    for step in range(REACH_TILES, 0, -1):
+        cell = cell_away(world, rules, player, unit, step * rows, step * columns)
+        if cell != NOWHERE and may_advance(world, rules, player, unit, cell):
+            return cell
+    return NOWHERE
+
+
+@compiled
+def is_grid_order_legal(world: Any, rules: Any, player: int, unit: int, action: int) -> bool:
+    """True where the unit can be told so, if it were the only one that is told anything."""
+    if action == GRID_NOOP:
+        return True
+    if action == GRID_STOP:
+        return may_stop(world, unit)
+    if action == GRID_CANCEL:
+        return can_cancel(world, unit)
+    if action < FIRST_GO:
+        return can_produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT)
+    if action >= FIRST_ADVANCE:
+        return advance_cell(world, rules, player, unit, action) != NOWHERE
+    cell = window_cell(world, rules, player, unit, action)
+    if cell == NOWHERE:
+        return False
+    if is_building(world, unit):
+        return may_rally(world, rules, player, unit, cell)
+    return order_at(world, rules, player, unit, cell) != NO_ORDER
+
+
+@compiled
+def list_grid_orders(world: Any, rules: Any, player: int, out: Any) -> None:
+    """What each unit can be told: out bool [H, W, A], which is all False."""
+    out[:, :, GRID_NOOP] = True
+    if not world.players[player, IS_ALIVE]:
+        return
+    frame = rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME]
+    for place in range(world.players[player, NUM_UNITS]):
+        unit = int(world.roster[player, place])
+        cell = int(world.units[unit, UNIT_CELL])
+        if unit_at(world, rules, player, cell) != unit:
+            continue  # a builder inside its site
+        row, column = rules.own_place[frame, cell, 0], rules.own_place[frame, cell, 1]
+        for action in range(1, NUM_GRID):
+            out[row, column, action] = is_grid_order_legal(world, rules, player, unit, action)
+
+
+# --- giving the orders -------------------------------------------------------------------------
+
+
+@compiled
+def take_down(world: Any, rules: Any, player: int, actions: Any) -> None:
+    """Write the legal orders of a player to their cells, and count the illegal ones."""
+    for own in range(rules.rows * rules.columns):
+        action = int(actions[own // rules.columns, own % rules.columns])
+        if action == GRID_NOOP:
+            continue
+        cell = own_to_cell(world, rules, player, own)
+        unit = unit_at(world, rules, player, cell)
+        if unit != NO_UNIT and is_grid_order_legal(world, rules, player, unit, action):
+            world.board[FRONTIER, cell] = action
+        else:
+            world.illegal[player] += 1
+
+
+@compiled
+def reserve_site(world: Any, rules: Any, player: int, unit: int, product: int, sites: int) -> bool:
+    """Claim and pay a site; False where money, unit slots or ground went to earlier orders."""
+    if not can_produce(world, rules, player, unit, product):
+        return False
+    if world.players[player, NUM_UNITS] + sites >= rules.slots:
+        return False
+    centre = site_cell(world, rules, player, unit, product)
+    if site_claims(world, rules, centre, product) >> player & 1 != 0:
+        return False
+    claim_site(world, rules, player, unit, product)
+    pay(world, rules, player, product)
+    return True
+
+
+@compiled
+def obey_grid_order(world: Any, rules: Any, player: int, unit: int, action: int) -> None:
+    """Do what a legal order says, unless it is a site, or money or food went to earlier orders."""
+    if action == GRID_STOP:
+        give_order(world, unit, NO_ORDER, NO_GOAL)
+    elif action == GRID_CANCEL:
+        cancel(world, rules, player, unit)
+    elif action < FIRST_GO:
+        if can_produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT):
+            produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT)
+    elif action < FIRST_ADVANCE:
+        cell = window_cell(world, rules, player, unit, action)
+        obey_go(world, rules, player, unit, cell)
+    else:
+        goal = advance_cell(world, rules, player, unit, action)
+        give_order(world, unit, ADVANCE, goal)
+
+
+@compiled
+def obey_grid(world: Any, rules: Any, player: int) -> int:
+    """Give the orders that were taken down, in the order of the own view's cells; sites wait.
+
+    What stays written at the cells are sites that are claimed and paid; returns their number.
+    """
+    sites = 0
+    for own in range(rules.rows * rules.columns):
+        cell = own_to_cell(world, rules, player, own)
+        action, unit = int(world.board[FRONTIER, cell]), unit_at(world, rules, player, cell)
+        if action == GRID_NOOP or unit == NO_UNIT:
+            continue
+        if FIRST_GRID_PRODUCT <= action < FIRST_GO and not is_building(world, unit):
+            product = action - FIRST_GRID_PRODUCT
+            if reserve_site(world, rules, player, unit, product, sites):
+                sites += 1
+                continue
+        else:
+            obey_grid_order(world, rules, player, unit, action)
+        world.board[FRONTIER, cell] = GRID_NOOP
+    return sites
+
+
+@compiled
+def begin_sites(world: Any, rules: Any, player: int) -> None:
+    """Begin the paid sites; where another player wants to build too, the money comes back."""
+    for own in range(rules.rows * rules.columns):
+        cell = own_to_cell(world, rules, player, own)
+        action, unit = int(world.board[FRONTIER, cell]), unit_at(world, rules, player, cell)
+        if action == GRID_NOOP or unit == NO_UNIT:
+            continue
+        world.board[FRONTIER, cell] = GRID_NOOP
+        product = action - FIRST_GRID_PRODUCT
+        centre = site_cell(world, rules, player, unit, product)
+        if is_contested(world, rules, player, centre, product):
+            refund(world, rules, player, product)
+        else:
+            begin_site(world, rules, player, unit, product, centre)
+
+
+@compiled
+def obey_grids(world: Any, rules: Any, actions: Any) -> None:
+    """The orders of all players, actions [P, H, W]. Sites come last, as in the other spaces."""
+    world.board[FRONTIER, :] = GRID_NOOP
+    for player in range(rules.num_players):
+        if world.players[player, IS_ALIVE] != 0:
+            take_down(world, rules, player, actions[player])
+    sites = 0
+    for player in range(rules.num_players):
+        if world.players[player, IS_ALIVE] != 0:
+            sites += obey_grid(world, rules, player)
+    if sites > 0:
+        for player in range(rules.num_players):
+            begin_sites(world, rules, player)
+        clear_site_claims(world)

@@ -1,0 +1,1 @@
+"""Players that games share: the random one, scripted ones, mixtures."""

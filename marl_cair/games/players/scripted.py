@@ -1,0 +1,84 @@
+"""What the scripted bots of all games share: the player around a plan, and the random choice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.checks.engine import check_seed
+from marl_cair.games.compiled import compiled
+from marl_cair.games.randomness import draw_below
+
+
+@compiled
+def choose_by_kind(mask: Any, groups: Any, random: Any) -> int:
+    """Uniform over the kinds of action that are legal, then over the legal actions of the kind.
+
+    mask bool [A]; groups int16 [A], see `GameSpec.action_groups`; random uint64 [1]. Actions of a
+    kind stand together, so a kind ends where the group number changes.
+    """
+    num_kinds = 0
+    previous = -1
+    for action in range(mask.shape[0]):
+        if mask[action] and groups[action] != previous:
+            num_kinds += 1
+            previous = groups[action]
+    kind = draw_below(random, 0, num_kinds)
+    previous = -1
+    chosen = 0
+    count = 0
+    for action in range(mask.shape[0]):
+        if not mask[action]:
+            continue
+        if groups[action] != previous:
+            kind -= 1
+            previous = groups[action]
+        if kind == -1:
+            if count == 0:
+                chosen = action
+            count += 1
+    nth = draw_below(random, 0, count)
+    for action in range(chosen, mask.shape[0]):
+        if mask[action]:
+            if nth == 0:
+                return action
+            nth -= 1
+    return chosen
+
+
+class ScriptedPlayer:
+    """A plan that answers each row of a batch on its own; its only memory is a random word.
+
+    Args:
+        name: of the bot.
+        decide_all: writes the actions of N rows: (planes [N, C, H, W], mask [N, A], random [1],
+            out int64 [N]); with an action shape: mask [N, *action_shape, A], out
+            [N, *action_shape].
+    """
+
+    representation = "planes"
+
+    def __init__(self, name: str, decide_all: Callable[..., None]) -> None:
+        self.name = name
+        self._decide_all = decide_all
+        self._random = np.zeros(1, np.uint64)
+
+    def seed(self, seed: int) -> None:
+        self._random[0] = check_seed(self.name, seed)
+
+    def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+        actions = np.zeros(action_mask.shape[:-1], np.int64)
+        planes = np.ascontiguousarray(observation)
+        mask = np.ascontiguousarray(action_mask)
+        with np.errstate(over="ignore"):
+            self._decide_all(planes, mask, self._random, actions)
+        return actions
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"random": int(self._random[0])}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self._random[0] = state["random"]

@@ -1,0 +1,1 @@
+"""Networks of the CCDN generator and their distributions."""

@@ -1,0 +1,1 @@
+"""Loads the agents that a league rates: checkpoints, mixtures, bots, foreign code."""

@@ -1,0 +1,199 @@
+"""Agents of other people: any object with `act`, named `package.module:function`.
+
+What they get wrong costs them the game and nothing else: a crash, a `sys.exit`, or an answer of a
+wrong shape forfeits the games that they were asked about, an illegal action the game that it was
+meant for.
+In training, where nobody could win by that, it ends the run (`require_answers`).
+In this process a function has no time limit, and one that kills the process kills all; in one of
+its own (`league.agents.process.load_hosted`) both cost it the game alone. It plays the same either way.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.game import Agent, GameSpec
+from marl_cair.league.play.playing import FORFEIT
+from marl_cair.lookup import find_by_name
+from marl_cair.text import clean_text
+
+_MAX_NAME = 200  # characters
+
+
+class ForeignAgentError(ValueError):
+    """A foreign agent that cannot be found or made, or gives up where it must not.
+
+    failure: of one that gives up: what it has done, as the end of a sentence about it.
+    """
+
+    failure = ""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(clean_text(text))
+
+
+class AgentFault(Exception):  # noqa: N818  # it is the agent's, and no error of ours
+    """What an agent has done instead of answering, as the end of a sentence about it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(clean_text(text))
+
+
+class ForeignAgent:
+    """An object with `act(observation, action_mask)` as an agent that may forfeit.
+
+    `act` gives FORFEIT in each row that it loses, and `failure` says why. The object may have
+    `name`, `representation` (default: the game's first), and, to be repeatable where it draws at
+    random, `seed`, which is called with another number below 2**32 before each `act`. Decisions
+    know nothing of each other: the games of a call are not those of the last.
+
+    Args:
+        agent: the object.
+        source: what it is called where it has no `name`.
+        spec: of the scenario that it is to play.
+        fingerprint: of its code.
+
+    Raises:
+        UnknownNameError: the game has no such representation.
+    """
+
+    def __init__(self, agent: Any, source: str, spec: GameSpec, fingerprint: str) -> None:
+        self.name = clean_text(str(getattr(agent, "name", source)))[:_MAX_NAME]
+        first = next(iter(spec.representations))
+        self.representation = str(getattr(agent, "representation", first))
+        find_by_name(f"representation of {source}", self.representation, spec.representations)
+        self.fingerprint = fingerprint
+        self.failure = ""
+        self._agent, self._shape, self._broken = agent, spec.action_shape, ""
+        self._seed, self._step = 0, 0
+
+    def seed(self, seed: int) -> None:
+        self._seed, self._step, self._broken = seed, 0, ""
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"seed": self._seed, "step": self._step, "broken": self._broken}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self._broken = state["broken"]
+        # Runs of before kept the agent's own state in their place.
+        self._seed, self._step = state.get("seed", 0), state.get("step", 0)
+
+    def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+        lost = np.full((len(action_mask), *self._shape), FORFEIT, np.int64)
+        answer = None if self._broken else self._ask(observation.copy(), action_mask.copy())
+        self.failure = self._broken
+        if self._broken:
+            return lost
+        try:
+            actions = np.asarray(answer)
+        except ValueError:  # rows of different lengths
+            actions = np.array(None)
+        if actions.shape != lost.shape or not np.issubdtype(actions.dtype, np.integer):
+            self.failure = clean_text(
+                f"answered {actions.dtype} of shape {list(actions.shape)}, asked for whole numbers "
+                f"of shape {list(lost.shape)}"
+            )
+            return lost
+        num_actions = action_mask.shape[-1]
+        is_known = (actions >= 0) & (actions < num_actions)
+        chosen = np.where(is_known, actions, 0).astype(np.int64)
+        is_legal = is_known & np.take_along_axis(action_mask, chosen[..., None], -1)[..., 0]
+        if not is_legal.all():
+            self.failure = f"played the illegal action {actions[~is_legal].flat[0]}"
+        return np.where(is_legal, chosen, FORFEIT)
+
+    def _ask(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> Any:
+        self._step += 1
+        text = f"{self._seed} {self._step}".encode()
+        try:
+            if hasattr(self._agent, "seed"):
+                drawn = hashlib.blake2b(text, digest_size=4).digest()
+                self._agent.seed(int.from_bytes(drawn, "big"))
+            return self._agent.act(observation, action_mask)
+        except AgentFault as fault:
+            self._broken = str(fault)
+        except (Exception, SystemExit) as error:  # noqa: BLE001  # whatever foreign code raises
+            self._broken = describe_crash(error)
+        return None
+
+
+def describe_crash(error: BaseException) -> str:
+    """What an agent has done that raised `error`, as the end of a sentence about it."""
+    return f"crashed in act: {type(error).__name__}: {clean_text(str(error))[:200]}"
+
+
+def require_answers(agent: Agent, actions: NDArray[np.int64]) -> None:
+    """Raise ForeignAgentError where the agent has forfeited one of `actions` [N, ...]."""
+    if (actions == FORFEIT).any():
+        told = getattr(agent, "failure", "gave up")
+        error = ForeignAgentError(
+            f"opponent {agent.name} {told}: mend it, or leave it out of opponent.mixture and "
+            "opponent.agents"
+        )
+        error.failure = told
+        raise error
+
+
+def load_foreign(source: str, scenario: Any, spec: GameSpec) -> ForeignAgent:
+    """The agent that `package.module:function` makes when called with (scenario, spec), in this
+    process.
+
+    The module is looked for where Python looks, and in the current folder. The fingerprint is of
+    the source of the module and the name: of another version the games are another agent's.
+
+    Raises:
+        ForeignAgentError: no such module or function, or making the agent has failed.
+    """
+    try:
+        agent, code = make_foreign(source, scenario, spec)
+    except AgentFault as fault:
+        raise refuse_function(source, fault) from fault
+    return ForeignAgent(agent, source, spec, name_code(digest_code(source, code)))
+
+
+def refuse_function(source: str, fault: AgentFault) -> ForeignAgentError:
+    """The error about a `module:function` that makes no agent."""
+    return ForeignAgentError(
+        f"{source} {fault}: give module:function, called with (scenario, spec), of a module that "
+        "Python finds"
+    )
+
+
+def name_code(digest: str) -> str:
+    """The fingerprint of a function's agent, in whatever process it runs."""
+    return f"foreign {digest}"
+
+
+def digest_code(source: str, *files: bytes) -> str:
+    """32 hexadecimal digits of what an agent is called and of the files that it is made of."""
+    return hashlib.blake2b(b"\0".join((source.encode(), *files)), digest_size=16).hexdigest()
+
+
+def make_foreign(source: str, scenario: Any, spec: GameSpec) -> tuple[Any, bytes]:
+    """What the function of `load_foreign` makes, as it is, and the source of its module.
+
+    Raises:
+        AgentFault: no such module or function, or what it makes is no agent.
+    """
+    module_name, _, name = source.partition(":")
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)
+    try:
+        module = import_module(module_name)
+        make: Callable[[Any, GameSpec], Any] = getattr(module, name)
+        agent = make(scenario, spec)
+    except (Exception, SystemExit) as error:
+        raise AgentFault(f"cannot be made ({type(error).__name__}: {error})") from error
+    if not callable(getattr(agent, "act", None)):
+        raise AgentFault(f"gave {type(agent).__name__} without `act(observation, action_mask)`")
+    file = getattr(module, "__file__", None)
+    return agent, Path(file).read_bytes() if file else b""

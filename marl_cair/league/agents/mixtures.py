@@ -1,0 +1,161 @@
+"""Mixtures of agents on disk: a folder with `mixture.json` and copies of its members' checkpoints.
+
+The folder is an agent as a checkpoint is: see `games.players.mixed_agent` for how it plays. Its members are
+checkpoints in it and bots, so that loading it runs nothing that its files say.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from marl_cair.checkpoint import CheckpointError, find_agent
+from marl_cair.files import find_folder, replaced_folder
+from marl_cair.games import GAMES
+from marl_cair.games.game import Game
+from marl_cair.league.agents.allowed_code import is_process
+from marl_cair.stored import read_json
+
+SLACK = 0.02  # of a score, that evenness of a mixture may cost
+MIXTURE_FILE = "mixture.json"
+FORMAT = "marl_cair mixture"
+FORMAT_VERSION = 1
+_MEMBERS = "members"
+MOST_MEMBERS = 256  # each is loaded, and kept in memory, before the first game
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """What `mixture.json` says.
+
+    Attributes:
+        sources: of the members: folders in the mixture's, or bots as "game/bot".
+        weights: chances of the members, above 0, in sum 1.
+    """
+
+    sources: tuple[str, ...]
+    weights: tuple[float, ...]
+
+
+def is_mixture(source: str | os.PathLike[str]) -> bool:
+    """Whether `source` is the folder of a mixture, or of a run that stands for one.
+
+    Raises:
+        CheckpointError: as `find_agent`.
+    """
+    return not is_process(source) and _holds_mixture(find_agent(source))
+
+
+def _holds_mixture(folder: Path) -> bool:
+    return (find_folder(folder) / MIXTURE_FILE).is_file()
+
+
+def qualify_bot(source: str, game: Game) -> str:
+    """`source`, as "game/bot" where it is a bot's bare name."""
+    return f"{game.name}/{source}" if source in game.bots else source
+
+
+def require_data(sources: Sequence[str]) -> None:
+    """Raise ValueError where a member is neither a folder nor a bot as "game/bot"."""
+    for source in sources:
+        if is_process(source) or (":" in source and not find_folder(source).is_dir()):
+            raise ValueError(
+                f"{source} is code, which a mixture cannot hold: name checkpoints and bots alone"
+            )
+        if "/" not in source and not find_folder(source).is_dir():
+            raise ValueError(f"{source} is no folder: write a bot as game/bot")
+
+
+def save_mixture(
+    folder: str | os.PathLike[str], sources: Sequence[str], weights: Sequence[float]
+) -> None:
+    """Write a mixture to `folder`, in place of one that is there, whole or not at all.
+
+    sources: of the members: folders of checkpoints, of which it keeps copies, or of mixtures, whose
+    members take their place, and bots as "game/bot". weights: chances in proportion, all above 0.
+
+    Raises:
+        FileExistsError: `folder` holds something else.
+        CheckpointError: a mixture among the members cannot be read.
+        ValueError: a member that is foreign code, or no folder and no bot.
+    """
+    target = Path(folder)
+    if target.exists() and not _holds_mixture(target):
+        raise FileExistsError(f"{folder} is there and is no mixture: give another folder")
+    require_data(sources)
+    flat: list[tuple[str, float]] = []
+    for source, weight in zip(sources, weights, strict=True):
+        inner = read_mixture(source) if is_mixture(source) else Mixture((source,), (1.0,))
+        flat += [(s, w * weight) for s, w in zip(inner.sources, inner.weights, strict=True)]
+    if len(flat) > MOST_MEMBERS:
+        raise ValueError(f"a mixture has at most {MOST_MEMBERS} members, these are {len(flat)}")
+    total = sum(weights)
+    with replaced_folder(target) as fresh:
+        members = []
+        for number, (source, weight) in enumerate(flat):
+            member: dict[str, object] = {"weight": weight / total}
+            origin = find_agent(source)
+            place = find_folder(origin)
+            if place.is_dir():
+                inside = f"{_MEMBERS}/{number:02}"
+                shutil.copytree(place, fresh / inside)
+                member |= {"folder": inside, "from": str(origin.absolute())}
+            else:
+                member["agent"] = source
+            members.append(member)
+        record = {"format": FORMAT, "format_version": FORMAT_VERSION, "members": members}
+        (fresh / MIXTURE_FILE).write_text(json.dumps(record, indent=2) + "\n", "utf-8")
+
+
+def read_mixture(folder: str | os.PathLike[str]) -> Mixture:
+    """What the mixture in `folder` is of.
+
+    Raises:
+        CheckpointError: it is no mixture, a broken one, or one of a newer format.
+    """
+    place = find_folder(find_agent(folder))
+    path = place / MIXTURE_FILE
+    try:
+        record = read_json(path)
+        if record["format"] != FORMAT:
+            raise ValueError("it is of another program")
+        if record["format_version"] != FORMAT_VERSION:
+            raise ValueError(
+                f"its format version is {record['format_version']}, this program reads "
+                f"{FORMAT_VERSION}"
+            )
+        members = record["members"]
+        if not 1 <= len(members) <= MOST_MEMBERS:
+            raise ValueError(f"it has {len(members)} members, it must have 1 to {MOST_MEMBERS}")
+        sources = [_read_member(place, member) for member in members]
+        weights = [float(member["weight"]) for member in members]
+        if not all(0 < weight <= 1 for weight in weights):
+            raise ValueError(f"its members have the weights {weights}, all must be above 0")
+        return Mixture(tuple(sources), tuple(weights))
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise CheckpointError(f"{path} cannot be read as a mixture of agents: {error!r}") from error
+
+
+def _read_member(place: Path, member: Mapping[str, Any]) -> str:
+    """The source of a member of the mixture in `place`: a folder of a checkpoint in it, or a bot.
+
+    Raises ValueError for code, a folder elsewhere (which a copy of the mixture would take along),
+    or another mixture.
+    """
+    if "folder" not in member:
+        source = str(member["agent"])
+        game, _, bot = source.rpartition("/")
+        if game not in GAMES or not bot.isidentifier() or find_folder(source).is_dir():
+            raise ValueError(f"its member {source!r} is no bot, written as game/bot")
+        return source
+    folder = place / str(member["folder"])
+    if not folder.resolve().is_relative_to(place.resolve() / _MEMBERS):
+        raise ValueError(f"its member {str(folder)!r} lies outside its folder {_MEMBERS}")
+    if (folder / MIXTURE_FILE).exists():
+        raise ValueError(f"its member {str(folder)!r} is a mixture itself")
+    return str(folder.absolute())

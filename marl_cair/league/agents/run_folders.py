@@ -1,0 +1,125 @@
+"""Folders of runs where agents are named: which of a run's agents a league takes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from marl_cair.checkpoint import (
+    DESCRIPTION_FILE,
+    LATEST_FOLDER,
+    LEAGUE_TRAINING,
+    LIVE_FOLDER,
+    SHARED,
+    SNAPSHOT_FOLDER,
+    TRAINING,
+    CheckpointError,
+    read_description,
+)
+from marl_cair.files import find_folder, read_run_kind
+from marl_cair.games import GAMES
+from marl_cair.league.agents.load import find_fingerprint, is_checkpoint, load_agent
+from marl_cair.league.agents.mixtures import is_mixture
+from marl_cair.lookup import find_by_name
+
+MOST_SNAPSHOTS = 8  # of a run: enough to see its rating rise, in games that end some day
+
+
+class Expansion(NamedTuple):
+    """What sources stand for.
+
+    Attributes:
+        agents: by source; of what is no run, the source alone.
+        told: a line for each run.
+    """
+
+    agents: dict[str, tuple[str, ...]]
+    told: tuple[str, ...]
+
+    def list_agents(self, sources: Sequence[str]) -> tuple[str, ...]:
+        """The agents of these sources, in their order."""
+        return tuple(agent for source in sources for agent in self.agents[source])
+
+
+def expand_runs(sources: Sequence[str], known: Collection[str] = ()) -> Expansion:
+    """The agents of each source. A run of training stands for its newest agent and a few of its
+    snapshots, a league's training for the newest agent of each learner; other sources stand for
+    themselves (runs of best responses for the agent that `checkpoint.find_agent` finds).
+
+    Of a run's agents that are the same, or as one of the other sources, the first is taken; those
+    with a fingerprint in `known` are not.
+
+    Raises:
+        CheckpointError: a run holds no agent yet, or a broken one.
+    """
+    runs = {source: found for source in sources if (found := _list_agents(source)) is not None}
+    if not runs:
+        return Expansion({source: (source,) for source in sources}, ())
+    alone = (one for one in sources if one not in runs and is_checkpoint(one))
+    taken = {*known, *(_identify(one) for one in alone if not is_mixture(one))}
+    agents: dict[str, tuple[str, ...]] = {}
+    told = []
+    for source in dict.fromkeys(sources):
+        if source not in runs:
+            agents[source] = (source,)
+            continue
+        num_snapshots, places = runs[source]
+        chosen = []
+        for place in places:
+            if (identity := _identify(place)) not in taken:
+                taken.add(identity)
+                chosen.append(place)
+        agents[source] = tuple(chosen)
+        told.append(_tell(source, chosen, len(places) - len(chosen), num_snapshots))
+    return Expansion(agents, tuple(told))
+
+
+def _list_agents(source: str) -> tuple[int, list[str]] | None:
+    """How many snapshots a run has, and the folders of its agents, the newest first; None of what
+    is no run.
+    """
+    kind = read_run_kind(source) if is_checkpoint(source) else ""
+    if kind not in (TRAINING, LEAGUE_TRAINING):
+        return None
+    folder = Path(source)
+    if kind == LEAGUE_TRAINING:
+        num_snapshots, places = 0, list_checkpoints(folder / SHARED / LIVE_FOLDER)
+    else:
+        snapshots = list_checkpoints(folder / SNAPSHOT_FOLDER)
+        num_snapshots, newest = len(snapshots), folder / LATEST_FOLDER
+        places = [newest] if _holds_agent(newest) else []
+        places += _choose_evenly(snapshots)
+    if not places:
+        raise CheckpointError(f"{source} is a run ({kind}) that holds no agent yet: train on")
+    return num_snapshots, [str(place) for place in places]
+
+
+def list_checkpoints(folder: Path) -> list[Path]:
+    """By name, which is by age for snapshots; without what a killed process has left."""
+    entries = folder.iterdir() if folder.is_dir() else ()
+    return sorted(one for one in entries if one.name[0] != "." and _holds_agent(one))
+
+
+def _holds_agent(folder: Path) -> bool:
+    return (find_folder(folder) / DESCRIPTION_FILE).is_file()
+
+
+def _choose_evenly(places: list[Path]) -> list[Path]:
+    """The first, the last and what is between, at most MOST_SNAPSHOTS; the newest first."""
+    at = np.linspace(len(places) - 1, 0, min(MOST_SNAPSHOTS, len(places))).round().astype(int)
+    return [places[place] for place in at.tolist()]
+
+
+def _identify(source: str) -> str:
+    game = find_by_name("game", read_description(source).game, GAMES)
+    return find_fingerprint(load_agent(source), game)
+
+
+def _tell(source: str, chosen: list[str], num_same: int, num_snapshots: int) -> str:
+    names = ", ".join(str(Path(one).relative_to(source).as_posix()) for one in chosen) or "nobody"
+    of_all = f" (of {num_snapshots} snapshots)" if num_snapshots > MOST_SNAPSHOTS else ""
+    same = f"; {num_same} left out, as the same agents are there already" if num_same else ""
+    return f"{source} is a run, of which the league takes {names}{of_all}{same}"

@@ -1,0 +1,1 @@
+"""Plays games between agents: blocks on common map seeds, matches, schedules, workers."""

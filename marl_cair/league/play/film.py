@@ -1,0 +1,93 @@
+"""A game as an animated GIF, played again from its seed and actions."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from marl_cair.files import atomic_path
+from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.game import Agent, Game
+from marl_cair.league.play.match import record_game
+from marl_cair.league.play.playing import map_seeds
+
+LAST_FRAME_MILLISECONDS = 2_500
+
+
+class Size(NamedTuple):
+    """How large a film is: of longer games only every second, third, ... frame is kept."""
+
+    max_frames: int
+    width: int  # pixels
+    num_colours: int
+    frame_milliseconds: int
+
+
+FULL = Size(300, 480, 160, 80)
+SMALL = Size(120, 320, 96, 100)  # some hundred KiB: several of them fit into a report
+
+
+def film_game(
+    game: Game, scenario: Any, map_seed: int, actions: NDArray[np.int32], size: Size
+) -> list[Image.Image]:
+    """Pictures of the start, of as many of the decisions, actions [T, P, ...], as `size` keeps, and
+    of the end.
+    """
+    engine = BatchedEngine(game, scenario)
+    engine.reset(np.array([map_seed], np.uint64))
+    every = -(-(len(actions) + 1) // size.max_frames)
+    images = [shrink(engine.render(0), size.width)]
+    for number, chosen in enumerate(actions, start=1):
+        engine.step(chosen[None])
+        if number % every == 0 or number == len(actions):
+            images.append(shrink(engine.render(0), size.width))
+    return images
+
+
+def save_film(
+    first: Agent,
+    second: Agent,
+    game: Game,
+    scenario: Any,
+    seed: int,
+    path: str | os.PathLike[str],
+) -> int:
+    """Play the first game of `play_match`, `first` in seat 0, and write it as a GIF.
+
+    Returns the number of frames.
+    """
+    actions = record_game(first, second, game, scenario, seed)
+    map_seed = int(map_seeds(seed, np.zeros(1, np.int64))[0])
+    images = film_game(game, scenario, map_seed, actions, FULL)
+    write_film(path, images, FULL)
+    return len(images)
+
+
+def write_film(path: str | os.PathLike[str], images: Sequence[Image.Image], size: Size) -> None:
+    """Write pictures as a GIF that starts anew at its end, with the colours and pace of `size`."""
+    # One palette for all frames, from the busiest: colours then do not flicker.
+    palette = images[len(images) * 3 // 4].quantize(size.num_colours)
+    films = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    durations = [size.frame_milliseconds] * (len(films) - 1) + [LAST_FRAME_MILLISECONDS]
+    with atomic_path(path) as unfinished:
+        films[0].save(
+            unfinished,
+            format="GIF",
+            save_all=True,
+            append_images=films[1:],
+            duration=durations,
+            loop=0,
+            optimize=True,  # pixels that stay are not written again: a third of the size
+        )
+
+
+def shrink(frame: NDArray[np.uint8], width: int) -> Image.Image:
+    """A picture uint8 [h, w, 3], `width` pixels wide."""
+    image = Image.fromarray(frame)
+    height = round(image.height * width / image.width)
+    return image.resize((width, height), Image.Resampling.LANCZOS, reducing_gap=2.0)

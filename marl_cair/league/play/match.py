@@ -1,0 +1,238 @@
+"""Matches between two agents: seat-balanced games on one batched engine, the same for a seed.
+
+The first agent plays one team (one seat, where everybody plays for itself), the second all others.
+A block is one map seed, played once with the first agent in each team: two games of two teams, four
+of a free-for-all of four. See `playing` for how games are batched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.game import NO_WINNER, Agent, Game
+from marl_cair.league.play.blocks import Design, Entrant, make_chunk, play_blocks, seat_line_up
+from marl_cair.league.play.playing import Seating, play, start_engine
+from marl_cair.league.ratings.intervals import block_interval
+
+BLOCKS_PER_CHUNK = 4
+
+
+@dataclass(frozen=True)
+class GameResult:
+    """One game. A block is the games of a map seed, with the first agent in each team once."""
+
+    block: int
+    first_seat: int  # the first seat of the first agent's team
+    winner: int  # first seat of the winning team, or NO_WINNER for a draw or the time limit
+    is_truncated: bool
+    decisions: int
+    fingerprint: str  # `PlayedGame.trajectory`: games that are the same have equal ones
+    draw_score: float = 0.5  # of the first agent if nobody wins: see `games.standings`
+    forfeit: str = ""  # why an agent has lost it without playing on
+
+    @property
+    def score(self) -> float:
+        """Of the first agent: 1 win, 0 loss, of a draw its share (0.5 between two teams)."""
+        if self.winner == NO_WINNER:
+            return self.draw_score
+        return float(self.winner == self.first_seat)
+
+
+@dataclass(frozen=True)
+class MatchResult:
+    """All games of a match, seen from its first agent."""
+
+    results: tuple[GameResult, ...]
+    num_teams: int = 2
+
+    @property
+    def games(self) -> int:
+        return len(self.results)
+
+    @property
+    def wins(self) -> int:
+        return sum(result.winner == result.first_seat for result in self.results)
+
+    @property
+    def draws(self) -> int:
+        """Games without a winner that the first agent had not lost before."""
+        return sum(r.winner == NO_WINNER and r.draw_score > 0.0 for r in self.results)
+
+    @property
+    def losses(self) -> int:
+        return self.games - self.wins - self.draws
+
+    @property
+    def score(self) -> float:
+        """Share of points: a win is 1, a draw is shared."""
+        return sum(result.score for result in self.results) / len(self.results)
+
+    @property
+    def fair_share(self) -> float:
+        """The score of an agent that is as strong as the others: 1 / teams."""
+        return 1.0 / self.num_teams
+
+    def interval(self, wins_only: bool = False) -> tuple[float, float]:
+        """95 % interval of the score (of the share of wins) from the spread between map seeds."""
+        values = [
+            float(result.winner == result.first_seat) if wins_only else result.score
+            for result in self.results
+        ]
+        blocks = [result.block for result in self.results]
+        _, places, sizes = np.unique(blocks, return_inverse=True, return_counts=True)
+        return block_interval(np.bincount(places, values) / sizes, self.num_teams)
+
+    @property
+    def distinct_games(self) -> int:
+        """Games that differ in a board, an action or who has which seat: agents without randomness
+        repeat theirs.
+        """
+        return len({(result.first_seat, result.fingerprint) for result in self.results})
+
+    def without_repeats(self) -> MatchResult:
+        """The blocks that show something new (see `shows_new`): as leagues, which count repeats
+        once, but both seats of a map seed or none.
+        """
+        blocks: dict[int, list[GameResult]] = {}
+        for result in self.results:
+            blocks.setdefault(result.block, []).append(result)
+        seen: set[tuple[int, str]] = set()
+        kept = [result for block in blocks.values() if shows_new(block, seen) for result in block]
+        return MatchResult(tuple(kept), self.num_teams)
+
+    @property
+    def forfeits(self) -> tuple[str, ...]:
+        """Why games were forfeited, one reason for each."""
+        return tuple(result.forfeit for result in self.results if result.forfeit)
+
+
+def shows_new(block: Sequence[GameResult], seen: set[tuple[int, str]]) -> bool:
+    """Whether a game of the block is not in `seen`, to which they are added: the same, move by
+    move, with the agents in the same seats.
+    """
+    shown = {(result.first_seat, result.fingerprint) for result in block}
+    is_new = not shown <= seen
+    seen |= shown
+    return is_new
+
+
+def play_match(
+    first: Agent,
+    second: Agent,
+    game: Game,
+    scenario: Any,
+    num_games: int,
+    seed: int,
+    identities: tuple[str, str] | None = None,
+) -> MatchResult:
+    """Play `num_games` games, equally many with `first` in each team, with the rated reward.
+
+    A longer match begins with the games of a shorter one, and between two teams the match of
+    `second` against `first` holds the same games. `identities` as in `play_chunks`.
+
+    Raises:
+        ValueError: num_games is no multiple of the number of teams, or there is but one team.
+    """
+    num_teams = require_rivals(game, scenario)
+    if num_games < num_teams or num_games % num_teams:
+        needed = "even and 2 or more" if num_teams == 2 else f"a multiple of {num_teams}"
+        raise ValueError(
+            f"num_games is {num_games}, it must be {needed}: every map seed is played once in each "
+            f"{'seat' if num_teams == game.make_spec(scenario).num_players else 'team'}"
+        )
+    chunks = range(-(-num_games // (num_teams * BLOCKS_PER_CHUNK)))
+    match = play_chunks(first, second, game, scenario, seed, chunks, identities)
+    return MatchResult(match.results[:num_games], num_teams)
+
+
+def play_chunks(
+    first: Agent,
+    second: Agent,
+    game: Game,
+    scenario: Any,
+    seed: int,
+    chunks: Sequence[int],
+    identities: tuple[str, str] | None = None,
+) -> MatchResult:
+    """Play whole chunks; which of them are played together changes no game.
+
+    Chunk c holds the blocks c * BLOCKS_PER_CHUNK onwards. Block k has the map seed of (seed, k),
+    whoever plays: all pairs meet the same maps. Each agent has its own random stream in each chunk,
+    from the seed, the chunk, its identity and the rival's; identities default to the agents' names.
+
+    Raises:
+        ValueError: no chunk, or a scenario with but one team.
+    """
+    num_teams = require_rivals(game, scenario)
+    teams = game.make_spec(scenario).team_of_seat
+    first_seats = np.unique(teams, return_index=True)[1]
+    played = play_blocks(
+        _seat((first, second), identities),
+        game,
+        scenario,
+        seed,
+        chunks,
+        _one_against_all(num_teams),
+        BLOCKS_PER_CHUNK,
+    )
+    return MatchResult(
+        tuple(
+            GameResult(
+                block=one.block,
+                first_seat=int(first_seats[one.number]),
+                winner=NO_WINNER if one.winner < 0 else int(first_seats[one.winner]),
+                is_truncated=one.is_truncated,
+                decisions=one.decisions,
+                fingerprint=one.trajectory,
+                draw_score=one.points[one.number] if one.winner < 0 else 0.5,
+                forfeit=one.reason,
+            )
+            for one in played
+        ),
+        num_teams,
+    )
+
+
+def record_game(
+    first: Agent, second: Agent, game: Game, scenario: Any, seed: int
+) -> NDArray[np.int32]:
+    """Actions [T, P, *action_shape] of the first game of `play_match`, `first` in the first seat.
+
+    With the map seed of block 0 they are the whole game.
+
+    Raises:
+        ValueError: a scenario with but one team.
+    """
+    num_teams = require_rivals(game, scenario)
+    teams = game.make_spec(scenario).team_of_seat
+    chunk = make_chunk(0, _one_against_all(num_teams), BLOCKS_PER_CHUNK, teams)
+    engine = start_engine(game, scenario, seed, (chunk,))
+    steps = play(engine, (chunk,), _seat((first, second), None), seed)
+    return np.array([step.actions[0].copy() for step in steps if step.running[0]], np.int32)
+
+
+def require_rivals(game: Game, scenario: Any) -> int:
+    """The number of teams. Raises ValueError where there is but one."""
+    num_teams = game.make_spec(scenario).num_teams
+    if num_teams == 1:
+        raise ValueError(
+            f"{game.name}: this scenario has one team, nobody wins against another; compare scores "
+            "by `marl-cair match` (league.solo)"
+        )
+    return num_teams
+
+
+def _one_against_all(num_teams: int) -> Design:
+    """Game g of a block has the first agent in team g, the second in all others."""
+    entries = 1 - np.eye(num_teams, dtype=np.int64)
+    return lambda block: entries
+
+
+def _seat(agents: tuple[Agent, Agent], identities: tuple[str, str] | None) -> tuple[Seating, ...]:
+    own, rival = identities or (agents[0].name, agents[1].name)
+    return seat_line_up([Entrant(own, own, agents[0]), Entrant(rival, rival, agents[1])])

@@ -1,0 +1,276 @@
+"""Agents at the seats of many games on one engine: who acts where, from which random stream.
+
+Games come in blocks (one map seed) and blocks in chunks of a fixed size, which are always played
+whole: agents draw, and networks round, differently in batches of another size, so that a chunk is
+the smallest unit whose games depend on nothing but the seed, the agents and its number.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.game import NO_WINNER, Agent, Game
+from marl_cair.games.players.mixed_agent import MixedAgent
+from marl_cair.games.standings import share_points
+from marl_cair.league.play.ranks import STILL_IN, rank_teams
+
+if TYPE_CHECKING:
+    from marl_cair.games.engine import BatchedEngine
+
+CHUNKS_AT_ONCE = 16  # on one engine, for speed alone: the worlds of an engine are independent
+FORFEIT = -1  # in place of an action: see `league.agents.foreign`
+
+
+class Places(NamedTuple):
+    """Seats of an agent within a chunk, in the order in which it is shown them; int64 [N] both."""
+
+    game: NDArray[np.int64]  # of the chunk
+    seat: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Who plays where in G games that are played together.
+
+    Attributes:
+        number: of the chunk in its match.
+        blocks: int64 [G], the block of the match that each game belongs to.
+        places: of each entry.
+    """
+
+    number: int
+    blocks: NDArray[np.int64]
+    places: tuple[Places, ...]
+
+    @property
+    def num_games(self) -> int:
+        """G."""
+        return len(self.blocks)
+
+
+class Seating(NamedTuple):
+    """An agent, and the names that its draws depend on: its own first."""
+
+    agent: Agent
+    names: tuple[str, ...]
+
+
+class Ended(NamedTuple):
+    """How G games of P seats and T teams ended."""
+
+    winner: NDArray[np.int8]  # [G] seat, or NO_WINNER
+    truncated: NDArray[np.bool_]  # [G]
+    points: NDArray[np.float64]  # [G, T], see `standings.share_points`
+    ranks: NDArray[np.float64]  # [G, T], see `standings.rank_teams`
+    returns: NDArray[np.float64]  # [G, P] sums of rewards
+    decisions: NDArray[np.int64]  # [G]
+    trajectories: tuple[str, ...]  # equal for games that are the same from first to last board
+    forfeited: NDArray[np.bool_]  # [G, T]
+    reasons: tuple[str, ...]  # why a team has forfeited, "" where none has
+
+
+class Step(NamedTuple):
+    """One decision of G games; no array is changed later."""
+
+    actions: NDArray[np.int32]  # [G, P]
+    running: NDArray[np.bool_]  # [G], before the decision, of games that no seat forfeits in it
+    out: NDArray[np.bool_]  # [G, P], before the decision
+    forfeits: dict[tuple[int, int], str]  # (game, seat) -> why it forfeits in this decision
+
+
+def map_seeds(seed: int, blocks: NDArray[np.int64]) -> NDArray[np.uint64]:
+    """The engine's seeds uint64 [N] of blocks [N] of a match."""
+    from marl_cair.games.randomness import episode_seeds
+
+    return episode_seeds(seed, blocks, np.zeros(len(blocks), np.int64))
+
+
+def line_up_seed(seed: int, fingerprints: Sequence[str]) -> int:
+    """The seed, 64 bits, of a line-up's maps in a league: each line-up has maps of its own.
+
+    On a map that all line-ups share, one that favours an agent would do so in all its games: their
+    results would vary together, and tell less of its strength.
+    """
+    text = "\0".join((f"{seed} maps", *fingerprints))
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "big")
+
+
+def start_engine(
+    game: Game, scenario: Any, map_seed: int, chunks: Sequence[Chunk]
+) -> BatchedEngine:
+    """The games of `chunks`, with the rated reward, at their start; see `map_seeds`."""
+    blocks = np.concatenate([chunk.blocks for chunk in chunks])
+    rated = dataclasses.replace(scenario, reward=game.rated_reward)
+    from marl_cair.games.engine import BatchedEngine
+
+    engine = BatchedEngine(game, rated, len(blocks))
+    engine.reset(map_seeds(map_seed, blocks))
+    return engine
+
+
+def play_out(
+    engine: BatchedEngine,
+    chunks: Sequence[Chunk],
+    seatings: Sequence[Seating],
+    seed: int,
+    watch: Callable[[Step], None] | None = None,
+) -> Ended:
+    """Play all games of `chunks` to their ends, on the engine of `start_engine`.
+
+    A seat that forfeits ends its game: its team has lost, all teams that have not are left.
+    `watch` is told of each decision.
+    """
+    teams = engine.spec.team_of_seat
+    shape = engine.num_worlds, engine.num_players
+    digests = [hashlib.blake2b(digest_size=8) for _ in range(engine.num_worlds)]
+    decisions = np.zeros(engine.num_worlds, np.int64)
+    returns = np.zeros(shape)
+    out_since = np.full(shape, STILL_IN)
+    forfeits: dict[tuple[int, int], str] = {}
+    _add_boards(digests, engine, np.ones(engine.num_worlds, np.bool_))
+    for step in play(engine, chunks, seatings, seed):
+        if watch is not None:
+            watch(step)
+        actions, running, out, given_up = step
+        ended_now = [world for world, _ in given_up]
+        is_told = running.copy()  # also to games that end here by a forfeit
+        is_told[ended_now] = True
+        newly_out = is_told[:, None] & out & (out_since == STILL_IN)
+        out_since[newly_out] = np.broadcast_to(decisions[:, None], shape)[newly_out]
+        decisions += running
+        returns[running] += engine.rewards[running]
+        forfeits |= given_up
+        for world in np.flatnonzero(running).tolist():
+            digests[world].update(actions[world].tobytes())
+    winner = engine.winner.copy()
+    forfeited = np.zeros((engine.num_worlds, int(teams.max()) + 1), np.bool_)
+    reasons = [""] * engine.num_worlds
+    for (world, seat), reason in sorted(forfeits.items()):
+        forfeited[world, teams[seat]] = True
+        reasons[world] = reasons[world] or reason
+        digests[world].update(f"forfeit {seat}".encode())
+    is_whole = np.asarray(~forfeited.any(axis=1), np.bool_)
+    # After a forfeit the world has gone on for as long as others have: what it shows tells nothing.
+    _add_boards(digests, engine, is_whole)
+    _end_forfeited(winner, out_since, forfeited, teams)
+    return Ended(
+        winner,
+        engine.truncated & is_whole,
+        share_points(winner, out_since != STILL_IN, teams),
+        rank_teams(winner, out_since, teams),
+        returns,
+        decisions,
+        tuple(digest.hexdigest() for digest in digests),
+        forfeited,
+        tuple(reasons),
+    )
+
+
+def play(
+    engine: BatchedEngine, chunks: Sequence[Chunk], seatings: Sequence[Seating], seed: int
+) -> Iterator[Step]:
+    """Step until all games have ended; yields after each step.
+
+    An agent is shown the running games of one chunk at a time, the seats that are still in, in the
+    order of its places. Of a mixture one member plays all seats of a team in a game.
+    """
+    streams = [_start_streams(seating, seed, chunks) for seating in seatings]
+    members = [
+        [
+            _draw_members(seating.agent, state, chunk.places[entry], engine.spec.team_of_seat)
+            for state, chunk in zip(states, chunks, strict=True)
+        ]
+        for entry, (seating, states) in enumerate(zip(seatings, streams, strict=True))
+    ]
+    names = {seating.agent.representation for seating in seatings}
+    starts = np.cumsum([0, *(chunk.num_games for chunk in chunks)])
+    stopped = np.zeros(engine.num_worlds, np.bool_)  # by a forfeit
+    while (running := ~(engine.terminated | engine.truncated | stopped)).any():
+        masks = engine.action_mask()
+        seen = {name: engine.observe(name) for name in names}
+        out = engine.eliminated.copy()
+        shape = (engine.num_worlds, engine.num_players, *engine.spec.action_shape)
+        actions = np.full(shape, engine.spec.noop_action, np.int32)
+        forfeits: dict[tuple[int, int], str] = {}
+        for entry, ((agent, _), states) in enumerate(zip(seatings, streams, strict=True)):
+            for place, (chunk, state) in enumerate(zip(chunks, states, strict=True)):
+                games, seats = chunk.places[entry]
+                worlds = starts[place] + games
+                acts = running[worlds] & ~out[worlds, seats]
+                if not acts.any():
+                    continue
+                at = worlds[acts], seats[acts]
+                agent.load_state_dict(state)
+                rows = seen[agent.representation][at], masks[at]
+                if isinstance(agent, MixedAgent):
+                    chosen = agent.act_as(members[entry][place][acts], *rows)
+                else:
+                    chosen = agent.act(*rows)
+                states[place] = agent.state_dict()
+                if (given_up := (chosen.reshape(len(chosen), -1) == FORFEIT).any(1)).any():
+                    reason = f"{agent.name} {getattr(agent, 'failure', 'gave up')}"
+                    lost = np.stack(at, 1)[given_up].tolist()
+                    forfeits |= dict.fromkeys(map(tuple, lost), reason)
+                    chosen = np.where(chosen == FORFEIT, engine.spec.noop_action, chosen)
+                actions[at] = chosen
+        stopped[[world for world, _ in forfeits]] = True
+        engine.step(actions)
+        yield Step(actions, running & ~stopped, out, forfeits)
+
+
+def _end_forfeited(
+    winner: NDArray[np.int8],
+    out_since: NDArray[np.int64],
+    forfeited: NDArray[np.bool_],
+    teams: NDArray[np.int64],
+) -> None:
+    """Change winner [G] and out_since [G, P] of games in which teams [G, T] have forfeited."""
+    for world in np.flatnonzero(forfeited.any(1)).tolist():
+        winner[world] = NO_WINNER
+        still_in = np.unique(teams[out_since[world] == STILL_IN])
+        left = still_in[~forfeited[world, still_in]]
+        if len(left) == 0:  # all who were left gave up at once: a draw between them
+            continue
+        out_since[world, forfeited[world, teams]] = -1  # below whoever went out by the rules
+        if len(left) == 1:
+            winner[world] = np.flatnonzero(teams == left[0])[0]
+
+
+def _add_boards(digests: Sequence[Any], engine: BatchedEngine, which: NDArray[np.bool_]) -> None:
+    """Add what all seats of worlds `which` [G] see: games on maps that look different differ."""
+    boards = engine.observe(next(iter(engine.spec.representations)))
+    for world in np.flatnonzero(which).tolist():
+        digests[world].update(np.ascontiguousarray(boards[world]).tobytes())
+
+
+def _start_streams(seating: Seating, seed: int, chunks: Sequence[Chunk]) -> list[dict[str, Any]]:
+    """The state of an agent's random generator at the start of each chunk."""
+    streams = []
+    for chunk in chunks:
+        text = "\0".join((str(seed), str(chunk.number), *seating.names))
+        digest = hashlib.blake2b(text.encode(), digest_size=8).digest()
+        seating.agent.seed(int.from_bytes(digest, "big") >> 1)  # torch takes 63 bits
+        streams.append(seating.agent.state_dict())
+    return streams
+
+
+def _draw_members(
+    agent: Agent, state: dict[str, Any], places: Places, teams: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Who of a mixture plays at each of `places` [N]: int64 [N], drawn for each team and game, in
+    the order of the places: a match between two teams is the same from both sides.
+    """
+    if not isinstance(agent, MixedAgent):
+        return np.zeros(len(places.game), np.int64)
+    agent.load_state_dict(state)
+    keys = places.game * (int(teams.max()) + 1) + teams[places.seat]
+    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    turn = np.argsort(np.argsort(first))
+    return np.asarray(agent.draw(len(first))[turn[which]], np.int64)

@@ -1,0 +1,1 @@
+"""Rating mathematics: likelihood, bootstrap, payoffs, equilibria, diagnostics."""

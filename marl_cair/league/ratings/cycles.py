@@ -1,0 +1,104 @@
+"""Agents that beat each other in a circle: pairs that are surely uneven, and the circles of three.
+
+A pair is uneven where the scores of its blocks would fall so one-sided too seldom if each block
+might as well have gone the other way (an exact test by sign flips; Fisher 1935, "The Design of
+Experiments"). All pairs are tested together by Holm's procedure (1979, "A simple sequentially
+rejective multiple test procedure"): with 95 % no pair is wrongly called uneven, and so no circle
+is wrongly named, however many there could be.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binom
+
+from marl_cair.league.ratings.fit import LEVEL
+from marl_cair.league.ratings.payoffs import count_points, find_shares, split_pairs
+from marl_cair.league.ratings.rate import Games
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """Agents by number: the first beats the second, that beats the third, that beats the first.
+
+    Attributes:
+        agents: the three; the smallest number is the first.
+        share: of the points that the winner of the closest of the three pairs has.
+    """
+
+    agents: tuple[int, int, int]
+    share: float
+
+
+def find_cycles(num_agents: int, games: Games) -> tuple[Cycle, ...]:
+    """All circles of three surely uneven pairs, the clearest first; games as in `ratings.rate`."""
+    beats, shares = find_uneven_pairs(num_agents, games)
+    cycles = []
+    for first in range(num_agents):
+        later = np.arange(num_agents) > first
+        for second in np.flatnonzero(beats[first] & later).tolist():
+            for third in np.flatnonzero(beats[second] & beats[:, first] & later).tolist():
+                sides = shares[first, second], shares[second, third], shares[third, first]
+                cycles.append(Cycle((first, second, third), float(min(sides))))
+    return tuple(sorted(cycles, key=lambda cycle: (-cycle.share, cycle.agents)))
+
+
+def find_uneven_pairs(
+    num_agents: int, games: Games
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Whether the row is surely better than the column, and its share of points: [n, n] both."""
+    pairs = split_pairs(games.count_once())
+    if not len(pairs.first):
+        return np.zeros((num_agents, num_agents), np.bool_), np.full((num_agents, num_agents), 0.5)
+    surplus = np.round(2.0 * pairs.scores).astype(np.int64) - 1  # twice the points above even
+    order = np.lexsort((pairs.blocks, pairs.second, pairs.first))
+    first, second, blocks = pairs.first[order], pairs.second[order], pairs.blocks[order]
+    sums, starts = _add_up(surplus[order], first, second, blocks)
+    first, second = first[starts], second[starts]
+    _, pair_starts = _add_up(sums, first, second)
+    found = [
+        (int(first[at]), int(second[at]), find_chance(part), int(part.sum()))
+        for at, part in zip(pair_starts, np.split(sums, pair_starts[1:]), strict=True)
+    ]
+    beats = np.zeros((num_agents, num_agents), np.bool_)
+    for rank, (one, two, chance, total) in enumerate(sorted(found, key=lambda pair: pair[2])):
+        if chance > LEVEL / (len(found) - rank):
+            break
+        beats[(one, two) if total > 0 else (two, one)] = True
+    return beats, find_shares(*count_points(num_agents, pairs))
+
+
+def find_chance(sums: NDArray[np.int64]) -> float:
+    """How often signs by coin tosses make the sum of integers [K] as far from 0 as it is, or more.
+
+    Exact: equal sizes together are a binomial, and different sizes are convolved.
+    """
+    numbers = np.bincount(np.abs(sums))  # of each size
+    return _find_chance(tuple(numbers[1:].tolist()), abs(int(sums.sum())))
+
+
+@functools.lru_cache(maxsize=4_096)  # thousands of pairs have as many games, and much the same sums
+def _find_chance(numbers: tuple[int, ...], distance: int) -> float:
+    """numbers: how many sums have the sizes 1, 2, ...; distance: of their sum from 0."""
+    chances = np.ones(1)  # of sums from -span to span, by steps of 1
+    for size, number in enumerate(numbers, 1):
+        if number:
+            own = np.zeros(2 * size * number + 1)
+            own[:: 2 * size] = binom.pmf(np.arange(number + 1), number, 0.5)
+            chances = np.convolve(chances, own)
+    span = len(chances) // 2
+    far = np.abs(np.arange(-span, span + 1)) >= distance
+    return min(1.0, float(chances[far].sum()))
+
+
+def _add_up(
+    values: NDArray[np.int64], *keys: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sums of runs of equal keys, and where each run starts."""
+    differs = np.any([np.diff(key, prepend=-1) != 0 for key in keys], axis=0)
+    starts = np.flatnonzero(differs)
+    return np.add.reduceat(values, starts), starts

@@ -1,0 +1,271 @@
+"""Bradley-Terry and Plackett-Luce in one: the likelihood of finishing orders, and its maximum.
+
+A game of T teams is a sequence of choices: the best of all, the best of the rest, ... (Luce 1959;
+Plackett 1975, "The analysis of permutations"). The chance to be chosen from a set is in proportion
+to exp(rating of the agent + advantage of the team's seat). Of two teams this is Bradley-Terry.
+Teams that finish together count as the mean of the log-likelihoods of all their orders: a draw of
+two is half a win of each. What has a closed form for two (choix) has none with seat advantages: so
+Newton's method finds the maximum, and choix is what the tests compare it with.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
+
+from marl_cair.league.ratings.groups import ELO_PER_LOGIT
+
+PRIOR_ELO = 2_000.0  # standard deviation of ratings about the mean of their group
+SEAT_PRIOR_ELO = 400.0  # of seat advantages about 0
+MAX_STEP = 2.0  # logits: Newton's steps are cut to this
+NEWTON_TOLERANCE, CHORD_TOLERANCE = 1e-8, 1e-3  # logits
+MAX_NEWTON_STEPS, MAX_CHORD_STEPS = 200, 15
+MAX_NUMBERS = 2_000_000  # in an array of resamples that are fitted at once
+
+
+@dataclass(frozen=True)
+class Rankings:
+    """N games of T teams.
+
+    Attributes:
+        agents: int64 [N, T], the place in the list of agents of who has played each team.
+        ranks: float64 [N, T], 1 is the best, equal teams share the mean; 0: leave the team out.
+        blocks: int64 [N], the block of each game, 0..K-1: blocks are resampled as wholes.
+    """
+
+    agents: NDArray[np.int64]
+    ranks: NDArray[np.float64]
+    blocks: NDArray[np.int64]
+
+    @property
+    def num_blocks(self) -> int:
+        """K."""
+        return int(self.blocks.max()) + 1 if len(self.blocks) else 0
+
+    @property
+    def num_teams(self) -> int:
+        """T."""
+        return int(self.agents.shape[1])
+
+
+def split_ranking(
+    ranks: Sequence[float],
+) -> tuple[list[float], list[tuple[tuple[int, ...], float]]]:
+    """How often each of T teams is chosen, and the sets chosen from: (teams, weight of the set).
+
+    The log-likelihood is sum(times chosen * strength) - sum(weight * log(sum(exp(strengths of the
+    set)))). Sets of one are left out, together with their choice.
+    """
+    chosen = [0.0] * len(ranks)
+    sets = []
+    for rank in sorted({rank for rank in ranks if rank > 0.0}):
+        tied = [team for team, other in enumerate(ranks) if other == rank]
+        below = tuple(team for team, other in enumerate(ranks) if other > rank)
+        for team in tied:
+            chosen[team] += 1.0 if below else 1.0 - 1.0 / len(tied)
+        for size in range(1 if below else 2, len(tied) + 1):
+            weight = 1.0 / math.comb(len(tied), size)
+            sets += [(part + below, weight) for part in itertools.combinations(tied, size)]
+    return chosen, sets
+
+
+class Likelihood:
+    """The log-likelihood of rankings with a normal prior, as a function of block weights.
+
+    Parameters, in logits: ratings of n agents, then advantages of T teams. The prior makes both
+    finite and, as only differences count in the games, centres them on 0: ratings in every set of
+    agents that the rankings connect.
+    """
+
+    def __init__(self, num_agents: int, rankings: Sequence[Rankings]) -> None:
+        """Rankings, one or more, that number their blocks alike."""
+        num_teams, num_blocks = rankings[0].num_teams, max(r.num_blocks for r in rankings)
+        self.num_agents, self.num_parameters = num_agents, num_agents + num_teams
+        self.num_blocks = num_blocks
+        parts = [part for some in rankings for part in self._split(some)]
+        blocks, columns, amounts = (
+            np.concatenate(c) for c in zip(*(p[0] for p in parts), strict=True)
+        )
+        self._chosen = csr_array(
+            (amounts, (blocks, columns)), shape=(num_blocks, self.num_parameters)
+        )
+        blocks, sets, weights = (
+            np.concatenate(c) for c in zip(*(p[1] for p in parts), strict=True)
+        )
+        # Equal sets of equal agents are one: their weights add up.
+        unique, numbers = np.unique(sets, axis=0, return_inverse=True)
+        self._weights = csr_array(
+            (weights, (blocks, numbers.ravel())), shape=(num_blocks, len(unique))
+        )
+        self._is_member = unique >= 0
+        self._agents = np.maximum(unique, 0)
+        # Rating and advantage of each place of each set: two ones in a row; and their products.
+        pairs = np.stack(
+            (self._agents, np.broadcast_to(num_agents + np.arange(num_teams), unique.shape)), 2
+        ).reshape(-1, 2)
+        self._design = _count_ones(pairs, self.num_parameters)
+        products = self.num_parameters * pairs[:, :, None] + pairs[:, None, :]
+        self._products = _count_ones(products.reshape(-1, 4), self.num_parameters**2)
+        precision = np.full(self.num_parameters, (ELO_PER_LOGIT / PRIOR_ELO) ** 2)
+        precision[num_agents:] = (ELO_PER_LOGIT / SEAT_PRIOR_ELO) ** 2
+        self._precision = precision
+
+    @property
+    def num_places(self) -> int:
+        """Of all sets together, T in each."""
+        return int(self._is_member.size)
+
+    def _split(self, rankings: Rankings) -> list[tuple[Any, Any]]:
+        """(block, parameter, times chosen) and (block, set [., T], weight) of each kind of game."""
+        patterns, kinds = np.unique(rankings.ranks, axis=0, return_inverse=True)
+        parts = []
+        for kind, pattern in enumerate(patterns.tolist()):
+            here = np.flatnonzero(kinds.ravel() == kind)
+            agents, blocks = rankings.agents[here], rankings.blocks[here]
+            chosen, sets = split_ranking(pattern)
+            teams = np.flatnonzero(chosen)
+            size = len(teams)
+            columns = np.concatenate(
+                (agents[:, teams], np.broadcast_to(self.num_agents + teams, (len(here), size))), 1
+            )
+            amounts = np.tile(np.array(chosen)[teams], (len(here), 2))
+            counted = np.repeat(blocks, 2 * size), columns.ravel(), amounts.ravel()
+            members = np.full((len(sets), len(here), rankings.num_teams), -1, np.int64)
+            for number, (some, _) in enumerate(sets):
+                members[number][:, list(some)] = agents[:, list(some)]
+            weights = np.repeat([weight for _, weight in sets], len(here))
+            rows = members.reshape(-1, rankings.num_teams)
+            parts.append((counted, (np.tile(blocks, len(sets)), rows, weights)))
+        return parts
+
+    def fit(self, block_weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The parameters [n + T] of the largest posterior; block_weights float64 [K]."""
+        chosen, weights = block_weights @ self._chosen, block_weights @ self._weights
+        point = np.zeros(self.num_parameters)
+        for _ in range(MAX_NEWTON_STEPS):
+            shares = self._share(point)
+            step = np.linalg.solve(
+                self._curve(weights, shares), self._climb(point, chosen, weights, shares)
+            )
+            point += step * min(1.0, MAX_STEP / max(float(np.abs(step).max()), 1e-300))
+            if np.abs(step).max() < NEWTON_TOLERANCE:
+                break
+        return point
+
+    def refit(
+        self, start: NDArray[np.float64], block_weights: NDArray[np.float64], factor: Any
+    ) -> NDArray[np.float64]:
+        """As `fit` for S weightings [S, K] at once, to CHORD_TOLERANCE: [S, n + T].
+
+        From `start`, with the `factor` of `factorise` there: one curvature for all steps is cheap
+        where the maximum is near, which it is for resampled blocks; where it is not, `fit` takes
+        over.
+        """
+        points = np.tile(start, (len(block_weights), 1))
+        size = max(1, MAX_NUMBERS // max(1, self._is_member.size))
+        for first in range(0, len(points), size):
+            part = slice(first, first + size)
+            points[part] = self._refit_part(points[part], block_weights[part], factor)
+        return points
+
+    def _refit_part(
+        self, points: NDArray[np.float64], block_weights: NDArray[np.float64], factor: Any
+    ) -> NDArray[np.float64]:
+        chosen, weights = block_weights @ self._chosen, block_weights @ self._weights
+        is_far = np.zeros(len(points), np.bool_)
+        left = np.arange(len(points))
+        for _ in range(MAX_CHORD_STEPS):
+            shares = self._share(points[left])
+            rise = self._climb(points[left], chosen[left], weights[left], shares)
+            step = cho_solve(factor, rise.T).T
+            points[left] += step
+            size = np.abs(step).max(1)
+            is_far[left] = ~(size <= MAX_STEP)
+            left = left[(size >= CHORD_TOLERANCE) & (size <= MAX_STEP)]
+            if not len(left):
+                break
+        left = np.union1d(left, np.flatnonzero(is_far))
+        size = max(1, MAX_NUMBERS // max(1, len(self._agents) * self.num_parameters))
+        for first in range(0, len(left), size):
+            part = left[first : first + size]
+            points[part] = self._climb_carefully(chosen[part], weights[part])
+        return points
+
+    def _climb_carefully(
+        self, chosen: NDArray[np.float64], weights: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Newton's method for S weightings: chosen [S, n + T], weights [S, sets] -> [S, n + T]."""
+        points = np.zeros(chosen.shape)
+        left = np.arange(len(points))
+        for _ in range(MAX_NEWTON_STEPS):
+            shares = self._share(points[left])
+            rise = self._climb(points[left], chosen[left], weights[left], shares)
+            curves = self._curve(weights[left], shares)
+            steps = np.linalg.solve(curves, rise[..., None])[..., 0]
+            size = np.abs(steps).max(1)
+            points[left] += steps * np.minimum(1.0, MAX_STEP / np.maximum(size, 1e-300))[:, None]
+            left = left[size >= CHORD_TOLERANCE]
+            if not len(left):
+                break
+        return points
+
+    def find_curvature(
+        self, point: NDArray[np.float64], block_weights: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """The observed information with the prior's, [n + T, n + T]; None: every block once."""
+        blocks = np.ones(self.num_blocks) if block_weights is None else block_weights
+        return self._curve(blocks @ self._weights, self._share(point))
+
+    def factorise(
+        self, point: NDArray[np.float64], block_weights: NDArray[np.float64] | None = None
+    ) -> Any:
+        """The curvature at `point`, as `refit` takes it."""
+        return cho_factor(self.find_curvature(point, block_weights))
+
+    def _share(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The chance of each place of each set to be chosen from it: [..., P] -> [..., sets, T]."""
+        strength = (self._design @ points.T).T.reshape(*points.shape[:-1], *self._is_member.shape)
+        strength = np.where(self._is_member, strength, -np.inf)
+        odds = np.exp(strength - strength.max(-1, keepdims=True))
+        return np.asarray(odds / odds.sum(-1, keepdims=True), np.float64)
+
+    def _climb(
+        self,
+        points: NDArray[np.float64],
+        chosen: NDArray[np.float64],
+        weights: NDArray[np.float64],
+        shares: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """The gradient: points [..., P], chosen [..., P], weights [..., sets] -> [..., P]."""
+        mass = (weights[..., None] * shares).reshape(*points.shape[:-1], -1)
+        expected = (self._design.T @ mass.T).T
+        return np.asarray(chosen - expected - self._precision * points, np.float64)
+
+    def _curve(
+        self, weights: NDArray[np.float64], shares: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Minus the second derivatives: weights [..., sets] -> [..., n + T, n + T]."""
+        num_sets, size = len(self._agents), self.num_parameters
+        mass = (weights[..., None] * shares).reshape(*weights.shape[:-1], -1)
+        own = (self._products.T @ mass.T).T.reshape(*weights.shape[:-1], size, size)
+        means = np.zeros((*weights.shape, size))
+        means[..., self.num_agents :] = shares
+        for team in range(shares.shape[-1]):
+            means[..., np.arange(num_sets), self._agents[:, team]] += shares[..., team]
+        both = np.swapaxes(means, -1, -2) @ (weights[..., None] * means)
+        return np.asarray(own - both + np.diag(self._precision), np.float64)
+
+
+def _count_ones(columns: NDArray[np.int64], num_columns: int) -> csr_array:
+    """A sparse matrix of ones at `columns` [N, of each row]."""
+    starts = np.arange(0, columns.size + 1, columns.shape[1])
+    shape = (len(columns), num_columns)
+    return csr_array((np.ones(columns.size), columns.ravel(), starts), shape=shape)

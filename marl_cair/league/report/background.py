@@ -1,0 +1,203 @@
+"""What a league file tells beside who won: runs, maps, settings, games to watch."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from marl_cair.games.engine import BatchedEngine
+from marl_cair.league.agents.load import shorten_paths
+from marl_cair.league.play.arena import Rules
+from marl_cair.league.ratings.rate import Games, Rating, describe_method
+from marl_cair.league.ratings.shares import Share, find_map_shares
+from marl_cair.league.report.replays import Replay
+from marl_cair.league.store.store import AgentRecord, LeagueStore, StoredGames
+
+COMMANDS, VERSIONS = "commands", "versions"  # under which a league file notes them
+_LIBRARIES = ("marl_cair", "numpy", "scipy", "torch")
+_WORLDS = 256  # whose maps are looked up at once
+
+
+class Point(NamedTuple):
+    """A snapshot of a run: how long it had been trained, and its rating."""
+
+    frames: int
+    rating: Rating
+
+
+class Curve(NamedTuple):
+    """The snapshots of one run, the youngest first."""
+
+    run: str
+    points: tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class Background:
+    """Empty where a report is made of games alone.
+
+    Attributes:
+        title: of the game.
+        settings: names and values, for a table.
+        records: of the agents by name.
+        map_shares: by name and map; empty where there are not several maps by name.
+        map_words: what there is to say about maps.
+        num_truncated: games that the time limit has ended, of those that are counted.
+        replays: games to watch.
+        replay_words: why there are none; "" where there are.
+    """
+
+    title: str = ""
+    settings: tuple[tuple[str, str], ...] = ()
+    records: Mapping[str, AgentRecord] = field(default_factory=dict)
+    map_shares: Mapping[tuple[str, str], Share] = field(default_factory=dict)
+    map_words: str = "Nothing is known of the maps of these games."
+    num_truncated: int = 0
+    replays: tuple[Replay, ...] = ()
+    replay_words: str = "There is no league file to play a game again from."
+
+
+def read_background(
+    store: LeagueStore,
+    stored: StoredGames,
+    names: Mapping[int, str],
+    games: Games,
+    replays: Sequence[Replay],
+    replay_words: str,
+) -> Background:
+    """Of the stored games of the agents `names`, by id; `games` has them by place in `names`."""
+    rules = Rules.read(store.settings)
+    counted = ~games.is_repeat
+    by_place = list(names.values())
+    maps = _find_maps(rules, stored)
+    shares = find_map_shares(games, maps) if len(set(maps)) > 1 else {}
+    records = store.read_agents()
+    return Background(
+        rules.game.title,
+        _list_settings(store.settings, rules, stored, games),
+        {name: records[number] for number, name in names.items()},
+        {(by_place[agent], name): share for (agent, name), share in shares.items()},
+        _tell_maps(rules, set(maps)),
+        int(stored.is_truncated[counted].sum()),
+        tuple(replays),
+        replay_words,
+    )
+
+
+def _find_maps(rules: Rules, stored: StoredGames) -> list[str]:
+    """The name of the map of each game, "" where the game has none."""
+    if rules.game.map_names is None or not len(stored.map_seeds):
+        return [""] * len(stored.map_seeds)
+    seeds, numbers = np.unique(stored.map_seeds, return_inverse=True)
+    names: list[str] = []
+    for start in range(0, len(seeds), _WORLDS):
+        part = seeds[start : start + _WORLDS]
+        engine = BatchedEngine(rules.game, rules.scenario, len(part))
+        engine.reset(part)
+        names += engine.map_names()
+    return [names[number] for number in numbers.ravel().tolist()]
+
+
+def _tell_maps(rules: Rules, maps: set[str]) -> str:
+    if rules.game.map_names is None:
+        return (
+            f"{rules.game.title} has no maps by name: what a map seed decides is in the intervals, "
+            "which resample map seeds."
+        )
+    if len(maps) == 1:
+        return f"All games are on one map, {maps.pop()}."
+    return f"The games are on {len(maps)} maps, drawn by the map seeds."
+
+
+def find_curves(ratings: Sequence[Rating], records: Mapping[str, AgentRecord]) -> list[Curve]:
+    """A curve for each run of which two or more snapshots, of different age, are rated."""
+    runs: dict[tuple[str, str, int], dict[int, Point]] = {}
+    for rating in ratings:
+        record = records.get(rating.name)
+        if record and (about := _read_training(record)):
+            key = str(about["run"]), str(about["name"]), int(about["seed"])
+            frames = int(about["frames_total"])
+            runs.setdefault(key, {})[frames] = Point(frames, rating)
+    several = {key: points for key, points in runs.items() if len(points) > 1}
+    places = {key: _find_place(*key[:2]) for key in several}
+    short = shorten_paths(sorted(set(places.values())))
+    return [
+        Curve(_tell_run(key, short[places[key]], several), tuple(points[f] for f in sorted(points)))
+        for key, points in sorted(several.items())
+    ]
+
+
+def tell_training(record: AgentRecord) -> str:
+    """How long an agent had been trained, over all runs that it went on from; "" where nothing is
+    known of it.
+    """
+    about = _read_training(record)
+    if not about:
+        return ""
+    own, total = about["frames"], about["frames_total"]
+    part = f" ({own:,} of them in its last run)" if own < total else ""
+    return f"{total:,} decisions{part}, seed {about['seed']}"
+
+
+def _read_training(record: AgentRecord) -> dict[str, Any]:
+    """As `agents.describe_training` has written it, in files of before without the total."""
+    told = dict(json.loads(record.configuration).get("training", {}))
+    return {"frames_total": told["frames"], **told} if told else {}
+
+
+def _find_place(folder: str, name: str) -> str:
+    return folder if folder.endswith(f"/{name}") else f"{folder}/{name}"
+
+
+def _tell_run(
+    key: tuple[str, str, int], short: str, runs: Mapping[tuple[str, str, int], Any]
+) -> str:
+    """The name of a run, with its seed where another of that name and place has another."""
+    has_twin = sum(other[:2] == key[:2] for other in runs) > 1
+    return f"{short} (seed {key[2]})" if has_twin else short
+
+
+def tell_versions() -> str:
+    """What results may depend on of what is installed here."""
+    told = [f"Python {platform.python_version()}"]
+    for name in _LIBRARIES:
+        try:
+            told.append(f"{name} {version(name)}")
+        except PackageNotFoundError:  # run from a folder, not installed
+            continue
+    return ", ".join(told)
+
+
+def _list_settings(
+    settings: Mapping[str, Any], rules: Rules, stored: StoredGames, games: Games
+) -> tuple[tuple[str, str], ...]:
+    method = describe_method(rules.seed)
+    num_blocks = len(set(stored.blocks.tolist()))
+    rows = [
+        *(("Command", command) for command in settings.get(COMMANDS, [])),
+        ("Game", f"{rules.game.name}, rules version {settings['game_version']}"),
+        ("Scenario", ", ".join(f"{k} = {_tell(v)}" for k, v in settings["scenario"].items())),
+        ("League seed", str(rules.seed)),
+        (
+            "Games",
+            (
+                f"{len(stored.agents)} in {num_blocks} blocks (one map seed in all its seatings), "
+                f"{int(games.is_repeat.sum())} of them repeats that are not counted"
+            ),
+        ),
+        ("Seating", f"{rules.seating}, {rules.num_teams} teams"),
+        ("Ratings", f"{method['method']}; prior of {method['prior_elo']:g} Elo"),
+        ("Intervals", f"95 %, {method['bootstraps']} resamples of blocks, seed {method['seed']}"),
+        *(("Played with", versions) for versions in settings.get(VERSIONS, [])),
+    ]
+    return tuple(rows)
+
+
+def _tell(value: Any) -> str:
+    return json.dumps(value) if isinstance(value, list) else str(value)

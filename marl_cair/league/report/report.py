@@ -1,0 +1,190 @@
+"""From the stored games of a league to its report: ratings, tables, a few games to watch."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from marl_cair.files import locked_folder
+from marl_cair.league.agents.allowed_code import AllowCode
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.play.arena import Load, Rules
+from marl_cair.league.ratings.rate import Games, Ladder, Rating, describe_method
+from marl_cair.league.report.background import read_background
+from marl_cair.league.report.files import write_report
+from marl_cair.league.report.replays import FOLDER as REPLAYS
+from marl_cair.league.report.replays import Replay, Theatre, choose_games, make_replays
+from marl_cair.league.report.sections import describe_more, make_report
+from marl_cair.league.report.table import LeagueTable, make_table
+from marl_cair.league.report.wording import describe_league
+from marl_cair.league.store.store import STORE_FILE, AgentRecord, LeagueStore, StoredGames
+from marl_cair.text import clean_lines
+
+
+@dataclass(frozen=True)
+class LeagueResult:
+    """What a league found."""
+
+    ratings: tuple[Rating, ...]  # best first
+    text: str  # ladder, matrix, other tables and plain words
+    folder: Path
+    ending: str = ""  # what ended games that were played until something was reached, in words
+
+
+def number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
+    """The games with agents by their places in `ids`, and games on one map seed as one block.
+
+    In leagues of before all line-ups had the same map seeds: what favours an agent on one of these
+    does so in all its games there. Raises KeyError for an agent that is not there.
+    """
+    order = np.argsort(ids)
+    places = np.searchsorted(ids, stored.agents, sorter=order)
+    if missing := set(stored.agents.ravel().tolist()) - set(ids):
+        raise KeyError(f"agents {sorted(missing)} have played and are not among {list(ids)}")
+    return Games(
+        order[places],
+        stored.points,
+        stored.ranks,
+        np.unique(stored.map_seeds, return_inverse=True)[1].ravel(),
+        stored.is_repeat,
+    )
+
+
+def name_agents(agents: Mapping[int, AgentRecord]) -> dict[int, str]:
+    """Names by id, in the order of fingerprints. Agents of one name, as one that was trained on
+    under it, have their ids beside it; one that is the only bot of them keeps it.
+    """
+    in_order = sorted(agents.items(), key=lambda item: item[1].fingerprint)
+    names = {number: agent.name for number, agent in in_order}
+    bots = Counter(agent.name for agent in agents.values() if agent.kind == "bot")
+    plain = {n for n, one in agents.items() if one.kind == "bot" and bots[one.name] == 1}
+    while len(set(names.values())) < len(names):  # again where another is called "name (id)"
+        count = Counter(names.values())
+        names = {
+            number: f"{name} ({number})" if count[name] > 1 and number not in plain else name
+            for number, name in names.items()
+        }
+    return names
+
+
+@dataclass(frozen=True)
+class Showing:
+    """What a report is to have beside the ratings.
+
+    Attributes:
+        replays: whether to show a few games.
+        load: how to get their agents, as `load_agent`.
+        allow_code: which code of the league file may run for that; see `allowed_code`.
+        show_progress: on the terminal.
+        alpha_rank: whether to compute it.
+        zero: the agent that is rated 0, see `ratings.rate`.
+    """
+
+    replays: bool = True
+    load: Load = load_agent
+    allow_code: AllowCode = False
+    show_progress: bool = False
+    alpha_rank: bool = False
+    zero: str = ""
+
+
+def rate_and_report(
+    store: LeagueStore,
+    stored: StoredGames,
+    names: Mapping[int, str],
+    folder: Path,
+    showing: Showing,
+) -> LeagueResult:
+    """Rate stored games of the agents `names` (by id), keep the ratings, write the report.
+
+    names: in the order of fingerprints, so that no number depends on what agents are called.
+    Where no games compare everybody, the report says so and has all but the ladder.
+
+    Raises:
+        ValueError: alpha-Rank without OpenSpiel, or `showing.zero` is none of the agents.
+    """
+    if showing.zero and showing.zero not in names.values():
+        raise ValueError(
+            f"--zero is {showing.zero!r}, the league has no such agent: give one of "
+            f"{', '.join(sorted(names.values()))}"
+        )
+    ids, called, seed = list(names), list(names.values()), int(store.settings["seed"])
+    games = number_agents(stored, ids)
+    forfeits = sorted(Counter(reason for reason in stored.reasons if reason).items())
+    table = make_table(called, games, forfeits, seed, showing.alpha_rank, showing.zero)
+    if table.ladder is not None:
+        _keep_ratings(store, table.ladder, names, games, seed)
+    replays, why_none = _replay(store, stored, names, table, folder, showing)
+    background = read_background(store, stored, names, games, replays, why_none)
+    report = make_report(table, background)
+    text = clean_lines(describe_league(table, describe_more(report)))
+    write_report(folder, report, text)
+    return LeagueResult(table.ratings, text, folder)
+
+
+def _keep_ratings(
+    store: LeagueStore, ladder: Ladder, names: Mapping[int, str], games: Games, seed: int
+) -> None:
+    called = list(names.values())
+    id_of = {name: number for number, name in names.items()}
+    store.add_ratings(
+        describe_method(seed),
+        games.digest(called),
+        int((~games.is_repeat).sum()),
+        [
+            (
+                id_of[r.name],
+                *(r.elo, r.low, r.high, r.bound, r.group, r.probability_first, r.games, r.score),
+            )
+            for r in ladder.ratings
+        ],
+    )
+
+
+def _replay(
+    store: LeagueStore,
+    stored: StoredGames,
+    names: Mapping[int, str],
+    table: LeagueTable,
+    folder: Path,
+    showing: Showing,
+) -> tuple[tuple[Replay, ...], str]:
+    """A few games, and why there are none."""
+    if not showing.replays:
+        return (), "Replays were left out (--no-replays)."
+    choices = choose_games(stored, names, table.ratings)
+    theatre = Theatre(
+        Rules.read(store.settings),
+        str(store.settings["game_version"]),
+        store.read_agents(),
+        names,
+        folder / REPLAYS,
+        showing.load,
+        showing.allow_code,
+    )
+    replays = make_replays(theatre, stored, choices, showing.show_progress)
+    return replays, "" if replays else "There is no game to show: none was played to its end."
+
+
+def report_stored(
+    folder: Path, with_alpha_rank: bool = False, with_replays: bool = True, zero: str = ""
+) -> LeagueResult:
+    """Rate all stored games of the league in `folder` and write its report; plays nothing but the
+    few games that it shows, and no foreign code. zero: the agent that is rated 0, see `rate`.
+
+    Raises:
+        LeagueStoreError: no league file, or one that cannot be read.
+        OutputFolderError: another process plays that league, or writes its report.
+        ValueError: alpha-Rank without OpenSpiel.
+    """
+    with closing(LeagueStore(folder / STORE_FILE)) as store, locked_folder(folder):
+        stored = store.read_games()
+        played = set(stored.agents.ravel().tolist())
+        agents = {n: one for n, one in store.read_agents().items() if n in played or not played}
+        showing = Showing(with_replays, alpha_rank=with_alpha_rank, zero=zero)
+        return rate_and_report(store, stored, name_agents(agents), folder, showing)

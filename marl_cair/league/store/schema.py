@@ -1,0 +1,199 @@
+"""The tables of a league file, their version, and how files of older versions are brought up."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from marl_cair.league.play.playing import map_seeds
+
+SCHEMA_VERSION = 4
+# A block is in the file with all its games or not at all: each chunk is one transaction.
+TABLES = """
+CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE agent (
+    id INTEGER PRIMARY KEY,
+    fingerprint TEXT UNIQUE NOT NULL,    -- hash of what it is
+    name TEXT NOT NULL,                  -- what it was called last
+    kind TEXT NOT NULL,                  -- bot, network or foreign
+    evaluation_policy TEXT NOT NULL,     -- greedy, epsilon-greedy 0.05, scripted, ...
+    rules_version TEXT NOT NULL,         -- of the game, when it joined
+    configuration TEXT NOT NULL          -- JSON
+);
+CREATE TABLE block (
+    id INTEGER PRIMARY KEY,
+    line_up TEXT NOT NULL,               -- agent ids in the order of entries, by spaces
+    number INTEGER NOT NULL,             -- within the line-up
+    map_seed TEXT NOT NULL,              -- unsigned, 64 bits
+    UNIQUE (line_up, number)
+);
+CREATE TABLE game (
+    id INTEGER PRIMARY KEY,
+    block INTEGER NOT NULL REFERENCES block,
+    number INTEGER NOT NULL,             -- within the block
+    status TEXT NOT NULL CHECK (status IN ('played', 'forfeit')),
+    is_truncated INTEGER NOT NULL,
+    decisions INTEGER NOT NULL,
+    trajectory TEXT NOT NULL,            -- equal for games that are the same
+    reason TEXT NOT NULL,                -- of a forfeit
+    UNIQUE (block, number)
+);
+CREATE TABLE team (
+    game INTEGER NOT NULL REFERENCES game,
+    team INTEGER NOT NULL,
+    entry INTEGER NOT NULL,              -- of the line-up, that plays the team
+    agent INTEGER NOT NULL REFERENCES agent,
+    points REAL NOT NULL,                -- in sum 1
+    rank REAL NOT NULL,                  -- 1 is the best, equal ones share the mean
+    is_winner INTEGER NOT NULL,
+    has_forfeited INTEGER NOT NULL,
+    PRIMARY KEY (game, team)
+) WITHOUT ROWID;
+CREATE TABLE seat (                      -- which team each seat belongs to, in every game
+    seat INTEGER PRIMARY KEY,
+    team INTEGER NOT NULL
+);
+CREATE TABLE rating_run (
+    id INTEGER PRIMARY KEY,
+    created_at TEXT NOT NULL,            -- UTC
+    parameters TEXT NOT NULL,            -- JSON: method, prior, number of resamples, seed
+    games_hash TEXT NOT NULL,            -- of all rated games
+    num_games INTEGER NOT NULL,
+    UNIQUE (parameters, games_hash)
+);
+CREATE TABLE rating (
+    run INTEGER NOT NULL REFERENCES rating_run,
+    agent INTEGER NOT NULL REFERENCES agent,
+    elo REAL NOT NULL, low REAL NOT NULL, high REAL NOT NULL,
+    bound TEXT NOT NULL,                 -- '', 'lower' or 'upper'
+    group_number INTEGER NOT NULL,
+    probability_first REAL NOT NULL,
+    games INTEGER NOT NULL, score REAL NOT NULL,
+    PRIMARY KEY (run, agent)
+) WITHOUT ROWID;
+"""
+
+
+class SchemaError(ValueError):
+    """A league file of a version that this program cannot read, or that is no league file."""
+
+
+def create_tables(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
+    """Make all tables in the open transaction; settings are plain data with `team_of_seat`."""
+    for statement in TABLES.split(";\n"):
+        if statement.strip():
+            database.execute(statement)
+    rows = {"schema_version": SCHEMA_VERSION, **settings}
+    database.executemany(
+        "INSERT INTO meta VALUES (?, ?)",
+        [(key, json.dumps(value, sort_keys=True)) for key, value in rows.items()],
+    )
+    database.executemany(
+        "INSERT INTO seat VALUES (?, ?)", list(enumerate(settings["team_of_seat"]))
+    )
+
+
+def read_meta(database: sqlite3.Connection) -> dict[str, Any]:
+    """What the file is about, by name; empty where the file has no tables yet.
+
+    Raises:
+        SchemaError: tables of something else.
+    """
+    tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master")}
+    if not tables:
+        return {}
+    if "meta" not in tables:
+        raise SchemaError(f"holds tables of something else ({', '.join(sorted(tables)[:3])})")
+    held = database.execute("SELECT key, value FROM meta")
+    return {str(key): json.loads(value) for key, value in held}
+
+
+def migrate(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
+    """Bring the tables up to SCHEMA_VERSION in the open transaction.
+
+    settings: of the league that opens the file: older versions did not record all of them.
+
+    Raises:
+        SchemaError: a newer version, or one that was never released.
+    """
+    version = read_meta(database).get("schema_version")
+    if not isinstance(version, int) or version > SCHEMA_VERSION:
+        raise SchemaError(
+            f"has schema version {version}, this marl_cair reads versions up to {SCHEMA_VERSION}: "
+            "update marl_cair, or give another folder"
+        )
+    while version < SCHEMA_VERSION:
+        if version not in _MIGRATIONS:
+            raise SchemaError(f"has schema version {version}, which cannot be brought up")
+        _MIGRATIONS[version](database, settings)
+        version += 1
+
+
+def _migrate_2(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
+    """Version 2 had two teams in a row of `game`, and knew neither kinds nor forfeits."""
+    if "team_of_seat" not in settings:
+        raise SchemaError(
+            "has schema version 2, which does not say which seats play together: give the command "
+            "that played it (`marl-cair league ...`) once more, which brings it up"
+        )
+    meta = read_meta(database)
+    agents = database.execute("SELECT id, fingerprint, name FROM agent").fetchall()
+    games = database.execute(
+        "SELECT first, second, block, first_seat, winner, is_truncated, decisions, fingerprint "
+        "FROM game ORDER BY first, second, block, first_seat"
+    ).fetchall()
+    for table in ("game", "agent", "meta"):
+        database.execute(f"DROP TABLE {table}")
+    del meta["schema_version"]
+    teams = list(settings["team_of_seat"])
+    create_tables(database, {**settings, **meta})
+    version = str(meta["game_version"])
+    database.executemany(
+        "INSERT INTO agent VALUES (?, ?, ?, 'unknown', 'unknown', ?, '{}')",
+        [(*agent, version) for agent in agents],
+    )
+    blocks: dict[tuple[str, int], int] = {}
+    for first, second, block, first_seat, winner, *about, fingerprint in games:
+        key = f"{first} {second}", block
+        if key not in blocks:
+            cursor = database.execute(
+                "INSERT INTO block (line_up, number, map_seed) VALUES (?, ?, ?)",
+                (*key, str(map_seeds(meta["seed"], np.array([block]))[0])),
+            )
+            blocks[key] = int(cursor.lastrowid or 0)
+        own = teams[first_seat]
+        winning = None if winner < 0 else teams[winner]
+        game = database.execute(
+            "INSERT INTO game (block, number, status, is_truncated, decisions, trajectory, reason) "
+            "VALUES (?, ?, 'played', ?, ?, ?, '')",
+            # Hashes of actions alone: never equal to those of newer games.
+            (blocks[key], own, *about, f"actions {fingerprint}"),
+        ).lastrowid
+        for team in (0, 1):
+            entry = int(team != own)
+            points = 0.5 if winning is None else float(team == winning)
+            row = game, team, entry, (first, second)[entry], points, 2.0 - points, team == winning
+            database.execute("INSERT INTO team VALUES (?, ?, ?, ?, ?, ?, ?, 0)", row)
+
+
+def _migrate_3(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
+    """Version 3 took a function in a process of its own for another agent than in the league's.
+
+    A file that knows both keeps both: they have played games of their own.
+    """
+    database.execute(
+        "UPDATE OR IGNORE agent SET fingerprint = replace(fingerprint, 'hosted ', 'foreign ') "
+        "WHERE fingerprint LIKE 'hosted %'"
+    )
+    database.execute("UPDATE meta SET value = '4' WHERE key = 'schema_version'")
+
+
+# Each brings the tables one version up.
+_MIGRATIONS: dict[int, Callable[[sqlite3.Connection, Mapping[str, Any]], None]] = {
+    2: _migrate_2,
+    3: _migrate_3,
+}

@@ -1,0 +1,400 @@
+"""All games of a league in one SQLite file: chunks are kept at once, a killed league goes on."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.league.play.blocks import PlayedGame
+from marl_cair.league.store.integrity import check_games, check_settings, named_damage
+from marl_cair.league.store.schema import SchemaError, create_tables, migrate, read_meta
+from marl_cair.text import clean_text
+
+STORE_FILE = "league.sqlite"
+BUSY_SECONDS = 60.0  # to wait for another program that holds the file
+_SAFE = "trusted_schema = OFF"  # a file's triggers call nothing unsafe
+
+
+class LeagueStoreError(ValueError):
+    """A league file that is broken, cannot be written, or is of other settings."""
+
+
+@dataclass(frozen=True)
+class AgentRecord:
+    """What a league file says of an agent, as text; see `league.store.schema`."""
+
+    fingerprint: str
+    name: str
+    kind: str
+    evaluation_policy: str
+    rules_version: str
+    configuration: str  # JSON
+
+
+@dataclass(frozen=True)
+class StoredGames:
+    """N games of T teams, by line-up, block and game; the same for the same games.
+
+    Attributes:
+        agents: int64 [N, T], the id of the agent that has played each team.
+        points, ranks: float64 [N, T], as in `PlayedGame`.
+        blocks: int64 [N], equal for games of one block and line-up.
+        numbers: int64 [N], the number of the block within its line-up.
+        turns: int64 [N], the number of the game within its block.
+        map_seeds: uint64 [N].
+        line_ups: int64 [N], equal for games of one line-up.
+        is_repeat: bool [N], whether the game is the same, move by move, as one before it in which
+            the same agents have played the same teams.
+        is_truncated: bool [N], whether the time limit has ended the game.
+        decisions: int64 [N], of each seat that was in to the end.
+        reasons: of forfeits, N, "" where there is none.
+        trajectories: N hashes.
+    """
+
+    agents: NDArray[np.int64]
+    points: NDArray[np.float64]
+    ranks: NDArray[np.float64]
+    blocks: NDArray[np.int64]
+    numbers: NDArray[np.int64]
+    turns: NDArray[np.int64]
+    map_seeds: NDArray[np.uint64]
+    line_ups: NDArray[np.int64]
+    is_repeat: NDArray[np.bool_]
+    is_truncated: NDArray[np.bool_]
+    decisions: NDArray[np.int64]
+    reasons: tuple[str, ...]
+    trajectories: tuple[str, ...]
+
+    def select(self, which: NDArray[Any]) -> StoredGames:
+        """The games of an index or a mask [N]; a repeat stays one."""
+        arrays = {
+            name: value[which]
+            for name, value in vars(self).items()
+            if isinstance(value, np.ndarray)
+        }
+        kept = np.arange(len(self.trajectories))[which].tolist()
+        return StoredGames(
+            **arrays,
+            reasons=tuple(self.reasons[at] for at in kept),
+            trajectories=tuple(self.trajectories[at] for at in kept),
+        )
+
+
+class LeagueStore:
+    """The league file at `path`, made if it is not there; a file of an older version is brought up.
+    One that may not be written can be read, unless a league that was killed left a log beside it.
+
+    settings: what results depend on beside the agents (game, rules version, scenario, seed,
+    seating, team of each seat) as plain data; a file of other settings is refused. None: whatever
+    the file holds, which must be there.
+
+    Raises:
+        LeagueStoreError: no league file, one of a newer version, a damaged one, or one of other
+            settings; says which. Each method raises it where the file cannot be read or written.
+    """
+
+    def __init__(self, path: Path, settings: Mapping[str, Any] | None = None) -> None:
+        if not path.is_file() and (settings is None or path.exists()):  # a pipe would be waited for
+            told = "no regular file" if path.exists() else "not there"
+            raise LeagueStoreError(
+                f"{path} is {told}: give the folder of a league (`marl-cair league ... --out`)"
+            )
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._path = path
+        is_fixed = settings is None and not all(os.access(p, os.W_OK) for p in (path, path.parent))
+        self._begin = "BEGIN" if is_fixed else "BEGIN IMMEDIATE"
+        with self._named_errors():
+            self._database = _open_to_read(path) if is_fixed else _open_to_write(path)
+            try:
+                self.settings = self._open(settings)
+            except BaseException:
+                self._database.close()
+                raise
+
+    def _open(self, settings: Mapping[str, Any] | None) -> dict[str, Any]:
+        (state,) = self._database.execute("PRAGMA quick_check(1)").fetchone()
+        if state != "ok":
+            raise sqlite3.DatabaseError(state)
+        with self._transaction():
+            with named_damage():
+                held = read_meta(self._database)
+            if not held:
+                if settings is None:
+                    raise SchemaError("holds no league")
+                create_tables(self._database, settings)
+                return read_meta(self._database)
+            if settings is not None:
+                self._check_settings(held, settings)
+            with named_damage():
+                migrate(self._database, settings or {})
+                held = read_meta(self._database)
+            check_settings(held)
+        return held
+
+    @contextmanager
+    def _named_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except SchemaError as error:
+            raise LeagueStoreError(f"{self._path} {error}") from error
+        except sqlite3.OperationalError as error:
+            raise LeagueStoreError(
+                f"{self._path} cannot be read or written ({error}): see whether the disk is full "
+                "or another program holds the file; the same command then goes on"
+            ) from error
+        except sqlite3.DatabaseError as error:
+            raise LeagueStoreError(
+                f"{self._path} is no league file, or is damaged ({error}): give another folder"
+            ) from error
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """All or nothing; the lock is taken at the start, so that no other writer comes between."""
+        self._database.execute(self._begin)
+        try:
+            yield
+        except BaseException:
+            self._database.execute("ROLLBACK")
+            raise
+        self._database.execute("COMMIT")
+
+    def _check_settings(self, held: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
+        wanted = json.loads(json.dumps(settings))  # as JSON gives it back: tuples as lists
+        for key in sorted(wanted):
+            if key in held and held[key] != wanted[key]:
+                raise LeagueStoreError(
+                    f"{self._path} holds a league with {key} = {json.dumps(held[key])}, this one "
+                    f"has {json.dumps(wanted[key])}: their results cannot be mixed; give another "
+                    "folder"
+                )
+
+    def add_agent(self, agent: AgentRecord) -> int:
+        """The id of the agent with this fingerprint; what else it says is only what holds now."""
+        row = vars(agent)
+        columns, values = ", ".join(row), ", ".join(f":{name}" for name in row)
+        changes = ", ".join(f"{name} = excluded.{name}" for name in row)
+        with self._named_errors(), self._transaction():
+            self._database.execute(
+                f"INSERT INTO agent ({columns}) VALUES ({values}) "  # noqa: S608  # field names
+                f"ON CONFLICT (fingerprint) DO UPDATE SET {changes}",
+                row,
+            )
+            query = "SELECT id FROM agent WHERE fingerprint = ?"
+            (number,) = self._database.execute(query, (agent.fingerprint,)).fetchone()
+        return int(number)
+
+    def read_agents(self) -> dict[int, AgentRecord]:
+        """All agents by id."""
+        with self._named_errors():
+            rows = self._database.execute(
+                "SELECT id, fingerprint, name, kind, evaluation_policy, rules_version, "
+                "configuration FROM agent ORDER BY id"
+            ).fetchall()
+            with named_damage():
+                for *_, configuration in rows:
+                    dict(json.loads(configuration))
+        cleaned = ([one, *map(clean_text, map(str, shown)), last] for one, *shown, last in rows)
+        return {int(number): AgentRecord(*about) for number, *about in cleaned}
+
+    def add_games(self, line_up: Sequence[int], games: Iterable[PlayedGame]) -> None:
+        """Keep games of whole blocks in one transaction; blocks that are there already stay.
+
+        line_up: the agents' ids, by entry.
+        """
+        key = " ".join(map(str, line_up))
+        blocks: dict[int, int | None] = {}
+        with self._named_errors(), self._transaction():
+            for game in games:
+                if game.block not in blocks:
+                    blocks[game.block] = self._add_block(key, game)
+                block = blocks[game.block]
+                if block is not None:
+                    self._add_game(line_up, block, game)
+
+    def _add_block(self, line_up: str, game: PlayedGame) -> int | None:
+        cursor = self._database.execute(
+            "INSERT OR IGNORE INTO block (line_up, number, map_seed) VALUES (?, ?, ?)",
+            (line_up, game.block, str(game.map_seed)),
+        )
+        return cursor.lastrowid if cursor.rowcount else None
+
+    def _add_game(self, line_up: Sequence[int], block: int, game: PlayedGame) -> None:
+        number = self._database.execute(
+            "INSERT INTO game (block, number, status, is_truncated, decisions, trajectory, reason) "
+            "VALUES (?, ?, ?, ?, ?, ?, ?)",
+            (
+                block,
+                game.number,
+                "forfeit" if any(game.forfeited) else "played",
+                game.is_truncated,
+                game.decisions,
+                game.trajectory,
+                game.reason,
+            ),
+        ).lastrowid
+        self._database.executemany(
+            "INSERT INTO team VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+            [
+                (number, team, entry, line_up[entry], points, rank, team == game.winner, gave_up)
+                for team, (entry, points, rank, gave_up) in enumerate(
+                    zip(game.entries, game.points, game.ranks, game.forfeited, strict=True)
+                )
+            ],
+        )
+
+    def read_blocks(self) -> dict[tuple[int, ...], set[int]]:
+        """The numbers of the stored blocks of each line-up."""
+        held: dict[tuple[int, ...], set[int]] = {}
+        with self._named_errors(), named_damage():
+            for line_up, number in self._database.execute("SELECT line_up, number FROM block"):
+                held.setdefault(tuple(map(int, line_up.split())), set()).add(number)
+        return held
+
+    def read_games(self) -> StoredGames:
+        """All games, sorted by the agents' fingerprints, so that their order tells no history."""
+        with self._named_errors(), named_damage():
+            rows = self._database.execute(
+                "SELECT b.line_up, b.number, g.number, b.map_seed, g.is_truncated, g.decisions, "
+                "g.trajectory, g.reason, t.agent, t.points, t.rank, g.id, t.team "
+                "FROM game g JOIN block b ON b.id = g.block LEFT JOIN team t ON t.game = g.id "
+                "ORDER BY g.id, t.team"
+            ).fetchall()
+            num_teams = len(set(self.settings["team_of_seat"]))
+            check_games([row[11:] for row in rows], num_teams)
+            prints = {number: agent.fingerprint for number, agent in self.read_agents().items()}
+            return _parse_games(rows, prints, num_teams)
+
+    def read_forfeits(self) -> list[tuple[str, int]]:
+        """Why games were forfeited, and how many for that reason."""
+        with self._named_errors():
+            query = "SELECT reason, count(*) FROM game WHERE status = 'forfeit' GROUP BY 1"
+            rows = self._database.execute(f"{query} ORDER BY 1")
+            return [(clean_text(str(reason)), int(count)) for reason, count in rows]
+
+    def note(self, key: str, value: str) -> None:
+        """Add `value` to the texts that are kept under `key`; one that is there stays once."""
+        with self._named_errors(), self._transaction(), named_damage():
+            told = read_meta(self._database).get(key, [])
+            if value not in told:
+                self._database.execute(
+                    "INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, json.dumps([*told, value]))
+                )
+            self.settings = read_meta(self._database)
+
+    def read_rows(self, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
+        """Names of the columns, and the rows."""
+        with self._named_errors():
+            cursor = self._database.execute(query)
+            return [column[0] for column in cursor.description], cursor.fetchall()
+
+    def add_ratings(
+        self,
+        parameters: Mapping[str, Any],
+        games_hash: str,
+        num_games: int,
+        rows: Iterable[tuple[Any, ...]],
+    ) -> None:
+        """Keep a rating run, once for the same games and parameters; rows as table `rating`."""
+        with self._named_errors(), self._transaction():
+            cursor = self._database.execute(
+                "INSERT OR IGNORE INTO rating_run (created_at, parameters, games_hash, num_games) "
+                "VALUES (?, ?, ?, ?)",
+                (
+                    datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+                    json.dumps(parameters, sort_keys=True),
+                    games_hash,
+                    num_games,
+                ),
+            )
+            if cursor.rowcount:
+                self._database.executemany(
+                    "INSERT INTO rating VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                    [(cursor.lastrowid, *row) for row in rows],
+                )
+
+    def close(self) -> None:
+        """Close the file."""
+        self._database.close()
+
+
+def _parse_games(
+    rows: Sequence[tuple[Any, ...]], prints: Mapping[int, str], num_teams: int
+) -> StoredGames:
+    """Of rows as `read_games` asks for them, one for each team; prints: fingerprints by agent."""
+    firsts = rows[::num_teams]  # of each game
+    names = {
+        text: tuple(prints[int(word)] for word in text.split())
+        for text in {row[0] for row in firsts}
+    }
+    rank = {text: place for place, text in enumerate(sorted(names, key=lambda t: names[t]))}
+    keys = np.array([(rank[r[0]], r[1], r[2]) for r in firsts], np.int64).reshape(-1, 3)
+    order = np.lexsort(keys.T[::-1])
+    parts = [firsts[place] for place in order.tolist()]
+
+    def by_team(column: int, kind: type) -> NDArray[Any]:
+        values: NDArray[Any] = np.array([row[column] for row in rows], kind)
+        return values.reshape(-1, num_teams)[order]
+
+    agents = by_team(8, np.int64)
+    if unknown := set(agents.ravel().tolist()) - prints.keys():
+        raise sqlite3.DatabaseError(f"games of agents {sorted(unknown)}, which are not there")
+    trajectories = tuple(str(part[6]) for part in parts)
+    return StoredGames(
+        agents=agents,
+        points=by_team(9, np.float64),
+        ranks=by_team(10, np.float64),
+        blocks=_number([part[:2] for part in parts]),
+        numbers=keys[order, 1],
+        turns=keys[order, 2],
+        map_seeds=np.array([int(part[3]) for part in parts], np.uint64),
+        line_ups=_number([part[0] for part in parts]),
+        is_repeat=_find_repeats(agents, trajectories),
+        is_truncated=np.array([part[4] for part in parts], np.bool_),
+        decisions=np.array([part[5] for part in parts], np.int64),
+        reasons=tuple(clean_text(str(part[7])) for part in parts),
+        trajectories=trajectories,
+    )
+
+
+def _open_to_write(path: Path) -> sqlite3.Connection:
+    database = sqlite3.connect(path, timeout=BUSY_SECONDS, isolation_level=None)
+    try:
+        for setting in ("journal_mode = WAL", "synchronous = NORMAL", "foreign_keys = ON", _SAFE):
+            database.execute(f"PRAGMA {setting}")
+    except BaseException:
+        database.close()
+        raise
+    return database
+
+
+def _open_to_read(path: Path) -> sqlite3.Connection:
+    """Without the files that SQLite keeps beside the file, unless they are there."""
+    options = "mode=ro" if Path(f"{path}-wal").exists() else "mode=ro&immutable=1"
+    uri = f"{path.absolute().as_uri()}?{options}"
+    database = sqlite3.connect(uri, timeout=BUSY_SECONDS, isolation_level=None, uri=True)
+    database.execute(f"PRAGMA {_SAFE}")
+    return database
+
+
+def _number(keys: Sequence[Any]) -> NDArray[np.int64]:
+    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    return np.array([numbers[key] for key in keys], np.int64)
+
+
+def _find_repeats(agents: NDArray[np.int64], trajectories: Sequence[str]) -> NDArray[np.bool_]:
+    seen: set[tuple[tuple[int, ...], str]] = set()
+    is_repeat = np.zeros(len(trajectories), np.bool_)
+    for place, key in enumerate(zip(map(tuple, agents.tolist()), trajectories, strict=True)):
+        is_repeat[place] = key in seen
+        seen.add(key)
+    return is_repeat

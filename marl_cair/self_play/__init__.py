@@ -1,0 +1,1 @@
+"""Opponents of a learner: the pool of frozen players, samplers and win rates."""

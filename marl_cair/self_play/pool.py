@@ -1,0 +1,389 @@
+"""`Pool`: the frozen opponents of a run by number: bots, foreign agents, snapshots on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.checkpoint import AgentDescription, CheckpointError, load_network, save_agent
+from marl_cair.files import recover_folder, write_json
+from marl_cair.games.game import Agent, Game
+from marl_cair.league.agents.load import find_fingerprint
+from marl_cair.policies import PLAYS
+from marl_cair.ranges import COUNT, FLAG, Range, read_number
+from marl_cair.self_play.shared_folder import MAIN, PLAYERS, LeagueSeat, Player
+from marl_cair.self_play.win_rates import EVEN, Evidence, read_evidence
+from marl_cair.stored import INDEX, check_plain_name, read_json
+
+if TYPE_CHECKING:
+    from marl_cair.policies.actor import PolicyActor
+    from marl_cair.policies.q_network import QNetwork
+
+BOT, FOREIGN, LIVE, SNAPSHOT = "bot", "foreign", "live", "snapshot"
+FIRST_NUMBERS = {BOT: 1, FOREIGN: 500, LIVE: 900, SNAPSHOT: 1_000}  # 0 is the learner itself
+_SNAPSHOT_NUMBERS = Range(FIRST_NUMBERS[SNAPSHOT], 2**15 - 1)  # int16 in replay
+INDEX_FILE = "pool.json"
+_FORMAT_VERSION = 1
+_SUPPORT = 0.01  # least share of the Nash mixture of a snapshot that it needs
+
+
+@dataclass(frozen=True)
+class Member:
+    """One frozen opponent.
+
+    Attributes:
+        number: by which games, records and the index know it.
+        name: of a bot, a foreign agent, or a snapshot's folder within the pool's.
+        kind: BOT, FOREIGN, LIVE (another learner's newest self) or SNAPSHOT.
+        frames: how long the learner had been trained when it was frozen; 0 of all others.
+        fingerprint: of a snapshot's network, `league.agents.load.find_fingerprint`; else empty.
+        met: what the learner had to show against each other member shortly before it was frozen.
+        is_retired: whether it is drawn no more.
+        owner, role: in a league, its learner, and that learner's role (`shared.ROLES`).
+    """
+
+    number: int
+    name: str
+    kind: str
+    frames: int = 0
+    fingerprint: str = ""
+    met: Mapping[int, Evidence] = field(default_factory=dict)
+    is_retired: bool = False
+    owner: str = ""
+    role: str = ""
+
+
+class Pool:
+    """Frozen opponents; snapshots lie as agents in `folder`, beside the index `pool.json`.
+
+    A snapshot is written whole before the index names it, the index whole before it takes the place
+    of the old one: after a crash at any moment the folder holds the pool before or after the
+    change, and perhaps a snapshot that the index does not name yet. A network is read when it is
+    first asked for, and refused if it is not the one that was frozen.
+
+    Where more than `capacity` snapshots play, one retires (`choose_retired`); its folder stays, as
+    an agent for leagues, and for a run that goes on from before. Bots and foreign agents stay.
+
+    Args:
+        folder: made with the first snapshot.
+        game, scenario: that is played.
+        representation: what snapshots look at.
+        capacity: most snapshots in play.
+        prior_games: even games that each estimate of `payoff` starts from.
+        seat: in a league; snapshots are then players in its folder, and `folder` has the index.
+
+    Raises:
+        ValueError: no capacity.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        game: Game,
+        scenario: Any,
+        representation: str,
+        capacity: int,
+        prior_games: float = 2.0,
+        seat: LeagueSeat | None = None,
+    ) -> None:
+        if capacity < 1:
+            raise ValueError(f"the pool's capacity is {capacity}, it must be 1 or more")
+        self.folder = folder if seat is None else seat.folder / PLAYERS
+        self.capacity, self.seat, self._index_folder = capacity, seat, folder
+        self._game, self._prior_games = game, prior_games
+        self._representation = representation
+        self._groups = game.make_spec(scenario).action_groups
+        self._members: dict[int, Member] = {}
+        self._agents: dict[int, Agent] = {}  # bots, foreign agents, and the snapshots in use
+        self._unread: dict[int, Any] = {}  # random states of snapshots in use, not read yet
+
+    # --- who is in it ------------------------------------------------------------------------
+
+    @property
+    def members(self) -> list[Member]:
+        """All that can be drawn: bots, foreign agents, snapshots, each in the order they came."""
+        return [member for member in self._members.values() if not member.is_retired]
+
+    @property
+    def snapshots(self) -> list[Member]:
+        """Those in play, oldest first."""
+        return [member for member in self.members if member.kind == SNAPSHOT]
+
+    def name(self, number: int) -> str:
+        """Of a member, retired or not. Raises ValueError where there is none of that number."""
+        return self._find(number).name
+
+    def is_snapshot(self, number: int) -> bool:
+        """Whether `number` is a snapshot's, in play or retired."""
+        return number >= FIRST_NUMBERS[SNAPSHOT]
+
+    def add(
+        self, kind: str, agent: Agent, seed: int, met: Mapping[int, Evidence] | None = None
+    ) -> int:
+        """Take in a bot or a foreign agent, its random generator seeded; returns its number.
+
+        met: what it has to show against the members that are here already, by number.
+
+        Raises:
+            ValueError: a member has that name.
+        """
+        if any(member.name == agent.name for member in self._members.values()):
+            raise ValueError(f"the pool has a member {agent.name!r} already: give another name")
+        number = self._next_number(kind)
+        agent.seed(seed + number)
+        self._members[number] = Member(number, agent.name, kind, met=met or {})
+        self._agents[number] = agent
+        return number
+
+    def add_live(self, place: int, owner: str, agent: Agent) -> None:
+        """Take in another main agent's newest self, by its place among the league's."""
+        number = FIRST_NUMBERS[LIVE] + place
+        agent.name = owner
+        self._members[number] = Member(number, owner, LIVE, owner=owner, role=MAIN)
+        self._agents[number] = agent
+
+    def adopt(self, player: Player) -> bool:
+        """Take in what another learner of the league has frozen; whether it was not here before."""
+        numbers = {member.name: number for number, member in self._members.items()}
+        if player.name in numbers:
+            return False
+        number = self._next_number(SNAPSHOT)
+        met = {numbers[name]: kept for name, kept in player.met.items() if name in numbers}
+        self._members[number] = Member(
+            number,
+            player.name,
+            SNAPSHOT,
+            player.frames,
+            player.fingerprint,
+            met,
+            owner=player.owner,
+            role=player.role,
+        )
+        self._retire_one()
+        return True
+
+    def add_snapshot(
+        self, network: QNetwork, about: AgentDescription, met: Mapping[int, Evidence]
+    ) -> Member:
+        """Freeze `network` as it is now, and retire a snapshot where there are too many.
+
+        about: what it is; `about.frames` names the folder. met: the learner's evidence by number.
+        """
+        number, seat = self._next_number(SNAPSHOT), self.seat
+        kept = {other: evidence for other, evidence in met.items() if evidence.games > 0}
+        name, owner, role, more = f"frames_{about.frames:010d}", "", "", {}
+        age = about.frames
+        if seat is not None:
+            age += seat.frames_before
+            name, owner, role = seat.name_player(about.frames), seat.owner, seat.role
+            actor = self._make_actor(network, about, name)
+            named = {self._members[other].name: evidence for other, evidence in kept.items()}
+            more = seat.describe(age, find_fingerprint(actor, self._game), named)
+        save_agent(self.folder / name, network, about, more)
+        # Read back, so that nothing of the learner is shared, and what plays is what lies on disk.
+        agent = self._load(name)
+        fingerprint = find_fingerprint(agent, self._game)
+        member = Member(number, name, SNAPSHOT, age, fingerprint, kept, owner=owner, role=role)
+        self._members[number], self._agents[number] = member, agent
+        self._retire_one()
+        self.save_index()
+        return member
+
+    def _retire_one(self) -> None:
+        if len(self.snapshots) > self.capacity:
+            retiring = self._choose_retired()
+            self._members[retiring.number] = replace(retiring, is_retired=True)
+
+    def _choose_retired(self) -> Member:
+        """One of the learner that has most in play: no owner is crowded out by another."""
+        snapshots = self.snapshots
+        from marl_cair.league.ratings.equilibrium import maximum_entropy_nash
+
+        share = maximum_entropy_nash(self.payoff([kept.number for kept in snapshots]) - EVEN)
+        owners = [kept.owner for kept in snapshots]
+        most = max(sorted(set(owners)), key=owners.count)
+        theirs = [place for place, owner in enumerate(owners) if owner == most]
+        needed = [n for n, place in enumerate(theirs) if share[place] > _SUPPORT]
+        frames = [snapshots[place].frames for place in theirs]
+        return snapshots[theirs[choose_retired(frames, needed)]]
+
+    def _next_number(self, kind: str) -> int:
+        numbers = [member.number for member in self._members.values() if member.kind == kind]
+        return max(numbers, default=FIRST_NUMBERS[kind] - 1) + 1
+
+    def require_members(self, numbers: Collection[int]) -> None:
+        """Raise ValueError where one of `numbers` is none of a member, retired or not."""
+        for number in numbers:
+            self._find(number)
+
+    def _find(self, number: int) -> Member:
+        if number not in self._members:
+            raise ValueError(f"the pool has no member {number}, only {sorted(self._members)}")
+        return self._members[number]
+
+    # --- how they play -----------------------------------------------------------------------
+
+    def agent(self, number: int) -> Agent:
+        """The member's agent; of a snapshot the network is read from disk if it is not in use.
+
+        Raises:
+            ValueError: no member has that number.
+            CheckpointError: the snapshot cannot be read, or is not the one that was frozen.
+        """
+        if number not in self._agents:
+            member = self._find(number)
+            agent = self._load(member.name)
+            found = find_fingerprint(agent, self._game)
+            if found != member.fingerprint:
+                raise CheckpointError(
+                    f"{self.folder / member.name} is not the network that was frozen (its "
+                    f"fingerprint is {found}, expected {member.fingerprint}): bring the folder "
+                    "back, or start a new run"
+                )
+            if number in self._unread:
+                agent.load_state_dict(self._unread.pop(number))
+            self._agents[number] = agent
+        return self._agents[number]
+
+    def release(self, in_use: Collection[int]) -> None:
+        """Forget the networks of snapshots other than `in_use`; they stay on disk."""
+        for number in self._agents.keys() - {*in_use}:
+            if self._members[number].kind == SNAPSHOT:
+                del self._agents[number]
+        self._unread = {n: state for n, state in self._unread.items() if n in in_use}
+
+    def _load(self, name: str) -> PolicyActor:
+        network, about = load_network(self.folder / name)
+        network.requires_grad_(False)
+        return self._make_actor(network, about, name)
+
+    def _make_actor(self, network: QNetwork, about: AgentDescription, name: str) -> PolicyActor:
+        from marl_cair.policies.actor import PolicyActor
+
+        exploration = PLAYS[about.plays](seed=about.frames, action_groups=self._groups)
+        return PolicyActor(network, name, self._representation, exploration)
+
+    # --- how they compare --------------------------------------------------------------------
+
+    def payoff(self, numbers: Sequence[int]) -> NDArray[np.float64]:
+        """Scores to expect in 0..1 of row against column, float64 [K, K]; 1/2 is even.
+
+        Between a snapshot and earlier members, the learner's score shortly before it was frozen.
+        """
+        payoff = np.full((len(numbers), len(numbers)), EVEN)
+        places = {number: place for place, number in enumerate(numbers)}
+        for row, number in enumerate(numbers):
+            for other, evidence in self._find(number).met.items():
+                if (column := places.get(other)) is not None:
+                    payoff[row, column] = score = evidence.estimate(self._prior_games)
+                    payoff[column, row] = 1.0 - score
+        return payoff
+
+    def best_snapshot(self) -> Member | None:
+        """The one with the highest mean score against the others, the newest of equals."""
+        snapshots = self.snapshots
+        if not snapshots:
+            return None
+        means = self.payoff([kept.number for kept in snapshots]).mean(1)
+        return snapshots[int(np.flatnonzero(means >= means.max() - 1e-12)[-1])]
+
+    # --- on disk -----------------------------------------------------------------------------
+
+    def save_index(self) -> None:
+        """Write who is in the pool to `pool.json`, whole or not at all."""
+        path = self._index_folder / INDEX_FILE
+        write_json(path, {"format_version": _FORMAT_VERSION, **self._index()})
+
+    def _index(self) -> dict[str, Any]:
+        """All snapshots, as plain data; bots and foreign agents are given anew by who opens it."""
+        return {
+            "snapshots": [
+                {
+                    "number": member.number,
+                    "name": member.name,
+                    "frames": member.frames,
+                    "fingerprint": member.fingerprint,
+                    "met": {str(number): list(kept) for number, kept in member.met.items()},
+                    "is_retired": member.is_retired,
+                    "owner": member.owner,
+                    "role": member.role,
+                }
+                for member in self._members.values()
+                if member.kind == SNAPSHOT
+            ]
+        }
+
+    def reopen(self) -> None:
+        """Take the snapshots from the index in `folder`, if there is one, in place of those here.
+
+        Raises:
+            CheckpointError: the index cannot be read.
+        """
+        path = self._index_folder / INDEX_FILE
+        if not path.is_file():
+            return
+        try:
+            record = read_json(path, INDEX)
+            if record["format_version"] != _FORMAT_VERSION:
+                raise ValueError(
+                    f"its format version is {record['format_version']}, this program reads "
+                    f"{_FORMAT_VERSION}"
+                )
+            self._take_index(record)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise CheckpointError(f"{path} cannot be read as a pool's index: {error!r}") from error
+
+    def _take_index(self, record: Mapping[str, Any]) -> None:
+        others = {n: kept for n, kept in self._members.items() if kept.kind != SNAPSHOT}
+        snapshots = {
+            saved["number"]: Member(
+                read_number(saved, "number", _SNAPSHOT_NUMBERS),
+                check_plain_name(saved["name"], "the snapshot"),
+                SNAPSHOT,
+                read_number(saved, "frames", COUNT),
+                str(saved["fingerprint"]),
+                {int(number): kept for number, kept in read_evidence(saved["met"]).items()},
+                read_number(saved, "is_retired", FLAG),
+                str(saved.get("owner", "")),
+                str(saved.get("role", "")),
+            )
+            for saved in record["snapshots"]
+        }
+        self._members, self._unread = others | snapshots, {}
+        self._agents = {n: agent for n, agent in self._agents.items() if n in others}
+        for member in snapshots.values():
+            if self.seat is None or member.owner == self.seat.owner:  # others may be writing theirs
+                recover_folder(self.folder / member.name)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The index, and the random generators of all who play, as plain data."""
+        states = {number: agent.state_dict() for number, agent in self._agents.items()}
+        return {"index": self._index(), "agents": {**states, **self._unread}}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from `state_dict`; the index on disk stays as it is until `save_index`.
+
+        Raises:
+            KeyError: a bot or foreign agent of then is not here.
+        """
+        saved = dict(state["agents"])
+        for number in [number for number in saved if not self.is_snapshot(number)]:
+            self._agents[number].load_state_dict(saved.pop(number))
+        self._take_index(state["index"])
+        self._unread = saved  # a snapshot is read when it plays
+
+
+def choose_retired(frames: Sequence[int], needed: Collection[int] = ()) -> int:
+    """The index of the snapshot that retires, of two or more; `frames` [K] rise.
+
+    Never the oldest or the newest, and none of `needed` (the support of the Nash mixture) unless no
+    other is left. Of the others the one that leaves the smallest gap in training.
+    """
+    inner = range(1, len(frames) - 1)
+    free = [index for index in inner if index not in needed] or inner or [0]
+    return min(free, key=lambda index: (frames[index + 1] - frames[index - 1], index))

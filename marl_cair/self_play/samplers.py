@@ -1,0 +1,300 @@
+"""Whom a learner meets: samplers, each a function from who there is to probabilities; mixtures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.lookup import find_by_name
+from marl_cair.self_play.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Pool
+from marl_cair.self_play.shared_folder import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER
+from marl_cair.self_play.win_rates import EVEN, WinRecords
+
+LATEST = "latest"  # the learner itself: its number is 0
+LATEST_ID = 0
+BOTS, PFSP_BOTS = "bots", "pfsp_bots"  # those that the pool has: all that can play the scenario
+LEARNER = "learner"  # its kind, beside BOT, FOREIGN and SNAPSHOT
+
+Probabilities = NDArray[np.float64]
+
+
+class Standings(NamedTuple):
+    """Whom a learner can meet, K opponents: itself first, then the pool's members as they came.
+
+    The pool that samplers speak of are the frozen policies, foreign agents and snapshots; bots have
+    a sampler of their own.
+
+    Attributes:
+        numbers: int64 [K].
+        names, kinds: K each.
+        win_rate: float64 [K], the score in 0..1 that the learner has to expect.
+        payoff: float64 [K, K], the same of row against column; read for the pool alone.
+        owners, roles: in a league, the learner that each is of, and its role; () elsewhere.
+    """
+
+    numbers: NDArray[np.int64]
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    win_rate: NDArray[np.float64]
+    payoff: NDArray[np.float64]
+    owners: tuple[str, ...] = ()
+    roles: tuple[str, ...] = ()
+
+    def find(self, *, kind: str, roles: tuple[str, ...]) -> NDArray[np.int64]:
+        """Indices of the members of one kind whose learners have one of `roles`."""
+        wanted = zip(self.kinds, self.roles, strict=False)
+        return np.array(
+            [i for i, (k, role) in enumerate(wanted) if k == kind and role in roles], int
+        )
+
+    @property
+    def bots(self) -> NDArray[np.int64]:
+        """Indices of the bots."""
+        return np.array([i for i, kind in enumerate(self.kinds) if kind == BOT], int)
+
+    @property
+    def pool(self) -> NDArray[np.int64]:
+        """Indices of the frozen policies, oldest first."""
+        return np.array(
+            [i for i, kind in enumerate(self.kinds) if kind in (FOREIGN, SNAPSHOT)], int
+        )
+
+    def spread(self, chosen: NDArray[np.int64], weights: Probabilities) -> Probabilities:
+        """Probabilities [K] in proportion to the weights of `chosen`, evenly where all are 0.
+
+        Where nobody is chosen the learner meets itself, as before the first snapshot.
+        """
+        probabilities = np.zeros(len(self.numbers))
+        if not len(chosen):
+            probabilities[0] = 1.0
+            return probabilities
+        total = weights.sum()
+        even = np.full(len(chosen), 1.0 / len(chosen))
+        probabilities[chosen] = weights / total if total > 0 else even
+        return probabilities
+
+
+class SamplerOptions(NamedTuple):
+    """Numbers of the samplers that have some.
+
+    Attributes:
+        delta: `delta_uniform` leaves out this share of the pool, the oldest.
+        recency: `recent` weighs by exp(-recency * age), age from 0 (newest) to 1 (oldest).
+        power: of `pfsp`, `pfsp_easy` and `pfsp_bots`.
+    """
+
+    delta: float = 0.5
+    recency: float = 3.0
+    power: float = 2.0
+
+
+Sampler = Callable[[Standings, SamplerOptions], Probabilities]
+
+
+def latest(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """The learner itself, as it is: plain self-play."""
+    return standings.spread(np.array([0]), np.ones(1))
+
+
+def bots(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """All bots evenly."""
+    chosen = standings.bots
+    return standings.spread(chosen, np.ones(len(chosen)))
+
+
+def pfsp_bots(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """Bots as `pfsp` weighs the pool: hard, those that are not beaten yet."""
+    chosen = standings.bots
+    return standings.spread(chosen, (1.0 - standings.win_rate[chosen]) ** options.power)
+
+
+def uniform(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """The whole pool evenly: fictitious self-play (Heinrich, Lanctot and Silver 2015)."""
+    pool = standings.pool
+    return standings.spread(pool, np.ones(len(pool)))
+
+
+def delta_uniform(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """The newest 1 - delta of the pool evenly (Bansal et al. 2018, "Emergent complexity via
+    multi-agent competition").
+    """
+    pool = standings.pool
+    newest = pool[min(int(options.delta * len(pool)), max(0, len(pool) - 1)) :]
+    return standings.spread(newest, np.ones(len(newest)))
+
+
+def recent(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """The pool, the newer the more often."""
+    pool = standings.pool
+    ages = np.linspace(1.0, 0.0, len(pool)) if len(pool) > 1 else np.zeros(len(pool))
+    return standings.spread(pool, np.exp(-options.recency * ages))
+
+
+def pfsp(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """Prioritised fictitious self-play, hard: (1 - win rate) ** power, who is not beaten yet
+    (Vinyals et al. 2019, "Grandmaster level in StarCraft II", f_hard).
+    """
+    pool = standings.pool
+    return standings.spread(pool, (1.0 - standings.win_rate[pool]) ** options.power)
+
+
+def pfsp_variance(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """Prioritised fictitious self-play, even: win rate * (1 - win rate), who is as strong
+    (Vinyals et al. 2019, f_var).
+    """
+    pool = standings.pool
+    rate = standings.win_rate[pool]
+    return standings.spread(pool, rate * (1.0 - rate))
+
+
+def pfsp_easy(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """Prioritised fictitious self-play, easy: win rate ** power, for who would win nothing else."""
+    pool = standings.pool
+    return standings.spread(pool, standings.win_rate[pool] ** options.power)
+
+
+def nash(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """The maximum-entropy Nash mixture of the pool's payoffs: PSRO (Lanctot et al. 2017).
+
+    Payoffs are the learner's own games, even where there were none: beside it `uniform` needs a
+    share, so that everybody is met.
+    """
+    pool = standings.pool
+    payoff = standings.payoff[np.ix_(pool, pool)] - EVEN
+    from marl_cair.league.ratings.equilibrium import maximum_entropy_nash
+
+    return standings.spread(pool, maximum_entropy_nash(payoff))
+
+
+def main_agents(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """The main agents of a league as they are, evenly; in place of one that is hardly ever beaten
+    (AlphaStar: a win rate up to 0.1), its past, even opponents first: of a main exploiter.
+    """
+    chosen = standings.find(kind=LIVE, roles=(MAIN,))
+    return _newest_or_past(standings, chosen, options, bar=0.1)
+
+
+def main_self_play(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """Itself or another main agent of a league as it is, evenly; in place of one that is beaten too
+    seldom (AlphaStar: a win rate up to 0.3), its past, even opponents first: of a main agent.
+    """
+    others = standings.find(kind=LIVE, roles=(MAIN,))
+    return _newest_or_past(standings, np.array([0, *others.tolist()]), options, bar=0.3)
+
+
+def forgotten(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """Exploiters of a league that still win (a win rate below 0.3), else past main agents that win
+    again (below 0.7), hard; else itself: AlphaStar's verification branch of a main agent.
+    """
+    for roles, bar in (((MAIN_EXPLOITER, LEAGUE_EXPLOITER), 0.3), ((MAIN,), 0.7)):
+        past = standings.find(kind=SNAPSHOT, roles=roles)
+        lost = past[standings.win_rate[past] < bar]
+        if len(lost):
+            return standings.spread(lost, (1.0 - standings.win_rate[lost]) ** options.power)
+    return latest(standings, options)
+
+
+def _newest_or_past(
+    standings: Standings, chosen: NDArray[np.int64], options: SamplerOptions, bar: float
+) -> Probabilities:
+    """Each of `chosen` alike, or in place of one whose win rate is not above `bar` its past."""
+    if not len(chosen):
+        return latest(standings, options)
+    total = np.zeros(len(standings.numbers))
+    past = standings.find(kind=SNAPSHOT, roles=(MAIN,))
+    for one in chosen.tolist():
+        theirs = np.array([i for i in past if standings.owners[i] == standings.owners[one]], int)
+        if standings.win_rate[one] > bar or not len(theirs):
+            total[one] += 1.0 / len(chosen)
+        else:
+            rate = standings.win_rate[theirs]
+            total += standings.spread(theirs, rate * (1.0 - rate)) / len(chosen)
+    return total
+
+
+SAMPLERS: dict[str, Sampler] = {
+    LATEST: latest,
+    "pfsp": pfsp,
+    "pfsp_variance": pfsp_variance,
+    "pfsp_easy": pfsp_easy,
+    "uniform": uniform,
+    "delta_uniform": delta_uniform,
+    "recent": recent,
+    "nash": nash,
+    BOTS: bots,
+    PFSP_BOTS: pfsp_bots,
+    "main_self_play": main_self_play,
+    "main_agents": main_agents,
+    "forgotten": forgotten,
+}
+# Of these there is nobody to draw but in a league.
+LEAGUE_SAMPLERS = ("main_self_play", "main_agents", "forgotten")
+
+
+def mix(
+    mixture: Mapping[str, float], standings: Standings, options: SamplerOptions
+) -> Probabilities:
+    """Probabilities [K] of a mixture: weights by name of a sampler, a bot or a foreign agent.
+
+    Raises:
+        UnknownNameError: nothing has that name; names the nearest.
+        ValueError: no weight above 0, or one below.
+    """
+    weights = np.array(list(mixture.values()), np.float64)
+    if not (np.isfinite(weights) & (weights >= 0)).all() or not weights.sum() > 0:
+        raise ValueError(
+            f"the mixture is {dict(mixture)}: weights must be 0 or more, and one of them above 0"
+        )
+    total = np.zeros(len(standings.numbers))
+    for name, weight in zip(mixture, weights / weights.sum(), strict=True):
+        if weight > 0:
+            total += weight * _find_source(name, standings)(standings, options)
+    probabilities: Probabilities = total / total.sum()
+    return probabilities
+
+
+def _find_source(name: str, standings: Standings) -> Sampler:
+    def only(standings: Standings, options: SamplerOptions) -> Probabilities:
+        return standings.spread(np.array([standings.names.index(name)]), np.ones(1))
+
+    named = {
+        member: only
+        for member, kind in zip(standings.names, standings.kinds, strict=True)
+        if kind in (BOT, FOREIGN)
+    }
+    return find_by_name("opponent", name, {**named, **SAMPLERS})
+
+
+def read_standings(pool: Pool, records: WinRecords, frames: int) -> Standings:
+    """Who can be met, and how the learner does against them at `frames`."""
+    members = pool.members
+    numbers = [LATEST_ID, *(member.number for member in members)]
+    payoff = np.full((len(numbers), len(numbers)), EVEN)
+    payoff[1:, 1:] = pool.payoff(numbers[1:])
+    return Standings(
+        np.array(numbers, np.int64),
+        (LATEST, *(member.name for member in members)),
+        (LEARNER, *(member.kind for member in members)),
+        np.array([EVEN, *(records.estimate(number, frames) for number in numbers[1:])]),
+        payoff,
+        ("", *(member.owner for member in members)),
+        ("", *(member.role for member in members)),
+    )
+
+
+def draw_evenly(
+    rng: np.random.Generator, numbers: Sequence[int], probabilities: Probabilities, count: int
+) -> list[int]:
+    """`count` of `numbers`, each as often as its probability says, up to one more or less.
+
+    Systematic sampling: one random offset, equal steps through the summed probabilities.
+    """
+    if not count:
+        return []
+    places = (rng.random() + np.arange(count)) / count
+    ends = np.cumsum(probabilities)
+    chosen = np.searchsorted(ends / ends[-1], places, side="right")
+    return [numbers[int(index)] for index in np.minimum(chosen, len(numbers) - 1)]

@@ -1,0 +1,1 @@
+"""Collects experience: seats of learner and opponents, demonstrations, rollouts."""

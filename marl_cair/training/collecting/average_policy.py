@@ -1,0 +1,83 @@
+"""`AveragePolicy`: a network that learns what the Q-network has answered since the beginning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+
+from marl_cair.games.torchrl_env import GROUP
+from marl_cair.policies.q_network import QNetwork
+from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
+from marl_cair.ranges import COUNT, read_number
+from marl_cair.replay.reservoir import Reservoir
+from marl_cair.training.settings.nfsp import NfspSettings
+
+
+class AveragePolicy:
+    """The supervised half of neural fictitious self-play (Heinrich and Silver 2016, algorithm 1).
+
+    Its rows are the learner's own decisions in games that its Q-network plays: real ones alone, and
+    none of a demonstrator. Decisions with one legal action say nothing and are left out.
+
+    Args:
+        network: its outputs are the logits of the actions, softmax over the legal ones.
+        settings: of its update.
+        reservoir: the sample of rows that it learns from.
+    """
+
+    def __init__(self, network: QNetwork, settings: NfspSettings, reservoir: Reservoir) -> None:
+        self.network, self.settings, self.reservoir = network, settings, reservoir
+        self._optimizer = torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
+        self.updates = 0
+
+    def remember(self, data: TensorDictBase) -> None:
+        """Take in what the collector brought, TensorDict [B, T] with "answered" bool [B, T, P]."""
+        group = data[GROUP]
+        mask = group["action_mask"]
+        rows = group["answered"] & (mask.sum(-1) > 1)
+        self.reservoir.extend(group["observation"][rows], mask[rows], group["action"][rows])
+
+    def learn(self, num_updates: int) -> list[dict[str, Tensor | float]]:
+        """That many gradient steps, none while the reservoir is too empty; scalars of each."""
+        if len(self.reservoir) < self.settings.min_rows:
+            return []
+        batch_size = self.settings.batch_size
+        return [self.update(self.reservoir.sample(batch_size)) for _ in range(num_updates)]
+
+    def update(self, batch: TensorDict) -> dict[str, Tensor | float]:
+        """One gradient step on the cross-entropy of the actions; returns scalars for the log."""
+        logits = self.network(batch["observation"])
+        legal = logits.masked_fill(~batch["action_mask"], -torch.inf)
+        loss = torch.nn.functional.cross_entropy(legal, batch["action"])
+        self._optimizer.zero_grad(set_to_none=True)
+        torch.autograd.backward(loss)
+        self._optimizer.step()
+        self.updates += 1
+        return {"average/loss": loss.detach(), "average/rows": float(len(self.reservoir))}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Network, optimiser and count as tensors and plain data; not the reservoir."""
+        return {
+            "network": dict(self.network.state_dict()),
+            "optimizer": self._optimizer.state_dict(),
+            "updates": self.updates,
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from `state_dict`. Raises ValueError for numbers that are not finite."""
+        restore_weights(self.network, state["network"], "average_policy.network")
+        restore_optimizer(self._optimizer, state["optimizer"], "average_policy.optimizer")
+        self.updates = read_number(state, "updates", COUNT)
+
+    def save_rows(self, folder: Path) -> None:
+        """Write the reservoir to `folder`."""
+        self.reservoir.save(folder)
+
+    def load_rows(self, folder: Path) -> None:
+        """Read what `save_rows` wrote. Raises ValueError where the layout differs."""
+        self.reservoir.load(folder)

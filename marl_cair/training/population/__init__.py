@@ -1,0 +1,1 @@
+"""Trains populations of learners: leagues, PSRO and best responses (exploitability)."""

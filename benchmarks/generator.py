@@ -23,7 +23,7 @@ from marl_cair.generative.ensemble import CHUNK_ROWS
 from marl_cair.generative.generator import CCDNGenerator
 from marl_cair.generative.networks.ccdn import CCDN
 from marl_cair.generative.networks.open_cells import OpenCells
-from marl_cair.training.metrics import Timers
+from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import EvaluationSettings, GameSettings, TrainConfig
 from marl_cair.training.settings.learner import LearnerSettings

@@ -22,7 +22,7 @@ from benchmarks._networks import save_network
 from marl_cair.games import GAMES
 from marl_cair.league.agents.load import describe_agent, find_fingerprint, load_agent
 from marl_cair.league.play.arena import Arena, Rules
-from marl_cair.league.play.blocks import Entrant, PlayedGame
+from marl_cair.league.play.blocks import Entrant
 from marl_cair.league.play.schedule import schedule_meetings
 from marl_cair.league.ratings.averages import average_by_nash
 from marl_cair.league.ratings.cycles import find_cycles
@@ -30,7 +30,8 @@ from marl_cair.league.ratings.fit import check_fit
 from marl_cair.league.ratings.payoffs import find_payoffs
 from marl_cair.league.ratings.rate import Games, rate
 from marl_cair.league.report.report import report_stored
-from marl_cair.league.store.store import STORE_FILE, AgentRecord, LeagueStore
+from marl_cair.league.store.records import AgentRecord, PlayedGame
+from marl_cair.league.store.store import STORE_FILE, LeagueStore
 from marl_cair.policies.q_network import QNetworkConfig
 
 GAME, SCENARIO = "deep_line_wars", "10x15"

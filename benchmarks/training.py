@@ -29,7 +29,7 @@ from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.training import run as training_run
 from marl_cair.training import trainer
-from marl_cair.training.metrics import Timers
+from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.settings.config import (
     CheckpointSettings,
     CollectorSettings,

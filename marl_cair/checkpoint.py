@@ -40,7 +40,11 @@ LATEST_FOLDER, SNAPSHOT_FOLDER = "latest", "snapshots"
 # Kinds of runs whose folders hold agents.
 TRAINING, LEAGUE_TRAINING = "training", "league training"
 PSRO, EXPLOIT = "policy-space response oracles", "exploit"
-SHARED, LIVE_FOLDER = "shared", "live"  # of a league's training: see `self_play.shared_folder`
+SHARED, LIVE_FOLDER, PLAYERS = (
+    "shared",
+    "live",
+    "players",
+)  # see `self_play.shared_folder`
 MIXTURE_FOLDER, CANDIDATES_FOLDER = "mixture", "candidates"
 EXPLOIT_FILE = "exploit.json"  # says which of the candidates is the best
 

@@ -14,7 +14,8 @@ from marl_cair.league.agents.load import find_fingerprint, load_agent, read_sour
 from marl_cair.league.league import LeagueConfig
 from marl_cair.league.play.adaptive import count_meetings
 from marl_cair.league.play.arena import Load, Rules
-from marl_cair.league.store.store import STORE_FILE, AgentRecord, LeagueStore, LeagueStoreError
+from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.store import STORE_FILE, LeagueStore, LeagueStoreError
 
 
 def plan_extension(

@@ -17,13 +17,8 @@ from marl_cair.league.play.arena import Load, Rules
 from marl_cair.league.ratings.equilibrium import find_safest_mixture
 from marl_cair.league.ratings.payoffs import count_points, find_shares, split_pairs
 from marl_cair.league.report.report import name_agents, number_agents
-from marl_cair.league.store.store import (
-    STORE_FILE,
-    AgentRecord,
-    LeagueStore,
-    LeagueStoreError,
-    StoredGames,
-)
+from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.store import STORE_FILE, LeagueStore, LeagueStoreError, StoredGames
 from marl_cair.lookup import find_by_name
 
 _LEAST = 0.02  # of the largest weight; smaller ones are left out

@@ -10,13 +10,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.checkpoint import AgentDescription, CheckpointError, load_network, save_agent
+from marl_cair.checkpoint import (
+    PLAYERS,
+    AgentDescription,
+    CheckpointError,
+    load_network,
+    save_agent,
+)
 from marl_cair.files import recover_folder, write_json
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents.load import find_fingerprint
 from marl_cair.policies import PLAYS
 from marl_cair.ranges import COUNT, FLAG, Range, read_number
-from marl_cair.self_play.shared_folder import MAIN, PLAYERS, LeagueSeat, Player
+from marl_cair.self_play.shared_folder import MAIN, LeagueSeat, Player
 from marl_cair.self_play.win_rates import EVEN, Evidence, read_evidence
 from marl_cair.stored import INDEX, check_plain_name, read_json
 

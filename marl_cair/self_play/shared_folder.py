@@ -16,14 +16,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marl_cair.checkpoint import LIVE_FOLDER, CheckpointError
+from marl_cair.checkpoint import LIVE_FOLDER, PLAYERS, CheckpointError
 from marl_cair.files import find_folder, write_json
 from marl_cair.ranges import COUNT, WEIGHT, check_number, read_number
 from marl_cair.self_play.win_rates import Evidence, read_evidence
 from marl_cair.stored import INDEX, read_json
 
 PLAYER_FILE = "player.json"
-PLAYERS, RECORDS = "players", "records"
+RECORDS = "records"
 MAIN, MAIN_EXPLOITER, LEAGUE_EXPLOITER = ROLES = ("main", "main_exploiter", "league_exploiter")
 
 

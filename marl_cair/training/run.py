@@ -47,12 +47,12 @@ from marl_cair.stored import DamagedFileError, read_json
 from marl_cair.training import generators, memory, state_file
 from marl_cair.training.collecting.average_policy import AveragePolicy
 from marl_cair.training.collecting.demonstrations import Demonstrators
+from marl_cair.training.collecting.metrics import EpisodeStatistics, RunningMeans
 from marl_cair.training.collecting.opponents import OpponentBook
 from marl_cair.training.collecting.own_play import OwnPolicies
 from marl_cair.training.collecting.seats import SeatRouter
 from marl_cair.training.initial_network import count_training, fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
-from marl_cair.training.metrics import EpisodeStatistics, RunningMeans
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import CONFIG_FILE, fixed_settings, save_config

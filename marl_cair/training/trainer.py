@@ -18,9 +18,9 @@ from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.arena import Load
 from marl_cair.policies.actor import PolicyActor, masked_argmax
 from marl_cair.self_play.shared_folder import LeagueSeat
+from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.collecting.rollout import make_rollout
 from marl_cair.training.evaluation import evaluate
-from marl_cair.training.metrics import Timers
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import ENDLESS_FRAMES, TrainConfig
 

@@ -21,7 +21,7 @@ from marl_cair.league.agents.load import load_agent
 from marl_cair.league.agents.mixtures import save_mixture
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.store.store import LeagueStore
-from marl_cair.training.metrics import Timers
+from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.population.league_run import read_progress
 from marl_cair.training.population.league_slice import MemberRecord, read_member, save_member
 from marl_cair.training.population.psro import _Plan, _read_plan

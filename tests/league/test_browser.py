@@ -12,7 +12,7 @@ from marl_cair.league.report.background import Background
 from marl_cair.league.report.html import write_page
 from marl_cair.league.report.replays import Replay
 from marl_cair.league.report.sections import make_report
-from marl_cair.league.store.store import AgentRecord
+from marl_cair.league.store.records import AgentRecord
 from tests.league.leagues import EDGES, make, make_games
 from tests.league.test_html import unrated
 

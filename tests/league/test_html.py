@@ -18,7 +18,7 @@ from marl_cair.league.report.sections import describe_more, make_report
 from marl_cair.league.report.summary import tell_headline, tell_verdict
 from marl_cair.league.report.table import make_table
 from marl_cair.league.report.wording import LINE_WIDTH, describe_league, format_rating, set_signs
-from marl_cair.league.store.store import AgentRecord
+from marl_cair.league.store.records import AgentRecord
 from tests.league.leagues import EDGES, NAMES, make, make_games, no_games
 
 EVIL = '<script>alert("x")</script>'

@@ -20,7 +20,8 @@ from marl_cair.league.ratings.rate import Games, Rating
 from marl_cair.league.report.background import read_background
 from marl_cair.league.report.replays import FOLDER, choose_games
 from marl_cair.league.report.report import report_stored
-from marl_cair.league.store.store import AgentRecord, LeagueStore, StoredGames
+from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.store import LeagueStore, StoredGames
 from tests.league.players import save_network
 
 OPTIONS = {"max_ticks": 300}  # 30 decisions

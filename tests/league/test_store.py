@@ -9,11 +9,11 @@ import sqlite3
 import numpy as np
 import pytest
 
-from marl_cair.league.play.blocks import PlayedGame
 from marl_cair.league.play.playing import map_seeds
 from marl_cair.league.store.export import QUERIES, export_league
+from marl_cair.league.store.records import AgentRecord, PlayedGame
 from marl_cair.league.store.schema import SCHEMA_VERSION
-from marl_cair.league.store.store import AgentRecord, LeagueStore, LeagueStoreError
+from marl_cair.league.store.store import LeagueStore, LeagueStoreError
 
 SETTINGS = {
     "game": "line_wars",

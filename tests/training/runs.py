@@ -10,8 +10,8 @@ from marl_cair.games import GAMES
 from marl_cair.generative.settings import GeneratorConfig, NetworkSize
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.transition import TransitionSpec
+from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.learner import Learner
-from marl_cair.training.metrics import Timers
 from marl_cair.training.settings.config import (
     CheckpointSettings,
     CollectorSettings,

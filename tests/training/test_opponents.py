@@ -14,9 +14,9 @@ from marl_cair.league.agents.mixtures import save_mixture
 from marl_cair.replay.transition import NO_OPPONENT
 from marl_cair.self_play.pool import FIRST_NUMBERS, FOREIGN, SNAPSHOT
 from marl_cair.self_play.samplers import LATEST_ID
+from marl_cair.training.collecting.metrics import Decisions, find_meetings
 from marl_cair.training.collecting.opponents import Meeting
 from marl_cair.training.collecting.seats import find_met
-from marl_cair.training.metrics import Decisions, find_meetings
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import OpponentSettings
 from marl_cair.training.trainer import train

@@ -5,7 +5,8 @@ wrong shape forfeits the games that they were asked about, an illegal action the
 meant for.
 In training, where nobody could win by that, it ends the run (`require_answers`).
 In this process a function has no time limit, and one that kills the process kills all; in one of
-its own (`league.agents.process.load_hosted`) both cost it the game alone. It plays the same either way.
+its own (`process.load_hosted`) both cost it the game alone. It plays the same either
+way.
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import Agent, GameSpec
-from marl_cair.league.play.playing import FORFEIT
 from marl_cair.lookup import find_by_name
 from marl_cair.text import clean_text
 
 _MAX_NAME = 200  # characters
+
+FORFEIT = -1  # in place of an action: the game is lost
 
 
 class ForeignAgentError(ValueError):

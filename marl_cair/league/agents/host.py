@@ -1,4 +1,4 @@
-"""`python -m marl_cair.league.agents.host MODULE:FUNCTION`: anybody's agent behind `league.agents.process`.
+"""`python -m marl_cair.league.agents.host MODULE:FUNCTION`: anybody's agent behind `process`.
 
 It speaks that protocol from the other side, so that a function of Python can have a time limit.
 What the agent prints goes to standard error, and there is nothing for it to read.

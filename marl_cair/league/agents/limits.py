@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 ANSWER_SECONDS = 10.0
 FUNCTION_SECONDS = 60.0  # what the commands give functions: these may be networks without a GPU
-IS_SUPERVISED = sys.platform == "linux"  # whether `league.agents.supervisor` runs here
+IS_SUPERVISED = sys.platform == "linux"  # whether `supervisor` runs here
 
 
 @dataclass(frozen=True)

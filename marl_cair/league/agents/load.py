@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from marl_cair.checkpoint import (
     LATEST_FOLDER,
     LIVE_FOLDER,
+    PLAYERS,
     SNAPSHOT_FOLDER,
     AgentDescription,
     CheckpointError,
@@ -31,10 +32,9 @@ from marl_cair.league.agents.foreign import ForeignAgent, load_foreign
 from marl_cair.league.agents.limits import ANSWER_SECONDS, FUNCTION_SECONDS, Limits
 from marl_cair.league.agents.mixtures import is_mixture, read_mixture
 from marl_cair.league.agents.process import load_hosted, load_process
-from marl_cair.league.store.store import AgentRecord
+from marl_cair.league.store.records import AgentRecord
 from marl_cair.lookup import find_by_name
 from marl_cair.policies import PLAYS, SAMPLED
-from marl_cair.self_play.shared_folder import PLAYERS
 
 if TYPE_CHECKING:
     from marl_cair.policies.actor import PolicyActor
@@ -57,17 +57,17 @@ def load_agent(
     Args:
         source: the folder of a checkpoint, of a training run (its newest agent) or of a mixture, or
             a bot as "deep_line_wars/rusher" (just "rusher" where `game` is given), or
-            "module:function" of anybody's (see `league.agents.foreign`), or "process:COMMAND" (see
-            `league.agents.process`). A folder that exists is taken before a bot's name.
+            "module:function" of anybody's (see `foreign`), or "process:COMMAND" (see
+            `process`). A folder that exists is taken before a bot's name.
         game: the game that it is to play; a checkpoint of another game is refused.
         scenario: a scenario (or its name) that it is to play; None: the one that it was trained
             on, or the game's default.
         epsilon: chance of a random legal action.
         answer_seconds: limit for each answer of anybody's code, which then runs in a process of its
-            own; None, without the two below: commands have `league.agents.limits.ANSWER_SECONDS`, and
+            own; None, without the two below: commands have `limits.ANSWER_SECONDS`, and
             functions run in this process without limit, so that one that hangs, or ends the
             process, ends the caller. (The commands of `marl-cair` give functions a limit.)
-        answer_memory: limit for the bytes of each process of that code; 0: none (`league.agents.limits`).
+        answer_memory: limit for the bytes of each process of that code; 0: none (`limits`).
         answer_processes: limit for its processes at once; 0: none.
 
     A source that a file names is to pass `league.agents.allowed_code.require_allowed` before.

@@ -24,8 +24,8 @@ their bytes, row by row: of observations in the representation's dtype and this 
 order, of masks a byte each.
 
 Every answer has a time limit. A process that misses it, ends, or writes anything else is killed,
-and its agent forfeits the games it was asked about (see `league.agents.foreign`). On Linux all that it has
-started is killed with it, also what has left its session (`league.agents.supervisor`), and memory and the
+and its agent forfeits the games it was asked about (see `foreign`). On Linux all that it has
+started is killed with it, also what has left its session (`supervisor`), and memory and the
 number of processes can be limited; on macOS what stays in its process group is killed, on Windows
 the process alone. The protocol needs no network, but nothing keeps a process from using one, as
 little as from reading files: run what you trust.
@@ -70,7 +70,7 @@ PROTOCOL = 1
 LISTS, BASE64 = "lists", "base64"  # how arrays are sent
 START_SECONDS = 60.0
 MAX_LINE_BYTES = 1 << 24
-TOO_MANY_PROCESSES = 250  # exit code of `league.agents.supervisor`
+TOO_MANY_PROCESSES = 250  # exit code of `supervisor`
 _SHOWN = 200  # characters of what a process has written instead
 _END_SECONDS = 2.0  # for a supervisor to end what it has started
 _SUPERVISOR = str(Path(__file__).with_name("supervisor.py"))
@@ -105,7 +105,7 @@ def load_process(
 
 
 def load_hosted(source: str, game: Game, scenario: Any, limits: Limits) -> ForeignAgent:
-    """As `foreign.load_foreign`, in a process of its own (`league.agents.host`) with limits.
+    """As `foreign.load_foreign`, in a process of its own (`host`) with limits.
 
     It is the same agent, and plays the same: the fingerprint is of the source of the module, which
     only that process imports.

@@ -2,7 +2,7 @@
 
     python -I -S supervisor.py CONTROL MEMORY_BYTES NUM_PROCESSES COMMAND...
 
-`league.agents.process` starts it by its path, on Linux: it needs nothing but the standard library. It is a
+`process` starts it by its path, on Linux: it needs nothing but the standard library. It is a
 subreaper: a process that leaves its session and its parent stays below the supervisor, where it is
 found. The command has the supervisor's input and output. The end of file CONTROL, a pipe that the
 user holds, ends everything; limits of 0 are none.
@@ -22,7 +22,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-TOO_MANY_PROCESSES = 250  # exit code, as in `league.agents.process`
+TOO_MANY_PROCESSES = 250  # exit code, as in `process`
 _POLL_SECONDS = 0.05
 _SET_CHILD_SUBREAPER = 36  # of prctl(2)
 

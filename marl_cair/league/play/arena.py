@@ -20,7 +20,6 @@ from marl_cair.league.agents.load import find_fingerprint
 from marl_cair.league.play.blocks import (
     Design,
     Entrant,
-    PlayedGame,
     count_blocks_per_chunk,
     make_design,
     play_blocks,
@@ -28,6 +27,7 @@ from marl_cair.league.play.blocks import (
 )
 from marl_cair.league.play.playing import CHUNKS_AT_ONCE, line_up_seed
 from marl_cair.league.play.schedule import Job
+from marl_cair.league.store.records import PlayedGame
 from marl_cair.league.store.store import LeagueStore
 from marl_cair.lookup import find_by_name
 

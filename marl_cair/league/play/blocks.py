@@ -9,7 +9,6 @@ import hashlib
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -25,6 +24,7 @@ from marl_cair.league.play.playing import (
     play_out,
     start_engine,
 )
+from marl_cair.league.store.records import PlayedGame
 
 if TYPE_CHECKING:  # which imports the compiler
     from marl_cair.games.engine import BatchedEngine
@@ -44,39 +44,6 @@ class Entrant(NamedTuple):
     fingerprint: str
     agent: Agent
     source: str = ""  # what `load_agent` takes
-
-
-@dataclass(frozen=True)
-class PlayedGame:
-    """One finished game of a line-up; a tuple holds a value for each of its T teams.
-
-    Attributes:
-        block: number of the block within the line-up's.
-        number: of the game within the block.
-        map_seed: the engine's.
-        entries: which entry of the line-up has played the team.
-        points: of the team, in sum 1: a draw is shared by who is left.
-        ranks: of the team, 1 is the best; equal teams share the mean.
-        winner: the team that has won, or NO_WINNER.
-        is_truncated: whether the time limit has ended the game.
-        decisions: of each seat that was in to the end.
-        trajectory: of all actions, first and last boards: games that are the same have equal ones.
-        forfeited: whether the team has crashed or played an illegal action.
-        reason: of the forfeit, "" where there is none.
-    """
-
-    block: int
-    number: int
-    map_seed: int
-    entries: tuple[int, ...]
-    points: tuple[float, ...]
-    ranks: tuple[float, ...]
-    winner: int
-    is_truncated: bool
-    decisions: int
-    trajectory: str
-    forfeited: tuple[bool, ...]
-    reason: str
 
 
 def make_design(num_teams: int, seating: str, seed: int) -> Design:

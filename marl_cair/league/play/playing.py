@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from marl_cair.games.game import NO_WINNER, Agent, Game
 from marl_cair.games.players.mixed_agent import MixedAgent
 from marl_cair.games.standings import share_points
+from marl_cair.league.agents.foreign import FORFEIT
 from marl_cair.league.play.ranks import STILL_IN, rank_teams
 
 if TYPE_CHECKING:
     from marl_cair.games.engine import BatchedEngine
 
 CHUNKS_AT_ONCE = 16  # on one engine, for speed alone: the worlds of an engine are independent
-FORFEIT = -1  # in place of an action: see `league.agents.foreign`
 
 
 class Places(NamedTuple):

@@ -17,7 +17,8 @@ from marl_cair.league.play.arena import Rules
 from marl_cair.league.ratings.rate import Games, Rating, describe_method
 from marl_cair.league.ratings.shares import Share, find_map_shares
 from marl_cair.league.report.replays import Replay
-from marl_cair.league.store.store import AgentRecord, LeagueStore, StoredGames
+from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.store import LeagueStore, StoredGames
 
 COMMANDS, VERSIONS = "commands", "versions"  # under which a league file notes them
 _LIBRARIES = ("marl_cair", "numpy", "scipy", "torch")

@@ -24,7 +24,8 @@ from marl_cair.league.play.film import SMALL, film_game, write_film
 from marl_cair.league.play.playing import Step, line_up_seed, map_seeds, play_out, start_engine
 from marl_cair.league.ratings.groups import ELO_PER_LOGIT
 from marl_cair.league.ratings.rate import Rating
-from marl_cair.league.store.store import AgentRecord, StoredGames
+from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.store import StoredGames
 
 FOLDER = "replays"
 MAX_BYTES = 1_100_000  # of one film: three of them, as text, are below 5 MB

@@ -22,7 +22,8 @@ from marl_cair.league.report.replays import Replay, Theatre, choose_games, make_
 from marl_cair.league.report.sections import describe_more, make_report
 from marl_cair.league.report.table import LeagueTable, make_table
 from marl_cair.league.report.wording import describe_league
-from marl_cair.league.store.store import STORE_FILE, AgentRecord, LeagueStore, StoredGames
+from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.store import STORE_FILE, LeagueStore, StoredGames
 from marl_cair.text import clean_lines
 
 

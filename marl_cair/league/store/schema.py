@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from marl_cair.league.play.playing import map_seeds
+from marl_cair.games.randomness import episode_seeds
 
 SCHEMA_VERSION = 4
 # A block is in the file with all its games or not at all: each chunk is one transaction.
@@ -160,9 +160,10 @@ def _migrate_2(database: sqlite3.Connection, settings: Mapping[str, Any]) -> Non
     for first, second, block, first_seat, winner, *about, fingerprint in games:
         key = f"{first} {second}", block
         if key not in blocks:
+            map_seed = episode_seeds(meta["seed"], np.array([block]), np.zeros(1, np.int64))
             cursor = database.execute(
                 "INSERT INTO block (line_up, number, map_seed) VALUES (?, ?, ?)",
-                (*key, str(map_seeds(meta["seed"], np.array([block]))[0])),
+                (*key, str(map_seed[0])),
             )
             blocks[key] = int(cursor.lastrowid or 0)
         own = teams[first_seat]

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.league.play.blocks import PlayedGame
 from marl_cair.league.store.integrity import check_games, check_settings, named_damage
+from marl_cair.league.store.records import AgentRecord, PlayedGame
 from marl_cair.league.store.schema import SchemaError, create_tables, migrate, read_meta
 from marl_cair.text import clean_text
 
@@ -27,18 +27,6 @@ _SAFE = "trusted_schema = OFF"  # a file's triggers call nothing unsafe
 
 class LeagueStoreError(ValueError):
     """A league file that is broken, cannot be written, or is of other settings."""
-
-
-@dataclass(frozen=True)
-class AgentRecord:
-    """What a league file says of an agent, as text; see `league.store.schema`."""
-
-    fingerprint: str
-    name: str
-    kind: str
-    evaluation_policy: str
-    rules_version: str
-    configuration: str  # JSON
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT
 from marl_cair.self_play.samplers import LATEST_ID
 from marl_cair.self_play.win_rates import OPPONENT
 from marl_cair.training.collecting.demonstrations import NOBODY, Demonstrators
+from marl_cair.training.collecting.metrics import Decisions, EpisodeStatistics, find_meetings
 from marl_cair.training.collecting.opponents import OpponentBook, export_rng, import_rng
 from marl_cair.training.collecting.own_play import OwnPolicies
-from marl_cair.training.metrics import Decisions, EpisodeStatistics, find_meetings
 
 
 class SeatRouter(TensorDictModuleBase):

@@ -12,7 +12,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from marl_cair.checkpoint import LEAGUE_TRAINING, LIVE_FOLDER, MIXTURE_FOLDER, SHARED
+from marl_cair.checkpoint import LEAGUE_TRAINING, LIVE_FOLDER, MIXTURE_FOLDER, PLAYERS, SHARED
 from marl_cair.files import claim_output_folder, find_folder, write_atomically, write_json
 from marl_cair.games import GAMES
 from marl_cair.league.agents.load import find_distinct
@@ -20,7 +20,7 @@ from marl_cair.league.agents.mixtures import save_mixture
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.mixing import describe_mixture, mix_league
 from marl_cair.ranges import COUNT, read_number
-from marl_cair.self_play.shared_folder import MAIN, PLAYERS, read_players, read_records
+from marl_cair.self_play.shared_folder import MAIN, read_players, read_records
 from marl_cair.stored import read_json
 from marl_cair.training.population.league_settings import LeagueSettings, derive_seed
 from marl_cair.training.population.league_slice import (

@@ -81,7 +81,7 @@ class GameSettings:
 class OpponentSettings:
     """Who plays the other teams, where there are any; each rival team draws its own.
 
-    Names in a mixture are bots, `agents`, or samplers (`self_play.samplers.SAMPLERS`): `latest` (the
+    Names in a mixture are bots, `agents`, or samplers (`self_play.samplers`): `latest` (the
     newest self; it learns from those seats too), `bots` (all, evenly), `pfsp_bots` (all, those that
     are not beaten yet more often), and of the pool, which is snapshots and `agents`, `uniform`,
     `delta_uniform`, `recent`, `pfsp`, `pfsp_variance`, `pfsp_easy` and `nash`. Values are weights.

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from marl_cair.games.action_forms import FlatActions
 from marl_cair.games.checks.engine import check_count, check_num_worlds, check_seed
 from marl_cair.games.game import Agent
-from marl_cair.games.learner_seat import LearnerSeat, SeatSettings
 from marl_cair.games.parallel_env import (
     RENDER_MODES,
     check_render_mode,
@@ -22,6 +21,7 @@ from marl_cair.games.parallel_env import (
     make_action_space,
     make_observation_space,
 )
+from marl_cair.games.players.learner_seat import LearnerSeat, SeatSettings
 from marl_cair.games.players.random_player import RANDOM
 
 NO_LIMIT = np.iinfo(np.int64).max  # of decisions

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
-from marl_cair.games.learner_seat import OpponentError
+from marl_cair.games.players.learner_seat import OpponentError
 from marl_cair.games.players.mixed_agent import MixedAgent
 from marl_cair.games.players.random_player import RandomPlayer
 from marl_cair.league.agents.load import load_agent

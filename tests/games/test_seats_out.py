@@ -15,8 +15,8 @@ from torchrl.modules import RandomPolicy
 from marl_cair.games.game import NO_WINNER
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
 from marl_cair.games.parallel_env import GameParallelEnv
-from marl_cair.games.standings import share_points
 from marl_cair.games.torchrl_env import DONE_KEYS, GROUP, BatchedGameEnv
+from marl_cair.league.play.standings import share_points
 from tests.games import last_standing
 from tests.games.last_standing import FINISH, GAME, LEAVE, NAME, NOOP, SCORE
 

@@ -23,7 +23,7 @@ from marl_cair.games.deep_line_wars.bot_sight import (
 )
 from marl_cair.games.deep_line_wars.scenarios import Scenario
 from marl_cair.games.game import Agent, GameSpec
-from marl_cair.games.players.scripted import ScriptedPlayer, choose_by_kind
+from marl_cair.games.scripted import ScriptedPlayer, choose_by_kind
 
 PLANS = ("random", "rusher", "turtle", "economist", "zigzag", "counter")
 RANDOM, RUSHER, TURTLE, ECONOMIST, ZIGZAG, COUNTER = range(len(PLANS))

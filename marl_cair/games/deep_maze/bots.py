@@ -17,7 +17,7 @@ from marl_cair.games.deep_maze.bot_plans import (
 from marl_cair.games.deep_maze.scenarios import Scenario
 from marl_cair.games.deep_maze.tables import NOOP
 from marl_cair.games.game import Agent, GameSpec
-from marl_cair.games.players.scripted import ScriptedPlayer, choose_by_kind
+from marl_cair.games.scripted import ScriptedPlayer, choose_by_kind
 
 PLANS = ("random", "wall_follower", "oracle")
 RANDOM, WALL_FOLLOWER, ORACLE = range(len(PLANS))

@@ -11,7 +11,7 @@ from marl_cair.games.deep_rts.bots.bots import make_bot
 from marl_cair.games.deep_rts.bots.doctrines import Doctrine
 from marl_cair.games.deep_rts.scenarios import Scenario
 from marl_cair.games.game import GameSpec
-from marl_cair.games.players.scripted import ScriptedPlayer
+from marl_cair.games.scripted import ScriptedPlayer
 
 TEACHER = Doctrine(
     workers_first=1,

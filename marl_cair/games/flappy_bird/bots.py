@@ -16,7 +16,7 @@ from marl_cair.games.flappy_bird.bot_plans import (
 from marl_cair.games.flappy_bird.scenarios import Scenario
 from marl_cair.games.flappy_bird.tables import FLAP, NOOP
 from marl_cair.games.game import Agent, GameSpec
-from marl_cair.games.players.scripted import ScriptedPlayer, choose_by_kind
+from marl_cair.games.scripted import ScriptedPlayer, choose_by_kind
 
 PLANS = ("random", "reflex", "oracle")
 RANDOM, REFLEX, ORACLE = range(len(PLANS))

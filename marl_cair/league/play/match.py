@@ -32,7 +32,7 @@ class GameResult:
     is_truncated: bool
     decisions: int
     fingerprint: str  # `PlayedGame.trajectory`: games that are the same have equal ones
-    draw_score: float = 0.5  # of the first agent if nobody wins: see `games.standings`
+    draw_score: float = 0.5  # of the first agent if nobody wins: see `standings`
     forfeit: str = ""  # why an agent has lost it without playing on
 
     @property

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from marl_cair.games.game import NO_WINNER, Agent, Game
 from marl_cair.games.players.mixed_agent import MixedAgent
-from marl_cair.games.standings import share_points
 from marl_cair.league.agents.foreign import FORFEIT
-from marl_cair.league.play.ranks import STILL_IN, rank_teams
+from marl_cair.league.play.standings import STILL_IN, rank_teams, share_points
 
 if TYPE_CHECKING:
     from marl_cair.games.engine import BatchedEngine

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from marl_cair.games.game import NO_WINNER, GameSpec
-from marl_cair.games.standings import share_points
 from marl_cair.games.torchrl_env import LastStep
+from marl_cair.league.play.standings import share_points
 from marl_cair.ranges import (
     COUNT,
     MOST,
@@ -79,7 +79,7 @@ class EpisodeStatistics:
     discounted return that it then realised, exploration included, both in scaled rewards. The
     return that is reported is the plain sum of a seat's rewards. The win rate against an opponent
     is the mean of the points of the learner's team over the rival teams that it played:
-    `games.standings.share_points`; fair is 1 / teams.
+    `standings.share_points`; fair is 1 / teams.
 
     Args:
         num_worlds: B.

@@ -14,7 +14,7 @@ from marl_cair.games.deep_rts.orders.grid import GRID_NOOP
 from marl_cair.games.deep_rts.orders.orders import NOOP
 from marl_cair.games.deep_rts.scenarios import Scenario
 from marl_cair.games.game import Agent, GameSpec
-from marl_cair.games.players.scripted import ScriptedPlayer, choose_by_kind
+from marl_cair.games.scripted import ScriptedPlayer, choose_by_kind
 
 RANDOM = "random"
 

@@ -60,7 +60,7 @@ def register_scenario(game: str, name: str, base: str | None = None, **options: 
 
     Raises:
         UnknownNameError: no such game, base or option; names the nearest.
-        ValueError: the name is taken or no name, an option's value is not allowed, or the game
+        ValueError: the name is taken or not valid, an option's value is not allowed, or the game
             takes no scenarios.
     """
     added = add_scenario(game, name, base, **options)
@@ -82,4 +82,4 @@ def _register_gymnasium_ids(game: str, module: Any) -> None:
         _register_with_gymnasium(gymnasium_id(module.GYMNASIUM_PREFIX, scenario), game, scenario)
 
 
-GAMES.announce(_register_gymnasium_ids)
+GAMES.on_add(_register_gymnasium_ids)

@@ -1,40 +1,27 @@
-"""Which games there are: ours and those of installed packages; and scenarios that users add."""
+"""The table of games (ours and those of installed packages), and scenarios that users add."""
 
 from __future__ import annotations
 
 import dataclasses
+import re
+import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
-from contextlib import contextmanager
 from importlib import import_module
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from marl_cair.games.checks.scenario import change_scenario
-from marl_cair.games.game_packages import (
-    NAME_RULE,
-    PackageFault,
-    is_being_imported,
-    is_name,
-    load_game,
-    load_module,
-    name_module,
-    name_package,
-    read_entry_points,
-)
 from marl_cair.lookup import find_by_name
 
 if TYPE_CHECKING:
     from marl_cair.games.game import Game
 
-_OWN = {
-    "deep_line_wars": "marl_cair.games.deep_line_wars",
-    "deep_rts": "marl_cair.games.deep_rts",
-    "deep_maze": "marl_cair.games.deep_maze",
-    "flappy_bird": "marl_cair.games.flappy_bird",
-}
-_MEND = "Repair or uninstall that package; all other games are there"
+ENTRY_POINTS = "marl_cair.games"  # the group in which a package lists its games
+_OWN = ("deep_line_wars", "deep_rts", "deep_maze", "flappy_bird")
+_NAME = re.compile(r"[A-Za-z0-9][\w.-]*")  # a part of a Gymnasium id
+_NAME_RULE = "it must start with a letter or digit and contain only letters, digits, _, - and ."
 
 Answer = TypeVar("Answer")
 
@@ -44,111 +31,86 @@ class GameLoadError(ValueError):
 
 
 class BrokenGameWarning(UserWarning):
-    """An installed package has a game that is left out, as it cannot be loaded."""
+    """A game of an installed package is left out because it cannot be loaded."""
 
 
 class Games(Mapping[str, "Game"]):
-    """The games by name, each loaded when it is asked for.
+    """The games by name; a game's rules are loaded when it is looked up.
 
     An installed package adds a game by an entry point of the group `marl_cair.games`: its name is
-    the game's, its value a module with GAME, SCENARIOS and GYMNASIUM_PREFIX, as ours have it. One
-    that fails is left out with a warning, and says why when it is asked for by name. One that is
-    half imported, as it imports this package itself, is added by the first look-up after that.
+    the game's, its value a module with GAME, SCENARIOS and GYMNASIUM_PREFIX. A game that fails is
+    left out with a warning; looking it up by name raises its error.
     """
 
     def __init__(self) -> None:
         self._modules: dict[str, ModuleType] = {}
-        self._waiting: list[EntryPoint] | None = None  # to be loaded; None: they are not read yet
-        self._is_adding = False
-        self._tell: Callable[[str, ModuleType], None] | None = None
-        self._foreign: dict[str, EntryPoint] = {}
-        self._checked: set[str] = set()
+        self._points: dict[str, EntryPoint] = {}  # of the games of installed packages
         self._broken: dict[str, GameLoadError] = {}
+        self._on_add: Callable[[str, ModuleType], None] | None = None
+        self._checked: set[str] = set()
+        self._waiting: list[EntryPoint] | None = None  # to be loaded; None: not read yet
 
     @property
     def modules(self) -> Mapping[str, ModuleType]:
-        """The games' packages, which know their scenarios without loading their rules."""
-        self._add_missing()
+        """The games' packages, which list their scenarios without loading their rules."""
+        if self._waiting is None:
+            self._waiting = []  # a package may look games up while it is imported
+            for name in _OWN:
+                self._add(name, import_module(f"marl_cair.games.{name}"))
+            self._waiting = sorted(entry_points(group=ENTRY_POINTS))
+        for point in tuple(self._waiting):
+            if point in self._waiting and not _is_being_imported(point):
+                self._waiting.remove(point)
+                self._add_foreign(point)
         return self._modules
 
-    def announce(self, tell: Callable[[str, ModuleType], None]) -> None:
-        """Call `tell` with the name and the package of each game, and of each added later."""
-        known, self._tell = tuple(self._modules.items()), tell
+    def on_add(self, register: Callable[[str, ModuleType], None]) -> None:
+        """Call `register` with the name and the package of each game."""
+        known, self._on_add = tuple(self._modules.items()), register
         for name, module in known:
-            with self._guard(name):
-                tell(name, module)
-        self._add_missing()
-
-    def _add_missing(self) -> None:
-        # A package that looks games up while it is imported for us finds those that are there.
-        if self._waiting == [] or self._is_adding:
-            return
-        self._is_adding = True
-        try:
-            self._add_all()
-        finally:
-            self._is_adding = False
-
-    def _add_all(self) -> None:
-        """Ours first: other packages may use them while they are imported."""
-        if self._waiting is None:
-            for name, path in _OWN.items():
-                self._add(name, import_module(path))
-            self._waiting, faults = read_entry_points()
-            for package, fault in faults.items():
-                _warn(f"the entry points of {package} cannot be read: {fault!r}. {_MEND}")
-        kept: list[EntryPoint] = []
-        for point in tuple(self._waiting):
-            if is_being_imported(point) or point.name in {other.name for other in kept}:
-                kept.append(point)
-                continue
-            self._add_foreign(point)
-            self._waiting.remove(point)
+            register(name, module)
+        _ = self.modules
 
     def _add(self, name: str, module: ModuleType) -> None:
         self._modules[name] = module
-        if self._tell is not None:
-            self._tell(name, module)
+        if self._on_add is not None:
+            self._on_add(name, module)
 
     def _add_foreign(self, point: EntryPoint) -> None:
         if point.name in self._modules:
-            clash = f"{name_module(self._modules[point.name])} has that name already"
-            _warn(str(_describe(point, f"{clash}: rename the entry point and its game")))
+            _warn(str(_describe(point, f"there is a game {point.name!r} already: rename it")))
             return
-        self._foreign[point.name] = point
-        with self._guard(point.name):
-            self._add(point.name, load_module(point, self._modules))
-
-    @contextmanager
-    def _guard(self, name: str) -> Iterator[None]:
-        """Leave out a game of an installed package whose code fails in here; ours raise."""
+        self._points[point.name] = point
         try:
-            yield
-        except (KeyboardInterrupt, GeneratorExit):
-            raise
-        except BaseException as error:
-            if name not in self._foreign:
-                raise
-            self._leave_out(name, error)
+            module = point.load()
+            _check_module(module, self._modules)
+            self._add(point.name, module)
+        except Exception as error:  # noqa: BLE001  # whatever its code raises
+            self._leave_out(point.name, error)
 
-    def _leave_out(self, name: str, cause: BaseException) -> None:
-        why = str(cause) if isinstance(cause, PackageFault) else repr(cause)
-        error = self._broken[name] = _describe(self._foreign[name], why)
+    def _leave_out(self, name: str, cause: Exception) -> GameLoadError:
+        error = self._broken[name] = _describe(self._points[name], repr(cause))
         error.__cause__ = cause
         self._modules.pop(name, None)
         _warn(str(error))
+        return error
 
     def __getitem__(self, name: str) -> Game:
         if name not in self.modules and name in self._broken:
             raise self._broken[name]
         module = find_by_name("game", name, self.modules)
-        if name not in self._foreign or name in self._checked:
+        if name not in self._points or name in self._checked:
+            known: Game = module.GAME
+            return known
+        self._checked.add(name)  # first: its code may look it up
+        try:
             game: Game = module.GAME
-            return game
-        self._checked.add(name)  # before: its code may ask for it
-        with self._guard(name):
-            return load_game(name, module)
-        raise self._broken[name]
+            if game.name != name:
+                raise ValueError(f"GAME.name is {game.name!r}, the entry point's {name!r}")
+            game.make_spec(game.scenario())
+        except Exception as error:  # whatever its code raises
+            raise self._leave_out(name, error) from error
+        return game
 
     def __contains__(self, name: object) -> bool:
         return name in self.modules
@@ -164,7 +126,7 @@ class Games(Mapping[str, "Game"]):
         return [self[name] for name in _OWN]
 
     def load_all(self) -> dict[str, Game]:
-        """All games that can be loaded; the others have warned."""
+        """All games that can be loaded; the others are left out with a warning."""
         return self.ask_each(lambda game: game)
 
     def ask(self, name: str, question: Callable[[Game], Answer]) -> Answer:
@@ -172,33 +134,64 @@ class Games(Mapping[str, "Game"]):
 
         Raises:
             UnknownNameError: no such game; names the nearest.
-            GameLoadError: it is of an installed package, and fails; it is left out from then on.
+            GameLoadError: a game of an installed package fails; it is left out from then on.
         """
         game = self[name]
-        with self._guard(name):
+        try:
             return question(game)
-        raise self._broken[name]
+        except Exception as error:
+            if name not in self._points:
+                raise
+            raise self._leave_out(name, error) from error
 
     def ask_each(self, question: Callable[[Game], Answer]) -> dict[str, Answer]:
-        """What `question` returns for each game by name; those that fail warn and are left out."""
-        told = {}
+        """What `question` returns for each game by name, without the games that fail."""
+        answers = {}
         for name in self:
             try:
-                told[name] = self.ask(name, question)
+                answers[name] = self.ask(name, question)
             except GameLoadError:
                 continue
-        return told
+        return answers
 
 
-def _describe(point: EntryPoint, why: str) -> GameLoadError:
+def _is_being_imported(point: EntryPoint) -> bool:
+    """True where a user imports the package, which imports this one: its game is added later."""
+    package = point.value.partition(":")[0].partition(".")[0].strip()
+    return any(
+        getattr(getattr(module, "__spec__", None), "_initializing", False)
+        for name, module in tuple(sys.modules.items())
+        if name.partition(".")[0] == package
+    )
+
+
+def _check_module(module: Any, others: Mapping[str, Any]) -> None:
+    """Raise ValueError or AttributeError unless a package's module can be a game."""
+    prefix, scenarios = module.GYMNASIUM_PREFIX, module.SCENARIOS
+    if prefix in {other.GYMNASIUM_PREFIX for other in others.values()}:
+        raise ValueError(f"another game has the GYMNASIUM_PREFIX {prefix!r}")
+    for name in (prefix, *scenarios):
+        if not _is_name(name):
+            raise ValueError(f"{name!r} is not a valid name: {_NAME_RULE}")
+    for name, scenario in scenarios.items():
+        if not dataclasses.is_dataclass(scenario):
+            raise ValueError(f"the scenario {name!r} is {scenario!r}, it must be a dataclass")
+
+
+def _is_name(name: object) -> bool:
+    return isinstance(name, str) and _NAME.fullmatch(name) is not None
+
+
+def _describe(point: EntryPoint, cause: str) -> GameLoadError:
+    package = point.dist.name if point.dist else "an installed package"
     return GameLoadError(
-        f"the game {point.name!r} of {name_package(point.dist)} ({point.value}) cannot be loaded: "
-        f"{why}. {_MEND}"
+        f"the game {point.name!r} of {package} ({point.value}) cannot be loaded: {cause}. Fix or "
+        "uninstall that package; the other games are available"
     )
 
 
 def _warn(message: str) -> None:
-    """Warn, and raise nothing where warnings are errors: then print it, and go on with ours."""
+    """Warn; print where warnings are errors, so that the other games stay available."""
     try:
         warnings.warn(message, BrokenGameWarning, stacklevel=2)
     except BrokenGameWarning:
@@ -215,7 +208,7 @@ def find_game(name: str) -> Game:
 
 
 def add_scenario(game: str, name: str, base: str | None = None, **options: Any) -> str:
-    """Name a configuration of a game, for this process; returns the id that Gymnasium is to use.
+    """Add a scenario to a game, for this process; returns its Gymnasium id.
 
     Args:
         game: a name in GAMES.
@@ -225,19 +218,18 @@ def add_scenario(game: str, name: str, base: str | None = None, **options: Any) 
 
     Raises:
         UnknownNameError: no such game, base or option; names the nearest.
-        ValueError: the name is taken or no name, an option's value is not allowed, or the game
+        ValueError: the name is taken or not valid, an option's value is not allowed, or the game
             takes no scenarios.
     """
     module = find_by_name("game", game, GAMES.modules)
     scenarios: Any = module.SCENARIOS
     if not isinstance(scenarios, MutableMapping):
         raise ValueError(
-            f"{game} takes no scenarios of its users, its SCENARIOS is a "
-            f"{type(scenarios).__name__} that cannot be changed: give the options where you name "
-            "the scenario, as in make_engine"
+            f"{game} takes no new scenarios, its SCENARIOS is a {type(scenarios).__name__} that "
+            "cannot be changed: give the options beside the scenario, as in make_engine"
         )
-    if not is_name(name):
-        raise ValueError(f"{game}: {name!r} is no name of a scenario: {NAME_RULE}")
+    if not _is_name(name):
+        raise ValueError(f"{game}: {name!r} is not a valid scenario name: {_NAME_RULE}")
     if name in scenarios:
         raise ValueError(f"{game} has a scenario {name!r} already: choose another name")
     base = base or next(iter(scenarios))
@@ -253,10 +245,10 @@ def gymnasium_id(prefix: str, scenario: str) -> str:
 
 
 def describe_scenario(game: str, name: str) -> dict[str, Any]:
-    """What makes a scenario in any process: its game, and its name there.
+    """The keyword arguments of `make_engine` that make a scenario in any process.
 
-    Of one that was added the name of the game's own that it goes back to, and all options that make
-    it of that.
+    A scenario that was added is described by the game's own scenario that it is based on, and by
+    all options that differ.
     """
     if (game, name) not in _bases:
         return {"game": game, "scenario": name}

@@ -232,6 +232,11 @@ def test_libraries_enter_games_by_their_door_only(path):
 # Of its game a bot may know scenarios, numbers of the rules, and constants, such as where a plane
 # or an action stands; functions and classes of other files could read the state of the world.
 KNOWN_TO_BOTS = {"scenarios", "rulebook", "tables"}
+OPEN_TO_BOTS = {
+    module
+    for module in map(module_name, SOURCES)
+    if game_of(module) and module.rpartition(".")[2] in KNOWN_TO_BOTS | {"planes"}
+}
 BOTS = sorted({*PACKAGE.glob("games/*/bot*.py"), *PACKAGE.glob("games/*/bots/*.py")})
 
 
@@ -255,7 +260,8 @@ def peeks(path: Path) -> list[str]:
         peeked += [
             f"{source}.{name}"
             for name in names
-            if is_closed or not (name.isupper() or file in KNOWN_TO_BOTS)
+            if f"{source}.{name}" not in OPEN_TO_BOTS
+            and (is_closed or not (name.isupper() or file in KNOWN_TO_BOTS))
         ]
     return peeked
 

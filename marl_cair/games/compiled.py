@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numba
 from filelock import FileLock
@@ -125,6 +125,18 @@ def compiled_copy(function: Function) -> Function:
 def compiled_compact(function: Function) -> Function:
     """`compiled` without inlining, for drawing: there the wait for the compiler matters more."""
     return _compile(function)
+
+
+def make_world_at(world: type[NamedTuple]) -> Callable[[Any, int], Any]:
+    """The compiled function (worlds, index) -> one world as views of its rows, for a game's World.
+
+    It is written out field by field, because rules can neither loop over fields nor name them.
+    """
+    fields = ", ".join(f"{name}=worlds.{name}[index]" for name in world._fields)
+    names: dict[str, Any] = {"World": world, "__name__": world.__module__}
+    exec(f"def world_at(worlds, index):\n    return World({fields})", names)  # noqa: S102
+    made: Callable[[Any, int], Any] = names["world_at"]
+    return compiled(made)
 
 
 def is_compiling() -> bool:

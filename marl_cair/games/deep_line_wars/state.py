@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled
+from marl_cair.games.compiled import make_world_at
 from marl_cair.games.deep_line_wars.scenarios import Scenario
 
 NUM_PLAYERS = 2
@@ -99,36 +99,4 @@ def allocate(scenario: Scenario, num_worlds: int) -> World:
     )
 
 
-@compiled
-def world_at(worlds: Any, index: int) -> Any:
-    """One world as views of its rows."""
-    return World(
-        worlds.tick[index],
-        worlds.phase[index],
-        worlds.random[index],
-        worlds.health[index],
-        worlds.gold[index],
-        worlds.lumber[index],
-        worlds.income[index],
-        worlds.cursor[index],
-        worlds.illegal[index],
-        worlds.first_unit[index],
-        worlds.num_units[index],
-        worlds.unit_kind[index],
-        worlds.unit_health[index],
-        worlds.unit_row[index],
-        worlds.unit_column[index],
-        worlds.unit_progress[index],
-        worlds.num_towers[index],
-        worlds.tower_kind[index],
-        worlds.tower_row[index],
-        worlds.tower_column[index],
-        worlds.tower_ready[index],
-        worlds.tower_spare[index],
-        worlds.num_shots[index],
-        worlds.shot_target[index],
-        worlds.shot_ticks[index],
-        worlds.shot_flight_ticks[index],
-        worlds.shot_damage[index],
-        worlds.tower_at[index],
-    )
+world_at = make_world_at(World)

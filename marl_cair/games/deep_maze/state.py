@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled
+from marl_cair.games.compiled import make_world_at
 from marl_cair.games.deep_maze.scenarios import Scenario
 
 RUNNING, TERMINATED, TRUNCATED = range(3)  # of PHASE
@@ -65,20 +65,4 @@ def allocate(scenario: Scenario, num_worlds: int) -> World:
     )
 
 
-@compiled
-def world_at(worlds: Any, index: int) -> Any:
-    """One world as views of its rows."""
-    return World(
-        worlds.clock[index],
-        worlds.random[index],
-        worlds.walls[index],
-        worlds.distance[index],
-        worlds.order[index],
-        worlds.cell[index],
-        worlds.came_from[index],
-        worlds.optimal[index],
-        worlds.potential[index],
-        worlds.is_caught[index],
-        worlds.illegal[index],
-        worlds.sight[index],
-    )
+world_at = make_world_at(World)

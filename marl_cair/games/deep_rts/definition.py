@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.art import rendering
 from marl_cair.games.deep_rts.bots import bots
 from marl_cair.games.deep_rts.orders import (
@@ -21,23 +23,11 @@ from marl_cair.games.deep_rts.orders import (
     orders,
 )
 from marl_cair.games.deep_rts.ranges import state_limits
+from marl_cair.games.deep_rts.rules import rulebook as rb
 from marl_cair.games.deep_rts.rules import step as rules
-from marl_cair.games.deep_rts.rules.rulebook import make_rules
 from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, PAYS, REWARDS, SCENARIOS, Scenario
-from marl_cair.games.deep_rts.state import MAP_INDEX, allocate
-from marl_cair.games.deep_rts.tables import MAX_PLAYERS, PRODUCT_NAMES, RESOURCE_NAMES
-from marl_cair.games.deep_rts.views import observation, other_views
+from marl_cair.games.deep_rts.views import observation, other_views, planes
 from marl_cair.games.deep_rts.views.other_views import CLASSIC_NAMES, VECTOR_NAMES
-from marl_cair.games.deep_rts.views.planes import (
-    FIRST_KIND,
-    FIRST_TILE,
-    HEALTH,
-    NUM_UNIFORM,
-    OWN,
-    PLANE_NAMES,
-    RESOURCE_LEFT,
-    SELECTED,
-)
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
 VERSION = "2"
@@ -45,7 +35,7 @@ VERSION = "2"
 _ALIKE = ("1",)
 
 _SCRATCH = ("seed", "path", "acting")
-_MAKE_NAMES = tuple(f"make_{name}" for name in PRODUCT_NAMES)
+_MAKE_NAMES = tuple(f"make_{name}" for name in t.PRODUCT_NAMES)
 _CELL_ORDERS = ("go", "advance", "select")
 # As rulebook.ROW_STEP and COLUMN_STEP list the directions.
 _WAYS = ("up", "right", "down", "left", "up_right", "down_right", "down_left", "up_left")
@@ -74,12 +64,12 @@ def make_spec(scenario: Scenario) -> GameSpec:
         representations=MappingProxyType(_representations(scenario)),
         static_planes=(),
         exclusive_planes=(
-            tuple(range(FIRST_TILE, RESOURCE_LEFT)),
-            tuple(range(FIRST_KIND, OWN)),
-            tuple(range(OWN, HEALTH)),
+            tuple(range(planes.FIRST_TILE, planes.RESOURCE_LEFT)),
+            tuple(range(planes.FIRST_KIND, planes.OWN)),
+            tuple(range(planes.OWN, planes.HEALTH)),
         ),
-        event_planes=(tuple(range(FIRST_KIND, SELECTED)),),
-        resources=RESOURCE_NAMES,
+        event_planes=(tuple(range(planes.FIRST_KIND, planes.SELECTED)),),
+        resources=t.RESOURCE_NAMES,
         ticks_per_step=scenario.ticks_per_step,
         max_ticks=scenario.max_ticks,
         reward_bound=_reward_bound(scenario),
@@ -92,7 +82,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
 def name_maps(worlds: Any, scenario: Scenario) -> tuple[str, ...]:
     """The name of the map that each world [B] is played on."""
     maps = scenario.maps
-    return tuple(maps[index].name for index in worlds.clock[:, MAP_INDEX])
+    return tuple(maps[index].name for index in worlds.clock[:, s.MAP_INDEX])
 
 
 def _reward_bound(scenario: Scenario) -> float:
@@ -156,12 +146,12 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
     listed = (
         Representation(
             "planes",
-            (len(PLANE_NAMES), *board),
+            (len(planes.PLANE_NAMES), *board),
             np.uint8,
             255,
-            PLANE_NAMES,
+            planes.PLANE_NAMES,
             observation.observe_planes,
-            num_uniform=NUM_UNIFORM,
+            num_uniform=planes.NUM_UNIFORM,
             make_memory=partial(observation.make_memory, scenario),
         ),
         Representation(
@@ -187,12 +177,12 @@ GAME = Game(
     title="Deep RTS",
     version=VERSION,
     summary="Gather, build, train and fight on a board of tiles until one is left.",
-    player_range=(1, MAX_PLAYERS),
+    player_range=(1, t.MAX_PLAYERS),
     scenarios=MappingProxyType(SCENARIOS),
     default_scenario="1v1-15x15",
-    make_rules=make_rules,
+    make_rules=rb.make_rules,
     make_spec=make_spec,
-    allocate=allocate,
+    allocate=s.allocate,
     reset=rules.reset,
     step=rules.step,
     legal_actions=masks.legal_actions,

@@ -15,7 +15,7 @@ from marl_cair.games.checks.scenario import (
     check_whole_number,
     read_whole_numbers,
 )
-from marl_cair.games.deep_rts.tables import MAX_PLAYERS, MAX_UNITS, PRESETS
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.lookup import find_by_name
 
 if TYPE_CHECKING:
@@ -74,12 +74,12 @@ class Scenario:
     unit_capacity: int = 0  # units of a player; 0 = a quarter of the cells, at most 200
 
     def __post_init__(self) -> None:
-        check_whole_number("deep_rts", self, "num_players", 1, MAX_PLAYERS)
+        check_whole_number("deep_rts", self, "num_players", 1, t.MAX_PLAYERS)
         check_time("deep_rts", self)
         check_whole_number("deep_rts", self, "tile_pixels", 1, 32)
-        check_whole_number("deep_rts", self, "unit_capacity", 0, MAX_UNITS)
+        check_whole_number("deep_rts", self, "unit_capacity", 0, t.MAX_UNITS)
         check_whole_number("deep_rts", self, "goal_amount", 0, 1_000_000)
-        find_by_name("deep_rts preset", self.preset, PRESETS)
+        find_by_name("deep_rts preset", self.preset, t.PRESETS)
         find_by_name("deep_rts action space", self.actions, ACTION_SPACES)
         find_by_name("deep_rts reward", self.reward, REWARDS)
         find_by_name("deep_rts goal", self.goal, GOALS)
@@ -180,7 +180,7 @@ class Scenario:
     @property
     def slots_per_player(self) -> int:
         """Unit slots of each player. Raises ValueError where the army has more units."""
-        slots = self.unit_capacity or min(MAX_UNITS, max(16, self.rows * self.columns // 4))
+        slots = self.unit_capacity or min(t.MAX_UNITS, max(16, self.rows * self.columns // 4))
         if sum(self.army) > slots:
             raise ValueError(
                 f"deep_rts: army is {self.army}, {sum(self.army)} units, and the unit_capacity of "

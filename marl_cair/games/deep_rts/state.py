@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled
+from marl_cair.games.compiled import make_world_at
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.scenarios import Scenario
-from marl_cair.games.deep_rts.tables import NUM_KINDS, NUM_RESOURCES, NUM_UPGRADES
 
 NO_UNIT = -1
 NO_GOAL = 0  # the corner of the border, where nothing is
@@ -74,11 +74,11 @@ NUM_LAYERS = 7
     IS_OUT,  # 1 once nobody of its team is alive and that has been paid
     RESOURCES,  # a column per resource: in store
 ) = range(10)
-GATHERED = RESOURCES + NUM_RESOURCES  # taken from tiles since reset, yield included
-UPGRADES = GATHERED + NUM_RESOURCES  # levels
-NUM_CREATED = UPGRADES + NUM_UPGRADES  # a column per kind: finished since reset
-NUM_OWNED = NUM_CREATED + NUM_KINDS  # alive, unfinished ones included
-NUM_PLAYER_COLUMNS = NUM_OWNED + NUM_KINDS
+GATHERED = RESOURCES + t.NUM_RESOURCES  # taken from tiles since reset, yield included
+UPGRADES = GATHERED + t.NUM_RESOURCES  # levels
+NUM_CREATED = UPGRADES + t.NUM_UPGRADES  # a column per kind: finished since reset
+NUM_OWNED = NUM_CREATED + t.NUM_KINDS  # alive, unfinished ones included
+NUM_PLAYER_COLUMNS = NUM_OWNED + t.NUM_KINDS
 
 (
     UNIT_KIND,  # or NO_KIND: the slot is free
@@ -154,20 +154,4 @@ def allocate(scenario: Scenario, num_worlds: int) -> World:
     )
 
 
-@compiled
-def world_at(worlds: Any, index: int) -> Any:
-    """One world as views of its rows."""
-    return World(
-        worlds.clock[index],
-        worlds.seed[index],
-        worlds.board[index],
-        worlds.players[index],
-        worlds.illegal[index],
-        worlds.roster[index],
-        worlds.vision[index],
-        worlds.known[index],
-        worlds.units[index],
-        worlds.due[index],
-        worlds.path[index],
-        worlds.acting[index],
-    )
+world_at = make_world_at(World)

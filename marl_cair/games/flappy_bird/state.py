@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled
+from marl_cair.games.compiled import make_world_at
 from marl_cair.games.flappy_bird.scenarios import Scenario
 from marl_cair.games.flappy_bird.tables import NUM_PIPES
 
@@ -82,26 +82,4 @@ def allocate(scenario: Scenario, num_worlds: int) -> World:
     )
 
 
-@compiled
-def world_at(worlds: Any, index: int) -> Any:
-    """One world of a batch: views of its rows, without a copy."""
-    return World(
-        worlds.tick[index],
-        worlds.phase[index],
-        worlds.winner[index],
-        worlds.random[index],
-        worlds.pipe_x[index],
-        worlds.gap_top[index],
-        worlds.former_x[index],
-        worlds.former_gap[index],
-        worlds.wind[index],
-        worlds.gust_ticks[index],
-        worlds.bird_y[index],
-        worlds.velocity[index],
-        worlds.motion[index],
-        worlds.pipes_passed[index],
-        worlds.crash_tick[index],
-        worlds.illegal[index],
-        worlds.newest_frame[index],
-        worlds.film[index],
-    )
+world_at = make_world_at(World)

@@ -12,32 +12,10 @@ from numpy.typing import NDArray
 
 from marl_cair.games import make_engine
 from marl_cair.games.compiled import is_compiling
+from marl_cair.games.deep_rts import state as s
 from marl_cair.games.deep_rts.orders import orders
 from marl_cair.games.deep_rts.rules import roster
 from marl_cair.games.deep_rts.rules.rulebook import SEAT_FRAME, Rules
-from marl_cair.games.deep_rts.state import (
-    AMOUNT,
-    ATTACK,
-    CURSOR,
-    FOOD_MADE,
-    GATHERED,
-    NO_GOAL,
-    NO_UNIT,
-    NUM_UNITS,
-    OCCUPANT,
-    RESOURCES,
-    TICK,
-    TILE,
-    UNIT_CELL,
-    UNIT_HEALTH,
-    UNIT_KIND,
-    UNIT_QUEUE,
-    UNIT_QUEUE_LENGTH,
-    UNIT_SERIAL,
-    UNIT_TARGET,
-    UNIT_TARGET_SERIAL,
-    World,
-)
 from marl_cair.games.deep_rts.tables import NUM_RESOURCES, PEASANT, PRESETS, PRODUCT_NAMES
 from marl_cair.games.engine import BatchedEngine
 
@@ -115,7 +93,7 @@ class Skirmish:
         self.engine = read_engine(text, **chosen)
         self.engine.reset(seed)
         # Views: what is written here is what the engine plays on.
-        self.world = World(*(field[0] for field in self.engine._worlds))
+        self.world = s.World(*(field[0] for field in self.engine._worlds))
         self.rules: Rules = self.engine._rules
         shape = (1, self.engine.num_players, *self.engine.spec.action_shape)
         self.noops = np.full(shape, self.engine.spec.noop_action, np.int32)
@@ -128,14 +106,14 @@ class Skirmish:
 
     @property
     def tick(self) -> int:
-        return int(self.world.clock[TICK])
+        return int(self.world.clock[s.TICK])
 
     def cell(self, row: int, column: int) -> int:
         return (row + 1) * self.rules.stride + column + 1
 
     def place(self, unit: int) -> tuple[int, int]:
         """Row and column of a unit."""
-        cell = self.get(unit, UNIT_CELL)
+        cell = self.get(unit, s.UNIT_CELL)
         return cell // self.rules.stride - 1, cell % self.rules.stride - 1
 
     def get(self, unit: int, column: int) -> int:
@@ -146,59 +124,59 @@ class Skirmish:
 
     def units_of(self, player: int) -> list[int]:
         """The player's slots, from its oldest unit to its newest."""
-        return self.world.roster[player, : self.world.players[player, NUM_UNITS]].tolist()
+        return self.world.roster[player, : self.world.players[player, s.NUM_UNITS]].tolist()
 
     def is_alive(self, unit: int) -> bool:
-        return self.get(unit, UNIT_KIND) >= 0
+        return self.get(unit, s.UNIT_KIND) >= 0
 
     def occupant(self, row: int, column: int) -> int:
-        return int(self.world.board[OCCUPANT, self.cell(row, column)])
+        return int(self.world.board[s.OCCUPANT, self.cell(row, column)])
 
     def tile(self, row: int, column: int) -> int:
-        return int(self.world.board[TILE, self.cell(row, column)])
+        return int(self.world.board[s.TILE, self.cell(row, column)])
 
     def amount(self, row: int, column: int) -> int:
-        return int(self.world.board[AMOUNT, self.cell(row, column)])
+        return int(self.world.board[s.AMOUNT, self.cell(row, column)])
 
     def set_amount(self, row: int, column: int, amount: int) -> None:
-        self.world.board[AMOUNT, self.cell(row, column)] = amount
+        self.world.board[s.AMOUNT, self.cell(row, column)] = amount
 
     def store(self, player: int) -> list[int]:
         """Gold, lumber, stone, oil."""
-        return self.world.players[player, RESOURCES : RESOURCES + NUM_RESOURCES].tolist()
+        return self.world.players[player, s.RESOURCES : s.RESOURCES + NUM_RESOURCES].tolist()
 
     def gathered(self, player: int) -> list[int]:
-        return self.world.players[player, GATHERED : GATHERED + NUM_RESOURCES].tolist()
+        return self.world.players[player, s.GATHERED : s.GATHERED + NUM_RESOURCES].tolist()
 
     def fill_store(self, player: int, *amounts: int) -> None:
-        self.world.players[player, RESOURCES : RESOURCES + len(amounts)] = amounts
+        self.world.players[player, s.RESOURCES : s.RESOURCES + len(amounts)] = amounts
 
     def queue(self, unit: int) -> list[int]:
-        length = self.get(unit, UNIT_QUEUE_LENGTH)
-        return self.world.units[unit, UNIT_QUEUE : UNIT_QUEUE + length].tolist()
+        length = self.get(unit, s.UNIT_QUEUE_LENGTH)
+        return self.world.units[unit, s.UNIT_QUEUE : s.UNIT_QUEUE + length].tolist()
 
     # --- what a test changes -----------------------------------------------------------------
 
     def put(self, player: int, kind: int, row: int, column: int) -> int:
         """A finished unit that idles; its slot. Food is not counted."""
-        assert self.occupant(row, column) == NO_UNIT
+        assert self.occupant(row, column) == s.NO_UNIT
         return call(roster.add_unit, self.world, self.rules, player, kind, self.cell(row, column))
 
     def order(self, unit: int, order: int, row: int = -1, column: int = -1) -> None:
         """Replace what the unit was told; without a place for orders that need none."""
-        goal = self.cell(row, column) if row >= 0 else NO_GOAL
+        goal = self.cell(row, column) if row >= 0 else s.NO_GOAL
         call(orders.give_order, self.world, unit, order, goal)
 
-    def attack(self, unit: int, target: int, order: int = ATTACK) -> None:
+    def attack(self, unit: int, target: int, order: int = s.ATTACK) -> None:
         self.order(unit, order)
         self.aim(unit, target)
 
     def aim(self, unit: int, target: int) -> None:
-        self.set(unit, UNIT_TARGET, target)
-        self.set(unit, UNIT_TARGET_SERIAL, self.get(target, UNIT_SERIAL))
+        self.set(unit, s.UNIT_TARGET, target)
+        self.set(unit, s.UNIT_TARGET_SERIAL, self.get(target, s.UNIT_SERIAL))
 
     def select(self, unit: int) -> None:
-        self.world.players[unit // self.rules.slots, CURSOR] = unit
+        self.world.players[unit // self.rules.slots, s.CURSOR] = unit
 
     # --- playing -----------------------------------------------------------------------------
 
@@ -229,7 +207,7 @@ class Skirmish:
         """The unit's owner, and its row and column in its owner's view."""
         player = unit // self.rules.slots
         frame = self.rules.seats[0, player, SEAT_FRAME]
-        row, column = self.rules.own_place[frame, self.get(unit, UNIT_CELL)].tolist()
+        row, column = self.rules.own_place[frame, self.get(unit, s.UNIT_CELL)].tolist()
         return player, row, column
 
     def tell(self, orders: dict[int, str]) -> None:
@@ -260,7 +238,7 @@ def face_off(attacker: int, target: int, away: int = 1, **options) -> tuple[Skir
     skirmish = Skirmish(**(CALM | options))
     unit = skirmish.put(0, attacker, 8, 4)
     other = skirmish.put(1, target, 8, 4 + away)
-    skirmish.set(other, UNIT_HEALTH, LASTING)
+    skirmish.set(other, s.UNIT_HEALTH, LASTING)
     return skirmish, unit, other
 
 
@@ -317,7 +295,7 @@ def start(**options: Any) -> tuple[Skirmish, int]:
 
 
 def feed(skirmish: Skirmish, player: int, food: int = 50) -> None:
-    skirmish.world.players[player, FOOD_MADE] += food
+    skirmish.world.players[player, s.FOOD_MADE] += food
 
 
 def of(skirmish: Skirmish, player: int, column: int) -> int:

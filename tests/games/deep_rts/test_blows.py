@@ -5,25 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.rules import combat
-from marl_cair.games.deep_rts.state import (
-    DAMAGE_DONE,
-    DAMAGE_TAKEN,
-    TICK,
-    UNIT_HEALTH,
-    UNIT_SERIAL,
-    UPGRADES,
-)
-from marl_cair.games.deep_rts.tables import (
-    ARCHER,
-    BLADES,
-    CAVALRY,
-    FARM,
-    FOOTMAN,
-    PEASANT,
-    PLATES,
-    PRESETS,
-)
 from tests.games.deep_rts.skirmish import Skirmish, call, face_off
 
 
@@ -32,7 +16,7 @@ def roll_blows(attacker: int, target: int, num_blows: int = 20_000, **options) -
     world, rules = skirmish.world, skirmish.rules
     blows = np.zeros(num_blows, int)
     for tick in range(num_blows):
-        world.clock[TICK] = tick
+        world.clock[s.TICK] = tick
         blows[tick] = call(combat.blow, world, rules, unit, other)
     return blows
 
@@ -40,15 +24,15 @@ def roll_blows(attacker: int, target: int, num_blows: int = 20_000, **options) -
 @pytest.mark.parametrize(
     ("attacker", "target", "mean", "low", "high"),
     [
-        (PEASANT, PEASANT, 11.4, 6, 19),
-        (PEASANT, FOOTMAN, 10.8, 5, 18),
-        (PEASANT, ARCHER, 11.4, 6, 19),
-        (FOOTMAN, PEASANT, 13.9, 8, 22),
-        (FOOTMAN, FOOTMAN, 13.3, 7, 21),
-        (FOOTMAN, ARCHER, 13.9, 8, 22),
-        (ARCHER, PEASANT, 13.3, 8, 20),
-        (ARCHER, FOOTMAN, 12.6, 7, 20),
-        (ARCHER, ARCHER, 13.3, 8, 20),
+        (t.PEASANT, t.PEASANT, 11.4, 6, 19),
+        (t.PEASANT, t.FOOTMAN, 10.8, 5, 18),
+        (t.PEASANT, t.ARCHER, 11.4, 6, 19),
+        (t.FOOTMAN, t.PEASANT, 13.9, 8, 22),
+        (t.FOOTMAN, t.FOOTMAN, 13.3, 7, 21),
+        (t.FOOTMAN, t.ARCHER, 13.9, 8, 22),
+        (t.ARCHER, t.PEASANT, 13.3, 8, 20),
+        (t.ARCHER, t.FOOTMAN, 12.6, 7, 20),
+        (t.ARCHER, t.ARCHER, 13.3, 8, 20),
     ],
 )
 def test_blows_in_the_original_are_those_that_were_measured(attacker, target, mean, low, high):
@@ -61,9 +45,11 @@ def test_blows_in_the_original_are_those_that_were_measured(attacker, target, me
     assert high - 1 <= blows.max() <= high + 1
 
 
-@pytest.mark.parametrize(("attacker", "mean"), [(PEASANT, 8.4), (FOOTMAN, 10.9), (ARCHER, 10.2)])
+@pytest.mark.parametrize(
+    ("attacker", "mean"), [(t.PEASANT, 8.4), (t.FOOTMAN, 10.9), (t.ARCHER, 10.2)]
+)
 def test_blows_on_a_farm_in_the_original_lose_its_armour(attacker, mean):
-    assert roll_blows(attacker, FARM, 4_000, preset="original").mean() == pytest.approx(
+    assert roll_blows(attacker, t.FARM, 4_000, preset="original").mean() == pytest.approx(
         mean, abs=0.3
     )
 
@@ -72,19 +58,19 @@ def test_blows_on_a_farm_in_the_original_lose_its_armour(attacker, mean):
     ("preset", "attacker", "target", "low", "high"),
     [
         # A whole roll d = uniform(min, max) + piercing - 0.12 armour, then 50..100 % of it.
-        ("thesis", PEASANT, PEASANT, 2, 11),
-        ("thesis", FOOTMAN, FOOTMAN, 2, 12),
-        ("thesis", ARCHER, FARM, 1, 8),
+        ("thesis", t.PEASANT, t.PEASANT, 2, 11),
+        ("thesis", t.FOOTMAN, t.FOOTMAN, 2, 12),
+        ("thesis", t.ARCHER, t.FARM, 1, 8),
         # The same, then 75..125 %.
-        ("drill", PEASANT, PEASANT, 3, 13),
-        ("drill", FOOTMAN, FOOTMAN, 4, 15),
-        ("drill", CAVALRY, CAVALRY, 5, 19),
+        ("drill", t.PEASANT, t.PEASANT, 3, 13),
+        ("drill", t.FOOTMAN, t.FOOTMAN, 4, 15),
+        ("drill", t.CAVALRY, t.CAVALRY, 5, 19),
     ],
 )
 def test_a_blow_lies_within_its_formula(preset, attacker, target, low, high):
     blows = roll_blows(attacker, target, 4_000, preset=preset)
     assert (blows.min(), blows.max()) == (low, high)
-    numbers = PRESETS[preset]
+    numbers = t.PRESETS[preset]
     middle = (numbers.damage_min[attacker] + numbers.damage_max[attacker]) / 2
     middle += numbers.piercing[attacker] - 0.12 * numbers.armour[target]
     middle *= (numbers.roll_low_percent + numbers.roll_high_percent) / 200
@@ -92,16 +78,16 @@ def test_a_blow_lies_within_its_formula(preset, attacker, target, low, high):
 
 
 def test_blades_and_plates_change_the_blows_of_soldiers_only():
-    for kind, by_blades in ((FOOTMAN, 2), (ARCHER, 2), (PEASANT, 0)):
-        skirmish, unit, other = face_off(kind, FOOTMAN, preset="drill")
-        skirmish.world.clock[TICK] = 77
+    for kind, by_blades in ((t.FOOTMAN, 2), (t.ARCHER, 2), (t.PEASANT, 0)):
+        skirmish, unit, other = face_off(kind, t.FOOTMAN, preset="drill")
+        skirmish.world.clock[s.TICK] = 77
         means = []
         for blades, plates in ((0, 0), (1, 0), (0, 2)):
-            skirmish.world.players[0, UPGRADES + BLADES] = blades
-            skirmish.world.players[1, UPGRADES + PLATES] = plates
+            skirmish.world.players[0, s.UPGRADES + t.BLADES] = blades
+            skirmish.world.players[1, s.UPGRADES + t.PLATES] = plates
             rolls = []
             for tick in range(500):
-                skirmish.world.clock[TICK] = tick
+                skirmish.world.clock[s.TICK] = tick
                 rolls.append(call(combat.blow, skirmish.world, skirmish.rules, unit, other))
             means.append(np.mean(rolls))
         assert means[1] - means[0] == pytest.approx(by_blades, abs=0.1)
@@ -110,23 +96,23 @@ def test_blades_and_plates_change_the_blows_of_soldiers_only():
 
 def test_the_dice_know_the_tick_and_the_unit_but_not_the_seat():
     skirmish = Skirmish(seed=3)
-    units = [skirmish.put(player, FOOTMAN, 4 + 6 * player, 4) for player in (0, 1)]
+    units = [skirmish.put(player, t.FOOTMAN, 4 + 6 * player, 4) for player in (0, 1)]
     first, second = [], []
     for tick in range(200):
-        skirmish.world.clock[TICK] = tick
+        skirmish.world.clock[s.TICK] = tick
         first.append(call(combat.blow, skirmish.world, skirmish.rules, *units))
         second.append(call(combat.blow, skirmish.world, skirmish.rules, *units[::-1]))
-    assert skirmish.get(units[0], UNIT_SERIAL) == skirmish.get(units[1], UNIT_SERIAL)
+    assert skirmish.get(units[0], s.UNIT_SERIAL) == skirmish.get(units[1], s.UNIT_SERIAL)
     assert first == second
     assert len(set(first)) > 5
 
 
 def test_damage_is_counted_up_to_the_health_that_was_left():
-    skirmish, unit, other = face_off(FOOTMAN, PEASANT)
-    skirmish.put(1, PEASANT, 1, 1)
-    skirmish.set(other, UNIT_HEALTH, 1)
+    skirmish, unit, other = face_off(t.FOOTMAN, t.PEASANT)
+    skirmish.put(1, t.PEASANT, 1, 1)
+    skirmish.set(other, s.UNIT_HEALTH, 1)
     skirmish.attack(unit, other)
     skirmish.wait(2)
     assert not skirmish.is_alive(other)
-    assert skirmish.world.players[:, DAMAGE_DONE].tolist() == [1, 0]
-    assert skirmish.world.players[:, DAMAGE_TAKEN].tolist() == [0, 1]
+    assert skirmish.world.players[:, s.DAMAGE_DONE].tolist() == [1, 0]
+    assert skirmish.world.players[:, s.DAMAGE_TAKEN].tolist() == [0, 1]

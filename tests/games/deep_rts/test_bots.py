@@ -6,6 +6,7 @@ import pytest
 from benchmarks._matches import play_match
 from marl_cair.games import make_engine
 from marl_cair.games.compiled import is_compiling
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.bots.bots import BOTS
 from marl_cair.games.deep_rts.bots.doctrines import DOCTRINES
 from marl_cair.games.deep_rts.bots.economy import cell_action
@@ -30,23 +31,6 @@ from marl_cair.games.deep_rts.bots.sight import (
 )
 from marl_cair.games.deep_rts.bots.sites import keeps_ways_open, nearest_person, num_free_around
 from marl_cair.games.deep_rts.orders.orders import GO_THERE, NOOP, SELECT_THERE
-from marl_cair.games.deep_rts.tables import (
-    ARCHER,
-    BARRACKS,
-    BLADES,
-    CAVALRY,
-    FIRST_UPGRADE,
-    FOOTMAN,
-    GOLD,
-    LUMBER,
-    NO_KIND,
-    OIL,
-    OIL_WELL,
-    PEASANT,
-    PLATES,
-    SMITHY,
-    TOWN_HALL,
-)
 from marl_cair.games.deep_rts.views.observation import log_level
 from marl_cair.games.deep_rts.views.planes import TIME_LEFT
 from marl_cair.games.randomness import episode_seeds
@@ -153,11 +137,11 @@ def test_a_store_is_read_off_its_level_to_three_in_a_hundred():
 def test_the_start_is_read_off_the_planes():
     known, sight = look_at(make_game(1))
     columns = known.rules.columns
-    assert sight.own[PEASANT] == sight.facts[NUM_PEOPLE] == 3
-    assert sight.own[TOWN_HALL] == sight.foes[TOWN_HALL] == 1
+    assert sight.own[t.PEASANT] == sight.facts[NUM_PEOPLE] == 3
+    assert sight.own[t.TOWN_HALL] == sight.foes[t.TOWN_HALL] == 1
     assert (sight.facts[FOOD_USED], sight.facts[FOOD_MADE]) == (3, 5)
-    assert abs(sight.store[GOLD] - 200) <= 6
-    assert abs(sight.store[LUMBER] - 100) <= 3
+    assert abs(sight.store[t.GOLD] - 200) <= 6
+    assert abs(sight.store[t.LUMBER] - 100) <= 3
     assert sight.facts[HOME] == 4 * columns + 4
     assert sight.facts[THREAT] == NO_CELL
 
@@ -185,47 +169,47 @@ def give(sight, **counts):
 
 
 @pytest.mark.parametrize(
-    ("seen", "answer"), [(ARCHER, CAVALRY), (CAVALRY, FOOTMAN), (FOOTMAN, ARCHER)]
+    ("seen", "answer"), [(t.ARCHER, t.CAVALRY), (t.CAVALRY, t.FOOTMAN), (t.FOOTMAN, t.ARCHER)]
 )
 def test_mixed_trains_what_beats_the_soldiers_in_sight(seen, answer):
     known, sight = look_at(make_game(1))
-    give(sight, own={FOOTMAN: 2, ARCHER: 2, CAVALRY: 2}, foes={seen: 6})
+    give(sight, own={t.FOOTMAN: 2, t.ARCHER: 2, t.CAVALRY: 2}, foes={seen: 6})
     sight.facts[NUM_SOLDIERS] = 6
     assert choose_soldier(known, sight) == answer
 
 
 def test_who_wants_cavalry_builds_a_well_and_trains_footmen_until_there_is_oil():
     known, sight = look_at(make_game(1), "economist")
-    give(sight, own={BARRACKS: 1, PEASANT: 8, FOOTMAN: 1})
+    give(sight, own={t.BARRACKS: 1, t.PEASANT: 8, t.FOOTMAN: 1})
     sight.facts[NUM_SOLDIERS] = 1
     sight.facts[FOOD_MADE] = 20
-    assert wanted_building(known, sight) == OIL_WELL
-    assert choose_soldier(known, sight) == CAVALRY
-    sight.store[OIL] = 0
-    assert choose_soldier(known, sight) in (FOOTMAN, ARCHER)
+    assert wanted_building(known, sight) == t.OIL_WELL
+    assert choose_soldier(known, sight) == t.CAVALRY
+    sight.store[t.OIL] = 0
+    assert choose_soldier(known, sight) in (t.FOOTMAN, t.ARCHER)
 
 
 def test_the_turtle_equips_an_army_by_turns():
     known, sight = look_at(make_game(1), "turtle")
-    give(sight, own={BARRACKS: 1, PEASANT: 8, ARCHER: ENOUGH_SOLDIERS})
+    give(sight, own={t.BARRACKS: 1, t.PEASANT: 8, t.ARCHER: ENOUGH_SOLDIERS})
     sight.facts[NUM_SOLDIERS] = ENOUGH_SOLDIERS
     sight.facts[FOOD_MADE] = 30
-    assert wanted_building(known, sight) == SMITHY
-    give(sight, own={SMITHY: 1, OIL_WELL: 1})
+    assert wanted_building(known, sight) == t.SMITHY
+    give(sight, own={t.SMITHY: 1, t.OIL_WELL: 1})
     sight.facts[FREE_SMITHY] = 0
-    assert wanted_building(known, sight) == FIRST_UPGRADE + BLADES
-    sight.level[BLADES] = 1
-    assert wanted_building(known, sight) == FIRST_UPGRADE + PLATES
+    assert wanted_building(known, sight) == t.FIRST_UPGRADE + t.BLADES
+    sight.level[t.BLADES] = 1
+    assert wanted_building(known, sight) == t.FIRST_UPGRADE + t.PLATES
     sight.level[:] = known.doctrine.upgrades
-    assert wanted_building(known, sight) == BARRACKS
+    assert wanted_building(known, sight) == t.BARRACKS
 
 
 def test_without_a_hall_gold_goes_to_soldiers_until_there_is_enough_for_one():
     known, sight = look_at(make_game(1))
-    give(sight, own={TOWN_HALL: 0, BARRACKS: 1, FOOTMAN: 1})
-    assert wanted_building(known, sight) == TOWN_HALL
-    sight.store[GOLD] = 100
-    assert wanted_building(known, sight) == NO_KIND
+    give(sight, own={t.TOWN_HALL: 0, t.BARRACKS: 1, t.FOOTMAN: 1})
+    assert wanted_building(known, sight) == t.TOWN_HALL
+    sight.store[t.GOLD] = 100
+    assert wanted_building(known, sight) == t.NO_KIND
 
 
 def test_mixed_sends_the_foremost_peasant_where_it_does_not_see_the_enemy():
@@ -234,13 +218,13 @@ def test_mixed_sends_the_foremost_peasant_where_it_does_not_see_the_enemy():
     planes, mask = engine.observe("planes")[0, 0], engine.action_mask()[0, 0]
     planes[TIME_LEFT] = 0
     assert scout(planes, mask, known, sight) == NOOP  # it has three peasants only
-    sight.own[PEASANT] = SCOUT_WORKERS
+    sight.own[t.PEASANT] = SCOUT_WORKERS
     target = int(sight.facts[TARGET])
     foremost = nearest_person(known, sight, target)
     select, go = (cell_action(known, order, target) for order in (SELECT_THERE, GO_THERE))
     expected = go if foremost == sight.facts[SELECTED_CELL] else select - target + foremost
     assert scout(planes, mask, known, sight) == expected
-    sight.side[target], sight.kind[target] = MINE, FOOTMAN  # who sees the enemy
+    sight.side[target], sight.kind[target] = MINE, t.FOOTMAN  # who sees the enemy
     assert scout(planes, mask, known, sight) == NOOP
 
 

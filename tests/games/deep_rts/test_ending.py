@@ -6,24 +6,8 @@ import numpy as np
 import pytest
 
 from marl_cair.games import make_engine
-from marl_cair.games.deep_rts.state import (
-    DAMAGE_DONE,
-    GATHERED,
-    IS_ALIVE,
-    NUM_CREATED,
-    NUM_FALLEN,
-    UNIT_HEALTH,
-)
-from marl_cair.games.deep_rts.tables import (
-    BARRACKS,
-    FARM,
-    FOOTMAN,
-    GOLD,
-    LUMBER,
-    PEASANT,
-    SMITHY,
-    TOWN_HALL,
-)
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.views.other_views import VECTOR_NAMES
 from marl_cair.games.game import NO_WINNER
 from tests.games.deep_rts.skirmish import Skirmish, draw_actions
@@ -61,8 +45,8 @@ def kill(skirmish: Skirmish, *players: int) -> None:
     """Everybody of the players who walks falls in the next tick."""
     for player in players:
         for unit in skirmish.units_of(player):
-            skirmish.set(unit, UNIT_HEALTH, 0)
-            skirmish.world.clock[NUM_FALLEN] += 1
+            skirmish.set(unit, s.UNIT_HEALTH, 0)
+            skirmish.world.clock[s.NUM_FALLEN] += 1
 
 
 def bury(skirmish: Skirmish, *players: int) -> None:
@@ -113,12 +97,12 @@ def test_a_finished_game_stays_as_it_is_and_pays_nothing():
 @pytest.mark.parametrize(
     ("kind", "gold", "goes_on"),
     [
-        (FARM, 10_000, False),
-        (SMITHY, 10_000, False),
-        (TOWN_HALL, 49, False),
-        (TOWN_HALL, 50, True),
-        (BARRACKS, 79, False),
-        (BARRACKS, 80, True),
+        (t.FARM, 10_000, False),
+        (t.SMITHY, 10_000, False),
+        (t.TOWN_HALL, 49, False),
+        (t.TOWN_HALL, 50, True),
+        (t.BARRACKS, 79, False),
+        (t.BARRACKS, 80, True),
     ],
 )
 def test_who_cannot_train_anybody_is_out_though_buildings_stand(kind, gold, goes_on):
@@ -127,17 +111,17 @@ def test_who_cannot_train_anybody_is_out_though_buildings_stand(kind, gold, goes
     skirmish.world.players[1, 2] = 5  # FOOD_MADE
     skirmish.fill_store(1, gold, 0, 10_000, 0)
     worker = skirmish.units_of(1)[0]
-    skirmish.set(worker, UNIT_HEALTH, 0)
-    skirmish.world.clock[NUM_FALLEN] += 1
+    skirmish.set(worker, s.UNIT_HEALTH, 0)
+    skirmish.world.clock[s.NUM_FALLEN] += 1
     skirmish.wait(2)
-    assert bool(skirmish.world.players[1, IS_ALIVE]) == goes_on
+    assert bool(skirmish.world.players[1, s.IS_ALIVE]) == goes_on
     assert skirmish.is_alive(house) == goes_on
     assert outcome(skirmish)[0] != goes_on
 
 
 def test_who_has_gold_but_no_food_is_out():
     skirmish = conquest()
-    skirmish.put(1, BARRACKS, 8, 8)
+    skirmish.put(1, t.BARRACKS, 8, 8)
     skirmish.fill_store(1, 10_000)
     bury_workers(skirmish, 1)
     skirmish.wait()
@@ -145,17 +129,17 @@ def test_who_has_gold_but_no_food_is_out():
 
 
 def bury_workers(skirmish: Skirmish, player: int) -> None:
-    skirmish.set(skirmish.units_of(player)[0], UNIT_HEALTH, 0)
-    skirmish.world.clock[NUM_FALLEN] += 1
+    skirmish.set(skirmish.units_of(player)[0], s.UNIT_HEALTH, 0)
+    skirmish.world.clock[s.NUM_FALLEN] += 1
     skirmish.wait()
 
 
 def test_who_trains_somebody_is_not_out_with_an_empty_store():
     skirmish = conquest()
-    hall = skirmish.put(1, TOWN_HALL, 8, 8)
+    hall = skirmish.put(1, t.TOWN_HALL, 8, 8)
     skirmish.world.players[1, 2] = 5  # FOOD_MADE
     skirmish.fill_store(1, 50)
-    skirmish.make(hall, PEASANT)
+    skirmish.make(hall, t.PEASANT)
     bury_workers(skirmish, 1)
     skirmish.wait(50)
     assert outcome(skirmish) == (False, False, NO_WINNER, [0.0, 0.0])
@@ -189,10 +173,10 @@ def test_a_team_wins_together(survivors):
 
 def test_team_mates_do_not_fight():
     skirmish = conquest(FOUR, num_players=4, teams=(0, 0, 1, 1))
-    skirmish.put(0, FOOTMAN, 8, 8)
-    mate = skirmish.put(1, PEASANT, 8, 9)
+    skirmish.put(0, t.FOOTMAN, 8, 8)
+    mate = skirmish.put(1, t.PEASANT, 8, 9)
     skirmish.wait(60)
-    assert skirmish.get(mate, UNIT_HEALTH) == 30
+    assert skirmish.get(mate, s.UNIT_HEALTH) == 30
 
 
 # --- the clock -----------------------------------------------------------------------------------
@@ -208,7 +192,7 @@ def test_time_is_over_at_its_very_tick():
 
 def test_out_of_time_nobody_has_won_and_nobody_is_paid():
     skirmish = conquest(max_ticks=20)
-    skirmish.world.players[1, DAMAGE_DONE] = 10
+    skirmish.world.players[1, s.DAMAGE_DONE] = 10
     skirmish.wait(20)
     assert outcome(skirmish) == (False, True, NO_WINNER, [0.0, 0.0])
 
@@ -217,7 +201,7 @@ def test_a_league_counts_as_a_win_what_the_reward_pays_for():
     """Whatever ends a game of two: who is named the winner has +1, and a draw 0."""
     for best in (None, 0, 1):
         skirmish = conquest(max_ticks=20)
-        skirmish.world.players[0, DAMAGE_DONE] = 10
+        skirmish.world.players[0, s.DAMAGE_DONE] = 10
         if best is not None:
             bury(skirmish, 1 - best)
         total = skirmish.engine.rewards[0].copy()
@@ -243,15 +227,15 @@ SCORED = {"goal": "score", "max_ticks": 20}
 
 def test_equal_team_mates_with_the_best_score_win():
     skirmish = conquest(FOUR, num_players=4, teams=(0, 0, 1, 1), **SCORED)
-    skirmish.world.players[:2, DAMAGE_DONE] = 10
+    skirmish.world.players[:2, s.DAMAGE_DONE] = 10
     skirmish.wait(20)
     assert outcome(skirmish)[:3] == (True, False, 0)
 
 
 def test_out_of_time_a_team_is_ranked_by_its_sum():
     skirmish = conquest(FOUR, num_players=4, teams=(0, 1, 1, 0), **SCORED)
-    skirmish.world.players[0, GATHERED + GOLD] = 100
-    skirmish.world.players[[1, 2], GATHERED + GOLD] = 60
+    skirmish.world.players[0, s.GATHERED + t.GOLD] = 100
+    skirmish.world.players[[1, 2], s.GATHERED + t.GOLD] = 60
     skirmish.wait(20)
     assert outcome(skirmish)[:3] == (True, False, 1)
 
@@ -261,7 +245,11 @@ def test_out_of_time_a_team_is_ranked_by_its_sum():
 
 @pytest.mark.parametrize(
     ("goal", "column"),
-    [("gold", GATHERED + GOLD), ("lumber", GATHERED + LUMBER), ("army", NUM_CREATED + FOOTMAN)],
+    [
+        ("gold", s.GATHERED + t.GOLD),
+        ("lumber", s.GATHERED + t.LUMBER),
+        ("army", s.NUM_CREATED + t.FOOTMAN),
+    ],
 )
 def test_a_race_ends_as_its_goal_is_reached(goal, column):
     skirmish = Skirmish(goal=goal, goal_amount=8, army=(1, 0, 0, 0))
@@ -283,7 +271,7 @@ def test_the_rewards_of_a_gold_race_sum_to_the_share_that_was_gathered(seed):
     while not (engine.terminated[0] or engine.truncated[0]):
         engine.step(draw_actions(engine, luck))
         paid += engine.rewards[0]
-    gathered = engine._worlds.players[0, :, GATHERED + GOLD]
+    gathered = engine._worlds.players[0, :, s.GATHERED + t.GOLD]
     np.testing.assert_allclose(paid, np.minimum(1, gathered / 30), atol=1e-5)
     if engine.terminated[0] and engine.winner[0] >= 0:
         assert paid[engine.winner[0]] == pytest.approx(1.0)
@@ -291,7 +279,7 @@ def test_the_rewards_of_a_gold_race_sum_to_the_share_that_was_gathered(seed):
 
 def test_the_whole_reward_of_a_race_is_exactly_one():
     skirmish = Skirmish(goal="gold", goal_amount=7, is_empty=False, max_ticks=10_000)
-    worker = next(u for u in skirmish.units_of(0) if skirmish.get(u, 0) == PEASANT)
+    worker = next(u for u in skirmish.units_of(0) if skirmish.get(u, 0) == t.PEASANT)
     skirmish.order(worker, 2, 0, 15)  # HARVEST
     paid = np.zeros(2)
     while not skirmish.engine.terminated[0]:
@@ -303,7 +291,7 @@ def test_the_whole_reward_of_a_race_is_exactly_one():
 
 def test_reaching_the_goal_in_one_tick_is_a_draw():
     skirmish = Skirmish(goal="army", goal_amount=3, army=(1, 0, 0, 0))
-    skirmish.world.players[:, NUM_CREATED + FOOTMAN] = 3
+    skirmish.world.players[:, s.NUM_CREATED + t.FOOTMAN] = 3
     skirmish.wait()
     assert outcome(skirmish)[:3] == (True, False, NO_WINNER)
 
@@ -322,7 +310,7 @@ def test_a_race_goes_on_for_one_and_ends_with_nobody():
 
 def test_a_race_out_of_time_is_truncated():
     skirmish = Skirmish(goal="gold", goal_amount=50, army=(1, 0, 0, 0), max_ticks=10)
-    skirmish.world.players[0, GATHERED + GOLD] = 49
+    skirmish.world.players[0, s.GATHERED + t.GOLD] = 49
     skirmish.wait(10)
     assert outcome(skirmish)[:3] == (False, True, NO_WINNER)
 
@@ -330,9 +318,9 @@ def test_a_race_out_of_time_is_truncated():
 def test_the_score_pays_a_hundredth_for_each_point_and_terminates_in_time():
     """0.5 x 2 x 40 gold + 0.5 x 30 lumber + 2 x 3 created + 1 unit."""
     skirmish = Skirmish(army=(1, 0, 0, 0), max_ticks=5)
-    skirmish.world.players[0, GATHERED + GOLD] = 40
-    skirmish.world.players[0, GATHERED + LUMBER] = 30
-    skirmish.world.players[0, NUM_CREATED + FOOTMAN] = 3
+    skirmish.world.players[0, s.GATHERED + t.GOLD] = 40
+    skirmish.world.players[0, s.GATHERED + t.LUMBER] = 30
+    skirmish.world.players[0, s.NUM_CREATED + t.FOOTMAN] = 3
     vector = skirmish.engine.observe("vector")[0, 0]
     assert vector[VECTOR_NAMES.index("own score")] == 40 + 15 + 6 + 1
     skirmish.wait(5)
@@ -352,9 +340,9 @@ def test_alone_one_can_race():
 def test_shaped_rewards_sum_to_the_sparse_ones_less_the_first_potential():
     """With a discount of 1; the potential weighs units by their price and health."""
     skirmish = conquest(reward="shaped", shaping_discount=1.0)
-    soldier = skirmish.put(0, FOOTMAN, 12, 12)
+    soldier = skirmish.put(0, t.FOOTMAN, 12, 12)
     victim = skirmish.units_of(1)[0]
-    skirmish.set(victim, UNIT_HEALTH, 1)
+    skirmish.set(victim, s.UNIT_HEALTH, 1)
     first, second = 50 + 80, 50 / 30
     potentials = [0.8 * (2 * worth / (1 + first + second) - 1) for worth in (first, second)]
     skirmish.attack(soldier, victim)
@@ -368,7 +356,7 @@ def test_shaped_rewards_sum_to_the_sparse_ones_less_the_first_potential():
 
 def test_sparse_games_pay_only_at_the_end():
     skirmish = conquest()
-    skirmish.attack(skirmish.put(0, FOOTMAN, 12, 13), skirmish.units_of(1)[0])
+    skirmish.attack(skirmish.put(0, t.FOOTMAN, 12, 13), skirmish.units_of(1)[0])
     while not skirmish.engine.terminated[0]:
         assert skirmish.engine.rewards[0].tolist() == [0.0, 0.0]
         skirmish.wait()
@@ -378,6 +366,6 @@ def test_sparse_games_pay_only_at_the_end():
 def test_team_mates_who_reach_the_goal_in_one_tick_win():
     options = {"num_players": 4, "teams": (1, 0, 0, 1), "army": (1, 0, 0, 0)}
     skirmish = Skirmish(FOUR, goal="army", goal_amount=3, **options)
-    skirmish.world.players[1:3, NUM_CREATED + FOOTMAN] = 3
+    skirmish.world.players[1:3, s.NUM_CREATED + t.FOOTMAN] = 3
     skirmish.wait()
     assert outcome(skirmish)[:3] == (True, False, 1)

@@ -6,40 +6,9 @@ import numpy as np
 import pytest
 
 from marl_cair.games import make_engine
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.rules.board import sight_of
-from marl_cair.games.deep_rts.state import (
-    AMOUNT,
-    ATTACK,
-    GATHERING,
-    IDLE,
-    MOVE,
-    NO_ORDER,
-    NUM_UNITS,
-    OCCUPANT,
-    REPAIRING,
-    TICK,
-    TILE,
-    UNIT_CELL,
-    UNIT_FACING,
-    UNIT_GOAL,
-    UNIT_KIND,
-    UNIT_ORDER,
-    UNIT_SINCE,
-    UNIT_STATE,
-    UNKNOWN,
-    WALKING,
-)
-from marl_cair.games.deep_rts.tables import (
-    ARCHER,
-    BARRACKS,
-    FARM,
-    FOOTMAN,
-    GOLD_TILE,
-    GRASS,
-    PEASANT,
-    TOWN_HALL,
-    WALL,
-)
 from marl_cair.games.deep_rts.views.planes import PLANE_NAMES
 from tests.games.deep_rts.skirmish import Skirmish, call, draw_actions
 
@@ -50,7 +19,7 @@ VISIBLE, EXPLORED = PLANE_NAMES.index("visible"), PLANE_NAMES.index("explored")
 
 def foggy(**options) -> Skirmish:
     skirmish = Skirmish(fog=True, **options)
-    skirmish.world.known[:] = UNKNOWN  # the units of the start have looked around
+    skirmish.world.known[:] = s.UNKNOWN  # the units of the start have looked around
     return skirmish
 
 
@@ -68,7 +37,9 @@ def assert_same(first: list[np.ndarray], second: list[np.ndarray]) -> None:
 
 
 @pytest.mark.plain_python
-@pytest.mark.parametrize(("kind", "sight"), [(PEASANT, 4), (ARCHER, 6), (TOWN_HALL, 7), (FARM, 4)])
+@pytest.mark.parametrize(
+    ("kind", "sight"), [(t.PEASANT, 4), (t.ARCHER, 6), (t.TOWN_HALL, 7), (t.FARM, 4)]
+)
 def test_a_unit_sees_a_round_disc(kind, sight):
     skirmish = foggy()
     skirmish.put(0, kind, 8, 8)
@@ -79,11 +50,11 @@ def test_a_unit_sees_a_round_disc(kind, sight):
 
 def test_ground_that_was_seen_is_remembered_and_units_there_are_not():
     skirmish = foggy()
-    skirmish.put(1, PEASANT, 8, 12)
-    scout = skirmish.put(0, PEASANT, 8, 9)
+    skirmish.put(1, t.PEASANT, 8, 12)
+    scout = skirmish.put(0, t.PEASANT, 8, 9)
     before = skirmish.engine.observe("planes")[0, 0]
     assert before[PLANE_NAMES.index("enemy"), 8, 12] > 0
-    skirmish.order(scout, MOVE, 8, 2)
+    skirmish.order(scout, s.MOVE, 8, 2)
     skirmish.wait(90)
     after = skirmish.engine.observe("planes")[0, 0]
     assert after[VISIBLE, 8, 12] == 0
@@ -95,22 +66,22 @@ def test_ground_that_was_seen_is_remembered_and_units_there_are_not():
 def test_a_tile_that_changes_unseen_stays_in_memory_until_it_is_seen_again():
     skirmish = foggy()
     gold = skirmish.cell(8, 12)
-    skirmish.world.board[TILE, gold] = GOLD_TILE
-    scout = skirmish.put(0, PEASANT, 8, 9)
-    skirmish.order(scout, MOVE, 8, 3)
+    skirmish.world.board[s.TILE, gold] = t.GOLD_TILE
+    scout = skirmish.put(0, t.PEASANT, 8, 9)
+    skirmish.order(scout, s.MOVE, 8, 3)
     skirmish.wait(80)
-    skirmish.world.board[TILE, gold] = GRASS
+    skirmish.world.board[s.TILE, gold] = t.GRASS
     plane = PLANE_NAMES.index("gold")
     assert skirmish.engine.observe("planes")[0, 0, plane, 8, 12] > 0
     assert skirmish.is_legal(0, "noop")
-    skirmish.order(scout, MOVE, 8, 9)
+    skirmish.order(scout, s.MOVE, 8, 9)
     skirmish.wait(80)
     assert skirmish.engine.observe("planes")[0, 0, plane, 8, 12] == 0
 
 
 def test_without_fog_all_is_visible():
     skirmish = Skirmish()
-    skirmish.put(0, PEASANT, 8, 8)
+    skirmish.put(0, t.PEASANT, 8, 8)
     planes = skirmish.engine.observe("planes")[0, 0]
     assert (planes[VISIBLE] == 255).all()
     assert (planes[EXPLORED] == 255).all()
@@ -118,8 +89,8 @@ def test_without_fog_all_is_visible():
 
 def test_allies_share_what_they_see():
     skirmish = foggy(goal="score", teams=(4, 4))
-    skirmish.put(0, PEASANT, 2, 2)
-    skirmish.put(1, ARCHER, 12, 12)
+    skirmish.put(0, t.PEASANT, 2, 2)
+    skirmish.put(1, t.ARCHER, 12, 12)
     first, second = skirmish.engine.observe("planes")[0]
     np.testing.assert_array_equal(first[VISIBLE], second[VISIBLE, ::-1, ::-1])
     assert first[VISIBLE, 12, 12] > 0
@@ -138,26 +109,26 @@ def change_unseen(skirmish: Skirmish, luck: np.random.Generator) -> int:
             if skirmish.world.vision[0, cell] > 0 or skirmish.occupant(row, column) >= 0:
                 continue
             choice = luck.integers(6)
-            if choice == 0 and skirmish.world.players[1, NUM_UNITS] < 20:
-                skirmish.put(1, int(luck.choice([PEASANT, FOOTMAN, FARM])), row, column)
+            if choice == 0 and skirmish.world.players[1, s.NUM_UNITS] < 20:
+                skirmish.put(1, int(luck.choice([t.PEASANT, t.FOOTMAN, t.FARM])), row, column)
                 changes += 1
             elif choice == 1:
-                skirmish.world.board[TILE, cell] = luck.choice([GRASS, WALL, GOLD_TILE])
-                skirmish.world.board[AMOUNT, cell] = 100
+                skirmish.world.board[s.TILE, cell] = luck.choice([t.GRASS, t.WALL, t.GOLD_TILE])
+                skirmish.world.board[s.AMOUNT, cell] = 100
                 changes += 1
     return changes
 
 
 @pytest.mark.parametrize("actions", ["unit", "classic", "grid"])
-@pytest.mark.parametrize("kind", [PEASANT, FOOTMAN, ARCHER, TOWN_HALL, BARRACKS])
+@pytest.mark.parametrize("kind", [t.PEASANT, t.FOOTMAN, t.ARCHER, t.TOWN_HALL, t.BARRACKS])
 def test_what_lies_in_the_fog_changes_neither_view_nor_mask(kind, actions):
     luck = np.random.default_rng(kind)
     for _ in range(6):
         skirmish = foggy(actions=actions)
-        skirmish.put(1, PEASANT, 13, 13)
+        skirmish.put(1, t.PEASANT, 13, 13)
         selected = skirmish.put(0, kind, 5, 5)
-        skirmish.put(0, FOOTMAN, 8, 5)
-        skirmish.put(1, FOOTMAN, 8, 7)
+        skirmish.put(0, t.FOOTMAN, 8, 5)
+        skirmish.put(1, t.FOOTMAN, 8, 7)
         skirmish.fill_store(0, 5_000, 5_000, 5_000, 5_000)
         skirmish.select(selected)
         before = views_of(skirmish, 0)
@@ -166,17 +137,17 @@ def test_what_lies_in_the_fog_changes_neither_view_nor_mask(kind, actions):
         skirmish.fill_store(1, 1, 2, 3, 4)
         skirmish.select(skirmish.units_of(1)[-1])
         for unit in skirmish.units_of(1):
-            skirmish.set(unit, UNIT_ORDER, ATTACK)  # what others intend is hidden too
+            skirmish.set(unit, s.UNIT_ORDER, s.ATTACK)  # what others intend is hidden too
         assert_same(views_of(skirmish, 0)[:1], before[:1])
 
 
 def test_an_unseen_enemy_is_no_target():
     """An attack is given up as its target goes out of the team's sight."""
     skirmish = foggy(preset="thesis")
-    unit, other = skirmish.put(0, FOOTMAN, 8, 4), skirmish.put(1, PEASANT, 8, 12)
+    unit, other = skirmish.put(0, t.FOOTMAN, 8, 4), skirmish.put(1, t.PEASANT, 8, 12)
     skirmish.attack(unit, other)
     skirmish.wait(2)
-    assert skirmish.get(unit, UNIT_ORDER) == NO_ORDER
+    assert skirmish.get(unit, s.UNIT_ORDER) == s.NO_ORDER
 
 
 # --- counting ------------------------------------------------------------------------------------
@@ -189,9 +160,9 @@ def recount(engine) -> np.ndarray:
     rows, columns = rules.cells[:, 0].astype(int), rules.cells[:, 1].astype(int)
     is_inside = (rows >= 0) & (rows < rules.rows) & (columns >= 0) & (columns < rules.columns)
     for player in range(rules.num_players):
-        for unit in world.roster[0, player, : world.players[0, player, NUM_UNITS]]:
-            cell, kind = world.units[0, unit, UNIT_CELL], world.units[0, unit, UNIT_KIND]
-            if world.board[0, OCCUPANT, cell] != unit:
+        for unit in world.roster[0, player, : world.players[0, player, s.NUM_UNITS]]:
+            cell, kind = world.units[0, unit, s.UNIT_CELL], world.units[0, unit, s.UNIT_KIND]
+            if world.board[0, s.OCCUPANT, cell] != unit:
                 continue  # inside a site
             sight = call(sight_of, rules, kind)
             away = (rows - rows[cell]) ** 2 + (columns - columns[cell]) ** 2
@@ -216,7 +187,7 @@ def test_sight_equals_a_recount_after_random_play(options):
         engine.step(draw_actions(engine, luck))
         if decision % 10 == 0:
             np.testing.assert_array_equal(engine._worlds.vision[0], recount(engine))
-            known, board = engine._worlds.known[0], engine._worlds.board[0, TILE]
+            known, board = engine._worlds.known[0], engine._worlds.board[0, s.TILE]
             for player in range(2):
                 seen = engine._worlds.vision[0, player] > 0
                 np.testing.assert_array_equal(known[player, seen], board[seen])
@@ -227,21 +198,21 @@ def test_sight_equals_a_recount_after_random_play(options):
 @pytest.mark.parametrize(
     ("state", "column", "values"),
     [
-        (IDLE, UNIT_FACING, (1, 2)),
-        (WALKING, UNIT_FACING, (0, 1)),
-        (WALKING, UNIT_SINCE, (1, 8)),
-        (GATHERING, UNIT_GOAL, (20, 160)),
-        (REPAIRING, UNIT_FACING, (1, 2)),
+        (s.IDLE, s.UNIT_FACING, (1, 2)),
+        (s.WALKING, s.UNIT_FACING, (0, 1)),
+        (s.WALKING, s.UNIT_SINCE, (1, 8)),
+        (s.GATHERING, s.UNIT_GOAL, (20, 160)),
+        (s.REPAIRING, s.UNIT_FACING, (1, 2)),
     ],
 )
 def test_where_a_unit_looks_and_goes_is_its_owners_to_know(state, column, values):
     """Orders are hidden from others, in every representation and in the picture for people."""
     skirmish = Skirmish(tile_pixels=8)
-    unit = skirmish.put(1, PEASANT, 4, 8)
-    skirmish.set(unit, UNIT_STATE, state)
+    unit = skirmish.put(1, t.PEASANT, 4, 8)
+    skirmish.set(unit, s.UNIT_STATE, state)
     skirmish.world.due[unit] = 60
-    skirmish.world.clock[TICK] = 10
-    skirmish.set(unit, UNIT_FACING, 1)
+    skirmish.world.clock[s.TICK] = 10
+    skirmish.set(unit, s.UNIT_FACING, 1)
     seen = []
     for value in values:
         skirmish.set(unit, column, value)

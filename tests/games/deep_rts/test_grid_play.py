@@ -7,17 +7,10 @@ import pytest
 
 from marl_cair.games import make_engine
 from marl_cair.games.compiled import is_compiling
-from marl_cair.games.deep_rts.orders.obedience import obey_all
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts.orders.cursor_orders import obey_cursors
+from marl_cair.games.deep_rts.orders.grid import obey_grids
 from marl_cair.games.deep_rts.rules.rulebook import COLUMN_STEP, ROW_STEP, SEAT_FRAME
-from marl_cair.games.deep_rts.state import (
-    CURSOR,
-    FRONTIER,
-    MAP_INDEX,
-    NUM_UNITS,
-    OCCUPANT,
-    UNIT_CELL,
-    world_at,
-)
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.league.play.match import play_match, record_game
 from tests.games.deep_rts.skirmish import call, draw_actions
@@ -41,10 +34,10 @@ def commandable(engine: BatchedEngine) -> list[tuple[int, int, int, int]]:
     found = []
     world, rules = engine._worlds, engine._rules
     for player in range(engine.num_players):
-        frame = rules.seats[world.clock[0, MAP_INDEX], player, SEAT_FRAME]
-        for unit in world.roster[0, player, : world.players[0, player, NUM_UNITS]].tolist():
-            cell = world.units[0, unit, UNIT_CELL]
-            if world.board[0, OCCUPANT, cell] == unit:
+        frame = rules.seats[world.clock[0, s.MAP_INDEX], player, SEAT_FRAME]
+        for unit in world.roster[0, player, : world.players[0, player, s.NUM_UNITS]].tolist():
+            cell = world.units[0, unit, s.UNIT_CELL]
+            if world.board[0, s.OCCUPANT, cell] == unit:
                 found.append((player, unit, *rules.own_place[frame, cell].tolist()))
     return found
 
@@ -73,9 +66,9 @@ def assert_same_but_scratch(first: BatchedEngine, second: BatchedEngine) -> None
     for name, field in first._worlds._asdict().items():
         own, other = field.copy(), getattr(second._worlds, name).copy()
         if name == "board":
-            own[0, FRONTIER] = other[0, FRONTIER] = 0
+            own[0, s.FRONTIER] = other[0, s.FRONTIER] = 0
         if name == "players":
-            own[..., CURSOR] = other[..., CURSOR] = 0
+            own[..., s.CURSOR] = other[..., s.CURSOR] = 0
         np.testing.assert_array_equal(own, other, err_msg=name)
 
 
@@ -98,7 +91,7 @@ def test_masks_and_orders_are_those_of_the_unit_space(options):
         mask = grid.action_mask()[0]
         for player, slot, row, column in commandable(grid):
             copy_state(stage, unit)
-            unit._worlds.players[0, player, CURSOR] = slot
+            unit._worlds.players[0, player, s.CURSOR] = slot
             known = unit.action_mask()[0, player]
             meant = [unit_actions_of(unit, name, row, column) for name in names]
             expected = [bool(known[actions].any()) for actions in meant]
@@ -109,12 +102,12 @@ def test_masks_and_orders_are_those_of_the_unit_space(options):
                 told = np.zeros((unit.num_players,), np.int32)
                 told[player] = next(action for action in meant[order] if known[action])
                 copy_state(stage, unit)
-                unit._worlds.players[0, player, CURSOR] = slot
-                call(obey_all, call(world_at, unit._worlds, 0), unit._rules, told)
+                unit._worlds.players[0, player, s.CURSOR] = slot
+                call(obey_cursors, call(s.world_at, unit._worlds, 0), unit._rules, told)
                 told = np.zeros((grid.num_players, *grid.spec.action_shape), np.int32)
                 told[player, row, column] = order
                 copy_state(stage, grid)
-                call(obey_all, call(world_at, grid._worlds, 0), grid._rules, told)
+                call(obey_grids, call(s.world_at, grid._worlds, 0), grid._rules, told)
                 assert_same_but_scratch(grid, unit)
                 assert (grid._worlds.illegal == stage._worlds.illegal).all()
     assert num_legal > 50

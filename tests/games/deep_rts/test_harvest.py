@@ -7,40 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from marl_cair.games.deep_rts.state import (
-    GATHERING,
-    HARVEST,
-    IDLE,
-    NO_ORDER,
-    RETURN,
-    TILE,
-    UNIT_CARRY,
-    UNIT_CARRY_KIND,
-    UNIT_GOAL,
-    UNIT_HEALTH,
-    UNIT_ORDER,
-    UNIT_STATE,
-    WALKING,
-)
-from marl_cair.games.deep_rts.tables import (
-    FOOTMAN,
-    GOLD,
-    GOLD_TILE,
-    GRASS,
-    LUMBER,
-    LUMBER_TILE,
-    MAX_RESOURCE,
-    NO_RESOURCE,
-    NUM_RESOURCES,
-    OIL,
-    OIL_TILE,
-    OIL_WELL,
-    PEASANT,
-    PRESETS,
-    STONE,
-    STONE_TILE,
-    TOWN_HALL,
-)
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
 from tests.games.deep_rts.skirmish import Skirmish
 
 # A hall at (8, 3) has its edge at column 4; one walks 4 tiles from column 5 to column 9.
@@ -65,7 +33,7 @@ FIELD = """
 
 
 def put_worker(skirmish: Skirmish, row: int = 8, column: int = 9, player: int = 0) -> int:
-    return skirmish.put(player, PEASANT, row, column)
+    return skirmish.put(player, t.PEASANT, row, column)
 
 
 # --- time --------------------------------------------------------------------------------------
@@ -74,70 +42,72 @@ def put_worker(skirmish: Skirmish, row: int = 8, column: int = 9, player: int = 
 @pytest.mark.plain_python
 @pytest.mark.parametrize(("preset", "ticks"), [("original", 6), ("thesis", 5), ("drill", 5)])
 @pytest.mark.parametrize(
-    ("row", "resource"), [(8, GOLD), (10, LUMBER), (11, STONE)], ids=("gold", "lumber", "stone")
+    ("row", "resource"),
+    [(8, t.GOLD), (10, t.LUMBER), (11, t.STONE)],
+    ids=("gold", "lumber", "stone"),
 )
 def test_each_unit_of_a_resource_takes_exactly_its_ticks(preset, ticks, row, resource):
     skirmish = Skirmish(FIELD, preset=preset)
     full = skirmish.amount(row, 10)
     worker = put_worker(skirmish, row)
-    skirmish.order(worker, HARVEST, row, 10)
+    skirmish.order(worker, s.HARVEST, row, 10)
     skirmish.wait()
-    assert skirmish.get(worker, UNIT_STATE) == GATHERING
+    assert skirmish.get(worker, s.UNIT_STATE) == s.GATHERING
     for taken in range(1, 11):
         skirmish.wait(ticks - 1)
-        assert skirmish.get(worker, UNIT_CARRY) == taken - 1
+        assert skirmish.get(worker, s.UNIT_CARRY) == taken - 1
         skirmish.wait()
-        assert skirmish.get(worker, UNIT_CARRY) == taken
-        assert skirmish.get(worker, UNIT_CARRY_KIND) == resource
+        assert skirmish.get(worker, s.UNIT_CARRY) == taken
+        assert skirmish.get(worker, s.UNIT_CARRY_KIND) == resource
         assert skirmish.amount(row, 10) == full - taken
         assert skirmish.gathered(0)[resource] == taken
     skirmish.wait(100)
-    assert skirmish.get(worker, UNIT_CARRY) == 10
+    assert skirmish.get(worker, s.UNIT_CARRY) == 10
 
 
 @pytest.mark.parametrize("preset", ["thesis", "drill"])
 def test_a_trip_takes_the_sum_of_its_parts(preset):
     """1 to set out, 10 x 5 at the tile, 4 tiles of 11 home; the load is in store at once."""
     skirmish = Skirmish(FIELD, preset=preset)
-    skirmish.put(0, TOWN_HALL, 8, 3)
+    skirmish.put(0, t.TOWN_HALL, 8, 3)
     skirmish.fill_store(0, 0, 0)
     worker = put_worker(skirmish)
-    skirmish.order(worker, HARVEST, 8, 10)
+    skirmish.order(worker, s.HARVEST, 8, 10)
     skirmish.wait(1 + 10 * 5 + 4 * 11 - 1)
-    assert skirmish.get(worker, UNIT_ORDER) == RETURN
+    assert skirmish.get(worker, s.UNIT_ORDER) == s.RETURN
     assert skirmish.store(0) == [0, 0, 0, 0]
     skirmish.wait()
     assert skirmish.place(worker) == (8, 5)
     assert skirmish.store(0) == [10, 0, 0, 0]
-    assert skirmish.get(worker, UNIT_CARRY) == 0
+    assert skirmish.get(worker, s.UNIT_CARRY) == 0
 
 
 def test_a_worker_goes_back_for_more_until_told_otherwise():
     """In `drill`: each further trip takes 50 ticks of work and 2 x 44 of walking."""
     skirmish = Skirmish(FIELD)
-    skirmish.put(0, TOWN_HALL, 8, 3)
+    skirmish.put(0, t.TOWN_HALL, 8, 3)
     skirmish.fill_store(0, 0, 0)
     worker = put_worker(skirmish)
-    skirmish.order(worker, HARVEST, 8, 10)
+    skirmish.order(worker, s.HARVEST, 8, 10)
     skirmish.wait(95)
     for trip in range(1, 6):
-        assert skirmish.store(0)[GOLD] == 10 * trip
-        assert skirmish.get(worker, UNIT_STATE) == WALKING
+        assert skirmish.store(0)[t.GOLD] == 10 * trip
+        assert skirmish.get(worker, s.UNIT_STATE) == s.WALKING
         skirmish.wait(137)
-        assert skirmish.store(0)[GOLD] == 10 * trip
+        assert skirmish.store(0)[t.GOLD] == 10 * trip
         skirmish.wait()
 
 
 def test_in_the_thesis_a_worker_idles_after_its_trip():
     skirmish = Skirmish(FIELD, preset="thesis")
-    skirmish.put(0, TOWN_HALL, 8, 3)
+    skirmish.put(0, t.TOWN_HALL, 8, 3)
     skirmish.fill_store(0, 0, 0)
     worker = put_worker(skirmish)
-    skirmish.order(worker, HARVEST, 8, 10)
+    skirmish.order(worker, s.HARVEST, 8, 10)
     skirmish.wait(400)
-    assert skirmish.store(0)[GOLD] == 10
-    assert skirmish.get(worker, UNIT_ORDER) == NO_ORDER
-    assert skirmish.get(worker, UNIT_STATE) == IDLE
+    assert skirmish.store(0)[t.GOLD] == 10
+    assert skirmish.get(worker, s.UNIT_ORDER) == s.NO_ORDER
+    assert skirmish.get(worker, s.UNIT_STATE) == s.IDLE
     assert skirmish.place(worker) == (8, 5)
 
 
@@ -145,12 +115,12 @@ def test_without_a_hall_a_worker_keeps_its_load():
     skirmish = Skirmish(FIELD)
     skirmish.fill_store(0, 0, 0)
     worker = put_worker(skirmish)
-    skirmish.order(worker, HARVEST, 8, 10)
+    skirmish.order(worker, s.HARVEST, 8, 10)
     skirmish.wait(200)
-    assert skirmish.get(worker, UNIT_ORDER) == NO_ORDER
-    assert skirmish.get(worker, UNIT_CARRY) == 10
+    assert skirmish.get(worker, s.UNIT_ORDER) == s.NO_ORDER
+    assert skirmish.get(worker, s.UNIT_CARRY) == 10
     assert skirmish.place(worker) == (8, 9)
-    skirmish.put(0, TOWN_HALL, 8, 3)
+    skirmish.put(0, t.TOWN_HALL, 8, 3)
     skirmish.select(worker)
     skirmish.play("go_r8_c4")
     skirmish.wait(60)
@@ -160,12 +130,12 @@ def test_without_a_hall_a_worker_keeps_its_load():
 
 def test_a_load_goes_to_the_nearest_finished_hall():
     skirmish = Skirmish(FIELD)
-    skirmish.put(0, TOWN_HALL, 2, 8)
-    near = skirmish.put(0, TOWN_HALL, 5, 12)
+    skirmish.put(0, t.TOWN_HALL, 2, 8)
+    near = skirmish.put(0, t.TOWN_HALL, 5, 12)
     worker = put_worker(skirmish)
-    skirmish.set(worker, UNIT_CARRY, 10)
-    skirmish.set(worker, UNIT_CARRY_KIND, GOLD)
-    skirmish.order(worker, RETURN)
+    skirmish.set(worker, s.UNIT_CARRY, 10)
+    skirmish.set(worker, s.UNIT_CARRY_KIND, t.GOLD)
+    skirmish.order(worker, s.RETURN)
     skirmish.wait(40)
     row, column = skirmish.place(worker)
     hall_row, hall_column = skirmish.place(near)
@@ -174,16 +144,16 @@ def test_a_load_goes_to_the_nearest_finished_hall():
 
 def test_a_worker_that_changes_its_resource_brings_home_first_what_it_has():
     skirmish = Skirmish(FIELD)
-    skirmish.put(0, TOWN_HALL, 8, 3)
+    skirmish.put(0, t.TOWN_HALL, 8, 3)
     skirmish.fill_store(0, 0, 0)
     worker = put_worker(skirmish, 9)
-    skirmish.order(worker, HARVEST, 8, 10)
+    skirmish.order(worker, s.HARVEST, 8, 10)
     skirmish.wait(1 + 3 * 5)
-    skirmish.order(worker, HARVEST, 10, 10)
+    skirmish.order(worker, s.HARVEST, 10, 10)
     skirmish.wait(400)
-    assert skirmish.gathered(0)[:2] == [3, skirmish.gathered(0)[LUMBER]]
-    assert skirmish.store(0)[GOLD] == 3
-    assert skirmish.store(0)[LUMBER] > 0
+    assert skirmish.gathered(0)[:2] == [3, skirmish.gathered(0)[t.LUMBER]]
+    assert skirmish.store(0)[t.GOLD] == 3
+    assert skirmish.store(0)[t.LUMBER] > 0
 
 
 # --- used up -----------------------------------------------------------------------------------
@@ -191,32 +161,32 @@ def test_a_worker_that_changes_its_resource_brings_home_first_what_it_has():
 
 def test_a_used_up_tile_becomes_grass_and_its_worker_takes_the_next_of_its_kind():
     skirmish = Skirmish(FIELD)
-    skirmish.world.board[TILE, skirmish.cell(6, 10)] = GOLD_TILE
+    skirmish.world.board[s.TILE, skirmish.cell(6, 10)] = t.GOLD_TILE
     skirmish.set_amount(6, 10, 500)
     skirmish.set_amount(8, 10, 3)
     worker = put_worker(skirmish)
-    skirmish.order(worker, HARVEST, 8, 10)
+    skirmish.order(worker, s.HARVEST, 8, 10)
     skirmish.wait(1 + 3 * 5)
-    assert skirmish.tile(8, 10) == GRASS
+    assert skirmish.tile(8, 10) == t.GRASS
     assert skirmish.amount(8, 10) == 0
-    assert skirmish.get(worker, UNIT_CARRY) == 3
+    assert skirmish.get(worker, s.UNIT_CARRY) == 3
     skirmish.wait(11 + 7 * 5)
-    assert skirmish.get(worker, UNIT_CARRY) == 10
+    assert skirmish.get(worker, s.UNIT_CARRY) == 10
     assert skirmish.amount(6, 10) == 500 - 7
-    assert skirmish.get(worker, UNIT_GOAL) == skirmish.cell(6, 10)
+    assert skirmish.get(worker, s.UNIT_GOAL) == skirmish.cell(6, 10)
 
 
 def test_a_worker_without_any_tile_of_its_kind_left_brings_home_what_it_has():
     skirmish = Skirmish(FIELD)
-    skirmish.put(0, TOWN_HALL, 8, 3)
+    skirmish.put(0, t.TOWN_HALL, 8, 3)
     skirmish.fill_store(0, 0, 0)
-    skirmish.world.board[TILE, skirmish.cell(0, 15)] = GRASS
+    skirmish.world.board[s.TILE, skirmish.cell(0, 15)] = t.GRASS
     skirmish.set_amount(0, 15, 0)
     skirmish.set_amount(8, 10, 4)
     worker = put_worker(skirmish)
-    skirmish.order(worker, HARVEST, 8, 10)
+    skirmish.order(worker, s.HARVEST, 8, 10)
     skirmish.wait(150)
-    assert skirmish.store(0)[GOLD] == 4
+    assert skirmish.store(0)[t.GOLD] == 4
 
 
 def test_several_workers_may_take_the_last_unit_in_one_tick():
@@ -227,10 +197,10 @@ def test_several_workers_may_take_the_last_unit_in_one_tick():
         for place, player in (((7, 9), 0), ((7, 11), 1), ((9, 10), 1))
     ]
     for worker in workers:
-        skirmish.order(worker, HARVEST, 8, 10)
+        skirmish.order(worker, s.HARVEST, 8, 10)
     skirmish.wait(6)
-    assert [skirmish.get(worker, UNIT_CARRY) for worker in workers] == [1, 1, 1]
-    assert skirmish.tile(8, 10) == GRASS
+    assert [skirmish.get(worker, s.UNIT_CARRY) for worker in workers] == [1, 1, 1]
+    assert skirmish.tile(8, 10) == t.GRASS
     assert skirmish.amount(8, 10) == 0
 
 
@@ -238,14 +208,14 @@ def test_a_worker_that_comes_a_tick_too_late_takes_nothing():
     skirmish = Skirmish(FIELD, preset="thesis")
     skirmish.set_amount(8, 10, 1)
     first, second = put_worker(skirmish), put_worker(skirmish, 9, 10)
-    skirmish.order(first, HARVEST, 8, 10)
+    skirmish.order(first, s.HARVEST, 8, 10)
     skirmish.wait()
-    skirmish.order(second, HARVEST, 8, 10)
+    skirmish.order(second, s.HARVEST, 8, 10)
     skirmish.wait(5)
-    assert skirmish.tile(8, 10) == GRASS
+    assert skirmish.tile(8, 10) == t.GRASS
     skirmish.wait()
-    assert skirmish.get(first, UNIT_CARRY) == 1
-    assert skirmish.get(second, UNIT_CARRY) == 0
+    assert skirmish.get(first, s.UNIT_CARRY) == 1
+    assert skirmish.get(second, s.UNIT_CARRY) == 0
 
 
 def test_a_worker_turned_away_from_a_full_tile_finds_another():
@@ -254,19 +224,19 @@ def test_a_worker_turned_away_from_a_full_tile_finds_another():
     for row in (7, 8, 9):
         for column in (9, 10, 11):
             if (row, column) != (8, 10):
-                skirmish.order(put_worker(skirmish, row, column), HARVEST, 8, 10)
+                skirmish.order(put_worker(skirmish, row, column), s.HARVEST, 8, 10)
     late = put_worker(skirmish, 8, 6)
-    skirmish.order(late, HARVEST, 8, 10)
+    skirmish.order(late, s.HARVEST, 8, 10)
     skirmish.wait(45)
-    assert skirmish.get(late, UNIT_CARRY) == 0
+    assert skirmish.get(late, s.UNIT_CARRY) == 0
     skirmish.wait(120)
-    assert skirmish.get(late, UNIT_CARRY) > 0
-    assert skirmish.get(late, UNIT_GOAL) != skirmish.cell(8, 10)
+    assert skirmish.get(late, s.UNIT_CARRY) > 0
+    assert skirmish.get(late, s.UNIT_GOAL) != skirmish.cell(8, 10)
 
 
 def test_only_peasants_can_be_sent_to_harvest():
     skirmish = Skirmish(FIELD)
-    for kind, is_legal in ((PEASANT, True), (FOOTMAN, False)):
+    for kind, is_legal in ((t.PEASANT, True), (t.FOOTMAN, False)):
         skirmish.select(skirmish.put(0, kind, 8, 8))
         assert skirmish.is_legal(0, "go_r8_c10") == is_legal
         assert not skirmish.is_legal(0, "go_r13_c12")  # oil comes out of wells
@@ -280,26 +250,26 @@ def test_only_peasants_can_be_sent_to_harvest():
 
 def test_a_well_pumps_one_oil_every_20_ticks():
     skirmish = Skirmish(FIELD)
-    skirmish.put(0, PEASANT, 5, 5)
-    skirmish.put(0, OIL_WELL, 13, 12)
+    skirmish.put(0, t.PEASANT, 5, 5)
+    skirmish.put(0, t.OIL_WELL, 13, 12)
     skirmish.wait()
     for taken in range(1, 8):
         skirmish.wait(19)
-        assert skirmish.store(0)[OIL] == taken - 1
+        assert skirmish.store(0)[t.OIL] == taken - 1
         skirmish.wait()
-        assert skirmish.store(0)[OIL] == skirmish.gathered(0)[OIL] == taken
+        assert skirmish.store(0)[t.OIL] == skirmish.gathered(0)[t.OIL] == taken
         assert skirmish.amount(13, 12) == 300 - taken
 
 
 def test_a_well_runs_dry():
     skirmish = Skirmish(FIELD)
-    skirmish.put(0, PEASANT, 5, 5)
-    skirmish.put(0, OIL_WELL, 13, 12)
+    skirmish.put(0, t.PEASANT, 5, 5)
+    skirmish.put(0, t.OIL_WELL, 13, 12)
     skirmish.set_amount(13, 12, 3)
     skirmish.wait(200)
-    assert skirmish.store(0)[OIL] == 3
+    assert skirmish.store(0)[t.OIL] == 3
     assert skirmish.amount(13, 12) == 0
-    assert skirmish.tile(13, 12) == OIL_TILE
+    assert skirmish.tile(13, 12) == t.OIL_TILE
 
 
 # --- the store -----------------------------------------------------------------------------------
@@ -307,30 +277,30 @@ def test_a_well_runs_dry():
 
 def test_a_store_holds_a_million_of_each():
     skirmish = Skirmish(FIELD)
-    skirmish.put(0, TOWN_HALL, 8, 3)
-    skirmish.fill_store(0, MAX_RESOURCE - 4)
+    skirmish.put(0, t.TOWN_HALL, 8, 3)
+    skirmish.fill_store(0, t.MAX_RESOURCE - 4)
     worker = put_worker(skirmish)
-    skirmish.order(worker, HARVEST, 8, 10)
+    skirmish.order(worker, s.HARVEST, 8, 10)
     skirmish.wait(95)
-    assert skirmish.store(0)[GOLD] == MAX_RESOURCE
-    assert skirmish.get(worker, UNIT_CARRY) == 0
+    assert skirmish.store(0)[t.GOLD] == t.MAX_RESOURCE
+    assert skirmish.get(worker, s.UNIT_CARRY) == 0
 
 
 def test_a_yield_above_one_multiplies_what_is_taken(monkeypatch):
     yields = [0] * 9
-    yields[GOLD_TILE] = 3
-    yields[LUMBER_TILE] = yields[STONE_TILE] = yields[OIL_TILE] = 1
-    preset = dataclasses.replace(PRESETS["drill"], tile_yield=tuple(yields))
-    monkeypatch.setitem(PRESETS, "fertile", preset)
+    yields[t.GOLD_TILE] = 3
+    yields[t.LUMBER_TILE] = yields[t.STONE_TILE] = yields[t.OIL_TILE] = 1
+    preset = dataclasses.replace(t.PRESETS["drill"], tile_yield=tuple(yields))
+    monkeypatch.setitem(t.PRESETS, "fertile", preset)
     skirmish = Skirmish(FIELD, preset="fertile")
     worker = put_worker(skirmish)
-    skirmish.order(worker, HARVEST, 8, 10)
+    skirmish.order(worker, s.HARVEST, 8, 10)
     skirmish.wait(1 + 4 * 5)
-    assert skirmish.get(worker, UNIT_CARRY) == 12
+    assert skirmish.get(worker, s.UNIT_CARRY) == 12
     assert skirmish.amount(8, 10) == 500 - 4
-    assert skirmish.gathered(0)[GOLD] == 12
+    assert skirmish.gathered(0)[t.GOLD] == 12
     skirmish.wait(50)
-    assert skirmish.get(worker, UNIT_CARRY) == 12
+    assert skirmish.get(worker, s.UNIT_CARRY) == 12
 
 
 @pytest.mark.parametrize("amount", [300, 12])
@@ -343,18 +313,18 @@ def test_what_is_gathered_is_what_the_tiles_have_lost(amount):
         skirmish.set_amount(*place, amount)
     start, before = skirmish.store(0), amounts_of(skirmish)
     for player, column in ((0, 7), (1, 14)):
-        skirmish.put(player, TOWN_HALL, 8, column)
+        skirmish.put(player, t.TOWN_HALL, 8, column)
         for row in (6, 7, 8, 9, 10):
             put_worker(skirmish, row, column + 2 if column == 7 else column - 2, player)
     for _ in range(120):
         player = int(luck.integers(2))
         worker = int(luck.choice(skirmish.units_of(player)[1:]))
         place = places[luck.integers(4)]
-        skirmish.order(worker, HARVEST, *place)
+        skirmish.order(worker, s.HARVEST, *place)
         skirmish.wait(10)
         lost = before - amounts_of(skirmish)
         gathered = np.sum([skirmish.gathered(player) for player in (0, 1)], axis=0)
-        num_gone = sum(skirmish.tile(*place) == GRASS for place in places)
+        num_gone = sum(skirmish.tile(*place) == t.GRASS for place in places)
         surplus = int((gathered - lost).sum())
         assert 0 <= surplus <= 7 * num_gone
         for player in (0, 1):
@@ -365,29 +335,29 @@ def test_what_is_gathered_is_what_the_tiles_have_lost(amount):
 
 def amounts_of(skirmish: Skirmish) -> np.ndarray:
     tiles, amounts = skirmish.world.board[0], skirmish.world.board[1].astype(int)
-    kinds = (GOLD_TILE, LUMBER_TILE, STONE_TILE, OIL_TILE)
+    kinds = (t.GOLD_TILE, t.LUMBER_TILE, t.STONE_TILE, t.OIL_TILE)
     return np.array([amounts[tiles == kind].sum() for kind in kinds])
 
 
 def assert_nothing_is_lost(skirmish: Skirmish, player: int, start: list[int]) -> None:
     """In hands and in store there is at most what was there at the start and was gathered."""
-    hands = [0] * NUM_RESOURCES
+    hands = [0] * t.NUM_RESOURCES
     for unit in skirmish.units_of(player):
-        kind = skirmish.get(unit, UNIT_CARRY_KIND)
-        assert (kind != NO_RESOURCE) or skirmish.get(unit, UNIT_CARRY) == 0
-        hands[kind] += skirmish.get(unit, UNIT_CARRY)
-    for resource in range(NUM_RESOURCES):
+        kind = skirmish.get(unit, s.UNIT_CARRY_KIND)
+        assert (kind != t.NO_RESOURCE) or skirmish.get(unit, s.UNIT_CARRY) == 0
+        hands[kind] += skirmish.get(unit, s.UNIT_CARRY)
+    for resource in range(t.NUM_RESOURCES):
         has = hands[resource] + skirmish.store(player)[resource]
         assert has <= start[resource] + skirmish.gathered(player)[resource]
 
 
 def test_a_worker_that_dies_takes_its_load_with_it():
     skirmish = Skirmish(FIELD)
-    skirmish.put(0, PEASANT, 5, 5)
+    skirmish.put(0, t.PEASANT, 5, 5)
     worker = put_worker(skirmish)
-    skirmish.order(worker, HARVEST, 8, 10)
+    skirmish.order(worker, s.HARVEST, 8, 10)
     skirmish.wait(1 + 5 * 5)
-    skirmish.set(worker, UNIT_HEALTH, 0)
+    skirmish.set(worker, s.UNIT_HEALTH, 0)
     skirmish.world.clock[8] += 1  # NUM_FALLEN
     before = skirmish.store(0)
     skirmish.wait()

@@ -6,43 +6,10 @@ import numpy as np
 import pytest
 
 from marl_cair.games import make_engine
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.rules.rulebook import KIND_FOOD_CONSUMED, KIND_HALF_SIZE, KIND_HEALTH
 from marl_cair.games.deep_rts.scenarios import SCENARIOS
-from marl_cair.games.deep_rts.state import (
-    AMOUNT,
-    CLAIM,
-    CURSOR,
-    FOOD_USED,
-    INSIDE,
-    NO_UNIT,
-    NUM_BURNING,
-    NUM_OWNED,
-    NUM_UNITS,
-    OCCUPANT,
-    RESOURCES,
-    RISING,
-    TILE,
-    UNIT_CELL,
-    UNIT_EXIT,
-    UNIT_HEALTH,
-    UNIT_HURT,
-    UNIT_KIND,
-    UNIT_PARTNER,
-    UNIT_QUEUE,
-    UNIT_QUEUE_LENGTH,
-    UNIT_STATE,
-    world_at,
-)
-from marl_cair.games.deep_rts.tables import (
-    LAVA,
-    MAX_RESOURCE,
-    NUM_KINDS,
-    NUM_RESOURCES,
-    OIL_TILE,
-    OIL_WELL,
-    PEASANT,
-    WALKABLE_TILES,
-)
 from marl_cair.games.engine import BatchedEngine
 from tests.games.deep_rts.skirmish import call, draw_actions
 
@@ -62,67 +29,71 @@ OPTIONS = [
 
 def check_world(engine: BatchedEngine, index: int = 0) -> None:
     """Board, rosters and counters tell the same story."""
-    world, rules = call(world_at, engine._worlds, index), engine._rules
-    occupants = np.full(world.board.shape[1], NO_UNIT)
+    world, rules = call(s.world_at, engine._worlds, index), engine._rules
+    occupants = np.full(world.board.shape[1], s.NO_UNIT)
     for player in range(rules.num_players):
         check_player(world, rules, player)
-        for unit in world.roster[player, : world.players[player, NUM_UNITS]]:
-            if world.units[unit, UNIT_STATE] == INSIDE:
-                site = world.units[unit, UNIT_PARTNER]
-                assert world.units[site, UNIT_PARTNER] == unit
-                assert world.units[site, UNIT_STATE] == RISING
+        for unit in world.roster[player, : world.players[player, s.NUM_UNITS]]:
+            if world.units[unit, s.UNIT_STATE] == s.INSIDE:
+                site = world.units[unit, s.UNIT_PARTNER]
+                assert world.units[site, s.UNIT_PARTNER] == unit
+                assert world.units[site, s.UNIT_STATE] == s.RISING
             else:
                 cover(world, rules, unit, occupants)
-    np.testing.assert_array_equal(world.board[OCCUPANT], occupants)
-    burning = world.board[TILE, world.units[world.units[:, UNIT_KIND] >= 0, UNIT_CELL]] == LAVA
-    assert world.clock[NUM_BURNING] == burning.sum()
+    np.testing.assert_array_equal(world.board[s.OCCUPANT], occupants)
+    burning = (
+        world.board[s.TILE, world.units[world.units[:, s.UNIT_KIND] >= 0, s.UNIT_CELL]] == t.LAVA
+    )
+    assert world.clock[s.NUM_BURNING] == burning.sum()
     # What only a tick uses is clean after it.
-    assert not world.board[CLAIM].any()
-    assert not world.units[:, [UNIT_EXIT, UNIT_HURT]].any()
-    assert (world.board[AMOUNT] >= 0).all()
+    assert not world.board[s.CLAIM].any()
+    assert not world.units[:, [s.UNIT_EXIT, s.UNIT_HURT]].any()
+    assert (world.board[s.AMOUNT] >= 0).all()
 
 
 def cover(world, rules, unit: int, occupants: np.ndarray) -> None:
     """Mark the unit's cells, which must be free ground."""
-    kind = world.units[unit, UNIT_KIND]
+    kind = world.units[unit, s.UNIT_KIND]
     half = rules.kinds[kind, KIND_HALF_SIZE]
     for row in range(-half, half + 1):
         for column in range(-half, half + 1):
-            cell = world.units[unit, UNIT_CELL] + row * rules.stride + column
-            assert occupants[cell] == NO_UNIT
+            cell = world.units[unit, s.UNIT_CELL] + row * rules.stride + column
+            assert occupants[cell] == s.NO_UNIT
             occupants[cell] = unit
-            stands_in_a_pool = kind == PEASANT and world.board[TILE, cell] == OIL_TILE
-            is_ground = world.board[TILE, cell] in WALKABLE_TILES
-            assert is_ground or kind == OIL_WELL or stands_in_a_pool
+            stands_in_a_pool = kind == t.PEASANT and world.board[s.TILE, cell] == t.OIL_TILE
+            is_ground = world.board[s.TILE, cell] in t.WALKABLE_TILES
+            assert is_ground or kind == t.OIL_WELL or stands_in_a_pool
 
 
 def check_player(world, rules, player: int) -> None:
     columns = world.players[player]
-    roster = world.roster[player, : columns[NUM_UNITS]]
+    roster = world.roster[player, : columns[s.NUM_UNITS]]
     units = world.units[roster]
-    kinds = units[:, UNIT_KIND]
+    kinds = units[:, s.UNIT_KIND]
     assert len(set(roster.tolist())) == len(roster) <= rules.slots
     assert (
-        world.units[player * rules.slots : (player + 1) * rules.slots, UNIT_KIND] >= 0
+        world.units[player * rules.slots : (player + 1) * rules.slots, s.UNIT_KIND] >= 0
     ).sum() == len(roster)
-    assert np.bincount(kinds, minlength=NUM_KINDS).tolist() == (
-        columns[NUM_OWNED : NUM_OWNED + NUM_KINDS].tolist()
+    assert np.bincount(kinds, minlength=t.NUM_KINDS).tolist() == (
+        columns[s.NUM_OWNED : s.NUM_OWNED + t.NUM_KINDS].tolist()
     )
-    assert (units[:, UNIT_HEALTH] > 0).all()
-    assert (units[:, UNIT_HEALTH] <= rules.kinds[kinds, KIND_HEALTH]).all()
+    assert (units[:, s.UNIT_HEALTH] > 0).all()
+    assert (units[:, s.UNIT_HEALTH] <= rules.kinds[kinds, KIND_HEALTH]).all()
     queued = [
         product
         for unit in units
-        for product in unit[UNIT_QUEUE : UNIT_QUEUE + unit[UNIT_QUEUE_LENGTH]]
-        if product < NUM_KINDS
+        for product in unit[s.UNIT_QUEUE : s.UNIT_QUEUE + unit[s.UNIT_QUEUE_LENGTH]]
+        if product < t.NUM_KINDS
     ]
     eaters = np.array([*kinds, *queued], int)
-    assert rules.kinds[eaters, KIND_FOOD_CONSUMED].sum() == columns[FOOD_USED]
-    store = columns[RESOURCES : RESOURCES + NUM_RESOURCES]
+    assert rules.kinds[eaters, KIND_FOOD_CONSUMED].sum() == columns[s.FOOD_USED]
+    store = columns[s.RESOURCES : s.RESOURCES + t.NUM_RESOURCES]
     assert (store >= 0).all()
-    assert (store <= MAX_RESOURCE).all()
-    cursor = columns[CURSOR]
-    assert cursor == NO_UNIT or (cursor in roster and world.units[cursor, UNIT_STATE] != INSIDE)
+    assert (store <= t.MAX_RESOURCE).all()
+    cursor = columns[s.CURSOR]
+    assert cursor == s.NO_UNIT or (
+        cursor in roster and world.units[cursor, s.UNIT_STATE] != s.INSIDE
+    )
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=str)

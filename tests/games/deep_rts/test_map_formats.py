@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.maps.formats import LEGEND, MAX_TILED_SIDE
 from marl_cair.games.deep_rts.maps.maps import (
     BUILT_IN_MAPS,
@@ -13,18 +14,6 @@ from marl_cair.games.deep_rts.maps.maps import (
     load_map,
     read_map,
     write_text_map,
-)
-from marl_cair.games.deep_rts.tables import (
-    DESERT,
-    GOLD_TILE,
-    GRASS,
-    LAVA,
-    LUMBER_TILE,
-    OIL_TILE,
-    STONE_TILE,
-    TILE_NAMES,
-    WALL,
-    WATER,
 )
 from marl_cair.lookup import UnknownNameError
 from tests.games.deep_rts.boards import PLAIN, plain_board
@@ -55,7 +44,7 @@ def test_comments_and_blank_lines_at_the_end_are_skipped(tmp_path):
     assert game_map.name == "plain"
     assert game_map.tiles.shape == (8, 9)
     assert game_map.spawns == ((1, 1), (6, 7))
-    assert game_map.tiles[0, 8] == GOLD_TILE
+    assert game_map.tiles[0, 8] == t.GOLD_TILE
 
 
 def test_each_character_is_a_tile(tmp_path):
@@ -126,7 +115,7 @@ GRASS_GID, GOLD_GID, SPAWN_GID = 239, 89, 17  # of the original's tileset
 def tiled_board(**changes):
     """The plain map as Tiled writes it, with the ids of the original."""
     tiles, spawns = plain_board()
-    gids = np.where(tiles == GOLD_TILE, GOLD_GID, GRASS_GID)
+    gids = np.where(tiles == t.GOLD_TILE, GOLD_GID, GRASS_GID)
     for spawn in spawns:
         gids[spawn] = SPAWN_GID
     layer = {"type": "tilelayer", "name": "ground", "data": gids.ravel().tolist()}
@@ -160,8 +149,18 @@ def test_the_original_ids_are_the_tiles_of_the_original(tmp_path):
     board = tiled_board()
     ids = [17, 87, 88, 101, 102, 141, 142, 179, 180, 205, 238, 269, 300, 333, 334, 355, 356, 371]
     board["layers"][0]["data"][27:46] = [number + 1 for number in [*ids, 372]]
-    kinds = (WALL, GOLD_TILE, LUMBER_TILE, STONE_TILE, DESERT, GRASS, WATER, DESERT, GRASS)
-    expected = [*(kind for kind in kinds for _ in range(2)), LAVA]
+    kinds = (
+        t.WALL,
+        t.GOLD_TILE,
+        t.LUMBER_TILE,
+        t.STONE_TILE,
+        t.DESERT,
+        t.GRASS,
+        t.WATER,
+        t.DESERT,
+        t.GRASS,
+    )
+    expected = [*(kind for kind in kinds for _ in range(2)), t.LAVA]
     assert read_tiled(tmp_path, board).tiles.ravel()[27:46].tolist() == expected
 
 
@@ -174,7 +173,7 @@ def test_flipped_tiles_are_the_same_tiles(tmp_path):
 
 @pytest.mark.parametrize("place", ["type", "class", "property"])
 def test_tiles_of_an_embedded_tileset_tell_their_kind(place, tmp_path):
-    names = [*TILE_NAMES, "Spawn"]
+    names = [*t.TILE_NAMES, "Spawn"]
     if place == "property":
         entries = [
             {"id": number, "properties": [{"name": "type", "type": "string", "value": name}]}
@@ -184,11 +183,11 @@ def test_tiles_of_an_embedded_tileset_tell_their_kind(place, tmp_path):
         entries = [{"id": number, place: name} for number, name in enumerate(names)]
     board = tiled_board(tilesets=[{"firstgid": 1000, "tiles": entries}, {"firstgid": 1}])
     layer = board["layers"][0]
-    number_of = {GRASS_GID: 1000, GOLD_GID: 1000 + GOLD_TILE, SPAWN_GID: 1000 + len(TILE_NAMES)}
+    number_of = {GRASS_GID: 1000, GOLD_GID: 1000 + t.GOLD_TILE, SPAWN_GID: 1000 + len(t.TILE_NAMES)}
     layer["data"] = [number_of[gid] for gid in layer["data"]]
-    layer["data"][40] = 1000 + OIL_TILE
+    layer["data"][40] = 1000 + t.OIL_TILE
     game_map = read_tiled(tmp_path, board)
-    assert game_map.tiles.ravel()[40] == OIL_TILE
+    assert game_map.tiles.ravel()[40] == t.OIL_TILE
     assert game_map.spawns == ((1, 1), (6, 7))
 
 
@@ -199,7 +198,7 @@ def test_a_later_layer_covers_an_earlier_one_where_it_is_filled(tmp_path):
     board["layers"].append({"type": "tilelayer", "name": "over", "data": over})
     board["layers"].append({"type": "imagelayer", "name": "picture"})
     tiles, _ = plain_board()
-    tiles.ravel()[40] = GOLD_TILE
+    tiles.ravel()[40] = t.GOLD_TILE
     assert np.array_equal(read_tiled(tmp_path, board).tiles, tiles)
 
 
@@ -236,7 +235,7 @@ def test_a_tile_object_hangs_from_its_bottom_edge(tmp_path):
 def test_an_object_turns_the_ground_under_it_into_grass(tmp_path):
     board = board_with_objects(spawn_objects())
     board["layers"][0]["data"][10] = 373
-    assert read_tiled(tmp_path, board).tiles[1, 1] == GRASS
+    assert read_tiled(tmp_path, board).tiles[1, 1] == t.GRASS
 
 
 @pytest.mark.parametrize(

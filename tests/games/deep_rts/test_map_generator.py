@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.maps import generator as map_generator
 from marl_cair.games.deep_rts.maps.formats import LEGEND
 from marl_cair.games.deep_rts.maps.generator import (
@@ -28,16 +29,6 @@ from marl_cair.games.deep_rts.maps.maps import (
     transform_tiles,
     walking_distances,
     write_text_map,
-)
-from marl_cair.games.deep_rts.tables import (
-    GOLD_TILE,
-    LAVA,
-    LUMBER_TILE,
-    OIL_TILE,
-    STONE_TILE,
-    WALKABLE_TILES,
-    WALL,
-    WATER,
 )
 from marl_cair.lookup import UnknownNameError
 
@@ -79,7 +70,7 @@ def generated(draw, counts=range(1, 9)):
 @given(game_map=generated())
 def test_every_map_can_be_played_and_its_spawns_are_connected_without_lava(game_map):
     check_map(game_map.tiles, game_map.spawns, game_map.name)
-    safe = np.where(game_map.tiles == LAVA, WALL, game_map.tiles).astype(np.uint8)
+    safe = np.where(game_map.tiles == t.LAVA, t.WALL, game_map.tiles).astype(np.uint8)
     reached = walking_distances(safe, *game_map.spawns[0])
     assert all(reached[spawn] >= 0 for spawn in game_map.spawns)
 
@@ -118,8 +109,8 @@ def test_six_and_eight_seats_have_a_symmetric_map(game_map):
 def test_bases_are_open_ground(game_map):
     for row, column in game_map.spawns:
         block = game_map.tiles[row - 1 : row + 2, column - 1 : column + 2]
-        assert np.isin(block, WALKABLE_TILES).all()
-        assert not (block == LAVA).any()
+        assert np.isin(block, t.WALKABLE_TILES).all()
+        assert not (block == t.LAVA).any()
 
 
 @settings(max_examples=10, deadline=None)
@@ -157,10 +148,10 @@ def test_a_generated_map_reads_back_from_its_file(tmp_path):
 @pytest.mark.parametrize("size", [31, 64])
 def test_maps_hold_all_kinds_of_terrain_and_contested_resources(size):
     game_map = generate_map(size, size, 2, 11)
-    for kind in (LUMBER_TILE, WALL, WATER, LAVA, GOLD_TILE, STONE_TILE, OIL_TILE):
+    for kind in (t.LUMBER_TILE, t.WALL, t.WATER, t.LAVA, t.GOLD_TILE, t.STONE_TILE, t.OIL_TILE):
         assert (game_map.tiles == kind).any()
     spawns = np.array(game_map.spawns)
-    gold = np.argwhere(game_map.tiles == GOLD_TILE)
+    gold = np.argwhere(game_map.tiles == t.GOLD_TILE)
     away = np.abs(gold[:, None] - spawns).max(axis=2).min(axis=1)
     assert away.min() <= 5
     assert away.max() >= 8
@@ -172,9 +163,9 @@ def test_a_style_decides_how_much_there_is():
     )
     tiles = generate_map(48, 48, 2, 5, bare).tiles
     forest = generate_map(48, 48, 2, 5, MapStyle(lumber_percent=40)).tiles
-    assert not np.isin(tiles, (WALL, WATER, LAVA)).any()
-    assert (tiles == LUMBER_TILE).mean() < 0.02
-    assert (forest == LUMBER_TILE).mean() > 0.25
+    assert not np.isin(tiles, (t.WALL, t.WATER, t.LAVA)).any()
+    assert (tiles == t.LUMBER_TILE).mean() < 0.02
+    assert (forest == t.LUMBER_TILE).mean() > 0.25
 
 
 @pytest.mark.parametrize("num_players", [2, 4, 6, 8])

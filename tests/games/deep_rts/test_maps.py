@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.maps.maps import (
     BUILT_IN_MAPS,
     NUM_FRAMES,
@@ -21,20 +22,6 @@ from marl_cair.games.deep_rts.maps.maps import (
     to_own,
     transform_tiles,
     walking_distances,
-)
-from marl_cair.games.deep_rts.tables import (
-    DESERT,
-    GOLD_TILE,
-    GRASS,
-    LAVA,
-    LUMBER_TILE,
-    OIL_TILE,
-    RESOURCE_NAMES,
-    STONE_TILE,
-    TILE_NAMES,
-    WALKABLE_TILES,
-    WALL,
-    WATER,
 )
 from tests.games.deep_rts.boards import board_of, plain_board
 
@@ -85,7 +72,7 @@ def test_the_first_seat_looks_from_the_top_left():
 
 def test_seats_of_an_unsymmetric_map_mirror_their_base_to_the_top_left():
     tiles, _ = plain_board()
-    tiles[0, 0] = WALL
+    tiles[0, 0] = t.WALL
     assert seat_frames(tiles, [(1, 1), (6, 7), (1, 7)]) == (0, 3, 1)
 
 
@@ -95,8 +82,8 @@ def test_seats_of_a_turned_map_take_turned_frames(first):
     spawns = spawns[spawns.index(first) :] + spawns[: spawns.index(first)]
     tiles = np.zeros((12, 12), dtype=np.uint8)
     for row, column in spawns:
-        tiles[column, 11 - row] = GRASS
-    tiles[0, 1] = tiles[1, 11] = tiles[11, 10] = tiles[10, 0] = GOLD_TILE
+        tiles[column, 11 - row] = t.GRASS
+    tiles[0, 1] = tiles[1, 11] = tiles[11, 10] = tiles[10, 0] = t.GOLD_TILE
     frames = seat_frames(tiles, spawns)
     own = {to_own(frame, *spawn, 12, 12) for frame, spawn in zip(frames, spawns, strict=True)}
     views = {transform_tiles(tiles, frame).tobytes() for frame in frames}
@@ -107,7 +94,7 @@ def test_seats_of_a_turned_map_take_turned_frames(first):
 def test_ground_that_is_symmetric_turns_the_view_even_where_a_base_is_free():
     spawns = [(2, 3), (3, 9), (9, 8)]
     tiles = np.zeros((12, 12), dtype=np.uint8)
-    tiles[0, 1] = tiles[1, 11] = tiles[11, 10] = tiles[10, 0] = GOLD_TILE
+    tiles[0, 1] = tiles[1, 11] = tiles[11, 10] = tiles[10, 0] = t.GOLD_TILE
     frames = seat_frames(tiles, spawns)
     own = {to_own(frame, *spawn, 12, 12) for frame, spawn in zip(frames, spawns, strict=True)}
     assert own == {(2, 3)}
@@ -167,7 +154,7 @@ def test_bases_have_room_and_all_resources_near(name):
     for row, column in game_map.spawns:
         block = game_map.tiles[row - room : row + room + 1, column - room : column + room + 1]
         assert block.shape == (2 * room + 1, 2 * room + 1)
-        assert np.isin(block, WALKABLE_TILES).all()
+        assert np.isin(block, t.WALKABLE_TILES).all()
         walks = resource_distances(game_map.tiles, row, column)
         assert all(0 < steps <= farthest for steps in walks)
 
@@ -177,7 +164,7 @@ def test_a_maze_can_be_solved_without_touching_lava(name):
     game_map = load_map(name)
     spawn = game_map.spawns[0]
     straight = resource_distances(game_map.tiles, *spawn)[0]
-    safe = np.where(game_map.tiles == LAVA, WALL, game_map.tiles).astype(np.uint8)
+    safe = np.where(game_map.tiles == t.LAVA, t.WALL, game_map.tiles).astype(np.uint8)
     assert resource_distances(safe, *spawn)[0] > 2 * straight > 0
 
 
@@ -201,7 +188,7 @@ def test_lava_can_be_walked_and_water_cannot():
 
 def test_resource_distances_end_beside_the_tile():
     tiles, _ = board_of("....G #.... ##.S. ##..# O#..T")
-    assert dict(zip(RESOURCE_NAMES, resource_distances(tiles, 0, 0), strict=True)) == {
+    assert dict(zip(t.RESOURCE_NAMES, resource_distances(tiles, 0, 0), strict=True)) == {
         "gold": 3,
         "lumber": 5,
         "stone": 2,
@@ -217,8 +204,8 @@ def test_a_plain_board_is_a_map():
     game_map = make_map("plain", tiles, spawns)
     assert game_map.spawns == ((1, 1), (6, 7))
     assert game_map.frames == (0, 3)
-    tiles[0, 0] = WALL
-    assert game_map.tiles[0, 0] == GRASS
+    tiles[0, 0] = t.WALL
+    assert game_map.tiles[0, 0] == t.GRASS
 
 
 @pytest.mark.parametrize(
@@ -261,28 +248,32 @@ def test_too_few_spawns_for_the_players_are_refused():
         check_map(tiles, spawns, "plain", min_players=3)
 
 
-@pytest.mark.parametrize("kind", [DESERT, LAVA, WALL, WATER, LUMBER_TILE, STONE_TILE, OIL_TILE])
+@pytest.mark.parametrize(
+    "kind", [t.DESERT, t.LAVA, t.WALL, t.WATER, t.LUMBER_TILE, t.STONE_TILE, t.OIL_TILE]
+)
 def test_a_spawn_off_the_grass_is_refused(kind):
     tiles, spawns = plain_board()
     tiles[1, 1] = kind
-    message = f"the spawn of seat 1 at row 1, column 1 (from 0) lies on {TILE_NAMES[kind]}: put it"
+    message = (
+        f"the spawn of seat 1 at row 1, column 1 (from 0) lies on {t.TILE_NAMES[kind]}: put it"
+    )
     with pytest.raises(MapError, match=re.escape(message)):
         check_map(tiles, spawns, "odd")
 
 
 def test_spawns_that_no_way_connects_are_refused():
     tiles, spawns = plain_board()
-    tiles[4] = WATER
+    tiles[4] = t.WATER
     message = "map odd: no way leads from the spawn of seat 1 to that of seat 2 at row 6, column 7"
     with pytest.raises(MapError, match=re.escape(message)):
         check_map(tiles, spawns, "odd")
-    tiles[4, 0] = LAVA
+    tiles[4, 0] = t.LAVA
     check_map(tiles, spawns, "odd")
 
 
 def test_a_way_between_two_corners_is_none():
     tiles, spawns = plain_board()
-    tiles[3, :5] = tiles[4, 5:] = WALL
+    tiles[3, :5] = tiles[4, 5:] = t.WALL
     check_map(tiles, spawns[:1], "odd")
     with pytest.raises(MapError, match="no way leads from the spawn of seat 1 to that of seat 2"):
         check_map(tiles, spawns, "odd")
@@ -290,11 +281,11 @@ def test_a_way_between_two_corners_is_none():
 
 def test_a_map_without_a_resource_in_reach_is_refused():
     tiles, spawns = plain_board()
-    tiles[0, 8] = GRASS
-    tiles[7, 0] = GRASS
-    tiles[4, 4] = GOLD_TILE
+    tiles[0, 8] = t.GRASS
+    tiles[7, 0] = t.GRASS
+    tiles[4, 4] = t.GOLD_TILE
     check_map(tiles, spawns, "odd")
-    tiles[3:6, 3:6] = WALL
-    tiles[4, 4] = GOLD_TILE
+    tiles[3:6, 3:6] = t.WALL
+    tiles[4, 4] = t.GOLD_TILE
     with pytest.raises(MapError, match="map odd: no resource can be reached from the spawn of"):
         check_map(tiles, spawns, "odd")

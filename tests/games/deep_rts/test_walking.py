@@ -8,26 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from marl_cair.games.deep_rts.state import (
-    IDLE,
-    MOVE,
-    NO_ORDER,
-    UNIT_HEALTH,
-    UNIT_ORDER,
-    UNIT_STATE,
-    WALKING,
-)
-from marl_cair.games.deep_rts.tables import (
-    ARCHER,
-    CAVALRY,
-    DESERT,
-    FARM,
-    FOOTMAN,
-    GRASS,
-    LAVA,
-    PEASANT,
-    WALL,
-)
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
 from tests.games.deep_rts.skirmish import MEADOW, Skirmish, ticks_until
 
 STEPS = [(0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]
@@ -48,7 +30,7 @@ def trail(skirmish: Skirmish, unit: int, limit: int = 600) -> list[tuple[int, in
         skirmish.wait()
         if skirmish.place(unit) != places[-1]:
             places.append(skirmish.place(unit))
-        if skirmish.get(unit, UNIT_ORDER) == NO_ORDER:
+        if skirmish.get(unit, s.UNIT_ORDER) == s.NO_ORDER:
             return places
     raise AssertionError(f"still on its way after {limit} ticks: {places}")
 
@@ -58,7 +40,7 @@ def trail(skirmish: Skirmish, unit: int, limit: int = 600) -> list[tuple[int, in
 
 @pytest.mark.plain_python
 @pytest.mark.parametrize(
-    ("kind", "ticks"), [(PEASANT, 11), (FOOTMAN, 11), (ARCHER, 11), (CAVALRY, 7)]
+    ("kind", "ticks"), [(t.PEASANT, 11), (t.FOOTMAN, 11), (t.ARCHER, 11), (t.CAVALRY, 7)]
 )
 @pytest.mark.parametrize("step", STEPS)
 def test_a_tile_of_grass_takes_the_same_ticks_in_all_eight_directions(kind, ticks, step):
@@ -66,15 +48,15 @@ def test_a_tile_of_grass_takes_the_same_ticks_in_all_eight_directions(kind, tick
     skirmish = Skirmish()
     unit = skirmish.put(0, kind, 8, 8)
     place = (8 + step[0], 8 + step[1])
-    skirmish.order(unit, MOVE, *place)
+    skirmish.order(unit, s.MOVE, *place)
     for _ in range(ticks):
         skirmish.wait()
         assert skirmish.place(unit) == (8, 8)
-        assert skirmish.get(unit, UNIT_STATE) == WALKING
+        assert skirmish.get(unit, s.UNIT_STATE) == s.WALKING
     skirmish.wait()
     assert skirmish.place(unit) == place
-    assert skirmish.get(unit, UNIT_STATE) == IDLE
-    assert skirmish.get(unit, UNIT_ORDER) == NO_ORDER
+    assert skirmish.get(unit, s.UNIT_STATE) == s.IDLE
+    assert skirmish.get(unit, s.UNIT_ORDER) == s.NO_ORDER
 
 
 @pytest.mark.parametrize(
@@ -82,34 +64,34 @@ def test_a_tile_of_grass_takes_the_same_ticks_in_all_eight_directions(kind, tick
 )
 def test_desert_and_lava_take_half_the_ticks_rounded_down(character, peasant, cavalry):
     """What counts is the tile that the unit walks onto."""
-    for kind, ticks in ((PEASANT, peasant), (CAVALRY, cavalry)):
+    for kind, ticks in ((t.PEASANT, peasant), (t.CAVALRY, cavalry)):
         skirmish = Skirmish(meadow_with({(8, 9): character}))
         unit = skirmish.put(0, kind, 8, 8)
-        skirmish.order(unit, MOVE, 8, 9)
+        skirmish.order(unit, s.MOVE, 8, 9)
         assert ticks_until(skirmish, unit, (8, 9)) == 1 + ticks
 
 
 def test_a_walk_takes_the_sum_of_its_tiles():
     skirmish = Skirmish(meadow_with({(8, 9): ",", (8, 10): ","}))
-    unit = skirmish.put(0, FOOTMAN, 8, 8)
-    skirmish.order(unit, MOVE, 8, 12)
+    unit = skirmish.put(0, t.FOOTMAN, 8, 8)
+    skirmish.order(unit, s.MOVE, 8, 12)
     assert ticks_until(skirmish, unit, (8, 12)) == 1 + 5 + 5 + 11 + 11
 
 
 def test_a_new_order_waits_for_the_end_of_the_step():
     skirmish = Skirmish()
-    unit = skirmish.put(0, FOOTMAN, 8, 8)
-    skirmish.order(unit, MOVE, 8, 12)
+    unit = skirmish.put(0, t.FOOTMAN, 8, 8)
+    skirmish.order(unit, s.MOVE, 8, 12)
     skirmish.wait(5)
-    skirmish.order(unit, MOVE, 8, 5)
+    skirmish.order(unit, s.MOVE, 8, 5)
     assert trail(skirmish, unit) == [(8, 8), (8, 9), (8, 8), (8, 7), (8, 6), (8, 5)]
     assert skirmish.tick == 1 + 5 * 11
 
 
 def test_a_unit_that_is_stopped_ends_its_step_and_stays():
     skirmish = Skirmish()
-    unit = skirmish.put(0, FOOTMAN, 8, 8)
-    skirmish.order(unit, MOVE, 8, 12)
+    unit = skirmish.put(0, t.FOOTMAN, 8, 8)
+    skirmish.order(unit, s.MOVE, 8, 12)
     skirmish.wait(15)
     skirmish.select(unit)
     skirmish.play("stop")
@@ -125,8 +107,8 @@ def test_a_unit_that_is_stopped_ends_its_step_and_stays():
 @pytest.mark.parametrize("character", "#~TGSO")
 def test_nobody_cuts_the_corner_of_what_is_solid(character, corner):
     skirmish = Skirmish(meadow_with({corner: character}))
-    unit = skirmish.put(0, FOOTMAN, 8, 8)
-    skirmish.order(unit, MOVE, 9, 9)
+    unit = skirmish.put(0, t.FOOTMAN, 8, 8)
+    skirmish.order(unit, s.MOVE, 9, 9)
     free = (8, 9) if corner == (9, 8) else (9, 8)
     assert trail(skirmish, unit) == [(8, 8), free, (9, 9)]
 
@@ -134,29 +116,29 @@ def test_nobody_cuts_the_corner_of_what_is_solid(character, corner):
 @pytest.mark.parametrize("owner", [0, 1])
 def test_nobody_cuts_the_corner_of_a_building(owner):
     skirmish = Skirmish(preset="thesis")  # where nobody fights by itself
-    skirmish.put(1, PEASANT, 1, 1)  # who keeps player 1 in the game
-    skirmish.put(owner, FARM, 8, 9)
-    unit = skirmish.put(0, FOOTMAN, 8, 8)
-    skirmish.order(unit, MOVE, 9, 9)
+    skirmish.put(1, t.PEASANT, 1, 1)  # who keeps player 1 in the game
+    skirmish.put(owner, t.FARM, 8, 9)
+    unit = skirmish.put(0, t.FOOTMAN, 8, 8)
+    skirmish.order(unit, s.MOVE, 9, 9)
     assert trail(skirmish, unit) == [(8, 8), (9, 8), (9, 9)]
 
 
 @pytest.mark.parametrize("owner", [0, 1])
 def test_units_do_not_block_corners(owner):
     skirmish = Skirmish(preset="thesis")
-    skirmish.put(owner, FOOTMAN, 8, 9)
-    skirmish.put(owner, FOOTMAN, 9, 8)
-    unit = skirmish.put(0, FOOTMAN, 8, 8)
-    skirmish.order(unit, MOVE, 9, 9)
+    skirmish.put(owner, t.FOOTMAN, 8, 9)
+    skirmish.put(owner, t.FOOTMAN, 9, 8)
+    unit = skirmish.put(0, t.FOOTMAN, 8, 8)
+    skirmish.order(unit, s.MOVE, 9, 9)
     assert trail(skirmish, unit) == [(8, 8), (9, 9)]
 
 
 def test_a_building_that_rises_beside_a_diagonal_step_stops_it():
     skirmish = Skirmish()
-    unit = skirmish.put(0, FOOTMAN, 8, 8)
-    skirmish.order(unit, MOVE, 9, 9)
+    unit = skirmish.put(0, t.FOOTMAN, 8, 8)
+    skirmish.order(unit, s.MOVE, 9, 9)
     skirmish.wait(5)
-    skirmish.put(1, FARM, 8, 9)
+    skirmish.put(1, t.FARM, 8, 9)
     assert trail(skirmish, unit)[:3] == [(8, 8), (9, 8), (9, 9)]
 
 
@@ -165,9 +147,9 @@ def test_a_building_that_rises_beside_a_diagonal_step_stops_it():
 
 def draw_room(luck: np.random.Generator, walls: float) -> np.ndarray:
     """Tiles [ROOM, ROOM] of grass, desert and walls; room for two spawns."""
-    tiles = np.where(luck.random((ROOM, ROOM)) < walls, WALL, GRASS)
-    tiles[(luck.random(tiles.shape) < 0.1) & (tiles == GRASS)] = DESERT
-    tiles[:3, :3] = tiles[-3:, -3:] = GRASS
+    tiles = np.where(luck.random((ROOM, ROOM)) < walls, t.WALL, t.GRASS)
+    tiles[(luck.random(tiles.shape) < 0.1) & (tiles == t.GRASS)] = t.DESERT
+    tiles[:3, :3] = tiles[-3:, -3:] = t.GRASS
     return tiles
 
 
@@ -175,7 +157,7 @@ def distances_from(tiles: np.ndarray, start: tuple[int, int]) -> dict[tuple[int,
     """Steps from `start` by a plain search; diagonals need both corners free."""
 
     def is_open(row: int, column: int) -> bool:
-        return 0 <= row < ROOM and 0 <= column < ROOM and tiles[row, column] in (GRASS, DESERT)
+        return 0 <= row < ROOM and 0 <= column < ROOM and tiles[row, column] in (t.GRASS, t.DESERT)
 
     distances, front = {start: 0}, deque([start])
     while front:
@@ -211,21 +193,21 @@ def empty_room() -> Skirmish:
 def test_a_lone_unit_walks_a_shortest_way_or_as_near_as_it_can(walls):
     luck = np.random.default_rng(int(100 * walls))
     skirmish = empty_room()
-    unit = skirmish.put(0, CAVALRY, 1, 1)
+    unit = skirmish.put(0, t.CAVALRY, 1, 1)
     num_reached = num_near = 0
     for _ in range(70):
-        skirmish.order(unit, NO_ORDER)
+        skirmish.order(unit, s.NO_ORDER)
         skirmish.wait(8)
         tiles = draw_room(luck, walls)
         start = skirmish.place(unit)
-        tiles[start] = GRASS
+        tiles[start] = t.GRASS
         load_room(skirmish, tiles)
         distances = distances_from(tiles, start)
-        grounds = [tuple(place) for place in np.argwhere(tiles != WALL).tolist()]
+        grounds = [tuple(place) for place in np.argwhere(tiles != t.WALL).tolist()]
         goal = grounds[luck.integers(len(grounds))]
         if goal == start:
             continue
-        skirmish.order(unit, MOVE, *goal)
+        skirmish.order(unit, s.MOVE, *goal)
         places = trail(skirmish, unit)
         for place, following in pairwise(places):
             assert max(abs(place[0] - following[0]), abs(place[1] - following[1])) == 1
@@ -247,8 +229,8 @@ def test_a_way_of_more_than_21_steps_is_walked_to_its_end():
     for row, gap in ((3, 15), (7, 0), (11, 15)):
         del maze[row, gap]
     skirmish = Skirmish(meadow_with(maze))
-    unit = skirmish.put(0, CAVALRY, 2, 0)
-    skirmish.order(unit, MOVE, 12, 0)
+    unit = skirmish.put(0, t.CAVALRY, 2, 0)
+    skirmish.order(unit, s.MOVE, 12, 0)
     places = trail(skirmish, unit)
     assert places[-1] == (12, 0)
     assert len(places) - 1 > 2 * 21
@@ -257,11 +239,11 @@ def test_a_way_of_more_than_21_steps_is_walked_to_its_end():
 def test_a_way_leads_around_lava_but_onto_it_where_that_is_asked():
     lava = {(row, 9): "^" for row in range(5, 12)}
     skirmish = Skirmish(meadow_with(lava))
-    unit = skirmish.put(0, CAVALRY, 8, 8)
-    skirmish.order(unit, MOVE, 8, 10)
-    assert all(skirmish.tile(*place) != LAVA for place in trail(skirmish, unit))
-    assert skirmish.get(unit, UNIT_HEALTH) == 90
-    skirmish.order(unit, MOVE, 8, 9)
+    unit = skirmish.put(0, t.CAVALRY, 8, 8)
+    skirmish.order(unit, s.MOVE, 8, 10)
+    assert all(skirmish.tile(*place) != t.LAVA for place in trail(skirmish, unit))
+    assert skirmish.get(unit, s.UNIT_HEALTH) == 90
+    skirmish.order(unit, s.MOVE, 8, 9)
     assert trail(skirmish, unit)[-1] == (8, 9)
 
 
@@ -269,7 +251,7 @@ def test_a_unit_that_is_shut_in_gives_up():
     skirmish = Skirmish(
         meadow_with({(r, c): "#" for r in (7, 8, 9) for c in (7, 8, 9)} | {(8, 8): "."})
     )
-    unit = skirmish.put(0, FOOTMAN, 8, 8)
-    skirmish.order(unit, MOVE, 2, 2)
+    unit = skirmish.put(0, t.FOOTMAN, 8, 8)
+    skirmish.order(unit, s.MOVE, 2, 2)
     assert trail(skirmish, unit) == [(8, 8)]
-    assert skirmish.get(unit, UNIT_STATE) == IDLE
+    assert skirmish.get(unit, s.UNIT_STATE) == s.IDLE

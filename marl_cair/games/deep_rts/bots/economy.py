@@ -9,13 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled, compiled_compact
-from marl_cair.games.deep_rts.bots.purchases import (
-    can_afford,
-    can_spare,
-    choose_soldier,
-    is_outnumbered,
-    num_workers,
-)
+from marl_cair.games.deep_rts import tables as t
+from marl_cair.games.deep_rts.bots import purchases
 from marl_cair.games.deep_rts.bots.sight import (
     FAR,
     FOOD_MADE,
@@ -41,18 +36,7 @@ from marl_cair.games.deep_rts.orders.orders import (
     NOOP,
     SELECT_THERE,
 )
-from marl_cair.games.deep_rts.rules.rulebook import KIND_FOOD_CONSUMED, TILE_RESOURCE
-from marl_cair.games.deep_rts.tables import (
-    BARRACKS,
-    FIRST_UPGRADE,
-    GOLD,
-    LUMBER,
-    NO_KIND,
-    NO_RESOURCE,
-    PEASANT,
-    STONE,
-    TOWN_HALL,
-)
+from marl_cair.games.deep_rts.rules import rulebook as rb
 from marl_cair.games.deep_rts.views.planes import CARRIES, SELECTED, TIME_LEFT
 
 BARE_WORKERS = 6  # peasants that are replaced even where the enemy has more soldiers
@@ -87,12 +71,12 @@ def tell(planes: Any, mask: Any, known: Any, cell: int, action: int) -> int:
 @compiled
 def wants_worker(known: Any, sight: Any) -> bool:
     """True for another peasant: the first ones at any price, no more of them in need."""
-    workers, doctrine = num_workers(sight), known.doctrine
-    if is_outnumbered(known, sight):
+    workers, doctrine = purchases.num_workers(sight), known.doctrine
+    if purchases.is_outnumbered(known, sight):
         return bool(workers < min(doctrine.workers_first, BARE_WORKERS))
     if workers < doctrine.workers_first:
-        return can_afford(known, sight, PEASANT)
-    return workers < doctrine.workers and can_spare(known, sight, PEASANT)
+        return purchases.can_afford(known, sight, t.PEASANT)
+    return workers < doctrine.workers and purchases.can_spare(known, sight, t.PEASANT)
 
 
 @compiled
@@ -104,12 +88,12 @@ def train(planes: Any, mask: Any, known: Any, sight: Any) -> int:
     for cell in range(known.rules.rows * known.rules.columns):
         if sight.side[cell] != MINE or not is_idle(planes, known, cell):
             continue
-        product = NO_KIND
-        if sight.kind[cell] == TOWN_HALL and wants_worker(known, sight):
-            product = PEASANT
-        elif sight.kind[cell] == BARRACKS:
-            product = choose_soldier(known, sight)
-        if product != NO_KIND and food >= known.rules.kinds[product, KIND_FOOD_CONSUMED]:
+        product = t.NO_KIND
+        if sight.kind[cell] == t.TOWN_HALL and wants_worker(known, sight):
+            product = t.PEASANT
+        elif sight.kind[cell] == t.BARRACKS:
+            product = purchases.choose_soldier(known, sight)
+        if product != t.NO_KIND and food >= known.rules.kinds[product, rb.KIND_FOOD_CONSUMED]:
             action = tell(planes, mask, known, cell, FIRST_PRODUCT + product)
             if action != NOOP:
                 return action
@@ -123,9 +107,9 @@ def train(planes: Any, mask: Any, known: Any, sight: Any) -> int:
 def build(planes: Any, mask: Any, known: Any, sight: Any) -> int:
     """Forge what is saved for, or have the nearest peasant go to the best site and build there."""
     kind = sight.facts[SAVED_FOR]
-    if kind == NO_KIND or not can_afford(known, sight, kind):
+    if kind == t.NO_KIND or not purchases.can_afford(known, sight, kind):
         return NOOP
-    if kind >= FIRST_UPGRADE:
+    if kind >= t.FIRST_UPGRADE:
         return tell(planes, mask, known, sight.facts[FREE_SMITHY], FIRST_PRODUCT + kind)
     if sight.facts[NUM_PEOPLE] == 0:
         return NOOP
@@ -145,8 +129,8 @@ def build(planes: Any, mask: Any, known: Any, sight: Any) -> int:
 def is_short(known: Any, sight: Any, resource: int) -> bool:
     """True where a purchase waits for this resource alone, and too little is on its way."""
     coming = sight.store[resource] + known.rules.carry_capacity * sight.carriers[resource]
-    if resource != STONE:
-        other = GOLD + LUMBER - resource
+    if resource != t.STONE:
+        other = t.GOLD + t.LUMBER - resource
         if sight.store[other] < sight.saved[other]:
             return False
     return bool(coming < sight.saved[resource])
@@ -155,12 +139,12 @@ def is_short(known: Any, sight: Any, resource: int) -> bool:
 @compiled
 def lacking_resource(known: Any, sight: Any) -> int:
     """What a purchase waits for, else gold or lumber, the shorter by the doctrine's weights."""
-    for resource in (STONE, LUMBER, GOLD):
+    for resource in (t.STONE, t.LUMBER, t.GOLD):
         if is_short(known, sight, resource):
             return resource
-    gold = sight.store[GOLD] + WORTH_OF_A_WORKER * sight.carriers[GOLD]
-    lumber = sight.store[LUMBER] + WORTH_OF_A_WORKER * sight.carriers[LUMBER]
-    return LUMBER if lumber * GOLD_WEIGHT < gold * known.doctrine.lumber_weight else GOLD
+    gold = sight.store[t.GOLD] + WORTH_OF_A_WORKER * sight.carriers[t.GOLD]
+    lumber = sight.store[t.LUMBER] + WORTH_OF_A_WORKER * sight.carriers[t.LUMBER]
+    return t.LUMBER if lumber * GOLD_WEIGHT < gold * known.doctrine.lumber_weight else t.GOLD
 
 
 @compiled
@@ -179,7 +163,7 @@ def nearest_tile(known: Any, sight: Any, resource: int, worker: int) -> int:
     """The tile of a resource with the shortest way from a worker and on to the hall."""
     best, best_price = NO_CELL, FAR
     for tile in range(known.rules.rows * known.rules.columns):
-        if known.rules.tiles[sight.ground[tile], TILE_RESOURCE] != resource:
+        if known.rules.tiles[sight.ground[tile], rb.TILE_RESOURCE] != resource:
             continue
         cost = distance(known, tile, worker) + 2 * distance(known, tile, sight.facts[HOME])
         for place in range(sight.facts[NUM_PEOPLE]):
@@ -196,7 +180,7 @@ def send_to_harvest(
     """To the nearest tile of a resource, else of gold or lumber."""
     tile = nearest_tile(known, sight, resource, worker)
     if tile == NO_CELL:
-        tile = nearest_tile(known, sight, LUMBER if resource == GOLD else GOLD, worker)
+        tile = nearest_tile(known, sight, t.LUMBER if resource == t.GOLD else t.GOLD, worker)
     if tile == NO_CELL:
         return NOOP
     return tell(planes, mask, known, worker, cell_action(known, GO_THERE, tile))
@@ -229,30 +213,30 @@ def gather(planes: Any, mask: Any, known: Any, sight: Any) -> int:
 def is_skewed(known: Any, sight: Any, lacking: int, other: int) -> bool:
     """True where one of gold and lumber is far larger than the other, by the doctrine's weights."""
     weight = known.doctrine.lumber_weight
-    have = sight.store[lacking] * (weight if lacking == GOLD else GOLD_WEIGHT)
-    spare = sight.store[other] * (GOLD_WEIGHT if lacking == GOLD else weight)
+    have = sight.store[lacking] * (weight if lacking == t.GOLD else GOLD_WEIGHT)
+    spare = sight.store[other] * (GOLD_WEIGHT if lacking == t.GOLD else weight)
     if sight.store[other] < SKEWED_STORE or spare < SKEW * have:
         return False
     if sight.store[other] >= FULL_STORE:
         return True
-    at_lacking = sight.carriers[lacking] * (weight if lacking == GOLD else GOLD_WEIGHT)
-    at_other = sight.carriers[other] * (GOLD_WEIGHT if lacking == GOLD else weight)
+    at_lacking = sight.carriers[lacking] * (weight if lacking == t.GOLD else GOLD_WEIGHT)
+    at_other = sight.carriers[other] * (GOLD_WEIGHT if lacking == t.GOLD else weight)
     return bool(at_lacking < at_other)
 
 
 @compiled
 def resource_to_leave(planes: Any, known: Any, sight: Any, lacking: int) -> int:
     """Whose worker is moved to what is lacking; NO_RESOURCE for nobody's."""
-    if lacking == STONE:
+    if lacking == t.STONE:
         if int(planes[TIME_LEFT, 0, 0]) % STONE_LEVELS > 0:
-            return NO_RESOURCE  # who was sent before is still on the way
-        return GOLD if sight.carriers[GOLD] >= sight.carriers[LUMBER] else LUMBER
-    if sight.carriers[STONE] > 0:
-        return STONE
-    other = GOLD + LUMBER - lacking
+            return t.NO_RESOURCE  # who was sent before is still on the way
+        return t.GOLD if sight.carriers[t.GOLD] >= sight.carriers[t.LUMBER] else t.LUMBER
+    if sight.carriers[t.STONE] > 0:
+        return t.STONE
+    other = t.GOLD + t.LUMBER - lacking
     if is_short(known, sight, lacking) or is_skewed(known, sight, lacking, other):
         return other
-    return NO_RESOURCE
+    return t.NO_RESOURCE
 
 
 @compiled
@@ -260,7 +244,7 @@ def move_worker(planes: Any, mask: Any, known: Any, sight: Any) -> int:
     """Where one store is far larger than the other, move a worker; it brings its load in first."""
     lacking = lacking_resource(known, sight)
     left = resource_to_leave(planes, known, sight, lacking)
-    if left == NO_RESOURCE:
+    if left == t.NO_RESOURCE:
         return NOOP
     worker, selected = NO_CELL, sight.facts[SELECTED_CELL]
     for place in range(sight.facts[NUM_PEOPLE]):

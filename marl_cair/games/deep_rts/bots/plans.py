@@ -8,15 +8,8 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_rts.bots.economy import (
-    build,
-    cell_action,
-    gather,
-    is_scout,
-    move_worker,
-    tell,
-    train,
-)
+from marl_cair.games.deep_rts import tables as t
+from marl_cair.games.deep_rts.bots import economy
 from marl_cair.games.deep_rts.bots.purchases import (
     choose_purchase,
     num_with_sites,
@@ -47,14 +40,6 @@ from marl_cair.games.deep_rts.bots.sight import (
 )
 from marl_cair.games.deep_rts.bots.sites import nearest_person
 from marl_cair.games.deep_rts.orders.orders import ADVANCE_THERE, GO_THERE, NOOP
-from marl_cair.games.deep_rts.tables import (
-    BARRACKS,
-    FOOTMAN,
-    GOLD,
-    NO_KIND,
-    NUM_MOBILE_KINDS,
-    PEASANT,
-)
 from marl_cair.games.deep_rts.views.planes import IS_FIGHTING, TIME_LEFT
 
 CHASE_STEPS = 4  # to the enemy, of soldiers that are out without an attack
@@ -69,20 +54,20 @@ def plan_by_doctrine(planes: Any, mask: Any, known: Any, sight: Any) -> int:
     """The first job that can be done: train, build, then soldiers and peasants by turns."""
     look(planes, known, sight)
     choose_purchase(known, sight)
-    action = train(planes, mask, known, sight)
+    action = economy.train(planes, mask, known, sight)
     if action == NOOP:
         action = call_militia(planes, mask, known, sight)
     if action == NOOP:
-        action = build(planes, mask, known, sight)
+        action = economy.build(planes, mask, known, sight)
     soldiers_first = int(planes[TIME_LEFT, 0, 0]) % 2
     if action == NOOP and soldiers_first == 1:
         action = command(planes, mask, known, sight)
     if action == NOOP:
-        action = gather(planes, mask, known, sight)
+        action = economy.gather(planes, mask, known, sight)
     if action == NOOP and soldiers_first == 0:
         action = command(planes, mask, known, sight)
     if action == NOOP:
-        action = move_worker(planes, mask, known, sight)
+        action = economy.move_worker(planes, mask, known, sight)
     if action == NOOP:
         action = scout(planes, mask, known, sight)
     return action
@@ -96,17 +81,19 @@ def is_soldier_cell(sight: Any, cell: int) -> bool:
     """True on an own footman, archer or horseman."""
     return bool(
         sight.side[cell] == MINE
-        and sight.kind[cell] != PEASANT
-        and sight.kind[cell] < NUM_MOBILE_KINDS
+        and sight.kind[cell] != t.PEASANT
+        and sight.kind[cell] < t.NUM_MOBILE_KINDS
     )
 
 
 @compiled
 def can_grow(known: Any, sight: Any) -> bool:
     """True while more soldiers will come: there are barracks, and gold in store or on its way."""
-    if num_with_sites(sight, BARRACKS) == 0 and num_workers(sight) == 0:
+    if num_with_sites(sight, t.BARRACKS) == 0 and num_workers(sight) == 0:
         return False
-    return bool(sight.carriers[GOLD] > 0 or sight.store[GOLD] >= price(known, FOOTMAN, GOLD))
+    return bool(
+        sight.carriers[t.GOLD] > 0 or sight.store[t.GOLD] >= price(known, t.FOOTMAN, t.GOLD)
+    )
 
 
 @compiled
@@ -128,7 +115,7 @@ def way_home(known: Any, sight: Any) -> int:
     for cell in range(known.rules.rows * known.rules.columns):
         row, column = cell // known.rules.columns, cell % known.rules.columns
         steps = distance(known, cell, sight.facts[HOME])
-        is_free = sight.kind[cell] == NO_KIND and is_ground(known, sight, row, column)
+        is_free = sight.kind[cell] == t.NO_KIND and is_ground(known, sight, row, column)
         if is_free and steps < best_distance:
             best, best_distance = cell, steps
     return best
@@ -163,7 +150,9 @@ def command(planes: Any, mask: Any, known: Any, sight: Any) -> int:
             chosen, chosen_goal = cell, goal
     if chosen == NO_CELL:
         return NOOP
-    return tell(planes, mask, known, chosen, cell_action(known, ADVANCE_THERE, chosen_goal))
+    return economy.tell(
+        planes, mask, known, chosen, economy.cell_action(known, ADVANCE_THERE, chosen_goal)
+    )
 
 
 @compiled
@@ -171,7 +160,7 @@ def num_near_home(known: Any, sight: Any, side: int) -> int:
     """Soldiers of a side on the own ground."""
     count = 0
     for cell in range(known.rules.rows * known.rules.columns):
-        if sight.side[cell] == side and PEASANT < sight.kind[cell] < NUM_MOBILE_KINDS:
+        if sight.side[cell] == side and t.PEASANT < sight.kind[cell] < t.NUM_MOBILE_KINDS:
             count += int(distance(known, cell, sight.facts[HOME]) <= home_radius(known, sight))
     return count
 
@@ -198,7 +187,7 @@ def call_militia(planes: Any, mask: Any, known: Any, sight: Any) -> int:
             chosen, best = cell, steps
     if chosen == NO_CELL or called >= known.doctrine.militia:
         return NOOP
-    return tell(planes, mask, known, chosen, cell_action(known, GO_THERE, threat))
+    return economy.tell(planes, mask, known, chosen, economy.cell_action(known, GO_THERE, threat))
 
 
 # --- scouting ------------------------------------------------------------------------------------
@@ -215,14 +204,14 @@ def scout(planes: Any, mask: Any, known: Any, sight: Any) -> int:
     if int(planes[TIME_LEFT, 0, 0]) % SCOUT_LEVELS > 0 or num_workers(sight) < SCOUT_WORKERS:
         return NOOP
     for cell in range(known.rules.rows * known.rules.columns):
-        is_walker = sight.side[cell] == MINE and sight.kind[cell] < NUM_MOBILE_KINDS
-        if is_walker and is_scout(known, sight, cell):
+        is_walker = sight.side[cell] == MINE and sight.kind[cell] < t.NUM_MOBILE_KINDS
+        if is_walker and economy.is_scout(known, sight, cell):
             return NOOP
     target = sight.facts[TARGET]
-    return tell(
+    return economy.tell(
         planes,
         mask,
         known,
         nearest_person(known, sight, target),
-        cell_action(known, GO_THERE, target),
+        economy.cell_action(known, GO_THERE, target),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.bots.sight import (
     FAR,
     FOOD_MADE,
@@ -17,30 +18,7 @@ from marl_cair.games.deep_rts.bots.sight import (
     SAVED_FOR,
 )
 from marl_cair.games.deep_rts.bots.sites import has_pool, has_tile
-from marl_cair.games.deep_rts.rules.rulebook import (
-    KIND_FOOD_PRODUCED,
-    PRODUCT_COST,
-    PRODUCT_IS_ENABLED,
-)
-from marl_cair.games.deep_rts.tables import (
-    ARCHER,
-    BARRACKS,
-    CAVALRY,
-    FARM,
-    FIRST_UPGRADE,
-    FOOTMAN,
-    GOLD,
-    NO_KIND,
-    NUM_MOBILE_KINDS,
-    NUM_PRODUCTS,
-    NUM_RESOURCES,
-    OIL_WELL,
-    PEASANT,
-    SMITHY,
-    STONE,
-    STONE_TILE,
-    TOWN_HALL,
-)
+from marl_cair.games.deep_rts.rules import rulebook as rb
 
 RICH = 2  # prices of a barracks, in gold, from which another is built
 ENOUGH_SOLDIERS = 7  # before the smithy
@@ -49,15 +27,15 @@ ENOUGH_SOLDIERS = 7  # before the smithy
 @compiled
 def price(known: Any, product: int, resource: int) -> int:
     """Of a product in a resource."""
-    return int(known.rules.product[product, PRODUCT_COST + resource])
+    return int(known.rules.product[product, rb.PRODUCT_COST + resource])
 
 
 @compiled
 def can_afford(known: Any, sight: Any, product: int) -> bool:
     """True where the stores hold the price."""
-    if known.rules.product[product, PRODUCT_IS_ENABLED] == 0:
+    if known.rules.product[product, rb.PRODUCT_IS_ENABLED] == 0:
         return False
-    for resource in range(NUM_RESOURCES):
+    for resource in range(t.NUM_RESOURCES):
         if sight.store[resource] < price(known, product, resource):
             return False
     return True
@@ -66,7 +44,7 @@ def can_afford(known: Any, sight: Any, product: int) -> bool:
 @compiled
 def can_spare(known: Any, sight: Any, product: int) -> bool:
     """True where the price can be paid and what is saved for a building stays."""
-    for resource in range(NUM_RESOURCES):
+    for resource in range(t.NUM_RESOURCES):
         cost = price(known, product, resource)
         if cost > 0 and sight.store[resource] < cost + sight.saved[resource]:
             return False
@@ -82,8 +60,8 @@ def num_with_sites(sight: Any, kind: int) -> int:
 @compiled
 def num_workers(sight: Any) -> int:
     """Own peasants, those inside a site too."""
-    workers = sight.own[PEASANT]
-    for kind in range(NUM_MOBILE_KINDS, sight.rising.shape[0]):
+    workers = sight.own[t.PEASANT]
+    for kind in range(t.NUM_MOBILE_KINDS, sight.rising.shape[0]):
         workers += sight.rising[kind]
     return int(workers)
 
@@ -102,8 +80,8 @@ def is_outnumbered(known: Any, sight: Any) -> bool:
 def food_to_come(known: Any, sight: Any) -> int:
     """What the own buildings feed, sites too."""
     made = int(sight.facts[FOOD_MADE])
-    for kind in (TOWN_HALL, FARM):
-        made += int(sight.rising[kind]) * int(known.rules.kinds[kind, KIND_FOOD_PRODUCED])
+    for kind in (t.TOWN_HALL, t.FARM):
+        made += int(sight.rising[kind]) * int(known.rules.kinds[kind, rb.KIND_FOOD_PRODUCED])
     return made
 
 
@@ -111,10 +89,10 @@ def food_to_come(known: Any, sight: Any) -> int:
 def wanted_building(known: Any, sight: Any) -> int:
     """The next building, or NO_KIND."""
     doctrine = known.doctrine
-    if num_with_sites(sight, TOWN_HALL) == 0:  # without one, no more gold comes
-        return TOWN_HALL if can_afford(known, sight, TOWN_HALL) else NO_KIND
+    if num_with_sites(sight, t.TOWN_HALL) == 0:  # without one, no more gold comes
+        return t.TOWN_HALL if can_afford(known, sight, t.TOWN_HALL) else t.NO_KIND
     made, workers = food_to_come(known, sight), num_workers(sight)
-    barracks = num_with_sites(sight, BARRACKS)
+    barracks = num_with_sites(sight, t.BARRACKS)
     is_threatened = sight.facts[NUM_RAIDERS] > 0 or (
         doctrine.answers > 0 and sight.facts[NUM_FOE_SOLDIERS] > 0
     )
@@ -122,56 +100,56 @@ def wanted_building(known: Any, sight: Any) -> int:
     free = made - sight.facts[FOOD_USED]
     is_hungry = free < doctrine.free_food and made < known.rules.food_limit
     if is_hungry and (free <= 0 or not needs_barracks):
-        return FARM
+        return t.FARM
     if needs_barracks:
-        return BARRACKS
+        return t.BARRACKS
     if workers >= doctrine.workers_first and not is_outnumbered(known, sight):
         luxury = wanted_luxury(known, sight)
-        if luxury != NO_KIND:
+        if luxury != t.NO_KIND:
             return luxury
-    is_rich = sight.store[GOLD] >= RICH * price(known, BARRACKS, GOLD)
-    return BARRACKS if is_rich and 0 < barracks < doctrine.barracks else NO_KIND
+    is_rich = sight.store[t.GOLD] >= RICH * price(known, t.BARRACKS, t.GOLD)
+    return t.BARRACKS if is_rich and 0 < barracks < doctrine.barracks else t.NO_KIND
 
 
 @compiled
 def wanted_luxury(known: Any, sight: Any) -> int:
     """What pays off late: another hall, a well for who uses oil, a smithy and its upgrades."""
     doctrine = known.doctrine
-    if num_with_sites(sight, TOWN_HALL) < doctrine.halls:
-        return TOWN_HALL
-    if sight.own[BARRACKS] == 0:
-        return NO_KIND
-    uses_oil = num_with_sites(sight, SMITHY) > 0 or share_of(known, sight, CAVALRY) > 0
+    if num_with_sites(sight, t.TOWN_HALL) < doctrine.halls:
+        return t.TOWN_HALL
+    if sight.own[t.BARRACKS] == 0:
+        return t.NO_KIND
+    uses_oil = num_with_sites(sight, t.SMITHY) > 0 or share_of(known, sight, t.CAVALRY) > 0
     if (
         uses_oil
-        and num_with_sites(sight, OIL_WELL) < doctrine.wells
+        and num_with_sites(sight, t.OIL_WELL) < doctrine.wells
         and can_have_well(known, sight)
     ):
-        return OIL_WELL
-    if num_with_sites(sight, SMITHY) == 0:
-        return SMITHY if wants_smithy(known, sight) else NO_KIND
+        return t.OIL_WELL
+    if num_with_sites(sight, t.SMITHY) == 0:
+        return t.SMITHY if wants_smithy(known, sight) else t.NO_KIND
     return wanted_upgrade(known, sight)
 
 
 @compiled
 def wants_smithy(known: Any, sight: Any) -> bool:
     """True for who has soldiers to equip, and stone to build of."""
-    if known.doctrine.upgrades == 0 or known.rules.product[SMITHY, PRODUCT_IS_ENABLED] == 0:
+    if known.doctrine.upgrades == 0 or known.rules.product[t.SMITHY, rb.PRODUCT_IS_ENABLED] == 0:
         return False
     if sight.facts[NUM_SOLDIERS] < ENOUGH_SOLDIERS:
         return False
-    missing = price(known, SMITHY, STONE) - sight.store[STONE]
-    return bool(missing <= 0 or has_tile(known, sight, STONE_TILE))
+    missing = price(known, t.SMITHY, t.STONE) - sight.store[t.STONE]
+    return bool(missing <= 0 or has_tile(known, sight, t.STONE_TILE))
 
 
 @compiled
 def wanted_upgrade(known: Any, sight: Any) -> int:
     """The upgrade of the lowest level for which gold alone may be missing, or NO_KIND."""
-    chosen, lowest = NO_KIND, known.doctrine.upgrades
+    chosen, lowest = t.NO_KIND, known.doctrine.upgrades
     if sight.facts[FREE_SMITHY] == NO_CELL:
-        return NO_KIND
-    for product in range(FIRST_UPGRADE, NUM_PRODUCTS):
-        level = int(sight.level[product - FIRST_UPGRADE])
+        return t.NO_KIND
+    for product in range(t.FIRST_UPGRADE, t.NUM_PRODUCTS):
+        level = int(sight.level[product - t.FIRST_UPGRADE])
         if level < lowest and has_all_but_gold(known, sight, product):
             chosen, lowest = product, level
     return chosen
@@ -180,7 +158,9 @@ def wanted_upgrade(known: Any, sight: Any) -> int:
 @compiled
 def can_have_well(known: Any, sight: Any) -> bool:
     """True where the rules have wells, and a pool is near."""
-    return bool(known.rules.product[OIL_WELL, PRODUCT_IS_ENABLED] != 0 and has_pool(known, sight))
+    return bool(
+        known.rules.product[t.OIL_WELL, rb.PRODUCT_IS_ENABLED] != 0 and has_pool(known, sight)
+    )
 
 
 @compiled
@@ -188,8 +168,8 @@ def choose_purchase(known: Any, sight: Any) -> None:
     """Set what is saved for, and put its price by."""
     product = wanted_building(known, sight)
     sight.facts[SAVED_FOR] = product
-    if product != NO_KIND:
-        for resource in range(NUM_RESOURCES):
+    if product != t.NO_KIND:
+        for resource in range(t.NUM_RESOURCES):
             sight.saved[resource] = price(known, product, resource)
 
 
@@ -203,19 +183,19 @@ def share_of(known: Any, sight: Any, kind: int) -> int:
     Archers shoot footmen, footmen stop cavalry, cavalry rides archers down.
     """
     doctrine = known.doctrine
-    if kind == FOOTMAN:
-        return int(doctrine.footmen + doctrine.answers * sight.foes[CAVALRY])
-    if kind == ARCHER:
-        return int(doctrine.archers + doctrine.answers * sight.foes[FOOTMAN])
-    return int(doctrine.cavalry + doctrine.answers * sight.foes[ARCHER])
+    if kind == t.FOOTMAN:
+        return int(doctrine.footmen + doctrine.answers * sight.foes[t.CAVALRY])
+    if kind == t.ARCHER:
+        return int(doctrine.archers + doctrine.answers * sight.foes[t.FOOTMAN])
+    return int(doctrine.cavalry + doctrine.answers * sight.foes[t.ARCHER])
 
 
 @compiled
 def has_all_but_gold(known: Any, sight: Any, product: int) -> bool:
     """True where gold, which always comes, is all that may be missing."""
-    if known.rules.product[product, PRODUCT_IS_ENABLED] == 0:
+    if known.rules.product[product, rb.PRODUCT_IS_ENABLED] == 0:
         return False
-    for resource in range(GOLD + 1, NUM_RESOURCES):
+    for resource in range(t.GOLD + 1, t.NUM_RESOURCES):
         cost = price(known, product, resource)
         if cost > 0 and sight.store[resource] < cost + sight.saved[resource]:
             return False
@@ -225,9 +205,9 @@ def has_all_but_gold(known: Any, sight: Any, product: int) -> bool:
 @compiled
 def choose_soldier(known: Any, sight: Any) -> int:
     """The kind that the army lacks most; NO_KIND for none, or while gold is awaited in peace."""
-    chosen, best = NO_KIND, FAR
+    chosen, best = t.NO_KIND, FAR
     is_pressed = is_outnumbered(known, sight)
-    for kind in range(FOOTMAN, CAVALRY + 1):
+    for kind in range(t.FOOTMAN, t.CAVALRY + 1):
         share = share_of(known, sight, kind)
         if share <= 0 or not has_all_but_gold(known, sight, kind):
             continue
@@ -236,6 +216,6 @@ def choose_soldier(known: Any, sight: Any) -> int:
         have = 1000 * (int(sight.own[kind]) + 1) // share
         if have < best:
             chosen, best = kind, have
-    if chosen == NO_KIND or not can_spare(known, sight, chosen):
-        return NO_KIND
+    if chosen == t.NO_KIND or not can_spare(known, sight, chosen):
+        return t.NO_KIND
     return chosen

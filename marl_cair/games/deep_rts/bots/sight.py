@@ -8,22 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled, compiled_compact
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.bots.doctrines import Doctrine
-from marl_cair.games.deep_rts.rules.rulebook import KIND_HALF_SIZE, WALK_PERCENT, Rules, make_rules
+from marl_cair.games.deep_rts.rules import rulebook as rb
 from marl_cair.games.deep_rts.scenarios import Scenario
-from marl_cair.games.deep_rts.tables import (
-    GRASS,
-    NO_KIND,
-    NUM_KINDS,
-    NUM_MOBILE_KINDS,
-    NUM_RESOURCES,
-    NUM_TILE_KINDS,
-    NUM_UPGRADES,
-    OIL,
-    PEASANT,
-    SMITHY,
-    TOWN_HALL,
-)
 from marl_cair.games.deep_rts.views.planes import (
     CARRIES,
     FIRST_KIND,
@@ -73,7 +61,7 @@ NUM_FACTS = 14
 class Knowledge(NamedTuple):
     """The public numbers of a scenario, and the doctrine."""
 
-    rules: Rules
+    rules: rb.Rules
     groups: NDArray[np.int16]  # [actions] kind of each action
     doctrine: Doctrine
     rivals: int  # enemies of a player
@@ -100,7 +88,7 @@ def make_knowledge(scenario: Scenario, spec: GameSpec, doctrine: Doctrine) -> Kn
     """The tables of a scenario."""
     teams = scenario.teams or tuple(range(scenario.num_players))
     rivals = sum(team != teams[0] for team in teams)
-    return Knowledge(make_rules(scenario), spec.action_groups, doctrine, max(1, rivals))
+    return Knowledge(rb.make_rules(scenario), spec.action_groups, doctrine, max(1, rivals))
 
 
 def make_sight(scenario: Scenario) -> Sight:
@@ -115,13 +103,13 @@ def make_sight(scenario: Scenario) -> Sight:
         kind=room(cells),
         ground=room(cells),
         people=room(cells),
-        own=room(NUM_KINDS),
-        rising=room(NUM_KINDS),
-        foes=room(NUM_KINDS),
-        store=room(NUM_RESOURCES),
-        carriers=room(NUM_RESOURCES),
-        saved=room(NUM_RESOURCES),
-        level=room(NUM_UPGRADES),
+        own=room(t.NUM_KINDS),
+        rising=room(t.NUM_KINDS),
+        foes=room(t.NUM_KINDS),
+        store=room(t.NUM_RESOURCES),
+        carriers=room(t.NUM_RESOURCES),
+        saved=room(t.NUM_RESOURCES),
+        level=room(t.NUM_UPGRADES),
         facts=room(NUM_FACTS),
     )
 
@@ -153,8 +141,8 @@ def distance(known: Any, first: int, second: int) -> int:
 @compiled
 def read_ground(planes: Any, known: Any, sight: Any, cell: int) -> None:
     """The tile of a cell."""
-    sight.ground[cell] = GRASS
-    for tile in range(1, NUM_TILE_KINDS):
+    sight.ground[cell] = t.GRASS
+    for tile in range(1, t.NUM_TILE_KINDS):
         if shows(planes, known, FIRST_TILE + tile - 1, cell):
             sight.ground[cell] = tile
             return
@@ -164,14 +152,14 @@ def read_ground(planes: Any, known: Any, sight: Any, cell: int) -> None:
 def read_unit(planes: Any, known: Any, sight: Any, cell: int) -> None:
     """Who stands on a cell."""
     sight.side[cell] = NOBODY
-    sight.kind[cell] = NO_KIND
+    sight.kind[cell] = t.NO_KIND
     for side in range(3):
         if shows(planes, known, OWN + side, cell):
             sight.side[cell] = MINE + side
             break
     if sight.side[cell] == NOBODY:
         return
-    for kind in range(NUM_KINDS):
+    for kind in range(t.NUM_KINDS):
         if shows(planes, known, FIRST_KIND + kind, cell):
             sight.kind[cell] = kind
             break
@@ -191,12 +179,12 @@ def count_unit(planes: Any, known: Any, sight: Any, cell: int) -> None:
         sight.rising[kind] += 1
         return
     sight.own[kind] += 1
-    if kind == SMITHY and not shows(planes, known, IS_WORKING, cell):
+    if kind == t.SMITHY and not shows(planes, known, IS_WORKING, cell):
         sight.facts[FREE_SMITHY] = cell
-    if kind == PEASANT:
+    if kind == t.PEASANT:
         sight.people[sight.facts[NUM_PEOPLE]] = cell
         sight.facts[NUM_PEOPLE] += 1
-        for resource in range(OIL):
+        for resource in range(t.OIL):
             if shows(planes, known, CARRIES + resource, cell):
                 sight.carriers[resource] += 1
 
@@ -204,18 +192,18 @@ def count_unit(planes: Any, known: Any, sight: Any, cell: int) -> None:
 @compiled
 def cells_of(known: Any, kind: int) -> int:
     """How many cells a unit covers."""
-    side = 2 * known.rules.kinds[kind, KIND_HALF_SIZE] + 1
+    side = 2 * known.rules.kinds[kind, rb.KIND_HALF_SIZE] + 1
     return int(side * side)
 
 
 @compiled
 def clear(sight: Any) -> None:
     """Forget the last row."""
-    for kind in range(NUM_KINDS):
+    for kind in range(t.NUM_KINDS):
         sight.own[kind] = 0
         sight.rising[kind] = 0
         sight.foes[kind] = 0
-    for resource in range(NUM_RESOURCES):
+    for resource in range(t.NUM_RESOURCES):
         sight.carriers[resource] = 0
         sight.saved[resource] = 0
     for fact in range(NUM_FACTS):
@@ -233,18 +221,18 @@ def look(planes: Any, known: Any, sight: Any) -> None:
         read_unit(planes, known, sight, cell)
         if sight.side[cell] != NOBODY:
             count_unit(planes, known, sight, cell)
-    for kind in range(NUM_KINDS):
+    for kind in range(t.NUM_KINDS):
         cells = cells_of(known, kind)
         sight.own[kind] //= cells
         sight.rising[kind] //= cells
         sight.foes[kind] //= cells
-    for resource in range(NUM_RESOURCES):
+    for resource in range(t.NUM_RESOURCES):
         sight.store[resource] = stored(int(planes[FIRST_UNIFORM + resource, 0, 0]))
-    for upgrade in range(NUM_UPGRADES):
+    for upgrade in range(t.NUM_UPGRADES):
         sight.level[upgrade] = int(planes[FIRST_UPGRADE_PLANE + upgrade, 0, 0]) // UPGRADE_STEP
     sight.facts[FOOD_USED] = int(planes[OWN_FOOD, 0, 0]) // FOOD_STEP
     sight.facts[FOOD_MADE] = int(planes[FOOD_LIMIT, 0, 0]) // FOOD_STEP
-    for kind in range(PEASANT + 1, NUM_MOBILE_KINDS):
+    for kind in range(t.PEASANT + 1, t.NUM_MOBILE_KINDS):
         sight.facts[NUM_SOLDIERS] += sight.own[kind]
         sight.facts[NUM_FOE_SOLDIERS] += sight.foes[kind]
     find_places(planes, known, sight)
@@ -262,15 +250,15 @@ def find_places(planes: Any, known: Any, sight: Any) -> None:
     for cell in range(known.rules.rows * columns):
         if sight.side[cell] == MINE:
             anywhere = cell
-            if sight.kind[cell] == TOWN_HALL and home == NO_CELL:
-                half = known.rules.kinds[TOWN_HALL, KIND_HALF_SIZE]
+            if sight.kind[cell] == t.TOWN_HALL and home == NO_CELL:
+                half = known.rules.kinds[t.TOWN_HALL, rb.KIND_HALF_SIZE]
                 home = cell + half * columns + half
     sight.facts[HOME] = anywhere if home == NO_CELL else home
     target = nearest_foe(known, sight, sight.facts[HOME], 0)
     if target == NO_CELL:
         target = guess_base(planes, known, sight.facts[HOME])
     sight.facts[TARGET] = target
-    threat = nearest_foe(known, sight, sight.facts[HOME], NUM_MOBILE_KINDS)
+    threat = nearest_foe(known, sight, sight.facts[HOME], t.NUM_MOBILE_KINDS)
     if threat != NO_CELL and distance(known, threat, sight.facts[HOME]) > home_radius(known, sight):
         threat = NO_CELL
     sight.facts[THREAT] = threat
@@ -281,7 +269,7 @@ def count_soldiers(known: Any, sight: Any) -> None:
     """Enemy soldiers near the target and on the own ground, own ones on the enemy's."""
     home, target, radius = sight.facts[HOME], sight.facts[TARGET], home_radius(known, sight)
     for cell in range(known.rules.rows * known.rules.columns):
-        if not PEASANT < sight.kind[cell] < NUM_MOBILE_KINDS:
+        if not t.PEASANT < sight.kind[cell] < t.NUM_MOBILE_KINDS:
             continue
         if sight.side[cell] == FOE:
             sight.facts[NUM_GUARDS] += int(distance(known, cell, target) <= GUARD_STEPS)
@@ -341,9 +329,9 @@ def is_ground(known: Any, sight: Any, row: int, column: int) -> bool:
     if row < 0 or column < 0 or row >= known.rules.rows or column >= known.rules.columns:
         return False
     cell = row * known.rules.columns + column
-    if sight.kind[cell] >= NUM_MOBILE_KINDS:
+    if sight.kind[cell] >= t.NUM_MOBILE_KINDS:
         return False
-    return bool(known.rules.tiles[sight.ground[cell], WALK_PERCENT] > 0)
+    return bool(known.rules.tiles[sight.ground[cell], rb.WALK_PERCENT] > 0)
 
 
 @compiled

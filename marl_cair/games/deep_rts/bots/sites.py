@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled, compiled_compact
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.bots.sight import (
     FAR,
     HOME,
@@ -17,18 +18,7 @@ from marl_cair.games.deep_rts.bots.sight import (
     is_ground,
     is_out,
 )
-from marl_cair.games.deep_rts.rules.rulebook import KIND_HALF_SIZE, TILE_RESOURCE
-from marl_cair.games.deep_rts.tables import (
-    FARM,
-    GOLD,
-    NO_KIND,
-    NO_RESOURCE,
-    OIL,
-    OIL_TILE,
-    OIL_WELL,
-    PEASANT,
-    TOWN_HALL,
-)
+from marl_cair.games.deep_rts.rules import rulebook as rb
 
 CLEARANCE = 1  # cells between a building and the hall or a resource, so that workers pass
 LOYALTY = 5  # half steps by which the selected peasant is preferred as a builder
@@ -85,11 +75,11 @@ def is_clear(known: Any, sight: Any, cell: int, half: int) -> bool:
             if max(abs(there_row - row), abs(there_column - column)) <= half:
                 if not is_ground(known, sight, there_row, there_column):
                     return False
-                if sight.kind[there] not in (NO_KIND, PEASANT) or sight.side[there] > MINE:
+                if sight.kind[there] not in (t.NO_KIND, t.PEASANT) or sight.side[there] > MINE:
                     return False
-            elif sight.kind[there] == TOWN_HALL or known.rules.tiles[
-                sight.ground[there], TILE_RESOURCE
-            ] not in (NO_RESOURCE, OIL):
+            elif sight.kind[there] == t.TOWN_HALL or known.rules.tiles[
+                sight.ground[there], rb.TILE_RESOURCE
+            ] not in (t.NO_RESOURCE, t.OIL):
                 return False
     return True
 
@@ -123,13 +113,13 @@ def num_free_around(known: Any, sight: Any, cell: int) -> int:
 def site_price(known: Any, sight: Any, kind: int, cell: int) -> int:
     """How far a site lies from where it should be: home, or for a second hall fresh gold."""
     home = sight.facts[HOME]
-    if kind == FARM:
+    if kind == t.FARM:
         return 2 * distance(known, cell, home) + num_free_around(known, sight, cell)
-    if kind != TOWN_HALL or sight.own[TOWN_HALL] == 0:
+    if kind != t.TOWN_HALL or sight.own[t.TOWN_HALL] == 0:
         return 2 * distance(known, cell, home)
     best = FAR
     for tile in range(known.rules.rows * known.rules.columns):
-        if known.rules.tiles[sight.ground[tile], TILE_RESOURCE] == GOLD:
+        if known.rules.tiles[sight.ground[tile], rb.TILE_RESOURCE] == t.GOLD:
             from_home = distance(known, tile, home)
             if from_home > EXPANSION_STEPS:
                 best = min(best, 4 * distance(known, tile, cell) + 2 * from_home)
@@ -148,7 +138,7 @@ def is_beside_pool(known: Any, sight: Any, cell: int) -> bool:
     for there_row in range(max(0, row - 1), min(rows, row + 2)):
         for there_column in range(max(0, column - 1), min(columns, column + 2)):
             there = there_row * columns + there_column
-            if sight.ground[there] == OIL_TILE and sight.side[there] == NOBODY:
+            if sight.ground[there] == t.OIL_TILE and sight.side[there] == NOBODY:
                 return True
     return False
 
@@ -174,7 +164,7 @@ def has_tile(known: Any, sight: Any, tile: int) -> bool:
 @compiled
 def can_build_at(known: Any, sight: Any, kind: int, cell: int, half: int) -> bool:
     """True for a site that leaves the ways open; for a well, for the place of its builder."""
-    if kind == OIL_WELL:
+    if kind == t.OIL_WELL:
         return is_beside_pool(known, sight, cell)
     return is_clear(known, sight, cell, half) and keeps_ways_open(known, sight, cell, half)
 
@@ -182,7 +172,7 @@ def can_build_at(known: Any, sight: Any, kind: int, cell: int, half: int) -> boo
 @compiled
 def best_site(known: Any, sight: Any, kind: int) -> int:
     """The site near home and near a peasant, NO_CELL for none."""
-    half = int(known.rules.kinds[kind, KIND_HALF_SIZE])
+    half = int(known.rules.kinds[kind, rb.KIND_HALF_SIZE])
     best, best_price = NO_CELL, FAR
     for cell in range(known.rules.rows * known.rules.columns):
         if not can_build_at(known, sight, kind, cell, half):

@@ -10,18 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.deep_rts.tables import (
-    DESERT,
-    GOLD_TILE,
-    GRASS,
-    LAVA,
-    LUMBER_TILE,
-    STONE_TILE,
-    TILE_NAMES,
-    WALKABLE_TILES,
-    WALL,
-    WATER,
-)
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.stored import MAP, DamagedFileError, read_bytes
 
 MAX_PLAYERS = 8
@@ -32,20 +21,20 @@ MAX_TILED_SIDE = 1024  # of a file that is read at all; what a game takes is che
 
 _EMPTY, _SPAWN = 255, 254  # beside the tile kinds, while a map is read
 _FLIP_FLAGS = 0xF000_0000  # Tiled keeps mirrored and turned tiles in the top bits of an id
-_KIND_OF_NAME = {name: kind for kind, name in enumerate(TILE_NAMES)} | {SPAWN_NAME: _SPAWN}
+_KIND_OF_NAME = {name: kind for kind, name in enumerate(t.TILE_NAMES)} | {SPAWN_NAME: _SPAWN}
 # Ids within the tileset that the maps of the original game were drawn with.
 _ORIGINAL_IDS = (
     (range(16, 17), _SPAWN),
-    (range(17, 88), WALL),
-    (range(88, 102), GOLD_TILE),
-    (range(102, 142), LUMBER_TILE),
-    (range(142, 180), STONE_TILE),
-    (range(180, 206), DESERT),
-    (range(238, 270), GRASS),
-    (range(300, 334), WATER),
-    (range(334, 356), DESERT),
-    (range(356, 372), GRASS),
-    (range(372, 373), LAVA),
+    (range(17, 88), t.WALL),
+    (range(88, 102), t.GOLD_TILE),
+    (range(102, 142), t.LUMBER_TILE),
+    (range(142, 180), t.STONE_TILE),
+    (range(180, 206), t.DESERT),
+    (range(238, 270), t.GRASS),
+    (range(300, 334), t.WATER),
+    (range(334, 356), t.DESERT),
+    (range(356, 372), t.GRASS),
+    (range(372, 373), t.LAVA),
 )
 
 
@@ -86,7 +75,7 @@ def read_text_rows(
             place = f"map {path}: line {number}, column {column + 1}"
             kinds[row].append(_read_character(place, character))
             if kinds[row][-1] == _SPAWN:
-                kinds[row][-1] = GRASS
+                kinds[row][-1] = t.GRASS
                 if int(character) in spawn_of:
                     raise MapError(
                         f"{place} is a second spawn of seat {character}: give each seat one"
@@ -295,7 +284,7 @@ def _place_spawns(
     name: str, tiles: NDArray[np.uint8], objects: list[tuple[Any, int, int]]
 ) -> tuple[NDArray[np.uint8], tuple[tuple[int, int], ...]]:
     from_tiles = [(int(row), int(column)) for row, column in np.argwhere(tiles == _SPAWN)]
-    tiles[tiles == _SPAWN] = GRASS
+    tiles[tiles == _SPAWN] = t.GRASS
     if from_tiles and objects:
         raise MapError(
             f"map {name}: it has spawns as tiles and as objects: keep one of the two kinds"
@@ -312,8 +301,8 @@ def _place_spawns(
         objects = sorted(objects, key=lambda spawn: spawn[0])
     spawns = tuple(from_tiles or [(row, column) for _, row, column in objects])
     for spawn in spawns:
-        if tiles[spawn] in WALKABLE_TILES:
-            tiles[spawn] = GRASS
+        if tiles[spawn] in t.WALKABLE_TILES:
+            tiles[spawn] = t.GRASS
     return tiles, spawns
 
 

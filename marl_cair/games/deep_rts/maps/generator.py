@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.maps.maps import (
     MAX_PLAYERS,
     MAX_SIDE,
@@ -23,17 +24,6 @@ from marl_cair.games.deep_rts.maps.plans import (
     SYMMETRIES,
     list_plans,
     require_room,
-)
-from marl_cair.games.deep_rts.tables import (
-    DESERT,
-    GOLD_TILE,
-    GRASS,
-    LAVA,
-    LUMBER_TILE,
-    OIL_TILE,
-    STONE_TILE,
-    WALL,
-    WATER,
 )
 from marl_cair.lookup import find_by_name
 
@@ -180,7 +170,7 @@ class _Board:
         self.rows, self.columns, self.draws = rows, columns, draws
         plans = list_plans(rows, columns, num_players, style.symmetry)
         self.plan = plans[draws.below(len(plans))]
-        self.tiles = np.full((rows, columns), GRASS, dtype=np.uint8)
+        self.tiles = np.full((rows, columns), t.GRASS, dtype=np.uint8)
         self.owners = np.full((rows, columns), _FREE, dtype=np.uint8)
         self.radius = self._choose_radius()
         self.bases = [self._place_base(*plot) for plot in self.plan.plots]
@@ -188,11 +178,11 @@ class _Board:
         places = sorted(image for base in self.bases for image in self.images(*base))
         self._place_contested(style, places)
         for kind, percent, size, straight in (
-            (DESERT, style.desert_percent, 14, 0),
-            (WATER, style.water_percent, 12, 0),
-            (LUMBER_TILE, style.lumber_percent, 12, 1),
-            (WALL, style.wall_percent, 6, 3),
-            (LAVA, style.lava_percent, 5, 1),
+            (t.DESERT, style.desert_percent, 14, 0),
+            (t.WATER, style.water_percent, 12, 0),
+            (t.LUMBER_TILE, style.lumber_percent, 12, 1),
+            (t.WALL, style.wall_percent, 6, 3),
+            (t.LAVA, style.lava_percent, 5, 1),
         ):
             self._scatter(kind, percent, size, straight)
         self.is_connected = self._clear_ways(places)
@@ -245,10 +235,10 @@ class _Board:
         side += [(k, radius) for k in range(radius - 1, -radius, -1)]
         more = 1 if radius > MIN_BASE_RADIUS else 0
         clumps = [
-            (GOLD_TILE, 2 + more),
-            (LUMBER_TILE, 2 + 2 * more),
-            (STONE_TILE, 1 + more),
-            (OIL_TILE, 1),
+            (t.GOLD_TILE, 2 + more),
+            (t.LUMBER_TILE, 2 + 2 * more),
+            (t.STONE_TILE, 1 + more),
+            (t.OIL_TILE, 1),
         ]
         gaps = len(side) - sum(length for _, length in clumps)
         resources, at = [], 0
@@ -259,7 +249,7 @@ class _Board:
             kind, length = clumps.pop(self.draws.below(len(clumps)))
             for row, column in side[at : at + length]:
                 resources.append((kind, row, column, True))
-                if kind in (GOLD_TILE, LUMBER_TILE):
+                if kind in (t.GOLD_TILE, t.LUMBER_TILE):
                     behind = (row + 1, column) if row == radius else (row, column + 1)
                     resources.append((kind, *behind, False))
             at += length
@@ -275,7 +265,7 @@ class _Board:
 
     def _place_contested(self, style: MapStyle, places: Sequence[Cell]) -> None:
         """Clumps of resources where all bases are far."""
-        kinds = [GOLD_TILE] * style.gold_patches + [STONE_TILE, OIL_TILE]
+        kinds = [t.GOLD_TILE] * style.gold_patches + [t.STONE_TILE, t.OIL_TILE]
         grid = np.indices(self.tiles.shape)
         away = np.full(self.tiles.shape, MAX_SIDE)
         for row, column in places:
@@ -285,7 +275,7 @@ class _Board:
         size = 2 + min(self.rows, self.columns) // 16
         for kind in kinds if cells else ():
             cell = cells[self.draws.below(len(cells))]
-            self._grow(cell, kind, 1 if kind == OIL_TILE else size, 0, _RESOURCE)
+            self._grow(cell, kind, 1 if kind == t.OIL_TILE else size, 0, _RESOURCE)
 
     def _scatter(self, kind: int, percent: int, size: int, straight: int) -> None:
         """Grow clumps of a kind until they cover a share of the map, or no more room is found."""
@@ -308,7 +298,7 @@ class _Board:
         for _ in range(3 * size):
             if painted >= size or not (0 <= row < self.rows and 0 <= column < self.columns):
                 break
-            if self.owners[row, column] == _FREE and self.tiles[row, column] == GRASS:
+            if self.owners[row, column] == _FREE and self.tiles[row, column] == t.GRASS:
                 painted += self.paint((row, column), kind, owner)
             if step == (0, 0) or self.draws.below(straight + 1) == 0:
                 step = ((0, 1), (1, 0), (0, -1), (-1, 0))[self.draws.below(4)]
@@ -337,21 +327,21 @@ class _Board:
             block = [(row, column), (row + 1, column), (row, column + 1), (row + 1, column + 1)]
             for place in block if is_wide else block[:1]:
                 if self._is_obstacle(place):
-                    self.paint(place, GRASS, _FREE)
+                    self.paint(place, t.GRASS, _FREE)
         return True
 
     def _is_obstacle(self, cell: Cell) -> bool:
         """Whether a cell is terrain that bars or burns walkers, and not a resource of a clump."""
         if cell[0] >= self.rows or cell[1] >= self.columns:
             return False
-        return bool(self.owners[cell] == _FREE) and self.tiles[cell] not in (GRASS, DESERT)
+        return bool(self.owners[cell] == _FREE) and self.tiles[cell] not in (t.GRASS, t.DESERT)
 
     def _find_ways(self, start: Cell) -> dict[Cell, Cell]:
         """From each cell the next one on a way to `start` with the least to clear.
 
         Ways go in the four straight directions. Resources are reached, never crossed.
         """
-        is_blocked = (~np.isin(self.tiles, (GRASS, DESERT))).tolist()
+        is_blocked = (~np.isin(self.tiles, (t.GRASS, t.DESERT))).tolist()
         is_end = (self.owners == _RESOURCE).tolist()
         parents: dict[Cell, Cell] = {}
         # By what they clear, then by length: ways to come wait in two queues.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.files import write_atomically
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.maps.formats import (
     COMMENT,
     LEGEND,
@@ -18,15 +19,6 @@ from marl_cair.games.deep_rts.maps.formats import (
     MapError,
     read_text_rows,
     read_tiled_layers,
-)
-from marl_cair.games.deep_rts.tables import (
-    GRASS,
-    NO_RESOURCE,
-    NUM_RESOURCES,
-    NUM_TILE_KINDS,
-    TILE_NAMES,
-    TILE_RESOURCE,
-    WALKABLE_TILES,
 )
 from marl_cair.lookup import find_by_name
 
@@ -64,9 +56,9 @@ BUILT_IN_MAPS = {
     path.stem: path for path in sorted((Path(__file__).parent / "files").glob("*.txt"))
 }
 
-_IS_WALKABLE = np.isin(np.arange(256), WALKABLE_TILES)
-_RESOURCE = np.full(256, NO_RESOURCE, dtype=np.int8)
-_RESOURCE[:NUM_TILE_KINDS] = TILE_RESOURCE
+_IS_WALKABLE = np.isin(np.arange(256), t.WALKABLE_TILES)
+_RESOURCE = np.full(256, t.NO_RESOURCE, dtype=np.int8)
+_RESOURCE[: t.NUM_TILE_KINDS] = t.TILE_RESOURCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +210,7 @@ def resource_distances(tiles: NDArray[np.uint8], row: int, column: int) -> tuple
     """Steps from a cell to the nearest cell beside a tile of each of RESOURCE_NAMES; -1: no way."""
     distances = walking_distances(tiles, row, column)
     nearest = []
-    for resource in range(NUM_RESOURCES):
+    for resource in range(t.NUM_RESOURCES):
         reached = distances[_is_beside(_RESOURCE[tiles] == resource) & (distances >= 0)]
         nearest.append(int(reached.min()) if reached.size else -1)
     return tuple(nearest)
@@ -276,12 +268,12 @@ def check_map(
             f"{MIN_SIDE}..{MAX_SIDE} each: crop or extend it"
         )
     place = place or _describe_place
-    unknown = np.argwhere(tiles >= NUM_TILE_KINDS)
+    unknown = np.argwhere(tiles >= t.NUM_TILE_KINDS)
     if len(unknown):
         row, column = unknown[0].tolist()
         raise MapError(
             f"map {name}: {place(row, column)} holds tile {tiles[row, column]}, known "
-            f"are 0..{NUM_TILE_KINDS - 1}: {', '.join(TILE_NAMES)}"
+            f"are 0..{t.NUM_TILE_KINDS - 1}: {', '.join(t.TILE_NAMES)}"
         )
     _check_spawns(tiles, spawns, name, min_players, place)
     _check_ways(tiles, spawns, name, place)
@@ -311,10 +303,10 @@ def _check_spawns(
                 "the edge or outside: move it at least one tile inside"
             )
         title = f"map {name}: the spawn of seat {seat + 1} at {place(row, column)}"
-        if tiles[row, column] != GRASS:
+        if tiles[row, column] != t.GRASS:
             raise MapError(
-                f"{title} lies on {TILE_NAMES[tiles[row, column]]}: put it on grass, or turn that "
-                "tile into grass"
+                f"{title} lies on {t.TILE_NAMES[tiles[row, column]]}: put it on grass, or turn "
+                "that tile into grass"
             )
         if not _IS_WALKABLE[tiles[row - 1 : row + 2, column - 1 : column + 2]].all():
             raise MapError(
@@ -344,7 +336,7 @@ def _check_ways(
                 f"{place(row, column)}: open one of grass, desert or lava (a diagonal "
                 "step needs both tiles beside it free)"
             )
-    if not (_is_beside(reached) & (_RESOURCE[tiles] != NO_RESOURCE)).any():
+    if not (_is_beside(reached) & (_RESOURCE[tiles] != t.NO_RESOURCE)).any():
         raise MapError(
             f"map {name}: no resource can be reached from the spawn of seat 1: put gold, lumber, "
             "stone or oil beside ground that it can walk to"

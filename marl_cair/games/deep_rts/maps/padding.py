@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.maps.maps import GameMap, MapError, make_map
-from marl_cair.games.deep_rts.tables import WALL
 
 
 def pad_maps(maps: Sequence[GameMap]) -> tuple[GameMap, ...]:
@@ -33,7 +33,7 @@ def _pad_map(game_map: GameMap, rows: int, columns: int) -> GameMap:
             f"stand in the middle of {rows}x{columns}; mix sizes that are all odd or all even"
         )
     above, left = (rows - own_rows) // 2, (columns - own_columns) // 2
-    tiles = np.full((rows, columns), WALL, np.uint8)
+    tiles = np.full((rows, columns), t.WALL, np.uint8)
     tiles[above : above + own_rows, left : left + own_columns] = game_map.tiles
     spawns = [(row + above, column + left) for row, column in game_map.spawns]
     return make_map(game_map.name, tiles, spawns)

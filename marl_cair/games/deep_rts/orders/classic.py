@@ -7,38 +7,15 @@ from typing import Any
 import numpy as np
 
 from marl_cair.games.compiled import compiled
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.orders.cursor import num_others, step_cursor
 from marl_cair.games.deep_rts.orders.orders import give_order, obey_go
 from marl_cair.games.deep_rts.orders.sights import order_at
+from marl_cair.games.deep_rts.rules import rulebook as rb
 from marl_cair.games.deep_rts.rules.board import is_building, sees
 from marl_cair.games.deep_rts.rules.combat import aim_at, in_range, is_enemy, is_on_board, seniority
 from marl_cair.games.deep_rts.rules.paths import NOWHERE
-from marl_cair.games.deep_rts.rules.rulebook import (
-    KIND_DAMAGE_MAX,
-    NUM_DIRECTIONS,
-    SEAT_FRAME,
-    TILE_RESOURCE,
-)
-from marl_cair.games.deep_rts.state import (
-    AMOUNT,
-    ATTACK,
-    CURSOR,
-    HARVEST,
-    MAP_INDEX,
-    NO_GOAL,
-    NO_ORDER,
-    NO_UNIT,
-    NUM_UNITS,
-    OCCUPANT,
-    TILE,
-    UNIT_CELL,
-    UNIT_KIND,
-)
-from marl_cair.games.deep_rts.tables import (
-    NO_RESOURCE,
-    OIL,
-    PEASANT,
-)
 
 CLASSIC_PREVIOUS, CLASSIC_NEXT, CLASSIC_MOVE = 0, 1, 2
 CLASSIC_ATTACK, CLASSIC_HARVEST, CLASSIC_BUILD, CLASSIC_NOOP = 10, 11, 12, 15
@@ -51,41 +28,41 @@ CLASSIC_DIRECTIONS = (3, 1, 0, 2, 7, 4, 6, 5)
 @compiled
 def classic_cell(world: Any, rules: Any, player: int, direction: int) -> int:
     """The neighbour of the cursor's unit in a direction of the own view."""
-    frame = rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME]
+    frame = rules.seats[world.clock[s.MAP_INDEX], player, rb.SEAT_FRAME]
     offset = rules.offset[rules.own_direction[frame, direction]]
-    return int(world.units[world.players[player, CURSOR], UNIT_CELL] + offset)
+    return int(world.units[world.players[player, s.CURSOR], s.UNIT_CELL] + offset)
 
 
 @compiled
 def may_step(world: Any, rules: Any, player: int, cell: int) -> bool:
     """True where a classic move leads somewhere or to something to do."""
-    unit = int(world.players[player, CURSOR])
-    if world.board[OCCUPANT, cell] != NO_UNIT and not is_enemy(
-        rules, unit, int(world.board[OCCUPANT, cell])
+    unit = int(world.players[player, s.CURSOR])
+    if world.board[s.OCCUPANT, cell] != s.NO_UNIT and not is_enemy(
+        rules, unit, int(world.board[s.OCCUPANT, cell])
     ):
         return False
-    return order_at(world, rules, player, unit, cell) != NO_ORDER
+    return order_at(world, rules, player, unit, cell) != s.NO_ORDER
 
 
 @compiled
 def classic_victim(world: Any, rules: Any, player: int) -> int:
     """The enemy in sight and range that the cursor's unit would attack, the first by seniority."""
-    unit = int(world.players[player, CURSOR])
-    if rules.kinds[world.units[unit, UNIT_KIND], KIND_DAMAGE_MAX] == 0:
-        return NO_UNIT
-    best, best_rank = NO_UNIT, np.int64(2) ** 62
+    unit = int(world.players[player, s.CURSOR])
+    if rules.kinds[world.units[unit, s.UNIT_KIND], rb.KIND_DAMAGE_MAX] == 0:
+        return s.NO_UNIT
+    best, best_rank = s.NO_UNIT, np.int64(2) ** 62
     for step in range(1, rules.num_players):
         other = (player + step) % rules.num_players
         if rules.team[other] == rules.team[player]:
             continue
-        for place in range(world.players[other, NUM_UNITS]):
+        for place in range(world.players[other, s.NUM_UNITS]):
             enemy = int(world.roster[other, place])
             rank = np.int64(seniority(world, rules, player, enemy))
             if (
                 rank < best_rank
                 and in_range(world, rules, unit, enemy)
                 and is_on_board(world, enemy)
-                and sees(world, rules, player, int(world.units[enemy, UNIT_CELL]))
+                and sees(world, rules, player, int(world.units[enemy, s.UNIT_CELL]))
             ):
                 best, best_rank = enemy, rank
     return best
@@ -94,13 +71,13 @@ def classic_victim(world: Any, rules: Any, player: int) -> int:
 @compiled
 def classic_tile(world: Any, rules: Any, player: int) -> int:
     """The resource tile beside the cursor's peasant, the first in its view; or NOWHERE."""
-    unit = int(world.players[player, CURSOR])
-    if world.units[unit, UNIT_KIND] != PEASANT:
+    unit = int(world.players[player, s.CURSOR])
+    if world.units[unit, s.UNIT_KIND] != t.PEASANT:
         return NOWHERE
-    for direction in range(NUM_DIRECTIONS):
+    for direction in range(rb.NUM_DIRECTIONS):
         cell = classic_cell(world, rules, player, direction)
-        resource = rules.tiles[world.board[TILE, cell], TILE_RESOURCE]
-        if resource not in (NO_RESOURCE, OIL) and world.board[AMOUNT, cell] > 0:
+        resource = rules.tiles[world.board[s.TILE, cell], rb.TILE_RESOURCE]
+        if resource not in (t.NO_RESOURCE, t.OIL) and world.board[s.AMOUNT, cell] > 0:
             return cell
     return NOWHERE
 
@@ -115,21 +92,21 @@ def obey_classic_action(world: Any, rules: Any, player: int, action: int) -> boo
         return is_legal
     if action == CLASSIC_NOOP:
         return True
-    unit = int(world.players[player, CURSOR])
-    if unit == NO_UNIT or is_building(world, unit):
+    unit = int(world.players[player, s.CURSOR])
+    if unit == s.NO_UNIT or is_building(world, unit):
         return False
     if action < CLASSIC_ATTACK:
         cell = classic_cell(world, rules, player, CLASSIC_DIRECTIONS[action - CLASSIC_MOVE])
         return may_step(world, rules, player, cell) and obey_go(world, rules, player, unit, cell)
     if action == CLASSIC_ATTACK:
         victim = classic_victim(world, rules, player)
-        if victim != NO_UNIT:
-            give_order(world, unit, ATTACK, NO_GOAL)
+        if victim != s.NO_UNIT:
+            give_order(world, unit, s.ATTACK, s.NO_GOAL)
             aim_at(world, unit, victim)
-        return victim != NO_UNIT
+        return victim != s.NO_UNIT
     if action == CLASSIC_HARVEST:
         tile = classic_tile(world, rules, player)
         if tile != NOWHERE:
-            give_order(world, unit, HARVEST, tile)
+            give_order(world, unit, s.HARVEST, tile)
         return tile != NOWHERE
     return False

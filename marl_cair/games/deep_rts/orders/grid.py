@@ -17,71 +17,42 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_rts.orders.orders import (
-    give_order,
-    may_advance,
-    may_rally,
-    may_stop,
-    obey_go,
-)
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
+from marl_cair.games.deep_rts.orders import orders
 from marl_cair.games.deep_rts.orders.sights import order_at
+from marl_cair.games.deep_rts.rules import building
+from marl_cair.games.deep_rts.rules import rulebook as rb
 from marl_cair.games.deep_rts.rules.board import is_building, owner_of
-from marl_cair.games.deep_rts.rules.building import (
-    begin_site,
-    can_cancel,
-    can_produce,
-    cancel,
-    claim_site,
-    clear_site_claims,
-    is_contested,
-    produce,
-    site_cell,
-    site_claims,
-)
 from marl_cair.games.deep_rts.rules.paths import NOWHERE
 from marl_cair.games.deep_rts.rules.roster import pay, refund
-from marl_cair.games.deep_rts.rules.rulebook import (
-    COLUMN_STEP,
-    NUM_DIRECTIONS,
-    ROW_STEP,
-    SEAT_FRAME,
-)
-from marl_cair.games.deep_rts.state import (
-    ADVANCE,
-    FRONTIER,
-    IS_ALIVE,
-    MAP_INDEX,
-    NO_GOAL,
-    NO_ORDER,
-    NO_UNIT,
-    NUM_UNITS,
-    OCCUPANT,
-    UNIT_CELL,
-)
-from marl_cair.games.deep_rts.tables import NUM_PRODUCTS
 
 GRID_NOOP, GRID_STOP, GRID_CANCEL, FIRST_GRID_PRODUCT = range(4)
 REACH_TILES = 4  # of the window, to each side
 WINDOW_SIDE = 2 * REACH_TILES + 1
 NUM_WINDOW = WINDOW_SIDE * WINDOW_SIDE - 1  # without the unit's own cell
-FIRST_GO = FIRST_GRID_PRODUCT + NUM_PRODUCTS
+FIRST_GO = FIRST_GRID_PRODUCT + t.NUM_PRODUCTS
 FIRST_ADVANCE = FIRST_GO + NUM_WINDOW
-NUM_GRID = FIRST_ADVANCE + NUM_DIRECTIONS
+NUM_GRID = FIRST_ADVANCE + rb.NUM_DIRECTIONS
 
 
 @compiled
 def own_to_cell(world: Any, rules: Any, player: int, own: int) -> int:
     """The cell of the board at row * columns + column of the own view."""
-    frame = rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME]
+    frame = rules.seats[world.clock[s.MAP_INDEX], player, rb.SEAT_FRAME]
     return int(rules.world_cell[frame, own])
 
 
 @compiled
 def unit_at(world: Any, rules: Any, player: int, cell: int) -> int:
     """The player's unit that takes orders at a cell: who stands there or is centred there."""
-    unit = int(world.board[OCCUPANT, cell])
-    if unit == NO_UNIT or owner_of(rules, unit) != player or world.units[unit, UNIT_CELL] != cell:
-        return NO_UNIT
+    unit = int(world.board[s.OCCUPANT, cell])
+    if (
+        unit == s.NO_UNIT
+        or owner_of(rules, unit) != player
+        or world.units[unit, s.UNIT_CELL] != cell
+    ):
+        return s.NO_UNIT
     return unit
 
 
@@ -100,9 +71,9 @@ def window_column(index: int) -> int:
 @compiled
 def cell_away(world: Any, rules: Any, player: int, unit: int, rows: int, columns: int) -> int:
     """The cell so many rows and columns of the own view from the unit; NOWHERE off the board."""
-    frame = rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME]
-    row = int(rules.own_place[frame, world.units[unit, UNIT_CELL], 0]) + rows
-    column = int(rules.own_place[frame, world.units[unit, UNIT_CELL], 1]) + columns
+    frame = rules.seats[world.clock[s.MAP_INDEX], player, rb.SEAT_FRAME]
+    row = int(rules.own_place[frame, world.units[unit, s.UNIT_CELL], 0]) + rows
+    column = int(rules.own_place[frame, world.units[unit, s.UNIT_CELL], 1]) + columns
     if not 0 <= row < rules.rows or not 0 <= column < rules.columns:
         return NOWHERE
     return own_to_cell(world, rules, player, row * rules.columns + column)
@@ -121,10 +92,10 @@ def advance_cell(world: Any, rules: Any, player: int, unit: int, action: int) ->
 
     NOWHERE where there is none.
     """
-    rows, columns = ROW_STEP[action - FIRST_ADVANCE], COLUMN_STEP[action - FIRST_ADVANCE]
+    rows, columns = rb.ROW_STEP[action - FIRST_ADVANCE], rb.COLUMN_STEP[action - FIRST_ADVANCE]
     for step in range(REACH_TILES, 0, -1):
         cell = cell_away(world, rules, player, unit, step * rows, step * columns)
-        if cell != NOWHERE and may_advance(world, rules, player, unit, cell):
+        if cell != NOWHERE and orders.may_advance(world, rules, player, unit, cell):
             return cell
     return NOWHERE
 
@@ -135,31 +106,31 @@ def is_grid_order_legal(world: Any, rules: Any, player: int, unit: int, action: 
     if action == GRID_NOOP:
         return True
     if action == GRID_STOP:
-        return may_stop(world, unit)
+        return orders.may_stop(world, unit)
     if action == GRID_CANCEL:
-        return can_cancel(world, unit)
+        return building.can_cancel(world, unit)
     if action < FIRST_GO:
-        return can_produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT)
+        return building.can_produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT)
     if action >= FIRST_ADVANCE:
         return advance_cell(world, rules, player, unit, action) != NOWHERE
     cell = window_cell(world, rules, player, unit, action)
     if cell == NOWHERE:
         return False
     if is_building(world, unit):
-        return may_rally(world, rules, player, unit, cell)
-    return order_at(world, rules, player, unit, cell) != NO_ORDER
+        return orders.may_rally(world, rules, player, unit, cell)
+    return order_at(world, rules, player, unit, cell) != s.NO_ORDER
 
 
 @compiled
 def list_grid_orders(world: Any, rules: Any, player: int, out: Any) -> None:
     """What each unit can be told: out bool [H, W, A], which is all False."""
     out[:, :, GRID_NOOP] = True
-    if not world.players[player, IS_ALIVE]:
+    if not world.players[player, s.IS_ALIVE]:
         return
-    frame = rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME]
-    for place in range(world.players[player, NUM_UNITS]):
+    frame = rules.seats[world.clock[s.MAP_INDEX], player, rb.SEAT_FRAME]
+    for place in range(world.players[player, s.NUM_UNITS]):
         unit = int(world.roster[player, place])
-        cell = int(world.units[unit, UNIT_CELL])
+        cell = int(world.units[unit, s.UNIT_CELL])
         if unit_at(world, rules, player, cell) != unit:
             continue  # a builder inside its site
         row, column = rules.own_place[frame, cell, 0], rules.own_place[frame, cell, 1]
@@ -179,8 +150,8 @@ def take_down(world: Any, rules: Any, player: int, actions: Any) -> None:
             continue
         cell = own_to_cell(world, rules, player, own)
         unit = unit_at(world, rules, player, cell)
-        if unit != NO_UNIT and is_grid_order_legal(world, rules, player, unit, action):
-            world.board[FRONTIER, cell] = action
+        if unit != s.NO_UNIT and is_grid_order_legal(world, rules, player, unit, action):
+            world.board[s.FRONTIER, cell] = action
         else:
             world.illegal[player] += 1
 
@@ -188,14 +159,14 @@ def take_down(world: Any, rules: Any, player: int, actions: Any) -> None:
 @compiled
 def reserve_site(world: Any, rules: Any, player: int, unit: int, product: int, sites: int) -> bool:
     """Claim and pay a site; False where money, unit slots or ground went to earlier orders."""
-    if not can_produce(world, rules, player, unit, product):
+    if not building.can_produce(world, rules, player, unit, product):
         return False
-    if world.players[player, NUM_UNITS] + sites >= rules.slots:
+    if world.players[player, s.NUM_UNITS] + sites >= rules.slots:
         return False
-    centre = site_cell(world, rules, player, unit, product)
-    if site_claims(world, rules, centre, product) >> player & 1 != 0:
+    centre = building.site_cell(world, rules, player, unit, product)
+    if building.site_claims(world, rules, centre, product) >> player & 1 != 0:
         return False
-    claim_site(world, rules, player, unit, product)
+    building.claim_site(world, rules, player, unit, product)
     pay(world, rules, player, product)
     return True
 
@@ -204,18 +175,18 @@ def reserve_site(world: Any, rules: Any, player: int, unit: int, product: int, s
 def obey_grid_order(world: Any, rules: Any, player: int, unit: int, action: int) -> None:
     """Do what a legal order says, unless it is a site, or money or food went to earlier orders."""
     if action == GRID_STOP:
-        give_order(world, unit, NO_ORDER, NO_GOAL)
+        orders.give_order(world, unit, s.NO_ORDER, s.NO_GOAL)
     elif action == GRID_CANCEL:
-        cancel(world, rules, player, unit)
+        building.cancel(world, rules, player, unit)
     elif action < FIRST_GO:
-        if can_produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT):
-            produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT)
+        if building.can_produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT):
+            building.produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT)
     elif action < FIRST_ADVANCE:
         cell = window_cell(world, rules, player, unit, action)
-        obey_go(world, rules, player, unit, cell)
+        orders.obey_go(world, rules, player, unit, cell)
     else:
         goal = advance_cell(world, rules, player, unit, action)
-        give_order(world, unit, ADVANCE, goal)
+        orders.give_order(world, unit, s.ADVANCE, goal)
 
 
 @compiled
@@ -227,8 +198,8 @@ def obey_grid(world: Any, rules: Any, player: int) -> int:
     sites = 0
     for own in range(rules.rows * rules.columns):
         cell = own_to_cell(world, rules, player, own)
-        action, unit = int(world.board[FRONTIER, cell]), unit_at(world, rules, player, cell)
-        if action == GRID_NOOP or unit == NO_UNIT:
+        action, unit = int(world.board[s.FRONTIER, cell]), unit_at(world, rules, player, cell)
+        if action == GRID_NOOP or unit == s.NO_UNIT:
             continue
         if FIRST_GRID_PRODUCT <= action < FIRST_GO and not is_building(world, unit):
             product = action - FIRST_GRID_PRODUCT
@@ -237,7 +208,7 @@ def obey_grid(world: Any, rules: Any, player: int) -> int:
                 continue
         else:
             obey_grid_order(world, rules, player, unit, action)
-        world.board[FRONTIER, cell] = GRID_NOOP
+        world.board[s.FRONTIER, cell] = GRID_NOOP
     return sites
 
 
@@ -246,30 +217,30 @@ def begin_sites(world: Any, rules: Any, player: int) -> None:
     """Begin the paid sites; where another player wants to build too, the money comes back."""
     for own in range(rules.rows * rules.columns):
         cell = own_to_cell(world, rules, player, own)
-        action, unit = int(world.board[FRONTIER, cell]), unit_at(world, rules, player, cell)
-        if action == GRID_NOOP or unit == NO_UNIT:
+        action, unit = int(world.board[s.FRONTIER, cell]), unit_at(world, rules, player, cell)
+        if action == GRID_NOOP or unit == s.NO_UNIT:
             continue
-        world.board[FRONTIER, cell] = GRID_NOOP
+        world.board[s.FRONTIER, cell] = GRID_NOOP
         product = action - FIRST_GRID_PRODUCT
-        centre = site_cell(world, rules, player, unit, product)
-        if is_contested(world, rules, player, centre, product):
+        centre = building.site_cell(world, rules, player, unit, product)
+        if building.is_contested(world, rules, player, centre, product):
             refund(world, rules, player, product)
         else:
-            begin_site(world, rules, player, unit, product, centre)
+            building.begin_site(world, rules, player, unit, product, centre)
 
 
 @compiled
 def obey_grids(world: Any, rules: Any, actions: Any) -> None:
     """The orders of all players, actions [P, H, W]. Sites come last, as in the other spaces."""
-    world.board[FRONTIER, :] = GRID_NOOP
+    world.board[s.FRONTIER, :] = GRID_NOOP
     for player in range(rules.num_players):
-        if world.players[player, IS_ALIVE] != 0:
+        if world.players[player, s.IS_ALIVE] != 0:
             take_down(world, rules, player, actions[player])
     sites = 0
     for player in range(rules.num_players):
-        if world.players[player, IS_ALIVE] != 0:
+        if world.players[player, s.IS_ALIVE] != 0:
             sites += obey_grid(world, rules, player)
     if sites > 0:
         for player in range(rules.num_players):
             begin_sites(world, rules, player)
-        clear_site_claims(world)
+        building.clear_site_claims(world)

@@ -5,36 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled, compiled_copy
-from marl_cair.games.deep_rts.rules.rulebook import (
-    CELL_COLUMN,
-    CELL_ROW,
-    KIND_HALF_SIZE,
-    KIND_RANGE_TILES,
-    KIND_SIGHT,
-    NO_DIRECTION,
-    TILE_DAMAGE,
-    WALK_PERCENT,
-)
-from marl_cair.games.deep_rts.state import (
-    AMOUNT,
-    IDLE,
-    NO_ORDER,
-    NO_UNIT,
-    NUM_BURNING,
-    OCCUPANT,
-    RISING,
-    TICK,
-    TILE,
-    UNIT_CELL,
-    UNIT_KIND,
-    UNIT_ORDER,
-    UNIT_SINCE,
-    UNIT_STATE,
-    UNKNOWN,
-    WAITING,
-    WALKING,
-)
-from marl_cair.games.deep_rts.tables import LAVA, NUM_MOBILE_KINDS
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
+from marl_cair.games.deep_rts.rules import rulebook as rb
 
 LAST_STRAIGHT = 3  # directions above are diagonals
 
@@ -48,15 +21,16 @@ def owner_of(rules: Any, unit: int) -> int:
 @compiled_copy
 def is_building(world: Any, unit: int) -> bool:
     """True where the unit cannot walk."""
-    return bool(world.units[unit, UNIT_KIND] >= NUM_MOBILE_KINDS)
+    return bool(world.units[unit, s.UNIT_KIND] >= t.NUM_MOBILE_KINDS)
 
 
 @compiled
 def box_distance(rules: Any, cell: int, centre: int, half: int) -> int:
     """Squared distance in cells from `cell` to the nearest cell of a square around `centre`."""
-    rows = abs(int(rules.cells[cell, CELL_ROW]) - int(rules.cells[centre, CELL_ROW])) - half
+    rows = abs(int(rules.cells[cell, rb.CELL_ROW]) - int(rules.cells[centre, rb.CELL_ROW])) - half
     columns = (
-        abs(int(rules.cells[cell, CELL_COLUMN]) - int(rules.cells[centre, CELL_COLUMN])) - half
+        abs(int(rules.cells[cell, rb.CELL_COLUMN]) - int(rules.cells[centre, rb.CELL_COLUMN]))
+        - half
     )
     rows, columns = max(0, rows), max(0, columns)
     return rows * rows + columns * columns
@@ -65,38 +39,38 @@ def box_distance(rules: Any, cell: int, centre: int, half: int) -> int:
 @compiled_copy
 def reach_of(rules: Any, kind: int) -> int:
     """Squared distances below this are in the range of a kind; a range of 1 takes in diagonals."""
-    return int((rules.kinds[kind, KIND_RANGE_TILES] + 1) ** 2)
+    return int((rules.kinds[kind, rb.KIND_RANGE_TILES] + 1) ** 2)
 
 
 @compiled
 def unit_distance(world: Any, rules: Any, cell: int, unit: int) -> int:
     """Squared distance from `cell` to the nearest cell that `unit` covers."""
-    half = rules.kinds[world.units[unit, UNIT_KIND], KIND_HALF_SIZE]
-    return box_distance(rules, cell, int(world.units[unit, UNIT_CELL]), int(half))
+    half = rules.kinds[world.units[unit, s.UNIT_KIND], rb.KIND_HALF_SIZE]
+    return box_distance(rules, cell, int(world.units[unit, s.UNIT_CELL]), int(half))
 
 
 @compiled_copy
 def is_ground(world: Any, rules: Any, cell: int) -> bool:
     """True where a unit can walk if nobody stands there."""
-    return bool(rules.tiles[world.board[TILE, cell], WALK_PERCENT] > 0)
+    return bool(rules.tiles[world.board[s.TILE, cell], rb.WALK_PERCENT] > 0)
 
 
 @compiled_copy
 def is_free(world: Any, rules: Any, cell: int) -> bool:
     """True where a unit can stand now."""
     return bool(
-        world.board[OCCUPANT, cell] == NO_UNIT
-        and rules.tiles[world.board[TILE, cell], WALK_PERCENT] > 0
+        world.board[s.OCCUPANT, cell] == s.NO_UNIT
+        and rules.tiles[world.board[s.TILE, cell], rb.WALK_PERCENT] > 0
     )
 
 
 @compiled
 def is_solid(world: Any, rules: Any, cell: int) -> bool:
     """Walls, resources and buildings: nobody squeezes past their corners."""
-    if rules.tiles[world.board[TILE, cell], WALK_PERCENT] == 0:
+    if rules.tiles[world.board[s.TILE, cell], rb.WALK_PERCENT] == 0:
         return True
-    occupant = world.board[OCCUPANT, cell]
-    return bool(occupant != NO_UNIT and is_building(world, occupant))
+    occupant = world.board[s.OCCUPANT, cell]
+    return bool(occupant != s.NO_UNIT and is_building(world, occupant))
 
 
 @compiled
@@ -117,16 +91,16 @@ def is_passable(world: Any, rules: Any, unit: int, cell: int) -> bool:
     Who sets out in this very tick walks for its fellows, even before it has decided, and stands
     for all others, even after it: so it does not matter which player's units decide first.
     """
-    tile = world.board[TILE, cell]
-    if tile == LAVA or rules.tiles[tile, WALK_PERCENT] == 0:
+    tile = world.board[s.TILE, cell]
+    if tile == t.LAVA or rules.tiles[tile, rb.WALK_PERCENT] == 0:
         return False
-    occupant = world.board[OCCUPANT, cell]
-    if occupant == NO_UNIT:
+    occupant = world.board[s.OCCUPANT, cell]
+    if occupant == s.NO_UNIT:
         return True
     is_own = owner_of(rules, occupant) == owner_of(rules, unit)
-    if is_own and world.units[occupant, UNIT_STATE] in (IDLE, WAITING):
-        will_decide = world.due[occupant] <= world.clock[TICK]
-        return bool(will_decide and world.units[occupant, UNIT_ORDER] != NO_ORDER)
+    if is_own and world.units[occupant, s.UNIT_STATE] in (s.IDLE, s.WAITING):
+        will_decide = world.due[occupant] <= world.clock[s.TICK]
+        return bool(will_decide and world.units[occupant, s.UNIT_ORDER] != s.NO_ORDER)
     return walks_on(world, rules, unit, occupant)
 
 
@@ -134,18 +108,18 @@ def is_passable(world: Any, rules: Any, unit: int, cell: int) -> bool:
 def walks_on(world: Any, rules: Any, unit: int, other: int) -> bool:
     """True where `unit` takes `other` for a walker: a foreign one from the tick after its start."""
     is_own = owner_of(rules, other) == owner_of(rules, unit)
-    has_gone = is_own or world.units[other, UNIT_SINCE] < world.clock[TICK]
-    return bool(has_gone and world.units[other, UNIT_STATE] == WALKING)
+    has_gone = is_own or world.units[other, s.UNIT_SINCE] < world.clock[s.TICK]
+    return bool(has_gone and world.units[other, s.UNIT_STATE] == s.WALKING)
 
 
 @compiled
 def direction_between(rules: Any, cell: int, other: int) -> int:
     """The direction of the first step of a straight walk, NO_DIRECTION on the spot."""
-    rows = int(rules.cells[other, CELL_ROW]) - int(rules.cells[cell, CELL_ROW])
-    columns = int(rules.cells[other, CELL_COLUMN]) - int(rules.cells[cell, CELL_COLUMN])
+    rows = int(rules.cells[other, rb.CELL_ROW]) - int(rules.cells[cell, rb.CELL_ROW])
+    columns = int(rules.cells[other, rb.CELL_COLUMN]) - int(rules.cells[cell, rb.CELL_COLUMN])
     if rows == 0:
         if columns == 0:
-            return NO_DIRECTION
+            return rb.NO_DIRECTION
         return 1 if columns > 0 else 3
     if columns == 0:
         return 0 if rows < 0 else 2
@@ -160,7 +134,7 @@ def direction_between(rules: Any, cell: int, other: int) -> int:
 @compiled
 def look(world: Any, rules: Any, player: int, centre: int, radius: int, change: int) -> None:
     """Count a unit in (`change` 1) or out (-1) of those of `player` that see the cells around."""
-    row, column = int(rules.cells[centre, CELL_ROW]), int(rules.cells[centre, CELL_COLUMN])
+    row, column = int(rules.cells[centre, rb.CELL_ROW]), int(rules.cells[centre, rb.CELL_COLUMN])
     for away in range(-radius, radius + 1):
         if row + away < 0 or row + away >= rules.rows:
             continue
@@ -170,13 +144,13 @@ def look(world: Any, rules: Any, player: int, centre: int, radius: int, change: 
         for cell in range(first + left, first + right + 1):
             world.vision[player, cell] = int(world.vision[player, cell]) + change
             if change > 0:
-                world.known[player, cell] = world.board[TILE, cell]
+                world.known[player, cell] = world.board[s.TILE, cell]
 
 
 @compiled_copy
 def sight_of(rules: Any, kind: int) -> int:
     """Cells that a kind sees from its centre."""
-    return int(min(15, rules.kinds[kind, KIND_SIGHT] + rules.kinds[kind, KIND_HALF_SIZE]))
+    return int(min(15, rules.kinds[kind, rb.KIND_SIGHT] + rules.kinds[kind, rb.KIND_HALF_SIZE]))
 
 
 @compiled
@@ -196,8 +170,8 @@ def sees_unit(world: Any, rules: Any, player: int, unit: int) -> bool:
     if rules.fog == 0:
         return True
     centre, half = (
-        int(world.units[unit, UNIT_CELL]),
-        int(rules.kinds[world.units[unit, UNIT_KIND], KIND_HALF_SIZE]),
+        int(world.units[unit, s.UNIT_CELL]),
+        int(rules.kinds[world.units[unit, s.UNIT_KIND], rb.KIND_HALF_SIZE]),
     )
     for row in range(-half, half + 1):
         for column in range(-half, half + 1):
@@ -210,7 +184,7 @@ def sees_unit(world: Any, rules: Any, player: int, unit: int) -> bool:
 def known_tile(world: Any, rules: Any, player: int, cell: int) -> int:
     """The tile that the player believes to be there, UNKNOWN where it has never looked."""
     if sees(world, rules, player, cell):
-        return int(world.board[TILE, cell])
+        return int(world.board[s.TILE, cell])
     return remembered_tile(world, rules, player, cell)
 
 
@@ -218,9 +192,9 @@ def known_tile(world: Any, rules: Any, player: int, cell: int) -> int:
 def remembered_tile(world: Any, rules: Any, player: int, cell: int) -> int:
     """What the player's team saw last of a cell that is out of its sight, or UNKNOWN."""
     for other in range(rules.num_players):
-        if rules.team[other] == rules.team[player] and world.known[other, cell] != UNKNOWN:
+        if rules.team[other] == rules.team[player] and world.known[other, cell] != s.UNKNOWN:
             return int(world.known[other, cell])
-    return UNKNOWN
+    return s.UNKNOWN
 
 
 # --- placing -----------------------------------------------------------------------------------
@@ -230,22 +204,22 @@ def remembered_tile(world: Any, rules: Any, player: int, cell: int) -> int:
 def cover(world: Any, rules: Any, unit: int, occupant: int) -> None:
     """Mark the cells of a unit as held by `occupant`."""
     centre, half = (
-        int(world.units[unit, UNIT_CELL]),
-        int(rules.kinds[world.units[unit, UNIT_KIND], KIND_HALF_SIZE]),
+        int(world.units[unit, s.UNIT_CELL]),
+        int(rules.kinds[world.units[unit, s.UNIT_KIND], rb.KIND_HALF_SIZE]),
     )
     for row in range(-half, half + 1):
         for column in range(-half, half + 1):
-            world.board[OCCUPANT, centre + row * rules.stride + column] = occupant
+            world.board[s.OCCUPANT, centre + row * rules.stride + column] = occupant
 
 
 @compiled
 def put_on_board(world: Any, rules: Any, unit: int, cell: int) -> None:
     """Let a unit stand at `cell` (the centre of a building) and look around."""
-    world.units[unit, UNIT_CELL] = cell
+    world.units[unit, s.UNIT_CELL] = cell
     cover(world, rules, unit, unit)
-    kind = world.units[unit, UNIT_KIND]
-    if rules.tiles[world.board[TILE, cell], TILE_DAMAGE] > 0:
-        world.clock[NUM_BURNING] += 1
+    kind = world.units[unit, s.UNIT_KIND]
+    if rules.tiles[world.board[s.TILE, cell], rb.TILE_DAMAGE] > 0:
+        world.clock[s.NUM_BURNING] += 1
     if rules.fog != 0:
         look(world, rules, owner_of(rules, unit), cell, sight_of(rules, kind), 1)
 
@@ -253,20 +227,20 @@ def put_on_board(world: Any, rules: Any, unit: int, cell: int) -> None:
 @compiled
 def take_off_board(world: Any, rules: Any, unit: int) -> None:
     """Free the cells of a unit and close its eyes."""
-    cell = int(world.units[unit, UNIT_CELL])
-    cover(world, rules, unit, NO_UNIT)
-    if rules.tiles[world.board[TILE, cell], TILE_DAMAGE] > 0:
-        world.clock[NUM_BURNING] -= 1
+    cell = int(world.units[unit, s.UNIT_CELL])
+    cover(world, rules, unit, s.NO_UNIT)
+    if rules.tiles[world.board[s.TILE, cell], rb.TILE_DAMAGE] > 0:
+        world.clock[s.NUM_BURNING] -= 1
     if rules.fog != 0:
-        kind = world.units[unit, UNIT_KIND]
+        kind = world.units[unit, s.UNIT_KIND]
         look(world, rules, owner_of(rules, unit), cell, sight_of(rules, kind), -1)
 
 
 @compiled
 def change_tile(world: Any, rules: Any, cell: int, tile: int) -> None:
     """A resource is used up; those who see it remember what is left."""
-    world.board[TILE, cell] = tile
-    world.board[AMOUNT, cell] = 0
+    world.board[s.TILE, cell] = tile
+    world.board[s.AMOUNT, cell] = 0
     if rules.fog != 0:
         for player in range(rules.num_players):
             if world.vision[player, cell] > 0:
@@ -276,4 +250,4 @@ def change_tile(world: Any, rules: Any, cell: int, tile: int) -> None:
 @compiled_copy
 def is_finished(world: Any, unit: int) -> bool:
     """False for a building that still rises."""
-    return bool(world.units[unit, UNIT_STATE] != RISING)
+    return bool(world.units[unit, s.UNIT_STATE] != s.RISING)

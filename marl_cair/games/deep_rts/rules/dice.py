@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_rts.state import TICK
+from marl_cair.games.deep_rts import state as s
 from marl_cair.games.randomness import GOLDEN_STEP, mix
 
 NUM_DICE = 2
@@ -21,7 +21,9 @@ def roll(world: Any, serial: int, die: int, low: int, high: int) -> int:
 
     It does not depend on the seat, so the same unit of a mirrored player has the same luck.
     """
-    key = np.uint64(world.clock[TICK]) * np.uint64(2**24) + np.uint64(serial) * np.uint64(NUM_DICE)
+    key = np.uint64(world.clock[s.TICK]) * np.uint64(2**24) + np.uint64(serial) * np.uint64(
+        NUM_DICE
+    )
     word = mix(world.seed[0] + (key + np.uint64(die + 1)) * GOLDEN_STEP)
     share = (word >> _SHIFT_32) * np.uint64(high - low + 1)
     return int(low + np.int64(share >> _SHIFT_32))

@@ -13,34 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled, compiled_copy
-from marl_cair.games.deep_rts.rules.board import (
-    box_distance,
-    cuts_corner,
-    direction_between,
-    is_passable,
-    is_solid,
-    owner_of,
-)
-from marl_cair.games.deep_rts.rules.rulebook import (
-    CELL_COLUMN,
-    CELL_ROW,
-    NUM_DIRECTIONS,
-    SEAT_FRAME,
-    TILE_RESOURCE,
-)
-from marl_cair.games.deep_rts.state import (
-    AMOUNT,
-    CAME,
-    FRONTIER,
-    MAP_INDEX,
-    NUM_SEARCHES,
-    PATH_STEPS,
-    REACHED,
-    TILE,
-    UNIT_CELL,
-    UNIT_PATH_STEPS,
-)
-from marl_cair.games.deep_rts.tables import NO_RESOURCE, OIL
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
+from marl_cair.games.deep_rts.rules import board
+from marl_cair.games.deep_rts.rules import rulebook as rb
 
 NOWHERE = -1
 ON_THE_SPOT = 1  # reach (see `board.reach_of`) of a walk onto the cell itself
@@ -54,7 +30,7 @@ _WORD_MASK = np.uint64(2**63 - 1)
 LAST_SEARCH = 32_000
 # The lowest of the directions in a set of bits, by the set.
 LOWEST_BIT: NDArray[np.int8] = np.array(
-    [(bits & -bits).bit_length() - 1 for bits in range(1 << NUM_DIRECTIONS)], np.int8
+    [(bits & -bits).bit_length() - 1 for bits in range(1 << rb.NUM_DIRECTIONS)], np.int8
 )
 
 
@@ -68,51 +44,51 @@ def next_direction(world: Any, unit: int) -> int:
 def drop_step(world: Any, unit: int) -> None:
     """Strike the step that has been taken."""
     world.path[unit] = world.path[unit] >> _STEP_BITS
-    world.units[unit, UNIT_PATH_STEPS] -= 1
+    world.units[unit, s.UNIT_PATH_STEPS] -= 1
 
 
 @compiled_copy
 def forget_path(world: Any, unit: int) -> None:
     """The unit must plan again."""
     world.path[unit] = np.uint64(0)
-    world.units[unit, UNIT_PATH_STEPS] = 0
+    world.units[unit, s.UNIT_PATH_STEPS] = 0
 
 
 @compiled
 def may_enter(world: Any, rules: Any, unit: int, cell: int, goal: int, reach: int) -> bool:
     """True where a path may lead; lava only where it is the goal itself."""
-    if is_passable(world, rules, unit, cell):
+    if board.is_passable(world, rules, unit, cell):
         return True
-    return cell == goal and reach == ON_THE_SPOT and not is_solid(world, rules, cell)
+    return cell == goal and reach == ON_THE_SPOT and not board.is_solid(world, rules, cell)
 
 
 @compiled
 def plan_straight(world: Any, rules: Any, unit: int, goal: int, half: int, reach: int) -> bool:
     """Plan a walk in a straight line until within `reach` of the box; False where it is blocked."""
-    cell = int(world.units[unit, UNIT_CELL])
+    cell = int(world.units[unit, s.UNIT_CELL])
     word = np.uint64(0)
     steps = 0
-    while box_distance(rules, cell, goal, half) >= reach:
+    while board.box_distance(rules, cell, goal, half) >= reach:
         aim = nearest_of_box(rules, cell, goal, half)
-        direction = direction_between(rules, cell, aim)
-        if cuts_corner(world, rules, cell, direction):
+        direction = board.direction_between(rules, cell, aim)
+        if board.cuts_corner(world, rules, cell, direction):
             return False
         cell = int(cell + rules.offset[direction])
         if not may_enter(world, rules, unit, cell, goal, reach):
             return False
-        if steps < PATH_STEPS:
+        if steps < s.PATH_STEPS:
             word |= np.uint64(direction) << (_STEP_BITS * np.uint64(steps))
         steps += 1
     world.path[unit] = word
-    world.units[unit, UNIT_PATH_STEPS] = min(steps, PATH_STEPS)
+    world.units[unit, s.UNIT_PATH_STEPS] = min(steps, s.PATH_STEPS)
     return True
 
 
 @compiled
 def nearest_of_box(rules: Any, cell: int, goal: int, half: int) -> int:
     """The cell of the square around `goal` that is nearest to `cell`."""
-    rows = int(rules.cells[cell, CELL_ROW]) - int(rules.cells[goal, CELL_ROW])
-    columns = int(rules.cells[cell, CELL_COLUMN]) - int(rules.cells[goal, CELL_COLUMN])
+    rows = int(rules.cells[cell, rb.CELL_ROW]) - int(rules.cells[goal, rb.CELL_ROW])
+    columns = int(rules.cells[cell, rb.CELL_COLUMN]) - int(rules.cells[goal, rb.CELL_COLUMN])
     rows, columns = min(half, max(-half, rows)), min(half, max(-half, columns))
     return int(goal + rows * rules.stride + columns)
 
@@ -120,35 +96,35 @@ def nearest_of_box(rules: Any, cell: int, goal: int, half: int) -> int:
 @compiled
 def begin_search(world: Any) -> int:
     """The number of a new search, which marks the cells that it reaches."""
-    if world.clock[NUM_SEARCHES] >= LAST_SEARCH:
-        world.clock[NUM_SEARCHES] = 0
-        world.board[REACHED, :] = 0
-    world.clock[NUM_SEARCHES] += 1
-    return int(world.clock[NUM_SEARCHES])
+    if world.clock[s.NUM_SEARCHES] >= LAST_SEARCH:
+        world.clock[s.NUM_SEARCHES] = 0
+        world.board[s.REACHED, :] = 0
+    world.clock[s.NUM_SEARCHES] += 1
+    return int(world.clock[s.NUM_SEARCHES])
 
 
 @compiled
 def trace_back(world: Any, rules: Any, unit: int, cell: int) -> None:
     """Write the first steps of the way on which the search came to `cell`."""
-    start = int(world.units[unit, UNIT_CELL])
+    start = int(world.units[unit, s.UNIT_CELL])
     word = np.uint64(0)
     steps = 0
     while cell != start:
-        direction = int(world.board[CAME, cell])
+        direction = int(world.board[s.CAME, cell])
         word = ((word << _STEP_BITS) & _WORD_MASK) | np.uint64(direction)
         cell = int(cell - rules.offset[direction])
         steps += 1
     world.path[unit] = word
-    world.units[unit, UNIT_PATH_STEPS] = min(steps, PATH_STEPS)
+    world.units[unit, s.UNIT_PATH_STEPS] = min(steps, s.PATH_STEPS)
 
 
 @compiled
 def resource_beside(world: Any, rules: Any, frame: int, cell: int, resource: int) -> int:
     """A neighbouring tile that gives `resource` by hand, or NOWHERE."""
-    for own in range(NUM_DIRECTIONS):
+    for own in range(rb.NUM_DIRECTIONS):
         beside = int(cell + rules.offset[rules.own_direction[frame, own]])
-        found = rules.tiles[world.board[TILE, beside], TILE_RESOURCE]
-        if found in (NO_RESOURCE, OIL) or world.board[AMOUNT, beside] <= 0:
+        found = rules.tiles[world.board[s.TILE, beside], rb.TILE_RESOURCE]
+        if found in (t.NO_RESOURCE, t.OIL) or world.board[s.AMOUNT, beside] <= 0:
             continue
         if resource == ANY_RESOURCE:
             return beside
@@ -163,9 +139,9 @@ def unreached_around(world: Any, rules: Any, frame: int, cell: int, number: int)
     at all eight at once costs less than eight decisions that the processor cannot foresee.
     """
     directions = 0
-    for own in range(NUM_DIRECTIONS):
+    for own in range(rb.NUM_DIRECTIONS):
         beyond = cell + rules.own_offset[frame, own]
-        directions |= int(world.board[REACHED, beyond] != number) << own
+        directions |= int(world.board[s.REACHED, beyond] != number) << own
     return directions
 
 
@@ -178,15 +154,15 @@ def search(
     Writes the path and returns the cell where it ends: the nearest that can be reached where the
     goal cannot; NOWHERE where no step helps, or no resource can be reached.
     """
-    frame = rules.seats[world.clock[MAP_INDEX], owner_of(rules, unit), SEAT_FRAME]
+    frame = rules.seats[world.clock[s.MAP_INDEX], board.owner_of(rules, unit), rb.SEAT_FRAME]
     number = begin_search(world)
-    start = int(world.units[unit, UNIT_CELL])
-    world.board[REACHED, start] = number
-    world.board[FRONTIER, 0] = start
-    best, best_distance = start, box_distance(rules, start, goal, half)
+    start = int(world.units[unit, s.UNIT_CELL])
+    world.board[s.REACHED, start] = number
+    world.board[s.FRONTIER, 0] = start
+    best, best_distance = start, board.box_distance(rules, start, goal, half)
     head, tail = 0, 1
     while head < tail:
-        cell = int(world.board[FRONTIER, head])
+        cell = int(world.board[s.FRONTIER, head])
         head += 1
         ahead = unreached_around(world, rules, frame, cell, number)
         while ahead != 0:
@@ -195,20 +171,20 @@ def search(
             direction = int(rules.own_direction[frame, own])
             beyond = int(cell + rules.own_offset[frame, own])
             if not may_enter(world, rules, unit, beyond, goal, reach):
-                world.board[REACHED, beyond] = number
+                world.board[s.REACHED, beyond] = number
                 continue
-            if cuts_corner(world, rules, cell, direction):
+            if board.cuts_corner(world, rules, cell, direction):
                 continue
-            world.board[REACHED, beyond] = number
-            world.board[CAME, beyond] = direction
-            world.board[FRONTIER, tail] = beyond
+            world.board[s.REACHED, beyond] = number
+            world.board[s.CAME, beyond] = direction
+            world.board[s.FRONTIER, tail] = beyond
             tail += 1
             if resource != NOT_FOR_RESOURCE:
                 if resource_beside(world, rules, frame, beyond, resource) != NOWHERE:
                     trace_back(world, rules, unit, beyond)
                     return beyond
                 continue
-            distance = box_distance(rules, beyond, goal, half)
+            distance = board.box_distance(rules, beyond, goal, half)
             if distance < reach:
                 trace_back(world, rules, unit, beyond)
                 return beyond

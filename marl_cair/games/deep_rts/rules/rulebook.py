@@ -8,18 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.deep_rts import tables
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.maps.maps import from_own
-from marl_cair.games.deep_rts.tables import (
-    MAX_PRODUCTS,
-    NUM_KINDS,
-    NUM_MOBILE_KINDS,
-    NUM_PRODUCTS,
-    NUM_RESOURCES,
-    PRESETS,
-    PRODUCTS,
-    WALL,
-    Preset,
-)
 
 if TYPE_CHECKING:
     from marl_cair.games.deep_rts.maps.maps import GameMap
@@ -65,7 +55,7 @@ PRODUCT_IS_ENABLED, PRODUCT_TICKS, PRODUCT_COST = range(3)  # the cost has a col
 UPGRADE_LEVELS, UPGRADE_BONUS = range(2)
 WALK_PERCENT, TILE_DAMAGE, TILE_AMOUNT, TILE_YIELD, TILE_RESOURCE = range(5)
 START_RESOURCES = 0
-START_ARMY = START_RESOURCES + NUM_RESOURCES  # units at the start in place of a base, by kind
+START_ARMY = START_RESOURCES + t.NUM_RESOURCES  # units at the start in place of a base, by kind
 SEAT_SPAWN, SEAT_FRAME = range(2)
 CELL_ROW, CELL_COLUMN = range(2)
 EXIT_ROW, EXIT_COLUMN = range(2)
@@ -130,7 +120,7 @@ class Rules(NamedTuple):
 
 def make_rules(scenario: Scenario) -> Rules:
     """The numbers of `scenario` as arrays."""
-    preset = PRESETS[scenario.preset]
+    preset = t.PRESETS[scenario.preset]
     rows, columns = scenario.rows, scenario.columns
     stride = columns + 2
     row_of, column_of = np.divmod(np.arange((rows + 2) * stride), stride)
@@ -182,7 +172,7 @@ def make_rules(scenario: Scenario) -> Rules:
     )
 
 
-def _unit_numbers(preset: Preset, scenario: Scenario) -> dict[str, Any]:
+def _unit_numbers(preset: t.Preset, scenario: Scenario) -> dict[str, Any]:
     kinds = (
         preset.health,
         preset.food_produced,
@@ -205,7 +195,7 @@ def _unit_numbers(preset: Preset, scenario: Scenario) -> dict[str, Any]:
         tables.TILE_RESOURCE,
     )
     store = (preset.start_gold, preset.start_lumber, preset.start_stone, preset.start_oil)
-    army = scenario.army or (0,) * NUM_MOBILE_KINDS
+    army = scenario.army or (0,) * t.NUM_MOBILE_KINDS
     return {
         "kinds": np.stack(kinds, axis=-1).astype(np.int32),
         "tiles": np.stack(tiles, axis=-1).astype(np.int32),
@@ -216,9 +206,9 @@ def _unit_numbers(preset: Preset, scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _product_numbers(preset: Preset) -> dict[str, Any]:
-    numbers = np.zeros((NUM_PRODUCTS, PRODUCT_COST + NUM_RESOURCES), np.int32)
-    units, upgrades = numbers[:NUM_KINDS], numbers[NUM_KINDS:]
+def _product_numbers(preset: t.Preset) -> dict[str, Any]:
+    numbers = np.zeros((t.NUM_PRODUCTS, PRODUCT_COST + t.NUM_RESOURCES), np.int32)
+    units, upgrades = numbers[: t.NUM_KINDS], numbers[t.NUM_KINDS :]
     units[:, PRODUCT_IS_ENABLED] = preset.is_enabled
     upgrades[:, PRODUCT_IS_ENABLED] = preset.is_enabled[tables.SMITHY]
     units[:, PRODUCT_TICKS], upgrades[:, PRODUCT_TICKS] = preset.build_ticks, preset.upgrade_ticks
@@ -229,9 +219,9 @@ def _product_numbers(preset: Preset) -> dict[str, Any]:
     )
     upgrades[:, PRODUCT_COST + tables.GOLD] = preset.upgrade_gold
     upgrades[:, PRODUCT_COST + tables.OIL] = preset.upgrade_oil
-    products = np.full((NUM_KINDS, MAX_PRODUCTS), -1, np.int8)
-    can_make = np.zeros((NUM_KINDS, NUM_PRODUCTS), np.bool_)
-    for kind, made in enumerate(PRODUCTS):
+    products = np.full((t.NUM_KINDS, t.MAX_PRODUCTS), -1, np.int8)
+    can_make = np.zeros((t.NUM_KINDS, t.NUM_PRODUCTS), np.bool_)
+    for kind, made in enumerate(t.PRODUCTS):
         products[kind, : len(made)] = made
         can_make[kind, list(made)] = True
     return {"product": numbers, "products": products, "can_make": can_make}
@@ -269,7 +259,7 @@ def _features(scenario: Scenario) -> NDArray[np.int16]:
 
 
 def _with_border(game_map: GameMap) -> NDArray[np.uint8]:
-    return np.pad(game_map.tiles, 1, constant_values=WALL).astype(np.uint8).ravel()
+    return np.pad(game_map.tiles, 1, constant_values=t.WALL).astype(np.uint8).ravel()
 
 
 def _own_directions() -> NDArray[np.int8]:

@@ -9,45 +9,11 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled, compiled_copy
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
+from marl_cair.games.deep_rts.rules import rulebook as rb
 from marl_cair.games.deep_rts.rules.board import owner_of
-from marl_cair.games.deep_rts.rules.rulebook import KIND_HALF_SIZE, KIND_HEALTH
-from marl_cair.games.deep_rts.state import (
-    CURSOR,
-    FIGHTING,
-    GATHERING,
-    NEVER,
-    NO_ORDER,
-    OCCUPANT,
-    PUMPING,
-    REPAIRING,
-    RISING,
-    TICK,
-    TRAINING,
-    UNIT_CARRY,
-    UNIT_CARRY_KIND,
-    UNIT_CELL,
-    UNIT_HEALTH,
-    UNIT_KIND,
-    UNIT_ORDER,
-    UNIT_SINCE,
-    UNIT_STATE,
-    WALKING,
-)
-from marl_cair.games.deep_rts.tables import STONE
-from marl_cair.games.deep_rts.views.planes import (
-    CARRIES,
-    FIRST_KIND,
-    FULL,
-    HAS_ORDER,
-    HEALTH,
-    IS_FIGHTING,
-    IS_RISING,
-    IS_WALKING,
-    IS_WORKING,
-    OWN,
-    PROGRESS,
-    SELECTED,
-)
+from marl_cair.games.deep_rts.views import planes
 
 NOT_SHOWN = 0
 # First bits of a word's parts; bit 0 is set in all words of units on the board.
@@ -65,50 +31,54 @@ def side_of(rules: Any, player: int, owner: int) -> int:
 @compiled
 def progress_level(world: Any, unit: int) -> int:
     """How much of the unit's activity is done, 0..255."""
-    since, due = int(world.units[unit, UNIT_SINCE]), int(world.due[unit])
-    if due == NEVER or due <= since:
+    since, due = int(world.units[unit, s.UNIT_SINCE]), int(world.due[unit])
+    if due == s.NEVER or due <= since:
         return 0
-    return int(min(FULL, FULL * (int(world.clock[TICK]) - since) // (due - since)))
+    return int(min(planes.FULL, planes.FULL * (int(world.clock[s.TICK]) - since) // (due - since)))
 
 
 @compiled
 def activity_of(state: int) -> int:
     """1 walks, 2 works, 3 fights, 0 nothing that has a plane."""
-    if state == WALKING:
-        return 1 + IS_WALKING - IS_WALKING
-    if state in (GATHERING, REPAIRING, TRAINING, PUMPING):
-        return 1 + IS_WORKING - IS_WALKING
-    if state == FIGHTING:
-        return 1 + IS_FIGHTING - IS_WALKING
+    if state == s.WALKING:
+        return 1 + planes.IS_WALKING - planes.IS_WALKING
+    if state in (s.GATHERING, s.REPAIRING, s.TRAINING, s.PUMPING):
+        return 1 + planes.IS_WORKING - planes.IS_WALKING
+    if state == s.FIGHTING:
+        return 1 + planes.IS_FIGHTING - planes.IS_WALKING
     return 0
 
 
 @compiled
 def carried_level(world: Any, rules: Any, unit: int) -> int:
     """How full the hands of a worker are, 0..255; only what has a plane counts."""
-    carry = int(world.units[unit, UNIT_CARRY])
-    if carry <= 0 or world.units[unit, UNIT_CARRY_KIND] > STONE:
+    carry = int(world.units[unit, s.UNIT_CARRY])
+    if carry <= 0 or world.units[unit, s.UNIT_CARRY_KIND] > t.STONE:
         return 0
-    return int(min(FULL, FULL * carry // max(1, int(rules.carry_capacity))))
+    return int(min(planes.FULL, planes.FULL * carry // max(1, int(rules.carry_capacity))))
 
 
 @compiled
 def look_of(world: Any, rules: Any, unit: int) -> int:
     """The word of a unit as it is now."""
-    cell = int(world.units[unit, UNIT_CELL])
-    if world.board[OCCUPANT, cell] != unit:
+    cell = int(world.units[unit, s.UNIT_CELL])
+    if world.board[s.OCCUPANT, cell] != unit:
         return NOT_SHOWN  # inside a site
-    kind, state = int(world.units[unit, UNIT_KIND]), int(world.units[unit, UNIT_STATE])
-    health = FULL * int(world.units[unit, UNIT_HEALTH]) // int(rules.kinds[kind, KIND_HEALTH])
+    kind, state = int(world.units[unit, s.UNIT_KIND]), int(world.units[unit, s.UNIT_STATE])
+    health = (
+        planes.FULL
+        * int(world.units[unit, s.UNIT_HEALTH])
+        // int(rules.kinds[kind, rb.KIND_HEALTH])
+    )
     carried = carried_level(world, rules, unit)
     word = 1 | cell << CELL_BIT | kind << KIND_BIT | max(1, health) << HEALTH_BIT
-    word |= activity_of(state) << ACTIVITY_BIT | int(state == RISING) << RISING_BIT
-    word |= int(world.units[unit, UNIT_ORDER] != NO_ORDER) << ORDER_BIT
-    is_selected = world.players[owner_of(rules, unit), CURSOR] == unit
+    word |= activity_of(state) << ACTIVITY_BIT | int(state == s.RISING) << RISING_BIT
+    word |= int(world.units[unit, s.UNIT_ORDER] != s.NO_ORDER) << ORDER_BIT
+    is_selected = world.players[owner_of(rules, unit), s.CURSOR] == unit
     word |= int(is_selected) << SELECTED_BIT
     if carried > 0:
         word |= carried << CARRY_BIT
-        word |= int(world.units[unit, UNIT_CARRY_KIND]) << CARRY_KIND_BIT
+        word |= int(world.units[unit, s.UNIT_CARRY_KIND]) << CARRY_KIND_BIT
     return int(word | progress_level(world, unit) << PROGRESS_BIT)
 
 
@@ -121,7 +91,7 @@ def cell_in(word: int) -> int:
 @compiled_copy
 def half_size_in(rules: Any, word: int) -> int:
     """Cells that the unit covers on each side of its centre."""
-    return int(rules.kinds[word >> KIND_BIT & KIND_MASK, KIND_HALF_SIZE])
+    return int(rules.kinds[word >> KIND_BIT & KIND_MASK, rb.KIND_HALF_SIZE])
 
 
 @compiled_copy
@@ -134,27 +104,27 @@ def differs_in_progress_alone(word: int, other: int) -> bool:
 def mark_progress(word: int, side: int, row: int, column: int, is_shown: int, out: Any) -> None:
     """The plane of progress at one cell: of own units, and of all sites."""
     if side == 0 or word >> RISING_BIT & 1:
-        out[PROGRESS, row, column] = (word >> PROGRESS_BIT & LEVEL_MASK) * is_shown
+        out[planes.PROGRESS, row, column] = (word >> PROGRESS_BIT & LEVEL_MASK) * is_shown
 
 
 @compiled
 def mark(word: int, side: int, row: int, column: int, is_shown: int, out: Any) -> None:
     """Write the planes of a unit at one cell that it covers, or (is_shown 0) wipe them."""
-    out[FIRST_KIND + (word >> KIND_BIT & KIND_MASK), row, column] = FULL * is_shown
-    out[OWN + side, row, column] = FULL * is_shown
-    out[HEALTH, row, column] = (word >> HEALTH_BIT & LEVEL_MASK) * is_shown
+    out[planes.FIRST_KIND + (word >> KIND_BIT & KIND_MASK), row, column] = planes.FULL * is_shown
+    out[planes.OWN + side, row, column] = planes.FULL * is_shown
+    out[planes.HEALTH, row, column] = (word >> HEALTH_BIT & LEVEL_MASK) * is_shown
     activity = word >> ACTIVITY_BIT & PAIR_MASK
     if activity != 0:
-        out[IS_WALKING - 1 + activity, row, column] = FULL * is_shown
+        out[planes.IS_WALKING - 1 + activity, row, column] = planes.FULL * is_shown
     if word >> RISING_BIT & 1:
-        out[IS_RISING, row, column] = FULL * is_shown
+        out[planes.IS_RISING, row, column] = planes.FULL * is_shown
     mark_progress(word, side, row, column, is_shown, out)
     if side != 0:
         return
     if word >> ORDER_BIT & 1:
-        out[HAS_ORDER, row, column] = FULL * is_shown
+        out[planes.HAS_ORDER, row, column] = planes.FULL * is_shown
     if word >> SELECTED_BIT & 1:
-        out[SELECTED, row, column] = FULL * is_shown
+        out[planes.SELECTED, row, column] = planes.FULL * is_shown
     carried = word >> CARRY_BIT & LEVEL_MASK
     if carried != 0:
-        out[CARRIES + (word >> CARRY_KIND_BIT & PAIR_MASK), row, column] = carried * is_shown
+        out[planes.CARRIES + (word >> CARRY_KIND_BIT & PAIR_MASK), row, column] = carried * is_shown

@@ -16,52 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled, compiled_copy
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
+from marl_cair.games.deep_rts.rules import rulebook as rb
 from marl_cair.games.deep_rts.rules.board import owner_of, remembered_tile, sees
 from marl_cair.games.deep_rts.rules.roster import food_limit
-from marl_cair.games.deep_rts.rules.rulebook import SEAT_FRAME, TILE_AMOUNT
 from marl_cair.games.deep_rts.scenarios import Scenario
-from marl_cair.games.deep_rts.state import (
-    AMOUNT,
-    FOOD_USED,
-    MAP_INDEX,
-    NO_UNIT,
-    NUM_UNITS,
-    OCCUPANT,
-    RESOURCES,
-    TICK,
-    TILE,
-    UNIT_KIND,
-    UNKNOWN,
-    UPGRADES,
-    world_at,
-)
-from marl_cair.games.deep_rts.tables import GRASS, NO_KIND, NUM_RESOURCES, NUM_UPGRADES
-from marl_cair.games.deep_rts.views.appearance import (
-    NOT_SHOWN,
-    cell_in,
-    differs_in_progress_alone,
-    half_size_in,
-    look_of,
-    mark,
-    mark_progress,
-    side_of,
-)
-from marl_cair.games.deep_rts.views.planes import (
-    EXPLORED,
-    FIRST_TILE,
-    FIRST_UNIFORM,
-    FIRST_UPGRADE_PLANE,
-    FOOD_LIMIT,
-    FOOD_STEP,
-    FULL,
-    LOG_STEP,
-    NUM_UNIFORM,
-    OWN_FOOD,
-    RESOURCE_LEFT,
-    TIME_LEFT,
-    UPGRADE_STEP,
-    VISIBLE,
-)
+from marl_cair.games.deep_rts.views import appearance, planes
 
 IS_DRAWN, DRAWN_MAP, NUM_SHOWN = range(3)  # columns of `page`
 WIPE, DRAW, NEW_PROGRESS = range(3)  # what changes of a unit
@@ -95,7 +56,7 @@ def make_memory(scenario: Scenario, num_worlds: int) -> Shown:
         units=np.empty((num_worlds, units), np.int64),
         looks=np.empty((num_worlds, units), np.int64),
         slots=np.empty((num_worlds, units), np.int16),
-        numbers=np.empty((num_worlds, players, NUM_UNIFORM), np.int32),
+        numbers=np.empty((num_worlds, players, planes.NUM_UNIFORM), np.int32),
         sight=np.empty((num_worlds, players, seen_cells), np.uint8),
         tiles=np.empty((num_worlds, players, seen_cells), np.uint8),
     )
@@ -119,31 +80,31 @@ def shown_at(shown: Any, index: int) -> Any:
 @compiled
 def log_level(amount: int) -> int:
     """A store of 0..10**6 on a scale that tells small amounts apart, 0..239."""
-    return int(LOG_STEP * np.log2(1.0 + amount) + 0.5)
+    return int(planes.LOG_STEP * np.log2(1.0 + amount) + 0.5)
 
 
 @compiled
 def blank(world: Any, rules: Any, shown: Any, out: Any) -> None:
     """An empty board, of which the memory knows."""
     for player in range(rules.num_players):
-        out[player, :FIRST_UNIFORM] = 0
+        out[player, : planes.FIRST_UNIFORM] = 0
         if rules.fog == 0:
-            out[player, VISIBLE:FIRST_UNIFORM] = FULL
+            out[player, planes.VISIBLE : planes.FIRST_UNIFORM] = planes.FULL
     shown.page[IS_DRAWN] = 1
-    shown.page[DRAWN_MAP] = world.clock[MAP_INDEX]
+    shown.page[DRAWN_MAP] = world.clock[s.MAP_INDEX]
     shown.page[NUM_SHOWN] = 0
-    shown.ground[TILE] = GRASS
-    shown.ground[AMOUNT] = 0
-    shown.units[:] = NOT_SHOWN
+    shown.ground[s.TILE] = t.GRASS
+    shown.ground[s.AMOUNT] = 0
+    shown.units[:] = appearance.NOT_SHOWN
     shown.numbers[:] = NEVER_SHOWN
     shown.sight[:] = 0
-    shown.tiles[:] = UNKNOWN
+    shown.tiles[:] = s.UNKNOWN
 
 
 @compiled_copy
 def frame_of(world: Any, rules: Any, player: int) -> int:
     """How the player's view is turned."""
-    return int(rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME])
+    return int(rules.seats[world.clock[s.MAP_INDEX], player, rb.SEAT_FRAME])
 
 
 # --- units -----------------------------------------------------------------------------------
@@ -155,9 +116,9 @@ def mark_unit(
 ) -> None:
     """WIPE or DRAW a unit for all seats that see it, or write its NEW_PROGRESS alone."""
     owner = owner_of(rules, unit)
-    centre, half = cell_in(word), half_size_in(rules, word)
+    centre, half = appearance.cell_in(word), appearance.half_size_in(rules, word)
     for player in range(rules.num_players):
-        frame, side = frame_of(world, rules, player), side_of(rules, player, owner)
+        frame, side = frame_of(world, rules, player), appearance.side_of(rules, player, owner)
         for rows in range(-half, half + 1):
             for cell in range(
                 centre + rows * rules.stride - half, centre + rows * rules.stride + half + 1
@@ -165,9 +126,9 @@ def mark_unit(
                 if rules.fog == 0 or shown.sight[player, cell] != 0:
                     row, column = rules.own_place[frame, cell, 0], rules.own_place[frame, cell, 1]
                     if change == NEW_PROGRESS:
-                        mark_progress(word, side, int(row), int(column), 1, out[player])
+                        appearance.mark_progress(word, side, int(row), int(column), 1, out[player])
                     else:
-                        mark(word, side, int(row), int(column), change, out[player])
+                        appearance.mark(word, side, int(row), int(column), change, out[player])
 
 
 @compiled
@@ -176,19 +137,19 @@ def wipe_changed_units(world: Any, rules: Any, shown: Any, out: Any) -> None:
     for place in range(shown.page[NUM_SHOWN]):
         unit = int(shown.slots[place])
         was = shown.units[unit]
-        look = NOT_SHOWN
-        if world.units[unit, UNIT_KIND] != NO_KIND:
-            look = look_of(world, rules, unit)
+        look = appearance.NOT_SHOWN
+        if world.units[unit, s.UNIT_KIND] != t.NO_KIND:
+            look = appearance.look_of(world, rules, unit)
         shown.looks[unit] = look
         if look == was:
             continue
-        if look != NOT_SHOWN and differs_in_progress_alone(look, was):
+        if look != appearance.NOT_SHOWN and appearance.differs_in_progress_alone(look, was):
             mark_unit(world, rules, shown, unit, look, NEW_PROGRESS, out)
             shown.units[unit] = look
             continue
         mark_unit(world, rules, shown, unit, was, WIPE, out)
-        if look == NOT_SHOWN:
-            shown.units[unit] = NOT_SHOWN
+        if look == appearance.NOT_SHOWN:
+            shown.units[unit] = appearance.NOT_SHOWN
 
 
 @compiled
@@ -196,13 +157,13 @@ def draw_changed_units(world: Any, rules: Any, shown: Any, out: Any) -> None:
     """Draw those who are new or look different, and list all who are shown."""
     count = 0
     for owner in range(rules.num_players):
-        for place in range(world.players[owner, NUM_UNITS]):
+        for place in range(world.players[owner, s.NUM_UNITS]):
             unit = int(world.roster[owner, place])
             was = shown.units[unit]
             look = shown.looks[unit]
-            if was == NOT_SHOWN:
-                look = look_of(world, rules, unit)
-                if look == NOT_SHOWN:
+            if was == appearance.NOT_SHOWN:
+                look = appearance.look_of(world, rules, unit)
+                if look == appearance.NOT_SHOWN:
                     continue
             if look != was:
                 mark_unit(world, rules, shown, unit, look, DRAW, out)
@@ -220,25 +181,25 @@ def has_new_ground(world: Any, shown: Any, first: int, last: int) -> bool:
     """True where a tile or its amount differs from what is shown, in the cells first..last - 1."""
     difference = np.int16(0)
     for cell in range(first, last):
-        difference |= world.board[TILE, cell] ^ shown.ground[TILE, cell]
-        difference |= world.board[AMOUNT, cell] ^ shown.ground[AMOUNT, cell]
+        difference |= world.board[s.TILE, cell] ^ shown.ground[s.TILE, cell]
+        difference |= world.board[s.AMOUNT, cell] ^ shown.ground[s.AMOUNT, cell]
     return bool(difference != 0)
 
 
 @compiled
 def mark_tile(tile: int, row: int, column: int, level: int, out: Any) -> None:
     """Write the plane of a tile; there is none for grass and what is unknown."""
-    if not (tile == GRASS or tile == UNKNOWN):  # noqa: PLR1714, SIM109  # faster
-        out[FIRST_TILE + tile - 1, row, column] = level
+    if not (tile == t.GRASS or tile == s.UNKNOWN):  # noqa: PLR1714  # faster
+        out[planes.FIRST_TILE + tile - 1, row, column] = level
 
 
 @compiled
 def level_left(world: Any, rules: Any, tile: int, cell: int) -> int:
     """How much is left of a resource in sight, 0..255."""
-    if tile == UNKNOWN or rules.tiles[tile, TILE_AMOUNT] == 0:
+    if tile == s.UNKNOWN or rules.tiles[tile, rb.TILE_AMOUNT] == 0:
         return 0
-    left = max(0, int(world.board[AMOUNT, cell]))
-    return int(min(FULL, FULL * left // int(rules.tiles[tile, TILE_AMOUNT])))
+    left = max(0, int(world.board[s.AMOUNT, cell]))
+    return int(min(planes.FULL, planes.FULL * left // int(rules.tiles[tile, rb.TILE_AMOUNT])))
 
 
 @compiled
@@ -249,8 +210,8 @@ def renew_ground(world: Any, rules: Any, shown: Any, out: Any) -> None:
         if not has_new_ground(world, shown, first, first + rules.columns):
             continue
         for cell in range(first, first + rules.columns):
-            tile, was = int(world.board[TILE, cell]), int(shown.ground[TILE, cell])
-            if tile == was and world.board[AMOUNT, cell] == shown.ground[AMOUNT, cell]:
+            tile, was = int(world.board[s.TILE, cell]), int(shown.ground[s.TILE, cell])
+            if tile == was and world.board[s.AMOUNT, cell] == shown.ground[s.AMOUNT, cell]:
                 continue
             level = level_left(world, rules, tile, cell)
             for player in range(rules.num_players):
@@ -258,8 +219,8 @@ def renew_ground(world: Any, rules: Any, shown: Any, out: Any) -> None:
                 own_row = int(rules.own_place[frame, cell, 0])
                 own_column = int(rules.own_place[frame, cell, 1])
                 mark_tile(was, own_row, own_column, 0, out[player])
-                mark_tile(tile, own_row, own_column, FULL, out[player])
-                out[player, RESOURCE_LEFT, own_row, own_column] = level
+                mark_tile(tile, own_row, own_column, planes.FULL, out[player])
+                out[player, planes.RESOURCE_LEFT, own_row, own_column] = level
 
 
 @compiled
@@ -272,28 +233,28 @@ def renew_foggy_ground(world: Any, rules: Any, shown: Any, player: int, out: Any
     for own in range(rules.rows * rules.columns):
         cell = int(rules.world_cell[frame, own])
         is_seen = int(sees(world, rules, player, cell))
-        tile = int(world.board[TILE, cell])
+        tile = int(world.board[s.TILE, cell])
         if is_seen == 0:
             tile = remembered_tile(world, rules, player, cell)
         was_seen, was = int(shown.sight[player, cell]), int(shown.tiles[player, cell])
-        is_new_amount = world.board[AMOUNT, cell] != shown.ground[AMOUNT, cell]
+        is_new_amount = world.board[s.AMOUNT, cell] != shown.ground[s.AMOUNT, cell]
         if is_seen == was_seen and tile == was and not is_new_amount:
             continue
         row, column = own // rules.columns, own % rules.columns
         mark_tile(was, row, column, 0, out)
-        mark_tile(tile, row, column, FULL, out)
+        mark_tile(tile, row, column, planes.FULL, out)
         level = level_left(world, rules, tile, cell) if is_seen else 0
-        out[RESOURCE_LEFT, row, column] = level
-        out[VISIBLE, row, column] = FULL * is_seen
-        out[EXPLORED, row, column] = FULL * int(tile != UNKNOWN)
+        out[planes.RESOURCE_LEFT, row, column] = level
+        out[planes.VISIBLE, row, column] = planes.FULL * is_seen
+        out[planes.EXPLORED, row, column] = planes.FULL * int(tile != s.UNKNOWN)
         shown.sight[player, cell] = is_seen
         shown.tiles[player, cell] = tile
-        unit = int(world.board[OCCUPANT, cell])
-        if is_seen != was_seen and unit != NO_UNIT:
+        unit = int(world.board[s.OCCUPANT, cell])
+        if is_seen != was_seen and unit != s.NO_UNIT:
             word = shown.units[unit]
-            if word != NOT_SHOWN and word == shown.looks[unit]:
-                side = side_of(rules, player, owner_of(rules, unit))
-                mark(word, side, row, column, is_seen, out)
+            if word != appearance.NOT_SHOWN and word == shown.looks[unit]:
+                side = appearance.side_of(rules, player, owner_of(rules, unit))
+                appearance.mark(word, side, row, column, is_seen, out)
 
 
 # --- stores ------------------------------------------------------------------------------------
@@ -302,7 +263,7 @@ def renew_foggy_ground(world: Any, rules: Any, shown: Any, player: int, out: Any
 @compiled
 def is_new_number(shown: Any, player: int, plane: int, number: int) -> bool:
     """Remember what a uniform plane of a seat tells; True where it has changed."""
-    index = plane - FIRST_UNIFORM
+    index = plane - planes.FIRST_UNIFORM
     if shown.numbers[player, index] == number:
         return False
     shown.numbers[player, index] = number
@@ -312,29 +273,31 @@ def is_new_number(shown: Any, player: int, plane: int, number: int) -> bool:
 @compiled
 def renew_numbers(world: Any, rules: Any, shown: Any, player: int, out: Any) -> None:
     """The planes that hold one number over the whole board."""
-    for resource in range(NUM_RESOURCES):
-        store = int(world.players[player, RESOURCES + resource])
-        if is_new_number(shown, player, FIRST_UNIFORM + resource, store):
-            out[FIRST_UNIFORM + resource] = log_level(store)
-    food = int(world.players[player, FOOD_USED])
-    if is_new_number(shown, player, OWN_FOOD, food):
-        out[OWN_FOOD] = min(FULL, FOOD_STEP * food)
+    for resource in range(t.NUM_RESOURCES):
+        store = int(world.players[player, s.RESOURCES + resource])
+        if is_new_number(shown, player, planes.FIRST_UNIFORM + resource, store):
+            out[planes.FIRST_UNIFORM + resource] = log_level(store)
+    food = int(world.players[player, s.FOOD_USED])
+    if is_new_number(shown, player, planes.OWN_FOOD, food):
+        out[planes.OWN_FOOD] = min(planes.FULL, planes.FOOD_STEP * food)
     limit = food_limit(world, rules, player)
-    if is_new_number(shown, player, FOOD_LIMIT, limit):
-        out[FOOD_LIMIT] = min(FULL, FOOD_STEP * limit)
-    for upgrade in range(NUM_UPGRADES):
-        level = int(world.players[player, UPGRADES + upgrade])
-        if is_new_number(shown, player, FIRST_UPGRADE_PLANE + upgrade, level):
-            out[FIRST_UPGRADE_PLANE + upgrade] = min(FULL, UPGRADE_STEP * level)
-    left = FULL * (int(rules.max_ticks) - int(world.clock[TICK])) // int(rules.max_ticks)
-    if is_new_number(shown, player, TIME_LEFT, left):
-        out[TIME_LEFT] = left
+    if is_new_number(shown, player, planes.FOOD_LIMIT, limit):
+        out[planes.FOOD_LIMIT] = min(planes.FULL, planes.FOOD_STEP * limit)
+    for upgrade in range(t.NUM_UPGRADES):
+        level = int(world.players[player, s.UPGRADES + upgrade])
+        if is_new_number(shown, player, planes.FIRST_UPGRADE_PLANE + upgrade, level):
+            out[planes.FIRST_UPGRADE_PLANE + upgrade] = min(
+                planes.FULL, planes.UPGRADE_STEP * level
+            )
+    left = planes.FULL * (int(rules.max_ticks) - int(world.clock[s.TICK])) // int(rules.max_ticks)
+    if is_new_number(shown, player, planes.TIME_LEFT, left):
+        out[planes.TIME_LEFT] = left
 
 
 @compiled
 def renew_planes(world: Any, rules: Any, shown: Any, out: Any) -> None:
     """All planes of one world: out uint8 [P, C, H, W] holds what `shown` says, and then what is."""
-    if shown.page[IS_DRAWN] == 0 or shown.page[DRAWN_MAP] != world.clock[MAP_INDEX]:
+    if shown.page[IS_DRAWN] == 0 or shown.page[DRAWN_MAP] != world.clock[s.MAP_INDEX]:
         blank(world, rules, shown, out)
     wipe_changed_units(world, rules, shown, out)
     cells = rules.rows * rules.stride + rules.stride
@@ -345,8 +308,8 @@ def renew_planes(world: Any, rules: Any, shown: Any, out: Any) -> None:
         if rules.fog == 0:
             renew_ground(world, rules, shown, out)
         for cell in range(rules.stride, cells):
-            shown.ground[TILE, cell] = world.board[TILE, cell]
-            shown.ground[AMOUNT, cell] = world.board[AMOUNT, cell]
+            shown.ground[s.TILE, cell] = world.board[s.TILE, cell]
+            shown.ground[s.AMOUNT, cell] = world.board[s.AMOUNT, cell]
     draw_changed_units(world, rules, shown, out)
     for player in range(rules.num_players):
         renew_numbers(world, rules, shown, player, out[player])
@@ -359,4 +322,4 @@ def renew_planes(world: Any, rules: Any, shown: Any, out: Any) -> None:
 def observe_planes(worlds: Any, rules: Any, shown: Any, out: Any, first: int, last: int) -> None:
     """Bring every seat's planes up to date: out uint8 [B, P, C, H, W], of which `shown` tells."""
     for index in range(first, last):
-        renew_planes(world_at(worlds, index), rules, shown_at(shown, index), out[index])
+        renew_planes(s.world_at(worlds, index), rules, shown_at(shown, index), out[index])

@@ -7,74 +7,26 @@ from operator import mul
 from typing import TYPE_CHECKING, Any
 
 from marl_cair.games.compiled import compiled
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
+from marl_cair.games.deep_rts.rules import rulebook as rb
 from marl_cair.games.deep_rts.rules.board import is_building, known_tile, owner_of, sees
 from marl_cair.games.deep_rts.rules.judging import score_of
 from marl_cair.games.deep_rts.rules.roster import food_limit
-from marl_cair.games.deep_rts.rules.rulebook import (
-    KIND_ARMOUR,
-    KIND_DAMAGE_MAX,
-    KIND_DAMAGE_MIN,
-    KIND_HEALTH,
-    KIND_PIERCING,
-    NUM_DIRECTIONS,
-    SEAT_FRAME,
-)
-from marl_cair.games.deep_rts.state import (
-    DAMAGE_DONE,
-    DAMAGE_TAKEN,
-    FOOD_USED,
-    GATHERED,
-    MAP_INDEX,
-    NEVER,
-    NO_UNIT,
-    NUM_OWNED,
-    NUM_UNITS,
-    OCCUPANT,
-    RESOURCES,
-    TICK,
-    UNIT_CARRY,
-    UNIT_CARRY_KIND,
-    UNIT_CELL,
-    UNIT_HEALTH,
-    UNIT_KIND,
-    UNIT_STATE,
-    UNKNOWN,
-    UPGRADES,
-    world_at,
-)
-from marl_cair.games.deep_rts.tables import (
-    GOLD,
-    LUMBER,
-    MAX_RESOURCE,
-    NO_RESOURCE,
-    NUM_KINDS,
-    NUM_MOBILE_KINDS,
-    NUM_RESOURCES,
-    NUM_UPGRADES,
-    PEASANT,
-    PRESETS,
-    RESOURCE_NAMES,
-    STONE,
-    TILE_RESOURCE,
-    TOWN_HALL,
-    UNIT_NAMES,
-    UPGRADE_NAMES,
-    Preset,
-)
+from marl_cair.games.deep_rts.views import planes
 from marl_cair.games.deep_rts.views.appearance import side_of
-from marl_cair.games.deep_rts.views.planes import FULL
 
 if TYPE_CHECKING:
     from marl_cair.games.deep_rts.scenarios import Scenario
 
 VECTOR_NAMES = (
-    *(f"own {name}" for name in RESOURCE_NAMES),
-    *(f"gathered {name}" for name in RESOURCE_NAMES),
+    *(f"own {name}" for name in t.RESOURCE_NAMES),
+    *(f"gathered {name}" for name in t.RESOURCE_NAMES),
     "own food used",
     "own food limit",
-    *(f"own {name}" for name in UPGRADE_NAMES),
-    *(f"own {name}" for name in UNIT_NAMES),
-    *(f"enemy {name} in sight" for name in UNIT_NAMES),
+    *(f"own {name}" for name in t.UPGRADE_NAMES),
+    *(f"own {name}" for name in t.UNIT_NAMES),
+    *(f"enemy {name} in sight" for name in t.UNIT_NAMES),
     "own damage done",
     "own damage taken",
     "own score",
@@ -104,49 +56,49 @@ def vector_high(scenario: Scenario) -> tuple[float, ...]:
     """The largest value of each entry of VECTOR_NAMES, as high as the rules and the ground let it
     come; 1 where it is 0 in all of the scenario.
     """
-    preset = PRESETS[scenario.preset]
+    preset = t.PRESETS[scenario.preset]
     start = (preset.start_gold, preset.start_lumber, preset.start_stone, preset.start_oil)
     found = _most_found(scenario)
-    stored = [min(MAX_RESOURCE, first + more) for first, more in zip(start, found, strict=True)]
-    counted = [min(MAX_RESOURCE, more) for more in found]
+    stored = [min(t.MAX_RESOURCE, first + more) for first, more in zip(start, found, strict=True)]
+    counted = [min(t.MAX_RESOURCE, more) for more in found]
     food = max(preset.food_limit, sum(map(mul, _starting_units(scenario), preset.food_consumed)))
     num_enemies = _most_enemies(scenario)
     slots = scenario.slots_per_player
     units = [min(slots, food // eats) if eats else slots for eats in preset.food_consumed]
     units_in_sight = [num_enemies * most for most in units]
-    done = _most_lost(scenario, num_enemies, found[GOLD]) if num_enemies else 0.0
-    taken = _most_lost(scenario, 1, found[GOLD])
-    gathered = found[GOLD] + 0.5 * found[LUMBER] + 1.5 * found[STONE]
-    created = (start[GOLD] + found[GOLD]) * _for_one_gold(preset)[0]
+    done = _most_lost(scenario, num_enemies, found[t.GOLD]) if num_enemies else 0.0
+    taken = _most_lost(scenario, 1, found[t.GOLD])
+    gathered = found[t.GOLD] + 0.5 * found[t.LUMBER] + 1.5 * found[t.STONE]
+    created = (start[t.GOLD] + found[t.GOLD]) * _for_one_gold(preset)[0]
     score = gathered + 2.0 * created + slots + 0.6 * done
     highest = (
         *(*stored, *counted, food, preset.food_limit, *preset.upgrade_levels),
         *(*units, *units_in_sight, done, taken, score, scenario.max_ticks, scenario.max_ticks),
     )
-    return tuple(float(min(NEVER, max(1, ceil(value)))) for value in highest)
+    return tuple(float(min(s.NEVER, max(1, ceil(value)))) for value in highest)
 
 
 def _most_found(scenario: Scenario) -> list[int]:
     """All of each resource that lies on any of the maps, as workers bring it home. Of those who
     stand around a tile each may take its last unit.
     """
-    preset = PRESETS[scenario.preset]
-    most = [0] * NUM_RESOURCES
-    for tile, resource in enumerate(TILE_RESOURCE):
-        if resource != NO_RESOURCE:
+    preset = t.PRESETS[scenario.preset]
+    most = [0] * t.NUM_RESOURCES
+    for tile, resource in enumerate(t.TILE_RESOURCE):
+        if resource != t.NO_RESOURCE:
             num_tiles = max(int((game_map.tiles == tile).sum()) for game_map in scenario.maps)
-            units = num_tiles * (preset.tile_amount[tile] + NUM_DIRECTIONS - 1)
+            units = num_tiles * (preset.tile_amount[tile] + rb.NUM_DIRECTIONS - 1)
             most[resource] = units * preset.tile_yield[tile]
     return most
 
 
 def _starting_units(scenario: Scenario) -> tuple[int, ...]:
     """How many of each kind a player has at the start."""
-    preset, num_buildings = PRESETS[scenario.preset], NUM_KINDS - NUM_MOBILE_KINDS
+    preset, num_buildings = t.PRESETS[scenario.preset], t.NUM_KINDS - t.NUM_MOBILE_KINDS
     if scenario.army:
         return (*scenario.army, *[0] * num_buildings)
-    base = [0] * NUM_KINDS
-    base[PEASANT], base[TOWN_HALL] = preset.start_peasants, int(preset.starts_with_hall)
+    base = [0] * t.NUM_KINDS
+    base[t.PEASANT], base[t.TOWN_HALL] = preset.start_peasants, int(preset.starts_with_hall)
     return tuple(base)
 
 
@@ -156,7 +108,7 @@ def _most_enemies(scenario: Scenario) -> int:
     return scenario.num_players - min(map(teams.count, teams))
 
 
-def _for_one_gold(preset: Preset) -> tuple[float, float]:
+def _for_one_gold(preset: t.Preset) -> tuple[float, float]:
     """How many units, and how many hit points, one gold brings at most; of these repairing brings
     the most. A site that is hit and cancelled loses a tenth of its health and a quarter of its
     price, so nobody gets hit points for less.
@@ -164,7 +116,7 @@ def _for_one_gold(preset: Preset) -> tuple[float, float]:
     enabled = [kind for kind, is_enabled in enumerate(preset.is_enabled) if is_enabled]
     prices = [preset.cost_gold[kind] for kind in enabled]
     if not (all(prices) and preset.repair_percent):
-        return NEVER, NEVER  # something is free: no bound but that of the state's numbers
+        return s.NEVER, s.NEVER  # something is free: no bound but that of the state's numbers
     built = max(preset.health[kind] / preset.cost_gold[kind] for kind in enabled)
     return 1.0 / min(prices), built * max(1.0, 100.0 / preset.repair_percent)
 
@@ -173,7 +125,7 @@ def _most_lost(scenario: Scenario, num_players: int, gold: int) -> float:
     """Hit points that so many players can lose together: what they begin with, and what all the
     gold brings that they begin with and find (`gold`).
     """
-    preset = PRESETS[scenario.preset]
+    preset = t.PRESETS[scenario.preset]
     _, health = _for_one_gold(preset)
     first: int = sum(map(mul, _starting_units(scenario), preset.health))
     return num_players * (first + health * preset.start_gold) + health * gold
@@ -185,73 +137,73 @@ def _most_lost(scenario: Scenario, num_players: int, gold: int) -> float:
 @compiled
 def see_vector(world: Any, rules: Any, player: int, out: Any) -> None:
     """The economy of one seat: out float32 [V]."""
-    for resource in range(NUM_RESOURCES):
-        out[resource] = world.players[player, RESOURCES + resource]
-        out[NUM_RESOURCES + resource] = world.players[player, GATHERED + resource]
-    index = 2 * NUM_RESOURCES
-    out[index] = world.players[player, FOOD_USED]
+    for resource in range(t.NUM_RESOURCES):
+        out[resource] = world.players[player, s.RESOURCES + resource]
+        out[t.NUM_RESOURCES + resource] = world.players[player, s.GATHERED + resource]
+    index = 2 * t.NUM_RESOURCES
+    out[index] = world.players[player, s.FOOD_USED]
     out[index + 1] = food_limit(world, rules, player)
     index += 2
-    for upgrade in range(NUM_UPGRADES):
-        out[index + upgrade] = world.players[player, UPGRADES + upgrade]
-    index += NUM_UPGRADES
-    for kind in range(NUM_KINDS):
-        out[index + kind] = world.players[player, NUM_OWNED + kind]
-        out[index + NUM_KINDS + kind] = 0.0
+    for upgrade in range(t.NUM_UPGRADES):
+        out[index + upgrade] = world.players[player, s.UPGRADES + upgrade]
+    index += t.NUM_UPGRADES
+    for kind in range(t.NUM_KINDS):
+        out[index + kind] = world.players[player, s.NUM_OWNED + kind]
+        out[index + t.NUM_KINDS + kind] = 0.0
     for owner in range(rules.num_players):
         if rules.team[owner] == rules.team[player]:
             continue
-        for place in range(world.players[owner, NUM_UNITS]):
+        for place in range(world.players[owner, s.NUM_UNITS]):
             unit = int(world.roster[owner, place])
-            cell = int(world.units[unit, UNIT_CELL])
-            if world.board[OCCUPANT, cell] == unit and sees(world, rules, player, cell):
-                out[index + NUM_KINDS + world.units[unit, UNIT_KIND]] += 1.0
-    index += 2 * NUM_KINDS
-    out[index] = world.players[player, DAMAGE_DONE]
-    out[index + 1] = world.players[player, DAMAGE_TAKEN]
+            cell = int(world.units[unit, s.UNIT_CELL])
+            if world.board[s.OCCUPANT, cell] == unit and sees(world, rules, player, cell):
+                out[index + t.NUM_KINDS + world.units[unit, s.UNIT_KIND]] += 1.0
+    index += 2 * t.NUM_KINDS
+    out[index] = world.players[player, s.DAMAGE_DONE]
+    out[index + 1] = world.players[player, s.DAMAGE_TAKEN]
     out[index + 2] = score_of(world, player)
-    out[index + 3] = world.clock[TICK]
-    out[index + 4] = rules.max_ticks - world.clock[TICK]
+    out[index + 3] = world.clock[s.TICK]
+    out[index + 4] = rules.max_ticks - world.clock[s.TICK]
 
 
 @compiled
 def see_classic(world: Any, rules: Any, player: int, out: Any) -> None:
     """The original's ten planes, of this tick: out uint8 [10, H, W]."""
     out[:] = 0
-    frame = int(rules.seats[world.clock[MAP_INDEX], player, SEAT_FRAME])
+    frame = int(rules.seats[world.clock[s.MAP_INDEX], player, rb.SEAT_FRAME])
     for row in range(rules.rows):
         for column in range(rules.columns):
             cell = int(rules.world_cell[frame, row * rules.columns + column])
             tile = known_tile(world, rules, player, cell)
-            if tile != UNKNOWN:
+            if tile != s.UNKNOWN:
                 out[0, row, column] = tile + 1
-            unit = int(world.board[OCCUPANT, cell])
-            if unit == NO_UNIT or not sees(world, rules, player, cell):
+            unit = int(world.board[s.OCCUPANT, cell])
+            if unit == s.NO_UNIT or not sees(world, rules, player, cell):
                 continue
-            kind = int(world.units[unit, UNIT_KIND])
+            kind = int(world.units[unit, s.UNIT_KIND])
             out[1, row, column] = CLASSIC_SELF + side_of(rules, player, owner_of(rules, unit))
             out[2, row, column] = int(is_building(world, unit))
-            out[3, row, column] = int(kind < NUM_MOBILE_KINDS)
+            out[3, row, column] = int(kind < t.NUM_MOBILE_KINDS)
             out[4, row, column] = kind + 1
-            health = 100 * int(world.units[unit, UNIT_HEALTH])
-            out[5, row, column] = health // int(rules.kinds[kind, KIND_HEALTH])
-            out[6, row, column] = world.units[unit, UNIT_STATE] + 1
-            if world.units[unit, UNIT_CARRY_KIND] != NO_RESOURCE:
-                out[7, row, column] = min(FULL, int(world.units[unit, UNIT_CARRY]))
+            health = 100 * int(world.units[unit, s.UNIT_HEALTH])
+            out[5, row, column] = health // int(rules.kinds[kind, rb.KIND_HEALTH])
+            out[6, row, column] = world.units[unit, s.UNIT_STATE] + 1
+            if world.units[unit, s.UNIT_CARRY_KIND] != t.NO_RESOURCE:
+                out[7, row, column] = min(planes.FULL, int(world.units[unit, s.UNIT_CARRY]))
             attack = (
-                rules.kinds[kind, KIND_DAMAGE_MIN]
-                + rules.kinds[kind, KIND_DAMAGE_MAX]
-                + rules.kinds[kind, KIND_PIERCING]
+                rules.kinds[kind, rb.KIND_DAMAGE_MIN]
+                + rules.kinds[kind, rb.KIND_DAMAGE_MAX]
+                + rules.kinds[kind, rb.KIND_PIERCING]
             )
-            out[8, row, column] = min(FULL, int(attack))
-            out[9, row, column] = min(FULL, int(rules.kinds[kind, KIND_ARMOUR]))
+            out[8, row, column] = min(planes.FULL, int(attack))
+            out[9, row, column] = min(planes.FULL, int(rules.kinds[kind, rb.KIND_ARMOUR]))
 
 
 @compiled
 def observe_classic(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
     """Write the original's layers: out uint8 [B, P, 10, H, W]."""
     for index in range(first, last):
-        world = world_at(worlds, index)
+        world = s.world_at(worlds, index)
         for player in range(rules.num_players):
             see_classic(world, rules, player, out[index, player])
 
@@ -260,6 +212,6 @@ def observe_classic(worlds: Any, rules: Any, out: Any, first: int, last: int) ->
 def observe_vector(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
     """Write the economy of every seat: out float32 [B, P, V]."""
     for index in range(first, last):
-        world = world_at(worlds, index)
+        world = s.world_at(worlds, index)
         for player in range(rules.num_players):
             see_vector(world, rules, player, out[index, player])

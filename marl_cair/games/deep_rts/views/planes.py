@@ -1,28 +1,19 @@
 """The planes of Deep RTS's main representation: their names and numbers."""
 
-from marl_cair.games.deep_rts.tables import (
-    NUM_KINDS,
-    NUM_RESOURCES,
-    NUM_TILE_KINDS,
-    NUM_UPGRADES,
-    RESOURCE_NAMES,
-    TILE_NAMES,
-    UNIT_NAMES,
-    UPGRADE_NAMES,
-)
+from marl_cair.games.deep_rts import tables as t
 
 FULL = 255
 UNIFORM_NAMES = (
-    *(f"own {name}" for name in RESOURCE_NAMES),
+    *(f"own {name}" for name in t.RESOURCE_NAMES),
     "own food used",
     "own food limit",
-    *(f"own {name}" for name in UPGRADE_NAMES),
+    *(f"own {name}" for name in t.UPGRADE_NAMES),
     "time left",
 )
 PLANE_NAMES = (
-    *TILE_NAMES[1:],
+    *t.TILE_NAMES[1:],
     "resource left",
-    *UNIT_NAMES,
+    *t.UNIT_NAMES,
     "own",
     "ally",
     "enemy",
@@ -42,9 +33,9 @@ PLANE_NAMES = (
     *UNIFORM_NAMES,
 )
 FIRST_TILE = 0  # minus grass, which has no plane
-RESOURCE_LEFT = NUM_TILE_KINDS - 1
+RESOURCE_LEFT = t.NUM_TILE_KINDS - 1
 FIRST_KIND = RESOURCE_LEFT + 1
-OWN = FIRST_KIND + NUM_KINDS
+OWN = FIRST_KIND + t.NUM_KINDS
 (
     OWN,
     ALLY,
@@ -62,10 +53,10 @@ SELECTED = CARRIES + 3
 VISIBLE = SELECTED + 1
 EXPLORED = VISIBLE + 1
 FIRST_UNIFORM = EXPLORED + 1
-OWN_FOOD = FIRST_UNIFORM + NUM_RESOURCES
+OWN_FOOD = FIRST_UNIFORM + t.NUM_RESOURCES
 FOOD_LIMIT = OWN_FOOD + 1
 FIRST_UPGRADE_PLANE = FOOD_LIMIT + 1
-TIME_LEFT = FIRST_UPGRADE_PLANE + NUM_UPGRADES
+TIME_LEFT = FIRST_UPGRADE_PLANE + t.NUM_UPGRADES
 NUM_UNIFORM = len(UNIFORM_NAMES)
 
 LOG_STEP = 12.0  # levels that a doubling of a store is worth: 2**20 fits

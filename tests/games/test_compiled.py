@@ -87,6 +87,19 @@ def test_a_rule_is_kept_under_the_digest_of_its_game_and_a_helper_under_the_shar
     assert source_digest(DEEP_LINE_WARS) != source_digest()
 
 
+def test_the_digest_covers_all_that_rules_are_made_of():
+    """Every file with compiled functions, and what such a file imports of the shared modules."""
+    folder = DEEP_LINE_WARS.parent
+    games = {path.parent for path in folder.glob("*/scenarios.py")}
+    shared = {path.stem for path in compiled_module._shared_sources(folder)}
+    rules = [path for path in folder.rglob("*.py") if "\n@compiled" in path.read_text("utf-8")]
+    for path in rules:
+        assert path.parent == folder or games & set(path.parents)
+        imported = set(compiled_module._IMPORT.findall(path.read_text("utf-8")))
+        assert imported - {game.name for game in games} <= shared
+    assert len(rules) > 30
+
+
 def test_the_rules_of_another_package_are_kept_under_the_digest_of_that_package(
     tmp_path, monkeypatch
 ):

@@ -7,7 +7,7 @@ number of players, and in `make test-all` of every scenario in one of its repres
 
 import warnings
 from functools import partial
-from itertools import cycle
+from itertools import cycle, islice
 from types import SimpleNamespace
 
 import gymnasium
@@ -36,23 +36,21 @@ with warnings.catch_warnings():
         render_test,
     )
 
-# Every number of players; a game's representations are dealt to them in turn.
-QUICK_SCENARIOS = {
-    "deep_line_wars": ("10x15",),
-    "deep_rts": ("Economy-15x15", "1v1-15x15", "FFA-3-15x15", "Teams-2v2-15x15", "FFA-6-15x15"),
-    "deep_maze": (
-        "9x9-sequence",
-        "15x15-chase-2p",
-        "15x15-race-3p",
-        "15x15-chase-4p-line_of_sight",
-    ),
-    "flappy_bird": ("classic", "race-2", "race-4-windy", "race-8"),
-}
 NUM_CYCLES = 15
 
 
 def representations_of(game, scenario):
     return GAMES[game].make_spec(GAMES[game].scenario(scenario)).representations
+
+
+def list_quick(game):
+    """The first scenario for each number of players, and every representation, dealt in turn."""
+    first = {}
+    for name, scenario in GAMES[game].scenarios.items():
+        first.setdefault(GAMES[game].make_spec(scenario).num_players, name)
+    shown = list(representations_of(game, next(iter(first.values()))))
+    turns = zip(cycle(first.values()), cycle(shown), strict=False)
+    return [(game, *turn) for turn in islice(turns, max(len(first), len(shown)))]
 
 
 EVERYTHING = [
@@ -61,13 +59,7 @@ EVERYTHING = [
     for scenario in GAMES[game].scenarios
     for representation in representations_of(game, scenario)
 ]
-QUICK = [
-    (game, scenario, representation)
-    for game, scenarios in QUICK_SCENARIOS.items()
-    for scenario, representation in zip(
-        cycle(scenarios), representations_of(game, scenarios[0]), strict=False
-    )
-]
+QUICK = [case for game in GAMES for case in list_quick(game)]
 CASES = ("game", "scenario", "representation")
 EVERY = pytest.mark.parametrize(CASES, EVERYTHING)
 # Every scenario once: a game's scenarios take its representations in turn, so that each is met.
@@ -92,7 +84,7 @@ EACH = pytest.mark.parametrize(CASES, mark_slow(ONCE))
 NUMBERS = pytest.mark.parametrize(
     ("game", "scenario"),
     [
-        pytest.param(*case, marks=() if case[1] in QUICK_SCENARIOS[case[0]] else pytest.mark.slow)
+        pytest.param(*case, marks=() if case in {one[:2] for one in QUICK} else pytest.mark.slow)
         for case in dict.fromkeys(case[:2] for case in EVERYTHING)
     ],
 )
@@ -105,10 +97,8 @@ def test_the_quick_cases_have_every_representation_and_number_of_players():
     def shown(cases):
         return {(game, representation) for game, _, representation in cases}
 
-    several = [case for case in EVERYTHING if case[0] != "deep_line_wars"]  # always two play it
-    chosen = [case for case in QUICK if case[0] != "deep_line_wars"]
     assert shown(QUICK) == shown(EVERYTHING)
-    assert counts(chosen) == counts(several)
+    assert counts(QUICK) == counts(EVERYTHING)
 
 
 # --- PettingZoo --------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from marl_cair.league.report.replays import Replay
 from marl_cair.league.report.sections import make_report
 from marl_cair.league.store.records import AgentRecord
 from tests.league.leagues import EDGES, make, make_games
-from tests.league.test_html import unrated
+from tests.league.report.test_render import unrated
 
 NEEDED = "MARL_CAIR_NEEDS_BROWSER"  # set by .ci/run: there one that is missing is a failure
 if NEEDED in os.environ:

@@ -133,7 +133,7 @@ def test_nobody_waits_for_a_pipe_that_an_escaped_process_holds(tmp_path):
 @linux_only
 def test_agents_end_with_a_program_that_is_killed(tmp_path):
     script = (
-        "import os, signal, sys; from tests.league.test_process import load;"
+        "import os, signal, sys; from tests.league.agents.test_process import load;"
         "agent = load('good'); print(agent._agent._line._process.pid, flush=True);"
         "os.kill(os.getpid(), signal.SIGKILL)"
     )

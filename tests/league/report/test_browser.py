@@ -9,12 +9,12 @@ import pytest
 from marl_cair.league.play.film import SMALL, shrink, write_film
 from marl_cair.league.ratings.shares import Share
 from marl_cair.league.report.background import Background
-from marl_cair.league.report.html import write_page
+from marl_cair.league.report.render import render_html
 from marl_cair.league.report.replays import Replay
 from marl_cair.league.report.sections import make_report
 from marl_cair.league.store.records import AgentRecord
 from tests.league.leagues import EDGES, make, make_games
-from tests.league.test_html import unrated
+from tests.league.report.test_render import unrated
 
 NEEDED = "MARL_CAIR_NEEDS_BROWSER"  # set by .ci/run: there one that is missing is a failure
 if NEEDED in os.environ:
@@ -101,7 +101,7 @@ def page_file(tmp_path_factory):
     )
     table = make({**EDGES, (0, 1): 20}, NAMES, repeats=4, forfeits=(("it " * 99, 3),))
     path = folder / "report.html"
-    path.write_text(write_page(make_report(table, background)), "utf-8")
+    path.write_text(render_html(make_report(table, background)), "utf-8")
     return path
 
 
@@ -109,7 +109,7 @@ def page_file(tmp_path_factory):
 def bare_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("bare") / "report.html"
     table = unrated(["a", "b", "c", "d"], make_games({(0, 1): 25, (2, 3): 25}))
-    path.write_text(write_page(make_report(table)), "utf-8")
+    path.write_text(render_html(make_report(table)), "utf-8")
     return path
 
 

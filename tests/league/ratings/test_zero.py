@@ -9,7 +9,7 @@ from tests.league.paper_games import (
     simulate,
     sweep,
 )
-from tests.league.test_ratings import by_name
+from tests.league.ratings.test_rate import by_name
 
 
 def test_an_agent_that_is_named_is_the_zero_of_ratings_and_intervals():

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from marl_cair.games.randomness import episode_seeds
-
 SCHEMA_VERSION = 4
 # A block is in the file with all its games or not at all: each chunk is one transaction.
 TABLES = """
@@ -152,6 +150,8 @@ def _migrate_2(database: sqlite3.Connection, settings: Mapping[str, Any]) -> Non
     teams = list(settings["team_of_seat"])
     create_tables(database, {**settings, **meta})
     version = str(meta["game_version"])
+    from marl_cair.games.randomness import episode_seeds  # compiled: numba takes a second
+
     database.executemany(
         "INSERT INTO agent VALUES (?, ?, ?, 'unknown', 'unknown', ?, '{}')",
         [(*agent, version) for agent in agents],

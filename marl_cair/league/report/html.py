@@ -27,7 +27,7 @@ def write_page(report: Report) -> str:
     table = report.table
     axis = find_axis(table)
     environment = Environment(
-        loader=PackageLoader("marl_cair.league"),
+        loader=PackageLoader("marl_cair.league.report"),
         autoescape=True,
         undefined=StrictUndefined,
         finalize=clean_value,

@@ -79,8 +79,8 @@ def imported_by(words, watched):
     ],
 )
 def test_help_imports_no_library_that_takes_seconds(command):
-    # Defaults and choices of training are those of the games, whose rules are numba's.
-    of_games = command in ("train", "league train", "league psro", "compile")
+    # Defaults of a league are checked by the games, whose rules are numba's.
+    of_games = command in ("league train", "league psro", "compile")
     watched = HEAVY if of_games else (*HEAVY, "scipy", "numba")
     assert imported_by([*command.split(), "--help"], watched) == "[]"
 

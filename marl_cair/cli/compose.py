@@ -17,7 +17,6 @@ from contextlib import contextmanager
 from importlib.resources import files
 from typing import Any, NamedTuple
 
-from marl_cair.cli.options import list_options
 from marl_cair.cli.parser import refuse_repeats
 from marl_cair.games import GAMES
 from marl_cair.generative import GENERATORS
@@ -26,6 +25,7 @@ from marl_cair.policies import NETWORKS
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.training.settings.config import RENAMED_OPTIONS, TrainConfig
 from marl_cair.training.settings.config_file import build_config, build_value
+from marl_cair.training.settings.options import list_options
 
 SHORTHANDS = {
     "scenario": "game.scenario",

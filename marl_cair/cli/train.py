@@ -18,13 +18,13 @@ from marl_cair.cli.compose import (
     read_value,
     run_hydra,
 )
-from marl_cair.cli.options import list_options
 from marl_cair.cli.parser import refuse_repeats
 from marl_cair.files import find_folder
 from marl_cair.lookup import find_by_name
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import CONFIG_FILE, ENDS, build_value, load_config
+from marl_cair.training.settings.options import list_options
 
 _ALLOW_CODE = "allow_code"
 

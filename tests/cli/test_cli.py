@@ -20,12 +20,12 @@ from marl_cair.cli.compose import (
     list_opponents,
     run_hydra,
 )
-from marl_cair.cli.options import list_options
 from marl_cair.cli.train import describe_options
 from marl_cair.games import GAMES
 from marl_cair.lookup import UnknownNameError
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.training.settings.config_file import build_config, load_config, save_config
+from marl_cair.training.settings.options import list_options
 from tests.refusals import assert_refused
 
 SMALL = (

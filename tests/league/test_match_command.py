@@ -142,7 +142,7 @@ def test_evaluate_plays_games_of_many_in_whole_blocks(capsys):
 
 
 def test_evaluate_counts_games_that_repeat_others_once(capsys):
-    words = ["--against", "idle", "--games", "12", "--scenario", "ffa-3", "--option", "gain=0"]
+    words = ["--against", "idle", "--games", "12", "--scenario", "ffa-3", "--set", "gain=0"]
     told = tell(capsys, "evaluate", "finisher", *words)
     assert "idle         3      3      0      0  100.0% [43.9%, 100.0%]" in told
     assert "(9 more repeat them, move by move, and do not count)" in told

@@ -27,7 +27,7 @@ MIXTURE_OUT = "runs/mixture"
 
 def add(arguments: Sequence[str]) -> int:
     """New agents play all agents of a league; the others do not play again."""
-    options = _make_add_parser().parse_args(arguments)
+    options = make_add_parser().parse_args(arguments)
     from marl_cair.league.extend import list_fingerprints, plan_extension
     from marl_cair.league.league import run_league
 
@@ -42,7 +42,8 @@ def add(arguments: Sequence[str]) -> int:
     return print_league(run_league(config, load))
 
 
-def _make_add_parser() -> Parser:
+def make_add_parser() -> Parser:
+    """The options of `league add`."""
     parser = Parser("marl-cair league add", description=add.__doc__)
     parser.add_argument(
         "agents",
@@ -72,7 +73,7 @@ def mix(arguments: Sequence[str]) -> int:
     to beat. Its weights have the highest possible least score against any agent of the league, and
     are as even as that allows.
     """
-    options = _make_mix_parser().parse_intermixed_args(arguments)
+    options = make_mix_parser().parse_intermixed_args(arguments)
     from marl_cair.league.mixing import describe_mixture, mix_league
 
     found = mix_league(Path(options.folder), options.agents, options.slack)
@@ -81,7 +82,8 @@ def mix(arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
-def _make_mix_parser() -> Parser:
+def make_mix_parser() -> Parser:
+    """The options of `league mix`."""
     parser = Parser(
         "marl-cair league mix",
         description=mix.__doc__,

@@ -80,7 +80,8 @@ def add_fields(parser: argparse.ArgumentParser, more: str = "") -> None:
         action="append",
         default=[],
         metavar="FIELD=VALUE",
-        help=f"change a field of the scenario, for example max_ticks=500; repeatable{more}",
+        help=f"change a field of the scenario, for example max_ticks=500{more}; repeatable "
+        "(default: none)",
     )
 
 

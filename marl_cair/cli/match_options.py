@@ -100,7 +100,7 @@ def read_fields(game: Game, scenario: Any, words: Sequence[str]) -> dict[str, An
         if name == "reward":
             raise ValueError(f"--set {word}: leave it out, the rated reward is used")
         changes[name] = read_value(word)
-    return read_options(game.name, scenario, changes, "--set")
+    return read_options(game.name, scenario, changes, "scenario")
 
 
 def change_fields(

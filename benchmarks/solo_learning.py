@@ -89,7 +89,7 @@ def rate(run: Path, task: Task, games: int) -> dict[str, Mapping[str, str]]:
     if not table.exists():
         words = [str(run / task.agent), "--games", str(games), "--seed", str(UNSEEN_SEED)]
         words += ["--against", "--out", str(table)]
-        words += ["--option", *task.options] if task.options else []
+        words += [f"--set={option}" for option in task.options]
         if code := marl_cair(["evaluate", *words]):
             sys.exit(code)
     with table.open(encoding="utf-8", newline="") as file:

@@ -4,9 +4,9 @@ import sys
 from dataclasses import fields
 
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED, EXIT_REFUSED
-from marl_cair.cli.options import read_comments
 from marl_cair.cli.parser import Parser
 from marl_cair.training.demo import NEXT, DemoSettings, run_demo
+from marl_cair.training.settings.options import read_comments
 
 
 def main() -> int:

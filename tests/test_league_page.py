@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from marl_cair.cli import add, exploit, main, mix
+from marl_cair.cli import exploit, main
 from marl_cair.cli.league import make_parser
+from marl_cair.cli.league_members import make_add_parser, make_mix_parser
 
 PAGE = (Path(__file__).parents[1] / "docs/league.md").read_text("utf-8")
 COMMANDS = [
@@ -17,7 +18,7 @@ COMMANDS = [
     if line
 ]
 (BOT,) = re.findall(r"as `(bots/\w+\.py)`:\n\n```python\n(.*?)```", PAGE, re.DOTALL)
-SUBCOMMANDS = {"add": add.make_parser, "mix": mix.make_parser, "exploit": exploit.make_parser}
+SUBCOMMANDS = {"add": make_add_parser, "mix": make_mix_parser, "exploit": exploit.make_parser}
 FOLDERS = ("status", "report", "export")  # sub-commands of a folder that was played
 # What takes an hour as it stands on the page takes seconds with these behind it.
 SHORT = {

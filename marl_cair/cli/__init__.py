@@ -8,20 +8,26 @@ from importlib import import_module
 
 from marl_cair import __version__
 from marl_cair.interrupts import interrupts_raised
-from marl_cair.lookup import find_by_name
+from marl_cair.lookup import check_name
 from marl_cair.text import clean_text
 
-# name -> (module of this package with `run(arguments) -> exit code`, what it does)
-COMMANDS: dict[str, tuple[str, str]] = {
-    "train": ("train", "train an agent against bots, itself and its past selves"),
-    "curves": ("curves", "learning curves of training runs as one picture"),
-    "evaluate": ("evaluate", "win rates of one agent against others, with 95 % intervals"),
-    "match": ("match", "compare two agents in any scenario, of one seat or many"),
-    "league": ("league", "rate any set of agents by a round-robin, with 95 % intervals"),
-    "verify": ("verify", "check the stored files of a run, an agent, a mixture or a league"),
-    "games": ("games", "list games, scenarios, representations, actions and bots"),
-    "compile": ("compile", "compile the rules of games now, for images and clusters"),
-    "benchmark": ("benchmark", "run the speed measurements of a source checkout"),
+# Modules of this package with `run(arguments) -> exit code`.
+COMMANDS = (
+    *("train", "curves", "evaluate", "match", "league"),
+    *("games", "verify", "compile", "benchmark"),
+)
+# What people do, in order: the words of the command, and what it does.
+TASKS = {
+    "games": "list games, scenarios, representations, actions and bots",
+    "train": "train an agent against bots, itself and its past selves",
+    "train --multirun": "train one agent for each combination of values: seeds, networks",
+    "train resume=RUN": "continue an interrupted run",
+    "curves": "plot learning curves of training runs",
+    "evaluate": "win rates of one agent against others, with 95 % intervals",
+    "match": "compare two agents in any scenario",
+    "league": "rate agents by a round-robin, with 95 % intervals",
+    "league train": "train a population of agents (league psro: best responses in turn)",
+    "league exploit": "train against one agent: how far can it be exploited?",
 }
 EXIT_DONE, EXIT_DAMAGED, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 1, 2, 130
 
@@ -39,8 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.write(f"marl_cair {__version__}\n")
         return EXIT_DONE
     try:
-        module, _ = find_by_name("command", arguments[0], COMMANDS)
-        run: Callable[[list[str]], int] = import_module(f"marl_cair.cli.{module}").run
+        check_name("command", arguments[0], COMMANDS)
+        run: Callable[[list[str]], int] = import_module(f"marl_cair.cli.{arguments[0]}").run
         with interrupts_raised():
             return run(arguments[1:])
     except KeyboardInterrupt:
@@ -62,6 +68,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def describe_commands() -> str:
     """The text of `marl-cair --help`."""
     lines = ["usage: marl-cair COMMAND [options]", ""]
-    lines += [f"  {name:10} {text}" for name, (_, text) in COMMANDS.items()]
-    lines += ["", "marl-cair COMMAND --help tells all options; marl-cair --version the version."]
+    width = max(map(len, TASKS))
+    lines += [f"  {task:{width}}  {text}" for task, text in TASKS.items()]
+    others = (name for name in COMMANDS if not any(name in task.split() for task in TASKS))
+    lines += ["", f"  other commands: {', '.join(others)}"]
+    lines += [
+        "",
+        "marl-cair COMMAND --help lists all options, marl-cair --version prints the version.",
+    ]
     return "\n".join(lines) + "\n"

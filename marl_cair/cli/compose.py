@@ -1,22 +1,31 @@
-"""`compose_config`: command-line words -> TrainConfig, by Hydra, refusing what is misspelt."""
+"""The Hydra application of `marl-cair train`: command-line words -> configurations.
+
+Hydra composes `marl_cair/conf/train.yaml` on structured configs that are derived from the settings'
+dataclasses. It writes nothing and changes no folder: training starts when all jobs are composed.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import os
+import re
+import sys
+import tempfile
 import typing
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.resources import files
+from typing import Any, NamedTuple
 
-from marl_cair.cli.options import list_options
 from marl_cair.cli.parser import refuse_repeats
 from marl_cair.games import GAMES
 from marl_cair.generative import GENERATORS
 from marl_cair.lookup import find_by_name
 from marl_cair.policies import NETWORKS
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
-from marl_cair.training.settings.config import NO_GENERATOR, SELF_PLAY, TrainConfig
-from marl_cair.training.settings.config_file import build_config, to_plain
-from marl_cair.training.settings.recipes import RECIPES
+from marl_cair.training.settings.config import RENAMED_OPTIONS, TrainConfig
+from marl_cair.training.settings.config_file import build_config, build_value
+from marl_cair.training.settings.options import list_options
 
 SHORTHANDS = {
     "scenario": "game.scenario",
@@ -27,35 +36,17 @@ SHORTHANDS = {
     "map": "game.options.map",
     "heldout_map": "evaluation.scenarios.heldout.map",
 }
-_RECIPE = "recipe"
-# Values by names of the user's own.
-_OPEN = (
-    "game.options",
-    "opponent.mixture",
-    "opponent.warmup_mixture",
-    "opponent.agents",
-    "demonstration.agents",
-    "evaluation.options",
-    "evaluation.scenarios",
-)
-_ROOT = "marl_cair_train"
+GROUPS = ("game", "policy", "opponent", "generator", "recipe")
+CONF = files("marl_cair") / "conf"
+_IN_GROUPS = ("opponent.mixture",)  # the group `opponent` sets it
+_WHOLE_NUMBERS = re.compile(r"\d+(\.\d+)?e\+?\d+", re.IGNORECASE)
 
 
-def list_groups() -> dict[str, dict[str, dict[str, Any]]]:
-    """Group -> choice -> the settings that the choice changes: `policy=capsule` and the like."""
-    games = GAMES.ask_each(lambda game: (game.default_scenario, tuple(game.bots)))
-    bots = {name: None for _, names in games.values() for name in names}
-    opponents: dict[str, dict[str, Any]] = {"self_play": {"mixture": SELF_PLAY}}
-    for name in (*(name for name in SAMPLERS if name not in LEAGUE_SAMPLERS), *bots):
-        opponents[name] = {"mixture": {name: 1.0}}
-    return {
-        "game": {
-            name: {"name": name, "scenario": scenario} for name, (scenario, _) in games.items()
-        },
-        "policy": {name: {"body": name} for name in NETWORKS},
-        "opponent": opponents,
-        "generator": {name: {"name": name} for name in (*GENERATORS, NO_GENERATOR)},
-    }
+class Job(NamedTuple):
+    """One configuration of a command; `name` is of the swept options, "" where none is swept."""
+
+    config: TrainConfig
+    name: str
 
 
 def compose_config(words: Sequence[str]) -> TrainConfig:
@@ -65,60 +56,120 @@ def compose_config(words: Sequence[str]) -> TrainConfig:
         UnknownNameError: an option or choice that does not exist; names the nearest.
         ValueError: a word that is no `name=value`, or a value that is not allowed.
     """
-    from hydra import compose, initialize
-    from hydra.core.global_hydra import GlobalHydra
+    (job,) = run_hydra(words)
+    return job.config
+
+
+def run_hydra(arguments: Sequence[str]) -> list[Job]:
+    """Run the Hydra application on words and Hydra's own flags; the jobs that it composed.
+
+    Raises as `compose_config`, and SystemExit after `--help`, or for an unknown flag.
+    """
+    import hydra
+    from hydra.core.hydra_config import HydraConfig
     from hydra.errors import HydraException
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
+    flags, words = _split_flags(arguments)
     refuse_repeats(words, [full_name(word) for word in words])
-    words = expand_recipe(words)
-    overrides = [_read_word(word) for word in words]
-    _register()
+    register(words)
+    composed: list[tuple[Any, list[str]]] = []
+
+    def collect(config: Any) -> None:
+        overrides = HydraConfig.get().overrides.task
+        composed.append((OmegaConf.to_container(config, resolve=True), list(overrides)))
+
+    application = hydra.main("pkg://marl_cair.conf", "train", version_base="1.3")(collect)
+    with tempfile.TemporaryDirectory() as scratch:  # Hydra's record of a sweep
+        rewritten = [*rewrite(words), f"hydra.sweep.dir={scratch}"]
+        try:
+            with _hydra_arguments([*flags, *rewritten]):
+                application()
+        except (HydraException, OmegaConfBaseException) as error:
+            _explain(words, error)
+    varied = [set(words) for _, words in composed]
+    common = set.intersection(*varied) if varied else set()
+    return [
+        Job(build_config(values), _name_job(w for w in words if w not in common))
+        for values, words in composed
+    ]
+
+
+def _split_flags(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Hydra's flags with their values, and the words `name=value`."""
+    flags: list[str] = []
+    words: list[str] = []
+    known = {option.path for option in list_options()} | {*SHORTHANDS, *GROUPS}
+    for argument in arguments:
+        name, equals, value = argument.lstrip("-").partition("=")
+        if argument.startswith("--") and name.replace("-", "_") in known:
+            raise ValueError(
+                f"{argument}: settings of training have no dashes: write "
+                f"{name.replace('-', '_')}={value if equals else '...'}"
+            )
+        takes_value = bool(flags) and flags[-1] in _FLAGS_WITH_VALUE
+        (flags if argument.startswith("-") or takes_value else words).append(argument)
+    return flags, words
+
+
+_FLAGS_WITH_VALUE = (
+    "--cfg",
+    "-c",
+    "--package",
+    "-p",
+    "--config-dir",
+    "-cd",
+    "--config-name",
+    "-cn",
+)
+
+
+@contextmanager
+def _hydra_arguments(arguments: list[str]) -> Iterator[None]:
+    """Hydra reads sys.argv, and raises instead of printing where HYDRA_FULL_ERROR is 1."""
+    kept, full = sys.argv, os.environ.get("HYDRA_FULL_ERROR")
+    sys.argv, os.environ["HYDRA_FULL_ERROR"] = ["marl-cair train", *arguments], "1"
     try:
-        GlobalHydra.instance().clear()
-        with initialize(version_base="1.3", config_path=None):
-            composed = compose(_ROOT, overrides=overrides)
-        values = typing.cast(dict[str, Any], OmegaConf.to_container(composed, resolve=True))
-        _replace_mixtures(values, words)
-    except (HydraException, OmegaConfBaseException) as error:
-        raise ValueError(f"{' '.join(words)}: {str(error).strip().splitlines()[0]}") from error
-    return build_config(values)
+        yield
+    finally:
+        sys.argv = kept
+        os.environ.pop("HYDRA_FULL_ERROR")
+        if full is not None:
+            os.environ["HYDRA_FULL_ERROR"] = full
 
 
-def expand_recipe(words: Sequence[str]) -> list[str]:
-    """`recipe=NAME` gives way to the recipe's words, less those whose option or group is given.
+def rewrite(words: Sequence[str]) -> list[str]:
+    """Words as Hydra takes them: shorthands in full, 1e6 as a whole number, new keys of mappings
+    without `+`.
 
-    Raises:
-        UnknownNameError: no such recipe; names the nearest.
+    A mapping that is given whole replaces its default, which Hydra would merge with it: it is set
+    to null before.
     """
-    named = [word.partition("=")[2] for word in words if word.partition("=")[0] == _RECIPE]
-    rest = [word for word in words if word.partition("=")[0] != _RECIPE]
-    if not named:
-        return rest
-    return override(find_by_name("recipe", named[0], RECIPES).words, rest)
+    mappings = [o.path for o in list_options() if typing.get_origin(o.kind) is dict]
+    whole: list[str] = []
+    single: list[str] = []
+    for word in words:
+        name, (_, equals, value) = full_name(word), word.partition("=")
+        text = f"{name}{equals}{','.join(map(_as_whole_number, value.split(',')))}"
+        if name in mappings:
+            whole += [f"++{name}=null", text]
+        else:
+            is_new = any(name.startswith(f"{mapping}.") for mapping in mappings)
+            single.append(f"++{text}" if is_new else text)
+    return [*whole, *single]
+
+
+def _as_whole_number(text: str) -> str:
+    if _WHOLE_NUMBERS.fullmatch(text) and float(text).is_integer():
+        return str(int(float(text)))
+    return text
 
 
 def override(defaults: Iterable[str], words: Sequence[str]) -> list[str]:
     """`words`, and before them those of `defaults` whose option or group they do not set."""
-    given = {name for word in words for name in _find_set_options(word)}
-    chosen = {full_name(word) for word in words}
-    kept = [
-        word
-        for word in defaults
-        if full_name(word) not in chosen
-        and not any(f"{full_name(word)}.".startswith(f"{name}.") for name in given)
-    ]
-    return [*kept, *words]
-
-
-def _find_set_options(word: str) -> list[str]:
-    """The options that a word sets: of a group, those that its choice changes."""
-    name, choice = full_name(word), word.partition("=")[2]
-    groups = list_groups()
-    if name not in groups:
-        return [name]
-    return [f"{name}.{option}" for option in groups[name].get(choice, ())]
+    given = {full_name(word) for word in words}
+    return [*(word for word in defaults if full_name(word) not in given), *words]
 
 
 def full_name(word: str) -> str:
@@ -138,57 +189,124 @@ def read_value(word: str) -> Any:
         raise ValueError(f"{word}: {str(error).strip().splitlines()[0]}") from error
 
 
-def _read_word(word: str) -> str:
-    """A word as Hydra takes it, its name checked."""
-    _, equals, value = word.partition("=")
-    if not equals:
-        raise ValueError(f"{word!r} is no option: write name=value, for example seed=3")
-    name = full_name(word)
-    groups = list_groups()
-    if name in groups:
-        find_by_name(f"{name} (marl-cair train {name}=...)", value, groups[name])
-        return f"{name}={value}"
-    for mapping in _OPEN:
-        if name == mapping or name.startswith(f"{mapping}."):
-            return f"++{name}={value}"
-    known = {option.path: None for option in list_options()} | dict.fromkeys(SHORTHANDS)
-    find_by_name("option", name, known | dict.fromkeys([*groups, _RECIPE]))
-    return f"{name}={value}"
+def list_choices(group: str) -> list[str]:
+    """The YAML files of a group, less the shared parts of others."""
+    names = [entry.name for entry in (CONF / group).iterdir() if entry.name.endswith(".yaml")]
+    return sorted(name[: -len(".yaml")] for name in names if not name.startswith("_"))
 
 
-def _register() -> None:
-    """Tell Hydra the defaults and the choices of each group."""
+def read_about(recipe: str) -> str:
+    """What a recipe is for: its second line, below Hydra's own."""
+    return (CONF / "recipe" / f"{recipe}.yaml").read_text("utf-8").splitlines()[1].lstrip("# ")
+
+
+def register(words: Sequence[str]) -> None:
+    """Store the structured configs, and choices of `words` that have no file: a bot or a sampler
+    as `opponent`, a game of an installed package.
+    """
     from hydra.core.config_store import ConfigStore
 
     store = ConfigStore.instance()
-    defaults = to_plain(dataclasses.asdict(TrainConfig()))
-    groups = list_groups()
-    for group, choices in groups.items():
-        base = defaults.pop(group)
-        for choice, changes in choices.items():
-            # Mixtures and options are open dictionaries, so nothing here is closed to new keys;
-            # misspelt options were refused before.
-            store.store(name=choice, node={**base, **changes}, group=group)
-    order: list[Any] = [{group: next(iter(choices))} for group, choices in groups.items()]
-    store.store(name=_ROOT, node={"defaults": [*order, "_self_"], **defaults})
-
-
-def _replace_mixtures(values: dict[str, Any], words: Sequence[str]) -> None:
-    """A mixture that is given whole takes the place of the preset's, which Hydra would merge;
-    single weights beside it change it.
-    """
-    names = [word.partition("=")[0] for word in words]
+    store.store(name="settings", node=make_schema(TrainConfig))
     for word in words:
-        name, _, text = word.partition("=")
-        if name in ("opponent.mixture", "opponent.warmup_mixture"):
-            given = read_value(f"{name}={text}")
-            if not isinstance(given, dict):
-                raise ValueError(f"{word}: write weights by name, for example {name}={{random:1}}")
-            mixture = values["opponent"][name.partition(".")[2]]
-            single = [
-                other.removeprefix(f"{name}.") for other in names if other.startswith(f"{name}.")
-            ]
-            values["opponent"][name.partition(".")[2]] = {
-                **{str(key): given[key] for key in given},
-                **{who: mixture[who] for who in single},
-            }
+        group, _, choices = word.partition("=")
+        for choice in choices.split(",") if group in _MORE_CHOICES else ():
+            if choice not in list_choices(group):
+                more = _MORE_CHOICES[group]()
+                if choice in more:
+                    store.store(group=group, name=choice, node=more[choice])
+
+
+def list_opponents() -> dict[str, dict[str, Any]]:
+    """Settings of the group `opponent` by bot or sampler: it alone."""
+    bots = {
+        name for names in GAMES.ask_each(lambda game: tuple(game.bots)).values() for name in names
+    }
+    names = [*(name for name in SAMPLERS if name not in LEAGUE_SAMPLERS), *sorted(bots)]
+    return {name: {"mixture": {name: 1.0}} for name in names}
+
+
+def list_games() -> dict[str, dict[str, Any]]:
+    """Settings of the group `game` by name."""
+    scenarios = GAMES.ask_each(lambda game: game.default_scenario)
+    return {name: {"name": name, "scenario": scenario} for name, scenario in scenarios.items()}
+
+
+_MORE_CHOICES: dict[str, Callable[[], Mapping[str, dict[str, Any]]]] = {
+    "game": list_games,
+    "opponent": list_opponents,
+    "policy": lambda: {name: {"body": name} for name in NETWORKS},
+    "generator": lambda: {name: {"name": name} for name in GENERATORS},
+}
+
+
+def make_schema(owner: type, prefix: str = "") -> type:
+    """A dataclass as OmegaConf takes it: not frozen, no tuples, numbers as they are written."""
+    hints = typing.get_type_hints(owner)
+    fields: list[Any] = []
+    for item in dataclasses.fields(owner):
+        kind, path = hints[item.name], f"{prefix}{item.name}"
+        if dataclasses.is_dataclass(kind) and isinstance(kind, type):
+            below = make_schema(kind, f"{path}.")
+            fields.append((item.name, below, dataclasses.field(default_factory=below)))
+            continue
+        make = item.default_factory
+        default = item.default if make is dataclasses.MISSING else make()
+        if path in _IN_GROUPS:
+            default = {}
+        default = list(default) if isinstance(default, tuple) else default
+        fields.append(_make_field(item.name, kind, default))
+    return dataclasses.make_dataclass(owner.__name__, fields)
+
+
+def _make_field(name: str, kind: Any, default: Any) -> tuple[str, Any, Any]:
+    origin = typing.get_origin(kind)
+    if origin is dict:
+        kind = Any  # one that is given whole is set to null first
+    elif origin is tuple:
+        kind = list[Any]
+    elif kind is int:
+        kind = int | float
+    elif kind == int | None:
+        kind = int | float | None
+    return name, kind, dataclasses.field(default_factory=lambda: default)
+
+
+def _name_job(words: Iterable[str]) -> str:
+    """A folder's name for the options that differ between jobs, as Hydra's grammar reads it."""
+    return "_".join(re.sub(r"[^\w.+-]+", "-", word.lstrip("+")) for word in words)
+
+
+def _explain(words: Sequence[str], error: Exception) -> typing.NoReturn:
+    """Raise what is wrong in our own words: the first unknown name or value of another kind."""
+    if "Ambiguous value" in f"{error}":
+        raise ValueError(
+            f"{' '.join(words)}: several values for one option need --multirun; write a list as "
+            "[a,b]"
+        ) from error
+    options = {option.path: option for option in list_options()}
+    for word in words:
+        name, equals, value = word.partition("=")
+        if not equals:
+            raise ValueError(
+                f"{word!r} is no option: write name=value, for example seed=3"
+            ) from error
+        name = full_name(word)
+        if name in GROUPS:
+            more = _MORE_CHOICES.get(name, dict)()
+            known = dict.fromkeys([*list_choices(name), *more])
+            for choice in value.split(","):
+                find_by_name(f"{name} (marl-cair train {name}=...)", choice, known)
+            continue
+        group, _, last = name.rpartition(".")
+        if group == "opponent" and last in RENAMED_OPTIONS:
+            raise ValueError(f"{name} is called {group}.{RENAMED_OPTIONS[last]} now") from error
+        kinds = [path for path in options if name == path or name.startswith(f"{path}.")]
+        find_by_name(
+            "option",
+            kinds[0] if kinds else name,
+            {**options, **dict.fromkeys([*SHORTHANDS, *GROUPS])},
+        )
+        if name in options:
+            build_value(options[name].kind, read_value(word), name)
+    raise ValueError(f"{' '.join(words)}: {str(error).strip().splitlines()[0]}") from error

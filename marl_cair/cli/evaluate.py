@@ -17,9 +17,15 @@ from typing import Any
 import numpy as np
 
 from marl_cair.cli import EXIT_DONE
-from marl_cair.cli.compose import read_value
-from marl_cair.cli.match_options import add_match_options, choose_load, round_games
-from marl_cair.cli.parser import Parser, refuse_repeats
+from marl_cair.cli.match_options import (
+    add_fields,
+    add_match_options,
+    choose_load,
+    read_fields,
+    round_games,
+    update_words,
+)
+from marl_cair.cli.parser import Parser
 from marl_cair.files import write_atomically
 from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.game import Game
@@ -28,7 +34,6 @@ from marl_cair.league.play.match import MatchResult, play_match, require_rivals
 from marl_cair.league.play.solo import play_alone
 from marl_cair.league.ratings.intervals import mean_interval, median_interval, win_rate_interval
 from marl_cair.text import clean_cell
-from marl_cair.training.settings.config_file import read_options
 
 COLUMNS = ("opponent", "games", "wins", "draws", "losses", "win_rate", "low", "high")
 _OF_MEDIAN = ("median", "median_low", "median_high")
@@ -37,7 +42,7 @@ ALONE_COLUMNS = ("agent", "number", "games", "mean", "low", "high", *_OF_MEDIAN)
 
 def run(arguments: Sequence[str]) -> int:
     """Play and print a table, each row as soon as it is played; returns the exit code."""
-    options = make_parser().parse_args(arguments)
+    options = make_parser().parse_args(update_words("evaluate", arguments))
     if options.out and Path(options.out).is_dir():
         raise IsADirectoryError(f"--out {options.out} is a folder: give the name of a CSV file")
     twice = {name for name in options.against if options.against.count(name) > 1}
@@ -45,11 +50,8 @@ def run(arguments: Sequence[str]) -> int:
         raise ValueError(f"{', '.join(sorted(twice))} is given twice: name each opponent once")
     game, name, scenario_options = find_scenario([options.agent], options.game, options.scenario)
     scenario = game.scenario(name, **{**scenario_options, "reward": game.rated_reward})
-    refuse_repeats(options.option)
-    changes = {word.partition("=")[0]: read_value(word) for word in options.option}
-    scenario = change_scenario(
-        game.name, scenario, read_options(game.name, scenario, changes, "--option")
-    )
+    changes = read_fields(game, scenario, options.fields)
+    scenario = change_scenario(game.name, scenario, changes)
     columns: tuple[str, ...]
     if game.make_spec(scenario).num_teams == 1:
         columns, rows = ALONE_COLUMNS, _rate_alone(options, game, name, scenario)
@@ -162,13 +164,7 @@ def make_parser() -> Parser:
         default=["random"],
         help="agents as the first, that it is rated against (default: random)",
     )
-    parser.add_argument(
-        "--option",
-        nargs="+",
-        default=[],
-        metavar="FIELD=VALUE",
-        help="fields of the scenario to change, for example max_ticks=40000 (default: none)",
-    )
+    add_fields(parser)
     add_match_options(parser, 500, "against each", "agent", "a bot")
     parser.add_argument("--out", help="CSV file to write the table to (default: none is written)")
     return parser

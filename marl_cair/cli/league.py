@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.match_options import (
+    DEFAULT_OUT,
+    add_fields,
     add_match_options,
     add_no_replays,
     add_workers,
+    change_fields,
     choose_load,
     expand_agents,
+    format_command,
+    print_league,
     read_seconds,
 )
 from marl_cair.cli.parser import Parser
@@ -23,12 +26,9 @@ from marl_cair.league.agents.run_folders import MOST_SNAPSHOTS
 from marl_cair.league.play.blocks import SEATINGS
 from marl_cair.league.store.export import FORMATS, QUERIES, export_league
 from marl_cair.league.store.store import STORE_FILE, LeagueStore
+from marl_cair.lookup import LazyTable
 from marl_cair.text import clean_text
 
-if TYPE_CHECKING:
-    from marl_cair.league.report.report import LeagueResult
-
-DEFAULT_OUT = "runs/league"
 GAMES_PER_PAIR = 40
 MOST_GAMES_PER_PAIR = 2_000  # of the adaptive schedule
 
@@ -43,7 +43,8 @@ def run(arguments: Sequence[str]) -> int:
     found = expand_agents([*options.agents, *options.ladder])
     agents, ladder = found.list_agents(options.agents), found.list_agents(options.ladder)
     everyone = [*agents, *ladder]
-    game, scenario, scenario_options = find_scenario(everyone, options.game, options.scenario)
+    game, scenario, fields = find_scenario(everyone, options.game, options.scenario)
+    fields = change_fields(game, scenario, fields, options.fields)
     max_seconds = _read_time(options.time)
     is_adaptive = options.ci > 0.0 or max_seconds > 0.0
     games = (
@@ -56,7 +57,7 @@ def run(arguments: Sequence[str]) -> int:
             agents=agents,
             game=game.name,
             scenario=scenario,
-            scenario_options=scenario_options,
+            scenario_options=fields,
             games_per_pair=games,
             seed=options.seed,
             out=options.out,
@@ -67,11 +68,11 @@ def run(arguments: Sequence[str]) -> int:
             max_seconds=max_seconds,
             replays=not options.no_replays,
             zero=options.zero,
-            command=tell_command("league", arguments),
+            command=format_command("league", arguments),
         ),
         choose_load(options),
     )
-    return tell(result)
+    return print_league(result)
 
 
 def report(arguments: Sequence[str]) -> int:
@@ -89,31 +90,12 @@ def report(arguments: Sequence[str]) -> int:
     replays = not options.no_replays
     from marl_cair.league.report.report import report_stored
 
-    return tell(report_stored(Path(options.out), options.alpha_rank, replays, options.zero))
+    return print_league(report_stored(Path(options.out), options.alpha_rank, replays, options.zero))
 
 
-def tell(result: LeagueResult) -> int:
-    """Print what a league found; returns the exit code."""
-    from marl_cair.league.report.files import FILES
-
-    page, *others = FILES
-    sys.stdout.write(
-        f"{result.text}\nThe report is {result.folder / page}; beside it are "
-        f"{', '.join(others[:-1])} and {others[-1]}\n"
-    )
-    if result.ending:
-        sys.stdout.write(f"{result.ending}\n")
-    return EXIT_DONE
-
-
-def tell_command(name: str, arguments: Sequence[str]) -> str:
-    """The command as it was typed."""
-    return shlex.join(["marl-cair", *name.split(), *arguments])
-
-
-def tell_status(arguments: Sequence[str]) -> int:
+def print_status(arguments: Sequence[str]) -> int:
     """What a league file holds; also while the league is played."""
-    parser = Parser("marl-cair league status", description=tell_status.__doc__)
+    parser = Parser("marl-cair league status", description=print_status.__doc__)
     _add_folder(parser)
     store = LeagueStore(Path(parser.parse_args(arguments).out) / STORE_FILE)
     from marl_cair.league.report.background import describe_training
@@ -161,51 +143,19 @@ def export(arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
-def add(arguments: Sequence[str]) -> int:
-    """New agents for a league that exists."""
-    from marl_cair.cli import add as command  # which imports this
-
-    return command.run(arguments)
-
-
-def mix(arguments: Sequence[str]) -> int:
-    """One agent of several."""
-    from marl_cair.cli import mix as command  # which imports this package
-
-    return command.run(arguments)
-
-
-def run_exploit(arguments: Sequence[str]) -> int:
-    """Best responses trained against one agent."""
-    from marl_cair.cli import exploit  # torchrl takes seconds, and only this trains
-
-    return exploit.run(arguments)
-
-
-def train(arguments: Sequence[str]) -> int:
-    """Learners that train against one another: `cli.league_train`."""
-    from marl_cair.cli.league_train import run_training
-
-    return run_training(arguments)
-
-
-def train_psro(arguments: Sequence[str]) -> int:
-    """Best responses, one after the other: `cli.league_train`."""
-    from marl_cair.cli.league_train import run_psro
-
-    return run_psro(arguments)
-
-
-SUBCOMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
-    "train": train,
-    "psro": train_psro,
-    "report": report,
-    "status": tell_status,
-    "export": export,
-    "add": add,
-    "mix": mix,
-    "exploit": run_exploit,
-}
+# name -> "module:function", imported when it is called
+SUBCOMMANDS: LazyTable[Callable[[Sequence[str]], int]] = LazyTable(
+    {
+        "train": "marl_cair.cli.league_train:run_training",
+        "psro": "marl_cair.cli.league_train:run_psro",
+        "report": "marl_cair.cli.league:report",
+        "status": "marl_cair.cli.league:print_status",
+        "export": "marl_cair.cli.league:export",
+        "add": "marl_cair.cli.league_members:add",
+        "mix": "marl_cair.cli.league_members:mix",
+        "exploit": "marl_cair.cli.exploit:run",
+    }
+)
 
 
 def make_parser() -> Parser:
@@ -230,6 +180,7 @@ def make_parser() -> Parser:
         "with scenario and spec), and commands that speak JSON lines (process:COMMAND)",
     )
     add_match_options(parser, GAMES_PER_PAIR, "of each pair", "first checkpoint", "bots alone")
+    add_fields(parser)
     parser.set_defaults(games=None)
     parser.add_argument(
         "--ladder",

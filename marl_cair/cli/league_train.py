@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED
 from marl_cair.cli.match_options import add_allow_code
-from marl_cair.cli.options import read_comments
 from marl_cair.cli.parser import Parser
 from marl_cair.lookup import find_by_name
 from marl_cair.training.population.league_examples import EXAMPLES, PSRO_EXAMPLES
 from marl_cair.training.population.league_settings import LeagueSettings, build_league, load_league
 from marl_cair.training.population.psro_settings import PsroSettings, build_psro, load_psro
+from marl_cair.training.settings.options import read_comments
 
 if TYPE_CHECKING:
     from marl_cair.training.population.league_run import LeagueTraining

@@ -12,27 +12,30 @@ from collections.abc import Sequence
 from typing import Any
 
 from marl_cair.cli import EXIT_DONE
-from marl_cair.cli.compose import read_value
-from marl_cair.cli.match_options import add_match_options, choose_load, round_games
-from marl_cair.cli.parser import Parser, refuse_repeats
+from marl_cair.cli.match_options import (
+    add_fields,
+    add_match_options,
+    choose_load,
+    read_fields,
+    round_games,
+    update_words,
+)
+from marl_cair.cli.parser import Parser
 from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents.load import find_fingerprint, find_scenario
 from marl_cair.league.play.match import MatchResult, play_match
 from marl_cair.league.play.sequential import ERROR_RATE, SequentialTest, find_elo, play_sequentially
 from marl_cair.league.play.solo import Estimate, SoloResult, compare, play_alone
-from marl_cair.training.settings.config_file import read_options
 
 HELDOUT_MAP = "heldout_map"  # short for heldout.map
-_PARSER_OPTIONS = ("game", "scenario", "games", "seed", "sprt")
 
 
 def run(arguments: Sequence[str]) -> int:
     """Play and print, each variant as soon as it is played; returns the exit code."""
-    # Intermixed: `match A B games=8 max_ticks=500` has an option between its words.
-    options = make_parser().parse_intermixed_args(split_words(arguments))
+    options = make_parser().parse_args(update_words("match", arguments))
     game, name, fields = find_scenario(options.agents, options.game, options.scenario)
-    variants = read_variants(game, game.scenario(name, **fields), options.options)
+    variants = read_variants(game, game.scenario(name, **fields), options.fields)
     width = max(map(len, [name, *variants]))
     first, second = options.agents
     load = choose_load(options)
@@ -54,35 +57,21 @@ def run(arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
-def split_words(arguments: Sequence[str]) -> list[str]:
-    """Arguments for the parser: `games=40` is `--games 40`, other words stay as they are."""
-    words: list[str] = []
-    for word in arguments:
-        name, equals, value = word.partition("=")
-        words += [f"--{name}={value}"] if equals and name in _PARSER_OPTIONS else [word]
-    return words
-
-
 def read_variants(game: Game, scenario: Any, words: Sequence[str]) -> dict[str, Any]:
-    """The scenario as `field=value` changes it, under "", and its `variant.field=value` by name.
+    """The scenario as `--set field=value` changes it, under "", and by name each variant that
+    `--set variant.field=value` makes.
 
     Raises:
-        UnknownNameError: no such field; ValueError: no such value, or a word that is no option.
+        UnknownNameError: no such field; ValueError: no such value.
     """
-    refuse_repeats(words)
-    changes: dict[str, dict[str, Any]] = {"": {}}
+    by_variant: dict[str, list[str]] = {"": []}
     for word in words:
-        name, equals, _ = word.partition("=")
-        if not equals:
-            raise ValueError(f"{word!r} is no option: write field=value, for example max_ticks=500")
+        name, equals, value = word.partition("=")
         name = "heldout.map" if name == HELDOUT_MAP else name
         variant, _, field = name.rpartition(".")
-        if field == "reward":
-            raise ValueError(f"{word}: leave it out, matches are played with the rated reward")
-        changes.setdefault(variant, {})[field] = read_value(word)
+        by_variant.setdefault(variant, []).append(f"{field}{equals}{value}")
     read = {
-        variant: read_options(game.name, scenario, values, variant or "option")
-        for variant, values in changes.items()
+        variant: read_fields(game, scenario, changes) for variant, changes in by_variant.items()
     }
     return {
         variant: change_scenario(game.name, scenario, {**read[""], **values})
@@ -227,8 +216,8 @@ def make_parser() -> Parser:
     parser = Parser(
         "marl-cair match",
         description=__doc__,
-        epilog="example: marl-cair match runs/a/latest economist game=deep_rts "
-        "scenario=1v1-15x15 map=train-15x15-2p heldout_map=test-15x15-2p games=200",
+        epilog="example: marl-cair match runs/a/latest economist --game deep_rts "
+        "--scenario 1v1-15x15 --set map=train-15x15-2p --set heldout_map=test-15x15-2p --games 200",
     )
     parser.add_argument(
         "agents",
@@ -238,12 +227,9 @@ def make_parser() -> Parser:
         "of mixtures, bots (`marl-cair games`), functions that make an agent (module:function), or "
         "commands that speak JSON lines (process:COMMAND)",
     )
-    parser.add_argument(
-        "options",
-        nargs="*",
-        metavar="field=value",
-        help="fields of the scenario to change; variant.field=value plays that variant too, and "
-        f"{HELDOUT_MAP}=... is short for heldout.map=...",
+    add_fields(
+        parser,
+        f"; variant.field=value plays that variant too, {HELDOUT_MAP}=... is for heldout.map=...",
     )
     add_match_options(parser, 100, "of each variant", "first checkpoint", "bots alone")
     parser.add_argument(

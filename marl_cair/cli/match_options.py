@@ -6,18 +6,29 @@ import argparse
 import functools
 import math
 import re
+import shlex
 import sys
-from collections.abc import Collection, Sequence
-from typing import Any
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
+from marl_cair.cli import EXIT_DONE
+from marl_cair.cli.compose import read_value
+from marl_cair.cli.parser import refuse_repeats
 from marl_cair.games import GAMES
-from marl_cair.games.game import Agent, GameSpec
+from marl_cair.games.game import Agent, Game, GameSpec
 from marl_cair.league.agents.allowed_code import is_foreign
 from marl_cair.league.agents.limits import ANSWER_SECONDS, FUNCTION_SECONDS
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.agents.run_folders import Expansion, expand_runs
 from marl_cair.league.play.arena import Load
+from marl_cair.training.settings.config_file import read_options
 
+if TYPE_CHECKING:
+    from marl_cair.league.report.report import LeagueResult
+
+DEFAULT_OUT = "runs/league"
+_OLD_WORD = re.compile(r"[\w.]+=.*", re.DOTALL)
+_FLAGS = ("game", "scenario", "games", "seed", "sprt")
 _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 
 
@@ -59,6 +70,67 @@ def add_scenario_options(parser: argparse.ArgumentParser, trained: str, bots_alo
         help="a scenario of the game, as `marl-cair games` lists them (default: the one of that "
         f"training; for {bots_alone} the game's default)",
     )
+
+
+def add_fields(parser: argparse.ArgumentParser, more: str = "") -> None:
+    """Add --set."""
+    parser.add_argument(
+        "--set",
+        dest="fields",
+        action="append",
+        default=[],
+        metavar="FIELD=VALUE",
+        help=f"change a field of the scenario, for example max_ticks=500{more}; repeatable "
+        "(default: none)",
+    )
+
+
+def read_fields(game: Game, scenario: Any, words: Sequence[str]) -> dict[str, Any]:
+    """Values of `--set FIELD=VALUE` by field of `scenario`.
+
+    Raises:
+        UnknownNameError: no such field. ValueError: a value of another kind, or a field set twice.
+    """
+    refuse_repeats(words)
+    changes: dict[str, Any] = {}
+    for word in words:
+        name, equals, _ = word.partition("=")
+        if not equals:
+            raise ValueError(f"--set {word}: write --set field=value, for example max_ticks=500")
+        if name == "reward":
+            raise ValueError(f"--set {word}: leave it out, the rated reward is used")
+        changes[name] = read_value(word)
+    return read_options(game.name, scenario, changes, "scenario")
+
+
+def change_fields(
+    game: Game, name: str, fields: Mapping[str, Any], words: Sequence[str]
+) -> dict[str, Any]:
+    """`fields` of the scenario `name`, changed by `--set`, with those that follow the changes."""
+    scenario = game.scenario(name, **fields)
+    changes = read_fields(game, scenario, words)
+    return {**fields, **getattr(scenario, "follow", dict)(changes)}
+
+
+def update_words(command: str, arguments: Sequence[str]) -> list[str]:
+    """Arguments with old spellings (`field=value`, `--set field=value`) as flags; a line on
+    stderr gives the new spelling.
+    """
+    words: list[str] = []
+    changed: list[str] = []
+    for last, word in zip(["", *arguments], arguments, strict=False):
+        new = word
+        if word == "--option":
+            continue
+        if word.startswith("--option="):
+            new = f"--set={word.removeprefix('--option=')}"
+        elif _OLD_WORD.fullmatch(word) and last != "--set":
+            new = f"--{word}" if word.partition("=")[0] in _FLAGS else f"--set={word}"
+        words.append(new)
+        changed += [new.replace("=", " ", 1)] if new != word else []
+    if changed:
+        sys.stderr.write(f"marl-cair {command}: the new spelling is {' '.join(changed)}\n")
+    return words
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
@@ -191,3 +263,22 @@ def _load_limited(
         answer_memory=answer_memory,
         answer_processes=answer_processes,
     )
+
+
+def print_league(result: LeagueResult) -> int:
+    """Print what a league found; returns the exit code."""
+    from marl_cair.league.report.files import FILES
+
+    page, *others = FILES
+    sys.stdout.write(
+        f"{result.text}\nThe report is {result.folder / page}; beside it are "
+        f"{', '.join(others[:-1])} and {others[-1]}\n"
+    )
+    if result.ending:
+        sys.stdout.write(f"{result.ending}\n")
+    return EXIT_DONE
+
+
+def format_command(name: str, arguments: Sequence[str]) -> str:
+    """The command as it was typed."""
+    return shlex.join(["marl-cair", *name.split(), *arguments])

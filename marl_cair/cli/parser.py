@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 
 from marl_cair.lookup import find_by_name
 
+_REPEATABLE = "--set"
 _UNKNOWN = "unrecognized arguments: "
 
 
@@ -30,7 +31,7 @@ class Parser(argparse.ArgumentParser):
         places: dict[str, int] = {}
         for place, word in enumerate(words):
             flag = word.partition("=")[0]
-            if flag in places and flag in self._option_string_actions:
+            if flag in places and flag in self._option_string_actions and flag != _REPEATABLE:
                 first, second = (_quote(words, at) for at in (places[flag], place))
                 self.error(f"{flag} is given twice, as {first!r} and as {second!r}: give it once")
             places[flag] = place

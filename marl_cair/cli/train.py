@@ -3,58 +3,79 @@
 from __future__ import annotations
 
 import dataclasses
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from marl_cair.checkpoint import LATEST_FOLDER, read_description
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED
-from marl_cair.cli.compose import SHORTHANDS, compose_config, list_groups, read_value
-from marl_cair.cli.options import find_choices, list_options
+from marl_cair.cli.compose import (
+    CONF,
+    GROUPS,
+    SHORTHANDS,
+    list_choices,
+    read_about,
+    read_value,
+    run_hydra,
+)
 from marl_cair.cli.parser import refuse_repeats
 from marl_cair.files import find_folder
 from marl_cair.lookup import find_by_name
+from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import CONFIG_FILE, ENDS, build_value, load_config
-from marl_cair.training.settings.recipes import RECIPES
+from marl_cair.training.settings.options import list_options
 
 _ALLOW_CODE = "allow_code"
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Train as `arguments` say; returns the exit code."""
+    """Train as `arguments` say, one job after another; returns the exit code."""
     if any(word in ("-h", "--help") for word in arguments):
         sys.stdout.write(describe_options())
         return EXIT_DONE
+    if any(word.startswith("resume=") for word in arguments):
+        return _train(read_resume(arguments), resume=True)
+    if any(word.partition("=")[0] == _ALLOW_CODE for word in arguments):
+        raise ValueError(
+            f"{_ALLOW_CODE} is for resume=FOLDER: leave it out here, code that you name runs"
+        )
+    jobs = run_hydra(arguments)
+    for number, job in enumerate(jobs, 1):
+        config = job.config
+        if len(jobs) > 1:
+            config = dataclasses.replace(config, out=f"{config.out}/{job.name}")
+            sys.stdout.write(f"job {number} of {len(jobs)}: out={config.out}\n")
+        is_begun = len(jobs) > 1 and (Path(config.out) / CONFIG_FILE).is_file()
+        code = _train(config, resume=is_begun)
+        if code != EXIT_DONE:
+            return code
+    return EXIT_DONE
+
+
+def _train(config: TrainConfig, resume: bool) -> int:
     from marl_cair.training.trainer import train
 
-    config, resume = read_arguments(arguments)
     result = train(config, resume=resume)
-    told = (
+    sys.stdout.write(
         f"{result.frames:,} frames, {result.updates:,} updates; agent in {result.folder}/latest\n"
     )
-    sys.stdout.write(told)
     if result.was_interrupted:
-        sys.stderr.write(f"interrupted and saved: go on with marl-cair train resume={config.out}\n")
+        sys.stderr.write(
+            f"interrupted and saved: resume with marl-cair train resume={config.out}\n"
+        )
         return EXIT_INTERRUPTED
     return EXIT_DONE
 
 
-def read_arguments(arguments: Sequence[str]) -> tuple[TrainConfig, bool]:
-    """The configuration, and whether a run is to be resumed.
+def read_resume(arguments: Sequence[str]) -> TrainConfig:
+    """The configuration of the run that `resume=FOLDER` names, with what may change of it.
 
     Raises:
-        ValueError: as `compose_config`; or a setting that a resumed run cannot change.
+        ValueError: the folder holds no run, or a setting that a resumed run cannot change.
     """
     refuse_repeats(arguments)
     words = dict(word.partition("=")[::2] for word in arguments)
-    if "resume" not in words:
-        if _ALLOW_CODE in words:
-            raise ValueError(
-                f"{_ALLOW_CODE} is for resume=FOLDER: leave it out here, code that you name runs"
-            )
-        return compose_config(arguments), False
     folder = words.pop("resume")
     if not folder:
         raise ValueError("resume names no folder: write resume=FOLDER, for example resume=runs/a")
@@ -67,7 +88,7 @@ def read_arguments(arguments: Sequence[str]) -> tuple[TrainConfig, bool]:
     for name, value in words.items():
         kind = find_by_name("option of a resumed run", name, ENDS)
         changes[name] = build_value(kind, read_value(f"{name}={value}"), name)
-    return dataclasses.replace(config, **changes), True
+    return dataclasses.replace(config, **changes)
 
 
 def _refuse_without_state(folder: Path, config: TrainConfig) -> None:
@@ -87,29 +108,35 @@ def _refuse_without_state(folder: Path, config: TrainConfig) -> None:
 
 
 def describe_options() -> str:
-    """The text of `marl-cair train --help`: every option with default, unit and choices."""
-    choices = find_choices()
-    lines = [
-        "usage: marl-cair train [group=choice ...] [option=value ...]",
-        "       marl-cair train resume=FOLDER [total_frames=N] [max_minutes=M] [stop_score=S]",
-        "                       [allow_code=true]",
-        "",
-        "example: marl-cair train game=deep_line_wars policy=capsule opponent=self_play seed=3",
-        "",
-        "allow_code=true also runs the code that the run's config.yaml names, and lists it",
-        "",
-        "groups (each sets several options at once):",
-    ]
-    lines += [f"  {group:10} {', '.join(names)}" for group, names in list_groups().items()]
-    lines += ["", "recipes (recipe=NAME; words beside it go before its own):"]
-    for name, recipe in RECIPES.items():
-        lines += [f"  {name}: {recipe.about}", f"      {' '.join(map(shlex.quote, recipe.words))}"]
-    lines += ["", "shorthands: " + ", ".join(f"{a} = {b}" for a, b in SHORTHANDS.items())]
-    lines += ["", f"options (a run's own are in <out>/{CONFIG_FILE}):"]
+    """The text of `marl-cair train --help`: every option with its default and meaning.
+
+    In the order of Hydra's own help, which takes a second more and leaves meanings out.
+    """
+    lines = [_USAGE, "== Configuration groups ==", ""]
+    lines += [f"  {group}: {', '.join(list_choices(group))}" for group in GROUPS[:-1]]
+    lines += ["    opponent also takes any bot of the game (marl-cair games) and these samplers:"]
+    lines += ["    " + ", ".join(name for name in SAMPLERS if name not in LEAGUE_SAMPLERS)]
+    lines += ["", "  recipe (settings that were tested; other options override them):"]
+    lines += [f"    {name}: {read_about(name)}" for name in list_choices("recipe")]
+    lines += [f"  Groups and recipes are YAML files to read and copy: {CONF}", ""]
+    lines += ["== Config ==", ""]
+    lines += [f"  {short} is short for {name}" for short, name in SHORTHANDS.items()] + [""]
     for option in list_options():
-        told = [option.comment] if option.comment else []
-        if option.path in choices:
-            told.append(f"one of {', '.join(choices[option.path])}")
-        lines.append(f"  {option.path} = {option.default}")
-        lines += [f"      {text}" for text in told]
+        lines += [f"  {option.path} = {option.default}", f"      {option.comment}"]
     return "\n".join(lines) + "\n"
+
+
+_USAGE = f"""usage: marl-cair train [group=choice ...] [option=value ...]
+       marl-cair train --multirun seed=0,1,2 policy=conv,capsule out=runs/sweep
+       marl-cair train resume=FOLDER [total_frames=N] [max_minutes=M] [stop_score=S]
+                       [allow_code=true]
+
+--multirun, -m    one run for each combination of values, in folders of their own below out=;
+                  the same command again resumes them
+--cfg job         print the composed configuration and exit
+--config-dir DIR  also take groups and recipes from this folder, for example DIR/recipe/mine.yaml
+--hydra-help      flags of Hydra
+allow_code=true   also run the code that the run's {CONFIG_FILE} names, and list it
+
+example: marl-cair train game=deep_line_wars policy=capsule opponent=self_play seed=3
+"""

@@ -31,7 +31,7 @@ class QNetworkConfig:
     """Which body and head, and how wide. None means the body's own usual number."""
 
     body: str = "conv"  # from the observation to features
-    head: str = "dueling"  # from features to action values
+    head: str = "dueling"  # from features to action values: dueling or plain
     hidden_width: int | None = None  # features between body and head: conv, mlp 256; capsule 128
     action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
     distances: bool = False  # distances over the board too: for ways longer than kernels reach

@@ -7,8 +7,8 @@ import re
 import pytest
 
 from marl_cair.cli import main
-from marl_cair.cli.options import list_options
 from marl_cair.training.settings.config_file import build_config
+from marl_cair.training.settings.options import list_options
 
 BASE = ["train", "scenario=11x11", "generator=none", "synthetic_fraction=0"]
 ABSURD = (

@@ -10,16 +10,22 @@ import threading
 import time
 
 import pytest
+import yaml
 
 from marl_cair.cli import main
-from marl_cair.cli.compose import compose_config, list_groups
-from marl_cair.cli.options import list_options
+from marl_cair.cli.compose import (
+    compose_config,
+    list_choices,
+    list_games,
+    list_opponents,
+    run_hydra,
+)
 from marl_cair.cli.train import describe_options
 from marl_cair.games import GAMES
 from marl_cair.lookup import UnknownNameError
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.training.settings.config_file import build_config, load_config, save_config
-from marl_cair.training.settings.recipes import RECIPES
+from marl_cair.training.settings.options import list_options
 from tests.refusals import assert_refused
 
 SMALL = (
@@ -52,15 +58,14 @@ def test_no_words_give_the_defaults():
 
 @pytest.mark.parametrize("group", ["game", "policy", "generator"])
 def test_every_choice_of_a_group_composes(group):
-    for choice in list_groups()[group]:
+    for choice in list_choices(group):
         compose_config([f"{group}={choice}"])
 
 
 def test_every_bot_and_every_way_of_self_play_is_a_choice_that_composes():
     games = {bot: name for name in GAMES for bot in GAMES[name].bots}
-    choices = list_groups()["opponent"]
-    samplers = set(SAMPLERS) - set(LEAGUE_SAMPLERS)
-    assert set(choices) == {"self_play", *samplers, *games}
+    choices = list_opponents()
+    assert set(choices) == {*SAMPLERS, *games} - set(LEAGUE_SAMPLERS)
     for choice, settings in choices.items():
         game = games.get(choice, next(iter(GAMES)))
         config = compose_config([f"game={game}", f"opponent={choice}"])
@@ -69,12 +74,45 @@ def test_every_bot_and_every_way_of_self_play_is_a_choice_that_composes():
 
 @pytest.mark.parametrize("game", GAMES)
 def test_opponents_in_a_game_are_its_bots_and_all_ways_of_self_play(game):
-    own = {"self_play", *SAMPLERS, *GAMES[game].bots}
-    groups = list_groups()
-    for choice, opponent in groups["opponent"].items():
+    own = {*SAMPLERS, *GAMES[game].bots}
+    for choice, opponent in list_opponents().items():
         refused = pytest.raises(UnknownNameError, match=choice)
         with contextlib.nullcontext() if choice in own else refused:
-            build_config({"game": groups["game"][game], "opponent": opponent})
+            build_config({"game": list_games()[game], "opponent": opponent})
+
+
+def test_a_sweep_composes_one_job_for_each_combination(capsys):
+    jobs = run_hydra(["--multirun", "seed=0,1", "policy=conv,capsule", "total_frames=1e4"])
+    assert [(job.config.seed, job.config.policy.body) for job in jobs] == [
+        (0, "conv"),
+        (0, "capsule"),
+        (1, "conv"),
+        (1, "capsule"),
+    ]
+    assert {job.config.total_frames for job in jobs} == {10_000}
+    assert len({job.name for job in jobs}) == 4
+
+
+def test_the_configuration_is_printed_and_nothing_is_written(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["train", "--cfg", "job", "recipe=deep_rts_duel", "seed=5"]) == 0
+    values = yaml.safe_load(capsys.readouterr().out)
+    assert build_config(values) == compose_config(["recipe=deep_rts_duel", "seed=5"])
+    assert main(["train", "--multirun", "seed=0,1", "policy=capsul"]) == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_recipes_of_a_users_own_folder_are_found(tmp_path):
+    (tmp_path / "recipe").mkdir()
+    text = "# @package _global_\n# mine\ndefaults:\n  - override /policy: capsule\n\nseed: 9\n"
+    (tmp_path / "recipe" / "mine.yaml").write_text(text, "utf-8")
+    (job,) = run_hydra(["--config-dir", str(tmp_path), "recipe=mine"])
+    assert (job.config.seed, job.config.policy.body) == (9, "capsule")
+
+
+def test_options_with_dashes_name_the_new_spelling(capsys):
+    assert main(["train", "--seed=3"]) == 2
+    assert "write seed=3" in capsys.readouterr().err
 
 
 def test_shorthands_and_numbers_that_are_names():
@@ -91,14 +129,12 @@ def test_a_mixture_takes_the_place_of_the_presets():
     assert config.opponent.mixture == {"latest": 0.5, "counter": 0.5}
 
 
-@pytest.mark.parametrize("name", RECIPES)
-def test_every_recipe_composes_and_is_listed_with_its_words(name):
+@pytest.mark.parametrize("name", list_choices("recipe"))
+def test_every_recipe_composes_and_is_listed(name):
     config = compose_config([f"recipe={name}", "policy=capsule", "seed=7"])
-    words = [word for word in RECIPES[name].words if not word.startswith("policy.body=")]
-    assert config == compose_config([*words, "policy=capsule", "seed=7"])
+    assert (config.policy.body, config.seed) == ("capsule", 7)
     assert config != compose_config(["policy=capsule", "seed=7"])
-    assert name in describe_options()
-    assert RECIPES[name].words[-1] in describe_options()
+    assert f"{name}: " in describe_options()
 
 
 def test_words_beside_a_recipe_go_before_its_own():
@@ -169,7 +205,8 @@ def test_configuration_survives_its_file(tmp_path):
         (["game.options=5"], "game.options is 5, it must be values by name"),
         (["out=null"], "out is None, it must be a text"),
         (["learner.learning_rate=inf"], "learner.learning_rate is inf, it must be finite"),
-        (["opponent.mixture=3"], "write weights by name, for example opponent.mixture={random:1}"),
+        (["opponent.mixture=3"], "opponent.mixture is 3, it must be values by name"),
+        (["seed=1,2"], "--multirun"),
         (["opponent.mixture={random:a}"], "opponent.mixture.random is 'a', it must be a number"),
         (["evaluation.bots=random"], "evaluation.bots is 'random', it must be a list"),
         (["evaluation.scenarios={a: {rwos: 11}}"], "unknown deep_line_wars option 'rwos'"),
@@ -188,7 +225,7 @@ def test_help_tells_every_option_with_default_and_meaning():
         assert len(option.comment) > 3, option.path
         line, meaning = f"  {option.path} = {option.default}\n", f"      {option.comment}\n"
         assert line + meaning in text
-    assert "one of conv, capsule, mlp" in text
+    assert "policy: capsule, conv, mlp" in text
     assert "generated share of each batch" in text
 
 
@@ -276,5 +313,5 @@ def test_an_interrupt_saves_and_exits_with_130(tmp_path, capsys):
     finally:
         is_over.set()
         terminal.join()
-    assert "go on with marl-cair train resume=" in capsys.readouterr().err
+    assert "marl-cair train resume=" in capsys.readouterr().err
     assert (run / "resume" / "state.pt").is_file()

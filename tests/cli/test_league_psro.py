@@ -4,10 +4,10 @@ import pytest
 
 from marl_cair.cli import main
 from marl_cair.cli.league_train import format_options
-from marl_cair.cli.options import list_options, read_comments
 from marl_cair.league.agents.mixtures import read_mixture
 from marl_cair.training.population.league_examples import PSRO_EXAMPLES
 from marl_cair.training.population.psro_settings import PsroSettings, build_psro, load_psro
+from marl_cair.training.settings.options import list_options, read_comments
 
 
 @pytest.mark.parametrize("name", PSRO_EXAMPLES)

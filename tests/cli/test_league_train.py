@@ -6,7 +6,6 @@ import pytest
 
 from marl_cair.cli import main
 from marl_cair.cli.league_train import format_options
-from marl_cair.cli.options import list_options, read_comments
 from marl_cair.training.population.league_examples import EXAMPLES
 from marl_cair.training.population.league_settings import (
     LeagueSettings,
@@ -14,6 +13,7 @@ from marl_cair.training.population.league_settings import (
     build_league,
     load_league,
 )
+from marl_cair.training.settings.options import list_options, read_comments
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

@@ -2,10 +2,12 @@
 
 import subprocess
 import sys
+from contextlib import closing
 
 import pytest
 
-from marl_cair.cli import main
+from marl_cair.cli import COMMANDS, TASKS, describe_commands, main
+from marl_cair.league.store.store import STORE_FILE, LeagueStore
 
 AGENTS = ("random", "counter")
 
@@ -42,16 +44,52 @@ def test_options_are_given_once_and_in_full(words, message, capsys):
         (["train", "scenario=11x11", "game.scenario=10x15"], "set the same option"),
         (["train", "resume=a", "resume=b"], "set the same option"),
         (["match", *AGENTS, "max_ticks=500", "max_ticks=600"], "set the same option"),
-        (["evaluate", "random", "--option", "max_ticks=1", "max_ticks=2"], "set the same option"),
+        (
+            ["evaluate", "random", "--set", "max_ticks=1", "--set=max_ticks=2"],
+            "set the same option",
+        ),
+        (["league", *AGENTS, "--set", "max_ticks=1", "--set=max_ticks=2"], "set the same option"),
     ],
 )
 def test_words_set_an_option_once(words, message, capsys):
-    if words[0] == "evaluate":
+    if words[0] in ("evaluate", "league"):
         words = [*words, "--game", "deep_line_wars"]
     if words[0] == "match":
         words = [*words, "game=deep_line_wars"]
     assert main(words) == 2
     assert message in capsys.readouterr().err
+
+
+def test_old_spellings_give_the_new_one_in_a_line(capsys):
+    words = ["match", *AGENTS, "game=deep_line_wars", "scenario=11x11", "games=2", "max_ticks=50"]
+    assert main(words) == 0
+    told = capsys.readouterr().err
+    assert "--scenario 11x11 --games 2 --set max_ticks=50" in told
+    words = ["evaluate", "random", "--game", "deep_line_wars", "--games", "2"]
+    assert main([*words, "--option", "max_ticks=50", "max_tics=2"]) == 2
+    told = capsys.readouterr().err
+    assert "--set max_ticks=50 --set max_tics=2" in told
+    assert "nearest are 'max_ticks'" in told
+
+
+def test_fields_of_the_scenario_are_set_alike_in_match_evaluate_and_league(tmp_path, capsys):
+    words = ["--game", "deep_line_wars", "--scenario", "11x11", "--games", "2"]
+    words += ["--set", "max_ticks=50", "--set", "preset=2017"]
+    assert main(["match", *AGENTS, *words]) == 0
+    assert main(["evaluate", "random", *words]) == 0
+    out = tmp_path / "league"
+    assert main(["league", *AGENTS, *words, "--out", str(out), "--no-replays"]) == 0
+    with closing(LeagueStore(out / STORE_FILE)) as store:
+        assert "'max_ticks': 50" in str(store.settings)
+        assert "'preset': '2017'" in str(store.settings)
+
+
+def test_the_commands_help_lists_ten_tasks_in_order():
+    text = describe_commands()
+    assert len(TASKS) == 10
+    places = [text.index(f"  {task} ") for task in TASKS]
+    assert places == sorted(places)
+    assert all(name in text for name in COMMANDS)
 
 
 HEAVY = ("torch", "torchrl", "tensordict", "matplotlib", "hydra", "omegaconf", "openskill")
@@ -79,8 +117,8 @@ def imported_by(words, watched):
     ],
 )
 def test_help_imports_no_library_that_takes_seconds(command):
-    # Defaults and choices of training are those of the games, whose rules are numba's.
-    of_games = command in ("train", "league train", "league psro", "compile")
+    # Defaults of a league are checked by the games, whose rules are numba's.
+    of_games = command in ("league train", "league psro", "compile")
     watched = HEAVY if of_games else (*HEAVY, "scipy", "numba")
     assert imported_by([*command.split(), "--help"], watched) == "[]"
 

@@ -61,7 +61,7 @@ def test_bad_input_is_refused_in_one_line(tmp_path, capsys, words, message):
 def test_who_plays_alone_is_rated_by_score_and_by_the_numbers_of_the_game(tmp_path, capsys):
     table = tmp_path / "table.csv"
     words = ["deep_maze/oracle", "--against", "random", "--games", "12", "--out", str(table)]
-    assert main(["evaluate", *words, "--option", "max_ticks=8"]) == 0
+    assert main(["evaluate", *words, "--set", "max_ticks=8"]) == 0
     with table.open(newline="") as file:
         rows = {(row["agent"], row["number"]): row for row in csv.DictReader(file)}
     numbers = ["ended", "score", "optimal_steps", "step_count", "extra_steps"]
@@ -77,7 +77,7 @@ def test_who_plays_alone_is_rated_by_score_and_by_the_numbers_of_the_game(tmp_pa
 
 
 def test_a_field_that_the_scenario_does_not_have_is_refused(capsys):
-    assert main(["evaluate", "deep_maze/oracle", "--option", "max_tick=8"]) == 2
+    assert main(["evaluate", "deep_maze/oracle", "--set", "max_tick=8"]) == 2
     assert "nearest are 'max_ticks'" in capsys.readouterr().err
 
 

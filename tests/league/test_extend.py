@@ -6,7 +6,8 @@ import sqlite3
 
 import pytest
 
-from marl_cair.cli import add, main
+from marl_cair.cli import main
+from marl_cair.cli.league_members import make_add_parser
 from marl_cair.league.extend import plan_extension
 from marl_cair.league.league import LeagueConfig, play_league
 from marl_cair.league.store.store import LeagueStore, LeagueStoreError
@@ -113,7 +114,7 @@ def test_no_league_is_refused(tmp_path, capsys):
 
 
 def test_help_tells_each_option_with_its_default():
-    for action in add.make_parser()._actions:
+    for action in make_add_parser()._actions:
         assert action.help
         if action.option_strings and action.dest != "help":
             assert "default: " in action.help

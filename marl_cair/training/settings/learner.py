@@ -23,8 +23,8 @@ class LearnerSettings:
     gamma: float = 0.99  # discount per decision
     n_steps: int = 8  # decisions whose rewards are summed before the target network is asked
     double: bool = True  # the online network chooses the action that the target network values
-    loss: str = "smooth_l1"  # of the TD error
-    target: str = "soft"  # how the target network follows: a little always, or by copies
+    loss: str = "smooth_l1"  # of the TD error: smooth_l1 or l2
+    target: str = "soft"  # how the target network follows: soft (each update), hard (copies)
     target_tau: float = 0.01  # share of the online weights taken over at each update (soft)
     target_every_updates: int = 500  # updates between two copies (hard)
     average_decay: float = 0.995  # of the averaged weights at each update; 0: the newest weights

@@ -132,7 +132,7 @@ def test_a_run_is_one_agent_where_one_is_wanted(tmp_path, capsys):
     assert read_source(record) == f"{run}/latest"
     assert main(["match", run, "random", "games=2", "max_ticks=100"]) == 0
     assert f"A = {run}, B = random on deep_line_wars 11x11" in capsys.readouterr().out
-    assert main(["evaluate", run, "--games", "2", "--option", "max_ticks=100"]) == 0
+    assert main(["evaluate", run, "--games", "2", "--set", "max_ticks=100"]) == 0
 
 
 def test_of_a_league_that_trains_one_has_to_be_named(tmp_path, capsys):

@@ -110,11 +110,17 @@ def test_heldout_map_is_short_for_the_heldout_variants_map():
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["scenario=ffa-3", "gian=3"], "unknown last_standing option 'gian': nearest are 'gain'"),
-        (["scenario=ffa-3", "sprt=0,200000"], "between 0 and 200000 Elo: give numbers in -4000"),
-        (["scenario=ffa-3", "gain"], "'gain' is no option: write field=value"),
-        (["scenario=ffa-3", "reward=shaped"], "leave it out, matches are played with the rated"),
-        (["scenario=ffa-3", "far.gain=many"], "far.gain is 'many', it must be a whole number"),
+        (
+            ["--scenario=ffa-3", "--set=gian=3"],
+            "unknown last_standing option 'gian': nearest are 'gain'",
+        ),
+        (
+            ["--scenario=ffa-3", "--sprt=0,200000"],
+            "between 0 and 200000 Elo: give numbers in -4000",
+        ),
+        (["--scenario=ffa-3", "--set=gain"], "write --set field=value"),
+        (["--scenario=ffa-3", "--set=reward=shaped"], "reward=shaped: leave it out"),
+        (["--scenario=ffa-3", "--set=far.gain=many"], "gain is 'many', it must be a whole number"),
     ],
 )
 def test_a_match_refuses_in_one_line(capsys, words, message):
@@ -142,7 +148,7 @@ def test_evaluate_plays_games_of_many_in_whole_blocks(capsys):
 
 
 def test_evaluate_counts_games_that_repeat_others_once(capsys):
-    words = ["--against", "idle", "--games", "12", "--scenario", "ffa-3", "--option", "gain=0"]
+    words = ["--against", "idle", "--games", "12", "--scenario", "ffa-3", "--set", "gain=0"]
     told = tell(capsys, "evaluate", "finisher", *words)
     assert "idle         3      3      0      0  100.0% [43.9%, 100.0%]" in told
     assert "(9 more repeat them, move by move, and do not count)" in told
@@ -176,12 +182,12 @@ def test_evaluate_rates_each_apart_where_one_plays_alone(capsys):
 
 def test_more_games_than_were_asked_for_are_told(capsys):
     played = "playing 6: each map seed once in each of 3 seats\n"
-    words = ("finisher", "idle", "scenario=ffa-3")
-    assert tell_errors(capsys, "match", *words, "games=5") == f"games is 5, {played}"
-    assert tell_errors(capsys, "match", *words, "games=6") == ""
+    words = ("finisher", "idle", "--scenario=ffa-3")
+    assert tell_errors(capsys, "match", *words, "--games=5") == f"games is 5, {played}"
+    assert tell_errors(capsys, "match", *words, "--games=6") == ""
     words = ("finisher", "--against", "idle", "--scenario", "ffa-3", "--games")
     assert tell_errors(capsys, "evaluate", *words, "4") == f"games is 4, {played}"
-    words = ("finisher", "idle", "scenario=teams", "games=3")
+    words = ("finisher", "idle", "--scenario=teams", "--games=3")
     told = "games is 3, playing 4: each map seed once in each of 2 teams\n"
     assert tell_errors(capsys, "match", *words) == told
 

@@ -13,12 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from marl_cair.games import GAMES
-from marl_cair.games.game import Game
-from marl_cair.generative import GENERATORS
-from marl_cair.policies import HEADS, NETWORKS
-from marl_cair.training.settings.config import NO_GENERATOR, TrainConfig
-from marl_cair.training.settings.learner import LOSSES, TARGET_UPDATES
+from marl_cair.training.settings.config import TrainConfig
 
 
 @dataclass(frozen=True)
@@ -63,28 +58,3 @@ def read_comments(owner: type) -> Mapping[str, str]:
         elif token.type == tokenize.COMMENT and field and token.line.strip() != token.string:
             comments.setdefault(field, token.string.lstrip("# "))
     return types.MappingProxyType(comments)
-
-
-def find_choices() -> dict[str, list[str]]:
-    """Allowed names of the options that take one."""
-    games = GAMES.ask_each(_list_names)
-    scenarios, shown, rewards = (
-        [name for names in games.values() for name in names[kind]] for kind in range(3)
-    )
-    return {
-        "game.name": list(games),
-        "game.scenario": scenarios,
-        "game.representation": list(dict.fromkeys(shown)),
-        "game.reward": list(dict.fromkeys(rewards)),
-        "policy.body": list(NETWORKS),
-        "policy.head": list(HEADS),
-        "learner.target": list(TARGET_UPDATES),
-        "learner.loss": list(LOSSES),
-        "generator.name": [*GENERATORS, NO_GENERATOR],
-    }
-
-
-def _list_names(game: Game) -> tuple[list[str], ...]:
-    """A game's scenarios, representations and rewards."""
-    shown = game.make_spec(game.scenario()).representations
-    return list(game.scenarios), list(shown), list(game.rewards)

@@ -1,4 +1,4 @@
-"""Pixels on an image [3, h, w]: boxes, sprites, discs, bars and digits, without a display."""
+"""Draws boxes, sprites, discs, bars and digits on an image [3, h, w], without a display."""
 
 from __future__ import annotations
 
@@ -99,14 +99,14 @@ def draw_sprite(
 def draw_bar(
     image: Any, top: int, left: int, height: int, width: int, share: float, full: Any, empty: Any
 ) -> None:
-    """A bar that is filled from the left by `share` 0..1."""
+    """Draw a bar, filled from the left by `share` 0..1."""
     fill_box(image, top, left, height, width, empty)
     fill_box(image, top, left, height, int(width * min(1.0, max(0.0, share)) + 0.5), full)
 
 
 @compiled_compact
 def draw_glyph(image: Any, glyph: int, top: int, left: int, scale: int, colour: Any) -> None:
-    """A digit (or PLUS) of `scale` pixels a dot."""
+    """Draw a digit (or PLUS) with `scale` pixels per dot."""
     for row in range(GLYPH_ROWS):
         for column in range(GLYPH_COLUMNS):
             if GLYPHS[glyph, row, column]:
@@ -117,7 +117,7 @@ def draw_glyph(image: Any, glyph: int, top: int, left: int, scale: int, colour: 
 def draw_number(
     image: Any, number: int, top: int, left: int, scale: int, colour: Any, plus: bool
 ) -> None:
-    """A whole number of 0 or more, left-aligned, with a plus sign before it if asked for."""
+    """Draw a whole number of 0 or more, left-aligned; `plus` puts a plus sign before it."""
     step = (GLYPH_COLUMNS + 1) * scale
     if plus:
         draw_glyph(image, PLUS, top, left, scale, colour)
@@ -129,6 +129,29 @@ def draw_number(
         draw_glyph(image, number // divisor % 10, top, left, scale, colour)
         left += step
         divisor //= 10
+
+
+@compiled_compact
+def num_digits(number: int) -> int:
+    """Digits of a whole number of 0 or more."""
+    digits = 1
+    while number >= 10:
+        number //= 10
+        digits += 1
+    return digits
+
+
+@compiled_compact
+def fill_gray_cell(
+    image: Any, header: int, row: int, column: int, rows: int, columns: int, level: int
+) -> None:
+    """Fill a board cell of a gray image [h, w] below `header` rows: at least one pixel."""
+    height, width = image.shape[0] - header, image.shape[1]
+    top = header + row * height // rows
+    bottom = max(top + 1, header + (row + 1) * height // rows)
+    left = column * width // columns
+    right = max(left + 1, (column + 1) * width // columns)
+    image[top:bottom, left:right] = level
 
 
 # --- for boards of any tile size ---------------------------------------------------------------
@@ -145,8 +168,9 @@ def draw_smooth(
     flip: bool,
     first_row: int,
 ) -> None:
-    """`draw_sprite` whose pixels are the mean of what they cover: sharp at multiples of the
-    sprite's side, soft between. Rows of the sprite above `first_row` are left out.
+    """`draw_sprite` with area averaging: sharp at multiples of the sprite's side, soft between.
+
+    Rows of the sprite above `first_row` are left out.
     """
     side = sprite.shape[0]
     whole = side * side
@@ -169,22 +193,16 @@ def draw_smooth(
                     covered += area
             if covered > 0:
                 free = whole - covered
-                image[0, top + y, left + x] = (
-                    red + free * int(image[0, top + y, left + x])
-                ) // whole
-                image[1, top + y, left + x] = (
-                    green + free * int(image[1, top + y, left + x])
-                ) // whole
-                image[2, top + y, left + x] = (
-                    blue + free * int(image[2, top + y, left + x])
-                ) // whole
+                for channel, total in enumerate((red, green, blue)):
+                    below = int(image[channel, top + y, left + x])
+                    image[channel, top + y, left + x] = (total + free * below) // whole
 
 
 @compiled_compact
 def shade_box(
     image: Any, top: int, left: int, height: int, width: int, colour: Any, percent: int
 ) -> None:
-    """Lay a colour over a box, `percent` 100 hides all that was there."""
+    """Blend a colour over a box; `percent` 100 replaces what was there."""
     bottom, right = min(top + height, image.shape[1]), min(left + width, image.shape[2])
     for channel in range(3):
         added = percent * int(colour[channel])
@@ -197,7 +215,7 @@ def shade_box(
 def draw_corners(
     image: Any, top: int, left: int, size: int, arm: int, line: int, colour: Any
 ) -> None:
-    """The four corners of a square frame, each with arms of `arm` pixels, `line` thick."""
+    """Draw the four corners of a square frame, with arms of `arm` pixels, `line` thick."""
     for corner in range(4):
         y = top if corner < 2 else top + size - line
         x = left if corner % 2 == 0 else left + size - line
@@ -211,7 +229,7 @@ def draw_corners(
 def draw_line(
     image: Any, y: float, x: float, y_end: float, x_end: float, line: int, colour: Any
 ) -> None:
-    """A straight line of square dots, `line` pixels thick."""
+    """Draw a straight line, `line` pixels thick."""
     steps = int(max(abs(y_end - y), abs(x_end - x))) + 1
     half = line // 2
     for step in range(steps + 1):

@@ -1,7 +1,7 @@
-"""Pictures of a world of Deep Line Wars: for people, and as the observations `image` and `gray`.
+"""Renders a world of Deep Line Wars for people, and as the observations `image` and `gray`.
 
-Only reads the state. A seat's own view has its base on the left and itself in blue; what is hidden
-from it (the enemy's cursor) is not drawn. The spectator sees seat 0 on the left.
+Only reads the state. A seat's own view has its base on the left and itself in blue; the enemy's
+cursor, which is hidden from it, is not drawn. The spectator sees seat 0 on the left.
 """
 
 from __future__ import annotations
@@ -25,7 +25,15 @@ from marl_cair.games.deep_line_wars.sprites import (
 )
 from marl_cair.games.deep_line_wars.state import NO_TARGET, NUM_PLAYERS, World, world_at
 from marl_cair.games.deep_line_wars.tables import PROGRESS_PER_TILE
-from marl_cair.games.drawing import draw_bar, draw_number, draw_sprite, fill_box, fill_disc
+from marl_cair.games.drawing import (
+    draw_bar,
+    draw_corners,
+    draw_number,
+    draw_sprite,
+    fill_box,
+    fill_disc,
+    fill_gray_cell,
+)
 
 IMAGE_WIDTH, IMAGE_HEIGHT = 800, 600
 HUD_HEIGHT = 74  # pixels above the board
@@ -33,20 +41,12 @@ MARGIN = 8
 GRAY_SIDE = 84
 GRAY_BARS = 12  # rows of the gray picture that show the economy
 
-BACKGROUND, PANEL, INK, DIM = (
-    np.array(colour, np.uint8)
-    for colour in ((22, 24, 32), (36, 39, 50), (236, 238, 244), (84, 88, 102))
+BACKGROUND, PANEL, INK, DIM = np.array(
+    [(22, 24, 32), (36, 39, 50), (236, 238, 244), (84, 88, 102)], np.uint8
 )
-HEALTHY, HURT, GOLD, LUMBER, SHOT, CURSOR_COLOUR = (
-    np.array(colour, np.uint8)
-    for colour in (
-        (92, 208, 96),
-        (222, 68, 56),
-        (250, 204, 72),
-        (170, 116, 66),
-        (255, 240, 160),
-        (94, 252, 242),
-    )
+HEALTHY, HURT, GOLD, LUMBER, SHOT, CURSOR_COLOUR = np.array(
+    [(92, 208, 96), (222, 68, 56), (250, 204, 72), (170, 116, 66), (255, 240, 160), (94, 252, 242)],
+    np.uint8,
 )
 # Terrain by kind, two shades each for the chequered ground.
 GROUND: NDArray[np.uint8] = np.array(
@@ -59,7 +59,7 @@ GROUND: NDArray[np.uint8] = np.array(
     ],
     np.uint8,
 )
-# Levels of `gray`: what stands in a cell; units over towers, the enemy's over the own.
+# Levels of `gray`; units are drawn over towers, the enemy's over the own.
 GRAY_TERRAIN = (40, 20, 10, 20, 40)
 GRAY_OWN_TOWER, GRAY_ENEMY_TOWER, GRAY_OWN_UNIT, GRAY_ENEMY_UNIT = 110, 80, 180, 250
 GRAY_CURSOR = 215
@@ -80,7 +80,7 @@ def ground_kind(rules: Any, column: int) -> int:
 
 @compiled_compact
 def tile_size(rules: Any) -> float:
-    """Pixels along a cell such that the board fits below the bars."""
+    """Side of a cell in pixels; the board fits below the bars."""
     across = (IMAGE_WIDTH - 2 * MARGIN) / rules.columns
     down = (IMAGE_HEIGHT - HUD_HEIGHT - 2 * MARGIN) / rules.rows
     return float(min(across, down))
@@ -227,10 +227,7 @@ def paint_cursor(world: Any, rules: Any, owner: int, side: int, image: Any) -> N
     top = int(board_top(rules) + world.cursor[owner, 0] * tile)
     left = int(board_left(rules) + column * tile)
     size, line = int(tile), max(1, int(tile * 0.07))
-    fill_box(image, top, left, line, size, CURSOR_COLOUR)
-    fill_box(image, top + size - line, left, line, size, CURSOR_COLOUR)
-    fill_box(image, top, left, size, line, CURSOR_COLOUR)
-    fill_box(image, top, left + size - line, size, line, CURSOR_COLOUR)
+    draw_corners(image, top, left, size, size, line, CURSOR_COLOUR)
 
 
 @compiled_compact
@@ -249,6 +246,13 @@ def paint(world: Any, rules: Any, left_player: int, image: Any, all_cursors: boo
     for side in range(NUM_PLAYERS):
         paint_shots(world, rules, left_player if side == 0 else 1 - left_player, side, image)
     paint_clock(world, rules, image)
+
+
+@compiled_compact
+def gray_cell(image: Any, rules: Any, row: int, column: int, level: int) -> None:
+    """Fill the pixels of a cell."""
+    row, column = int(row), int(column)
+    fill_gray_cell(image, GRAY_BARS, row, column, rules.rows, rules.columns, level)
 
 
 @compiled_compact
@@ -293,17 +297,6 @@ def paint_gray(world: Any, rules: Any, player: int, image: Any) -> None:
                     column = rules.columns - 1 - column
                 shade = level - 8 * int(world.unit_kind[owner, slot])
                 gray_cell(image, rules, world.unit_row[owner, slot], column, shade)
-
-
-@compiled_compact
-def gray_cell(image: Any, rules: Any, row: int, column: int, level: int) -> None:
-    """Fill the pixels of a cell; on boards of more cells than pixels at least one."""
-    height = GRAY_SIDE - GRAY_BARS
-    top = GRAY_BARS + int(row) * height // rules.rows
-    bottom = max(top + 1, GRAY_BARS + (int(row) + 1) * height // rules.rows)
-    left = int(column) * GRAY_SIDE // rules.columns
-    right = max(left + 1, (int(column) + 1) * GRAY_SIDE // rules.columns)
-    image[top:bottom, left:right] = level
 
 
 # --- slices of worlds, and what people call ----------------------------------------------------

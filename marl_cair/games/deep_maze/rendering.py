@@ -1,7 +1,7 @@
-"""Pictures of a world of Deep Maze: for people, and as the observations `image` and `gray`.
+"""Renders a world of Deep Maze for people, and as the observations `image` and `gray`.
 
-Only reads the state. A seat's own view shows itself in green and what it knows: dark where it never
-looked, dim where it does not look now. The spectator sees all, and dots on the shortest ways.
+Only reads the state. A seat's view shows the seat in green. Cells that it never saw are dark, cells
+that it does not see now are dim. The spectator sees all, with dots along the shortest paths.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from marl_cair.games.drawing import (
     draw_number,
     fill_box,
     fill_disc,
+    fill_gray_cell,
     shade_box,
 )
 
@@ -44,10 +45,9 @@ GRAY_BAR = 4  # rows of the gray picture that show the time
 SPECTATOR = -1
 BOARD_SIDE, MARGIN, FRAME = 456, 8, 4  # pixels
 PANEL_LEFT = BOARD_SIDE + 2 * (MARGIN + FRAME)
-LEAST_SHADED = 6  # pixels along a cell from which on walls have an edge
-BACKGROUND, PANEL, INK, TRACK, FRAME_COLOUR, UNSEEN, FOG = (
-    np.array(colour, np.uint8)
-    for colour in (
+LEAST_SHADED = 6  # least pixels along a cell whose wall has an edge
+BACKGROUND, PANEL, INK, TRACK, FRAME_COLOUR, UNSEEN, FOG = np.array(
+    [
         (24, 26, 34),
         (36, 39, 50),
         (238, 240, 246),
@@ -55,11 +55,11 @@ BACKGROUND, PANEL, INK, TRACK, FRAME_COLOUR, UNSEEN, FOG = (
         (46, 52, 70),
         (15, 16, 22),
         (20, 22, 32),
-    )
+    ],
+    np.uint8,
 )
-WALL_TOP, WALL_FACE, FLOOR, FLOOR_2, GOAL_RED, GOAL_WHITE, WAY, DARK, WHITE = (
-    np.array(colour, np.uint8)
-    for colour in (
+WALL_TOP, WALL_FACE, FLOOR, FLOOR_2, GOAL_RED, GOAL_WHITE, PATH, DARK, WHITE = np.array(
+    [
         (92, 104, 138),
         (62, 71, 98),
         (244, 239, 226),
@@ -69,7 +69,8 @@ WALL_TOP, WALL_FACE, FLOOR, FLOOR_2, GOAL_RED, GOAL_WHITE, WAY, DARK, WHITE = (
         (255, 176, 59),
         (26, 30, 38),
         (255, 255, 255),
-    )
+    ],
+    np.uint8,
 )
 # Self (and seat 0 for the spectator), the others, and last the hunter of a chase.
 PLAYER_COLOURS: NDArray[np.uint8] = np.array(
@@ -78,21 +79,23 @@ PLAYER_COLOURS: NDArray[np.uint8] = np.array(
 HUNTER_COLOUR = 4
 FOG_PERCENT = 52
 
-# Colours of the picture at cell scale: the original's, and three for those whom it did not have.
+# Colours of the picture at cell scale: the original's, and three for roles that it lacks.
 CELL_OPEN, CELL_WALL, CELL_SELF, CELL_GOAL, CELL_UNKNOWN, CELL_RIVAL, CELL_MATE, CELL_HUNTER = (
-    np.array(colour, np.uint8)
-    for colour in (
-        (255, 255, 255),
-        (0, 0, 0),
-        (0, 255, 0),
-        (255, 0, 0),
-        (105, 105, 105),
-        (0, 0, 255),
-        (0, 200, 200),
-        (255, 160, 0),
+    np.array(
+        [
+            (255, 255, 255),
+            (0, 0, 0),
+            (0, 255, 0),
+            (255, 0, 0),
+            (105, 105, 105),
+            (0, 0, 255),
+            (0, 200, 200),
+            (255, 160, 0),
+        ],
+        np.uint8,
     )
 )
-# Levels of `gray`; what is remembered but not in sight is darker.
+# Levels of `gray`; cells that are remembered but not seen now are darker.
 GRAY_WALL, GRAY_OPEN, GRAY_SELF, GRAY_GOAL, GRAY_RIVAL, GRAY_MATE = 50, 120, 200, 255, 230, 175
 GRAY_HUNTER, GRAY_REMEMBERED = 150, 15
 # By `role_of`.
@@ -104,31 +107,20 @@ ROLE_GRAYS: NDArray[np.int64] = np.array([GRAY_SELF, GRAY_MATE, GRAY_RIVAL, GRAY
 
 
 @compiled_compact
-def edge(index: int, count: int, start: int) -> int:
-    """The first pixel of a row or column of the board, of `count`."""
-    return start + index * BOARD_SIDE // count
+def cell_edge(rules: Any, index: int, count: int) -> int:
+    """First pixel of row or column `index` of `count`; the board is centred in a square."""
+    side = int(max(rules.rows, rules.columns))
+    margin = (side - count) * BOARD_SIDE // (2 * side)
+    return MARGIN + FRAME + margin + index * BOARD_SIDE // side
 
 
 @compiled_compact
-def board_rows(rules: Any) -> int:
-    """Cells along a side of the square that the board stands in the middle of."""
-    return int(max(rules.rows, rules.columns))
-
-
-@compiled_compact
-def cell_top(rules: Any, row: int) -> int:
-    """The first pixel row of a row of cells."""
-    side = board_rows(rules)
-    lead = (side - rules.rows) * BOARD_SIDE // (2 * side)
-    return edge(row, side, MARGIN + FRAME + lead)
-
-
-@compiled_compact
-def cell_left(rules: Any, column: int) -> int:
-    """The first pixel column of a column of cells."""
-    side = board_rows(rules)
-    lead = (side - rules.columns) * BOARD_SIDE // (2 * side)
-    return edge(column, side, MARGIN + FRAME + lead)
+def cell_box(rules: Any, cell: int) -> tuple[int, int, int, int]:
+    """Top, left, height and width of a cell in pixels."""
+    row, column = cell // rules.columns, cell % rules.columns
+    top, left = cell_edge(rules, row, rules.rows), cell_edge(rules, column, rules.columns)
+    height = cell_edge(rules, row + 1, rules.rows) - top
+    return top, left, height, cell_edge(rules, column + 1, rules.columns) - left
 
 
 @compiled_compact
@@ -143,9 +135,7 @@ def shows_face(world: Any, rules: Any, viewer: int, cell: int) -> bool:
 @compiled_compact
 def paint_cell(world: Any, rules: Any, viewer: int, cell: int, image: Any) -> None:
     """Floor or wall as the viewer knows it, with a front edge where the floor begins below."""
-    row, column = cell // rules.columns, cell % rules.columns
-    top, left = cell_top(rules, row), cell_left(rules, column)
-    height, width = cell_top(rules, row + 1) - top, cell_left(rules, column + 1) - left
+    top, left, height, width = cell_box(rules, cell)
     if viewer != SPECTATOR and not knows(world, rules, viewer, cell):
         fill_box(image, top, left, height, width, UNSEEN)
         return
@@ -155,7 +145,8 @@ def paint_cell(world: Any, rules: Any, viewer: int, cell: int, image: Any) -> No
             face = max(2, height // 4)
             fill_box(image, top + height - face, left, face, width, WALL_FACE)
     else:
-        fill_box(image, top, left, height, width, FLOOR if (row + column) % 2 == 0 else FLOOR_2)
+        is_even = (cell // rules.columns + cell % rules.columns) % 2 == 0
+        fill_box(image, top, left, height, width, FLOOR if is_even else FLOOR_2)
     if viewer != SPECTATOR and not sees(world, rules, viewer, cell):
         shade_box(image, top, left, height, width, FOG, FOG_PERCENT)
 
@@ -163,9 +154,7 @@ def paint_cell(world: Any, rules: Any, viewer: int, cell: int, image: Any) -> No
 @compiled_compact
 def paint_goal(rules: Any, cell: int, image: Any) -> None:
     """A flag on a red floor."""
-    row, column = cell // rules.columns, cell % rules.columns
-    top, left = cell_top(rules, row), cell_left(rules, column)
-    height, width = cell_top(rules, row + 1) - top, cell_left(rules, column + 1) - left
+    top, left, height, width = cell_box(rules, cell)
     fill_box(image, top, left, height, width, GOAL_RED)
     if height < 2 * LEAST_SHADED:
         return
@@ -179,8 +168,8 @@ def paint_goal(rules: Any, cell: int, image: Any) -> None:
 
 
 @compiled_compact
-def paint_way(world: Any, rules: Any, player: int, colour: Any, image: Any) -> None:
-    """Dots on a shortest way of a seat to the goal."""
+def paint_path(world: Any, rules: Any, player: int, colour: Any, image: Any) -> None:
+    """Paint dots along a shortest path of a seat to the goal."""
     cell = int(world.cell[player])
     while world.distance[cell] > 1:
         for move in range(NUM_MOVES):
@@ -188,9 +177,7 @@ def paint_way(world: Any, rules: Any, player: int, colour: Any, image: Any) -> N
             if world.distance[beside] == world.distance[cell] - 1:
                 cell = beside
                 break
-        row, column = cell // rules.columns, cell % rules.columns
-        top, left = cell_top(rules, row), cell_left(rules, column)
-        size = cell_top(rules, row + 1) - top
+        top, left, size, _ = cell_box(rules, cell)
         fill_disc(image, top + size // 2, left + size // 2, max(1, size // 9), colour)
 
 
@@ -204,11 +191,10 @@ def player_colour(rules: Any, viewer: int, player: int) -> int:
 
 @compiled_compact
 def paint_player(world: Any, rules: Any, viewer: int, player: int, image: Any) -> None:
-    """A round figure that looks where it goes; the hunter frowns."""
+    """Paint a seat as a disc with eyes in its direction; the hunter has brows."""
     cell, came_from = int(world.cell[player]), int(world.came_from[player])
-    row, column = cell // rules.columns, cell % rules.columns
-    top, left = cell_top(rules, row), cell_left(rules, column)
-    size = min(cell_top(rules, row + 1) - top, cell_left(rules, column + 1) - left)
+    top, left, height, width = cell_box(rules, cell)
+    size = min(height, width)
     y, x = top + size // 2, left + size // 2
     radius = max(1, size * 2 // 5)
     colour = PLAYER_COLOURS[player_colour(rules, viewer, player)]
@@ -221,8 +207,8 @@ def paint_player(world: Any, rules: Any, viewer: int, player: int, image: Any) -
         return
     down, across = 0, 0
     if came_from != cell:
-        down = row - came_from // rules.columns
-        across = column - came_from % rules.columns
+        down = cell // rules.columns - came_from // rules.columns
+        across = cell % rules.columns - came_from % rules.columns
     apart, eye = max(1, radius * 2 // 5), max(1, radius // 4)
     y_eyes = y + down * radius // 4 - (radius // 8)
     for side in range(2):
@@ -238,10 +224,12 @@ def paint_player(world: Any, rules: Any, viewer: int, player: int, image: Any) -
 
 @compiled_compact
 def paint_board(world: Any, rules: Any, viewer: int, image: Any) -> None:
-    """Frame, cells, goal, ways and all seats that the viewer sees, itself on top."""
-    top, left = cell_top(rules, 0) - FRAME, cell_left(rules, 0) - FRAME
-    height = cell_top(rules, rules.rows) - top + FRAME
-    fill_box(image, top, left, height, cell_left(rules, rules.columns) - left + FRAME, FRAME_COLOUR)
+    """Paint frame, cells, goal, paths and all seats that the viewer sees, itself on top."""
+    top = cell_edge(rules, 0, rules.rows) - FRAME
+    left = cell_edge(rules, 0, rules.columns) - FRAME
+    height = cell_edge(rules, rules.rows, rules.rows) - top + FRAME
+    width = cell_edge(rules, rules.columns, rules.columns) - left + FRAME
+    fill_box(image, top, left, height, width, FRAME_COLOUR)
     for cell in range(world.walls.shape[0]):
         paint_cell(world, rules, viewer, cell, image)
     goal = int(world.clock[GOAL])
@@ -250,7 +238,7 @@ def paint_board(world: Any, rules: Any, viewer: int, image: Any) -> None:
     if viewer == SPECTATOR:
         for player in range(rules.num_players):
             if world.is_caught[player] == 0 and not is_hunter(rules, player):
-                paint_way(world, rules, player, WAY, image)
+                paint_path(world, rules, player, PATH, image)
     for player in range(rules.num_players - 1, -1, -1):
         if player == viewer or world.is_caught[player] != 0:
             continue
@@ -267,7 +255,7 @@ def paint_board(world: Any, rules: Any, viewer: int, image: Any) -> None:
 def paint_panel(world: Any, rules: Any, viewer: int, image: Any) -> None:
     """Moves made, the bars of time and preview, mazes of a sequence, and the seats in play.
 
-    The spectator's picture also tells the optimal moves of each seat, in its colour.
+    The spectator's picture also shows the optimal number of moves of each seat.
     """
     width = IMAGE_WIDTH - PANEL_LEFT - MARGIN
     fill_box(image, MARGIN, PANEL_LEFT, IMAGE_HEIGHT - 2 * MARGIN, width, PANEL)
@@ -277,7 +265,7 @@ def paint_panel(world: Any, rules: Any, viewer: int, image: Any) -> None:
     draw_bar(image, MARGIN + 56, left, 8, inner, share, INK, TRACK)
     if rules.preview_moves > 0:
         share = preview_left(world, rules) / rules.preview_moves
-        draw_bar(image, MARGIN + 70, left, 8, inner, share, WAY, TRACK)
+        draw_bar(image, MARGIN + 70, left, 8, inner, share, PATH, TRACK)
     for maze in range(min(rules.num_mazes, inner // 12) if rules.num_mazes > 1 else 0):
         colour = GOAL_RED if maze < world.clock[MAZE] else TRACK
         fill_box(image, MARGIN + 84, left + 12 * maze, 9, 9, colour)
@@ -290,7 +278,7 @@ def paint_panel(world: Any, rules: Any, viewer: int, image: Any) -> None:
         fill_disc(image, top + 12, left + 12, 12, TRACK if is_caught else colour)
         if viewer == SPECTATOR:
             optimal = int(world.optimal[player] + world.clock[EARLIER_OPTIMAL])
-            draw_number(image, optimal, top + 2, left + 36, 4, TRACK if is_caught else WAY, False)
+            draw_number(image, optimal, top + 2, left + 36, 4, TRACK if is_caught else PATH, False)
         top += 36
 
 
@@ -334,14 +322,9 @@ def paint_cells(world: Any, rules: Any, player: int, image: Any) -> None:
 
 @compiled_compact
 def gray_cell(image: Any, rules: Any, cell: int, level: int) -> None:
-    """Fill the pixels of a cell; on boards of more cells than pixels at least one."""
+    """Fill the pixels of a cell."""
     row, column = cell // rules.columns, cell % rules.columns
-    height = GRAY_SIDE - GRAY_BAR
-    top = GRAY_BAR + row * height // rules.rows
-    bottom = max(top + 1, GRAY_BAR + (row + 1) * height // rules.rows)
-    left = column * GRAY_SIDE // rules.columns
-    right = max(left + 1, (column + 1) * GRAY_SIDE // rules.columns)
-    image[top:bottom, left:right] = level
+    fill_gray_cell(image, GRAY_BAR, row, column, rules.rows, rules.columns, level)
 
 
 @compiled_compact

@@ -49,9 +49,9 @@ BIRD_COLOURS = (
     (110, 110, 118),  # grey in place of black, on which the outline would not show
 )
 
-PUSHING_LOOK, CRASHED_LOOK = 0, 6  # cells of birds.png; those between are by speed
+PUSHING_POSE, CRASHED_POSE = 0, 6  # cells of birds.png; those between are by speed
 # By velocity in whole pixels per tick, from FLAP_VELOCITY (-8) to MAX_FALL (10).
-LOOK_OF_SPEED: NDArray[np.int8] = np.repeat(np.array([1, 2, 3, 4, 5], np.int8), [4, 4, 4, 4, 3])
+POSE_OF_SPEED: NDArray[np.int8] = np.repeat(np.array([1, 2, 3, 4, 5], np.int8), [4, 4, 4, 4, 3])
 # The canvas of a turned bird, and its corner beside the upper left corner of the bird.
 CANVAS = 44
 CANVAS_LEFT = BIRD_X + BIRD_WIDTH // 2 - CANVAS // 2
@@ -76,8 +76,8 @@ class GrayArt(NamedTuple):
     pipe_cover: NDArray[np.int32]  # [period, 3 parts, columns] units that the pipe covers
     pipe_light: NDArray[np.int32]  # [period, 3 parts, columns] units times luminance
     bird_column: int  # the first that a bird's canvas touches
-    bird_cover: NDArray[np.int32]  # [looks, 44 canvas rows, columns]
-    bird_light: NDArray[np.int32]  # [8 seats, looks, 44 canvas rows, columns]
+    bird_cover: NDArray[np.int32]  # [poses, 44 canvas rows, columns]
+    bird_light: NDArray[np.int32]  # [8 seats, poses, 44 canvas rows, columns]
 
 
 class Art(NamedTuple):
@@ -87,7 +87,7 @@ class Art(NamedTuple):
     ground: NDArray[np.uint8]  # [3, 108, 312]
     pipe: NDArray[np.uint8]  # [2, 52, 3] colours across the body and the end
     outline: NDArray[np.uint8]  # [3]
-    bird: NDArray[np.uint8]  # [looks, 44, 44] palette indices
+    bird: NDArray[np.uint8]  # [poses, 44, 44] palette indices
     palette: NDArray[np.uint8]  # [8 seats, 9, 3]
     gray_84: GrayArt
     gray_80: GrayArt

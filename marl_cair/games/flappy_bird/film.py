@@ -1,8 +1,8 @@
-"""The last four decisions as frames of a film, from which past pictures can be painted again.
+"""Records the last four steps as frames in the state, from which past pictures are painted again.
 
-So a stack of pictures needs no past pixels: it depends on the state alone, and is the same after a
-restore and in any place of a batch. A frame holds little, since it is written at each decision:
-pipes move evenly, so where they were follows from where they are.
+A stack of pictures then depends on the state alone: it is the same after a restore and at any place
+of a batch. A frame is small because it is written at each step: pipes move evenly, so their past
+places follow from the present ones.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from typing import Any
 
 from marl_cair.games.compiled import compiled, compiled_compact
 from marl_cair.games.flappy_bird.art import (
-    CRASHED_LOOK,
+    CRASHED_POSE,
     GROUND_PERIOD,
-    LOOK_OF_SPEED,
-    PUSHING_LOOK,
+    POSE_OF_SPEED,
+    PUSHING_POSE,
 )
 from marl_cair.games.flappy_bird.state import (
     FLAPPED,
@@ -35,7 +35,7 @@ from marl_cair.games.flappy_bird.tables import (
     RENEWED_X_HUNDREDTHS,
 )
 
-HIDDEN = -1  # the look of a bird that is not drawn
+HIDDEN = -1  # pose of a bird that is not drawn
 
 
 @compiled
@@ -67,7 +67,7 @@ def film_start(world: Any, num_players: int) -> None:
         write_frame(world, num_players, place)
 
 
-# --- looking at a frame --------------------------------------------------------------------------
+# --- reading a frame -----------------------------------------------------------------------------
 
 
 @compiled_compact
@@ -131,12 +131,12 @@ def bird_top(world: Any, place: int, player: int) -> int:
 
 
 @compiled_compact
-def look_of(world: Any, place: int, player: int) -> int:
-    """How a bird looks: it tells the velocity in steps, and whether the bird has just flapped."""
+def pose_of(world: Any, place: int, player: int) -> int:
+    """Pose of a bird: it shows the velocity in steps, and whether the bird has just flapped."""
     crashed, tick = int(world.crash_tick[player]), int(world.film[place, FRAME_TICK])
     if crashed != NEVER and crashed <= tick:
-        return CRASHED_LOOK if crashed == tick else HIDDEN
+        return CRASHED_POSE if crashed == tick else HIDDEN
     flight = int(world.film[place, FRAME_BIRDS + NUM_BIRD_NUMBERS * player + FRAME_FLIGHT])
     if flight & ((1 << MOTION_BITS) - 1) == FLAPPED:
-        return PUSHING_LOOK
-    return int(LOOK_OF_SPEED[(flight >> MOTION_BITS) // HUNDREDTHS - FLAP_VELOCITY])
+        return PUSHING_POSE
+    return int(POSE_OF_SPEED[(flight >> MOTION_BITS) // HUNDREDTHS - FLAP_VELOCITY])

@@ -1,8 +1,8 @@
-"""The small pictures `gray`, `gray_80` and `gray_stack`, painted at their own size.
+"""Paints the representations `gray`, `gray_80` and `gray_stack` at their own size.
 
-Each dot is the mean luminance of what `image` shows in its cell, in whole numbers: each layer is
-laid over those below by the share of the cell that it covers (see `art`). This is exact where a
-layer below is even within the cell, and off by a few levels at the edges of two layers in one cell.
+Each pixel is the mean luminance of its cell of `image`, in whole numbers: each layer is blended
+over those below by the share of the cell that it covers (see `art`). This is exact where the layers
+below are even within the cell, and off by a few levels where edges of two layers meet in one cell.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from marl_cair.games.flappy_bird.film import (
     bird_top,
     frame_place,
     gap_of,
-    look_of,
     pipe_left,
+    pose_of,
     scroll_of,
     wind_of,
 )
@@ -63,7 +63,7 @@ def units_in_row(row: int, side: int, first: int, last: int) -> int:
 
 
 @compiled_compact
-def lay_tube(gray: Any, phase: int, column: int, first: int, last: int, image: Any) -> None:
+def blend_tube(gray: Any, phase: int, column: int, first: int, last: int, image: Any) -> None:
     """The rows first..last-1 that show nothing but the body of a pipe."""
     cover, light = gray.pipe_cover[phase, BODY], gray.pipe_light[phase, BODY]
     begin, end = max(0, -column), min(cover.shape[0], image.shape[1] - column)
@@ -74,7 +74,7 @@ def lay_tube(gray: Any, phase: int, column: int, first: int, last: int, image: A
 
 
 @compiled_compact
-def lay_end(
+def blend_end(
     gray: Any, phase: int, column: int, row: int, top: int, bottom: int, image: Any
 ) -> None:
     """A row that shows part of the ends of a pipe with its gap at top..bottom-1."""
@@ -96,7 +96,7 @@ def lay_end(
 
 
 @compiled_compact
-def lay_pipe(world: Any, rules: Any, place: int, gray: Any, pipe: int, image: Any) -> None:
+def blend_pipe(world: Any, rules: Any, place: int, gray: Any, pipe: int, image: Any) -> None:
     """Both halves of a pipe."""
     left = pipe_left(world, rules, place, pipe)
     if left >= SCREEN_WIDTH or left + PIPE_WIDTH <= 0:
@@ -111,16 +111,16 @@ def lay_pipe(world: Any, rules: Any, place: int, gray: Any, pipe: int, image: An
     below_gap = bottom * side // SCREEN_HEIGHT
     last = gray.ground_row + 1
     lower = min(last, ((bottom + CAP_HEIGHT) * side - 1) // SCREEN_HEIGHT + 1)
-    lay_tube(gray, phase, column, 0, upper, image)
+    blend_tube(gray, phase, column, 0, upper, image)
     for row in range(upper, above_gap):
-        lay_end(gray, phase, column, row, top, bottom, image)
+        blend_end(gray, phase, column, row, top, bottom, image)
     for row in range(max(above_gap, below_gap), lower):
-        lay_end(gray, phase, column, row, top, bottom, image)
-    lay_tube(gray, phase, column, lower, last, image)
+        blend_end(gray, phase, column, row, top, bottom, image)
+    blend_tube(gray, phase, column, lower, last, image)
 
 
 @compiled_compact
-def lay_ground(phase: int, gray: Any, image: Any) -> None:
+def blend_ground(phase: int, gray: Any, image: Any) -> None:
     """The ground; its first row shares its cells with what is above."""
     side, units = image.shape[0], gray.ground_units
     for column in range(side):
@@ -133,7 +133,7 @@ def lay_ground(phase: int, gray: Any, image: Any) -> None:
 
 
 @compiled_compact
-def lay_box(image: Any, top: int, left: int, height: int, width: int, luma: int) -> None:
+def blend_box(image: Any, top: int, left: int, height: int, width: int, luma: int) -> None:
     """An even box of pixels of the large picture."""
     side = image.shape[0]
     for row in range(top * side // SCREEN_HEIGHT, ((top + height) * side - 1) // SCREEN_HEIGHT + 1):
@@ -149,22 +149,22 @@ def lay_box(image: Any, top: int, left: int, height: int, width: int, luma: int)
 
 
 @compiled_compact
-def lay_gauge(wind: int, image: Any) -> None:
+def blend_gauge(wind: int, image: Any) -> None:
     """The gauge of the wind."""
-    lay_box(image, GAUGE_TOP, GAUGE_LEFT, GAUGE_HEIGHT, GAUGE_WIDTH, GAUGE_DARK_LUMA)
+    blend_box(image, GAUGE_TOP, GAUGE_LEFT, GAUGE_HEIGHT, GAUGE_WIDTH, GAUGE_DARK_LUMA)
     top, height = gauge_box(wind)
     if height > 0:
         width = GAUGE_WIDTH - 2 * GAUGE_EDGE
-        lay_box(image, top, GAUGE_LEFT + GAUGE_EDGE, height, width, GAUGE_BRIGHT_LUMA)
+        blend_box(image, top, GAUGE_LEFT + GAUGE_EDGE, height, width, GAUGE_BRIGHT_LUMA)
 
 
 @compiled_compact
-def lay_bird(look: int, up: int, colour: int, gray: Any, image: Any) -> None:
-    """A bird whose canvas begins in pixel row `up`, if it is to be seen."""
-    if look == HIDDEN:
+def blend_bird(pose: int, up: int, colour: int, gray: Any, image: Any) -> None:
+    """Blend a bird whose canvas begins in pixel row `up`, unless it is hidden."""
+    if pose == HIDDEN:
         return
     side = image.shape[0]
-    cover, light = gray.bird_cover[look], gray.bird_light[colour, look]
+    cover, light = gray.bird_cover[pose], gray.bird_light[colour, pose]
     first, last = max(0, up), min(SCREEN_HEIGHT, up + CANVAS)
     for row in range(first * side // SCREEN_HEIGHT, (last * side - 1) // SCREEN_HEIGHT + 1):
         begin = max(first, row * SCREEN_HEIGHT // side)
@@ -188,16 +188,16 @@ def paint_gray(world: Any, rules: Any, place: int, gray: Any, viewer: int, image
         for column in range(image.shape[1]):
             image[row, column] = gray.sky[row, column]
     for pipe in range(NUM_PIPES):
-        lay_pipe(world, rules, place, gray, pipe, image)
-    lay_ground(scroll_of(world, rules, place), gray, image)
+        blend_pipe(world, rules, place, gray, pipe, image)
+    blend_ground(scroll_of(world, rules, place), gray, image)
     if rules.wind > 0:
-        lay_gauge(wind_of(world, place), image)
+        blend_gauge(wind_of(world, place), image)
     for nth in range(1, rules.num_players + 1):
         # The viewer comes last, the others in the order of their seats.
         player = viewer if nth == rules.num_players else nth - int(nth <= viewer)
-        look = look_of(world, place, player)
+        pose = pose_of(world, place, player)
         up = bird_top(world, place, player) - CANVAS_UP
-        lay_bird(look, up, colour_of(player, viewer), gray, image)
+        blend_bird(pose, up, colour_of(player, viewer), gray, image)
 
 
 # --- slices of worlds ------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Pictures of Flappy Bird, painted from a frame of the film: for people, and as `image`.
+"""Renders a recorded frame of Flappy Bird for people, and as the observation `image`.
 
 Only reads the state. In a seat's own view its bird is yellow and in front of the others; the
 spectator sees each seat in its own colour.
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled_compact
-from marl_cair.games.drawing import draw_number, fill_box, fill_disc
+from marl_cair.games.drawing import draw_number, fill_box, fill_disc, num_digits
 from marl_cair.games.flappy_bird.art import (
     BIRD_COLOURS,
     BODY,
@@ -28,8 +28,8 @@ from marl_cair.games.flappy_bird.film import (
     bird_top,
     frame_place,
     gap_of,
-    look_of,
     pipe_left,
+    pose_of,
     scroll_of,
     wind_of,
 )
@@ -54,16 +54,14 @@ GAUGE_LEFT, GAUGE_TOP, GAUGE_WIDTH, GAUGE_HEIGHT = 8, 8, 16, 88
 GAUGE_MIDDLE = GAUGE_TOP + GAUGE_HEIGHT // 2
 GAUGE_EDGE = 4  # pixels beside the bar
 GAUGE_PIXELS = 14  # a pixel per tick of wind
-GAUGE_DARK, GAUGE_BRIGHT, INK = (
-    np.array(colour, np.uint8) for colour in ((46, 54, 62), (250, 246, 230), (252, 252, 252))
-)
+GAUGE_DARK, GAUGE_BRIGHT, INK = np.array([(46, 54, 62), (250, 246, 230), (252, 252, 252)], np.uint8)
 DOTS_Y = 456  # on the ground, where no bird flies
 DOT_COLOURS = np.array(BIRD_COLOURS, np.uint8)
 
 
 @compiled_compact
 def colour_of(player: int, viewer: int) -> int:
-    """Row of the palette: the viewer's bird has the first colour, whose owner has the viewer's."""
+    """Row of the palette: the viewer takes colour 0, and seat 0 takes the viewer's colour."""
     if viewer == SPECTATOR:
         return player
     if player == viewer:
@@ -121,14 +119,14 @@ def paint_gauge(wind: int, image: Any) -> None:
 
 @compiled_compact
 def paint_bird(world: Any, rules: Any, place: int, player: int, colour: int, image: Any) -> None:
-    """One bird, if it is to be seen."""
-    look = look_of(world, place, player)
-    if look == HIDDEN:
+    """Paint one bird, unless it is hidden."""
+    pose = pose_of(world, place, player)
+    if pose == HIDDEN:
         return
     up = bird_top(world, place, player) - CANVAS_UP
     for row in range(max(0, -up), min(CANVAS, SCREEN_HEIGHT - up)):
         for column in range(CANVAS):
-            index = rules.art.bird[look, row, column]
+            index = rules.art.bird[pose, row, column]
             if index > 0:
                 for channel in range(3):
                     value = rules.art.palette[colour, index, channel]
@@ -161,10 +159,7 @@ def paint_score(world: Any, rules: Any, viewer: int, image: Any) -> None:
     for player in range(rules.num_players):
         if viewer in (SPECTATOR, player):
             passed = max(passed, int(world.pipes_passed[player]))
-    digits, rest = 1, passed // 10
-    while rest > 0:
-        digits, rest = digits + 1, rest // 10
-    left = SCREEN_WIDTH // 2 - digits * 12 + 3
+    left = SCREEN_WIDTH // 2 - num_digits(passed) * 12 + 3
     for dy, dx in ((-2, 0), (2, 0), (0, -2), (0, 2), (2, 2)):
         draw_number(image, passed, 34 + dy, left + dx, 6, GAUGE_DARK, False)
     draw_number(image, passed, 34, left, 6, INK, False)

@@ -65,8 +65,8 @@ def test_a_seat_sees_itself_in_green_and_the_goal_in_red_and_the_spectator_the_w
     for image in (picture, seen):
         assert count(image, rendering.PLAYER_COLOURS[0]) > 500
         assert count(image, rendering.GOAL_RED) > 2_000
-    assert count(picture[:, :470], rendering.WAY) > 100
-    assert count(seen[:, :470], rendering.WAY) == 0
+    assert count(picture[:, :470], rendering.PATH) > 100
+    assert count(seen[:, :470], rendering.PATH) == 0
     np.testing.assert_array_equal(seen, table.see("image").transpose(1, 2, 0))
 
 

@@ -1,7 +1,7 @@
-"""The small picture `gray` of Deep RTS: the economy in bars, the board in levels of gray.
+"""Paints the representation `gray` of Deep RTS: the economy as bars, the board in gray levels.
 
 Levels from dark to light: ground and resources, own team's buildings and units, the others'
-buildings and units. What a seat remembers but does not see is a little darker.
+buildings and units. Cells that a seat remembers but does not see now are a little darker.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ from marl_cair.games.deep_rts.state import (
     UNKNOWN,
 )
 from marl_cair.games.deep_rts.tables import NUM_MOBILE_KINDS, NUM_RESOURCES
+from marl_cair.games.drawing import fill_gray_cell
 
 GRAY_SIDE = 84
 GRAY_BARS = 12  # rows over the board: gold, lumber, stone, oil, food used, food made
 _BAR_ROWS = 2
-_EIGHTHS = 8  # of a doubling of a store, the steps of its bar
+_EIGHTHS = 8  # steps of a bar per doubling of a resource
 _FULL_BAR = 159  # the level of MAX_RESOURCE, which is near 2 ** 20
 # grass, desert, lava, wall, water, lumber, gold, stone, oil
 GRAY_TILES = (20, 30, 10, 50, 40, 60, 90, 70, 80)
@@ -52,7 +53,7 @@ def log_level(number: int) -> int:
 
 @compiled_compact
 def gray_bars(player: Any, food_used: int, food_made: int, food_limit: int, image: Any) -> None:
-    """A player's stores (log scale) and food; player: its row of `World.players`."""
+    """Paint resources (log scale) and food as bars; player: a row of `World.players`."""
     for bar in range(GRAY_BARS // _BAR_ROWS):
         level, full = food_used if bar == NUM_RESOURCES else food_made, food_limit
         if bar < NUM_RESOURCES:
@@ -63,19 +64,8 @@ def gray_bars(player: Any, food_used: int, food_made: int, food_limit: int, imag
 
 
 @compiled_compact
-def gray_cell(image: Any, row: int, column: int, rows: int, columns: int, level: int) -> None:
-    """Fill the pixels of a cell; on boards of more cells than pixels at least one."""
-    height = GRAY_SIDE - GRAY_BARS
-    top = GRAY_BARS + row * height // rows
-    bottom = max(top + 1, GRAY_BARS + (row + 1) * height // rows)
-    left = column * GRAY_SIDE // columns
-    right = max(left + 1, (column + 1) * GRAY_SIDE // columns)
-    image[top:bottom, left:right] = level
-
-
-@compiled_compact
 def gray_cursor(image: Any, row: int, column: int, rows: int, columns: int) -> None:
-    """A dot in the middle of a cell, the selected unit's."""
+    """Mark the cell of the selected unit with a dot in its middle."""
     height = GRAY_SIDE - GRAY_BARS
     y = GRAY_BARS + (2 * row + 1) * height // (2 * rows)
     x = (2 * column + 1) * GRAY_SIDE // (2 * columns)
@@ -85,7 +75,7 @@ def gray_cursor(image: Any, row: int, column: int, rows: int, columns: int) -> N
 
 @compiled_compact
 def ground_level(scene: Any, cell: int) -> int:
-    """Level of what the viewer knows to be in a cell."""
+    """Gray level of the ground of a cell, as the viewer knows it."""
     kind = known_tile(scene, scene, scene.viewer, cell)
     if kind == UNKNOWN:
         return 0
@@ -108,7 +98,7 @@ def unit_level(kind: int, state: int, is_own: bool, is_ally: bool) -> int:
 
 @compiled_compact
 def paint_gray(scene: Any, image: Any) -> None:
-    """The board of a seat, in the rows below GRAY_BARS; units are painted last."""
+    """Paint the board of a seat below GRAY_BARS rows; units come last."""
     rows, columns = scene.rows, scene.columns
     for layer in range(3):
         for own in range(rows * columns):
@@ -127,7 +117,7 @@ def paint_gray(scene: Any, image: Any) -> None:
                 is_ally = scene.team[owner] == scene.team[scene.viewer]
                 kind, state = int(scene.units[unit, UNIT_KIND]), int(scene.units[unit, UNIT_STATE])
                 level = unit_level(kind, state, owner == scene.viewer, is_ally)
-            gray_cell(image, own // columns, own % columns, rows, columns, level)
+            fill_gray_cell(image, GRAY_BARS, own // columns, own % columns, rows, columns, level)
     unit = int(scene.players[scene.viewer, CURSOR])
     if unit != NO_UNIT and scene.units[unit, UNIT_KIND] >= 0:
         own = int(scene.own_cell[scene.units[unit, UNIT_CELL]])
@@ -138,7 +128,7 @@ def paint_gray(scene: Any, image: Any) -> None:
 def observe_gray(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
     """Write every seat's small picture to out [B, P, 1, GRAY_SIDE, GRAY_SIDE]."""
     out[first:last] = 0
-    corner = first - first  # a number like any other: a literal 0 would compile all anew
+    corner = first - first  # a literal 0 would be compiled again, as another type
     for index in range(first, last):
         for player in range(rules.num_players):
             image = out[index, player, 0]

@@ -1,4 +1,4 @@
-"""What is drawn over the pieces of Deep RTS: health, progress, selections, blows and arrows."""
+"""Draws marks over the units of Deep RTS: health, progress, selections, blows and arrows."""
 
 from __future__ import annotations
 
@@ -27,9 +27,8 @@ from marl_cair.games.deep_rts.state import (
 )
 from marl_cair.games.drawing import draw_bar, draw_corners, draw_line, fill_box, fill_disc
 
-HEALTHY, HURT, DYING, PROGRESS, EMPTY, OUTLINE, FLASH, SPARK, SHAFT = (
-    np.array(colour, np.uint8)
-    for colour in (
+HEALTHY, HURT, DYING, PROGRESS, EMPTY, OUTLINE, FLASH, SPARK, SHAFT = np.array(
+    [
         (96, 214, 92),
         (246, 198, 60),
         (226, 66, 52),
@@ -39,7 +38,8 @@ HEALTHY, HURT, DYING, PROGRESS, EMPTY, OUTLINE, FLASH, SPARK, SHAFT = (
         (255, 248, 214),
         (255, 196, 74),
         (70, 46, 30),
-    )
+    ],
+    np.uint8,
 )
 _HURT_PERCENT, _DYING_PERCENT = 66, 33
 
@@ -96,7 +96,7 @@ def mark_selection(piece: Any, tile: int, image: Any) -> None:
 
 @compiled_compact
 def paint_flash(y: float, x: float, tile: int, ticks: int, image: Any) -> None:
-    """Where a blow fell `ticks` ago."""
+    """Paint a blow that fell `ticks` ago."""
     reach = tile * (FLASH_TICKS + 1 - ticks) / (5.0 * FLASH_TICKS)
     line = max(1, tile // 16)
     draw_line(image, y - reach, x, y + reach, x, line, SPARK)
@@ -108,7 +108,7 @@ def paint_flash(y: float, x: float, tile: int, ticks: int, image: Any) -> None:
 def paint_arrow(
     y: float, x: float, y_step: float, x_step: float, away: float, tile: int, ticks: int, image: Any
 ) -> None:
-    """An arrow that flew off (y, x) `ticks` ago, to fly `away` pixels in all."""
+    """Paint an arrow that left (y, x) `ticks` ago, with `away` pixels to fly in all."""
     tip = away * (ticks + 1.0) / (FLASH_TICKS + 0.5)
     tail, head = max(0.0, tip - 0.6 * tile), max(0.0, tip - 0.2 * tile)
     line = max(1, tile // 16) + 1
@@ -119,7 +119,7 @@ def paint_arrow(
 
 @compiled_compact
 def paint_blow(piece: Any, target: Any, tile: int, is_shot: bool, image: Any) -> None:
-    """The flash of a blow, or an arrow on its way."""
+    """Paint the flash of a blow, or an arrow in flight."""
     y, x = piece.top + piece.size / 2.0, piece.left + piece.size / 2.0
     y_far = target.top + target.size / 2.0 - y
     x_far = target.left + target.size / 2.0 - x
@@ -134,7 +134,7 @@ def paint_blow(piece: Any, target: Any, tile: int, is_shot: bool, image: Any) ->
 
 @compiled_compact
 def paint_marks(scene: Any, image: Any) -> None:
-    """All marks that the viewer may see; of training only its own, of selections too."""
+    """Paint all marks that the viewer may see; training and selections only of its own units."""
     tile = scene.tile_side
     for own in range(scene.rows * scene.columns):
         cell = int(scene.world_cell[own])

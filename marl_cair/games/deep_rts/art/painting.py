@@ -1,7 +1,6 @@
-"""Ground, fog, buildings and units of Deep RTS, painted from one seat's side.
+"""Paints ground, fog, buildings and units of Deep RTS as one seat sees them.
 
-Things are painted in the order of the view's own rows, so that mirrored worlds look alike to
-mirrored seats.
+The order follows the rows of the view, so that mirrored worlds look alike to mirrored seats.
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ _WESTWARD = np.array((False, False, False, True, False, False, True, True))
 
 @compiled_compact
 def resource_pixels(tile: int, amount: int, fresh: int) -> int:
-    """A resource of which little is left looks small."""
+    """Side of a resource in pixels: the less is left, the smaller."""
     if 2 * amount > fresh:
         return tile
     return max(1, tile * (13 if 4 * amount > fresh else 10) // 16)
@@ -69,7 +68,7 @@ def resource_pixels(tile: int, amount: int, fresh: int) -> int:
 def paint_tile(
     image: Any, kind: int, row: int, column: int, top: int, left: int, tile: int, size: int
 ) -> None:
-    """A tile; a small resource (`size` below `tile`) stands in the grass."""
+    """Paint a tile; a small resource (`size` below `tile`) stands on grass."""
     variant = (row * 73 + column * 151 + row * column * 11) // 3 % NUM_VARIANTS
     palette = TILE_PALETTES[(row + column) % 2]
     if size < tile:
@@ -81,7 +80,7 @@ def paint_tile(
 
 @compiled_compact
 def paint_ground(scene: Any, image: Any) -> None:
-    """Tiles as the viewer knows them, dim where it does not look, nothing where it never did."""
+    """Paint the tiles that the viewer knows, dim where it does not see them now."""
     tile = scene.tile_side
     for row in range(scene.rows):
         for column in range(scene.columns):
@@ -107,7 +106,7 @@ def paint_ground(scene: Any, image: Any) -> None:
 
 @compiled_compact
 def paint_building(piece: Any, image: Any) -> None:
-    """A building; a site grows behind its scaffold."""
+    """Paint a building; one under construction grows behind its scaffold."""
     top, left, size = piece.top, piece.left, piece.size
     palette = PALETTES[piece.colour]
     is_great = GREAT_SPRITE[piece.kind] >= 0
@@ -127,7 +126,7 @@ def paint_building(piece: Any, image: Any) -> None:
 
 @compiled_compact
 def paint_walker(piece: Any, image: Any) -> None:
-    """A unit that can walk, with what it carries on its back."""
+    """Paint a unit that can walk, with the resource that it carries."""
     top, left, size = piece.top, piece.left, piece.size
     pose = SIDEWAYS
     if piece.direction == _NORTH:
@@ -148,7 +147,7 @@ def paint_walker(piece: Any, image: Any) -> None:
 
 @compiled_compact
 def paint_square(piece: Any, image: Any) -> None:
-    """A piece on a board of very small tiles; a site is dark."""
+    """Paint a piece on a board of very small tiles; one under construction is dark."""
     top, left, size = piece.top, piece.left, piece.size
     fill_box(image, top, left, size, size, PLAYER_COLOURS[piece.colour])
     if piece.state == RISING:
@@ -157,7 +156,7 @@ def paint_square(piece: Any, image: Any) -> None:
 
 @compiled_compact
 def paint_pieces(scene: Any, image: Any) -> None:
-    """All that the viewer sees stand on the board: buildings, then units before them."""
+    """Paint everything that the viewer sees on the board: buildings, then units over them."""
     for layer in range(2):
         for own in range(scene.rows * scene.columns):
             cell = int(scene.world_cell[own])

@@ -1,7 +1,7 @@
-"""Pictures of a world of Deep RTS: for people, and as the observations `image` and `gray`.
+"""Renders a world of Deep RTS for people, and as the observations `image` and `gray`.
 
-Only reads the state. A seat's own view lies as its planes do, shows itself in blue and what it
-knows: black where it never looked, dim where it does not look now. The spectator sees all.
+Only reads the state. A seat's view has the orientation of its planes and shows the seat in blue.
+Cells that it never saw are black, cells that it does not see now are dim. The spectator sees all.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ from marl_cair.games.drawing import (
     draw_number,
     draw_smooth,
     fill_box,
+    num_digits,
 )
 
 __all__ = ["GRAY_SIDE", "draw", "observe_gray", "observe_image", "picture_layout", "tile_side"]
@@ -53,9 +54,8 @@ CLOCK_HEIGHT, ROW_HEIGHT = 22, 24
 ICON_PIXELS, GLYPH_SCALE = 16, 2
 NUM_ENTRIES = 7  # resources, food, units, score
 
-BACKGROUND, PANEL, INK, DIM, TRACK = (
-    np.array(colour, np.uint8)
-    for colour in ((22, 24, 30), (58, 62, 74), (240, 242, 246), (132, 136, 150), (58, 62, 74))
+BACKGROUND, PANEL, INK, DIM, TRACK = np.array(
+    [(22, 24, 30), (58, 62, 74), (240, 242, 246), (132, 136, 150), (58, 62, 74)], np.uint8
 )
 
 
@@ -79,18 +79,8 @@ def picture_layout(rules: Any, num_shown: int) -> tuple[int, int, int, int, int]
 
 
 @compiled_compact
-def num_digits(number: int) -> int:
-    """Digits of a number of 0 or more."""
-    digits = 1
-    while number >= 10:
-        number //= 10
-        digits += 1
-    return digits
-
-
-@compiled_compact
 def paint_row(numbers: Any, colour: int, top: int, is_alive: bool, image: Any) -> None:
-    """A player's colour and numbers [NUM_ENTRIES + 1], the last one the food that there is."""
+    """Paint a player's colour and numbers [NUM_ENTRIES + 1]; the last is the food limit."""
     ink = INK if is_alive else DIM
     width = image.shape[2] - 2 * MARGIN
     fill_box(image, top, MARGIN, ROW_HEIGHT - 3, width, PANEL)
@@ -112,7 +102,7 @@ def paint_row(numbers: Any, colour: int, top: int, is_alive: bool, image: Any) -
 
 @compiled_compact
 def paint_clock(tick: int, max_ticks: int, image: Any) -> None:
-    """Ticks played, and a bar of the time that is left."""
+    """Paint the ticks played, and a bar of the time left."""
     draw_smooth(image, ICONS[TIME_ICON], PALETTES[0], 3, MARGIN, ICON_PIXELS, False, 0)
     draw_number(image, tick, 7, MARGIN + ICON_PIXELS + 4, GLYPH_SCALE, INK, False)
     left = MARGIN + ICON_PIXELS + 80
@@ -124,7 +114,7 @@ def paint_clock(tick: int, max_ticks: int, image: Any) -> None:
 def paint_world(
     worlds: Any, rules: Any, index: int, viewer: int, tile: int, top: int, left: int, image: Any
 ) -> None:
-    """The board of one world among many, its corner at (top, left)."""
+    """Paint the board of world `index`, its corner at (top, left)."""
     scene = scene_of(worlds, rules, index, viewer, tile, top, left)
     paint_ground(scene, image)
     paint_pieces(scene, image)
@@ -135,7 +125,7 @@ def paint_world(
 def observe_image(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
     """Write every seat's board to out [B, P, 3, rows * tile_pixels, columns * tile_pixels]."""
     out[first:last] = 0
-    corner = first - first  # a number like any other: a literal 0 would compile all anew
+    corner = first - first  # a literal 0 would be compiled again, as another type
     for index in range(first, last):
         for player in range(rules.num_players):
             image = out[index, player]
@@ -143,7 +133,7 @@ def observe_image(worlds: Any, rules: Any, out: Any, first: int, last: int) -> N
 
 
 def _numbers_of(worlds: World, rules: Any, world: int, player: int) -> NDArray[np.int64]:
-    """What a row of the panel shows."""
+    """Numbers in a row of the panel."""
     limit = int(rules.start_food) + int(worlds.players[world, player, FOOD_MADE])
     return np.array(
         [
@@ -158,7 +148,7 @@ def _numbers_of(worlds: World, rules: Any, world: int, player: int) -> NDArray[n
 
 
 def _score_of(worlds: World, world: int, player: int) -> float:
-    """The score in plain Python: not worth the wait for the compiler."""
+    """The score, computed in plain Python: compiling would take longer."""
     plain = getattr(score_of, "py_func", score_of)
     return float(plain(World(*(field[world] for field in worlds)), player))
 
@@ -179,7 +169,7 @@ def _paint_panel(
 def draw(worlds: World, rules: Any, world: int, player: int | None) -> NDArray[np.uint8]:
     """The picture of one world, uint8 [h, w, 3]: of a seat's own view, or the spectator's (None).
 
-    `picture_layout` tells its size; the spectator's panel lists all players, a seat's only itself.
+    `picture_layout` gives its size. The spectator's panel lists all players, a seat's only its own.
     """
     viewer = SPECTATOR if player is None else player
     num_shown = rules.num_players if player is None else 1

@@ -1,7 +1,7 @@
-"""What the painter of Deep RTS needs of a world, as one seat sees it: few arrays, and pieces.
+"""Reads from a world of Deep RTS what is drawn for one seat: a `Scene` of arrays, and `Piece`s.
 
-Numba hands every array of a tuple to every call, so a `Scene` holds those that are painted only;
-what is drawn of a unit is read once into a `Piece` of plain numbers.
+Numba passes every array of a tuple to every call, so a `Scene` holds only arrays that are drawn.
+What is drawn of a unit is read once into a `Piece` of plain numbers.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ from marl_cair.games.deep_rts.state import (
     WALKING,
     world_at,
 )
-from marl_cair.games.deep_rts.tables import NUM_MOBILE_KINDS
+from marl_cair.games.deep_rts.tables import NO_RESOURCE, NUM_MOBILE_KINDS
 
 SPECTATOR = -1  # sees all, from the side of the board itself
-FLASH_TICKS = 4  # that a blow, or an arrow in flight, is seen
+FLASH_TICKS = 4  # for which a blow, or an arrow in flight, is drawn
 NO_BLOW = -1
 _SOUTH = 2
 
@@ -158,7 +158,7 @@ def colour_of(team: Any, viewer: int, owner: int) -> int:
 
 @compiled_compact
 def stands_at(scene: Any, cell: int) -> int:
-    """The unit whose (middle) cell this is, NO_UNIT where none is or none is seen."""
+    """The unit whose middle cell this is, NO_UNIT if none is or the viewer does not see it."""
     unit = int(scene.board[OCCUPANT, cell])
     if unit == NO_UNIT or scene.units[unit, UNIT_CELL] != cell:
         return NO_UNIT
@@ -169,7 +169,7 @@ def stands_at(scene: Any, cell: int) -> int:
 
 @compiled_compact
 def target_in_sight(scene: Any, unit: int) -> int:
-    """Whom a unit fights or mends, NO_UNIT where the viewer does not see it."""
+    """The unit that a unit attacks or repairs, NO_UNIT if the viewer does not see it."""
     target = int(scene.units[unit, UNIT_TARGET])
     if target == NO_UNIT or scene.units[target, UNIT_KIND] < 0:
         return NO_UNIT
@@ -180,17 +180,17 @@ def target_in_sight(scene: Any, unit: int) -> int:
 
 @compiled_compact
 def facing_of(scene: Any, unit: int) -> int:
-    """Where a unit looks, as the view shows it: at its target, at its work, else ahead."""
+    """Direction that a unit faces in the view: to its target or its work, else ahead."""
     cell, state = int(scene.units[unit, UNIT_CELL]), int(scene.units[unit, UNIT_STATE])
-    direction, looked_at = int(scene.units[unit, UNIT_FACING]), NO_DIRECTION
+    direction, faced = int(scene.units[unit, UNIT_FACING]), NO_DIRECTION
     if state == GATHERING:
-        looked_at = direction_between(scene, cell, int(scene.units[unit, UNIT_GOAL]))
+        faced = direction_between(scene, cell, int(scene.units[unit, UNIT_GOAL]))
     elif state in (FIGHTING, REPAIRING):
         target = target_in_sight(scene, unit)
         if target != NO_UNIT:
-            looked_at = direction_between(scene, cell, int(scene.units[target, UNIT_CELL]))
-    if looked_at != NO_DIRECTION:
-        direction = looked_at
+            faced = direction_between(scene, cell, int(scene.units[target, UNIT_CELL]))
+    if faced != NO_DIRECTION:
+        direction = faced
     for own in range(NUM_DIRECTIONS):
         if scene.own_direction[own] == direction:
             return own
@@ -199,7 +199,7 @@ def facing_of(scene: Any, unit: int) -> int:
 
 @compiled_compact
 def forward_pixels(side: int, state: int, ticks: int, done_percent: int, strikes: bool) -> int:
-    """How far before its cell a unit is: it walks there, hacks or strikes."""
+    """Pixels by which a unit is drawn ahead of its cell: it walks, gathers or strikes."""
     if state == WALKING:
         return side * done_percent // 100
     if state == GATHERING and ticks // 2 % 2 == 1:
@@ -211,8 +211,8 @@ def forward_pixels(side: int, state: int, ticks: int, done_percent: int, strikes
 def piece_of(scene: Any, unit: int) -> Any:
     """The `Piece` of a unit on the board.
 
-    Where a unit goes and looks, and since when it does what it does, is its owner's to know: others
-    see it face them, in the middle of its cell.
+    Only the owner and the spectator see a unit's movement, direction and progress. Others see it
+    face south, in the middle of its cell.
     """
     kind, owner = int(scene.units[unit, UNIT_KIND]), int(unit // scene.slots)
     state, side = int(scene.units[unit, UNIT_STATE]), scene.tile_side
@@ -224,17 +224,12 @@ def piece_of(scene: Any, unit: int) -> Any:
     done_percent = max(0, min(100, 100 * ticks // lasts))
     blow_ticks = NO_BLOW
     if state == FIGHTING:
-        age = (
-            scene.tick
-            - int(scene.units[unit, UNIT_READY])
-            + int(scene.kinds[kind, KIND_ATTACK_TICKS])
-        )
+        age = scene.tick - int(scene.units[unit, UNIT_READY])
+        age += int(scene.kinds[kind, KIND_ATTACK_TICKS])
         if 0 <= age < FLASH_TICKS:
             blow_ticks = age
-    own, half = (
-        int(scene.own_cell[scene.units[unit, UNIT_CELL]]),
-        int(scene.kinds[kind, KIND_HALF_SIZE]),
-    )
+    own = int(scene.own_cell[scene.units[unit, UNIT_CELL]])
+    half = int(scene.kinds[kind, KIND_HALF_SIZE])
     top = scene.top + (own // scene.columns - half) * side
     left = scene.left + (own % scene.columns - half) * side
     direction = _SOUTH
@@ -244,6 +239,9 @@ def piece_of(scene: Any, unit: int) -> Any:
         ahead = forward_pixels(side, state, ticks, done_percent, strikes)
         top += ahead * ROW_STEP[direction]
         left += ahead * COLUMN_STEP[direction]
+    health, carry_kind = max(0, int(scene.units[unit, UNIT_HEALTH])), NO_RESOURCE
+    if scene.units[unit, UNIT_CARRY] > 0:
+        carry_kind = int(scene.units[unit, UNIT_CARRY_KIND])
     return Piece(
         kind=kind,
         owner=owner,
@@ -254,12 +252,8 @@ def piece_of(scene: Any, unit: int) -> Any:
         size=(2 * half + 1) * side,
         direction=direction,
         done_percent=done_percent,
-        health_percent=100
-        * max(0, int(scene.units[unit, UNIT_HEALTH]))
-        // int(scene.kinds[kind, KIND_HEALTH]),
+        health_percent=100 * health // int(scene.kinds[kind, KIND_HEALTH]),
         ticks=ticks,
         blow_ticks=blow_ticks,
-        carry_kind=int(scene.units[unit, UNIT_CARRY_KIND])
-        if scene.units[unit, UNIT_CARRY] > 0
-        else -1,
+        carry_kind=carry_kind,
     )

@@ -1,4 +1,4 @@
-"""The README's table of all scenarios, written anew by `python docs/tables.py`."""
+"""Writes the table of all scenarios into docs/games.md: `python docs/tables.py`."""
 
 from __future__ import annotations
 
@@ -9,23 +9,29 @@ from marl_cair.cli.games import format_markdown
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
 
-README = Path(__file__).parents[1] / "README.md"
+PAGE = Path(__file__).parent / "games.md"
 PLACE = re.compile(r"(?<=<!-- docs/tables.py -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 
 def find_table(text: str) -> str:
-    """The table that stands in the text. Raises ValueError where there is no place for one."""
+    """The table in `text`. Raises ValueError if the markers around it are missing."""
     found = PLACE.search(text)
     if found is None:
         raise ValueError("no place between <!-- docs/tables.py --> and <!-- end -->")
     return found[0]
 
 
+def make_table() -> str:
+    """All scenarios of this repository's games, with links relative to docs/."""
+    table = format_markdown(GAMES.load_own())
+    return table.replace("](marl_cair/", "](../marl_cair/").replace("](docs/", "](")
+
+
 def main() -> None:
-    """Put the games of this repository into its README."""
-    text = README.read_text("utf-8")
+    """Write the table into the page."""
+    text = PAGE.read_text("utf-8")
     find_table(text)
-    write_atomically(README, PLACE.sub(lambda _: format_markdown(GAMES.load_own()), text))
+    write_atomically(PAGE, PLACE.sub(lambda _: make_table(), text))
 
 
 if __name__ == "__main__":

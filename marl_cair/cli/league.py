@@ -116,7 +116,7 @@ def tell_status(arguments: Sequence[str]) -> int:
     parser = Parser("marl-cair league status", description=tell_status.__doc__)
     _add_folder(parser)
     store = LeagueStore(Path(parser.parse_args(arguments).out) / STORE_FILE)
-    from marl_cair.league.report.background import tell_training
+    from marl_cair.league.report.background import describe_training
 
     try:
         games, agents = store.read_games(), store.read_agents()
@@ -128,7 +128,7 @@ def tell_status(arguments: Sequence[str]) -> int:
         )
         for number, agent in agents.items():
             played = int((games.agents == number).any(axis=1).sum())
-            about = agent.kind, agent.evaluation_policy, tell_training(agent), agent.fingerprint
+            about = agent.kind, agent.evaluation_policy, describe_training(agent), agent.fingerprint
             lines.append(f"  {agent.name}: {played} games; {', '.join(filter(None, about))}")
         lines += [f"  forfeits, {count}: {reason}" for reason, count in store.read_forfeits()]
     finally:

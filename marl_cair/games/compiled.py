@@ -8,9 +8,10 @@ a minute and a half instead of half a minute for a tick of Deep RTS.) Called by 
 
 Numba's disk cache looks only at the file of the compiled function itself, so a helper changed in
 another file would be served stale, and it leaves the bounds-check setting out of its key. The cache
-folder is therefore named by a digest of the sources that rules can use (the game's own, and those
-directly under games/ that define or serve rules: no game imports another), numba's version and that
-setting. The folder does not depend on where the package is installed: two environments share it.
+folder is therefore named by a digest of the sources that rules can use, numba's version and that
+setting. These sources are the game's own, with its PNG sprites (constants in machine code), and
+those directly under games/ that define or serve rules: no game imports another. The folder does not
+depend on where the package is installed: two environments share it.
 """
 
 import hashlib
@@ -52,8 +53,8 @@ def cache_root() -> Path:
 
 
 def source_digest(own: Path | None = None, folder: Path = _GAMES) -> str:
-    """Hex digest of all that changes code: the shared sources in `folder`, and a game's own (a
-    folder or a file; None: no game).
+    """Hex digest of all that changes code: the shared sources in `folder`, and a game's own sources
+    and sprites (a folder or a file; None: no game).
     """
     setting = f"numba {numba.__version__} boundscheck {_CONFIG.BOUNDSCHECK}"
     digest = hashlib.sha256(setting.encode())
@@ -61,7 +62,8 @@ def source_digest(own: Path | None = None, folder: Path = _GAMES) -> str:
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     if own is not None:
-        for path in sorted(own.rglob("*.py")) if own.is_dir() else [own]:
+        files = [*own.rglob("*.py"), *own.rglob("*.png")] if own.is_dir() else [own]
+        for path in sorted(files):
             digest.update(str(path.relative_to(own.parent)).encode())
             digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,11 +29,25 @@ PLUS = 10
 GLYPHS: NDArray[np.bool_] = np.array([[[c == "#" for c in row] for row in g] for g in _GLYPHS])
 
 
-def read_sprites(pictures: tuple[tuple[str, ...], ...], letters: str) -> NDArray[np.uint8]:
-    """Sprites [n, side, side] of palette indices from rows of text; `letters[i]` is index i."""
-    return np.array(
-        [[[letters.index(c) for c in row] for row in picture] for picture in pictures], np.uint8
-    )
+def read_atlas(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Read an indexed PNG: palette indices [h, w], 0 for transparent, and its palette [n, 3].
+
+    Players' colours are rows of the palette, which a game replaces for each player.
+    """
+    from PIL import Image
+
+    with Image.open(path) as image:
+        if image.mode != "P":
+            raise ValueError(f"{path} is a PNG of mode {image.mode}, must be indexed (mode P)")
+        indices = np.array(image)
+        palette = np.array(image.getpalette(), np.uint8).reshape(-1, 3)
+    return indices, palette[: indices.max() + 1]
+
+
+def cut_cells(atlas: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
+    """Cut an atlas [h, w] into square sprites [rows, columns, side, side]."""
+    rows, columns = atlas.shape[0] // side, atlas.shape[1] // side
+    return np.ascontiguousarray(atlas.reshape(rows, side, columns, side).swapaxes(1, 2))
 
 
 @compiled_compact

@@ -12,7 +12,12 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from marl_cair.games.action_forms import FlatActions
-from marl_cair.games.checks.engine import check_count, check_num_worlds, check_seed
+from marl_cair.games.checks.engine import (
+    check_count,
+    check_num_worlds,
+    check_seed,
+    read_index,
+)
 from marl_cair.games.game import Agent
 from marl_cair.games.parallel_env import (
     RENDER_MODES,
@@ -88,10 +93,17 @@ class GameEnv(gymnasium.Env[Any, Any]):
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """One decision; an illegal action (see the mask) does nothing.
 
+        With factored actions and the mask in the observation one number is an action too: its index
+        in the flattened mask. TorchRL's `GymEnv` gives actions so.
+
         Raises:
             ValueError: the action is outside the space.
             OpponentError: the opponent crashed, or answered what is no legal action.
         """
+        sizes = self._table.form.sizes
+        index = read_index(action) if self._mask_in_observation and sizes.shape == (2,) else None
+        if index is not None:
+            action = divmod(index, int(sizes[1]))
         self._table.play(np.array([action]), np.ones(1, np.bool_))
         observation, info = self._observe()
         reward = float(self.engine.rewards[0, self._table.seat])

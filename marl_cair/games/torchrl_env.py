@@ -21,10 +21,12 @@ from torchrl.envs import EnvBase
 from marl_cair.games import make_engine
 from marl_cair.games.array_pool import ArrayPool
 from marl_cair.games.checks.engine import check_count, check_seed
+from marl_cair.games.checks.state import Range, check_arrays, check_outcome, check_range
 from marl_cair.games.game import NO_WINNER
 from marl_cair.games.randomness import EpisodeSeeds
 
 GROUP = "player"  # as TorchRL's wrapper groups agents named player_0, player_1, ...
+MOST_EPISODES = 2**62  # of one world
 DONE_KEYS = ("done", "terminated", "truncated")
 
 
@@ -251,10 +253,23 @@ class BatchedGameEnv(EnvBase):
         }
 
     def load_game_state(self, state: dict[str, Any]) -> None:
-        """Continue from `game_state` of an environment with the same settings."""
+        """Continue from `game_state` of an environment with the same settings.
+
+        Raises:
+            ValueError: an array has another shape or type, or a value that no game has; nothing has
+                changed then.
+        """
+        game = self.engine.game.name
+        last = LastStep(**{name: np.array(state["last"][name]) for name in LastStep._fields})
+        counts = np.array(state["seeds"]["episodes"])
+        names, fields = (*LastStep._fields, "episodes"), (*self.last, self.seeds.episodes)
+        check_arrays(game, names, fields, (*last, counts), self.engine.num_worlds)
+        check_outcome(game, last, self.engine.num_players)
+        check_range(game, "episodes", counts, Range(0, MOST_EPISODES))
+        seed = check_seed(game, state["seeds"]["seed"])
         self.engine.load_state_dict(state["engine"])
-        self.seeds.load_state_dict(state["seeds"])
-        self.last = LastStep(**{name: np.array(value) for name, value in state["last"].items()})
+        self.seeds.load_state_dict({"seed": seed, "episodes": counts})
+        self.last = last
 
 
 def _to_tensor(values: NDArray[Any], only: NDArray[np.int64] | None) -> Tensor:

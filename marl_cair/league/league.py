@@ -33,8 +33,13 @@ from marl_cair.league.play.match import require_rivals
 from marl_cair.league.play.schedule import Job, schedule_meetings
 from marl_cair.league.play.stopping import Clock, tell_ending
 from marl_cair.league.ratings.rate import Games, rate
-from marl_cair.league.report.background import COMMANDS, VERSIONS, tell_versions
-from marl_cair.league.report.report import LeagueResult, Showing, number_agents, rate_and_report
+from marl_cair.league.report.background import COMMANDS, VERSIONS, list_versions
+from marl_cair.league.report.report import (
+    LeagueResult,
+    ReportOptions,
+    number_agents,
+    rate_and_report,
+)
 from marl_cair.league.store.store import STORE_FILE, LeagueStore, StoredGames
 from marl_cair.lookup import find_by_name
 from marl_cair.text import clean_text
@@ -120,7 +125,7 @@ def run_league(
             stored,
             {id_of[entrant.fingerprint]: entrant.name for entrant in entrants},
             Path(config.out),
-            Showing(
+            ReportOptions(
                 config.replays,
                 load,
                 frozenset(config.sources),
@@ -235,7 +240,7 @@ def _play(
     ladder = frozenset(n for n, one in enumerate(entrants) if one.source in config.ladder)
     with closing(Arena(rules, entrants, ids, store, config.workers, load)) as arena:
         jobs = _play_jobs(config, rules, arena, store, ladder, show_progress, clock)
-    for key, told in ((COMMANDS, config.command), (VERSIONS, tell_versions())):
+    for key, told in ((COMMANDS, config.command), (VERSIONS, list_versions())):
         if told:
             store.note(key, told)
     return {one.fingerprint: number for one, number in zip(entrants, ids, strict=True)}, jobs

@@ -77,6 +77,7 @@ def make_spec(scenario):
         max_ticks=scenario.max_ticks,
         pays="+1 win, -1 loss, and what is scored",
         teams=scenario.teams,
+        reward_bound=1.0 + scenario.gain / 100,
     )
 
 

@@ -49,7 +49,7 @@ def test_the_digest_is_the_same_for_the_same_sources(sources):
     assert source_digest(sources / "game", sources) == source_digest(sources / "game", sources)
 
 
-def test_the_digest_changes_with_any_source_of_the_game_and_with_its_name(sources):
+def test_the_digest_changes_with_any_source_or_sprite_of_the_game_and_with_its_name(sources):
     digests = {source_digest(sources / "game", sources)}
     (sources / "game" / "rules.py").write_text("b = 3\n")
     digests.add(source_digest(sources / "game", sources))
@@ -59,10 +59,12 @@ def test_the_digest_changes_with_any_source_of_the_game_and_with_its_name(source
     digests.add(source_digest(sources / "game", sources))
     (sources / "tables.py").write_text("a = 2\n")
     digests.add(source_digest(sources / "game", sources))
-    assert len(digests) == 5
+    (sources / "game" / "sprites.png").write_bytes(b"pixels")
+    digests.add(source_digest(sources / "game", sources))
+    assert len(digests) == 6
 
 
-def test_the_digest_ignores_other_games_environments_and_files_that_are_not_python(sources):
+def test_the_digest_ignores_other_games_environments_and_readmes(sources):
     before = source_digest(sources / "game", sources), source_digest(None, sources)
     (sources / "engine.py").write_text("a = 2\n")
     (sources / "game" / "README.md").write_text("words")

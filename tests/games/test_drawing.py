@@ -1,8 +1,18 @@
 """Boxes, discs, bars and digits land on exactly the pixels that they name."""
 
 import numpy as np
+import pytest
+from PIL import Image
 
-from marl_cair.games.drawing import draw_bar, draw_number, draw_sprite, fill_box, fill_disc
+from marl_cair.games.drawing import (
+    cut_cells,
+    draw_bar,
+    draw_number,
+    draw_sprite,
+    fill_box,
+    fill_disc,
+    read_atlas,
+)
 
 WHITE = np.array((255, 255, 255), np.uint8)
 RED = np.array((255, 0, 0), np.uint8)
@@ -50,3 +60,17 @@ def test_a_sprite_is_scaled_and_flipped():
     palette = np.array([(0, 0, 0), (255, 0, 0)], np.uint8)
     draw_sprite(image, np.array([[1, 0], [0, 0]], np.uint8), palette, 0, 0, 4, True)
     assert np.nonzero(image[0])[1].tolist() == [2, 3, 2, 3]
+
+
+def test_an_atlas_gives_palette_indices_and_colours(tmp_path):
+    path = tmp_path / "atlas.png"
+    image = Image.fromarray(np.arange(8, dtype=np.uint8).reshape(2, 4) % 3)
+    image.putpalette([0, 0, 0, 255, 0, 0, 0, 0, 255])
+    image.save(path, transparency=0)
+    indices, palette = read_atlas(path)
+    assert indices.tolist() == [[0, 1, 2, 0], [1, 2, 0, 1]]
+    assert palette.tolist() == [[0, 0, 0], [255, 0, 0], [0, 0, 255]]
+    assert cut_cells(indices, 2).tolist() == [[[[0, 1], [1, 2]], [[2, 0], [0, 1]]]]
+    image.convert("RGB").save(path)
+    with pytest.raises(ValueError, match="mode RGB"):
+        read_atlas(path)

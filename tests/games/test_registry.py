@@ -331,3 +331,18 @@ def test_the_rules_of_all_other_games_are_compiled(tmp_path, make):
     assert named.returncode != 0
     assert "foreign_game (foreign_game) cannot be loaded: ZeroDivisionError(" in named.stderr
     assert "Traceback" not in named.stderr
+
+
+TRAIN = """
+from marl_cair.cli import main
+raise SystemExit(main(["train", "game=foreign", "total_frames=2_048", "out=run"]))
+"""
+
+
+def test_a_game_without_a_random_bot_trains_at_defaults(tmp_path):
+    only_idle = GAME_MODULE + CHANGED.format("bots={'idle': last_standing.GAME.bots['idle']}")
+    install(tmp_path, "foreign", "foreign_game", only_idle)
+    done = run_python(tmp_path, "-c", TRAIN)
+    assert done.returncode == 0, done.stderr
+    saved = json.loads((tmp_path / "run" / "latest" / "agent.json").read_text("utf-8"))
+    assert saved["game"] == "foreign"

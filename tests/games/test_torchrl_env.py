@@ -342,3 +342,31 @@ def test_an_action_outside_the_space_is_refused(game_name):
     seen[GROUP, "action"][1, last] = 100_000
     with pytest.raises(ValueError, match=f"action 100000 of player {last} in world 1 is outside"):
         env._step(seen)
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "value", "message"),
+    [
+        ("last", "rewards", np.zeros((1, 2), np.float32), "rewards is float32 [1, 2]"),
+        ("last", "rewards", np.full((2, 2), np.nan, np.float32), "rewards[0] of world 0 is nan"),
+        ("last", "ended", np.zeros(2, np.int64), "ended is int64 [2]"),
+        ("last", "winner", np.array([0, 2], np.int8), "winner of world 1 is 2"),
+        ("last", "winner", np.array([[0, 0]], np.int8), "winner is int8 [1, 2]"),
+        ("seeds", "episodes", np.array([0, -1]), "episodes of world 1 is -1"),
+        ("seeds", "episodes", np.zeros(10**6, np.int64), "episodes is int64 [1000000]"),
+        ("seeds", "seed", "x", "seed"),
+    ],
+)
+def test_damaged_game_states_are_refused_before_they_change_anything(part, name, value, message):
+    env = BatchedGameEnv("deep_line_wars", "11x11", 2, seed=0)
+    env.step(with_actions(env.reset(), env, luck_for(env, 1)[0]))
+    state, before = env.game_state(), env.game_state()
+    state[part][name] = value
+    other = BatchedGameEnv("deep_line_wars", "11x11", 2, seed=1)
+    other.reset()
+    state["engine"] = other.game_state()["engine"]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        env.load_game_state(state)
+    for part_name, was in before.items():
+        for key, now in env.game_state()[part_name].items():
+            np.testing.assert_equal(now, was[key])

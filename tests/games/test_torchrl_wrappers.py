@@ -1,6 +1,7 @@
 """TorchRL's wrappers around the Gymnasium and PettingZoo environments."""
 
 import gymnasium
+import numpy as np
 import pytest
 import torch
 from torchrl.envs import (
@@ -36,17 +37,34 @@ def test_gym_env_takes_every_id(env_id):
 
 
 @pytest.mark.parametrize("categorical", [False, True], ids=["one-hot", "categorical"])
-def test_gym_env_draws_legal_actions_by_the_mask_in_the_observation(game_name, categorical):
+@pytest.mark.parametrize("form", ["flat", "factored"])
+def test_gym_env_draws_legal_actions_by_the_mask_in_the_observation(game_name, categorical, form):
     chosen = GAMES[game_name]
     env_id = gymnasium_id(chosen.gymnasium_prefix, chosen.default_scenario)
-    plain = GymEnv(env_id, mask_in_observation=True, categorical_action_encoding=categorical)
+    settings = {"mask_in_observation": True, "action_form": form}
+    plain = GymEnv(env_id, categorical_action_encoding=categorical, **settings)
     env = TransformedEnv(plain, ActionMask())
     check_env_specs(env, seed=0)
     torch.manual_seed(0)
     stored = env.rollout(60, break_when_any_done=False)
     actions = stored["action"] if categorical else stored["action"].int().argmax(-1)
-    assert stored["action_mask"].gather(-1, actions.unsqueeze(-1)).all()
+    masks = stored["action_mask"].flatten(1)
+    assert masks.gather(-1, actions.unsqueeze(-1)).all()
     assert not plain.unwrapped.engine.illegal_actions.any()
+
+
+def test_one_number_is_an_index_into_the_factored_mask(game_name):
+    settings = {"mask_in_observation": True, "action_form": "factored", "seat": 0}
+    by_index, by_pair = GameEnv(game_name, **settings), GameEnv(game_name, **settings)
+    seen, _ = by_index.reset(seed=0)
+    by_pair.reset(seed=0)
+    kind, cell = np.argwhere(seen["action_mask"])[-1]
+    index = np.ravel_multi_index((kind, cell), seen["action_mask"].shape)
+    got, expected = by_index.step(index), by_pair.step([kind, cell])
+    np.testing.assert_array_equal(got[0]["observation"], expected[0]["observation"])
+    for wrong in (-1, seen["action_mask"].size):
+        with pytest.raises(ValueError, match="the kind .* is outside"):
+            by_index.step(wrong)
 
 
 @pytest.mark.parametrize("mode", ["SameStep", "Disabled"])

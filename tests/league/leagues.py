@@ -1,5 +1,7 @@
 """Leagues for tests: made-up ones, and a short one of bots that is played."""
 
+import functools
+
 import numpy as np
 
 from marl_cair.league.league import LeagueConfig, run_league
@@ -26,9 +28,13 @@ def make_games(results=EDGES, repeats=0, draws=0):
 
 
 def make(results=EDGES, names=NAMES, repeats=0, draws=0, forfeits=()):
-    """The table of `make_games`."""
-    games = make_games(results, repeats, draws)
-    return make_table(names, games, forfeits)
+    """The table of `make_games`, made once for equal arguments: it takes seconds."""
+    return _make(tuple(results.items()), tuple(names), repeats, draws, tuple(forfeits))
+
+
+@functools.cache
+def _make(results, names, repeats, draws, forfeits):
+    return make_table(names, make_games(dict(results), repeats, draws), forfeits)
 
 
 def play_bots(folder, *bots):

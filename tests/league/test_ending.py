@@ -8,7 +8,7 @@ from marl_cair.league.play.adaptive import Target, play_adaptively
 from marl_cair.league.play.stopping import Clock, tell_ending
 from marl_cair.league.store.store import STORE_FILE, LeagueStore
 from tests.league.leagues import EDGES, make
-from tests.league.test_schedules import Simulation
+from tests.league.play.test_schedules import Simulation
 
 AT_ONCE = 1e-9  # seconds: time is up after the first batch
 

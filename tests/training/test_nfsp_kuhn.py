@@ -1,7 +1,7 @@
 """Kuhn poker of OpenSpiel: the average policy comes near the equilibrium, which no greedy one can.
 
 Exploitability is OpenSpiel's own. The best of all pure strategies, and so any greedy network, is
-exploitable by 1/6; see `tests/league/test_kuhn.py`.
+exploitable by 1/6; see `tests/self_play/test_kuhn.py`.
 """
 
 import dataclasses

@@ -90,7 +90,7 @@ def check_range(game: str, name: str, values: NDArray[Any], bounds: Range) -> No
     world, *place = np.argwhere(~is_allowed)[0].tolist()
     shape = values.shape[1:]
     low, high = (np.broadcast_to(end, shape)[tuple(place)] for end in (bounds.low, bounds.high))
-    where = f"{name}{place}" if shape != (1,) else name
+    where = name if shape in ((), (1,)) else f"{name}{place}"
     if bounds.columns:
         where += f" ({bounds.columns[place[bounds.axis]]})"
     raise ValueError(

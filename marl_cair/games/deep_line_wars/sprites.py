@@ -1,134 +1,29 @@
-"""The pixel art of Deep Line Wars, made of letters: one picture per unit and tower kind."""
+"""Sprites and colours of Deep Line Wars, read from `sprites.png`.
+
+The atlas is a row of cells of 12 x 12 pixels: the four units, then the three towers.
+"""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.drawing import read_sprites
+from marl_cair.games.deep_line_wars.tables import NUM_UNIT_KINDS
+from marl_cair.games.drawing import cut_cells, read_atlas
 
-# . nothing, # outline, o player's colour, O its light shade, m metal, M bright metal, s skin,
-# b wood, y brass
-LETTERS = ".#oOmMsby"
+_INDICES, _PALETTE = read_atlas(Path(__file__).with_name("sprites.png"))
+_CELLS = cut_cells(_INDICES, 12)[0]
+UNIT_SPRITES, TOWER_SPRITES = _CELLS[:NUM_UNIT_KINDS], _CELLS[NUM_UNIT_KINDS:]
 
-_MILITIA = (
-    "............",
-    "....###.....",
-    "...#sss#..#.",
-    "...#sss#.#M#",
-    "....###.#M#.",
-    "...#oo##M#..",
-    "..#oOoo##...",
-    "..#oooo#....",
-    "...#oo#.....",
-    "...#bb#.....",
-    "..#b##b#....",
-    "..##..##....",
+# Rows 2 and 3 of the palette are the player's colour and its light shade.
+_PLAYER_ROWS = [2, 3]
+_PLAYER_COLOURS = (
+    ((42, 104, 214), (122, 172, 255)),  # blue plays from the left
+    ((206, 52, 48), (255, 134, 116)),  # red plays from the right
 )
-_FOOTMAN = (
-    "...####.....",
-    "..#mMMm#....",
-    "..#msss#.#..",
-    "..##sss##M#.",
-    ".#o####.#M#.",
-    "#oOo#oo##M#.",
-    "#oyo#oOo#M#.",
-    "#oOo#ooo#b#.",
-    ".#o##ooo##..",
-    "..#.#bb#....",
-    "...#b##b#...",
-    "...##..##...",
-)
-_GRUNT = (
-    "..##....##..",
-    ".#MM####MM#.",
-    "..#ssssss#..",
-    "..#s#ss#s#..",
-    "..#ssssss###",
-    ".#o#s##s#omM",
-    "#oOo####oOmM",
-    "#ooooooooomM",
-    ".##oOOOo##b#",
-    "..#oooooo#b#",
-    "..#bb##bb#..",
-    "..###..###..",
-)
-_ARMOURED = (
-    "...######...",
-    "..#mMMMMm#..",
-    ".#mM####Mm#.",
-    ".#m#yyyy#m##",
-    "##mMMMMMMmmM",
-    "#oomMMMMmomM",
-    "#oOomMMmoOmM",
-    "#oooommoooM#",
-    ".#mMooooMmb#",
-    ".#mMm##mMmb#",
-    ".#mm#..#mm#.",
-    ".####..####.",
-)
-_BASIC = (
-    "............",
-    "..##.##.##..",
-    "..#m#mm#m#..",
-    "..#mMMMMm#..",
-    "..##mmmm##..",
-    "...#m##m#...",
-    "...#m##m#...",
-    "...#mMMm#...",
-    "..#oooooo#..",
-    "..#oOOOOo#..",
-    ".#mmmmmmmm#.",
-    ".##########.",
-)
-_FAST = (
-    ".....##.....",
-    "....#oo#....",
-    "...#oOOo#...",
-    "..#oOOOOo#..",
-    ".##########.",
-    "..#mMMMMm#..",
-    "..#m#MM#m#..",
-    "..#mMMMMm#..",
-    "..#m#MM#m#..",
-    "..#mMMMMm#..",
-    ".#mmmmmmmm#.",
-    ".##########.",
-)
-_FASTER = (
-    "............",
-    "########....",
-    "#MMMMMMM###.",
-    "#mmmmmmmmmm#",
-    "########mm#.",
-    "..#yy#.###..",
-    ".#oyyo######",
-    ".#oOOOOOOoo#",
-    "#mooooooooom",
-    "#m#bb##bb#m#",
-    "#mm#b##b#mm#",
-    "############",
-)
-UNIT_SPRITES: NDArray[np.uint8] = read_sprites((_MILITIA, _FOOTMAN, _GRUNT, _ARMOURED), LETTERS)
-TOWER_SPRITES: NDArray[np.uint8] = read_sprites((_BASIC, _FAST, _FASTER), LETTERS)
-
-_SHARED = {
-    "#": (24, 22, 30),
-    "m": (128, 134, 146),
-    "M": (198, 204, 214),
-    "s": (236, 188, 148),
-    "b": (110, 74, 44),
-    "y": (238, 196, 72),
-}
-_LEFT = {"o": (42, 104, 214), "O": (122, 172, 255)}
-_RIGHT = {"o": (206, 52, 48), "O": (255, 134, 116)}
-
-
-def _make_palette(own: dict[str, tuple[int, int, int]]) -> list[tuple[int, int, int]]:
-    colours = {".": (0, 0, 0), **_SHARED, **own}
-    return [colours[letter] for letter in LETTERS]
-
-
-# [side, letter, RGB]: blue plays from the left, red from the right.
-PALETTES: NDArray[np.uint8] = np.array([_make_palette(_LEFT), _make_palette(_RIGHT)], np.uint8)
-SIDE_COLOURS: NDArray[np.uint8] = np.array([_LEFT["o"], _RIGHT["o"]], np.uint8)
+# [side, palette row, RGB]
+PALETTES: NDArray[np.uint8] = np.stack([_PALETTE, _PALETTE])
+PALETTES[:, _PLAYER_ROWS] = _PLAYER_COLOURS
+SIDE_COLOURS: NDArray[np.uint8] = PALETTES[:, 2].copy()

@@ -1,4 +1,7 @@
-"""The art as arrays that the compiled painters copy from; for small grey pictures, averaged before.
+"""Sprites of Flappy Bird as arrays, and their averages for the small grey pictures.
+
+`birds.png` holds a bird in seven poses. `scenery.png` holds the sky; right of it, one period of the
+ground below and, above, two rows of pixels: across the body of a pipe and across its end.
 
 A grey picture of S x S dots is the area mean of the luminance of the whole picture, of 512 x 288
 pixels. Both axes are cut into S cells: along an axis of n pixels, cell c is n units long and pixel
@@ -7,34 +10,57 @@ x is S units, so that all overlaps are whole numbers:
     pixels   |--x = 0--|--x = 1--|--x = 2--| ...     S units each
     cells    |-----c = 0-----|-----c = 1-----| ...   n units each
 
-What always stands in the same columns (birds), or in columns that repeat (pipes, ground), is
-averaged along its rows here, once; what is left to do for each picture is the other axis.
+Birds always stand in the same columns, pipes and ground in columns that repeat. They are averaged
+along their rows here, once. The other axis is averaged for each picture.
 """
 
 from __future__ import annotations
 
 from functools import cache
 from math import gcd
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.flappy_bird import sprites
-from marl_cair.games.flappy_bird.sprites import (
-    BODY_INSET,
-    CANVAS,
-    CANVAS_LEFT,
-    GROUND_PERIOD,
-    Pixels,
-)
+from marl_cair.games.drawing import cut_cells, read_atlas
 from marl_cair.games.flappy_bird.tables import (
+    BIRD_HEIGHT,
+    BIRD_WIDTH,
+    BIRD_X,
     GROUND_TOP,
     PIPE_WIDTH,
     SCREEN_HEIGHT,
     SCREEN_WIDTH,
 )
 
+Pixels = NDArray[np.uint8]
+
+# Of seats 0..7. People who are colour-blind can tell them apart, after Okabe and Ito (2008).
+BIRD_COLOURS = (
+    (240, 228, 66),  # yellow
+    (213, 94, 0),  # vermilion
+    (0, 114, 178),  # blue
+    (0, 158, 115),  # bluish green
+    (204, 121, 167),  # reddish purple
+    (230, 159, 0),  # orange
+    (86, 180, 233),  # sky blue
+    (110, 110, 118),  # grey in place of black, on which the outline would not show
+)
+
+PUSHING_LOOK, CRASHED_LOOK = 0, 6  # cells of birds.png; those between are by speed
+# By velocity in whole pixels per tick, from FLAP_VELOCITY (-8) to MAX_FALL (10).
+LOOK_OF_SPEED: NDArray[np.int8] = np.repeat(np.array([1, 2, 3, 4, 5], np.int8), [4, 4, 4, 4, 3])
+# The canvas of a turned bird, and its corner beside the upper left corner of the bird.
+CANVAS = 44
+CANVAS_LEFT = BIRD_X + BIRD_WIDTH // 2 - CANVAS // 2
+CANVAS_UP = CANVAS // 2 - BIRD_HEIGHT // 2  # pixels above the bird's upper edge
+
+CAP_HEIGHT = 24  # pixels of the broad end of a pipe
+CAP_LINE = 2  # of its dark edges
+BODY_INSET = 2  # by which a pipe is narrower than its end, on each side
+GROUND_PERIOD = 24  # pixels after which the ground repeats
 BODY, CAP, LINE = range(3)  # parts of a pipe: the tube, its broad end, the end's dark edges
 
 
@@ -150,20 +176,36 @@ def _average_birds(
         first_column:last_column, CANVAS_LEFT : CANVAS_LEFT + CANVAS
     ]
     cover = (bird > 0).astype(np.int64) @ units.T
-    luma = luminance(palette)  # [seats, letters]; transparent dots are black
+    luma = luminance(palette)  # [seats, palette rows]; row 0, transparent, is black
     light = luma[:, bird] @ units.T
     return cover.astype(np.int32), light.astype(np.int32)
 
 
+def _make_bird_palettes(palette: Pixels) -> Pixels:
+    """RGB uint8 [8 seats, 9 palette rows, 3]: rows 2 to 4 are the seat's light, plain and dark."""
+    palettes = np.stack([palette] * len(BIRD_COLOURS))
+    body = np.array(BIRD_COLOURS, float)
+    shades = body + (255 - body) * 0.5, body, body * 0.72
+    palettes[:, 2:5] = np.round(np.stack(shades, 1))
+    return palettes
+
+
 @cache
 def make_art() -> Art:
-    """All art; the same arrays at every call, which nobody writes to."""
+    """All art; the same arrays at every call: do not write to them."""
+    folder = Path(__file__).parent
+    birds, palette = read_atlas(folder / "birds.png")
+    indices, colours = read_atlas(folder / "scenery.png")
+    scenery = colours[indices]
+    right = scenery[:, SCREEN_WIDTH:]
+    ground = np.tile(right[GROUND_TOP:, :GROUND_PERIOD], (1, SCREEN_WIDTH // GROUND_PERIOD + 1, 1))
+    palettes = _make_bird_palettes(palette)
     art = {
-        "sky": sprites.sky(),
-        "ground": sprites.ground(),
-        "pipe": sprites.pipe_profiles(),
-        "outline": sprites.outline_colour(),
-        "bird": sprites.bird_shapes(),
-        "palette": sprites.bird_palettes(),
+        "sky": scenery[:, :SCREEN_WIDTH].transpose(2, 0, 1).copy(),
+        "ground": ground.transpose(2, 0, 1).copy(),
+        "pipe": right[:2].copy(),
+        "outline": palettes[0, 1].copy(),
+        "bird": cut_cells(birds, CANVAS)[0],
+        "palette": palettes,
     }
     return Art(**art, gray_84=_make_gray_art(84, art), gray_80=_make_gray_art(80, art))

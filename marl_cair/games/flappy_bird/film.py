@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled, compiled_compact
-from marl_cair.games.flappy_bird.sprites import (
+from marl_cair.games.flappy_bird.art import (
     CRASHED_LOOK,
     GROUND_PERIOD,
     LOOK_OF_SPEED,

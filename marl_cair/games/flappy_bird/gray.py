@@ -10,7 +10,15 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled_compact
-from marl_cair.games.flappy_bird.art import BODY, CAP, LINE
+from marl_cair.games.flappy_bird.art import (
+    BODY,
+    CANVAS,
+    CANVAS_UP,
+    CAP,
+    CAP_HEIGHT,
+    CAP_LINE,
+    LINE,
+)
 from marl_cair.games.flappy_bird.film import (
     HIDDEN,
     bird_top,
@@ -29,12 +37,6 @@ from marl_cair.games.flappy_bird.rendering import (
     GAUGE_WIDTH,
     colour_of,
     gauge_box,
-)
-from marl_cair.games.flappy_bird.sprites import (
-    CANVAS,
-    CANVAS_UP,
-    CAP_HEIGHT,
-    CAP_LINE,
 )
 from marl_cair.games.flappy_bird.state import (
     NUM_FRAMES,

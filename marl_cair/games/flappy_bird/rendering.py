@@ -13,7 +13,16 @@ from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled_compact
 from marl_cair.games.drawing import draw_number, fill_box, fill_disc
-from marl_cair.games.flappy_bird.art import BODY, CAP
+from marl_cair.games.flappy_bird.art import (
+    BIRD_COLOURS,
+    BODY,
+    CANVAS,
+    CANVAS_LEFT,
+    CANVAS_UP,
+    CAP,
+    CAP_HEIGHT,
+    CAP_LINE,
+)
 from marl_cair.games.flappy_bird.film import (
     HIDDEN,
     bird_top,
@@ -23,14 +32,6 @@ from marl_cair.games.flappy_bird.film import (
     pipe_left,
     scroll_of,
     wind_of,
-)
-from marl_cair.games.flappy_bird.sprites import (
-    BIRD_COLOURS,
-    CANVAS,
-    CANVAS_LEFT,
-    CANVAS_UP,
-    CAP_HEIGHT,
-    CAP_LINE,
 )
 from marl_cair.games.flappy_bird.state import (
     NEVER,

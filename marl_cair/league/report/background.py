@@ -1,4 +1,4 @@
-"""What a league file tells beside who won: runs, maps, settings, games to watch."""
+"""Reads a league's settings, agents, maps and training runs for its report."""
 
 from __future__ import annotations
 
@@ -41,27 +41,27 @@ class Curve(NamedTuple):
 
 @dataclass(frozen=True)
 class Background:
-    """Empty where a report is made of games alone.
+    """What a report shows beside ratings; the defaults are those of a report without a league file.
 
     Attributes:
         title: of the game.
         settings: names and values, for a table.
         records: of the agents by name.
         map_shares: by name and map; empty where there are not several maps by name.
-        map_words: what there is to say about maps.
-        num_truncated: games that the time limit has ended, of those that are counted.
-        replays: games to watch.
-        replay_words: why there are none; "" where there are.
+        map_words: a sentence about the maps.
+        num_truncated: counted games that the time limit ended.
+        replays: of a few games.
+        replay_words: the reason why there are none; "" if there are.
     """
 
     title: str = ""
     settings: tuple[tuple[str, str], ...] = ()
     records: Mapping[str, AgentRecord] = field(default_factory=dict)
     map_shares: Mapping[tuple[str, str], Share] = field(default_factory=dict)
-    map_words: str = "Nothing is known of the maps of these games."
+    map_words: str = "The maps of these games are unknown."
     num_truncated: int = 0
     replays: tuple[Replay, ...] = ()
-    replay_words: str = "There is no league file to play a game again from."
+    replay_words: str = "There is no league file to replay games from."
 
 
 def read_background(
@@ -72,7 +72,7 @@ def read_background(
     replays: Sequence[Replay],
     replay_words: str,
 ) -> Background:
-    """Of the stored games of the agents `names`, by id; `games` has them by place in `names`."""
+    """Read it for stored games; `names` by id, `games` has agents by place in `names`."""
     rules = Rules.read(store.settings)
     counted = ~games.is_repeat
     by_place = list(names.values())
@@ -84,7 +84,7 @@ def read_background(
         _list_settings(store.settings, rules, stored, games),
         {name: records[number] for number, name in names.items()},
         {(by_place[agent], name): share for (agent, name), share in shares.items()},
-        _tell_maps(rules, set(maps)),
+        _describe_maps(rules, set(maps)),
         int(stored.is_truncated[counted].sum()),
         tuple(replays),
         replay_words,
@@ -105,11 +105,11 @@ def _find_maps(rules: Rules, stored: StoredGames) -> list[str]:
     return [names[number] for number in numbers.ravel().tolist()]
 
 
-def _tell_maps(rules: Rules, maps: set[str]) -> str:
+def _describe_maps(rules: Rules, maps: set[str]) -> str:
     if rules.game.map_names is None:
         return (
-            f"{rules.game.title} has no maps by name: what a map seed decides is in the intervals, "
-            "which resample map seeds."
+            f"{rules.game.title} has no named maps. The intervals include the effect of map seeds, "
+            "which are resampled."
         )
     if len(maps) == 1:
         return f"All games are on one map, {maps.pop()}."
@@ -129,34 +129,34 @@ def find_curves(ratings: Sequence[Rating], records: Mapping[str, AgentRecord]) -
     places = {key: _find_place(*key[:2]) for key in several}
     short = shorten_paths(sorted(set(places.values())))
     return [
-        Curve(_tell_run(key, short[places[key]], several), tuple(points[f] for f in sorted(points)))
+        Curve(_name_run(key, short[places[key]], several), tuple(points[f] for f in sorted(points)))
         for key, points in sorted(several.items())
     ]
 
 
-def tell_training(record: AgentRecord) -> str:
-    """How long an agent had been trained, over all runs that it went on from; "" where nothing is
-    known of it.
+def describe_training(record: AgentRecord) -> str:
+    """Environment steps of training over all runs that were continued, and the seed; "" if
+    unknown.
     """
     about = _read_training(record)
     if not about:
         return ""
     own, total = about["frames"], about["frames_total"]
-    part = f" ({own:,} of them in its last run)" if own < total else ""
-    return f"{total:,} decisions{part}, seed {about['seed']}"
+    part = f" ({own:,} in its last run)" if own < total else ""
+    return f"{total:,} steps{part}, seed {about['seed']}"
 
 
 def _read_training(record: AgentRecord) -> dict[str, Any]:
     """As `agents.describe_training` has written it, in files of before without the total."""
-    told = dict(json.loads(record.configuration).get("training", {}))
-    return {"frames_total": told["frames"], **told} if told else {}
+    about = dict(json.loads(record.configuration).get("training", {}))
+    return {"frames_total": about["frames"], **about} if about else {}
 
 
 def _find_place(folder: str, name: str) -> str:
     return folder if folder.endswith(f"/{name}") else f"{folder}/{name}"
 
 
-def _tell_run(
+def _name_run(
     key: tuple[str, str, int], short: str, runs: Mapping[tuple[str, str, int], Any]
 ) -> str:
     """The name of a run, with its seed where another of that name and place has another."""
@@ -164,15 +164,15 @@ def _tell_run(
     return f"{short} (seed {key[2]})" if has_twin else short
 
 
-def tell_versions() -> str:
-    """What results may depend on of what is installed here."""
-    told = [f"Python {platform.python_version()}"]
+def list_versions() -> str:
+    """Versions of Python and of the libraries that results may depend on."""
+    found = [f"Python {platform.python_version()}"]
     for name in _LIBRARIES:
         try:
-            told.append(f"{name} {version(name)}")
+            found.append(f"{name} {version(name)}")
         except PackageNotFoundError:  # run from a folder, not installed
             continue
-    return ", ".join(told)
+    return ", ".join(found)
 
 
 def _list_settings(
@@ -183,7 +183,7 @@ def _list_settings(
     rows = [
         *(("Command", command) for command in settings.get(COMMANDS, [])),
         ("Game", f"{rules.game.name}, rules version {settings['game_version']}"),
-        ("Scenario", ", ".join(f"{k} = {_tell(v)}" for k, v in settings["scenario"].items())),
+        ("Scenario", ", ".join(f"{k} = {_format(v)}" for k, v in settings["scenario"].items())),
         ("League seed", str(rules.seed)),
         (
             "Games",
@@ -200,5 +200,5 @@ def _list_settings(
     return tuple(rows)
 
 
-def _tell(value: Any) -> str:
+def _format(value: Any) -> str:
     return json.dumps(value) if isinstance(value, list) else str(value)

@@ -1,20 +1,21 @@
-"""The report of a league: one HTML page, Markdown, text, CSV and pictures, each written whole."""
+"""Writes the files of a report: HTML, Markdown, text, CSV, PNG and PDF."""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from marl_cair.files import write_atomically
-from marl_cair.league.ratings.diagnostics import list_averages, list_cycles, list_fit
+from marl_cair.league.ratings.fit import FitTest
 from marl_cair.league.ratings.rate import Rating
 from marl_cair.league.ratings.shares import Share
-from marl_cair.league.report.markdown import write_markdown
+from marl_cair.league.report.render import render_html, render_markdown, render_text
 from marl_cair.league.report.sections import Report
 from marl_cair.league.report.table import LeagueTable
 from marl_cair.text import clean_cell
@@ -38,23 +39,23 @@ FILES = (
 )
 
 
-def write_report(folder: Path, report: Report, text: str) -> None:
-    """Write all of FILES to `folder`, each whole; `text` is that of `describe_league`."""
-    from marl_cair.league.report.figure import draw_league  # the same
-    from marl_cair.league.report.html import write_page  # matplotlib only from here
+def write_report(folder: Path, report: Report) -> str:
+    """Write all of FILES to `folder`, each whole or not at all; returns the plain text."""
+    from marl_cair.league.report.charts import write_figures  # matplotlib takes long to import
 
+    text = render_text(report)
     write_atomically(folder / "ladder.txt", text)
     for name, (header, rows) in _list_tables(report).items():
         write_atomically(folder / f"{name}.csv", _as_csv(header, rows))
-    draw_league(folder, report.table)
-    write_atomically(folder / "report.md", write_markdown(report))
-    write_atomically(folder / "report.html", write_page(report))
+    write_figures(folder, report.table)
+    write_atomically(folder / "report.md", render_markdown(report))
+    write_atomically(folder / "report.html", render_html(report))
+    return text
 
 
 def _list_tables(report: Report) -> dict[str, tuple[Sequence[str], Sequence[Sequence[Any]]]]:
     """Header and rows of each CSV file by its name."""
-    table, names = report.table, report.table.numbered_names
-    beyond = table.beyond
+    table = report.table
     scores = ("weight", "low", "high", "score", "score_low", "score_high")
     share = ("score", "low", "high", "games")
     return {
@@ -77,12 +78,9 @@ def _list_tables(report: Report) -> dict[str, tuple[Sequence[str], Sequence[Sequ
                 for frames, r in curve.points
             ],
         ),
-        "averages": (("method", "agent", *scores), list_averages(beyond, names) if beyond else ()),
-        "cycles": (
-            ("first", "second", "third", "share"),
-            list_cycles(beyond, names) if beyond else (),
-        ),
-        "fit": (("number", "value"), list_fit(beyond) if beyond else ()),
+        "averages": (("method", "agent", *scores), _list_averages(table)),
+        "cycles": (("first", "second", "third", "share"), _list_cycles(table)),
+        "fit": (("number", "value"), _list_fit(table)),
         "forfeits": (("reason", "games"), table.forfeits),
     }
 
@@ -143,6 +141,34 @@ def _list_differences(table: LeagueTable) -> tuple[Sequence[str], list[tuple[Any
         bound = "" if gap else "lower" if own.group < other.group else "upper"
         rows.append((own.name, other.name, f"{elo:.2f}", *ends, bound))
     return header, rows
+
+
+def _list_fit(table: LeagueTable) -> list[tuple[str, str]]:
+    if table.diagnostics is None:
+        return []
+    fit = table.diagnostics.fit
+    names = [field.name for field in fields(FitTest)]
+    return [(name, "" if fit is None else f"{getattr(fit, name):.6g}") for name in names]
+
+
+def _list_cycles(table: LeagueTable) -> list[tuple[str, ...]]:
+    return [
+        (*(table.numbered_names[agent] for agent in cycle.agents), f"{cycle.share:.4f}")
+        for cycle in (table.diagnostics.cycles if table.diagnostics else ())
+    ]
+
+
+def _list_averages(table: LeagueTable) -> list[tuple[str, ...]]:
+    """Best agent first."""
+    place = {name: number for number, name in enumerate(table.numbered_names)}
+    rows = []
+    for title, found in (table.diagnostics.averages if table.diagnostics else {}).items():
+        columns = [getattr(found, field.name) for field in fields(found)]
+        rows += [
+            (title, name, *(f"{column[place[name]]:.4f}" for column in columns))
+            for name in table.names
+        ]
+    return rows
 
 
 def _as_csv(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:

@@ -1,4 +1,4 @@
-"""A few games of a league as GIFs: played again from their seeds, and shown only if the same."""
+"""Renders a few games of a league as GIFs, replayed from their seeds and verified."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ class Choice(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Theatre:
-    """Where and how games of one league are played again.
+class ReplayContext:
+    """What replaying games of one league needs.
 
     Attributes:
         rules: of the league; `version`: of the game's rules when it was played.
@@ -78,11 +78,11 @@ class Theatre:
 
 
 class _NotShownError(Exception):
-    """Why a game cannot be shown, in words."""
+    """A game cannot be shown; the message is the reason."""
 
 
-class _Programme(NamedTuple):
-    """What games are chosen from."""
+class _Candidates(NamedTuple):
+    """The games to choose from."""
 
     stored: StoredGames
     names: Mapping[int, str]
@@ -97,20 +97,20 @@ def choose_games(
     Games that repeat another or were forfeited are left out. ratings: best first, or none.
     """
     ids = {name: number for number, name in names.items()}
-    programme = _Programme(stored, names, {ids[one.name]: one.elo for one in ratings})
+    candidates = _Candidates(stored, names, {ids[one.name]: one.elo for one in ratings})
     was_given_up = np.array([bool(reason) for reason in stored.reasons], np.bool_)
     is_ours = np.isin(stored.agents, list(names)).all(axis=1)
     left = np.flatnonzero(~stored.is_repeat & ~was_given_up & is_ours)
     choices: list[Choice] = []
     for find in (_find_best_pair, _find_upset, _find_longest):
-        if len(left) and (choice := find(programme, left)):
+        if len(left) and (choice := find(candidates, left)):
             choices.append(choice)
             left = left[left != choice.place]
     return choices
 
 
-def _find_best_pair(programme: _Programme, left: NDArray[np.int64]) -> Choice | None:
-    stored, names, elo = programme
+def _find_best_pair(candidates: _Candidates, left: NDArray[np.int64]) -> Choice | None:
+    stored, names, elo = candidates
     if len(elo) < 2:
         return None
     best, second = list(elo)[:2]
@@ -123,9 +123,9 @@ def _find_best_pair(programme: _Programme, left: NDArray[np.int64]) -> Choice | 
     return Choice("The best two", why, int(first))
 
 
-def _find_upset(programme: _Programme, left: NDArray[np.int64]) -> Choice | None:
+def _find_upset(candidates: _Candidates, left: NDArray[np.int64]) -> Choice | None:
     """The game whose winner had the smallest chance by the ratings."""
-    stored, names, elo = programme
+    stored, names, elo = candidates
     if not elo:
         return None
     strength = np.array([[elo[one] for one in row] for row in stored.agents[left].tolist()])
@@ -143,38 +143,41 @@ def _find_upset(programme: _Programme, left: NDArray[np.int64]) -> Choice | None
     return Choice("The greatest upset", why, int(left[at]))
 
 
-def _find_longest(programme: _Programme, left: NDArray[np.int64]) -> Choice:
-    place = int(left[programme.stored.decisions[left].argmax()])
+def _find_longest(candidates: _Candidates, left: NDArray[np.int64]) -> Choice:
+    place = int(left[candidates.stored.decisions[left].argmax()])
     why = "Of the games not shown above it has the most decisions."
     return Choice("The longest game", why, place)
 
 
 def make_replays(
-    theatre: Theatre, stored: StoredGames, choices: Sequence[Choice], show_progress: bool = False
+    context: ReplayContext,
+    stored: StoredGames,
+    choices: Sequence[Choice],
+    show_progress: bool = False,
 ) -> tuple[Replay, ...]:
     """The chosen games, played again where no film of them is there yet."""
     replays = []
     for choice in tqdm(choices, "replays", unit=" games", disable=not show_progress):
-        caption = f"{choice.why} {_tell_game(theatre, stored, choice.place)}"
+        caption = f"{choice.why} {_describe_game(context, stored, choice.place)}"
         try:
-            path = _film(theatre, stored, choice.place)
+            path = _film(context, stored, choice.place)
             replays.append(Replay(choice.title, caption, path))
         except _NotShownError as error:
             replays.append(Replay(choice.title, caption, None, str(error)))
     return tuple(replays)
 
 
-def _tell_game(theatre: Theatre, stored: StoredGames, place: int) -> str:
-    spec = theatre.rules.game.make_spec(theatre.rules.scenario)
+def _describe_game(context: ReplayContext, stored: StoredGames, place: int) -> str:
+    spec = context.rules.game.make_spec(context.rules.scenario)
     seats = "seat" if spec.num_teams == spec.num_players else "team"
     players = " v ".join(
-        f"{theatre.names[one]} ({seats} {number})"
+        f"{context.names[one]} ({seats} {number})"
         for number, one in enumerate(stored.agents[place].tolist(), start=1)
     )
     first = np.flatnonzero(stored.ranks[place] == 1.0)
     ended = "nobody won"
     if len(first):
-        ended = f"{theatre.names[int(stored.agents[place, first[0]])]} won"
+        ended = f"{context.names[int(stored.agents[place, first[0]])]} won"
     limit = ", at the time limit" if stored.is_truncated[place] else ""
     return (
         f"{players}: {ended} after {stored.decisions[place]} decisions{limit} "
@@ -182,21 +185,21 @@ def _tell_game(theatre: Theatre, stored: StoredGames, place: int) -> str:
     )
 
 
-def _film(theatre: Theatre, stored: StoredGames, place: int) -> Path:
-    rules, block, turn = theatre.rules, int(stored.numbers[place]), int(stored.turns[place])
+def _film(context: ReplayContext, stored: StoredGames, place: int) -> Path:
+    rules, block, turn = context.rules, int(stored.numbers[place]), int(stored.turns[place])
     entries = rules.design(block)[turn]
     line_up = [0] * len(entries)
     for entry, agent in zip(entries.tolist(), stored.agents[place].tolist(), strict=True):
         line_up[entry] = agent
-    prints = [theatre.records[agent].fingerprint for agent in line_up]
+    prints = [context.records[agent].fingerprint for agent in line_up]
     about = json.dumps([prints, rules.seed, block, turn, stored.trajectories[place], *SMALL])
     digest = hashlib.blake2b(about.encode(), digest_size=12).hexdigest()
-    path = theatre.folder / f"{digest}.gif"
+    path = context.folder / f"{digest}.gif"
     if path.is_file():
         return path
     differs = path.with_suffix(".differs")  # so that it is not played again for nothing
     if not differs.is_file():
-        actions = _play_again(theatre, stored, place, line_up)
+        actions = _play_again(context, stored, place, line_up)
         if actions is not None:
             _write_small(path, rules, int(stored.map_seeds[place]), actions)
             return path
@@ -208,16 +211,16 @@ def _film(theatre: Theatre, stored: StoredGames, place: int) -> Path:
 
 
 def _play_again(
-    theatre: Theatre, stored: StoredGames, place: int, line_up: Sequence[int]
+    context: ReplayContext, stored: StoredGames, place: int, line_up: Sequence[int]
 ) -> NDArray[np.int32] | None:
     """The actions [T, P, ...] of a game; None where it differs from the stored one."""
-    rules, block, turn = theatre.rules, int(stored.numbers[place]), int(stored.turns[place])
-    if theatre.version != rules.game.version:
+    rules, block, turn = context.rules, int(stored.numbers[place]), int(stored.turns[place])
+    if context.version != rules.game.version:
         raise _NotShownError(
-            f"It was played by version {theatre.version} of the rules, this is "
+            f"It was played by version {context.version} of the rules, this is "
             f"{rules.game.version}."
         )
-    entrants = {number: _load(theatre, number) for number in set(line_up)}
+    entrants = {number: _load(context, number) for number in set(line_up)}
     seatings = seat_line_up([entrants[number] for number in line_up])
     number = block // rules.blocks_per_chunk
     teams = rules.game.make_spec(rules.scenario).team_of_seat
@@ -229,7 +232,7 @@ def _play_again(
         if step.running[world]:
             actions.append(step.actions[world].copy())
 
-    map_seed = line_up_seed(rules.seed, [theatre.records[one].fingerprint for one in line_up])
+    map_seed = line_up_seed(rules.seed, [context.records[one].fingerprint for one in line_up])
     if map_seeds(map_seed, np.array([block]))[0] != stored.map_seeds[place]:
         map_seed = rules.seed  # as all line-ups had it before each had map seeds of its own
     engine = start_engine(rules.game, rules.scenario, map_seed, (chunk,))
@@ -239,19 +242,19 @@ def _play_again(
     return np.array(actions, np.int32) if is_same else None
 
 
-def _load(theatre: Theatre, number: int) -> Entrant:
-    record, name = theatre.records[number], theatre.names[number]
+def _load(context: ReplayContext, number: int) -> Entrant:
+    record, name = context.records[number], context.names[number]
     if not (source := read_source(record)):
         raise _NotShownError(f"The league file does not say where {name} is from.")
     try:  # by its source, whatever kind the file calls it
-        require_allowed([source], theatre.allow_code, theatre.folder)
+        require_allowed([source], context.allow_code, context.folder)
     except CodeNotAllowedError as error:
         raise _NotShownError(
             f"{name} is foreign code, which is run only where games are played."
         ) from error
-    rules = theatre.rules
+    rules = context.rules
     try:
-        agent = theatre.load(source, game=rules.game.name, scenario=rules.scenario)
+        agent = context.load(source, game=rules.game.name, scenario=rules.scenario)
     except (ValueError, OSError) as error:
         raise _NotShownError(f"{name} cannot be loaded any more: {error}") from error
     if find_fingerprint(agent, rules.game) != record.fingerprint:

@@ -1,4 +1,4 @@
-"""From the stored games of a league to its report: ratings, tables, a few games to watch."""
+"""Rates the stored games of a league and writes its report."""
 
 from __future__ import annotations
 
@@ -18,18 +18,16 @@ from marl_cair.league.ratings.rate import Games, Ladder, Rating, describe_method
 from marl_cair.league.report.background import read_background
 from marl_cair.league.report.files import write_report
 from marl_cair.league.report.replays import FOLDER as REPLAYS
-from marl_cair.league.report.replays import Replay, Theatre, choose_games, make_replays
-from marl_cair.league.report.sections import describe_more, make_report
+from marl_cair.league.report.replays import Replay, ReplayContext, choose_games, make_replays
+from marl_cair.league.report.sections import make_report
 from marl_cair.league.report.table import LeagueTable, make_table
-from marl_cair.league.report.wording import describe_league
 from marl_cair.league.store.records import AgentRecord
 from marl_cair.league.store.store import STORE_FILE, LeagueStore, StoredGames
-from marl_cair.text import clean_lines
 
 
 @dataclass(frozen=True)
 class LeagueResult:
-    """What a league found."""
+    """Ratings and report of a league."""
 
     ratings: tuple[Rating, ...]  # best first
     text: str  # ladder, matrix, other tables and plain words
@@ -74,8 +72,8 @@ def name_agents(agents: Mapping[int, AgentRecord]) -> dict[int, str]:
 
 
 @dataclass(frozen=True)
-class Showing:
-    """What a report is to have beside the ratings.
+class ReportOptions:
+    """Options of a report.
 
     Attributes:
         replays: whether to show a few games.
@@ -99,7 +97,7 @@ def rate_and_report(
     stored: StoredGames,
     names: Mapping[int, str],
     folder: Path,
-    showing: Showing,
+    options: ReportOptions,
 ) -> LeagueResult:
     """Rate stored games of the agents `names` (by id), keep the ratings, write the report.
 
@@ -107,24 +105,22 @@ def rate_and_report(
     Where no games compare everybody, the report says so and has all but the ladder.
 
     Raises:
-        ValueError: alpha-Rank without OpenSpiel, or `showing.zero` is none of the agents.
+        ValueError: alpha-Rank without OpenSpiel, or `options.zero` is none of the agents.
     """
-    if showing.zero and showing.zero not in names.values():
+    if options.zero and options.zero not in names.values():
         raise ValueError(
-            f"--zero is {showing.zero!r}, the league has no such agent: give one of "
+            f"--zero is {options.zero!r}, the league has no such agent: give one of "
             f"{', '.join(sorted(names.values()))}"
         )
     ids, called, seed = list(names), list(names.values()), int(store.settings["seed"])
     games = number_agents(stored, ids)
     forfeits = sorted(Counter(reason for reason in stored.reasons if reason).items())
-    table = make_table(called, games, forfeits, seed, showing.alpha_rank, showing.zero)
+    table = make_table(called, games, forfeits, seed, options.alpha_rank, options.zero)
     if table.ladder is not None:
         _keep_ratings(store, table.ladder, names, games, seed)
-    replays, why_none = _replay(store, stored, names, table, folder, showing)
+    replays, why_none = _replay(store, stored, names, table, folder, options)
     background = read_background(store, stored, names, games, replays, why_none)
-    report = make_report(table, background)
-    text = clean_lines(describe_league(table, describe_more(report)))
-    write_report(folder, report, text)
+    text = write_report(folder, make_report(table, background))
     return LeagueResult(table.ratings, text, folder)
 
 
@@ -153,23 +149,23 @@ def _replay(
     names: Mapping[int, str],
     table: LeagueTable,
     folder: Path,
-    showing: Showing,
+    options: ReportOptions,
 ) -> tuple[tuple[Replay, ...], str]:
-    """A few games, and why there are none."""
-    if not showing.replays:
+    """Replays of a few games, and the reason if there are none."""
+    if not options.replays:
         return (), "Replays were left out (--no-replays)."
     choices = choose_games(stored, names, table.ratings)
-    theatre = Theatre(
+    context = ReplayContext(
         Rules.read(store.settings),
         str(store.settings["game_version"]),
         store.read_agents(),
         names,
         folder / REPLAYS,
-        showing.load,
-        showing.allow_code,
+        options.load,
+        options.allow_code,
     )
-    replays = make_replays(theatre, stored, choices, showing.show_progress)
-    return replays, "" if replays else "There is no game to show: none was played to its end."
+    replays = make_replays(context, stored, choices, options.show_progress)
+    return replays, "" if replays else "There is no finished game to show."
 
 
 def report_stored(
@@ -187,5 +183,5 @@ def report_stored(
         stored = store.read_games()
         played = set(stored.agents.ravel().tolist())
         agents = {n: one for n, one in store.read_agents().items() if n in played or not played}
-        showing = Showing(with_replays, alpha_rank=with_alpha_rank, zero=zero)
-        return rate_and_report(store, stored, name_agents(agents), folder, showing)
+        options = ReportOptions(with_replays, alpha_rank=with_alpha_rank, zero=zero)
+        return rate_and_report(store, stored, name_agents(agents), folder, options)

@@ -1,48 +1,37 @@
-"""The report as sections of words and tables: what the page and the Markdown file are made from."""
+"""The report model: sections of sentences, tables and charts; every format is rendered from it."""
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from marl_cair.league.ratings.diagnostics import tell_cycles, tell_fit
-from marl_cair.league.ratings.likelihood import PRIOR_ELO
 from marl_cair.league.ratings.shares import Share
-from marl_cair.league.report.background import Background, Curve, find_curves, tell_training
-from marl_cair.league.report.summary import tell_headline, tell_verdict
+from marl_cair.league.report.background import Background, Curve, describe_training, find_curves
+from marl_cair.league.report.replays import Replay
 from marl_cair.league.report.table import LeagueTable
 from marl_cair.league.report.wording import (
-    LINE_WIDTH,
+    LIMITS,
     compare_pairs,
+    describe_cycles,
+    describe_fit,
+    describe_repeats,
+    describe_resampling,
+    describe_seats,
     explain_bounds,
+    explain_no_ladder,
     format_rating,
-    tell_no_ladder,
-    tell_resampling,
-    tell_seats,
-    warn_of_repeats,
+    write_headline,
+    write_summary,
 )
 
-LIMITS = (
-    "The intervals are about these very agents: how their ratings would come out if the same "
-    "agents played more games, on other map seeds of the same scenario.\n"
-    "They do not cover training variance: the same algorithm trained again from another seed gives "
-    "another agent, often one of quite another strength. To compare algorithms, train several "
-    "seeds of each, let all of them play, and compare the spread between seeds.\n"
-    "Nor do they cover other scenarios, other maps, or opponents that nobody here resembles. "
-    "`marl-cair league exploit AGENT` trains opponents against one agent and tells how much it "
-    "can be made to lose.\n"
-    f"Ratings have a normal prior, of standard deviation {PRIOR_ELO:,.0f} Elo about their "
-    "mean: it moves a rating where points are few."
-)
-
-
-_MORE = ("training", "shares")  # sections that a terminal shows as tables
+NO_GAMES = ("There are no games.",)
 
 
 @dataclass(frozen=True)
 class Table:
-    """Cells of text; the first `num_words` columns are words, all others numbers."""
+    """Cells of text, of one or more lines; the first `num_words` columns are words, all others
+    numbers.
+    """
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -52,211 +41,181 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """One part of the report; `key` tells the page which drawing goes with it."""
+    """One part of the report, in the order of its fields."""
 
     key: str
     title: str
     words: tuple[str, ...] = ()
+    chart: str = ""  # its name in `charts`; "": none
     tables: tuple[Table, ...] = ()
     items: tuple[str, ...] = ()  # a list of sentences
-    notes: tuple[str, ...] = ()  # below all of it
+    replays: tuple[Replay, ...] = ()
+    notes: tuple[str, ...] = ()
+    in_text: bool = True  # whether a terminal shows it
 
 
 @dataclass(frozen=True)
 class Report:
-    """A whole report: its sections, and the numbers that drawings are made from."""
+    """A report, and the numbers that its charts and CSV files are made from."""
 
     table: LeagueTable
     background: Background
     curves: tuple[Curve, ...]
     headline: str
-    verdict: tuple[str, ...]
-    facts: tuple[tuple[str, str], ...]  # a few numbers with what they count
+    summary: tuple[str, ...]
+    facts: tuple[tuple[str, str], ...]  # what is counted, and the number
     sections: tuple[Section, ...]
 
 
 def make_report(table: LeagueTable, background: Background | None = None) -> Report:
-    """All that there is to say about the games, in the order in which it is read."""
+    """The report of a league's numbers."""
     background = background or Background()
     curves = tuple(find_curves(table.ratings, background.records))
     sections = (
-        _tell_ladder(table),
-        _tell_differences(table),
-        _tell_matrix(table),
-        _tell_training(table, curves),
-        _tell_shares(table, background),
-        _tell_enough(table),
-        *_tell_averages(table),
-        _tell_errors(table),
-        _tell_replays(background),
-        _tell_agents(table, background),
-        Section("limits", "What the intervals do not cover", tuple(LIMITS.split("\n"))),
+        _make_ladder(table),
+        _make_differences(table),
+        _make_matrix(table),
+        _make_training(table, curves),
+        _make_shares(table, background),
+        _make_fit(table),
+        *_make_averages(table),
+        _make_errors(table),
+        Section(
+            "replays",
+            "Replays",
+            (background.replay_words,) if background.replay_words else (),
+            replays=background.replays,
+            in_text=False,
+        ),
+        _make_settings(table, background),
+        Section(
+            "limits", "Limits of the intervals", tuple(LIMITS), in_text=table.ladder is not None
+        ),
     )
-    return Report(
-        table,
-        background,
-        curves,
-        tell_headline(table),
-        tuple(tell_verdict(table)),
-        _count(table, background),
-        sections,
-    )
-
-
-def describe_more(report: Report) -> list[str]:
-    """As text for a terminal what `wording.describe_league` does not tell: tables of snapshots,
-    seats and maps. One that is wider than a terminal is named by its file.
-    """
-    told = []
-    for section in report.sections:
-        for table in section.tables if section.key in _MORE else ():
-            title = table.title or section.title
-            text = format_table(table)
-            if max(map(len, text.split("\n"))) > LINE_WIDTH:
-                text = f"Too wide for a terminal: see {section.title!r} in report.md."
-            words = textwrap.fill(f"{title}: {section.words[0]}", LINE_WIDTH)
-            told.append(f"{words}\n{text}")
-    return told
-
-
-def format_table(table: Table) -> str:
-    """Columns of equal width: words from the left, numbers from the right."""
-    rows = [table.header, *table.rows]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for row in rows:
-        cells = [
-            cell.ljust(width) if place < table.num_words else cell.rjust(width)
-            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
-
-
-def _count(table: LeagueTable, background: Background) -> tuple[tuple[str, str], ...]:
-    forfeits = sum(count for _, count in table.forfeits)
-    return (
+    facts = (
         ("agents", f"{len(table.names):,}"),
         ("games", f"{table.num_games:,}"),
-        ("forfeits", f"{forfeits:,}"),
+        ("forfeits", f"{sum(count for _, count in table.forfeits):,}"),
         ("ended by the time limit", f"{background.num_truncated:,}"),
     )
+    summary = tuple(write_summary(table))
+    return Report(table, background, curves, write_headline(table), summary, facts, sections)
 
 
-def _tell_ladder(table: LeagueTable) -> Section:
+def _make_ladder(table: LeagueTable) -> Section:
     if table.ladder is None:
-        return Section("ladder", "Ladder", (tell_no_ladder(table),))
+        return Section("ladder", "Ladder", (explain_no_ladder(table),))
     words = (
-        f"Elo, {table.zero}. Bars are 95 % intervals about that zero, by resampling map seeds; "
-        f"first is how often an agent came first in them. {tell_resampling(table.ladder)}"
+        f"Elo ({table.zero}) with 95 % confidence intervals about that zero; first: share of the "
+        f"resamples in which the agent ranks first. {describe_resampling(table.ladder)}"
     )
+    rows: list[tuple[str, ...]] = []
+    for place, rating in enumerate(table.ratings):
+        if place and rating.group != table.ratings[place - 1].group:
+            rows.append(("", "--------", *[""] * 5))
+        rows.append((str(place + 1), rating.name, *format_rating(rating)))
     header = ("", "agent", "Elo", "95 %", "first", "score", "games")
-    rows = [
-        (str(place), rating.name, *format_rating(rating))
-        for place, rating in enumerate(table.ratings, start=1)
-    ]
     notes = tuple(explain_bounds(table.ratings))
-    return Section("ladder", "Ladder", (words,), (Table(header, tuple(rows), 2),), notes=notes)
+    tables = (Table(header, tuple(rows), 2),)
+    return Section("ladder", "Ladder", (words,), "ladder", tables, notes=notes)
 
 
-def _tell_differences(table: LeagueTable) -> Section:
-    title = "Differences"
-    lines = compare_pairs(table)
+def _make_differences(table: LeagueTable) -> Section:
+    title, lines = "Differences", compare_pairs(table)
     if not lines:
         return Section("differences", title, ("There are no two rated agents to compare.",))
     words = (
-        "Elo with 95 % intervals of the difference itself, which are narrower than two ratings' "
-        "suggest: of neighbours, and of all who cannot be told apart."
+        "Elo with the 95 % confidence interval of the difference, which is narrower than the two "
+        "ratings' intervals suggest: neighbours, and all pairs without a significant difference."
     )
     return Section("differences", title, (words,), items=tuple(lines))
 
 
-def _tell_matrix(table: LeagueTable) -> Section:
-    title = "Who beats whom"
+def _make_matrix(table: LeagueTable) -> Section:
+    title = "Score matrix"
     if not table.num_games:
-        return Section("matrix", title, ("There are no games.",))
+        return Section("matrix", title, NO_GAMES)
     what = "score of the row's agent against the column's, draws count half"
     if table.num_teams > 2:
         what = "how often the row's agent came in above the column's, ties count half"
-    words = (
-        f"In %: {what}. With each its 95 % interval and the number of games; bold: clear of 50 %."
-    )
-    numbers = [str(place) for place in range(1, len(table.names) + 1)]
+    words = f"In %: {what}; 95 % confidence interval; number of games."
     rows = [
-        (number, name, *(_format_share(table.pair(row, at)) for at in range(len(table.names))))
-        for row, (number, name) in enumerate(zip(numbers, table.names, strict=True))
+        (
+            str(row + 1),
+            name,
+            *(_format_share(table.pair(row, at), "\n") for at in range(len(table.names))),
+        )
+        for row, name in enumerate(table.names)
     ]
-    matrix = Table(("", "agent", *numbers), tuple(rows), 2)
-    return Section("matrix", title, (words,), (matrix,), notes=tuple(warn_of_repeats(table)))
+    header = ("", "agent", *(row[0] for row in rows))
+    tables = (Table(header, tuple(rows), 2),)
+    return Section("matrix", title, (words,), "matrix", tables, notes=(*describe_repeats(table),))
 
 
-def _tell_training(table: LeagueTable, curves: Iterable[Curve]) -> Section:
-    title = "Rating against training"
+def _make_training(table: LeagueTable, curves: Sequence[Curve]) -> Section:
+    title = "Learning curves"
     rows = [
         (curve.run, f"{point.frames:,}", point.rating.name, *format_rating(point.rating)[:2])
         for curve in curves
         for point in curve.points
     ]
     if not rows:
-        words = "No run has two rated snapshots of different age here, so there is no curve to draw"
-        return Section("training", title, (f"{words}: add some of `RUN/snapshots` to the league.",))
+        words = "No run has two rated snapshots of different age: add `RUN/snapshots` to the league"
+        return Section("training", title, (f"{words}.",))
     words = (
-        f"Elo ({table.zero}) of each run's snapshots by the decisions that they were trained for; "
-        "bars are 95 % intervals. One run is one training seed."
+        f"Elo ({table.zero}) of each run's snapshots by environment steps of training, with 95 % "
+        "confidence intervals. One run is one training seed."
     )
-    header = ("run", "decisions", "agent", "Elo", "95 %")
-    return Section("training", title, (words,), (Table(header, tuple(rows), 1),))
+    tables = (Table(("run", "steps", "agent", "Elo", "95 %"), tuple(rows)),)
+    return Section("training", title, (words,), "training", tables)
 
 
-def _tell_shares(table: LeagueTable, background: Background) -> Section:
+def _make_shares(table: LeagueTable, background: Background) -> Section:
     title = "Score by seat and map"
     if not table.num_games:
-        return Section("shares", title, ("There are no games.",))
-    seats = "seat" if table.num_teams == 2 else "team"
-    header = ("agent", *(f"{seats} {team + 1}" for team in range(table.num_teams)))
+        return Section("shares", title, NO_GAMES)
+    seats, teams = "seat" if table.num_teams == 2 else "team", range(table.num_teams)
+    header = ("agent", *(f"{seats} {team + 1}" for team in teams))
     rows = [
-        (
-            name,
-            *(
-                _format_share(table.team_shares.get((name, team)))
-                for team in range(table.num_teams)
-            ),
-        )
+        (name, *(_format_share(table.team_shares.get((name, team))) for team in teams))
         for name in table.names
     ]
     tables = [Table(header, tuple(rows), title=f"By {seats}")]
     shares = background.map_shares
     if shares:
-        maps = sorted({name for _, name in shares})
         rows = [
             (played, *(_format_share(shares.get((name, played))) for name in table.names))
-            for played in maps
+            for played in sorted({name for _, name in shares})
         ]
         tables.append(Table(("map", *table.names), tuple(rows), title="By map"))
-    words = ["Share of points in % (a win 1, a draw shared), 95 % interval, games."]
+    words = ["Share of points in % (a draw is half), 95 % confidence interval, number of games."]
     if table.ladder is not None:
-        words.append(f"{tell_seats(table)}.")
-    return Section("shares", title, tuple(words), tuple(tables), notes=(background.map_words,))
+        words.append(describe_seats(table))
+    notes = (background.map_words,)
+    return Section("shares", title, tuple(words), tables=tuple(tables), notes=notes)
 
 
-def _format_share(share: Share | None) -> str:
+def _format_share(share: Share | None, gap: str = " ") -> str:
     if share is None:
         return ""
-    return f"{100 * share.share:.1f} [{100 * share.low:.0f}-{100 * share.high:.0f}] {share.games}"
+    low, high = (f"{100 * end:.0f}" for end in (share.low, share.high))
+    interval = f"[{low}-{high}]" if gap == " " else f"{low}-{high}"
+    return gap.join((f"{100 * share.share:.1f}", interval, str(share.games)))
 
 
-def _tell_enough(table: LeagueTable) -> Section:
+def _make_fit(table: LeagueTable) -> Section:
     title = "Is one number per agent enough?"
-    if table.beyond is None:
-        return Section("fit", title, ("There are no games.",))
-    cycles = tell_cycles(table.beyond.cycles, table.numbered_names, table.num_teams)
-    return Section("fit", title, (tell_fit(table.beyond.fit), cycles))
+    found = table.diagnostics
+    if found is None:
+        return Section("fit", title, NO_GAMES)
+    cycles = describe_cycles(found.cycles, table.numbered_names, table.num_teams)
+    return Section("fit", title, (describe_fit(found.fit), cycles))
 
 
-def _tell_averages(table: LeagueTable) -> list[Section]:
+def _make_averages(table: LeagueTable) -> list[Section]:
     sections = []
-    for title, found in (table.beyond.averages if table.beyond else {}).items():
-        place = {name: number for number, name in enumerate(table.numbered_names)}
+    place = {name: number for number, name in enumerate(table.numbered_names)}
+    for title, found in (table.diagnostics.averages if table.diagnostics else {}).items():
         rows = []
         for name in table.names:
             at = place[name]
@@ -265,41 +224,32 @@ def _tell_averages(table: LeagueTable) -> list[Section]:
             rows.append(
                 (name, f"{found.weights[at]:.1%}", weights, f"{found.skills[at]:.1%}", scores)
             )
-        words = (
-            "What is played by the weights, and each agent's score against that; 95 % intervals."
-        )
-        header = ("agent", "weight", "95 %", "score", "95 %")
-        sections.append(Section("averages", title, (words,), (Table(header, tuple(rows)),)))
+        words = ("Weight of each agent in the mixture, and its score against the mixture.",)
+        tables = (Table(("agent", "weight", "95 %", "score", "95 %"), tuple(rows)),)
+        sections.append(Section("averages", title, words, tables=tables))
     return sections
 
 
-def _tell_errors(table: LeagueTable) -> Section:
+def _make_errors(table: LeagueTable) -> Section:
     title = "Errors and forfeits"
     if not table.forfeits:
-        return Section("errors", title, ("No game was forfeited.",))
+        return Section("errors", title, ("No game was forfeited.",), in_text=False)
     rows = tuple((reason, str(count)) for reason, count in table.forfeits)
-    words = ("Games that were forfeited count as lost.",)
-    return Section("errors", title, words, (Table(("why", "games"), rows),))
+    words = ("Forfeited games count as lost.",)
+    return Section("errors", title, words, tables=(Table(("reason", "games"), rows),))
 
 
-def _tell_replays(background: Background) -> Section:
-    words = (background.replay_words,) if background.replay_words else ()
-    return Section("replays", "Games to watch", words)
-
-
-def _tell_agents(table: LeagueTable, background: Background) -> Section:
+def _make_settings(table: LeagueTable, background: Background) -> Section:
     tables = []
-    records = [
-        (name, background.records[name]) for name in table.names if name in background.records
-    ]
-    if records:
-        rows = tuple(
-            (name, record.kind, record.evaluation_policy, tell_training(record), record.fingerprint)
-            for name, record in records
-        )
-        header = ("agent", "kind", "plays", "trained for", "fingerprint")
+    rows = tuple(
+        (name, record.kind, record.evaluation_policy, describe_training(record), record.fingerprint)
+        for name in table.names
+        if (record := background.records.get(name))
+    )
+    if rows:
+        header = ("agent", "kind", "policy", "training", "fingerprint")
         tables.append(Table(header, rows, 5, "Agents"))
     if background.settings:
         tables.append(Table(("setting", "value"), background.settings, 2, "League"))
-    words = () if tables else ("Nothing is known of how these games were played.",)
-    return Section("settings", "Settings", words, tuple(tables))
+    words = () if tables else ("The settings of these games are unknown.",)
+    return Section("settings", "Settings", words, tables=tuple(tables), in_text=False)

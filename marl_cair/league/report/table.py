@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.league.ratings.diagnostics import Beyond, look_beyond
+from marl_cair.league.ratings.diagnostics import Diagnostics, diagnose
 from marl_cair.league.ratings.payoffs import find_payoffs
 from marl_cair.league.ratings.rate import Games, Ladder, Rating, is_stronger, rate
 from marl_cair.league.ratings.shares import Share, find_team_shares
@@ -17,10 +17,10 @@ from marl_cair.league.ratings.shares import Share, find_team_shares
 
 @dataclass(frozen=True)
 class LeagueTable:
-    """All that a report shows of n agents and T teams, best first; without a ladder by name."""
+    """Numbers of n agents and T teams, best first; without a ladder as they were given."""
 
     names: tuple[str, ...]
-    ladder: Ladder | None  # None: the games compare not everybody
+    ladder: Ladder | None  # None: the games do not connect all agents
     why_unrated: str  # "" with a ladder
     points: NDArray[np.float64]  # [n, n], how often the row came in above the column, ties half
     counts: NDArray[np.int64]  # [n, n] games of both
@@ -28,10 +28,8 @@ class LeagueTable:
     repeats: NDArray[np.int64]  # [n, n] games of both that are not counted: the same as another
     low: NDArray[np.float64]  # [n, n] 95 % interval of points / counts, wide without games
     high: NDArray[np.float64]
-    # Of the agents as they were given to `make_table`, not in the order of the ladder; None: no
-    # games.
-    beyond: Beyond | None
-    numbered_names: tuple[str, ...]  # in the order of the numbers of `beyond`
+    diagnostics: Diagnostics | None  # agents by their place in `numbered_names`; None: no games
+    numbered_names: tuple[str, ...]  # in the order in which `make_table` was given them
     team_shares: Mapping[tuple[str, int], Share]  # by name and team, where it has played
     num_games: int  # that are counted
     forfeits: tuple[tuple[str, int], ...]  # reasons, and in how many games
@@ -44,11 +42,11 @@ class LeagueTable:
 
     @property
     def zero(self) -> str:
-        """What is rated 0."""
+        """What has the rating 0, in words."""
         if self.ladder is not None and self.ladder.zero:
             return f"{self.ladder.zero} = 0"
         is_whole = not any(rating.is_bound for rating in self.ratings)
-        return "mean = 0" if is_whole else "mean of those without <= and >= is 0"
+        return "mean = 0" if is_whole else "mean without bounds = 0"
 
     @property
     def shares(self) -> NDArray[np.float64]:
@@ -56,15 +54,15 @@ class LeagueTable:
         shares = self.points / np.maximum(self.counts, 1)
         return np.where(self.counts > 0, shares, np.nan)
 
-    def tells_apart(self, above: int, below: int) -> bool:
-        """Whether the agent `above`, which has the higher rating, is surely the stronger one."""
+    def differs(self, above: int, below: int) -> bool:
+        """Whether the agent `above`, which has the higher rating, is significantly stronger."""
         if self.ladder is None:
             return False
         gap = self.ladder.differences[above][below]
         return is_stronger(self.ratings[above], self.ratings[below], gap)
 
     def pair(self, row: int, column: int) -> Share | None:
-        """What the row scores against the column; None where nothing was played."""
+        """Score of the row against the column; None without games."""
         games = int(self.counts[row, column])
         if not games:
             return None
@@ -93,18 +91,18 @@ def make_table(
     with_alpha_rank: bool = False,
     zero: str = "",
 ) -> LeagueTable:
-    """Rate games as in `rate`, agents there by index in `names`, and find all that a report tells.
+    """Rate games as `rate` does, with agents by index in `names`, and compute all other numbers.
 
-    Where `rate` refuses them, there is no ladder, and the table says why.
+    Where `rate` raises ValueError, there is no ladder, and `why_unrated` is its message.
 
     Raises:
-        ValueError: alpha-Rank is asked for, and OpenSpiel is not installed.
+        ValueError: `with_alpha_rank`, and OpenSpiel is not installed.
     """
     with ThreadPoolExecutor(1) as pool:  # compiled code does most of it: seconds of large leagues
         rated = pool.submit(_try_to_rate, names, games, seed, zero)
         payoffs = find_payoffs(len(names), games, seed)
         num_games = int((~games.is_repeat).sum())
-        beyond = look_beyond(games, payoffs, seed, with_alpha_rank) if num_games else None
+        diagnostics = diagnose(games, payoffs, seed, with_alpha_rank) if num_games else None
         ladder, why_unrated = rated.result()
     ranked = [rating.name for rating in ladder.ratings] if ladder else list(names)
     place = {name: number for number, name in enumerate(names)}
@@ -121,7 +119,7 @@ def make_table(
         shown.repeats,
         shown.low,
         shown.high,
-        None if beyond is None else replace(beyond, order=order),
+        diagnostics,
         tuple(names),
         {(names[agent], team): share for (agent, team), share in shares.items()},
         num_games,

@@ -1,73 +1,100 @@
-"""A league's numbers as text for a terminal, and as sentences for every kind of report."""
+"""Sentences of a league's report: headline, summary, comparisons, test of fit, warnings."""
 
 from __future__ import annotations
 
-import textwrap
+import math
 from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 
-from marl_cair.league.ratings.diagnostics import describe_beyond
+from marl_cair.league.ratings.cycles import Cycle
+from marl_cair.league.ratings.fit import LEVEL, NOTICED_SHARE, NUM_SIMULATIONS, FitTest
 from marl_cair.league.ratings.groups import SWEEP_PROBABILITY
 from marl_cair.league.ratings.likelihood import PRIOR_ELO
 from marl_cair.league.ratings.rate import Estimate, Ladder, Rating, is_stronger
 from marl_cair.league.report.table import LeagueTable
 
+ENOUGH_POWER = 0.8
+SHOWN_CYCLES, SHOWN_PAIRS = 5, 4
 BOUND_SIGNS = {"": "", "lower": ">=", "upper": "<="}
-CAVEAT = (
-    "Intervals (95 %) of ratings are about the same zero as the ratings, by resampling map seeds,\n"
-    "with half a won and half a lost block for each rating; `first` is how often an agent came\n"
-    "first in them.\n"
-    f"Prior: normal, standard deviation {PRIOR_ELO:.0f} Elo about the mean. All is about these\n"
-    "very agents and games and says nothing of how another training run would turn out."
-)
-LINE_WIDTH = 100
+LIMITS = (
+    "The intervals hold for these agents only: they say how the ratings would vary if the same "
+    "agents played more games on other map seeds of the same scenario.\n"
+    "They do not cover training variance: the same algorithm trained from another seed gives "
+    "another agent, often of quite different strength. To compare algorithms, train several seeds "
+    "of each, rate all of them together, and compare the spread between seeds.\n"
+    "They do not cover other scenarios, other maps, or opponents unlike these agents. "
+    "`marl-cair league exploit AGENT` trains opponents against one agent and measures its "
+    "exploitability.\n"
+    f"Ratings have a normal prior with a standard deviation of {PRIOR_ELO:,.0f} Elo about their "
+    "mean. It affects ratings of agents with few points."
+).split("\n")
 
 
-def describe_league(table: LeagueTable, more: Sequence[str] = ()) -> str:
-    """Ladder, matrix, differences, `more` and what is amiss, as text; ASCII but for names."""
-    ladder, beyond = table.ladder, table.beyond
-    parts = [
-        _describe_ladder(table) if ladder else _fill(tell_no_ladder(table)),
-        *map(_fill, explain_bounds(table.ratings)),
-        *([_describe_matrix(table)] if table.num_games else []),
-        *([describe_beyond(beyond, table.numbered_names, table.num_teams)] if beyond else []),
-        *(["\n".join(["Differences (Elo, 95 %)", *compare_pairs(table)])] if ladder else []),
-        *([_fill(tell_seats(table))] if ladder else []),
-        *more,
-        *map(_fill, warn_of_repeats(table)),
-        *_tell_forfeits(table),
-        *([_fill(tell_resampling(ladder)), CAVEAT] if ladder else []),
-    ]
-    return "\n\n".join(parts) + "\n"
+def write_headline(table: LeagueTable) -> str:
+    """The strongest agent, or that none is significantly the strongest."""
+    if not table.ratings:
+        return "No agent can be rated yet"
+    best = table.ratings[0].name
+    if len(table.ratings) == 1:
+        return f"{best} is the only agent"
+    places = range(1, len(table.ratings))
+    close = [table.names[place] for place in places if not table.differs(0, place)]
+    if not close:
+        return f"{best} is the strongest"
+    if len(close) == 1:
+        return f"{best} and {close[0]} lead and do not differ significantly"
+    return f"{best} leads, but {len(close)} others do not differ significantly from it"
 
 
-def tell_no_ladder(table: LeagueTable) -> str:
-    """Why nobody is rated."""
-    return f"No ladder: {table.why_unrated}."
+def write_summary(table: LeagueTable) -> list[str]:
+    """How certain the headline is, which pairs are not distinguished, whether ratings suffice."""
+    if table.ladder is None:
+        return [explain_no_ladder(table)]
+    if len(table.ratings) == 1:
+        return ["All games were played by one agent: a league needs two or more."]
+    sentences = [_describe_best(table, table.ladder), _list_close_pairs(table)]
+    found = table.diagnostics
+    if found is not None:
+        sentences.append(f"Is one number per agent enough? {describe_fit(found.fit)}")
+        if found.cycles:
+            sentences.append(describe_cycles(found.cycles, table.numbered_names, table.num_teams))
+    return sentences
 
 
-def _fill(text: str) -> str:
-    return textwrap.fill(text, LINE_WIDTH)
-
-
-def _describe_ladder(table: LeagueTable) -> str:
-    width = max(len("agent"), *map(len, table.names))
-    head = f"{'':>3} {'agent':{width}} {'Elo':>9} {'95 %':>18}"
-    lines = [
-        f"Ladder (Elo, {table.zero})",
-        f"{head} {'first':>6} {'score':>7} {'games':>6}",
-    ]
-    for place, rating in enumerate(table.ratings, start=1):
-        if place > 1 and rating.group != table.ratings[place - 2].group:
-            lines.append("    " + "-" * (width + 51))
-        elo, interval, first, score, games = format_rating(rating)
-        lines.append(
-            f"{place:>3} {rating.name:{width}} {elo:>9} {interval:>18} "
-            f"{first:>6} {score:>7} {games:>6}"
+def _describe_best(table: LeagueTable, ladder: Ladder) -> str:
+    best, second = table.ratings[:2]
+    sure = f"it ranks first in {best.probability_first:.0%} of the resamples"
+    gap = ladder.differences[0][1]
+    if gap is None and not table.differs(0, 1):
+        return f"{best.name} won every point against {second.name}, but in too few games: {sure}."
+    if gap is None:
+        return (
+            f"No agent of a lower group took a point off the group of {best.name}: these games do "
+            f"not limit its lead over {second.name}, the second."
         )
-    return "\n".join(lines)
+    numbers = f"{gap.elo:.0f} Elo [{gap.low:.0f}, {gap.high:.0f}]"
+    unsure = "" if gap.low > 0.0 else "; the difference is not significant"
+    return f"{best.name} is {numbers} ahead of {second.name}, the second{unsure}; {sure}."
+
+
+def _list_close_pairs(table: LeagueTable) -> str:
+    close = [
+        f"{table.names[above]} and {table.names[below]}"
+        for above, below in combinations(range(len(table.names)), 2)
+        if not table.differs(above, below)
+    ]
+    if not close:
+        return "All agents differ significantly."
+    more = len(close) - SHOWN_PAIRS
+    rest = f"; and {more} more pairs" if more > 0 else ""
+    return f"Pairs without a significant difference: {'; '.join(close[:SHOWN_PAIRS])}{rest}."
+
+
+def explain_no_ladder(table: LeagueTable) -> str:
+    """The reason why there are no ratings."""
+    return f"No ladder: {table.why_unrated}."
 
 
 def format_rating(rating: Rating) -> tuple[str, str, str, str, str]:
@@ -82,101 +109,70 @@ def format_rating(rating: Rating) -> tuple[str, str, str, str, str]:
     return elo, interval, first, score, str(rating.games)
 
 
-def tell_resampling(ladder: Ladder) -> str:
-    """How many resamples intervals are from, and how much that leaves to chance."""
+def describe_resampling(ladder: Ladder) -> str:
+    """The number of resamples, and the error of the intervals from their limited number."""
     return (
-        f"Intervals of ratings are from {ladder.num_resamples:,} resamples: another seed of the "
-        f"resampling moves their ends by {ladder.move:.1f} Elo at most (95 %; ends with < and > "
-        "by more)."
+        f"Intervals are from {ladder.num_resamples:,} resamples of map seeds, with half a won and "
+        "half a lost block for each rating: another seed of the resampling moves their ends by "
+        f"{ladder.move:.1f} Elo at most (95 %; ends with < and > by more)."
     )
 
 
-def set_signs(text: str) -> str:
-    """`text` with the signs of bounds that terminals of every code page can not show."""
-    return text.replace(">=", "\u2265").replace("<=", "\u2264")
-
-
 def explain_bounds(ratings: Sequence[Rating]) -> list[str]:
-    """What the marks of the ladder mean; nothing where there are none."""
-    told = []
+    """The meaning of the marks in the ladder; none without marks."""
+    notes = []
     if any(rating.is_bound for rating in ratings):
-        told.append(
-            "A line parts groups: nobody below it took a single point off anybody above it, so "
-            "these games do not limit how far apart they are. The zero is in the largest group. >= "
-            "and <= mark bounds, which have no interval: a group's ratings may all be larger "
-            "(smaller) by the same unknown number. Shown is the smallest distance at which so "
-            f"clean a sweep has a chance of {SWEEP_PROBABILITY:.1%}."
+        notes.append(
+            "A line separates groups: no agent below it took a point off an agent above it, so "
+            "these games do not limit the distance. The zero is in the largest group. >= and <= "
+            "mark bounds, which have no interval: all ratings of a group may be larger (smaller) "
+            "by the same unknown number. The distance shown is the smallest at which such a clean "
+            f"sweep has a probability of {SWEEP_PROBABILITY:.1%}."
         )
     if any(rating.open_low or rating.open_high for rating in ratings):
-        told.append(
-            "< and >: an end that only the prior holds, as that agent's distance to the others "
-            "rests on a few single games (in more than 2.5 % of the resamples it took no point off "
-            "them, or they none off it): play more."
+        notes.append(
+            "< and >: this end is set by the prior only, because the distance to the other agents "
+            "rests on a few games (in more than 2.5 % of the resamples no point limits it). Play "
+            "more games."
         )
-    return told
-
-
-def _describe_matrix(table: LeagueTable) -> str:
-    """Shares, below them their intervals, and the games where they differ from pair to pair."""
-    width = max(map(len, table.names))
-    head = " " * (width + 4) + "".join(f"{place + 1:>8}" for place in range(len(table.names)))
-    what = "Score of the row's agent" if table.num_teams == 2 else "Row came in above column"
-    played = set(table.counts[table.counts > 0].tolist())
-    games = f"; {played.pop()} games each" if len(played) == 1 else "; games"
-    lines = [f"{what} in %, draws count half; 95 % interval{games}\n{head}"]
-    for row, name in enumerate(table.names):
-        counts = table.counts[row]
-        shares = 100.0 * table.points[row] / np.maximum(counts, 1)
-        ends = zip(100.0 * table.low[row], 100.0 * table.high[row], strict=True)
-        rows = [
-            (f"{row + 1:>2}  {name:{width}}", [f"{share:.1f}" for share in shares]),
-            (" " * (width + 4), [f"{low:.0f}-{high:.0f}" for low, high in ends]),
-        ]
-        if played:
-            rows.append((" " * (width + 4), [str(count) for count in counts]))
-        for place, (start, cells) in enumerate(rows):
-            shown = [
-                cell if count else ("" if place else "-")
-                for cell, count in zip(cells, counts, strict=True)
-            ]
-            lines.append((start + "".join(f"{cell:>8}" for cell in shown)).rstrip())
-    return "\n".join(lines)
+    return notes
 
 
 def compare_pairs(table: LeagueTable) -> list[str]:
-    """A sentence for each pair of neighbours, and for others that cannot be told apart."""
-    lines: list[str] = []
+    """A sentence for each pair of neighbours, and for other pairs that do not differ."""
     if table.ladder is None:
-        return lines
-    for above, below in combinations(range(len(table.names)), 2):
-        gap = table.ladder.differences[above][below]
-        if below == above + 1 or not table.tells_apart(above, below):
-            lines.append(compare_in_words(table.ratings[above], table.ratings[below], gap))
-    return lines
+        return []
+    return [
+        compare_in_words(
+            table.ratings[above], table.ratings[below], table.ladder.differences[above][below]
+        )
+        for above, below in combinations(range(len(table.names)), 2)
+        if below == above + 1 or not table.differs(above, below)
+    ]
 
 
 def compare_in_words(above: Rating, below: Rating, gap: Estimate | None) -> str:
-    """Who of the two is stronger, and by how much; `above` has the higher rating."""
+    """Whether `above`, which has the higher rating, is stronger, and by how much."""
     numbers = f"{above.elo - below.elo:+.0f} or more (no point went the other way)"
     if gap is not None:
         numbers = f"{gap.elo:+.0f} [{gap.low:+.0f}, {gap.high:+.0f}]"
     if is_stronger(above, below, gap):
         return f"{above.name} is stronger than {below.name}: {numbers}"
-    return f"{above.name} and {below.name} cannot be told apart: {numbers}"
+    return f"{above.name} and {below.name} do not differ significantly: {numbers}"
 
 
-def tell_seats(table: LeagueTable) -> str:
-    """What each seat adds to a rating."""
+def describe_seats(table: LeagueTable) -> str:
+    """The advantage of each seat in Elo."""
     seats = "seat" if table.num_teams == 2 else "team"
-    told = ", ".join(
+    advantages = ", ".join(
         f"{seats} {number} {seat.elo:+.0f} [{seat.low:+.0f}, {seat.high:+.0f}]"
         for number, seat in enumerate(table.ladder.seats if table.ladder else (), start=1)
     )
-    return f"What a {seats} adds to a rating (Elo, 95 %): {told}"
+    return f"Advantage of each {seats} (Elo, 95 %): {advantages}."
 
 
-def warn_of_repeats(table: LeagueTable) -> list[str]:
-    """Which pairs played some games more than once; nothing where none did."""
+def describe_repeats(table: LeagueTable) -> list[str]:
+    """The pairs with repeated games; none without repeats."""
     repeats = [
         f"{table.names[row]} v {table.names[column]} {table.repeats[row, column]} of "
         f"{table.repeats[row, column] + table.counts[row, column]}"
@@ -184,14 +180,50 @@ def warn_of_repeats(table: LeagueTable) -> list[str]:
     ]
     if not repeats:
         return []
-    return [
-        (
-            "Games that were the same as another, move by move and in the same seats, and are not "
-            f"counted: {', '.join(repeats)}."
+    listed = ", ".join(repeats)
+    return [f"Games that repeat another, in the same seats, are not counted: {listed}."]
+
+
+def describe_fit(fit: FitTest | None) -> str:
+    """The result of the test of fit."""
+    if fit is None:
+        return "Too few pairs have met to show a cycle: this takes three agents that all meet."
+    numbers = (
+        f"{format_p_value(fit.p_value)}; deviance {fit.deviance:.1f}, {fit.by_chance:.1f} expected "
+        f"by chance; scores differ from the ratings' by {100 * fit.misfit:.1f} percentage points "
+        f"(root mean square), {100 * fit.misfit_by_chance:.1f} expected by chance"
+    )
+    power = (
+        f"if every pair deviated by {100 * NOTICED_SHARE:.0f} percentage points, the test would "
+        f"find it with a probability of about {fit.power:.0%}"
+    )
+    if fit.p_value <= LEVEL:
+        return f"No ({numbers}): read the score matrix, not the ladder alone."
+    if fit.power < ENOUGH_POWER:
+        return f"There are too few games to decide ({numbers}): {power}."
+    return f"There is no evidence against it ({numbers}): {power}."
+
+
+def format_p_value(p_value: float) -> str:
+    """Where none of N simulations is as extreme, only that it is below 1 / N."""
+    if p_value * (NUM_SIMULATIONS + 1) < 1.5:
+        return f"p < {math.ceil(1000.0 / NUM_SIMULATIONS) / 1000.0:.3f}"
+    return f"p = {p_value:.3f}"
+
+
+def describe_cycles(cycles: Sequence[Cycle], names: Sequence[str], num_teams: int) -> str:
+    """The clearest cycles of three agents."""
+    if not cycles:
+        return "No significant cycle of three agents."
+    verb = "beats" if num_teams == 2 else "comes in above"
+    shown = []
+    for cycle in cycles[:SHOWN_CYCLES]:
+        one, two, three = (names[agent] for agent in cycle.agents)
+        shown.append(
+            f"{one} {verb} {two}, {two} {verb} {three}, and {three} {verb} {one} (with "
+            f"{cycle.share:.0%} of the points or more)"
         )
-    ]
-
-
-def _tell_forfeits(table: LeagueTable) -> list[str]:
-    lines = [f"  {count}: {reason}" for reason, count in table.forfeits]
-    return ["\n".join(["Games forfeited, which count as lost", *lines])] if lines else []
+    more = len(cycles) - len(shown)
+    noun = "cycle" if len(cycles) == 1 else "cycles"
+    rest = f"; and {more} more in cycles.csv" if more else ""
+    return f"{len(cycles)} {noun} of three: {'; '.join(shown)}{rest}."

@@ -280,10 +280,14 @@ class LeagueStore:
             self.settings = read_meta(self._database)
 
     def read_rows(self, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """Names of the columns, and the rows."""
+        """Names of the columns, and the rows; bytes, which damaged files may hold, as text."""
         with self._named_errors():
             cursor = self._database.execute(query)
-            return [column[0] for column in cursor.description], cursor.fetchall()
+            rows = [
+                tuple(str(cell) if isinstance(cell, bytes) else cell for cell in row)
+                for row in cursor
+            ]
+            return [column[0] for column in cursor.description], rows
 
     def add_ratings(
         self,

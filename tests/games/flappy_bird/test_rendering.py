@@ -9,10 +9,9 @@ from gymnasium.wrappers import FrameStackObservation
 
 import marl_cair
 from marl_cair.games.compiled import is_compiling
-from marl_cair.games.flappy_bird.art import area_means, luminance, make_art
+from marl_cair.games.flappy_bird.art import BIRD_COLOURS, area_means, luminance, make_art
 from marl_cair.games.flappy_bird.gray import GAUGE_BRIGHT_LUMA, GAUGE_DARK_LUMA
 from marl_cair.games.flappy_bird.rendering import GAUGE_BRIGHT, GAUGE_DARK
-from marl_cair.games.flappy_bird.sprites import BIRD_COLOURS
 from tests.games.flappy_bird.flight import FLAP, NOOP, Flight
 
 SIDES = {"gray": 84, "gray_80": 80}

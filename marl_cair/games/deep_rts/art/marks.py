@@ -16,7 +16,7 @@ from marl_cair.games.deep_rts.art.scene import (
     stands_at,
     target_in_sight,
 )
-from marl_cair.games.deep_rts.art.sprites import PALETTES
+from marl_cair.games.deep_rts.art.sprites import LIGHT_SHADE, PALETTES
 from marl_cair.games.deep_rts.rules.rulebook import KIND_RANGE_TILES
 from marl_cair.games.deep_rts.state import (
     CURSOR,
@@ -41,7 +41,6 @@ HEALTHY, HURT, DYING, PROGRESS, EMPTY, OUTLINE, FLASH, SPARK, SHAFT = (
         (70, 46, 30),
     )
 )
-_LIGHT_SHADE = 3  # of a player's colour, among the letters of the sprites
 _HURT_PERCENT, _DYING_PERCENT = 66, 33
 
 
@@ -91,7 +90,7 @@ def mark_selection(piece: Any, tile: int, image: Any) -> None:
     line, arm = max(1, tile // 16), piece.size // 3
     if tile >= 2 * LEAST_SPRITE_PIXELS:
         draw_corners(image, piece.top, piece.left, piece.size, arm, 2 * line, OUTLINE)
-    colour = PALETTES[piece.colour, _LIGHT_SHADE]
+    colour = PALETTES[piece.colour, LIGHT_SHADE]
     draw_corners(image, piece.top, piece.left, piece.size, max(1, arm - line), line, colour)
 
 

@@ -1,58 +1,28 @@
-"""All pictures of Deep RTS and the players' colours, in the order of the tables."""
+"""Sprites and colours of Deep RTS, read from `pieces.png` and `tiles.png`, in the tables' order."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.deep_rts.art.buildings import (
-    GREAT_BUILDINGS,
-    GREAT_SCAFFOLD,
-    GREAT_SITE,
-    SMALL_BUILDINGS,
-    SMALL_SCAFFOLD,
-    SMALL_SITE,
-)
-from marl_cair.games.deep_rts.art.tiles import NUM_VARIANTS, TILE_PALETTES, TILE_SPRITES
-from marl_cair.games.deep_rts.art.units import (
-    BACK,
-    FOOD_ICON,
-    FRONT,
-    ICONS,
-    LETTERS,
-    SCORE_ICON,
-    SIDEWAYS,
-    TIME_ICON,
-    UNIT_SPRITES,
-    UNITS_ICON,
-)
 from marl_cair.games.deep_rts.tables import BARRACKS, FARM, NUM_KINDS, OIL_WELL, SMITHY, TOWN_HALL
+from marl_cair.games.drawing import cut_cells, read_atlas
 
-__all__ = [
-    "BACK",
-    "FOOD_ICON",
-    "FRONT",
-    "GREAT_BUILDINGS",
-    "GREAT_SCAFFOLD",
-    "GREAT_SITE",
-    "GREAT_SPRITE",
-    "ICONS",
-    "MAX_COLOURS",
-    "NUM_VARIANTS",
-    "PALETTES",
-    "PLAYER_COLOURS",
-    "SCORE_ICON",
-    "SIDEWAYS",
-    "SMALL_BUILDINGS",
-    "SMALL_SCAFFOLD",
-    "SMALL_SITE",
-    "SMALL_SPRITE",
-    "TILE_PALETTES",
-    "TILE_SPRITES",
-    "TIME_ICON",
-    "UNITS_ICON",
-    "UNIT_SPRITES",
-]
+_FOLDER = Path(__file__).parent
+_PIECES, _PIECES_PALETTE = read_atlas(_FOLDER / "pieces.png")
+_TILES, _TILES_PALETTE = read_atlas(_FOLDER / "tiles.png")
+
+# pieces.png: large buildings above; below them units, and right of these small buildings and icons.
+_GREAT = cut_cells(_PIECES[:48], 48)[0]
+GREAT_BUILDINGS, GREAT_SITE, GREAT_SCAFFOLD = _GREAT[:3], _GREAT[3], _GREAT[4]
+_SMALL = cut_cells(_PIECES[48:64, 48:112], 16)[0]
+SMALL_BUILDINGS, SMALL_SITE, SMALL_SCAFFOLD = _SMALL[:2], _SMALL[2], _SMALL[3]
+UNIT_SPRITES: NDArray[np.uint8] = cut_cells(_PIECES[48:, :48], 16)  # [kind, pose, 16, 16]
+SIDEWAYS, FRONT, BACK = range(3)  # poses; sideways looks to the right
+ICONS: NDArray[np.uint8] = cut_cells(_PIECES[64:72, 48:112], 8)[0]  # 4 resources, then these
+FOOD_ICON, UNITS_ICON, SCORE_ICON, TIME_ICON = range(4, 8)
 
 NO_SPRITE = -1
 
@@ -67,28 +37,9 @@ def _index_of(kinds: tuple[int, ...]) -> NDArray[np.int8]:
 GREAT_SPRITE: NDArray[np.int8] = _index_of((TOWN_HALL, BARRACKS, SMITHY))
 SMALL_SPRITE: NDArray[np.int8] = _index_of((FARM, OIL_WELL))
 
-_SHARED = {
-    ".": (0, 0, 0),
-    "#": (30, 27, 36),
-    "m": (146, 150, 160),
-    "M": (206, 210, 218),
-    "n": (98, 100, 114),
-    "s": (238, 196, 156),
-    "k": (200, 148, 112),
-    "b": (112, 76, 48),
-    "B": (164, 118, 72),
-    "y": (222, 178, 76),
-    "Y": (248, 222, 138),
-    "h": (78, 52, 40),
-    "e": (150, 112, 80),
-    "d": (102, 74, 58),
-    "w": (240, 240, 236),
-    "a": (66, 66, 78),
-    "r": (190, 66, 34),
-    "R": (242, 142, 48),
-}
-# Colours that the colour-blind tell apart, after Okabe and Ito (2008): plain, light, dark.
-_PLAYERS = (
+# Rows 2 to 4 of the palette of pieces.png are the player's colour: plain, light and dark. People
+# who are colour-blind can tell these apart, after Okabe and Ito (2008).
+_PLAYER_SHADES = (
     ((24, 108, 196), (104, 176, 246), (16, 72, 138)),  # blue
     ((206, 78, 26), (248, 142, 88), (146, 48, 16)),  # vermilion
     ((236, 214, 62), (255, 244, 158), (178, 152, 30)),  # yellow
@@ -98,14 +49,17 @@ _PLAYERS = (
     ((84, 190, 226), (164, 228, 250), (46, 132, 168)),  # sky
     ((0, 150, 116), (86, 206, 172), (0, 100, 78)),  # green
 )
-MAX_COLOURS = len(_PLAYERS)
+MAX_COLOURS = len(_PLAYER_SHADES)
+LIGHT_SHADE = 3  # row of the palette
+# [colour, palette row, RGB]; a seat sees itself in colour 0.
+PALETTES: NDArray[np.uint8] = np.stack([_PIECES_PALETTE] * MAX_COLOURS)
+PALETTES[:, 2:5] = _PLAYER_SHADES
+PLAYER_COLOURS: NDArray[np.uint8] = PALETTES[:, 2].copy()
 
-
-def _make_palette(shades: tuple[tuple[int, int, int], ...]) -> list[tuple[int, int, int]]:
-    colours = {**_SHARED, **dict(zip("oOp", shades, strict=True))}
-    return [colours[letter] for letter in LETTERS]
-
-
-# [colour, letter, RGB]; colour 0 is the onlooker's own in its view.
-PALETTES: NDArray[np.uint8] = np.array([_make_palette(shades) for shades in _PLAYERS], np.uint8)
-PLAYER_COLOURS: NDArray[np.uint8] = np.array([shades[0] for shades in _PLAYERS], np.uint8)
+# tiles.png: a column for each tile kind, a row for each variant.
+TILE_SPRITES: NDArray[np.uint8] = cut_cells(_TILES, 16).swapaxes(0, 1).copy()
+NUM_VARIANTS = TILE_SPRITES.shape[1]
+# [parity of row + column, palette row, RGB]: every other cell of grass and of sand is darker, so
+# that cells can be counted.
+TILE_PALETTES: NDArray[np.uint8] = np.stack([_TILES_PALETTE] * 2)
+TILE_PALETTES[1, [1, 4]] = (107, 145, 82), (204, 179, 127)

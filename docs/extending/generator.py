@@ -1,0 +1,96 @@
+"""A generator of transitions: repeats real transitions that it remembers, labelled as generated.
+
+It is a baseline: what a learned generator must do better than. Copy it to `marl_cair/generative/memory.py` and add one
+line to `GENERATORS` of `marl_cair/generative/__init__.py`: `"memory": "marl_cair.generative.memory:MemoryGenerator"`.
+Then `marl-cair train generator.name=memory` uses it.
+"""
+
+import torch
+
+from marl_cair.generative.gate import GateReport
+from marl_cair.generative.heldout import TransitionRing, make_empty_transitions
+from marl_cair.replay.transition import NO_ACTION, NO_INDEX, NO_OPPONENT
+
+CAPACITY = 2_000  # transitions
+LEAST_ROWS = 500  # transitions at which the gate opens
+
+
+class MemoryGenerator:
+    """Fulfils `marl_cair.generative.generator.Generator`."""
+
+    def __init__(self, config, spec):
+        self.spec = spec
+        self.last_report = None
+        self.last_generation = {}
+        self._ring = TransitionRing(spec, CAPACITY)
+        self._random = torch.Generator().manual_seed(config.seed)
+
+    def observe(self, batch):
+        """Remember real transitions."""
+        self._ring.add(batch)
+
+    def update(self, batch):
+        """Nothing is learned; returns losses for the log."""
+        return {}
+
+    def evaluate(self):
+        """Open the gate if enough is remembered."""
+        num_rows = self._ring.num_rows
+        reasons = () if num_rows >= LEAST_ROWS else (f"{num_rows} of {LEAST_ROWS} transitions",)
+        self.last_report = GateReport(passed=not reasons, reasons=reasons)
+        return self.last_report
+
+    @property
+    def _is_open(self):
+        return self.last_report is not None and self.last_report.passed
+
+    def generate(self, starts, num_rows):
+        """Up to `num_rows` transitions; none while the gate is shut."""
+        rows = self._ring.sample(num_rows if self._is_open else 0, self._random)
+        self.last_generation = {"acceptance": float(self._is_open)}
+        return self._label(rows)
+
+    def predict(self, starts):
+        """What follows on each start, and whether it is accepted: only what was seen exactly."""
+        rows = make_empty_transitions(self.spec, starts.shape[0])
+        known = self._ring.select(torch.arange(self._ring.num_rows))
+        accepted = torch.zeros(starts.shape[0], dtype=torch.bool)
+        for place in range(starts.shape[0]):
+            start = starts[place]
+            same = (known["observation"] == start["observation"]).flatten(1).all(1)
+            same &= (known["action"] == start["action"]) & self._is_open
+            if same.any():
+                rows[place] = known[int(same.nonzero()[0, 0])]
+                accepted[place] = True
+        for key in ("observation", "action_mask", "action"):
+            rows[key] = starts[key]
+        return self._label(rows), accepted
+
+    def _label(self, rows):
+        rows["is_generated"].fill_(True)
+        rows["expert_action"].fill_(NO_ACTION)
+        rows["opponent"].fill_(NO_OPPONENT)
+        rows["index"].fill_(NO_INDEX)
+        return rows
+
+    def state_dict(self):
+        """Data that a resumed run continues from with the same bits."""
+        report = None if self.last_report is None else self.last_report.to_dict()
+        return {
+            "ring": self._ring.state_dict(),
+            "random": self._random.get_state(),
+            "report": report,
+        }
+
+    def load_state_dict(self, state):
+        self._ring.load_state_dict(state["ring"])
+        self._random.set_state(state["random"])
+        report = state["report"]
+        self.last_report = None if report is None else GateReport.from_dict(report)
+
+    def export_knowledge(self):
+        """What another run may begin with: nothing."""
+        return {}
+
+    def import_knowledge(self, knowledge):
+        """Begin with what another run exported: nothing."""

@@ -1,0 +1,51 @@
+"""MkDocs hooks: pages that are kept beside the code (READMEs), and links between all pages."""
+
+from __future__ import annotations
+
+import posixpath
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File
+
+ROOT = Path(__file__).resolve().parents[1]
+GAMES = sorted(path.parent.name for path in ROOT.glob("marl_cair/games/*/README.md"))
+# Path in the repository -> path in the site.
+PAGES = {
+    "README.md": "index.md",
+    "CHANGELOG.md": "changelog.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "SECURITY.md": "security.md",
+    "agents/README.md": "agents.md",
+    "examples/README.md": "examples.md",
+    **{f"marl_cair/games/{game}/README.md": f"games/{game}.md" for game in GAMES},
+}
+# A picture's or link's target; code in backticks is left alone.
+LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add the pages that lie outside docs/."""
+    for source, target in PAGES.items():
+        text = (ROOT / source).read_text("utf-8")
+        files.append(File.generated(config, target, content=text))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
+    """Point links at pages of the site, or at the repository if the target is no page."""
+    here = page.file.src_uri
+    sources = {target: source for source, target in PAGES.items()}
+    folder = posixpath.dirname(sources.get(here, f"docs/{here}"))
+
+    def relink(match: re.Match[str]) -> str:
+        path = posixpath.normpath(posixpath.join(folder, match[1]))
+        anchor = match[2] or ""
+        target = PAGES.get(path) or path.removeprefix("docs/")
+        if path in PAGES or (path.startswith("docs/") and files.get_file_from_path(target)):
+            return posixpath.relpath(target, posixpath.dirname(here) or ".") + anchor
+        kind = "tree" if (ROOT / path).is_dir() else "blob"
+        return f"{config.repo_url.rstrip('/')}/{kind}/main/{path}{anchor}"
+
+    return LINK.sub(relink, markdown)

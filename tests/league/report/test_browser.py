@@ -1,0 +1,202 @@
+"""The page in a real browser: on a phone and a desk, light and dark, without a network."""
+
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+from marl_cair.league.play.film import SMALL, shrink, write_film
+from marl_cair.league.ratings.shares import Share
+from marl_cair.league.report.background import Background
+from marl_cair.league.report.render import render_html
+from marl_cair.league.report.replays import Replay
+from marl_cair.league.report.sections import make_report
+from marl_cair.league.store.records import AgentRecord
+from tests.league.leagues import EDGES, make, make_games
+from tests.league.report.test_render import unrated
+
+NEEDED = "MARL_CAIR_NEEDS_BROWSER"  # set by .ci/run: there one that is missing is a failure
+if NEEDED in os.environ:
+    from playwright import sync_api as playwright
+else:
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is of the extra `dev`"
+    )
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = pytest.mark.skipif(
+    BROWSER is None and NEEDED not in os.environ,
+    reason="no chromium is installed (Debian: apt-get install chromium)",
+)
+LONG = "runs/a_run_with_a_rather_long_name/snapshots/frames_"
+NAMES = [f"{LONG}0000051200", f"{LONG}0000102400", "<script>alert(1)</script>", "random"]
+SCREENS = [(width, scheme) for width in (360, 1280) for scheme in ("light", "dark")]
+READABLE = 4.5  # contrast of text that WCAG 2 asks for (AA)
+
+# The smallest contrast of any text on the page with what is painted behind it, and whose it is.
+FIND_CONTRAST = """() => {
+  const parse = text => (text.match(/[0-9.]+/g) || []).map(Number);
+  const light = colour => {
+    const parts = colour.slice(0, 3).map(c => c / 255)
+      .map(c => c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2];
+  };
+  const ground = element => {
+    const own = element.getBoundingClientRect(), x = own.x + own.width / 2;
+    const y = own.y + own.height / 2;
+    for (let at = element; at; at = at.parentElement) {
+      const box = at.getBoundingClientRect();
+      if (x < box.left || x > box.right || y < box.top || y > box.bottom) continue;
+      const colour = parse(getComputedStyle(at).backgroundColor);
+      if (colour.length === 3 || colour[3] === 1) return colour;
+    }
+    return parse(getComputedStyle(document.body).backgroundColor);
+  };
+  let worst = [99, ""];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const text = walker.currentNode.textContent.trim(), element = walker.currentNode.parentElement;
+    if (!text || !element.checkVisibility()) continue;
+    const lights = [light(parse(getComputedStyle(element).color)), light(ground(element))];
+    const found = (Math.max(...lights) + 0.05) / (Math.min(...lights) + 0.05);
+    if (found < worst[0]) worst = [found, text];
+  }
+  return worst;
+}"""
+# What reaches beyond the screen, but for what lies in a frame that scrolls by itself.
+FIND_WIDE = """() => [...document.querySelectorAll("main *")]
+  .filter(e => !e.closest(".scroll, .ladder thead, details:not([open])"))
+  .filter(e => e.getBoundingClientRect().right > innerWidth + 0.5)
+  .map(e => e.outerHTML.slice(0, 80))"""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as started:
+        # Debian's sandbox needs rights that a container does not give; the page is our own.
+        opened = started.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope="module")
+def page_file(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page")
+    frames = np.random.default_rng(0).integers(0, 255, (4, 30, 40, 3), np.uint8)
+    write_film(folder / "a.gif", [shrink(frame, SMALL.width) for frame in frames], SMALL)
+    training = '{"training": {"run": "/runs/a", "name": "a", "seed": 0, "frames": %d}}'
+    background = Background(
+        title="Deep RTS",
+        settings=(("Command", "marl-cair league " + " ".join(NAMES)), ("Scenario", "a" * 300)),
+        records={
+            name: AgentRecord("0" * 32, name, "network", "greedy", "1", training % frames)
+            for name, frames in zip(NAMES[:2], (51_200, 102_400), strict=True)
+        },
+        map_shares={(name, f"map {n}"): Share(0.5, 0, 1, 8) for name in NAMES for n in range(9)},
+        replays=(
+            Replay("The best two", "a v b", folder / "a.gif"),
+            Replay("The longest game", "a v b", None, "It went another way."),
+        ),
+        replay_words="",
+    )
+    table = make({**EDGES, (0, 1): 20}, NAMES, repeats=4, forfeits=(("it " * 99, 3),))
+    path = folder / "report.html"
+    path.write_text(render_html(make_report(table, background)), "utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def bare_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("bare") / "report.html"
+    table = unrated(["a", "b", "c", "d"], make_games({(0, 1): 25, (2, 3): 25}))
+    path.write_text(render_html(make_report(table)), "utf-8")
+    return path
+
+
+def open_page(browser, path, width=1280, scheme="light"):
+    """The page, and what it has asked for or complained about."""
+    page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    told = []
+    page.on("console", lambda message: told.append(message.text))
+    page.on("pageerror", lambda error: told.append(str(error)))
+    page.on("dialog", lambda dialog: told.append(f"dialog {dialog.message}"))
+    page.on(
+        "request",
+        lambda request: (
+            None
+            if request.url == path.as_uri() or request.url.startswith("data:")
+            else told.append(request.url)
+        ),
+    )
+    page.goto(path.as_uri(), wait_until="load")
+    return page, told
+
+
+@pytest.mark.parametrize(("width", "scheme"), SCREENS)
+@pytest.mark.parametrize("file", ["page_file", "bare_file"])
+def test_the_page_fits_and_is_readable(browser, request, file, width, scheme):
+    page, told = open_page(browser, request.getfixturevalue(file), width, scheme)
+    try:
+        assert told == []
+        assert page.evaluate(FIND_WIDE) == []
+        assert page.evaluate("document.documentElement.scrollWidth") == width
+        contrast, text = page.evaluate(FIND_CONTRAST)
+        assert contrast >= READABLE, text
+    finally:
+        page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_folded_parts_are_readable_too(browser, page_file, scheme):
+    page, _ = open_page(browser, page_file, 360, scheme)
+    try:
+        page.evaluate("document.querySelectorAll('details').forEach(e => e.open = true)")
+        assert page.evaluate("document.documentElement.scrollWidth") == 360
+        contrast, text = page.evaluate(FIND_CONTRAST)
+        assert contrast >= READABLE, text
+    finally:
+        page.close()
+
+
+def test_dark_is_dark(browser, page_file):
+    grounds = []
+    for scheme in ("light", "dark"):
+        page, _ = open_page(browser, page_file, scheme=scheme)
+        grounds.append(page.evaluate("getComputedStyle(document.body).backgroundColor"))
+        page.close()
+    assert grounds == ["rgb(251, 251, 249)", "rgb(18, 20, 23)"]
+
+
+def test_pictures_are_decoded(browser, page_file):
+    page, _ = open_page(browser, page_file)
+    try:
+        widths = page.evaluate("[...document.images].map(e => e.complete && e.naturalWidth)")
+        assert widths == [SMALL.width]
+    finally:
+        page.close()
+
+
+def test_wide_tables_scroll_within_themselves(browser, page_file):
+    page, _ = open_page(browser, page_file, 360)
+    try:
+        wide = "e => e.scrollWidth > e.clientWidth"
+        assert page.evaluate(f"[...document.querySelectorAll('.scroll')].some({wide})")
+    finally:
+        page.close()
+
+
+def test_the_checks_above_can_fail(browser, tmp_path):
+    path = tmp_path / "bad.html"
+    path.write_text(
+        "<main style='width:2000px'><p style='color:#888;background:#999'>pale</p>"
+        "<img src='http://127.0.0.1:9/a.png'><script>console.log('ran')</script></main>",
+        "utf-8",
+    )
+    page, told = open_page(browser, path, 360)
+    try:
+        assert any("a.png" in line for line in told)
+        assert "ran" in told
+        assert page.evaluate(FIND_WIDE) != []
+        assert page.evaluate(FIND_CONTRAST)[0] < READABLE
+    finally:
+        page.close()

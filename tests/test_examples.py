@@ -1,0 +1,57 @@
+"""The six scripts of examples/ run, shortened, and stay short."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples"
+MAX_LINES = 60
+SHORT = {
+    "random_play": "--games 2 --scenario 11x11",
+    "sb3": "--steps 512 --games 1",
+    "torchrl_dqn": "--steps 4 --num-envs 8",
+    "self_play": "--frames 2048 --games 2 --out runs/example",
+    "league": "--games 2 --out runs/league",
+    "plot_run": "seed_0 seed_1 --column win_rate/random --out curve.png",
+}
+PRINTED = {
+    "random_play": "player_1: mean return",
+    "sb3": "mean return in 1 games",
+    "torchrl_dqn": "32 steps",
+    "self_play": "score against counter",
+    "league": "spender",
+    "plot_run": "win_rate/random 0.750 after 200 steps",
+}
+
+
+def test_every_script_is_run():
+    assert {path.stem for path in EXAMPLES.glob("*.py")} == set(SHORT) == set(PRINTED)
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_it_is_short_and_on_the_page(name):
+    path = EXAMPLES / f"{name}.py"
+    assert len(path.read_text("utf-8").splitlines()) < MAX_LINES
+    assert f"]({name}.py)" in (EXAMPLES / "README.md").read_text("utf-8")
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_it_runs(name, tmp_path):
+    for seed, win_rate in enumerate((0.5, 1.0)):  # two logs for plot_run
+        log = tmp_path / f"seed_{seed}" / "log.csv"
+        log.parent.mkdir()
+        log.write_text(f"frames,win_rate/random\n100.0,\n100.0,0.25\n200.0,{win_rate}\n", "utf-8")
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", EXAMPLES / f"{name}.py", *SHORT[name].split()],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert done.returncode == 0, done.stderr
+    assert PRINTED[name] in done.stdout

@@ -1,0 +1,198 @@
+"""The examples of docs/extending.md work: each is used as the page says."""
+
+import importlib.util
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from marl_cair import generative, policies
+from marl_cair.policies.config import QNetworkConfig
+from marl_cair.policies.q_network import make_q_network
+from marl_cair.self_play import samplers
+from marl_cair.training.settings.config import (
+    CollectorSettings,
+    EvaluationSettings,
+    GameSettings,
+    GeneratorSettings,
+    OpponentSettings,
+    ReplaySettings,
+    TrainConfig,
+)
+from marl_cair.training.settings.learner import LearnerSettings
+from marl_cair.training.trainer import train
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "docs" / "extending"
+
+
+def import_example(name, monkeypatch):
+    """The example as a module of its own name, as a copy in the package would be."""
+    spec = importlib.util.spec_from_file_location(f"example_{name}", FOLDER / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, spec.name, module)
+    spec.loader.exec_module(module)
+    return module
+
+
+def add_line(table, name, place, monkeypatch):
+    """What the one line in the table of the package does."""
+    monkeypatch.setitem(table._places, name, place)
+
+
+def make_config(out, **changes):
+    settings = {
+        "total_frames": 1024,
+        "torch_threads": 1,
+        "synthetic_fraction": 0.0,
+        "game": GameSettings("deep_line_wars", "11x11", options={"max_ticks": 100}),
+        "policy": QNetworkConfig(body="conv", hidden_width=16),
+        "generator": GeneratorSettings(name="none"),
+        "collector": CollectorSettings(num_worlds=16, steps_per_batch=8),
+        "replay": ReplaySettings(capacity_transitions=4000, min_transitions=128),
+        "learner": LearnerSettings(batch_size=16),
+        "evaluation": EvaluationSettings(bots=()),
+    }
+    return TrainConfig(out=str(out), **{**settings, **changes})
+
+
+def test_the_page_names_every_example():
+    page = (ROOT / "docs/extending.md").read_text("utf-8")
+    for path in FOLDER.glob("*.py"):
+        assert f'--8<-- "docs/extending/{path.name}"' in page
+        assert f"(extending/{path.name})" in page
+
+
+def test_the_network_reads_boards_and_trains(monkeypatch, tmp_path):
+    import_example("network", monkeypatch)
+    add_line(policies.NETWORKS, "pooled", "example_network:PooledBody", monkeypatch)
+    network = make_q_network(QNetworkConfig(body="pooled"), (28, 10, 15), 185, seed=0)
+    assert network(torch.zeros(2, 28, 10, 15, dtype=torch.uint8)).shape == (2, 185)
+    config = make_config(tmp_path, policy=QNetworkConfig(body="pooled", hidden_width=8))
+    assert train(config, show_progress=False).frames >= config.total_frames
+
+
+def test_the_sampler_chooses_the_hardest(monkeypatch, tmp_path):
+    hardest = import_example("sampler", monkeypatch).hardest
+    win_rate = np.array([0.5, 0.9, 0.1, 0.6, 0.2, 0.3])
+    standings = samplers.Standings(
+        np.arange(6),
+        ("self", *"abcde"),
+        ("learner", *["snapshot"] * 5),
+        win_rate,
+        np.full((6, 6), 0.5),
+    )
+    probabilities = hardest(standings, samplers.SamplerOptions())
+    np.testing.assert_allclose(probabilities, [0, 0, 1 / 3, 0, 1 / 3, 1 / 3])
+    monkeypatch.setitem(samplers.SAMPLERS, "hardest", hardest)
+    opponents = OpponentSettings({"hardest": 0.5, "latest": 0.5}, snapshot_every_frames=256)
+    config = make_config(tmp_path, opponent=opponents)
+    assert train(config, show_progress=False).frames >= config.total_frames
+
+
+def test_the_generator_gives_labelled_rows(monkeypatch, tmp_path):
+    import_example("generator", monkeypatch)
+    add_line(generative.GENERATORS, "memory", "example_generator:MemoryGenerator", monkeypatch)
+    config = make_config(
+        tmp_path,
+        total_frames=4096,
+        synthetic_fraction=0.2,
+        generator=GeneratorSettings(
+            name="memory", evaluate_every_frames=1024, refill_every_frames=512, rows_per_refill=64
+        ),
+    )
+    result = train(config, show_progress=False)
+    assert result.frames >= config.total_frames
+    assert result.last_row["replay/generated"] > 0
+
+
+def test_the_opponent_plays(monkeypatch, tmp_path):
+    shutil.copy(FOLDER / "opponent.py", tmp_path / "opponent.py")
+    commands = (FOLDER / "opponent.py").read_text("utf-8")
+    assert "marl-cair match opponent:make_first_legal rusher" in commands
+    done = run_python(
+        tmp_path, ["match", "opponent:make_first_legal", "rusher", "--scenario", "11x11", "--games", "4"]
+    )
+    assert "first legal" in done or "make_first_legal" in done
+
+
+# --- the game --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """The template as pip leaves it: the package and its metadata."""
+    folder = tmp_path_factory.mktemp("site")
+    template = FOLDER / "game_template"
+    shutil.copytree(template / "tug_of_war", folder / "tug_of_war")
+    project = tomllib.loads((template / "pyproject.toml").read_text("utf-8"))["project"]
+    metadata = folder / f"{project['name']}-{project['version']}.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
+    )
+    points = project["entry-points"]["marl_cair.games"]
+    lines = [f"{name} = {place}" for name, place in points.items()]
+    (metadata / "entry_points.txt").write_text("\n".join(["[marl_cair.games]", *lines, ""]))
+    return folder
+
+
+def run_python(folder, words=None, code=None):
+    """What a command of marl-cair, or a program, prints in `folder`."""
+    arguments = ["-c", code] if code else ["-m", "marl_cair", *words]
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore::UserWarning", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}"},
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_game_is_listed(installed):
+    games = json.loads(run_python(installed, ["games", "--json"]))
+    assert "tug_of_war" in str(games)
+
+
+def test_the_commands_of_the_page_run(installed):
+    page = (ROOT / "docs/extending.md").read_text("utf-8")
+    (command,) = re.findall(r"^marl-cair (match puller .*)$", page, re.MULTILINE)
+    assert "puller" in run_python(installed, command.split())
+
+
+CONFORMANCE = """
+import numpy as np
+from pettingzoo.test import parallel_api_test, parallel_seed_test
+import tug_of_war, marl_cair
+
+parallel_api_test(tug_of_war.parallel_env(), num_cycles=100)
+parallel_seed_test(tug_of_war.parallel_env, num_cycles=20)
+engine = marl_cair.make_engine("tug_of_war", scenario="long", num_worlds=64)
+alone = marl_cair.make_engine("tug_of_war", scenario="long", num_worlds=1)
+seeds = np.arange(64, dtype=np.uint64)
+engine.reset(seeds); alone.reset(seeds[40:41])
+rng = np.random.default_rng(0)
+for _ in range(60):
+    actions = rng.integers(2, size=(64, 2))
+    engine.step(actions); alone.step(actions[40:41])
+    assert np.array_equal(engine.observe("vector")[40], alone.observe("vector")[0])
+    assert np.array_equal(engine.rewards[40], alone.rewards[0])
+assert (engine.terminated | engine.truncated).all()
+assert engine.render(0).shape == (20, 180, 3)
+print("conforms")
+"""
+
+
+def test_the_game_conforms(installed):
+    assert "conforms" in run_python(installed, code=CONFORMANCE)

@@ -77,7 +77,7 @@ class FactoredActions:
 
     Raises:
         ValueError: the scenario's actions have a shape already, or a kind has several actions at
-            one place, so that kind and cell do not tell the action.
+            one place, so that kind and cell do not determine the action.
     """
 
     def __init__(self, game: str, spec: GameSpec) -> None:

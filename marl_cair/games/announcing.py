@@ -1,4 +1,4 @@
-"""A word to the user whom the compiler keeps waiting."""
+"""Prints a notice when JIT compilation takes more than a second."""
 
 import sys
 import threading
@@ -20,7 +20,7 @@ def _announce(game: str) -> None:
 
 
 def announce_nothing(games: Iterable[str]) -> None:
-    """Leave these games out in this process: somebody else tells what it is doing."""
+    """Leave these games out in this process: another process reports its progress."""
     _announced_games.update(games)
 
 
@@ -36,7 +36,7 @@ def calling(game: str) -> Iterator[None]:
 
 @contextmanager
 def compiling() -> Iterator[None]:
-    """Tell the user of the game that is called when this keeps them waiting."""
+    """Print which game is compiled when this takes more than a second."""
     if not (game := _called.get()):
         yield
         return

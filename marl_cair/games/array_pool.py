@@ -1,4 +1,4 @@
-"""`ArrayPool`: arrays that are handed out again as soon as nobody holds them."""
+"""`ArrayPool`: reuses arrays that are no longer referenced."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MAX_SPARE = 64  # arrays of one shape that wait for their next use
 class ArrayPool:
     """Uninitialised arrays whose memory returns here when the last view of them is gone.
 
-    A batch of observations is megabytes, which the operating system takes back and clears anew at
+    A batch of observations is megabytes, which the operating system takes back and clears again at
     every step: that costs more than to write the observations.
     """
 
@@ -22,7 +22,7 @@ class ArrayPool:
         self._spare: dict[tuple[Any, ...], list[NDArray[Any]]] = {}
 
     def take(self, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """An array nobody else holds; its content is arbitrary."""
+        """An unused array; its content is arbitrary."""
         spare = self._spare.setdefault((shape, np.dtype(dtype)), [])
         memory = spare.pop() if spare else np.empty(shape, dtype)
         lent = memory.view()

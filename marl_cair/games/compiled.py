@@ -119,7 +119,7 @@ def compiled(function: Function) -> Function:
 
 def compiled_copy(function: Function) -> Function:
     """`compiled` for a few straight lines that many rules call: copied into each of them before
-    types are known, so that it is not compiled anew for each combination of integer types.
+    types are known, so that it is not compiled again for each combination of integer types.
     """
     return _compile(function, inline="always")
 
@@ -201,7 +201,7 @@ class _Rule(CPUDispatcher):
         return entry
 
     def add_overload(self, cres: Any) -> None:
-        """Keep a part for the rules that call it, and tell Python's side nothing of it."""
+        """Keep a part for the rules that call it, which Python does not call."""
         self.overloads[tuple(cres.signature.args)] = cres
 
 

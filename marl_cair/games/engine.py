@@ -298,7 +298,7 @@ class BatchedEngine:
         names = [f"world.{name}" for name in self._worlds._fields]
         names += [f"outcome.{name}" for name in Outcome._fields]
         if missing := sorted(set(names) - set(state)):
-            raise ValueError(f"{self.game.name}: the engine state lacks {', '.join(missing)}")
+            raise ValueError(f"{self.game.name}: the engine state has no {', '.join(missing)}")
         arrays = [np.asarray(state[name]) for name in names]
         count = len(self._worlds._fields)
         outcome = Outcome._make(arrays[count:])
@@ -314,8 +314,8 @@ class BatchedEngine:
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Numbers of each seat beside what it observes, by name, fresh arrays [B, P]."""
-        told = {} if self.game.info is None else self.game.info(self._worlds)
-        return {name: np.array(values) for name, values in told.items()}
+        numbers = {} if self.game.info is None else self.game.info(self._worlds)
+        return {name: np.array(values) for name, values in numbers.items()}
 
     def map_names(self) -> tuple[str, ...]:
         """The name of each world's map [B]; "" throughout where the game has no maps by name."""
@@ -347,7 +347,7 @@ class BatchedEngine:
     ) -> None:
         """Run a kernel over `worlds`, in slices on the threads when there are any.
 
-        kind: tells apart calls of one kernel whose arguments differ in type.
+        kind: separates calls of one kernel whose arguments differ in type.
         """
         key = kernel, kind
         if key not in self._kernels:

@@ -58,7 +58,7 @@ class Representation:
         num_uniform: the last `num_uniform` planes hold one value over the whole board each.
         observe: kernel (worlds, rules, out [B, P, *shape], first, last) that writes `out`; with a
             memory (worlds, rules, memory, out, first, last), and it writes what has changed.
-        make_memory: num_worlds -> arrays [B, ...] that tell what an `out` holds, at first nothing.
+        make_memory: num_worlds -> arrays [B, ...] that describe what an `out` holds.
         low: the smallest value, or of a vector one for each entry.
         num_frames: above 1 the channels are pictures of so many decisions, the newest last.
     """
@@ -107,7 +107,7 @@ class GameSpec:
         action_shape: () where a seat chooses one action in each decision. Else it chooses one of
             the A actions at each place of this shape: actions are [B, P, *action_shape], masks
             [B, P, *action_shape, A].
-        teams: the team of each seat, P numbers; () = everybody for itself. A game's `winner` is
+        teams: the team of each seat, P numbers; () = each seat for itself. A game's `winner` is
             the first seat of the team that has won.
         ticks_per_second: ticks of a second, at which pictures of the game are shown.
     """

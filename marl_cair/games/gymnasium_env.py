@@ -22,9 +22,9 @@ from marl_cair.games.game import Agent
 from marl_cair.games.parallel_env import (
     RENDER_MODES,
     check_render_mode,
-    look,
     make_action_space,
     make_observation_space,
+    observe_seats,
 )
 from marl_cair.games.players.learner_seat import LearnerSeat, SeatSettings
 from marl_cair.games.players.random_player import RANDOM
@@ -88,7 +88,7 @@ class GameEnv(gymnasium.Env[Any, Any]):
             seed = check_seed(self.engine.game.name, seed)
             super().reset(seed=seed)  # draws nothing: wrappers do
         self._table.restart([seed], np.ones(1, np.bool_))
-        return self._look()
+        return self._observe()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """One decision; an illegal action (see the mask) does nothing.
@@ -105,7 +105,7 @@ class GameEnv(gymnasium.Env[Any, Any]):
         if index is not None:
             action = divmod(index, int(sizes[1]))
         self._table.play(np.array([action]), np.ones(1, np.bool_))
-        observation, info = self._look()
+        observation, info = self._observe()
         reward = float(self.engine.rewards[0, self._table.seat])
         ended = bool(self._table.terminated[0]), bool(self.engine.truncated[0])
         return observation, reward, *ended, info
@@ -124,9 +124,9 @@ class GameEnv(gymnasium.Env[Any, Any]):
         """The spectator's picture, uint8 [h, w, 3], in render mode "rgb_array"."""
         return self.engine.render(0) if self.render_mode == "rgb_array" else None
 
-    def _look(self) -> tuple[Any, dict[str, Any]]:
+    def _observe(self) -> tuple[Any, dict[str, Any]]:
         seat = self._table.seat
-        seen = look(self.engine, *self._seen_as)
+        seen = observe_seats(self.engine, *self._seen_as)
         if isinstance(seen, dict):
             observation: Any = {name: array[0, seat] for name, array in seen.items()}
         else:
@@ -134,8 +134,8 @@ class GameEnv(gymnasium.Env[Any, Any]):
         info: dict[str, Any] = {}
         if not self._mask_in_observation:
             info["action_mask"] = self._table.form.shape_mask(self._table.mask()[0])
-        told = {name: values[0].item() for name, values in self._table.numbers().items()}
-        return observation, info | told
+        numbers = {name: values[0].item() for name, values in self._table.numbers().items()}
+        return observation, info | numbers
 
 
 class GameVectorEnv(VectorEnv[Any, Any, Any]):
@@ -219,7 +219,7 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         if seeds[0] is not None:
             super().reset(seed=seeds[0])
         self._restart(mask, seeds)
-        return self._look()
+        return self._observe()
 
     def step(
         self, actions: Any
@@ -247,11 +247,11 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         terminated = self._table.terminated
         truncated = self.engine.truncated | (self._steps >= self._max_steps)
         self._ended = terminated | truncated
-        observations, infos = self._look()
+        observations, infos = self._observe()
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             final = self._pack_final(observations, infos)
             self._restart(self._ended.copy())
-            observations, infos = self._look()
+            observations, infos = self._observe()
             infos |= final
         return observations, rewards, terminated, truncated, infos
 
@@ -281,14 +281,14 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
                 final[world] = {name: array[world] for name, array in observations.items()}
             else:
                 final[world] = observations[world]
-        told: dict[str, Any] = {}
+        numbers: dict[str, Any] = {}
         for name, values in infos.items():
-            told[name] = values & ended if name.startswith("_") else values.copy()
-            told[name][~ended] = 0
+            numbers[name] = values & ended if name.startswith("_") else values.copy()
+            numbers[name][~ended] = 0
         return {
             "final_obs": final,
             "_final_obs": ended.copy(),
-            "final_info": told,
+            "final_info": numbers,
             "_final_info": ended.copy(),
         }
 
@@ -297,9 +297,9 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         self._ended = self._ended & ~mask
         self._steps[mask] = 0
 
-    def _look(self) -> tuple[Any, dict[str, Any]]:
+    def _observe(self) -> tuple[Any, dict[str, Any]]:
         seat = self._table.seat
-        seen = look(self.engine, *self._seen_as)
+        seen = observe_seats(self.engine, *self._seen_as)
         if isinstance(seen, dict):
             observations: Any = {name: array[:, seat] for name, array in seen.items()}
         else:

@@ -119,7 +119,7 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
             self.np_random, _ = seeding.np_random(seed)
         self.engine.reset(self._seeds.next())
         self.agents = list(self.possible_agents)
-        return self._look()
+        return self._observe()
 
     def step(
         self, actions: dict[str, Any]
@@ -144,7 +144,7 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
             return {}, {}, {}, {}, {}
         if missing := [agent for agent in self.agents if agent not in actions]:
             raise ValueError(
-                f"{self.engine.game.name}: step lacks the actions of {', '.join(missing)}; give "
+                f"{self.engine.game.name}: step has no actions of {', '.join(missing)}; give "
                 "one for every agent in env.agents"
             )
         live = self.agents
@@ -154,7 +154,7 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
             if agent in live:
                 chosen[0, seat] = self._read_action(agent, seat, actions[agent])
         self.engine.step(chosen)
-        observations, infos = self._look()
+        observations, infos = self._observe()
         seats = {agent: self.possible_agents.index(agent) for agent in live}
         rewards = {agent: float(self.engine.rewards[0, seat]) for agent, seat in seats.items()}
         is_over = self.engine.terminated[0] | self.engine.eliminated[0]
@@ -194,8 +194,8 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         chosen: NDArray[np.int64] = self._form.to_engine(action[None], seat)[0]
         return chosen
 
-    def _look(self) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        seen = look(self.engine, *self._seen_as)
+    def _observe(self) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+        seen = observe_seats(self.engine, *self._seen_as)
         shown = {name: values[0] for name, values in self.engine.info().items()}
         masks = self._form.shape_mask(self.engine.action_mask()[0])
         observations: dict[str, Any] = {}
@@ -253,7 +253,7 @@ def make_observation_space(
     return spaces.Dict(parts)
 
 
-def look(
+def observe_seats(
     engine: BatchedEngine,
     representation: str,
     with_mask: bool,

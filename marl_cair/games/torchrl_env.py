@@ -67,7 +67,7 @@ class BatchedGameEnv(EnvBase):
         game, scenario, num_worlds, num_threads, options: as `make_engine`.
         representation: what agents observe.
         extra_representations: further ones (or one), under their own names beside "observation"
-            (bots that play seats look at `planes` whatever the learner looks at).
+            (bots that play seats observe `planes`, whatever the learner observes).
         seed: of the run; None draws one.
 
     Keys: ("player", "observation") [B, P, *shape], ("player", "action_mask") bool
@@ -77,7 +77,7 @@ class BatchedGameEnv(EnvBase):
     and [B, P, 1] in the group. A seat that is out while others
     play on is terminated and done in the group from the step at which it goes out; the root says
     when the world is over, and by that alone TorchRL resets. A seat that is out is only to play the
-    no-op, and what it is shown then is for nobody to learn from. `rand_action`, and a collector
+    no-op, and what it is shown then must not be learned from. `rand_action`, and a collector
     without a policy, draw legal actions (`LegalActions`). The engine writes straight into
     the tensors that are returned: nothing is copied and nothing is shared between steps.
     """
@@ -119,8 +119,8 @@ class BatchedGameEnv(EnvBase):
             key: self._make_observation_spec(name) for key, name in self._representations.items()
         }
         if numbers := self.engine.info():
-            told = {name: Unbounded(seats, dtype=torch.float32) for name in numbers}
-            seen["info"] = Composite(told, shape=seats)
+            info = {name: Unbounded(seats, dtype=torch.float32) for name in numbers}
+            seen["info"] = Composite(info, shape=seats)
         actions, places = self.engine.num_actions, (*seats, *self.engine.spec.action_shape)
         seen["action_mask"] = Binary(actions, shape=(*places, actions), dtype=torch.bool)
         self.observation_spec = Composite({GROUP: Composite(seen, shape=seats)}, shape=(worlds,))
@@ -170,7 +170,7 @@ class BatchedGameEnv(EnvBase):
         self.engine.check_reset(mask)
         self.engine.reset(self.seeds.next(mask), mask)
         # Of a partial reset TorchRL takes the worlds that were reset, and no others.
-        return self._look(None if mask is None or mask.all() else np.flatnonzero(mask))
+        return self._observe(None if mask is None or mask.all() else np.flatnonzero(mask))
 
     def _read_reset_mask(self, tensordict: TensorDictBase | None) -> NDArray[np.bool_] | None:
         """The worlds to restart; a world restarts when any of its seats is asked to."""
@@ -188,7 +188,7 @@ class BatchedGameEnv(EnvBase):
         engine.step(tensordict[GROUP, "action"].numpy())
         ended = engine.terminated | engine.truncated
         self.last = LastStep(engine.rewards.copy(), ended, engine.winner.copy())
-        seen = self._look()
+        seen = self._observe()
         seen[GROUP, "reward"] = torch.from_numpy(self.last.rewards).unsqueeze(-1)
         return seen
 
@@ -208,9 +208,9 @@ class BatchedGameEnv(EnvBase):
 
     def current(self) -> TensorDictBase:
         """What all seats see now, as `reset` returns it: to go on after `load_game_state`."""
-        return self._look()
+        return self._observe()
 
-    def _look(self, only: NDArray[np.int64] | None = None) -> TensorDictBase:
+    def _observe(self, only: NDArray[np.int64] | None = None) -> TensorDictBase:
         """What all seats see; with `only`, those worlds, and zeros for the others."""
         engine = self.engine
         worlds, players = engine.num_worlds, engine.num_players
@@ -225,8 +225,8 @@ class BatchedGameEnv(EnvBase):
         everywhere = seats["action_mask"] if only is None else engine.action_mask()
         self._shown["mask"] = torch.as_tensor(everywhere)
         if numbers := engine.info():
-            told = {name: _tell(values, only) for name, values in numbers.items()}
-            seats["info"] = TensorDict._new_unsafe(told, batch_size=torch.Size([worlds, players]))
+            info = {name: _to_tensor(values, only) for name, values in numbers.items()}
+            seats["info"] = TensorDict._new_unsafe(info, batch_size=torch.Size([worlds, players]))
         terminated = torch.from_numpy(engine.terminated).clone().unsqueeze(-1)
         truncated = torch.from_numpy(engine.truncated).clone().unsqueeze(-1)
         ended = {
@@ -272,22 +272,22 @@ class BatchedGameEnv(EnvBase):
         self.last = last
 
 
-def _tell(values: NDArray[Any], only: NDArray[np.int64] | None) -> Tensor:
+def _to_tensor(values: NDArray[Any], only: NDArray[np.int64] | None) -> Tensor:
     """A game's own numbers [B, P] as float32; of worlds that are left out, zeros."""
-    told = torch.from_numpy(values.astype(np.float32))
+    tensor = torch.from_numpy(values.astype(np.float32))
     if only is not None:
         others = np.setdiff1d(np.arange(len(values)), only)
-        told[others] = 0.0
-    return told
+        tensor[others] = 0.0
+    return tensor
 
 
 def _fill(
-    out: NDArray[Any], look: Callable[..., NDArray[Any]], only: NDArray[np.int64] | None
+    out: NDArray[Any], read: Callable[..., NDArray[Any]], only: NDArray[np.int64] | None
 ) -> Tensor:
-    """Write what `look` sees of all worlds, or of some and zeros for the others."""
+    """Write what `read` sees of all worlds, or of some and zeros for the others."""
     if only is None:
-        return torch.from_numpy(look(out))
+        return torch.from_numpy(read(out))
     out.fill(0)
     if len(only):
-        out[only] = look(worlds=only)
+        out[only] = read(worlds=only)
     return torch.from_numpy(out)

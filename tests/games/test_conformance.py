@@ -92,7 +92,10 @@ NUMBERS = pytest.mark.parametrize(
 
 def test_the_quick_cases_have_every_representation_and_number_of_players():
     def counts(cases):
-        return {(game, GAMES[game].scenario(scenario).num_players) for game, scenario, _ in cases}
+        return {
+            (game, GAMES[game].make_spec(GAMES[game].scenario(scenario)).num_players)
+            for game, scenario, _ in cases
+        }
 
     def shown(cases):
         return {(game, representation) for game, _, representation in cases}

@@ -366,7 +366,7 @@ def test_read_only_and_strided_input_compiles_no_kernel_again(game_name):
 def test_a_state_dict_that_lacks_fields_is_refused(engine):
     state = engine.state_dict()
     del state["outcome.rewards"], state["outcome.winner"]
-    message = f"{engine.game.name}: the engine state lacks outcome.rewards, outcome.winner"
+    message = f"{engine.game.name}: the engine state has no outcome.rewards, outcome.winner"
     with refuses(ValueError, message):
         engine.load_state_dict(state)
 

@@ -292,7 +292,7 @@ def test_a_step_before_reset_is_refused(game_name):
 def test_a_missing_action_is_named(game_name):
     env = GameParallelEnv(game_name)
     env.reset(seed=0)
-    message = f"{game_name}: step lacks the actions of {env.agents[-1]}; give one for every agent"
+    message = f"{game_name}: step has no actions of {env.agents[-1]}; give one for every agent"
     with pytest.raises(ValueError, match=message):
         env.step(dict.fromkeys(env.agents[:-1], 0))
 

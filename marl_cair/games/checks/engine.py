@@ -1,4 +1,4 @@
-"""What the engine and its doors check of what users hand to them; the rules trust it afterwards."""
+"""Checks of the arguments of engines and environments; the rules trust them afterwards."""
 
 from __future__ import annotations
 

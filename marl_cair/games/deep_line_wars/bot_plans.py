@@ -12,11 +12,11 @@ from marl_cair.games.deep_line_wars.bot_sight import (
     first_free,
     is_free,
     level,
-    look,
-    look_at_units,
     order_tower,
     order_unit,
     pass_turn,
+    read_sight,
+    read_units,
 )
 from marl_cair.games.deep_line_wars.observation import (
     ENEMY_HEALTH,
@@ -41,7 +41,7 @@ STREAM_TICKS = 100.0
 @compiled
 def plan_turtle(planes: Any, known: Any, sight: Any) -> int:
     """Towers first, of the kind that fits the enemy's units; then the dearest unit."""
-    look_at_units(planes, known, sight)
+    read_units(planes, known, sight)
     tower = best_tower(known, sight)
     if level(planes, OWN_LUMBER) >= known.rules.tower_lumber[tower]:
         if not can_pay_tower(planes, known, tower):
@@ -57,7 +57,7 @@ def plan_turtle(planes: Any, known: Any, sight: Any) -> int:
 @compiled
 def plan_economist(planes: Any, known: Any, sight: Any) -> int:
     """The units that raise the income most; a tower when too many enemy units would arrive."""
-    look(planes, known, sight)
+    read_sight(planes, known, sight)
     tower = best_tower(known, sight)
     if expected_leaks(known, sight) > ECONOMIST_LEAKS and can_pay_tower(planes, known, tower):
         return order_tower(planes, known, tower, first_free(planes, known, known.order[tower]))
@@ -78,7 +78,7 @@ def plan_zigzag(planes: Any, known: Any, sight: Any) -> int:
 
     A tower along a zig-zag where five units are on their way, a dearer unit after two towers.
     """
-    look(planes, known, sight)
+    read_sight(planes, known, sight)
     towers = int(sight.own_towers.sum())
     if sight.own_units.sum() >= ZIGZAG_BATCH - 0.5:
         for kind in range(NUM_TOWER_KINDS):
@@ -112,7 +112,7 @@ def plan_by_worth(planes: Any, known: Any, sight: Any) -> int:
 
     `counter` and `rusher` do so and differ in their weights.
     """
-    look(planes, known, sight)
+    read_sight(planes, known, sight)
     unit, worth_of_unit = best_unit(planes, known, sight)
     tower, worth_of_tower = best_defence(planes, known, sight)
     if tower != NO_KIND and worth_of_tower > worth_of_unit:
@@ -240,7 +240,7 @@ def arrival_share(planes: Any, known: Any, sight: Any, unit: int) -> float:
 
 @compiled
 def health_points(planes: Any, known: Any, plane: int) -> float:
-    """Health of the player that `plane` tells of, at least 1."""
+    """Health of the player that `plane` shows, at least 1."""
     return float(max(1.0, level(planes, plane) * known.rules.start_health / FULL))
 
 

@@ -1,4 +1,4 @@
-"""What scripted players know of a scenario, read off the planes, and how they phrase orders."""
+"""Reads planes into what scripted players need to know, and numbers their actions."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def make_sight(scenario: Scenario) -> Sight:
 
 
 @compiled
-def look_at_towers(planes: Any, known: Any, sight: Any) -> None:
+def read_towers(planes: Any, known: Any, sight: Any) -> None:
     """Count the towers of both sides and add up what they cover."""
     rules = known.rules
     sight.own_cover[:] = 0.0
@@ -188,7 +188,7 @@ def look_at_towers(planes: Any, known: Any, sight: Any) -> None:
 
 
 @compiled
-def look_at_units(planes: Any, known: Any, sight: Any) -> None:
+def read_units(planes: Any, known: Any, sight: Any) -> None:
     """Add up the health of own units, and of enemy units that towers may still stop."""
     rules = known.rules
     for kind in range(NUM_UNIT_KINDS):
@@ -204,10 +204,10 @@ def look_at_units(planes: Any, known: Any, sight: Any) -> None:
 
 
 @compiled
-def look(planes: Any, known: Any, sight: Any) -> None:
+def read_sight(planes: Any, known: Any, sight: Any) -> None:
     """Read one player's planes [C, H, W] into `sight`."""
-    look_at_towers(planes, known, sight)
-    look_at_units(planes, known, sight)
+    read_towers(planes, known, sight)
+    read_units(planes, known, sight)
 
 
 @compiled

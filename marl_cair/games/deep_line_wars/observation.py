@@ -1,4 +1,4 @@
-"""What each player of Deep Line Wars sees, always from its own side: own base at column 0.
+"""Observations of Deep Line Wars, always from the player's own side: own base at column 0.
 
 Hidden from an agent: the enemy's cursor and all random words. Everything else is public.
 """
@@ -68,7 +68,7 @@ FIRST_UNIFORM = CURSOR + 1
     TIME_LEFT,
 ) = range(FIRST_UNIFORM, FIRST_UNIFORM + len(UNIFORM_NAMES))
 
-# Income from 0 to 1,500 gold on a scale that tells 20 from 22 as well as 1,000 from 1,100.
+# Income from 0 to 1,500 gold on a scale that separates 20 from 22 as well as 1,000 from 1,100.
 LOG_LEVELS: NDArray[np.uint8] = np.minimum(
     FULL, np.floor(24.0 * np.log2(1.0 + np.arange(1_501)) + 0.5)
 ).astype(np.uint8)

@@ -65,12 +65,12 @@ def make_spec(scenario: Scenario) -> GameSpec:
         ticks_per_step=1,
         max_ticks=scenario.max_ticks,
         reward_bound=_reward_bound(scenario),
-        pays=_tell_pay(scenario),
+        pays=_describe_pay(scenario),
         teams=(0, *[1] * (players - 1)) if scenario.is_chase else (),
     )
 
 
-def _tell_pay(scenario: Scenario) -> str:
+def _describe_pay(scenario: Scenario) -> str:
     if scenario.num_players == 1:
         return "+1 at the goal, -0.01 a move"
     return f"+1 win, -1 loss, -0.01 a move{' of the hunter' if scenario.is_chase else ''}"

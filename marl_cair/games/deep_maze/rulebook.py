@@ -106,7 +106,7 @@ def _neighbour_table(rows: int, columns: int) -> NDArray[np.int16]:
 
 
 def _step_rewards(scenario: Scenario) -> NDArray[np.float64]:
-    """Time costs everybody, but those who are hunted."""
+    """Every move costs, except those of hunted players."""
     paid = np.full(scenario.num_players, STEP_REWARD)
     if scenario.reward == "beyond_optimal":
         paid[:] = 0.0

@@ -19,7 +19,7 @@ from marl_cair.games.deep_maze.rulebook import (
     FULL_SIGHT,
     HUNTER,
 )
-from marl_cair.games.deep_maze.sight import look_around, open_eyes
+from marl_cair.games.deep_maze.sight import open_eyes, update_sight
 from marl_cair.games.deep_maze.state import (
     GOAL,
     MAZE,
@@ -39,7 +39,7 @@ from marl_cair.games.deep_maze.tables import EXCESS_REWARD, GOAL_REWARD, NOOP, N
 from marl_cair.games.game import NO_WINNER
 from marl_cair.games.randomness import mix
 
-DRAW = -2  # of `clock[WINNER]`: decided, and nobody has won
+DRAW = -2  # of `clock[WINNER]`: decided, without a winner
 UNDECIDED = NO_WINNER
 
 
@@ -156,7 +156,7 @@ def renew_sight(world: Any, rules: Any, actions: Any) -> None:
     """
     for player in range(rules.num_players):
         if actions[player] != NOOP:
-            look_around(world, rules, player, int(world.came_from[player]))
+            update_sight(world, rules, player, int(world.came_from[player]))
 
 
 @compiled

@@ -1,6 +1,6 @@
 """What each seat sees under fog: cells in sight now, and cells that it has seen in this maze.
 
-Kept in the state, a byte for each seat and cell, so that everything that is told to a seat (planes,
+Kept in the state, a byte for each seat and cell, so that everything that a seat observes (planes,
 ids, numbers, pictures) asks the same place. A preview, in which all is seen, is not remembered.
 """
 
@@ -81,7 +81,7 @@ def see_lines(world: Any, rules: Any, player: int, centre: int, bits: int) -> No
 
 
 @compiled
-def look_around(world: Any, rules: Any, player: int, centre_before: int) -> None:
+def update_sight(world: Any, rules: Any, player: int, centre_before: int) -> None:
     """Renew what is in sight of a seat that stood at `centre_before` when it looked last."""
     centre = int(world.cell[player])
     forget_sight(world, rules, player, centre_before)
@@ -99,4 +99,4 @@ def open_eyes(world: Any, rules: Any) -> None:
     if rules.visibility == FULL_SIGHT:
         return
     for player in range(rules.num_players):
-        look_around(world, rules, player, int(world.cell[player]))
+        update_sight(world, rules, player, int(world.cell[player]))

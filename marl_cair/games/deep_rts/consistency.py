@@ -160,7 +160,7 @@ def _list_work(worlds: s.World, rules: rb.Rules) -> Iterator[Condition]:
         (np.where(is_building, of_buildings, of_mobile) | is_free).all(axis=1),
     )
     is_inside = state == s.INSIDE
-    yield "nobody inside a site acts", ((worlds.due == s.NEVER) | ~is_inside).all(axis=1)
+    yield "no unit inside a site acts", ((worlds.due == s.NEVER) | ~is_inside).all(axis=1)
     needs_target = (state == s.REPAIRING) | (units[:, :, s.UNIT_ORDER] == s.REPAIR)
     needs_target |= state == s.FIGHTING
     has_target = units[:, :, s.UNIT_TARGET] != s.NO_UNIT

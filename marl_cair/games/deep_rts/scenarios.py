@@ -59,7 +59,7 @@ class Scenario:
 
     map: str = "15x15-2p-crossing"  # see `maps`
     num_players: int = 2
-    teams: tuple[int, ...] = ()  # the team of each seat; () = everybody for itself
+    teams: tuple[int, ...] = ()  # the team of each seat; () = each seat for itself
     preset: str = "balanced"  # numbers of units and tiles: see tables.PRESETS
     actions: str = "unit"  # see ACTION_SPACES
     goal: str = "conquest"  # see GOALS
@@ -210,8 +210,8 @@ def _load_maps(name: str) -> tuple[GameMap, ...]:
         return map_padding.pad_maps(parts)
     if name in map_generator.MAP_SETS:
         return map_generator.map_set(name, MAPS_OF_A_SET)
-    if told := _GENERATED.fullmatch(name):
-        rows, columns, players, seed = map(int, told.groups())
+    if match := _GENERATED.fullmatch(name):
+        rows, columns, players, seed = map(int, match.groups())
         return (map_generator.generate_map(rows, columns, players, seed),)
     if name.endswith((".txt", ".json", ".tmj")):
         try:

@@ -32,7 +32,7 @@ RUNNING, TERMINATED, TRUNCATED = range(3)
 IDLE, WALKING, GATHERING, FIGHTING, REPAIRING, WAITING, INSIDE, RISING, TRAINING, PUMPING = range(
     10
 )
-# What it has been told.
+# Its order.
 NO_ORDER, MOVE, HARVEST, RETURN, ATTACK, ADVANCE, REPAIR = range(7)
 
 # --- columns -----------------------------------------------------------------------------------
@@ -71,7 +71,7 @@ NUM_LAYERS = 7
     DAMAGE_TAKEN,
     NEXT_SERIAL,
     NUM_UNITS,
-    IS_OUT,  # 1 once nobody of its team is alive and that has been paid
+    IS_OUT,  # 1 once no player of its team is alive and that has been paid
     RESOURCES,  # a column per resource: in store
 ) = range(10)
 GATHERED = RESOURCES + t.NUM_RESOURCES  # taken from tiles since reset, yield included
@@ -89,11 +89,11 @@ NUM_PLAYER_COLUMNS = NUM_OWNED + t.NUM_KINDS
     UNIT_FACING,  # direction
     UNIT_GOAL,  # cell that the order is about
     UNIT_TARGET,  # slot that the order is about, or NO_UNIT
-    UNIT_TARGET_SERIAL,  # tells a slot's new unit from its old one
+    UNIT_TARGET_SERIAL,  # separates a slot's new unit from its old one
     UNIT_PATH_STEPS,  # steps in `path`
     UNIT_BLOCKED,  # times in a row that it could not go on
     UNIT_EXIT,  # cell that it claims in this tick, NO_GOAL, STRUCK or TOOK
-    UNIT_SERIAL,  # the owner's how-manieth unit, from 1
+    UNIT_SERIAL,  # creation index within its owner, from 1
     UNIT_SINCE,  # tick at which the state began
     UNIT_READY,  # tick from which it may strike again
     UNIT_CARRY,  # resource units in its hands

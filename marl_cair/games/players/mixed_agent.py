@@ -16,11 +16,11 @@ class MixedAgent:
     """A mixed strategy: who of the members plays is drawn before each game, and plays all of it.
 
     What a population of learners comes to, as in policy-space response oracles (Lanctot et al.
-    2017) and in AlphaStar's league: where every single agent has somebody who beats it, a mixture
+    2017) and in AlphaStar's league: where every single agent is beaten by another, a mixture
     is harder to beat than any of its members.
 
     Whoever plays many games at once draws a member for each (`draw`) and asks all of them together
-    (`act_as`). To everybody else it is an agent as any other, which plays as one member until it is
+    (`act_as`). For other code it is an agent as any other, which plays as one member until it is
     seeded again.
 
     Args:
@@ -66,7 +66,7 @@ class MixedAgent:
         self._playing = 0
 
     def seed(self, seed: int) -> None:
-        """Restart all random generators, and draw who plays where nobody else does."""
+        """Restart all random generators, and draw who plays where no other code does."""
         self._rng = np.random.default_rng(check_seed(self.name, seed))
         for member in self.members:
             member.seed(int(self._rng.integers(2**62)))

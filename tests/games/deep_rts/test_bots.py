@@ -24,9 +24,9 @@ from marl_cair.games.deep_rts.bots.sight import (
     SELECTED_CELL,
     TARGET,
     THREAT,
-    look,
     make_knowledge,
     make_sight,
+    read_sight,
     stored,
 )
 from marl_cair.games.deep_rts.bots.sites import keeps_ways_open, nearest_person, num_free_around
@@ -64,7 +64,7 @@ def look_at(engine, name="mixed"):
     """What a bot knows, and what it sees from the first seat of the first world."""
     known = make_knowledge(engine.scenario, engine.spec, DOCTRINES[name])
     sight = make_sight(engine.scenario)
-    look(engine.observe("planes")[0, 0], known, sight)
+    read_sight(engine.observe("planes")[0, 0], known, sight)
     return known, sight
 
 

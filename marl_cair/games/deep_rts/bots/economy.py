@@ -58,7 +58,7 @@ def cell_action(known: Any, order: int, cell: int) -> int:
 
 
 @compiled
-def tell(planes: Any, mask: Any, known: Any, cell: int, action: int) -> int:
+def give_order(planes: Any, mask: Any, known: Any, cell: int, action: int) -> int:
     """The action where the unit on `cell` is under the cursor, else select it; NOOP if illegal."""
     if not shows(planes, known, SELECTED, cell):
         action = cell_action(known, SELECT_THERE, cell)
@@ -94,7 +94,7 @@ def train(planes: Any, mask: Any, known: Any, sight: Any) -> int:
         elif sight.kind[cell] == t.BARRACKS:
             product = purchases.choose_soldier(known, sight)
         if product != t.NO_KIND and food >= known.rules.kinds[product, rb.KIND_FOOD_CONSUMED]:
-            action = tell(planes, mask, known, cell, FIRST_PRODUCT + product)
+            action = give_order(planes, mask, known, cell, FIRST_PRODUCT + product)
             if action != NOOP:
                 return action
     return NOOP
@@ -110,7 +110,7 @@ def build(planes: Any, mask: Any, known: Any, sight: Any) -> int:
     if kind == t.NO_KIND or not purchases.can_afford(known, sight, kind):
         return NOOP
     if kind >= t.FIRST_UPGRADE:
-        return tell(planes, mask, known, sight.facts[FREE_SMITHY], FIRST_PRODUCT + kind)
+        return give_order(planes, mask, known, sight.facts[FREE_SMITHY], FIRST_PRODUCT + kind)
     if sight.facts[NUM_PEOPLE] == 0:
         return NOOP
     site = best_site(known, sight, kind)
@@ -118,8 +118,8 @@ def build(planes: Any, mask: Any, known: Any, sight: Any) -> int:
         return NOOP
     person = nearest_person(known, sight, site)
     if person == site:
-        return tell(planes, mask, known, person, FIRST_PRODUCT + kind)
-    return tell(planes, mask, known, person, cell_action(known, GO_THERE, site))
+        return give_order(planes, mask, known, person, FIRST_PRODUCT + kind)
+    return give_order(planes, mask, known, person, cell_action(known, GO_THERE, site))
 
 
 # --- gathering -----------------------------------------------------------------------------------
@@ -149,7 +149,7 @@ def lacking_resource(known: Any, sight: Any) -> int:
 
 @compiled
 def has_access(known: Any, sight: Any, tile: int) -> bool:
-    """True where somebody can stand beside a tile."""
+    """True where a unit can stand beside a tile."""
     row, column = tile // known.rules.columns, tile % known.rules.columns
     for there_row in range(row - 1, row + 2):
         for there_column in range(column - 1, column + 2):
@@ -183,7 +183,7 @@ def send_to_harvest(
         tile = nearest_tile(known, sight, t.LUMBER if resource == t.GOLD else t.GOLD, worker)
     if tile == NO_CELL:
         return NOOP
-    return tell(planes, mask, known, worker, cell_action(known, GO_THERE, tile))
+    return give_order(planes, mask, known, worker, cell_action(known, GO_THERE, tile))
 
 
 @compiled

@@ -34,8 +34,8 @@ from marl_cair.games.deep_rts.bots.sight import (
     is_ground,
     is_idle,
     is_out,
-    look,
     nearest_foe,
+    read_sight,
     shows,
 )
 from marl_cair.games.deep_rts.bots.sites import nearest_person
@@ -52,7 +52,7 @@ LATE = 50  # level of the time left at which all attack
 @compiled
 def plan_by_doctrine(planes: Any, mask: Any, known: Any, sight: Any) -> int:
     """The first job that can be done: train, build, then soldiers and peasants by turns."""
-    look(planes, known, sight)
+    read_sight(planes, known, sight)
     choose_purchase(known, sight)
     action = economy.train(planes, mask, known, sight)
     if action == NOOP:
@@ -150,7 +150,7 @@ def command(planes: Any, mask: Any, known: Any, sight: Any) -> int:
             chosen, chosen_goal = cell, goal
     if chosen == NO_CELL:
         return NOOP
-    return economy.tell(
+    return economy.give_order(
         planes, mask, known, chosen, economy.cell_action(known, ADVANCE_THERE, chosen_goal)
     )
 
@@ -187,7 +187,9 @@ def call_militia(planes: Any, mask: Any, known: Any, sight: Any) -> int:
             chosen, best = cell, steps
     if chosen == NO_CELL or called >= known.doctrine.militia:
         return NOOP
-    return economy.tell(planes, mask, known, chosen, economy.cell_action(known, GO_THERE, threat))
+    return economy.give_order(
+        planes, mask, known, chosen, economy.cell_action(known, GO_THERE, threat)
+    )
 
 
 # --- scouting ------------------------------------------------------------------------------------
@@ -195,7 +197,7 @@ def call_militia(planes: Any, mask: Any, known: Any, sight: Any) -> int:
 
 @compiled
 def scout(planes: Any, mask: Any, known: Any, sight: Any) -> int:
-    """Now and then, where nobody looks at the enemy, send the peasant that is nearest to it.
+    """Now and then, where no unit sees the enemy, send the peasant that is nearest to it.
 
     It stays the nearest while it walks, so that no second one is sent.
     """
@@ -208,7 +210,7 @@ def scout(planes: Any, mask: Any, known: Any, sight: Any) -> int:
         if is_walker and economy.is_scout(known, sight, cell):
             return NOOP
     target = sight.facts[TARGET]
-    return economy.tell(
+    return economy.give_order(
         planes,
         mask,
         known,

@@ -1,4 +1,4 @@
-"""What scripted players of Deep RTS read off the planes: who stands where, stores, sites."""
+"""Reads planes into what scripted players of Deep RTS need: who stands where, stores, sites."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from marl_cair.games.game import GameSpec
 
 NO_CELL = -1
 FAR = 1_000_000  # more than any distance or price of a way
-NOBODY, MINE, ALLY, FOE = range(4)
+NO_SIDE, MINE, ALLY, FOE = range(4)
 GUARD_STEPS = 6  # from the target: soldiers that defend it
 
 # Facts of a position.
@@ -70,7 +70,7 @@ class Knowledge(NamedTuple):
 class Sight(NamedTuple):
     """What a player reads off the planes; overwritten for each row of a batch. N cells."""
 
-    side: NDArray[np.int64]  # [N] NOBODY, MINE, ALLY or FOE
+    side: NDArray[np.int64]  # [N] NO_SIDE, MINE, ALLY or FOE
     kind: NDArray[np.int64]  # [N] of the unit there, or NO_KIND
     ground: NDArray[np.int64]  # [N] kind of tile
     people: NDArray[np.int64]  # [N] cells of the own peasants
@@ -151,13 +151,13 @@ def read_ground(planes: Any, known: Any, sight: Any, cell: int) -> None:
 @compiled
 def read_unit(planes: Any, known: Any, sight: Any, cell: int) -> None:
     """Who stands on a cell."""
-    sight.side[cell] = NOBODY
+    sight.side[cell] = NO_SIDE
     sight.kind[cell] = t.NO_KIND
     for side in range(3):
         if shows(planes, known, OWN + side, cell):
             sight.side[cell] = MINE + side
             break
-    if sight.side[cell] == NOBODY:
+    if sight.side[cell] == NO_SIDE:
         return
     for kind in range(t.NUM_KINDS):
         if shows(planes, known, FIRST_KIND + kind, cell):
@@ -213,13 +213,13 @@ def clear(sight: Any) -> None:
 
 
 @compiled
-def look(planes: Any, known: Any, sight: Any) -> None:
+def read_sight(planes: Any, known: Any, sight: Any) -> None:
     """Read one player's planes."""
     clear(sight)
     for cell in range(known.rules.rows * known.rules.columns):
         read_ground(planes, known, sight, cell)
         read_unit(planes, known, sight, cell)
-        if sight.side[cell] != NOBODY:
+        if sight.side[cell] != NO_SIDE:
             count_unit(planes, known, sight, cell)
     for kind in range(t.NUM_KINDS):
         cells = cells_of(known, kind)

@@ -11,7 +11,7 @@ from marl_cair.games.deep_rts.bots.sight import (
     HOME,
     MINE,
     NO_CELL,
-    NOBODY,
+    NO_SIDE,
     NUM_PEOPLE,
     SELECTED_CELL,
     distance,
@@ -138,7 +138,7 @@ def is_beside_pool(known: Any, sight: Any, cell: int) -> bool:
     for there_row in range(max(0, row - 1), min(rows, row + 2)):
         for there_column in range(max(0, column - 1), min(columns, column + 2)):
             there = there_row * columns + there_column
-            if sight.ground[there] == t.OIL_TILE and sight.side[there] == NOBODY:
+            if sight.ground[there] == t.OIL_TILE and sight.side[there] == NO_SIDE:
                 return True
     return False
 

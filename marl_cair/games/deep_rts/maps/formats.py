@@ -39,7 +39,7 @@ _ORIGINAL_IDS = (
 
 
 class MapError(ValueError):
-    """A map that cannot be played or read; the message names the map, the place and the mend."""
+    """A map that cannot be played or read; the message names the map, the place and the fix."""
 
 
 def read_text_rows(
@@ -143,7 +143,7 @@ def _load_json(path: str | os.PathLike[str]) -> dict[str, Any]:
         raise MapError(f"map {error}") from error
     except (ValueError, RecursionError) as error:
         raise MapError(
-            f"map {path}: this is no valid JSON ({error}): save it anew in Tiled as JSON map file"
+            f"map {path}: this is no valid JSON ({error}): save it again in Tiled as JSON map file"
         ) from error
     if not isinstance(board, dict) or "layers" not in board:
         raise MapError(
@@ -175,7 +175,7 @@ def _read_side(name: str, board: Mapping[str, Any], side: str) -> int:
 
 
 def _read_tilesets(name: str, board: Mapping[str, Any]) -> Callable[[int], int | None]:
-    """A function from a tile's id, without flip flags, to its kind, or None where nobody knows."""
+    """A function from a tile's id, without flip flags, to its kind, or None where it is unknown."""
     tilesets: list[tuple[int, dict[int, int]]] = []
     try:
         for tileset in board.get("tilesets", ()):
@@ -185,7 +185,7 @@ def _read_tilesets(name: str, board: Mapping[str, Any]) -> Callable[[int], int |
             tilesets.append((int(tileset["firstgid"]), known))
     except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise MapError(
-            f"map {name}: a tileset cannot be read ({error!r}): embed it in Tiled, then save anew"
+            f"map {name}: a tileset cannot be read ({error!r}): embed it in Tiled, save it again"
         ) from error
     tilesets.sort(key=lambda pair: pair[0])
 
@@ -237,7 +237,7 @@ def _read_tile_layer(
         found = f"{len(data)} tiles" if isinstance(data, list) else "no list of tiles"
         raise MapError(
             f"{title} has {found}, a map of {rows} rows and {columns} columns needs "
-            f"{rows * columns}: save it anew in Tiled"
+            f"{rows * columns}: save it again in Tiled"
         )
     kinds = np.full(rows * columns, _EMPTY, dtype=np.uint8)
     kind_of: dict[Any, int | None] = {0: _EMPTY}

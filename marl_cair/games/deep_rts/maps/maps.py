@@ -360,7 +360,7 @@ def read_map(path: str | os.PathLike[str]) -> GameMap:
     suffix = Path(path).suffix.lower()
     if suffix not in readers:
         raise MapError(
-            f"map {path}: the suffix {suffix!r} tells no format: name text maps .txt and Tiled "
+            f"map {path}: the suffix {suffix!r} is no known format: name text maps .txt and Tiled "
             "maps .json or .tmj"
         )
     return readers[suffix](path)

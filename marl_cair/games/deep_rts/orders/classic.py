@@ -1,4 +1,4 @@
-"""The original's 16 actions, mended: the diagonals lead where they say, archers shoot."""
+"""The original's 16 actions, corrected: the diagonals lead where they say, archers shoot."""
 
 from __future__ import annotations
 

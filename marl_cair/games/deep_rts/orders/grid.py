@@ -1,4 +1,4 @@
-"""`grid`: one order for each own unit at once, given at the cell where the unit stands.
+"""Action space `grid`: one order for each own unit, given at the cell where the unit stands.
 
 Orders point at cells relative to the unit, in the own view:
 
@@ -102,7 +102,7 @@ def advance_cell(world: Any, rules: Any, player: int, unit: int, action: int) ->
 
 @compiled
 def is_grid_order_legal(world: Any, rules: Any, player: int, unit: int, action: int) -> bool:
-    """True where the unit can be told so, if it were the only one that is told anything."""
+    """True where the order is legal, if it were the only order of its player."""
     if action == GRID_NOOP:
         return True
     if action == GRID_STOP:
@@ -123,7 +123,7 @@ def is_grid_order_legal(world: Any, rules: Any, player: int, unit: int, action: 
 
 @compiled
 def list_grid_orders(world: Any, rules: Any, player: int, out: Any) -> None:
-    """What each unit can be told: out bool [H, W, A], which is all False."""
+    """The legal orders of each unit: out bool [H, W, A], which is all False."""
     out[:, :, GRID_NOOP] = True
     if not world.players[player, s.IS_ALIVE]:
         return

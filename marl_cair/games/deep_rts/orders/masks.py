@@ -19,7 +19,7 @@ from marl_cair.games.deep_rts.rules.paths import NOWHERE
 
 @compiled
 def may_go_to(world: Any, rules: Any, unit: int, place: int, occupant: int) -> bool:
-    """True where a unit walks to such a place, or sends there whom it trains."""
+    """True where a unit walks to such a place, or sends units there that it trains."""
     if is_building(world, unit):
         return bool(sights.CAN_RALLY[place])
     return sights.order_to(world, rules, unit, place, occupant) != s.NO_ORDER

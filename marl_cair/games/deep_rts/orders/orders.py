@@ -2,7 +2,7 @@
 
 `unit`: no-op, next unit, stop, cancel, one action per product, then three boards of cells in the
 own view: go to (or work at, attack, repair, rally to) a cell, advance to it, select the unit on it.
-`classic`: the original's 16, mended, in classic_orders.py; `grid`: in grid_orders.py.
+`classic`: the original's 16, corrected, in classic.py; `grid`: in grid.py.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ GO_THERE, ADVANCE_THERE, SELECT_THERE = range(NUM_CELL_ORDERS)
 
 @compiled
 def give_order(world: Any, unit: int, order: int, goal: int) -> None:
-    """Replace what the unit was told; a step that has begun is finished first."""
+    """Replace the unit's order; a step that has begun is finished first."""
     world.units[unit, s.UNIT_ORDER] = order
     world.units[unit, s.UNIT_GOAL] = goal
     world.units[unit, s.UNIT_BLOCKED] = 0
@@ -71,7 +71,7 @@ def can_rally(world: Any, rules: Any, unit: int) -> bool:
 
 @compiled
 def may_rally(world: Any, rules: Any, player: int, unit: int, cell: int) -> bool:
-    """True where a building can send those whom it trains."""
+    """True where a building can send units that it trains."""
     return can_rally(world, rules, unit) and bool(
         CAN_RALLY[kind_of_place(world, rules, player, cell)]
     )

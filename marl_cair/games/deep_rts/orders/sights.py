@@ -1,4 +1,4 @@
-"""What a player knows of a cell, and what a unit of it can therefore be told to do there.
+"""What a player knows of a cell, and the order that its unit can get there.
 
 Legality depends only on what the player's team sees or remembers, so that masks leak nothing.
 """
@@ -16,7 +16,7 @@ from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.rules import board
 from marl_cair.games.deep_rts.rules import rulebook as rb
 
-# What is known of a cell, the most telling first.
+# What is known of a cell, the most specific first.
 (
     UNSEEN,
     BARRIER,

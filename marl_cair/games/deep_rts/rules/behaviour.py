@@ -51,7 +51,7 @@ def forget_order(world: Any, unit: int) -> None:
 
 
 @compiled
-def look_out(world: Any, rules: Any, unit: int) -> None:
+def look_for_enemy(world: Any, rules: Any, unit: int) -> None:
     """Idle soldiers and those who advance turn to the enemy that they see."""
     order = world.units[unit, s.UNIT_ORDER]
     if order == s.ADVANCE:
@@ -74,7 +74,7 @@ def look_out(world: Any, rules: Any, unit: int) -> None:
 
 @compiled
 def wish_to_fight(world: Any, rules: Any, unit: int) -> int:
-    """Have the target in range; it may have moved, so the way is planned anew at each step."""
+    """Have the target in range; it may have moved, so the way is planned again at each step."""
     target, kind = int(world.units[unit, s.UNIT_TARGET]), int(world.units[unit, s.UNIT_KIND])
     if world.units[unit, s.UNIT_BLOCKED] == 0:
         paths.forget_path(world, unit)
@@ -175,7 +175,7 @@ def pursue(world: Any, rules: Any, unit: int) -> int:
         and not is_fellow_coming(world, rules, unit, there)
     ):
         if board.walks_on(world, rules, unit, other):
-            world.units[unit, s.UNIT_BLOCKED] -= 1  # not in vain: it follows somebody who walks on
+            world.units[unit, s.UNIT_BLOCKED] -= 1  # not in vain: it follows a unit that walks on
         get_stuck(world, unit)
         return STUCK
     paths.drop_step(world, unit)
@@ -265,7 +265,7 @@ def decide(world: Any, rules: Any, unit: int) -> None:
     is_watching = True
     for _ in range(MAX_THOUGHTS):
         if is_watching:
-            look_out(world, rules, unit)
+            look_for_enemy(world, rules, unit)
         wish = make_wish(world, rules, unit)
         if wish == NOTHING:
             break

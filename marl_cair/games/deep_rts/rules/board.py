@@ -51,7 +51,7 @@ def unit_distance(world: Any, rules: Any, cell: int, unit: int) -> int:
 
 @compiled_copy
 def is_ground(world: Any, rules: Any, cell: int) -> bool:
-    """True where a unit can walk if nobody stands there."""
+    """True where a unit can walk if no unit stands there."""
     return bool(rules.tiles[world.board[s.TILE, cell], rb.WALK_PERCENT] > 0)
 
 
@@ -66,7 +66,7 @@ def is_free(world: Any, rules: Any, cell: int) -> bool:
 
 @compiled
 def is_solid(world: Any, rules: Any, cell: int) -> bool:
-    """Walls, resources and buildings: nobody squeezes past their corners."""
+    """Walls, resources and buildings: no unit squeezes past their corners."""
     if rules.tiles[world.board[s.TILE, cell], rb.WALK_PERCENT] == 0:
         return True
     occupant = world.board[s.OCCUPANT, cell]
@@ -132,7 +132,9 @@ def direction_between(rules: Any, cell: int, other: int) -> int:
 
 
 @compiled
-def look(world: Any, rules: Any, player: int, centre: int, radius: int, change: int) -> None:
+def change_sight(
+    world: Any, rules: Any, player: int, centre: int, radius: int, change: int
+) -> None:
     """Count a unit in (`change` 1) or out (-1) of those of `player` that see the cells around."""
     row, column = int(rules.cells[centre, rb.CELL_ROW]), int(rules.cells[centre, rb.CELL_COLUMN])
     for away in range(-radius, radius + 1):
@@ -221,7 +223,7 @@ def put_on_board(world: Any, rules: Any, unit: int, cell: int) -> None:
     if rules.tiles[world.board[s.TILE, cell], rb.TILE_DAMAGE] > 0:
         world.clock[s.NUM_BURNING] += 1
     if rules.fog != 0:
-        look(world, rules, owner_of(rules, unit), cell, sight_of(rules, kind), 1)
+        change_sight(world, rules, owner_of(rules, unit), cell, sight_of(rules, kind), 1)
 
 
 @compiled
@@ -233,7 +235,7 @@ def take_off_board(world: Any, rules: Any, unit: int) -> None:
         world.clock[s.NUM_BURNING] -= 1
     if rules.fog != 0:
         kind = world.units[unit, s.UNIT_KIND]
-        look(world, rules, owner_of(rules, unit), cell, sight_of(rules, kind), -1)
+        change_sight(world, rules, owner_of(rules, unit), cell, sight_of(rules, kind), -1)
 
 
 @compiled

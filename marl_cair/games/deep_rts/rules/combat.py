@@ -205,7 +205,7 @@ def settle_blows(world: Any, rules: Any) -> None:
 
 @compiled
 def burn(world: Any, rules: Any) -> None:
-    """Everybody who stands on lava loses health, each tick."""
+    """Units on lava lose health each tick."""
     for player in range(rules.num_players):
         for place in range(world.players[player, s.NUM_UNITS]):
             unit = int(world.roster[player, place])
@@ -219,7 +219,7 @@ def burn(world: Any, rules: Any) -> None:
 
 @compiled
 def bury_fallen(world: Any, rules: Any) -> None:
-    """Take everybody without health off the board."""
+    """Take units without health off the board."""
     world.clock[s.NUM_FALLEN] = 0
     for player in range(rules.num_players):
         place = 0

@@ -80,13 +80,13 @@ def worth_of(world: Any, rules: Any, player: int) -> float:
 @compiled
 def potential(world: Any, rules: Any, player: int) -> float:
     """How well the player's team stands, in -0.8..0.8: its share of all that is worth something."""
-    own, everybody = 0.0, 1.0
+    own, total = 0.0, 1.0
     for other in range(rules.num_players):
         worth = worth_of(world, rules, other)
-        everybody += worth
+        total += worth
         if rules.team[other] == rules.team[player]:
             own += worth
-    return float(POTENTIAL * (2.0 * own / everybody - 1.0))
+    return float(POTENTIAL * (2.0 * own / total - 1.0))
 
 
 @compiled
@@ -139,7 +139,7 @@ def judge(world: Any, rules: Any) -> None:
 
 @compiled
 def judge_conquest(world: Any, rules: Any) -> None:
-    """The last team standing wins; nobody left is a draw."""
+    """The last team standing wins; none left is a draw."""
     first = -1
     for player in range(rules.num_players):
         if not world.players[player, s.IS_ALIVE]:
@@ -166,7 +166,7 @@ def first_of_team(rules: Any, player: int) -> int:
 
 @compiled
 def judge_race(world: Any, rules: Any) -> None:
-    """The first to reach the goal wins; two teams in one tick draw; nobody left ends it too."""
+    """The first to reach the goal wins; two teams in one tick draw; none left ends it too."""
     num_alive, num_there = 0, 0
     for player in range(rules.num_players):
         num_alive += int(world.players[player, s.IS_ALIVE])

@@ -2,7 +2,7 @@
 
 A claim is decided by what a mirrored game decides the same way: straight steps before diagonal
 ones before units that leave a building, then more health, then a lot drawn for the serial number.
-Only mirror images, of equal serials, stand off: then nobody moves.
+Only mirror images, of equal serials, stand off: then none moves.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def is_fellow_coming(world: Any, rules: Any, unit: int, there: int) -> bool:
 
 @compiled
 def change_places(world: Any, unit: int, other: int) -> None:
-    """Both get the other's cell, which nobody else can claim; the other's step ends now."""
+    """Both get the other's cell, which no other unit can claim; the other's step ends now."""
     for one, cell in (
         (unit, world.units[other, s.UNIT_CELL]),
         (other, world.units[unit, s.UNIT_CELL]),
@@ -147,7 +147,7 @@ def move_unit(world: Any, rules: Any, unit: int, there: int) -> None:
             board.sight_of(rules, world.units[unit, s.UNIT_KIND]),
         )
         for centre, change in ((there, 1), (cell, -1)):
-            board.look(world, rules, player, centre, sight, change)
+            board.change_sight(world, rules, player, centre, sight, change)
 
 
 @compiled
@@ -156,7 +156,7 @@ def settle_step(world: Any, rules: Any, unit: int) -> None:
     if wins_claim(world, unit):
         move_unit(world, rules, unit, int(world.units[unit, s.UNIT_EXIT]))
     else:
-        # The step that it could not take is planned anew.
+        # The step that it could not take is planned again.
         forget_path(world, unit)
         world.units[unit, s.UNIT_BLOCKED] = min(
             MAX_BLOCKED, int(world.units[unit, s.UNIT_BLOCKED]) + 1

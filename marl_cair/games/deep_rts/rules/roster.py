@@ -84,7 +84,7 @@ def remove_unit(world: Any, rules: Any, unit: int) -> None:
     kind = world.units[unit, s.UNIT_KIND]
     state = world.units[unit, s.UNIT_STATE]
     if state == s.INSIDE:
-        return  # nobody reaches a builder before its site falls
+        return  # no unit reaches a builder before its site falls
     take_off_board(world, rules, unit)
     if state == s.RISING:
         release_builder(world, rules, unit)

@@ -1,4 +1,4 @@
-"""A new game: the map, everybody's base or army, nothing left of the last game."""
+"""A new game: the map, and every player's base or army."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def settle_player(world: Any, rules: Any, player: int) -> None:
 
 @compiled
 def start_cell(world: Any, rules: Any, player: int, step: int) -> int:
-    """The `step`-th cell around the player's spawn, NO_GOAL where nobody can stand."""
+    """The `step`-th cell around the player's spawn, NO_GOAL where no unit can stand."""
     index = world.clock[s.MAP_INDEX]
     spawn = int(rules.seats[index, player, rb.SEAT_SPAWN])
     frame = rules.seats[index, player, rb.SEAT_FRAME]

@@ -57,7 +57,7 @@ def intend(world: Any, rules: Any, unit: int) -> None:
     elif state in (s.RISING, s.TRAINING):
         work.claim_for(world, rules, unit)
     elif state == s.REPAIRING:
-        work.mend(world, rules, unit)
+        work.repair(world, rules, unit)
     elif state == s.PUMPING:
         work.pump(world, rules, unit)
 

@@ -210,7 +210,7 @@ def can_repair(world: Any, rules: Any, building: int) -> bool:
 
 
 @compiled
-def mend(world: Any, rules: Any, unit: int) -> None:
+def repair(world: Any, rules: Any, unit: int) -> None:
     """Give back as much health as building takes for it, for a share of the price in gold."""
     building = int(world.units[unit, s.UNIT_TARGET])
     if world.units[building, s.UNIT_SERIAL] != world.units[unit, s.UNIT_TARGET_SERIAL]:

@@ -1,6 +1,6 @@
 """How a unit looks in the planes, packed into one word: equal words are drawn alike.
 
-A word says all that any seat sees of a unit but whose it is, which its slot tells. 0 is a unit that
+A word says all that any seat sees of a unit but whose it is, which its slot says. 0 is a unit that
 does not stand on the board.
 """
 
@@ -59,7 +59,7 @@ def carried_level(world: Any, rules: Any, unit: int) -> int:
 
 
 @compiled
-def look_of(world: Any, rules: Any, unit: int) -> int:
+def pack_appearance(world: Any, rules: Any, unit: int) -> int:
     """The word of a unit as it is now."""
     cell = int(world.units[unit, s.UNIT_CELL])
     if world.board[s.OCCUPANT, cell] != unit:

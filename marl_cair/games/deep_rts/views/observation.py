@@ -40,7 +40,7 @@ class Shown(NamedTuple):
     units: NDArray[np.int64]  # [B, U] words of `appearance`
     looks: NDArray[np.int64]  # [B, U] scratch: the words of now, of units that are shown
     slots: NDArray[np.int16]  # [B, U] the first NUM_SHOWN: units that are shown
-    numbers: NDArray[np.int32]  # [B, P, NUM_UNIFORM] what the uniform planes tell
+    numbers: NDArray[np.int32]  # [B, P, NUM_UNIFORM] what the uniform planes show
     sight: NDArray[np.uint8]  # [B, P, N] 1: the cell is shown as visible (under fog only)
     tiles: NDArray[np.uint8]  # [B, P, N] tile shown, or UNKNOWN (under fog only)
 
@@ -79,7 +79,7 @@ def shown_at(shown: Any, index: int) -> Any:
 
 @compiled
 def log_level(amount: int) -> int:
-    """A store of 0..10**6 on a scale that tells small amounts apart, 0..239."""
+    """A store of 0..10**6 on a scale that separates small amounts, 0..239."""
     return int(planes.LOG_STEP * np.log2(1.0 + amount) + 0.5)
 
 
@@ -139,7 +139,7 @@ def wipe_changed_units(world: Any, rules: Any, shown: Any, out: Any) -> None:
         was = shown.units[unit]
         look = appearance.NOT_SHOWN
         if world.units[unit, s.UNIT_KIND] != t.NO_KIND:
-            look = appearance.look_of(world, rules, unit)
+            look = appearance.pack_appearance(world, rules, unit)
         shown.looks[unit] = look
         if look == was:
             continue
@@ -162,7 +162,7 @@ def draw_changed_units(world: Any, rules: Any, shown: Any, out: Any) -> None:
             was = shown.units[unit]
             look = shown.looks[unit]
             if was == appearance.NOT_SHOWN:
-                look = appearance.look_of(world, rules, unit)
+                look = appearance.pack_appearance(world, rules, unit)
                 if look == appearance.NOT_SHOWN:
                     continue
             if look != was:
@@ -262,7 +262,7 @@ def renew_foggy_ground(world: Any, rules: Any, shown: Any, player: int, out: Any
 
 @compiled
 def is_new_number(shown: Any, player: int, plane: int, number: int) -> bool:
-    """Remember what a uniform plane of a seat tells; True where it has changed."""
+    """Remember what a uniform plane of a seat shows; True where it has changed."""
     index = plane - planes.FIRST_UNIFORM
     if shown.numbers[player, index] == number:
         return False
@@ -320,6 +320,6 @@ def renew_planes(world: Any, rules: Any, shown: Any, out: Any) -> None:
 
 @compiled
 def observe_planes(worlds: Any, rules: Any, shown: Any, out: Any, first: int, last: int) -> None:
-    """Bring every seat's planes up to date: out uint8 [B, P, C, H, W], of which `shown` tells."""
+    """Update every seat's planes: out uint8 [B, P, C, H, W], whose contents `shown` describes."""
     for index in range(first, last):
         renew_planes(s.world_at(worlds, index), rules, shown_at(shown, index), out[index])

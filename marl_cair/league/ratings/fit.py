@@ -1,9 +1,9 @@
 """Goodness of fit of the ratings by parametric bootstrap: is one number per agent enough?
 
 The deviance compares the share of points of each pair with what ratings and seats say it should be:
-0 where all pairs agree, large where agents beat each other in cycles. What it is by chance alone is found by
-playing all games again on paper, with the same agents in the same seats of the same blocks, as the
-ratings say (Plackett-Luce), and fitting anew each time.
+0 where all pairs agree, large where agents beat each other in cycles. Its distribution by chance is
+found by simulating all games from the ratings (Plackett-Luce), with the same agents in the same
+seats of the same blocks, and fitting each simulation.
 
 Real games vary less than tosses of a coin (draws, maps that favour a seat) or more (maps that
 favour an agent). So each deviance is divided by the dispersion of its own data: the variance
@@ -28,7 +28,7 @@ from marl_cair.league.ratings.rate import Games, sort_games
 
 NUM_SIMULATIONS = 299
 LEVEL = 1.0 - CONFIDENCE
-NOTICED_SHARE = 0.1  # the deviation, in shares of points, whose detection `power` tells of
+NOTICED_SHARE = 0.1  # the deviation, in shares of points, for which `power` is computed
 _COIN = 0.25  # variance of one even game: keeps the dispersion of few games near 1
 _TOLERANCE = 1e-5  # logits, of fits to simulations
 _MAX_NUMBERS = 4_000_000  # that are drawn at once
@@ -62,10 +62,10 @@ class FitTest:
 
 
 def check_fit(num_agents: int, games: Games, seed: int = 0) -> FitTest | None:
-    """Test games as in `ratings.rate`; None where too few pairs met for any circle to show.
+    """Test games as in `ratings.rate`; None where too few pairs met to show a cycle.
 
     The same games give the same numbers in whatever order they are. Between more than two teams
-    ratings are fitted to who came in above whom, pair by pair; the simulations are of whole games.
+    ratings are fitted to the order of each pair; the simulations are of whole games.
     """
     games = sort_games(games.count_once())
     pairs = split_pairs(games)
@@ -178,8 +178,8 @@ class _PairModel:
         """The chance of a noncentral chi-squared, the limit for many games, to be found large."""
         chances = self._chances(point[None])[0]
         variance = (self._counts * chances * (1.0 - chances)) @ self._pair_of_cell
-        tells = np.square(NOTICED_SHARE * self._games) / np.maximum(variance, _COIN)
-        shift = float(tells.sum()) / dispersion * num_free / len(self._games)
+        information = np.square(NOTICED_SHARE * self._games) / np.maximum(variance, _COIN)
+        shift = float(information.sum()) / dispersion * num_free / len(self._games)
         return float(ncx2.sf(chi2.isf(LEVEL, num_free), num_free, shift))
 
     def _chances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Bradley-Terry and Plackett-Luce in one: the likelihood of finishing orders, and its maximum.
+"""The Plackett-Luce likelihood of finishing orders (of two teams Bradley-Terry), and its maximum.
 
 A game of T teams is a sequence of choices: the best of all, the best of the rest, ... (Luce 1959;
 Plackett 1975, "The analysis of permutations"). The chance to be chosen from a set is in proportion

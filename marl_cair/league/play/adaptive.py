@@ -89,9 +89,9 @@ def choose_round(
     """The next jobs, none where the target is reached or no pair may play on.
 
     Each job is for the agent with the widest interval among those that have one (who has never lost
-    or never won has none), and for the opponent with the most informative games:
-    variance of their difference times p (1 - p). Then the next one is chosen as if that job had been played. Only
-    the reported intervals end it: the curvature says by which part games narrow them.
+    or never won has none), and for the opponent with the most informative games
+    (variance of their difference times p (1 - p)). Then the next one is chosen as if that job had
+    been played. Only the reported intervals end it; the curvature predicts how games narrow them.
     """
     chunks = _count_chunks(played, blocks_per_chunk)
     num_jobs = sum(chunks.values())

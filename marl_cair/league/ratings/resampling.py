@@ -1,10 +1,10 @@
 """Block bootstrap of ratings, with pseudo-blocks so that few blocks have wide intervals.
 
-The plain bootstrap is overconfident: if four map seeds agree, all its resamples agree.
-So each resample has pseudo-blocks too, won and lost alike, one for each rating that is estimated:
-Jeffreys' prior of the whole model (Firth 1993, "Bias reduction of maximum likelihood estimates"),
-with random weights as in `payoffs`. They go to pairs by their information about the ratings, so
-that two agents have one between them, and of a hundred each has about one against all others together.
+The plain bootstrap is overconfident: if four map seeds agree, all its resamples agree. So each
+resample has pseudo-blocks too, won and lost alike, one for each rating that is estimated: Jeffreys'
+prior of the whole model (Firth 1993, "Bias reduction of maximum likelihood estimates"), with random
+weights as in `payoffs`. They go to pairs by their information about the ratings: two agents have
+one between them, and each of a hundred has about one against all others together.
 The point estimates do not use them.
 """
 

@@ -7,7 +7,7 @@ from marl_cair.league.ratings import rate
 
 @pytest.fixture(scope="module", autouse=True)
 def _few_resamples(request):
-    """A thousand resamples take a twentieth of the time of the most; only ends of intervals move."""
+    """Only ends of intervals move by it."""
     with pytest.MonkeyPatch.context() as patch:
         if request.path.parent.name != "ratings":
             patch.setattr(rate, "MOST_RESAMPLES", rate.LEAST_RESAMPLES)

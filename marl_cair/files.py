@@ -332,9 +332,16 @@ def find_folder(path: str | os.PathLike[str]) -> Path:
 
 
 def copy_folder(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:
-    """Make `target` a copy of the folder `source`, whole or not at all."""
+    """Make `target` a copy of the folder `source`, whole or not at all.
+
+    Raises ValueError for a symbolic link in it: its target may be any file of this machine.
+    """
+    found = find_folder(source)
+    for entry in found.rglob("*"):
+        if entry.is_symlink():
+            raise ValueError(f"{entry} is a symbolic link: replace it by the file it points to")
     with replaced_folder(target) as fresh:
-        shutil.copytree(find_folder(source), fresh, dirs_exist_ok=True)
+        shutil.copytree(found, fresh, dirs_exist_ok=True)
         refuse_damage(fresh, str(source))
 
 

@@ -61,7 +61,7 @@ def test_the_commands_run_one_after_another(tmp_path, monkeypatch, capsys):
         assert main(words) == 0, command
         told = capsys.readouterr().out
         if number == 0:
-            shown = re.search(r"```\n(Ladder .*?)```", PAGE, re.DOTALL).group(1)
+            shown = re.search(r"```\n(economist is .*?)```", PAGE, re.DOTALL).group(1)
             assert told.startswith(shown)
     assert Path("runs/first/report.html").is_file()
     assert Path("runs/after_mixing/ladder.csv").is_file()

@@ -155,7 +155,7 @@ def add_no_replays(parser: argparse.ArgumentParser) -> None:
 def expand_agents(sources: Sequence[str], known: Collection[str] = ()) -> Expansion:
     """As `expand_runs`, and tell what a run stands for."""
     found = expand_runs(sources, known)
-    sys.stderr.writelines(f"{line}\n" for line in found.told)
+    sys.stderr.writelines(f"{line}\n" for line in found.notes)
     return found
 
 

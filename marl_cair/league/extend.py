@@ -1,4 +1,4 @@
-"""New agents for a league that exists: everything else is in its file."""
+"""Adds agents to a league; all its settings are read from its file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`run_league`: seat-balanced games of any agents, stored in one file, rated with intervals."""
+"""Plays a league: seat-balanced games of agents, stored in one file and rated with intervals."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from marl_cair.league.play.arena import Arena, Load, Rules
 from marl_cair.league.play.blocks import Entrant
 from marl_cair.league.play.match import require_rivals
 from marl_cair.league.play.schedule import Job, schedule_meetings
-from marl_cair.league.play.stopping import Clock, tell_ending
+from marl_cair.league.play.stopping import Clock, describe_ending
 from marl_cair.league.ratings.rate import Games, rate
 from marl_cair.league.report.background import COMMANDS, VERSIONS, list_versions
 from marl_cair.league.report.report import (
@@ -60,7 +60,7 @@ class LeagueConfig:
     games_per_pair: int = 40  # even between two teams: each map seed is played in both seats
     seed: int = 0
     out: str = "runs/league"
-    ladder: tuple[str, ...] = ()  # further agents, that do not play each other anew
+    ladder: tuple[str, ...] = ()  # further agents, that do not play each other again
     seating: str = ""  # "ring" or "all", see `blocks.make_design`; "": all of up to three teams
     workers: int = 1  # processes that play; results do not depend on it
     half_width_elo: float = 0.0  # above 0: play on until no 95 % interval is wider either way
@@ -133,7 +133,7 @@ def run_league(
                 zero=config.zero,
             ),
         )
-        ending = tell_ending(config.half_width_elo, result.ratings, clock.has_ended)
+        ending = describe_ending(config.half_width_elo, result.ratings, clock.has_ended)
         return dataclasses.replace(result, ending=ending)
 
 
@@ -204,7 +204,7 @@ def _load_entrants(config: LeagueConfig, game: Game, scenario: Any, load: Load) 
 
 def _short_names(sources: Sequence[str], game: Game) -> list[str]:
     """Bots by their names, commands whole, folders by the fewest last parts of their paths that
-    tell them apart; nothing else takes the name of a bot, or of one another.
+    distinguish them; nothing else has the name of a bot, or of another agent.
     """
     code = {
         source: source.removeprefix(PREFIX) if is_process(source) else source.rpartition("/")[2]
@@ -240,9 +240,9 @@ def _play(
     ladder = frozenset(n for n, one in enumerate(entrants) if one.source in config.ladder)
     with closing(Arena(rules, entrants, ids, store, config.workers, load)) as arena:
         jobs = _play_jobs(config, rules, arena, store, ladder, show_progress, clock)
-    for key, told in ((COMMANDS, config.command), (VERSIONS, list_versions())):
-        if told:
-            store.note(key, told)
+    for key, value in ((COMMANDS, config.command), (VERSIONS, list_versions())):
+        if value:
+            store.note(key, value)
     return {one.fingerprint: number for one, number in zip(entrants, ids, strict=True)}, jobs
 
 

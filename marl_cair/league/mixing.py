@@ -1,4 +1,4 @@
-"""The safest mixture of agents that have played a league: what the league as a whole comes to."""
+"""Computes the mixture of a league's agents with the highest worst-case score."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def _find_scores(
     if is_unmet.any():
         row, other = np.argwhere(is_unmet)[0].tolist()
         raise LeagueStoreError(
-            f"{names[rows[row]]} and {names[other]} have not met in {folder}, so nobody knows what "
-            "a mixture scores: let all play all (marl-cair league), or name others"
+            f"{names[rows[row]]} and {names[other]} have not met in {folder}, so the score of a "
+            "mixture is unknown: let all play all (marl-cair league), or name others"
         )
     return find_shares(points, counts)[rows]

@@ -1,4 +1,4 @@
-"""`LiveRating`: a learner's rating while it trains, by openskill. It depends on the order of games.
+"""Rates a learner during training by openskill. It depends on the order of games.
 
 For the curve alone: the same games in another order give other numbers. What compares agents is
 `marl-cair league`, whose ratings are fitted to all games at once.
@@ -17,7 +17,7 @@ from marl_cair.self_play.win_rates import OPPONENT
 
 
 class LiveRating:
-    """Mean and uncertainty of the learner and of whom it met, by number (Weng and Lin 2011).
+    """Mean and uncertainty of the learner and of its opponents, by number (Weng and Lin 2011).
 
     All begin at openskill's 25 +- 25/3; a snapshot begins with what the learner had then.
     """

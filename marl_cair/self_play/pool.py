@@ -1,4 +1,4 @@
-"""`Pool`: the frozen opponents of a run by number: bots, foreign agents, snapshots on disk."""
+"""The pool of frozen opponents of a run: bots, foreign agents and snapshots on disk."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Pool:
     first asked for, and refused if it is not the one that was frozen.
 
     Where more than `capacity` snapshots play, one retires (`choose_retired`); its folder stays, as
-    an agent for leagues, and for a run that goes on from before. Bots and foreign agents stay.
+    an agent for leagues, and for a run that is continued. Bots and foreign agents stay.
 
     Args:
         folder: made with the first snapshot.
@@ -306,7 +306,7 @@ class Pool:
         write_json(path, {"format_version": _FORMAT_VERSION, **self._index()})
 
     def _index(self) -> dict[str, Any]:
-        """All snapshots, as plain data; bots and foreign agents are given anew by who opens it."""
+        """All snapshots, as plain data; bots and foreign agents are given again by the caller."""
         return {
             "snapshots": [
                 {

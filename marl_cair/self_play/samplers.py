@@ -1,4 +1,4 @@
-"""Whom a learner meets: samplers, each a function from who there is to probabilities; mixtures."""
+"""Opponent samplers: each maps the pool's win rates to sampling probabilities."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Probabilities = NDArray[np.float64]
 
 
 class Standings(NamedTuple):
-    """Whom a learner can meet, K opponents: itself first, then the pool's members as they came.
+    """K opponents to sample from: itself first, then the pool's members as they came.
 
     The pool that samplers speak of are the frozen policies, foreign agents and snapshots; bots have
     a sampler of their own.
@@ -65,7 +65,7 @@ class Standings(NamedTuple):
     def spread(self, chosen: NDArray[np.int64], weights: Probabilities) -> Probabilities:
         """Probabilities [K] in proportion to the weights of `chosen`, evenly where all are 0.
 
-        Where nobody is chosen the learner meets itself, as before the first snapshot.
+        If none is chosen the learner plays itself, as before the first snapshot.
         """
         probabilities = np.zeros(len(self.numbers))
         if not len(chosen):
@@ -230,7 +230,7 @@ SAMPLERS: dict[str, Sampler] = {
     "main_agents": main_agents,
     "forgotten": forgotten,
 }
-# Of these there is nobody to draw but in a league.
+# These have opponents only in a league.
 LEAGUE_SAMPLERS = ("main_self_play", "main_agents", "forgotten")
 
 

@@ -1,4 +1,4 @@
-"""The folder that the learners of a league share: frozen players, newest selves, what they scored.
+"""The folder that the learners of a league share: players, newest checkpoints, win rates.
 
     <folder>/players/<owner>-<generation>-<frames>/   a frozen agent and its `player.json`
     <folder>/live/<owner>/                            a learner as it was after its last slice
@@ -33,7 +33,7 @@ class Player(NamedTuple):
     Attributes:
         name: of its folder in `players`.
         owner, role: the learner, and which of ROLES it has.
-        generation: how often the learner had begun anew.
+        generation: how often the learner had been reset.
         frames: how long its owner had been trained then, in all its generations.
         fingerprint: of its network, `league.agents.load.find_fingerprint`.
         met: what its learner had to show shortly before, by name of a player, `live` or a bot.
@@ -56,7 +56,7 @@ class LeagueSeat:
         folder: that all share.
         owner, role, generation: of the learner.
         mains: the names of all main agents, in the league's order.
-        reset_chance: that the learner begins anew once it has frozen a player.
+        reset_chance: that the learner is reset after it has frozen a player.
         frames_before: of the learner's generations before this one, together.
     """
 

@@ -1,4 +1,4 @@
-"""How a learner does against each opponent: evidence that fades, and a test while it is played."""
+"""Win rates of a learner against each opponent, with older games weighing less."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class BettingTest:
         return self._log_wealth.get(number, 0.0) >= self._limit
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Forget all results."""
         self._log_wealth = {}
 
     def state_dict(self) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import pytest
 
 from marl_cair.cli import main
 from marl_cair.league.play.adaptive import Target, play_adaptively
-from marl_cair.league.play.stopping import Clock, tell_ending
+from marl_cair.league.play.stopping import Clock, describe_ending
 from marl_cair.league.store.store import STORE_FILE, LeagueStore
 from tests.league.leagues import EDGES, make
 from tests.league.play.test_schedules import Simulation
@@ -60,15 +60,15 @@ def test_a_clock_that_never_started_is_never_up():
 def test_what_is_reached_is_told():
     ratings = make(dict.fromkeys(EDGES, 22)).ratings
     within = "intervals are within 500 Elo either way (--ci)"
-    assert tell_ending(500.0, ratings, is_time_up=True) == f"All {within}."
-    told = tell_ending(1.0, ratings, is_time_up=False)
+    assert describe_ending(500.0, ratings, is_time_up=True) == f"All {within}."
+    told = describe_ending(1.0, ratings, is_time_up=False)
     assert told.startswith(
         "Not reached: intervals within 1 Elo either way (--ci), 4 of 4 are wider"
     )
-    assert "there are none: the time of --time is up" in tell_ending(1.0, (), is_time_up=True)
-    assert tell_ending(0.0, ratings, is_time_up=False) == ""
+    assert "there are none: the time of --time is up" in describe_ending(1.0, (), is_time_up=True)
+    assert describe_ending(0.0, ratings, is_time_up=False) == ""
 
 
 def test_a_bound_is_no_interval():
-    told = tell_ending(500.0, make().ratings, is_time_up=False)
+    told = describe_ending(500.0, make().ratings, is_time_up=False)
     assert told.endswith("(--ci), but for 2 of 4 agents that have none.")

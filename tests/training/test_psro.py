@@ -9,7 +9,7 @@ import pytest
 
 from marl_cair import games
 from marl_cair.checkpoint import CheckpointError
-from marl_cair.files import OutputFolderError
+from marl_cair.files import OutputFolderError, write_json
 from marl_cair.games import GAMES
 from marl_cair.league.agents.load import find_fingerprint, load_agent
 from marl_cair.league.agents.mixtures import read_mixture, save_mixture
@@ -196,6 +196,14 @@ def test_a_damaged_plan_is_named(tmp_path):
     path = tmp_path / "out" / "rounds" / "000" / "plan.json"
     path.write_text("{", "utf-8")
     with pytest.raises(ValueError, match=r"plan.json cannot be read .* delete it"):
+        run(tmp_path / "out")
+
+
+def test_a_plan_with_unknown_agents_is_refused(tmp_path):
+    run(tmp_path / "out", max_minutes=1e-9)
+    path = tmp_path / "out" / "rounds" / "000" / "plan.json"
+    write_json(path, {"met": {"rock": 0.5, "well": 0.5}, "start": None})
+    with pytest.raises(ValueError, match=r"plan.json .*unknown agents well; known are .*rock"):
         run(tmp_path / "out")
 
 

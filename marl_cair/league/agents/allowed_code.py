@@ -1,4 +1,4 @@
-"""Which agents are code, and the rule that a file's code does not run unless the user allows it.
+"""Decides which agents' code may run: code named in a file needs the user's permission.
 
 Code is `process:COMMAND` and `module:function`. Who names it on the command line or in Python runs
 it. What a file names (a league's store, `config.yaml`, a plan) is passed through `require_allowed`

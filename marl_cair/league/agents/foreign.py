@@ -1,9 +1,9 @@
-"""Agents of other people: any object with `act`, named `package.module:function`.
+"""Loads foreign agents: any object with `act`, named `package.module:function`.
 
 What they get wrong costs them the game and nothing else: a crash, a `sys.exit`, or an answer of a
 wrong shape forfeits the games that they were asked about, an illegal action the game that it was
 meant for.
-In training, where nobody could win by that, it ends the run (`require_answers`).
+In training it ends the run (`require_answers`).
 In this process a function has no time limit, and one that kills the process kills all; in one of
 its own (`process.load_hosted`) both cost it the game alone. It plays the same either
 way.
@@ -135,12 +135,12 @@ def describe_crash(error: BaseException) -> str:
 def require_answers(agent: Agent, actions: NDArray[np.int64]) -> None:
     """Raise ForeignAgentError where the agent has forfeited one of `actions` [N, ...]."""
     if (actions == FORFEIT).any():
-        told = getattr(agent, "failure", "gave up")
+        failure = getattr(agent, "failure", "gave up")
         error = ForeignAgentError(
-            f"opponent {agent.name} {told}: mend it, or leave it out of opponent.mixture and "
+            f"opponent {agent.name} {failure}: fix it, or leave it out of opponent.mixture and "
             "opponent.agents"
         )
-        error.failure = told
+        error.failure = failure
         raise error
 
 

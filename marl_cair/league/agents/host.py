@@ -1,4 +1,4 @@
-"""`python -m marl_cair.league.agents.host MODULE:FUNCTION`: anybody's agent behind `process`.
+"""`python -m marl_cair.league.agents.host MODULE:FUNCTION`: serves an agent as a process.
 
 It speaks that protocol from the other side, so that a function of Python can have a time limit.
 What the agent prints goes to standard error, and there is nothing for it to read.
@@ -21,7 +21,7 @@ from marl_cair.league.agents.foreign import AgentFault, describe_crash, digest_c
 from marl_cair.league.agents.process import BASE64
 
 
-def serve(source: str, asked: IO[str], told: IO[str]) -> None:
+def serve(source: str, asked: IO[str], output: IO[str]) -> None:
     """Answer the lines of `asked` until they end. What an agent raises is its answer."""
     agent: Any = None
     observed: dict[str, Any] = {}
@@ -34,7 +34,7 @@ def serve(source: str, asked: IO[str], told: IO[str]) -> None:
                 agent, digest = _make(source, message)
                 known = message["representations"]
                 seen = str(getattr(agent, "representation", next(iter(known))))
-                # A name that nobody knows is refused by who asks.
+                # The caller refuses an unknown name.
                 observed = known.get(seen, {})
                 shape = [*message["action_shape"], len(message["actions"])]
                 masked = {"dtype": "bool", "shape": shape}
@@ -56,8 +56,8 @@ def serve(source: str, asked: IO[str], told: IO[str]) -> None:
             answer = {"error": str(fault)}
         except (Exception, SystemExit) as error:  # noqa: BLE001  # whatever foreign code raises
             answer = {"error": describe_crash(error)}
-        told.write(json.dumps(answer) + "\n")
-        told.flush()
+        output.write(json.dumps(answer) + "\n")
+        output.flush()
 
 
 def _read(text: str, num: int, about: dict[str, Any]) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""`load_agent`: a checkpoint, a mixture or a bot as an agent that acts, and who it is."""
+"""Loads a checkpoint, mixture, bot or foreign agent, and computes its fingerprint."""
 
 from __future__ import annotations
 
@@ -178,12 +178,12 @@ def describe_training(folder: Path) -> dict[str, Any]:
         name = place.name.rpartition("-")[0]
     if run.name in SHELVES:
         run = run.parent
-    told = {"run": str(run), "name": name, "seed": about.seed, "frames": about.frames}
-    return {**told, "frames_total": about.frames_total}
+    training = {"run": str(run), "name": name, "seed": about.seed, "frames": about.frames}
+    return {**training, "frames_total": about.frames_total}
 
 
 def shorten_paths(paths: Sequence[str], taken: Collection[str] = ()) -> dict[str, str]:
-    """Each path by the fewest last parts that tell all apart, and from the names `taken`.
+    """Each path by the fewest last parts that distinguish all, and from the names `taken`.
 
     A folder's `latest` is left out, as it says nothing; a run's snapshots keep the run's name.
     """
@@ -196,14 +196,14 @@ def shorten_paths(paths: Sequence[str], taken: Collection[str] = ()) -> dict[str
 
 
 def _split_path(path: str) -> tuple[list[str], list[str]]:
-    """The parts that tell something: of an agent or its run, and of a snapshot of the run."""
+    """The parts that identify it: of an agent or its run, and of a snapshot of the run."""
     parts = [part for part in Path(path).absolute().parts if part not in ("/", LATEST_FOLDER)]
     is_snapshot = len(parts) > 2 and parts[-2] == SNAPSHOT_FOLDER
     return (parts[:-2], parts[-1:]) if is_snapshot else (parts, [])
 
 
 def find_fingerprint(agent: Agent, game: Game) -> str:
-    """What tells an agent apart, under whatever name or path: its rules, or its network's weights.
+    """Identity of an agent, independent of name and path: its rules, or its network's weights.
 
     Of a network all that its actions depend on is hashed, as it was loaded.
     """
@@ -232,7 +232,7 @@ def find_fingerprint(agent: Agent, game: Game) -> str:
 def find_scenario(
     agents: Sequence[str], game_name: str | None = None, scenario: str | None = None
 ) -> tuple[Game, str, dict[str, Any]]:
-    """What agents are to play if nobody says: the game, the scenario's name, and its fields.
+    """What agents play by default: the game, the scenario's name, and its fields.
 
     The named game, else the one that a checkpoint was trained on, else a bot's ("game/bot"), else
     the first. The named scenario; else the one that the game's checkpoints were trained on, with
@@ -258,8 +258,8 @@ def find_scenario(
     for name, other in others:
         if other != chosen:
             raise CheckpointError(
-                f"{first} was trained on {_tell_difference(chosen, other)}, {name} on "
-                f"{_tell_difference(other, chosen)}: say by --scenario what all are to play"
+                f"{first} was trained on {_format_difference(chosen, other)}, {name} on "
+                f"{_format_difference(other, chosen)}: say by --scenario what all are to play"
             )
     return game, chosen.pop("scenario"), chosen
 
@@ -281,7 +281,7 @@ def _list_members(source: str) -> tuple[str, ...]:
     return read_mixture(source).sources if is_mixture(source) else (source,)
 
 
-def _tell_difference(own: dict[str, Any], other: dict[str, Any]) -> str:
+def _format_difference(own: dict[str, Any], other: dict[str, Any]) -> str:
     return ", ".join(f"{name} = {v}" for name, v in own.items() if other.get(name) != v)
 
 

@@ -1,4 +1,4 @@
-"""Mixtures of agents on disk: a folder with `mixture.json` and copies of its members' checkpoints.
+"""Reads and writes mixtures: a folder with `mixture.json` and copies of its members' checkpoints.
 
 The folder is an agent as a checkpoint is: see `games.players.mixed_agent`. Its members are
 checkpoints in it and bots, so that loading it runs nothing that its files say.

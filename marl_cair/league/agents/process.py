@@ -1,4 +1,4 @@
-"""Agents that are processes of their own, in any language: JSON lines on standard input and output.
+"""Runs agents as processes, in any language, by JSON lines on standard input and output.
 
 Named `process:COMMAND`, for example `process:python bots/mine.py`. Each line is one JSON object. At
 the start the league sends
@@ -119,7 +119,7 @@ def load_hosted(source: str, game: Game, scenario: Any, limits: Limits) -> Forei
         raise refuse_function(source, fault) from fault
     if not agent.digest:
         raise ForeignAgentError(
-            f"{source}: the module has no file to tell its versions apart by; give a function of a "
+            f"{source}: its module has no file, so its version is unknown; give a function of a "
             "module that is a file"
         )
     return ForeignAgent(agent, source, spec, name_code(agent.digest))
@@ -262,7 +262,7 @@ class _Line:
             raise AgentFault(
                 f"wrote {_shorten(line.decode(errors='replace'))} without being asked"
                 if line
-                else self._tell_end()
+                else self._describe_end()
             )
         end = time.monotonic() + seconds
         self._asked.put(text + "\n")
@@ -271,7 +271,7 @@ class _Line:
         except queue.Empty:
             raise AgentFault(f"gave no answer within {seconds:g} s") from None
         if not line:
-            raise AgentFault(self._tell_end())
+            raise AgentFault(self._describe_end())
         if not line.endswith(b"\n"):
             raise AgentFault(f"wrote a line without an end, or of more than {MAX_LINE_BYTES} bytes")
         try:
@@ -279,7 +279,7 @@ class _Line:
         except UnicodeDecodeError as error:
             raise AgentFault("wrote a line that is no UTF-8") from error
 
-    def _tell_end(self) -> str:
+    def _describe_end(self) -> str:
         try:
             code = self._process.wait(timeout=1.0)
         except subprocess.TimeoutExpired:
@@ -316,12 +316,12 @@ def _start_process(
     return process, pipe[1]
 
 
-def _read(stream: IO[bytes], told: queue.Queue[bytes], ended: threading.Event) -> None:
+def _read(stream: IO[bytes], lines: queue.Queue[bytes], ended: threading.Event) -> None:
     while not ended.is_set():
         line = stream.readline(MAX_LINE_BYTES)
         while not ended.is_set():
             with contextlib.suppress(queue.Full):
-                told.put(line, timeout=1.0)
+                lines.put(line, timeout=1.0)
                 break
         if not line:
             break

@@ -1,4 +1,4 @@
-"""Folders of runs where agents are named: which of a run's agents a league takes."""
+"""Selects the agents of training runs that take part in a league."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class Expansion(NamedTuple):
 
     Attributes:
         agents: by source; of what is no run, the source alone.
-        told: a line for each run.
+        notes: a line for each run.
     """
 
     agents: dict[str, tuple[str, ...]]
-    told: tuple[str, ...]
+    notes: tuple[str, ...]
 
     def list_agents(self, sources: Sequence[str]) -> tuple[str, ...]:
         """The agents of these sources, in their order."""
@@ -61,7 +61,7 @@ def expand_runs(sources: Sequence[str], known: Collection[str] = ()) -> Expansio
     alone = (one for one in sources if one not in runs and is_checkpoint(one))
     taken = {*known, *(_identify(one) for one in alone if not is_mixture(one))}
     agents: dict[str, tuple[str, ...]] = {}
-    told = []
+    notes = []
     for source in dict.fromkeys(sources):
         if source not in runs:
             agents[source] = (source,)
@@ -73,8 +73,8 @@ def expand_runs(sources: Sequence[str], known: Collection[str] = ()) -> Expansio
                 taken.add(identity)
                 chosen.append(place)
         agents[source] = tuple(chosen)
-        told.append(_tell(source, chosen, len(places) - len(chosen), num_snapshots))
-    return Expansion(agents, tuple(told))
+        notes.append(_describe_choice(source, chosen, len(places) - len(chosen), num_snapshots))
+    return Expansion(agents, tuple(notes))
 
 
 def _list_agents(source: str) -> tuple[int, list[str]] | None:
@@ -118,8 +118,8 @@ def _identify(source: str) -> str:
     return find_fingerprint(load_agent(source), game)
 
 
-def _tell(source: str, chosen: list[str], num_same: int, num_snapshots: int) -> str:
-    names = ", ".join(str(Path(one).relative_to(source).as_posix()) for one in chosen) or "nobody"
+def _describe_choice(source: str, chosen: list[str], num_same: int, num_snapshots: int) -> str:
+    names = ", ".join(str(Path(one).relative_to(source).as_posix()) for one in chosen) or "none"
     of_all = f" (of {num_snapshots} snapshots)" if num_snapshots > MOST_SNAPSHOTS else ""
     same = f"; {num_same} left out, as the same agents are there already" if num_same else ""
     return f"{source} is a run, of which the league takes {names}{of_all}{same}"

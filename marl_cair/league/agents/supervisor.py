@@ -1,4 +1,4 @@
-"""Runs an agent's command, and kills all that it has started when it ends or its user does.
+"""Runs an agent's command, and kills all its processes when it or its parent ends.
 
     python -I -S supervisor.py CONTROL MEMORY_BYTES NUM_PROCESSES COMMAND...
 

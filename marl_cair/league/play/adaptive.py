@@ -1,4 +1,4 @@
-"""The adaptive schedule: the next blocks go where the widest interval shrinks most."""
+"""Adaptive schedule: plays the games that shrink the widest interval most."""
 
 from __future__ import annotations
 
@@ -89,9 +89,9 @@ def choose_round(
     """The next jobs, none where the target is reached or no pair may play on.
 
     Each job is for the agent with the widest interval among those that have one (who has never lost
-    or never won has none), and for the rival against whom a game tells most: variance of their
-    difference times p (1 - p). Then the next one is chosen as if that job had been played. Only
-    the reported intervals end it: the curvature says by which part games narrow them.
+    or never won has none), and for the opponent with the most informative games
+    (variance of their difference times p (1 - p)). Then the next one is chosen as if that job had
+    been played. Only the reported intervals end it; the curvature predicts how games narrow them.
     """
     chunks = _count_chunks(played, blocks_per_chunk)
     num_jobs = sum(chunks.values())
@@ -104,7 +104,7 @@ def choose_round(
     curvature = model.find_curvature(point)
     rating = point[:num_agents]
     chance = 1.0 / (1.0 + np.exp(rating[None, :] - rating[:, None]))
-    told = chance * (1.0 - chance)  # by a game of two, in 1 / logits squared
+    information = chance * (1.0 - chance)  # by a game of two, in 1 / logits squared
     groups = find_groups(above)
     scale = np.ones(num_agents)
     if target.half_width_elo > 0.0:
@@ -118,7 +118,7 @@ def choose_round(
         widest = int(half_widths.argmax())
         if half_widths[widest] <= target.half_width_elo:
             return jobs
-        worth = np.where(may_play[widest], gaps[widest] * told[widest], -1.0)
+        worth = np.where(may_play[widest], gaps[widest] * information[widest], -1.0)
         rival = int(worth.argmax())
         line_up = fill_line_up((min(widest, rival), max(widest, rival)), num_teams, met)
         jobs.append(Job(line_up, chunks[line_up]))
@@ -129,8 +129,8 @@ def choose_round(
         for one in members:
             for two in members:
                 if one < two:
-                    # A game of T teams tells about T - 1 choices, shared by its pairs.
-                    share = 2.0 / num_teams * games_per_chunk * told[one, two]
+                    # A game of T teams informs about T - 1 choices, shared by its pairs.
+                    share = 2.0 / num_teams * games_per_chunk * information[one, two]
                     curvature[[one, two], [one, two]] += share
                     curvature[[one, two], [two, one]] -= share
     return jobs
@@ -152,7 +152,7 @@ def _measure(
     half_widths = np.zeros(num_agents)
     for group in groups:
         own = covariance[np.ix_(group, group)]
-        # Centred: else the spread of the mean, which no game tells, would be in every rating.
+        # Centred: else the spread of the mean, that no game limits, would be in every rating.
         centred = own.diagonal() - 2.0 * own.mean(1) + own.mean()
         half_widths[group] = ELO_PER_LOGIT * Z * np.sqrt(np.maximum(centred, 0.0))
     return half_widths, gaps

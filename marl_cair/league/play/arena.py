@@ -182,7 +182,7 @@ class Arena:
         except BrokenProcessPool as error:
             raise OSError(
                 f"a worker process has died ({error}): see whether memory is short, or give "
-                "--workers 1; the same command goes on"
+                "--workers 1; the same command resumes it"
             ) from error
 
     def close(self) -> None:

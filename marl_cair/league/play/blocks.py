@@ -38,7 +38,7 @@ Design = Callable[[int], NDArray[np.int64]]
 
 
 class Entrant(NamedTuple):
-    """An agent of a line-up; `fingerprint` tells its weights (a bot's rules version) apart."""
+    """An agent of a line-up; `fingerprint` identifies its weights (a bot's rules version)."""
 
     name: str
     fingerprint: str
@@ -50,8 +50,8 @@ def make_design(num_teams: int, seating: str, seed: int) -> Design:
     """Who plays which team in each game of a block.
 
     "all": every order of the line-up, teams! games. "ring": the rotations of a ring that is drawn
-    anew for each block from (seed, block), one game for each team: every entry has every team once,
-    and over many blocks every entry has every neighbour. Of two teams both are the same.
+    again for each block from (seed, block), one game for each team: every entry has every team
+    once, and over many blocks every entry has every neighbour. Of two teams both are the same.
 
     Raises:
         ValueError: no such seating, or "all" of more than MAX_TEAMS_FOR_ALL teams.

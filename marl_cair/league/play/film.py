@@ -1,4 +1,4 @@
-"""A game as an animated GIF, played again from its seed and actions."""
+"""Renders a game as an animated GIF, replayed from its seed and actions."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def save_film(
 
 
 def write_film(path: str | os.PathLike[str], images: Sequence[Image.Image], size: Size) -> None:
-    """Write pictures as a GIF that starts anew at its end, with the colours and pace of `size`."""
+    """Write pictures as a GIF that loops, with the colours and pace of `size`."""
     # One palette for all frames, from the busiest: colours then do not flicker.
     palette = images[len(images) * 3 // 4].quantize(size.num_colours)
     films = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]

@@ -32,7 +32,7 @@ class GameResult:
     is_truncated: bool
     decisions: int
     fingerprint: str  # `PlayedGame.trajectory`: games that are the same have equal ones
-    draw_score: float = 0.5  # of the first agent if nobody wins: see `standings`
+    draw_score: float = 0.5  # of the first agent of a draw: see `standings`
     forfeit: str = ""  # why an agent has lost it without playing on
 
     @property
@@ -221,7 +221,7 @@ def require_rivals(game: Game, scenario: Any) -> int:
     num_teams = game.make_spec(scenario).num_teams
     if num_teams == 1:
         raise ValueError(
-            f"{game.name}: this scenario has one team, nobody wins against another; compare scores "
+            f"{game.name}: this scenario has one team, so there is no opponent; compare scores "
             "by `marl-cair match` (league.solo)"
         )
     return num_teams

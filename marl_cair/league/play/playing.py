@@ -1,4 +1,4 @@
-"""Agents at the seats of many games on one engine: who acts where, from which random stream.
+"""Plays agents in the seats of many games on one engine, each with its own random stream.
 
 Games come in blocks (one map seed) and blocks in chunks of a fixed size, which are always played
 whole: agents draw, and networks round, differently in batches of another size, so that a chunk is
@@ -95,7 +95,7 @@ def line_up_seed(seed: int, fingerprints: Sequence[str]) -> int:
     """The seed, 64 bits, of a line-up's maps in a league: each line-up has maps of its own.
 
     On a map that all line-ups share, one that favours an agent would do so in all its games: their
-    results would vary together, and tell less of its strength.
+    results would vary together, and say less about its strength.
     """
     text = "\0".join((f"{seed} maps", *fingerprints))
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "big")
@@ -124,7 +124,7 @@ def play_out(
     """Play all games of `chunks` to their ends, on the engine of `start_engine`.
 
     A seat that forfeits ends its game: its team has lost, all teams that have not are left.
-    `watch` is told of each decision.
+    `watch` is called after each step.
     """
     teams = engine.spec.team_of_seat
     shape = engine.num_worlds, engine.num_players
@@ -156,7 +156,7 @@ def play_out(
         reasons[world] = reasons[world] or reason
         digests[world].update(f"forfeit {seat}".encode())
     is_whole = np.asarray(~forfeited.any(axis=1), np.bool_)
-    # After a forfeit the world has gone on for as long as others have: what it shows tells nothing.
+    # After a forfeit the world has gone on for as long as others have: its state is not used.
     _add_boards(digests, engine, is_whole)
     _end_forfeited(winner, out_since, forfeited, teams)
     return Ended(

@@ -1,4 +1,4 @@
-"""Which line-ups play which chunks: each pair of agents as often as any other.
+"""Round-robin schedules of line-ups: all pairs of agents meet equally often.
 
 Agents are numbered in the order of their fingerprints, so that no schedule depends on what they are
 called or on the order in which they were named.

@@ -1,4 +1,4 @@
-"""A match that stops as soon as it is decided: the sequential probability ratio test on blocks.
+"""Sequential matches: they stop once a sequential probability ratio test on blocks decides.
 
 Wald's test (1945) between two differences in Elo, on the scores of whole blocks (a map seed, once
 with the first agent in each team): between two teams these are the pairs of chess engine testing,
@@ -132,7 +132,7 @@ def play_sequentially(
 ) -> SequentialResult:
     """Play blocks of `play_match` in their order until the test is decided.
 
-    listen: is told the ratio and the number of games after each round.
+    listen: called with the ratio and the number of games after each round.
 
     Raises:
         ValueError: a scenario with but one team, or max_games is less than a block.

@@ -1,4 +1,4 @@
-"""Scenarios without rivals: agents play the same map seeds, each alone, and their scores compare.
+"""Compares agents on scenarios without opponents by their scores on the same map seeds.
 
 The score of a game is its return: the sum of the rated reward (`Game.rated_reward`), which pays
 for the game's own goal (of several seats that play together, their mean).
@@ -108,7 +108,7 @@ def play_alone(
     spec = game.make_spec(scenario)
     if spec.num_teams != 1:
         raise ValueError(
-            f"{game.name}: this scenario has {spec.num_teams} teams, nobody plays alone; play a "
+            f"{game.name}: this scenario has {spec.num_teams} teams, it is no solo game; play a "
             "match (league.match)"
         )
     if num_games < 1:
@@ -125,8 +125,8 @@ def play_alone(
         ended = play_out(engine, part, seatings, seed)
         if any(ended.reasons):
             raise ValueError(
-                f"{next(filter(None, ended.reasons))}: alone there is nobody to forfeit a game to; "
-                "mend the agent"
+                f"{next(filter(None, ended.reasons))}: a solo game cannot be forfeited; "
+                "fix the agent"
             )
         rows = zip(
             np.concatenate([chunk.blocks for chunk in part]).tolist(),

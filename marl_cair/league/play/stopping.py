@@ -1,4 +1,4 @@
-"""What ends a league that plays until its intervals are narrow (--ci) or time is up (--time)."""
+"""Stopping rules of a league: width of its intervals (--ci) and time (--time)."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ class Clock:
         self._end = math.inf
 
     def start(self) -> None:
-        """Time counts from now on."""
+        """Start counting."""
         self._end = time.monotonic() + self._seconds
 
     def is_time_up(self) -> bool:
-        """Whether it is."""
+        """Whether the seconds have passed."""
         self.has_ended = self.has_ended or time.monotonic() > self._end
         return self.has_ended
 
 
-def tell_ending(half_width_elo: float, ratings: Sequence[Rating], is_time_up: bool) -> str:
-    """Whether intervals are as narrow as was asked (0: nobody asked), and whether time is up."""
-    why = "the time of --time is up; the same command goes on" if is_time_up else ""
+def describe_ending(half_width_elo: float, ratings: Sequence[Rating], is_time_up: bool) -> str:
+    """Whether intervals are as narrow as was asked (0: no limit), and whether time is up."""
+    why = "the time of --time is up; the same command resumes it" if is_time_up else ""
     if half_width_elo <= 0.0:
         return f"Ended as {why}." if why else ""
     asked = f"within {half_width_elo:g} Elo either way (--ci)"
@@ -40,5 +40,5 @@ def tell_ending(half_width_elo: float, ratings: Sequence[Rating], is_time_up: bo
         but = f", but for {bare} of {len(ratings)} agents that have none" if bare else ""
         return f"All intervals are {asked}{but}."
     why = why or "all games are played that --games allows and that do not only repeat others"
-    told = f"{wide} of {len(limited)} are wider" if limited else "there are none"
-    return f"Not reached: intervals {asked}, {told}: {why}."
+    found = f"{wide} of {len(limited)} are wider" if limited else "there are none"
+    return f"Not reached: intervals {asked}, {found}: {why}."

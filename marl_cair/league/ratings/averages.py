@@ -1,7 +1,7 @@
-"""Ratings that allow for circles: Nash averaging and alpha-Rank of a payoff matrix, with intervals.
+"""Nash averaging and alpha-Rank of a payoff matrix, with intervals.
 
 Point values of both mislead where games are few: they change with the last game. The intervals say
-by how much: both are computed anew for resampled matrices (see `payoffs`).
+by how much: both are computed for resampled matrices (see `payoffs`).
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def average_by_nash(payoffs: Payoffs) -> Averages:
 
 def average_by_alpha_rank(payoffs: Payoffs) -> Averages:
     """alpha-Rank (Omidshafiei et al. 2019, "alpha-Rank: multi-agent evaluation by evolution") by
-    OpenSpiel: how long a population that drifts and selects stays with each agent.
+    OpenSpiel: the stationary distribution of a population that drifts and selects.
 
     Raises:
         ValueError: OpenSpiel is not installed.

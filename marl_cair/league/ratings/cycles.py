@@ -1,10 +1,10 @@
-"""Agents that beat each other in a circle: pairs that are surely uneven, and the circles of three.
+"""Finds significant non-transitive cycles of three agents.
 
-A pair is uneven where the scores of its blocks would fall so one-sided too seldom if each block
-might as well have gone the other way (an exact test by sign flips; Fisher 1935, "The Design of
+A pair is uneven if the scores of its blocks would rarely be as one-sided by chance, each block
+being equally likely to go the other way (an exact test by sign flips; Fisher 1935, "The Design of
 Experiments"). All pairs are tested together by Holm's procedure (1979, "A simple sequentially
-rejective multiple test procedure"): with 95 % no pair is wrongly called uneven, and so no circle
-is wrongly named, however many there could be.
+rejective multiple test procedure"): with 95 % no pair is wrongly called uneven, and so no cycle
+is reported wrongly, however many there could be.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Cycle:
 
 
 def find_cycles(num_agents: int, games: Games) -> tuple[Cycle, ...]:
-    """All circles of three surely uneven pairs, the clearest first; games as in `ratings.rate`."""
+    """All significant cycles of three, the clearest first; games as in `ratings.rate`."""
     beats, shares = find_uneven_pairs(num_agents, games)
     cycles = []
     for first in range(num_agents):
@@ -50,7 +50,7 @@ def find_cycles(num_agents: int, games: Games) -> tuple[Cycle, ...]:
 def find_uneven_pairs(
     num_agents: int, games: Games
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Whether the row is surely better than the column, and its share of points: [n, n] both."""
+    """Whether the row is significantly better than the column, and its score: [n, n] both."""
     pairs = split_pairs(games.count_once())
     if not len(pairs.first):
         return np.zeros((num_agents, num_agents), np.bool_), np.full((num_agents, num_agents), 0.5)

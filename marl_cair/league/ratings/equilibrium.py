@@ -1,6 +1,4 @@
-"""Mixed strategies of zero-sum games of two players: the maximum-entropy Nash equilibrium of a
-symmetric one, and the safest mixture of some rows.
-"""
+"""Maximum-entropy Nash equilibria and maximin mixtures of two-player zero-sum games."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Whether one number per agent is enough: a test of fit of the ratings, by parametric bootstrap.
+"""Goodness of fit of the ratings by parametric bootstrap: is one number per agent enough?
 
 The deviance compares the share of points of each pair with what ratings and seats say it should be:
-0 where all pairs agree, large where agents go in circles. What it is by chance alone is found by
-playing all games again on paper, with the same agents in the same seats of the same blocks, as the
-ratings say (Plackett-Luce), and fitting anew each time.
+0 where all pairs agree, large where agents beat each other in cycles. Its distribution by chance is
+found by simulating all games from the ratings (Plackett-Luce), with the same agents in the same
+seats of the same blocks, and fitting each simulation.
 
 Real games vary less than tosses of a coin (draws, maps that favour a seat) or more (maps that
 favour an agent). So each deviance is divided by the dispersion of its own data: the variance
@@ -16,24 +16,25 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.special import expit, xlogy
 from scipy.stats import chi2, ncx2
 
-from marl_cair.league.ratings.groups import ELO_PER_LOGIT
 from marl_cair.league.ratings.intervals import CONFIDENCE
-from marl_cair.league.ratings.likelihood import MAX_STEP, PRIOR_ELO, SEAT_PRIOR_ELO
+from marl_cair.league.ratings.likelihood import Likelihood, Rankings
 from marl_cair.league.ratings.payoffs import PairGames, split_pairs
 from marl_cair.league.ratings.rate import Games, sort_games
 
 NUM_SIMULATIONS = 299
 LEVEL = 1.0 - CONFIDENCE
-NOTICED_SHARE = 0.1  # the deviation, in shares of points, whose detection `power` tells of
+NOTICED_SHARE = 0.1  # the deviation, in shares of points, for which `power` is computed
 _COIN = 0.25  # variance of one even game: keeps the dispersion of few games near 1
-_TOLERANCE, _MAX_CHORD_STEPS, _MAX_NEWTON_STEPS = 1e-5, 30, 200
+_TOLERANCE = 1e-5  # logits, of fits to simulations
 _MAX_NUMBERS = 4_000_000  # that are drawn at once
+# Relative difference below which two deviances are equal. Where all games went as the ratings say,
+# most simulations repeat the data, and only the tolerance of the fits decides which is larger.
+_TIE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -61,10 +62,10 @@ class FitTest:
 
 
 def check_fit(num_agents: int, games: Games, seed: int = 0) -> FitTest | None:
-    """Test games as in `ratings.rate`; None where too few pairs met for any circle to show.
+    """Test games as in `ratings.rate`; None where too few pairs met to show a cycle.
 
     The same games give the same numbers in whatever order they are. Between more than two teams
-    ratings are fitted to who came in above whom, pair by pair; the simulations are of whole games.
+    ratings are fitted to the order of each pair; the simulations are of whole games.
     """
     games = sort_games(games.count_once())
     pairs = split_pairs(games)
@@ -72,7 +73,7 @@ def check_fit(num_agents: int, games: Games, seed: int = 0) -> FitTest | None:
     if num_free < 1:
         return None
     model = _PairModel(num_agents, games, pairs)
-    point = model.fit((pairs.scores @ model.cell_of_row)[None])[0]
+    point = model.fit(pairs.scores @ model.cell_of_row)
     found = model.judge(pairs.scores[None], point[None], point)
     rng = np.random.default_rng(seed)
     strength = point[games.agents] + point[num_agents:]
@@ -91,7 +92,7 @@ def check_fit(num_agents: int, games: Games, seed: int = 0) -> FitTest | None:
     return FitTest(
         deviance,
         float(chance[0].mean()),
-        (1.0 + float((chance[0] >= deviance).sum())) / (1.0 + NUM_SIMULATIONS),
+        (1.0 + float((chance[0] >= (1.0 - _TIE) * deviance).sum())) / (1.0 + NUM_SIMULATIONS),
         misfit,
         float(chance[1].mean()),
         model.find_power(point, dispersion, num_free),
@@ -108,33 +109,21 @@ def _count_free(num_agents: int, pairs: PairGames) -> int:
 
 
 class _PairModel:
-    """Bradley-Terry with seats on pairs of teams; parameters: n ratings, T seats, in logits."""
+    """The likelihood of pairs of teams. A cell is all games of a pair in the same two seats."""
 
     def __init__(self, num_agents: int, games: Games, pairs: PairGames) -> None:
-        num_rows, self._size = len(pairs.first), num_agents + games.agents.shape[1]
+        num_rows, num_teams = len(pairs.first), games.agents.shape[1]
         rows = np.arange(num_rows)
         keys = np.column_stack((pairs.first, pairs.second, pairs.teams))
-        cells, cell = np.unique(keys, axis=0, return_inverse=True)
-        self.cell_of_row = _indicate(rows, cell.ravel(), (num_rows, len(cells)))
-        self._counts = np.bincount(cell.ravel(), minlength=len(cells)).astype(np.float64)
-        ends = np.concatenate(
-            (cells[:, 0], cells[:, 1], num_agents + cells[:, 2], num_agents + cells[:, 3])
-        )
-        turns = np.array((1.0, -1.0, 1.0, -1.0))
-        signs = np.repeat(turns, len(cells))
-        places = np.tile(np.arange(len(cells)), 4)
-        self._design = csr_array((signs, (places, ends)), shape=(len(cells), self._size))
-        ends = ends.reshape(4, -1)
-        entries = (ends[:, None] * self._size + ends).reshape(16, -1)
-        values = np.repeat(np.outer(turns, turns).ravel(), len(cells))
-        # Cell -> its part of the curvature, row by row.
-        self._squares = csr_array(
-            (values, (np.tile(np.arange(len(cells)), 16), entries.ravel())),
-            shape=(len(cells), self._size**2),
-        )
-        met, pair_of_cell = np.unique(cells[:, :2], axis=0, return_inverse=True)
+        self._cells, cell = np.unique(keys, axis=0, return_inverse=True)
+        num_cells = len(self._cells)
+        self._cells[:, 2:] += num_agents  # the places of seats among the parameters
+        self.cell_of_row = _indicate(rows, cell.ravel(), (num_rows, num_cells))
+        self._counts = np.bincount(cell.ravel(), minlength=num_cells).astype(np.float64)
+        self._likelihood = Likelihood(num_agents, [_rank_cells(self._cells, num_agents, num_teams)])
+        met, pair_of_cell = np.unique(self._cells[:, :2], axis=0, return_inverse=True)
         self._pair_of_cell = _indicate(
-            np.arange(len(cells)), pair_of_cell.ravel(), (len(cells), len(met))
+            np.arange(num_cells), pair_of_cell.ravel(), (num_cells, len(met))
         )
         self._games = self._counts @ self._pair_of_cell
         pair = pair_of_cell.ravel()[cell.ravel()]
@@ -143,44 +132,17 @@ class _PairModel:
         self._part_of_row = _indicate(rows, part.ravel(), (num_rows, len(parts)))
         self._pair_of_part = _indicate(np.arange(len(parts)), parts[:, 0], (len(parts), len(met)))
         self._num_parts = np.bincount(parts[:, 0], minlength=len(met))
-        self._precision = np.full(self._size, (ELO_PER_LOGIT / PRIOR_ELO) ** 2)
-        self._precision[num_agents:] = (ELO_PER_LOGIT / SEAT_PRIOR_ELO) ** 2
 
     def fit(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The parameters [S, n + T] at the largest posteriors, by Newton's method; points
-        [S, cells] of the cells' first agents.
-        """
-        at = np.zeros((len(points), self._size))
-        for _ in range(_MAX_NEWTON_STEPS):
-            rise = self._climb(at, points)[..., None]
-            step = np.linalg.solve(self._curve(at), rise)[..., 0]
-            size = np.abs(step).max(1, keepdims=True)
-            at += step * np.minimum(1.0, MAX_STEP / np.maximum(size, 1e-300))
-            if (size < _TOLERANCE).all():
-                break
-        return at
+        """The parameters [n + T] of the largest posterior; points [cells] of their first agents."""
+        return self._likelihood.fit(np.concatenate((points, self._counts - points)))
 
     def refit(self, points: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
-        """As `fit`, from `start` [n + T] with one curvature for all: cheap where it is near."""
-        factor = cho_factor(self._curve(start[None])[0])
-        at = np.tile(start, (len(points), 1))
-        is_left = np.ones(len(points), np.bool_)
-        for _ in range(_MAX_CHORD_STEPS):
-            left = np.flatnonzero(is_left)
-            if not len(left):
-                break
-            step = cho_solve(factor, self._climb(at[left], points[left]).T).T
-            at[left] += step
-            size = np.abs(step).max(1)
-            is_left[left] = size >= _TOLERANCE
-            if not (size <= MAX_STEP).all():
-                break
-        left = np.flatnonzero(is_left)
-        most = max(1, _MAX_NUMBERS // self._size**2)
-        for first in range(0, len(left), most):
-            part = left[first : first + most]
-            at[part] = self.fit(points[part])
-        return at
+        """As `fit` for points [S, cells], beginning at `start`: [S, n + T]."""
+        halves = np.tile(self._counts / 2.0, 2)  # the curvature depends on the counts only
+        factor = self._likelihood.factorise(start, halves)
+        weights = np.hstack((points, self._counts - points))
+        return self._likelihood.refit(start, weights, factor, _TOLERANCE)
 
     def judge(
         self,
@@ -216,26 +178,29 @@ class _PairModel:
         """The chance of a noncentral chi-squared, the limit for many games, to be found large."""
         chances = self._chances(point[None])[0]
         variance = (self._counts * chances * (1.0 - chances)) @ self._pair_of_cell
-        tells = np.square(NOTICED_SHARE * self._games) / np.maximum(variance, _COIN)
-        shift = float(tells.sum()) / dispersion * num_free / len(self._games)
+        information = np.square(NOTICED_SHARE * self._games) / np.maximum(variance, _COIN)
+        shift = float(information.sum()) / dispersion * num_free / len(self._games)
         return float(ncx2.sf(chi2.isf(LEVEL, num_free), num_free, shift))
 
     def _chances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Of the cells' first agents to come in above the second: [S, cells]."""
-        chances: NDArray[np.float64] = expit((self._design @ points.T).T)
-        return chances
+        first, second, seat, other_seat = points.T[self._cells.T]
+        return np.asarray(expit(first - second + seat - other_seat).T, np.float64)
 
-    def _climb(self, at: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-        surplus = points - self._counts * self._chances(at)
-        return np.asarray((self._design.T @ surplus.T).T - self._precision * at, np.float64)
 
-    def _curve(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
-        """[S, n + T] -> [S, n + T, n + T]."""
-        chances = self._chances(at)
-        curves = (self._counts * chances * (1.0 - chances)) @ self._squares
-        return np.asarray(
-            curves.reshape(-1, self._size, self._size) + np.diag(self._precision), np.float64
-        )
+def _rank_cells(cells: NDArray[np.int64], num_agents: int, num_teams: int) -> Rankings:
+    """Two games of each cell, each a block: won by its first agent, then by its second."""
+    places = np.arange(len(cells))
+    agents, ranks = (
+        np.zeros((2, len(cells), num_teams), np.int64),
+        np.zeros((2, len(cells), num_teams)),
+    )
+    for column, rank in ((0, (1.0, 2.0)), (1, (2.0, 1.0))):
+        seats = cells[:, 2 + column] - num_agents
+        agents[:, places, seats] = cells[:, column]
+        ranks[:, places, seats] = np.array(rank)[:, None]
+    blocks = np.arange(2 * len(cells))
+    return Rankings(agents.reshape(-1, num_teams), ranks.reshape(-1, num_teams), blocks)
 
 
 def _indicate(

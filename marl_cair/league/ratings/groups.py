@@ -1,4 +1,4 @@
-"""Groups of agents that results can put on one scale, and how far apart two groups are at least.
+"""Groups of agents on one rating scale, and bounds on the distance between groups.
 
 Maximum-likelihood Bradley-Terry ratings exist only within a set of agents whose graph "has taken
 points off" is strongly connected (Ford 1957, "Solution of a ranking problem from binary
@@ -93,8 +93,10 @@ def draw_gaps(
     least, most = (find_gap(upper, lower, counts, end) for end in (0.001, 0.999))
     grid = np.linspace(least, most, _GRID)
     logits = (upper[:, None] - lower + grid[:, None, None]) / ELO_PER_LOGIT
-    told = (counts * log_expit(logits)).sum(axis=(1, 2))
-    return np.asarray(np.interp(np.log(np.maximum(chances, 1e-9)), told, grid), np.float64)
+    chances_of_sweep = (counts * log_expit(logits)).sum(axis=(1, 2))
+    return np.asarray(
+        np.interp(np.log(np.maximum(chances, 1e-9)), chances_of_sweep, grid), np.float64
+    )
 
 
 def _find_reach(points: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""Intervals of a share of points (Wilson's, for draws and blocks of games), a mean and a median."""
+"""Confidence intervals: shares of points (Wilson), means (Student) and medians."""
 
 from __future__ import annotations
 

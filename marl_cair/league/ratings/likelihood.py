@@ -1,4 +1,4 @@
-"""Bradley-Terry and Plackett-Luce in one: the likelihood of finishing orders, and its maximum.
+"""The Plackett-Luce likelihood of finishing orders (of two teams Bradley-Terry), and its maximum.
 
 A game of T teams is a sequence of choices: the best of all, the best of the rest, ... (Luce 1959;
 Plackett 1975, "The analysis of permutations"). The chance to be chosen from a set is in proportion
@@ -149,21 +149,17 @@ class Likelihood:
     def fit(self, block_weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """The parameters [n + T] of the largest posterior; block_weights float64 [K]."""
         chosen, weights = block_weights @ self._chosen, block_weights @ self._weights
-        point = np.zeros(self.num_parameters)
-        for _ in range(MAX_NEWTON_STEPS):
-            shares = self._share(point)
-            step = np.linalg.solve(
-                self._curve(weights, shares), self._climb(point, chosen, weights, shares)
-            )
-            point += step * min(1.0, MAX_STEP / max(float(np.abs(step).max()), 1e-300))
-            if np.abs(step).max() < NEWTON_TOLERANCE:
-                break
-        return point
+        found = self._fit_by_newton(chosen[None], weights[None], NEWTON_TOLERANCE)
+        return np.asarray(found[0], np.float64)
 
     def refit(
-        self, start: NDArray[np.float64], block_weights: NDArray[np.float64], factor: Any
+        self,
+        start: NDArray[np.float64],
+        block_weights: NDArray[np.float64],
+        factor: Any,
+        tolerance: float = CHORD_TOLERANCE,
     ) -> NDArray[np.float64]:
-        """As `fit` for S weightings [S, K] at once, to CHORD_TOLERANCE: [S, n + T].
+        """As `fit` for S weightings [S, K] at once, to `tolerance` in logits: [S, n + T].
 
         From `start`, with the `factor` of `factorise` there: one curvature for all steps is cheap
         where the maximum is near, which it is for resampled blocks; where it is not, `fit` takes
@@ -173,46 +169,50 @@ class Likelihood:
         size = max(1, MAX_NUMBERS // max(1, self._is_member.size))
         for first in range(0, len(points), size):
             part = slice(first, first + size)
-            points[part] = self._refit_part(points[part], block_weights[part], factor)
+            points[part] = self._refit_part(points[part], block_weights[part], factor, tolerance)
         return points
 
     def _refit_part(
-        self, points: NDArray[np.float64], block_weights: NDArray[np.float64], factor: Any
+        self,
+        points: NDArray[np.float64],
+        block_weights: NDArray[np.float64],
+        factor: Any,
+        tolerance: float,
     ) -> NDArray[np.float64]:
         chosen, weights = block_weights @ self._chosen, block_weights @ self._weights
         is_far = np.zeros(len(points), np.bool_)
         left = np.arange(len(points))
         for _ in range(MAX_CHORD_STEPS):
             shares = self._share(points[left])
-            rise = self._climb(points[left], chosen[left], weights[left], shares)
+            rise = self._find_gradient(points[left], chosen[left], weights[left], shares)
             step = cho_solve(factor, rise.T).T
             points[left] += step
             size = np.abs(step).max(1)
             is_far[left] = ~(size <= MAX_STEP)
-            left = left[(size >= CHORD_TOLERANCE) & (size <= MAX_STEP)]
+            left = left[(size >= tolerance) & (size <= MAX_STEP)]
             if not len(left):
                 break
         left = np.union1d(left, np.flatnonzero(is_far))
         size = max(1, MAX_NUMBERS // max(1, len(self._agents) * self.num_parameters))
         for first in range(0, len(left), size):
             part = left[first : first + size]
-            points[part] = self._climb_carefully(chosen[part], weights[part])
+            points[part] = self._fit_by_newton(chosen[part], weights[part], tolerance)
         return points
 
-    def _climb_carefully(
-        self, chosen: NDArray[np.float64], weights: NDArray[np.float64]
+    def _fit_by_newton(
+        self, chosen: NDArray[np.float64], weights: NDArray[np.float64], tolerance: float
     ) -> NDArray[np.float64]:
         """Newton's method for S weightings: chosen [S, n + T], weights [S, sets] -> [S, n + T]."""
         points = np.zeros(chosen.shape)
         left = np.arange(len(points))
         for _ in range(MAX_NEWTON_STEPS):
             shares = self._share(points[left])
-            rise = self._climb(points[left], chosen[left], weights[left], shares)
-            curves = self._curve(weights[left], shares)
+            rise = self._find_gradient(points[left], chosen[left], weights[left], shares)
+            curves = self._find_curvature(weights[left], shares)
             steps = np.linalg.solve(curves, rise[..., None])[..., 0]
             size = np.abs(steps).max(1)
             points[left] += steps * np.minimum(1.0, MAX_STEP / np.maximum(size, 1e-300))[:, None]
-            left = left[size >= CHORD_TOLERANCE]
+            left = left[size >= tolerance]
             if not len(left):
                 break
         return points
@@ -222,7 +222,7 @@ class Likelihood:
     ) -> NDArray[np.float64]:
         """The observed information with the prior's, [n + T, n + T]; None: every block once."""
         blocks = np.ones(self.num_blocks) if block_weights is None else block_weights
-        return self._curve(blocks @ self._weights, self._share(point))
+        return self._find_curvature(blocks @ self._weights, self._share(point))
 
     def factorise(
         self, point: NDArray[np.float64], block_weights: NDArray[np.float64] | None = None
@@ -237,7 +237,7 @@ class Likelihood:
         odds = np.exp(strength - strength.max(-1, keepdims=True))
         return np.asarray(odds / odds.sum(-1, keepdims=True), np.float64)
 
-    def _climb(
+    def _find_gradient(
         self,
         points: NDArray[np.float64],
         chosen: NDArray[np.float64],
@@ -249,7 +249,7 @@ class Likelihood:
         expected = (self._design.T @ mass.T).T
         return np.asarray(chosen - expected - self._precision * points, np.float64)
 
-    def _curve(
+    def _find_curvature(
         self, weights: NDArray[np.float64], shares: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Minus the second derivatives: weights [..., sets] -> [..., n + T, n + T]."""

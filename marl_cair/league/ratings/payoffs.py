@@ -1,4 +1,4 @@
-"""The payoff matrix: what each agent scores against each other, with counts and intervals.
+"""The payoff matrix: scores of all pairs of agents, with counts and intervals.
 
 Intervals and resampled matrices are from the Bayesian bootstrap (Rubin 1981, "The Bayesian
 Bootstrap") over blocks: each block, the games of a map seed, has a random weight. Two pseudo-blocks

@@ -1,4 +1,4 @@
-"""Groups of agents on one scale: which group has the zero, and how far from it the others lie."""
+"""Places groups of agents on one scale: the largest has the zero, the others are bounded."""
 
 from __future__ import annotations
 

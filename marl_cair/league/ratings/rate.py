@@ -1,4 +1,4 @@
-"""Ratings from stored games: one likelihood for pairs and free-for-alls, intervals by bootstrap."""
+"""Rates stored games of two or more teams: Plackett-Luce with bootstrap intervals."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Games:
         )
 
     def count_once(self) -> Games:
-        """Without repeats; blocks are numbered anew, without gaps."""
+        """Without repeats; blocks are renumbered without gaps."""
         kept = self.select(~self.is_repeat)
         _, blocks = np.unique(kept.blocks, return_inverse=True)
         return replace(kept, blocks=blocks.ravel().astype(np.int64))
@@ -206,8 +206,8 @@ def _centre(ratings: NDArray[np.float64], group: Sequence[int]) -> NDArray[np.fl
 def _find_move(resamples: Resamples, group: Sequence[int]) -> float:
     """How far another seed puts the ends of the intervals of `group` at most, 95 % of the time.
 
-    The standard error of a quantile is that of its probability over the density there, which the
-    quantiles on either side tell; two seeds differ by the square root of 2 of it.
+    The standard error of a quantile is that of its probability over the density there, estimated
+    from the quantiles on either side; two seeds differ by the square root of 2 of it.
     """
     samples = _centre(resamples.ratings, group)
     moves = [0.0]
@@ -237,7 +237,7 @@ def count_pairs(num_agents: int, games: Games) -> tuple[NDArray[np.float64], NDA
 
 
 def sort_games(games: Games) -> Games:
-    """Games and blocks in the order of what was played in them: nothing tells when it was."""
+    """Games and blocks sorted by their content, not by time."""
     rows = np.column_stack((games.agents, games.ranks))
     order = np.lexsort((*rows.T[::-1], games.blocks))
     keys: dict[int, list[bytes]] = {}

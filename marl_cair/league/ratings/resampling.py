@@ -1,11 +1,11 @@
-"""Ratings of resampled blocks, with pseudo-blocks so that few blocks do not look too sure.
+"""Block bootstrap of ratings, with pseudo-blocks so that few blocks have wide intervals.
 
-The bootstrap alone knows only what happened: of four map seeds that agree it says that all would.
-So each resample has pseudo-blocks too, won and lost alike, one for each rating that is estimated:
-Jeffreys' prior of the whole model (Firth 1993, "Bias reduction of maximum likelihood estimates"),
-with random weights as in `payoffs`. They go to pairs by how much these tell of the ratings, so that
-two agents have one between them, and of a hundred each has about one against all others together.
-The estimates themselves know nothing of them.
+The plain bootstrap is overconfident: if four map seeds agree, all its resamples agree. So each
+resample has pseudo-blocks too, won and lost alike, one for each rating that is estimated: Jeffreys'
+prior of the whole model (Firth 1993, "Bias reduction of maximum likelihood estimates"), with random
+weights as in `payoffs`. They go to pairs by their information about the ratings: two agents have
+one between them, and each of a hundred has about one against all others together.
+The point estimates do not use them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Resamples(NamedTuple):
 
 
 class PseudoBlocks(NamedTuple):
-    """M blocks that nobody has played, and how to draw what each weighs."""
+    """M pseudo-blocks, and how to draw what each weighs."""
 
     rankings: Rankings
     shapes: NDArray[np.float64]  # [M] of the gamma distribution of the weight
@@ -149,8 +149,8 @@ def find_leverage(model: Likelihood, point: NDArray[np.float64]) -> NDArray[np.f
     covariance = np.linalg.inv(curvature)[:num_agents, :num_agents]
     spread = covariance.diagonal()
     gaps = spread[:, None] + spread - 2.0 * covariance
-    told = np.triu(-curvature[:num_agents, :num_agents] * gaps, 1)
-    return np.asarray(np.maximum(told, 0.0), np.float64)
+    leverage = np.triu(-curvature[:num_agents, :num_agents] * gaps, 1)
+    return np.asarray(np.maximum(leverage, 0.0), np.float64)
 
 
 def _count_open(

@@ -1,4 +1,4 @@
-"""Shares of points, with intervals, by what the games have in common: the seat, the map."""
+"""Scores by seat and by map, with intervals."""
 
 from __future__ import annotations
 

@@ -175,7 +175,7 @@ def _describe_game(context: ReplayContext, stored: StoredGames, place: int) -> s
         for number, one in enumerate(stored.agents[place].tolist(), start=1)
     )
     first = np.flatnonzero(stored.ranks[place] == 1.0)
-    ended = "nobody won"
+    ended = "draw"
     if len(first):
         ended = f"{context.names[int(stored.agents[place, first[0]])]} won"
     limit = ", at the time limit" if stored.is_truncated[place] else ""

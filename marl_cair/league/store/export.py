@@ -1,4 +1,4 @@
-"""A league file as tables for other programs: CSV, JSON or Parquet."""
+"""Exports a league file as tables: CSV, JSON or Parquet."""
 
 from __future__ import annotations
 

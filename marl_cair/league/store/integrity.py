@@ -1,4 +1,4 @@
-"""What a league file must say to be whole, beyond what SQLite checks: SQLite's own error if not."""
+"""Validates league files; raises `sqlite3.DatabaseError` if the contents are inconsistent."""
 
 from __future__ import annotations
 

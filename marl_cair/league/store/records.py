@@ -1,4 +1,4 @@
-"""What a league file holds of an agent and of a game, as plain data."""
+"""Records of agents and games in a league file, as plain data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of a league file, their version, and how files of older versions are brought up."""
+"""The tables of a league file, their version, and migrations from older versions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All games of a league in one SQLite file: chunks are kept at once, a killed league goes on."""
+"""Stores a league's games in one SQLite file, from which an interrupted league resumes."""
 
 from __future__ import annotations
 
@@ -93,9 +93,9 @@ class LeagueStore:
 
     def __init__(self, path: Path, settings: Mapping[str, Any] | None = None) -> None:
         if not path.is_file() and (settings is None or path.exists()):  # a pipe would be waited for
-            told = "no regular file" if path.exists() else "not there"
+            problem = "no regular file" if path.exists() else "not there"
             raise LeagueStoreError(
-                f"{path} is {told}: give the folder of a league (`marl-cair league ... --out`)"
+                f"{path} is {problem}: give the folder of a league (`marl-cair league ... --out`)"
             )
         path.parent.mkdir(parents=True, exist_ok=True)
         self._path = path
@@ -138,7 +138,7 @@ class LeagueStore:
         except sqlite3.OperationalError as error:
             raise LeagueStoreError(
                 f"{self._path} cannot be read or written ({error}): see whether the disk is full "
-                "or another program holds the file; the same command then goes on"
+                "or another program holds the file; then run the same command to resume"
             ) from error
         except sqlite3.DatabaseError as error:
             raise LeagueStoreError(
@@ -249,7 +249,7 @@ class LeagueStore:
         return held
 
     def read_games(self) -> StoredGames:
-        """All games, sorted by the agents' fingerprints, so that their order tells no history."""
+        """All games, sorted by the agents' fingerprints, so in an order without history."""
         with self._named_errors(), named_damage():
             rows = self._database.execute(
                 "SELECT b.line_up, b.number, g.number, b.map_seed, g.is_truncated, g.decisions, "
@@ -272,10 +272,10 @@ class LeagueStore:
     def note(self, key: str, value: str) -> None:
         """Add `value` to the texts that are kept under `key`; one that is there stays once."""
         with self._named_errors(), self._transaction(), named_damage():
-            told = read_meta(self._database).get(key, [])
-            if value not in told:
+            values = read_meta(self._database).get(key, [])
+            if value not in values:
                 self._database.execute(
-                    "INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, json.dumps([*told, value]))
+                    "INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, json.dumps([*values, value]))
                 )
             self.settings = read_meta(self._database)
 

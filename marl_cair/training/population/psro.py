@@ -142,6 +142,12 @@ def _respond(
     if left is not None and left <= 0:
         return False
     sources = {one.name: one.source for one in find_entrants(settings, number)}
+    if unknown := sorted({*plan.met, *([plan.start] if plan.start else [])} - sources.keys()):
+        path = _find_run(settings, number).with_name(PLAN_FILE)
+        raise ValueError(
+            f"{path} names unknown agents {', '.join(unknown)}; known are "
+            f"{', '.join(sources)}: delete the file, and the plan is made again"
+        )
     met = {name: (sources[name], weight) for name, weight in plan.met.items()}
     start = None if plan.start is None else sources[plan.start]
     config = dataclasses.replace(
@@ -228,7 +234,7 @@ def _read_plan(path: Path) -> _Plan:
         return _Plan({n: float(part) for n, part in told["met"].items()}, told["start"])
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(
-            f"{path} cannot be read ({error!r}): delete it, and it is decided anew"
+            f"{path} cannot be read ({error!r}): delete it, and the plan is made again"
         ) from error
 
 

@@ -73,7 +73,7 @@ def test_of_many_snapshots_a_league_takes_few_from_first_to_last(tmp_path):
     assert newest == "latest"
     ages = [int(name.rpartition("_")[2]) for name in snapshots]
     assert ages == [29, 25, 21, 17, 12, 8, 4, 0]
-    assert found.told[0].endswith("frames_0000000000 (of 30 snapshots)")
+    assert found.notes[0].endswith("frames_0000000000 (of 30 snapshots)")
     assert found.list_agents(["random", run]) == ("random", *found.agents[run])
 
 
@@ -82,7 +82,7 @@ def test_agents_that_are_the_same_are_taken_once(tmp_path):
     found = expand_runs([run])
     old = ["snapshots/frames_0000000001", "snapshots/frames_0000000000"]
     assert list_names(run, found) == ["latest", *old]
-    assert "; 1 left out, as the same agents are there already" in found.told[0]
+    assert "; 1 left out, as the same agents are there already" in found.notes[0]
     named = f"{run}/snapshots/frames_0000000002"  # who is named himself stays
     found = expand_runs([run, named])
     assert (list_names(run, found), found.agents[named]) == (old, (named,))
@@ -111,7 +111,7 @@ def test_what_is_no_run_stays_as_it_is(tmp_path):
     net = save_network(tmp_path / "net")
     sources = ["random", net, "process:python3 x.py", "a.b:make", str(tmp_path / "nowhere")]
     found = expand_runs(sources)
-    assert (found.list_agents(sources), found.told) == (tuple(sources), ())
+    assert (found.list_agents(sources), found.notes) == (tuple(sources), ())
 
 
 def test_a_run_without_an_agent_is_refused(tmp_path):

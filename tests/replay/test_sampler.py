@@ -73,6 +73,7 @@ def test_nothing_is_drawn_before_a_transition_has_its_end():
     with pytest.raises(RuntimeError, match="holds 3 entries, none of which has a next"):
         UniformSampler(0).sample(storage, 1)
     storage.append(make_rollout(rng, 1, 3, end_rate=0.0, learned_rate=1.1))
+    assert UniformSampler(0).sample(storage, 1)[0].shape == (1,)
 
 
 def test_integers_cover_exactly_their_range():

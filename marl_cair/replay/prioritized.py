@@ -1,4 +1,4 @@
-"""`PrioritizedSampler`: steps whose TD error is large are drawn more often (Schaul et al. 2016).
+"""`PrioritizedSampler`: samples steps with large TD errors more often (Schaul et al. 2016).
 
 TorchRL's own needs a compiled extension that its wheels lack with this version of torch.
 """
@@ -20,15 +20,15 @@ from marl_cair.replay.storage import EpisodeStorage
 
 _PRIORITY = Range(0.0, 1e100, float)  # their sum is finite
 _FACTS = {"highest": Range(1e-100, 1e100, float), "num_known": COUNT, "beta": SCORE}
-_LEAST_ERROR = 1e-3  # added to each TD error: what is learned already may have to be learned again
+_LEAST_ERROR = 1e-3  # added to each TD error: every step keeps a chance to be sampled
 
 
 class PrioritizedSampler(UniformSampler):
     """Draws slots of an EpisodeStorage in proportion to (|TD error| + 0.001)^alpha.
 
-    Steps that no batch has held yet have the highest priority so far. A batch of n takes one draw
+    Steps that were never sampled have the highest priority so far. A batch of n takes one draw
     from each n-th of the sum. The weight of a row, for its loss, is (steps * probability)^-beta
-    over the largest of the batch: with beta 1 the bias of the draw is undone.
+    over the largest of the batch: beta = 1 removes the sampling bias.
 
     capacity: entries of the storage. alpha: 0 draws evenly, 1 in proportion to the error. beta: of
     the first batches; `anneal` raises it to 1.
@@ -75,7 +75,7 @@ class PrioritizedSampler(UniformSampler):
         return torch.from_numpy(slots), {"priority_weight": weights}
 
     def update_priority(self, index: torch.Tensor, td_error: torch.Tensor) -> None:
-        """Take note of the newest TD errors (of either sign) [N] of the slots `index` int64 [N]."""
+        """Set priorities from the TD errors [N], of either sign, of the slots `index` int64 [N]."""
         errors = td_error.detach().abs().double().cpu().numpy()
         priorities = (np.where(np.isfinite(errors), errors, 0.0) + _LEAST_ERROR) ** self.alpha
         self._highest = max(self._highest, float(priorities.max(initial=0.0)))
@@ -93,17 +93,13 @@ class PrioritizedSampler(UniformSampler):
         fractions = torch.rand(number, generator=self._generator, dtype=torch.float64)
         return fractions.numpy()
 
-    def _empty(self) -> None:
-        self._sums[:] = 0.0
-        self._num_known = 0
-
     def state_dict(self) -> dict[str, Any]:
         """Return priorities, random state and facts."""
         arrays = {name: torch.from_numpy(array.copy()) for name, array in self._export().items()}
         return {**super().state_dict(), "arrays": arrays, "facts": self._export_facts()}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Go on drawing where the saved sampler stood. Raises ValueError for another capacity."""
+        """Continue from a saved state. Raises ValueError for another capacity."""
         arrays = {name: tensor.numpy() for name, tensor in state_dict["arrays"].items()}
         self._import(arrays, state_dict["facts"])
         super().load_state_dict(state_dict)

@@ -1,4 +1,4 @@
-"""`UniformSampler`: every step that starts a transition is drawn with the same probability."""
+"""`UniformSampler`: samples every step that starts a transition with the same probability."""
 
 import os
 from collections.abc import Mapping
@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torchrl.data.replay_buffers.samplers import Sampler
 
 from marl_cair.ranges import read_array
 from marl_cair.replay.array_folder import load_arrays, save_arrays
@@ -15,10 +14,10 @@ from marl_cair.replay.storage import EpisodeStorage
 _LIST_BELOW = 0.5  # share of sampleable entries below which listing them beats rejecting
 
 
-class UniformSampler(Sampler):
+class UniformSampler:
     """Draws slots of an EpisodeStorage with replacement, from its own seeded generator.
 
-    Entries that cannot be sampled are drawn anew, or never drawn where they are many. TorchRL's
+    Entries that cannot be sampled are drawn again, or left out where they are many. TorchRL's
     RandomSampler cannot leave entries out, and does not save its generator.
     """
 
@@ -35,7 +34,7 @@ class UniformSampler(Sampler):
         return self.sample_evenly(storage, batch_size), {}
 
     def sample_evenly(self, storage: EpisodeStorage, num_rows: int) -> torch.Tensor:
-        """Return `num_rows` slots, int64, whatever the learner's batches are drawn by.
+        """Return `num_rows` slots, int64, also where the sampler has priorities.
 
         Raises RuntimeError while nothing can be sampled.
         """
@@ -52,20 +51,14 @@ class UniformSampler(Sampler):
         return index
 
     def check_storage(self, storage: EpisodeStorage) -> None:
-        """Accept any; a sampler that knows its entries compares them once both are loaded."""
-
-    def _sampleable_count(self, storage: EpisodeStorage, batch_size: int) -> int:
-        return storage.num_sampleable
-
-    def _empty(self) -> None:
-        """Keep the generator as it is: it does not depend on what is stored."""
+        """Check a loaded state against the storage; uniform sampling depends on none."""
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state of the generator."""
         return {"generator": self._generator.get_state()}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Go on drawing where the saved sampler stood."""
+        """Continue from a saved state."""
         restore_generator(self._generator, state_dict)
 
     def dumps(self, path: str | os.PathLike[str]) -> None:

@@ -18,7 +18,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict import TensorDict
-from torchrl.data.replay_buffers.storages import Storage
 
 from marl_cair.files import require_free_space
 from marl_cair.ranges import COUNT, NUMBER, Range, check_extremes, read_array, read_number
@@ -45,7 +44,7 @@ _DERIVED_FIELDS = ("sampleable", "counters")  # not saved: they follow from the 
 _SAVED_FIELDS = tuple(name for name in Ring._fields if name not in _DERIVED_FIELDS)
 
 
-class EpisodeStorage(Storage):
+class EpisodeStorage:
     """Ring of `capacity` entries, in memory (paged in as it fills) or with observations on disk.
 
     spec: shapes of a transition. capacity: entries, i.e. steps and tails. n_steps, gamma: of the
@@ -73,7 +72,7 @@ class EpisodeStorage(Storage):
             raise ValueError(f"n_steps is {n_steps}, expected 1 or more")
         if not 0.0 <= gamma <= 1.0:
             raise ValueError(f"gamma is {gamma}, expected 0..1")
-        super().__init__(capacity)
+        self.max_size = capacity
         self.spec = spec
         self.n_steps = n_steps
         self.gamma = gamma
@@ -125,7 +124,7 @@ class EpisodeStorage(Storage):
 
     def __len__(self) -> int:
         """Entries in the ring: steps, sampleable or not, and tails."""
-        return min(self.num_written, int(self.max_size))
+        return min(self.num_written, self.max_size)
 
     @property
     def num_written(self) -> int:
@@ -178,7 +177,6 @@ class EpisodeStorage(Storage):
         append_steps(
             self._ring, steps, open_ends, slots, self.spec.board_bytes, self.spec.num_cells
         )
-        self._bump_mutation_revision()
         return torch.from_numpy(slots[steps.learned])
 
     def close_streams(self) -> None:
@@ -275,14 +273,6 @@ class EpisodeStorage(Storage):
         typed = torch.from_numpy(observation).view(self.spec.observation_dtype)
         return typed.view(len(observation), *self.spec.observation_shape)
 
-    def set(self, cursor: Any, data: Any, *, set_cursor: bool = True) -> None:
-        """Refuse: a step alone has no place in a ring of linked steps."""
-        raise TypeError("EpisodeStorage takes whole rollouts: call append(rollout)")
-
-    def contains(self, item: int) -> bool:
-        """Whether slot `item` holds an entry."""
-        return 0 <= item < len(self)
-
     def _empty(self) -> None:
         self._ring.sampleable[: len(self)] = False
         self._ring.counters[:] = 0
@@ -347,7 +337,6 @@ class EpisodeStorage(Storage):
         ring.counters[NUM_WRITTEN] = num_written
         ring.counters[NUM_SAMPLEABLE] = np.count_nonzero(ring.sampleable[:size])
         self._open_ends = None if open_ends is None else np.array(open_ends)
-        self._bump_mutation_revision()
 
     def _read_fields(
         self, arrays: Mapping[str, NDArray[Any]], size: int

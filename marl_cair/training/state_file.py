@@ -48,7 +48,7 @@ def require_space(
     needed = _SPARE_BYTES
     if config.checkpoint.include_replay:
         # A new state is written beside the old one before it takes its place.
-        needed += 2 * real._storage.nbytes_per_step * config.replay.capacity_transitions
+        needed += 2 * real.storage.nbytes_per_step * config.replay.capacity_transitions
     if config.nfsp.enabled:
         needed += 2 * config.nfsp.capacity_rows * (spec.row_bytes + spec.mask_bytes + 4)
     require_free_space(folder, needed)

@@ -1,4 +1,4 @@
-"""The buffer as TorchRL knows it: fed with rollouts, sampled, saved, and resumed bit by bit."""
+"""The buffer: fed with rollouts, sampled, saved, and resumed bit by bit."""
 
 import subprocess
 import sys
@@ -9,7 +9,6 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from torchrl.data import TensorDictReplayBuffer
 
 from marl_cair.replay import (
     EpisodeReplayBuffer,
@@ -45,26 +44,13 @@ def assert_same_samples(first: list, second: list) -> None:
 
 def test_a_sample_has_the_transition_keys_and_its_index():
     buffer = make_buffer()
-    assert isinstance(buffer, TensorDictReplayBuffer)
     (rows,) = play_on(buffer, np.random.default_rng(0), 1)
     check_transitions(rows, SMALL)
     assert set(rows.keys(include_nested=True, leaves_only=True)) == set(SMALL.fields())
-    again = buffer[rows["index"]]
+    again = buffer.storage.get(rows["index"])
     assert torch.equal(again["observation"], rows["observation"])
     assert not rows["is_generated"].any()
     assert len(buffer.sample(5)) == 5
-
-
-def test_the_sampler_is_told_which_slots_were_written():
-    class ListeningSampler(UniformSampler):
-        def extend(self, index: torch.Tensor) -> None:
-            self.heard = index
-
-    sampler = ListeningSampler(0)
-    buffer = make_replay_buffer(ReplayConfig(50), SMALL, sampler)
-    slots = buffer.extend_rollout(make_rollout(np.random.default_rng(0), 4, 3))
-    assert torch.equal(sampler.heard, slots)
-    assert buffer.stats()["write_count"] == buffer.storage.num_written > 0
 
 
 @settings(max_examples=25)
@@ -157,14 +143,6 @@ def test_a_replay_of_another_layout_is_refused():
         other.load_state_dict(state)
 
 
-def test_an_emptied_buffer_starts_anew():
-    buffer = make_buffer()
-    play_on(buffer, np.random.default_rng(0), 2)
-    buffer.empty()
-    assert len(buffer) == buffer.num_sampleable == 0
-    play_on(buffer, np.random.default_rng(0), 1)
-
-
 def test_closed_streams_of_a_buffer_are_never_continued():
     buffer = make_buffer()
     rng = np.random.default_rng(0)
@@ -187,15 +165,6 @@ def test_scratch_files_are_gone_when_the_program_ends(tmp_path: Path):
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["True"]
     assert list(tmp_path.iterdir()) == []
-
-
-def test_single_transitions_are_refused():
-    buffer = make_buffer()
-    play_on(buffer, np.random.default_rng(0), 1)
-    with pytest.raises(TypeError, match=r"call extend_rollout\(rollout\)"):
-        buffer.extend(buffer.sample())
-    with pytest.raises(TypeError, match=r"call extend_rollout\(rollout\)"):
-        buffer.add(buffer.sample()[0])
 
 
 def test_a_batch_size_below_one_is_refused():

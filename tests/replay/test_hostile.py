@@ -31,7 +31,7 @@ def put(path, place, value):
 def saved(tmp_path):
     """A replay of 20 steps in a chain."""
     buffer = make_buffer()
-    ring, count = buffer._storage._ring, 20
+    ring, count = buffer.storage._ring, 20
     ring.rows[:count], ring.masks[:count] = 0, 255
     for name in ("reward", "terminated", "done", "opponent"):
         getattr(ring, name)[:count] = 0
@@ -40,14 +40,14 @@ def saved(tmp_path):
     ring.sampleable[: count - 1] = True
     ring.counters[:] = count, count - 1
     buffer.sample(4)
-    buffer.dumps(tmp_path / "replay")
+    buffer.save(tmp_path / "replay")
     forget_checksums(tmp_path)
     return tmp_path / "replay"
 
 
 def test_what_is_sound_is_taken_over(saved):
     buffer = make_buffer()
-    buffer.loads(saved)
+    buffer.load(saved)
     assert buffer.num_sampleable == 19
 
 
@@ -68,7 +68,7 @@ def test_what_is_sound_is_taken_over(saved):
 def test_a_field_out_of_range_is_named(saved, name, value, message):
     put(saved / "storage" / f"{name}.npy", 7, value)
     with pytest.raises(ValueError, match=message):
-        make_buffer().loads(saved)
+        make_buffer().load(saved)
 
 
 def test_bytes_that_are_no_booleans(saved):
@@ -77,7 +77,7 @@ def test_bytes_that_are_no_booleans(saved):
     field.view(np.uint8)[3] = 7
     np.save(path, field)
     with pytest.raises(ValueError, match="done holds 0..7, it must be"):
-        make_buffer().loads(saved)
+        make_buffer().load(saved)
 
 
 @pytest.mark.parametrize("name", ["rows", "action", "successor", "masks"])
@@ -85,7 +85,7 @@ def test_another_shape_or_dtype(saved, name):
     path = saved / "storage" / f"{name}.npy"
     np.save(path, np.load(path)[:-1])
     with pytest.raises(ValueError, match=f"{name} is .* it must be"):
-        make_buffer().loads(saved)
+        make_buffer().load(saved)
 
 
 @pytest.mark.parametrize("value", [-1, 2**70, "20", 1.5, None])
@@ -93,7 +93,7 @@ def test_a_count_that_is_none(saved, value):
     path = saved / "storage" / "facts.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), "num_written": value}))
     with pytest.raises(ValueError, match="num_written is .*, it must be a whole number"):
-        make_buffer().loads(saved)
+        make_buffer().load(saved)
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_a_count_that_is_none(saved, value):
 def test_priorities(saved, value, message):
     put(saved / "sampler" / "priorities" / "priorities.npy", 3, value)
     with pytest.raises(ValueError, match=message):
-        make_buffer().loads(saved)
+        make_buffer().load(saved)
 
 
 def test_generated_rows(tmp_path):

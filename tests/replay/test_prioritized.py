@@ -176,13 +176,13 @@ def test_the_generator_still_learns_from_even_draws():
     buffer.update_priority(first["index"], torch.tensor([1e6]))
     assert (buffer.sample(100)["index"] == first["index"]).float().mean() > 0.9
     drawn = torch.cat([buffer.sample_steps(100)["index"] for _ in range(300)])
-    counts = torch.bincount(drawn, minlength=CAPACITY)[buffer._storage.sampleable_slots()]
+    counts = torch.bincount(drawn, minlength=CAPACITY)[buffer.storage.sampleable_slots()]
     assert chisquare(counts.numpy()).pvalue > 0.01
 
 
 def test_without_priorities_nothing_is_weighted():
     buffer = make_replay_buffer(ReplayConfig(CAPACITY), SMALL)
-    assert type(buffer._sampler) is UniformSampler
+    assert type(buffer.sampler) is UniformSampler
     buffer.extend_rollout(make_rollout(np.random.default_rng(0), 8, 3))
     rows = buffer.sample(4)
     assert "priority_weight" not in rows
@@ -204,7 +204,7 @@ def test_generated_rows_keep_their_share_of_the_loss_and_get_no_priority():
     assert len(set(weights[~is_generated].tolist())) > 5
     batch["td_error"] = torch.where(is_generated, 1e4, 4.0)[:, None]  # squares, as TorchRL's
     mixture.note_errors(batch, done=1.0)
-    leaves = buffer._sampler._export()["priorities"]
+    leaves = buffer.sampler._export()["priorities"]
     assert np.allclose(leaves[batch["index"][~is_generated]], (2.0 + 1e-3) ** 0.6)
     assert leaves.max() < 2.0
-    assert buffer._sampler.beta == 1.0
+    assert buffer.sampler.beta == 1.0

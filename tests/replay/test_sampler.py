@@ -70,11 +70,10 @@ def test_nothing_is_drawn_before_a_transition_has_its_end():
         UniformSampler(0).sample(storage, 1)
     rng = np.random.default_rng(0)
     storage.append(make_rollout(rng, 1, 3, end_rate=0.0, learned_rate=1.1))
-    assert not UniformSampler(0).can_sample(storage, 1)
     with pytest.raises(RuntimeError, match="holds 3 entries, none of which has a next"):
         UniformSampler(0).sample(storage, 1)
     storage.append(make_rollout(rng, 1, 3, end_rate=0.0, learned_rate=1.1))
-    assert UniformSampler(0).can_sample(storage, 1)
+    assert UniformSampler(0).sample(storage, 1)[0].shape == (1,)
 
 
 def test_integers_cover_exactly_their_range():

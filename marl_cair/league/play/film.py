@@ -17,6 +17,7 @@ from marl_cair.league.play.match import record_game
 from marl_cair.league.play.playing import map_seeds
 
 LAST_FRAME_MILLISECONDS = 2_500
+MOST_HIGH = 2  # times the width of a film: a board that is higher is shown narrower
 
 
 class Size(NamedTuple):
@@ -87,7 +88,8 @@ def write_film(path: str | os.PathLike[str], images: Sequence[Image.Image], size
 
 
 def shrink(frame: NDArray[np.uint8], width: int) -> Image.Image:
-    """A picture uint8 [h, w, 3], `width` pixels wide."""
+    """A picture uint8 [h, w, 3], `width` pixels wide; narrower where it would be too high."""
     image = Image.fromarray(frame)
-    height = round(image.height * width / image.width)
+    width = min(width, max(1, round(MOST_HIGH * width * image.width / image.height)))
+    height = max(1, round(image.height * width / image.width))
     return image.resize((width, height), Image.Resampling.LANCZOS, reducing_gap=2.0)

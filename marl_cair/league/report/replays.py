@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +30,7 @@ from marl_cair.league.store.store import StoredGames
 
 FOLDER = "replays"
 MAX_BYTES = 1_100_000  # of one film: three of them, as text, are below 5 MB
-NUM_SIZES = 3  # each with half the frames of the one before
+MAX_ACTION_BYTES = 256 << 20  # of the actions of one game, held while it is played again
 
 
 class Replay(NamedTuple):
@@ -220,6 +221,7 @@ def _play_again(
             f"It was played by version {context.version} of the rules, this is "
             f"{rules.game.version}."
         )
+    _check_size(rules, int(stored.decisions[place]))
     entrants = {number: _load(context, number) for number in set(line_up)}
     seatings = seat_line_up([entrants[number] for number in line_up])
     number = block // rules.blocks_per_chunk
@@ -240,6 +242,17 @@ def _play_again(
         ended = play_out(engine, (chunk,), seatings, rules.seed, keep)
     is_same = ended.trajectories[world] == stored.trajectories[place]
     return np.array(actions, np.int32) if is_same else None
+
+
+def _check_size(rules: Rules, num_decisions: int) -> None:
+    """Refuse a game whose actions would take more than MAX_ACTION_BYTES of memory."""
+    spec = rules.game.make_spec(rules.scenario)
+    num_bytes = 4 * num_decisions * spec.num_players * math.prod(spec.action_shape)
+    if num_bytes > MAX_ACTION_BYTES:
+        raise _NotShownError(
+            f"It is too long to be shown: the actions of its {num_decisions:,} decisions take "
+            f"{num_bytes >> 20:,} MiB, at most {MAX_ACTION_BYTES >> 20:,} MiB are played again."
+        )
 
 
 def _load(context: ReplayContext, number: int) -> Entrant:
@@ -263,10 +276,9 @@ def _load(context: ReplayContext, number: int) -> Entrant:
 
 
 def _write_small(path: Path, rules: Rules, map_seed: int, actions: NDArray[np.int32]) -> None:
-    """A film of at most MAX_BYTES where half or a quarter of the frames suffice for that."""
+    """A film of at most MAX_BYTES: a larger one is written again with half the frames."""
     images = film_game(rules.game, rules.scenario, map_seed, actions, SMALL)
-    for _ in range(NUM_SIZES):
+    write_film(path, images, SMALL)
+    while path.stat().st_size > MAX_BYTES and len(images) > 1:
+        images = [*images[:-1:2], images[-1]] if len(images) > 2 else images[-1:]
         write_film(path, images, SMALL)
-        if path.stat().st_size <= MAX_BYTES:
-            return
-        images = [*images[:-1:2], images[-1]]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import shutil
 import sqlite3
 
 import numpy as np
@@ -17,6 +18,7 @@ from marl_cair.league.play.film import SMALL, film_game, shrink, write_film
 from marl_cair.league.play.match import record_game
 from marl_cair.league.play.playing import map_seeds
 from marl_cair.league.ratings.rate import Games, Rating
+from marl_cair.league.report import replays
 from marl_cair.league.report.background import read_background
 from marl_cair.league.report.replays import FOLDER, choose_games
 from marl_cair.league.report.report import report_stored
@@ -229,6 +231,32 @@ def test_a_film_keeps_few_frames_and_the_last(tmp_path):
         film.seek(len(kept) - 1)
         shown = np.array(film.convert("RGB")).astype(int)
     assert np.abs(shown - np.array(images[-1])).mean() < 3  # of 255: few colours
+
+
+def test_a_film_of_a_high_board_is_no_larger():
+    assert shrink(np.zeros((4_000, 100, 3), np.uint8), 320).size == (16, 640)
+    assert shrink(np.zeros((100, 200, 3), np.uint8), 320).size == (320, 160)
+
+
+def test_a_film_is_written_again_until_it_is_small(league, tmp_path, monkeypatch):
+    monkeypatch.setattr(replays, "MAX_BYTES", 20_000)
+    shutil.copytree(league, tmp_path / "league")
+    for path in films(tmp_path / "league"):
+        path.unlink()
+    report_stored(tmp_path / "league")
+    assert films(tmp_path / "league")
+    for path in films(tmp_path / "league"):
+        assert path.stat().st_size <= 20_000
+
+
+def test_a_game_too_long_for_the_memory_is_not_shown(league, tmp_path, monkeypatch):
+    monkeypatch.setattr(replays, "MAX_ACTION_BYTES", 64)
+    shutil.copytree(league, tmp_path / "league")
+    for path in films(tmp_path / "league"):
+        path.unlink()
+    report_stored(tmp_path / "league")
+    assert films(tmp_path / "league") == []
+    assert "too long to be shown" in read_page(tmp_path / "league")
 
 
 def test_snapshots_know_their_run_and_their_age(tmp_path):

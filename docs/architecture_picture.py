@@ -19,7 +19,7 @@ from matplotlib.patches import FancyBboxPatch
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "marl_cair"
 PICTURE = ROOT / "docs" / "images" / "architecture.svg"
-# Rooms from the top layer to the bottom one, a row for each layer; files beside the rooms are left out.
+# Rooms from the top layer to the bottom one; files beside the rooms are left out.
 LAYERS = (
     ("cli",),
     ("training.population",),

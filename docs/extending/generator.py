@@ -3,7 +3,8 @@
 It is a baseline: a learned generator must be better. Copy it to
 `marl_cair/generative/memory.py` and add one line to `GENERATORS` of
 `marl_cair/generative/__init__.py`:
-`"memory": "marl_cair.generative.memory:MemoryGenerator"`. Then `marl-cair train generator.name=memory` uses it.
+`"memory": "marl_cair.generative.memory:MemoryGenerator"`.
+Then `marl-cair train generator.name=memory` uses it.
 """
 
 import torch

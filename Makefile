@@ -19,7 +19,7 @@ export OMP_NUM_THREADS := 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo compile test test-all test-bounds test-plain test-oldest fuzz lint benchmark clean
+.PHONY: help demo compile docs test test-all test-bounds test-plain test-oldest fuzz lint benchmark clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -52,6 +52,9 @@ test-oldest: $(OLDEST)/.installed ## conformance tests with the oldest versions 
 	$(OLDEST)/bin/python -m pytest -n $(NUM_WORKERS) --dist loadscope --no-loadscope-reorder -k "$(OLDEST_CASES)" \
 	  tests/games/test_gymnasium_env.py tests/games/test_parallel_env.py tests/games/test_torchrl_env.py tests/games/test_doors.py
 
+docs: $(STAMP) ## build the documentation site into build/site; nothing is loaded from the network
+	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict --quiet
+
 compile: $(STAMP) ## compile the rules of all games, so that nothing waits for it later
 	$(RUN) -m marl_cair compile --workers $(NUM_WORKERS)
 
@@ -77,7 +80,7 @@ $(STAMP): pyproject.toml constraints.txt
 	echo "marl_cair needs Python 3.11 or newer, and found neither python3.11 nor a python3 of" \
 	  "that age: install one, or name it: make PYTHON=/path/to/python3.12" >&2; exit 1
 	$(RUN) -m pip install -c constraints.txt $(TORCH)
-	$(RUN) -m pip install -c constraints.txt -e '.[dev,parquet,openspiel]'
+	$(RUN) -m pip install -c constraints.txt -e '.[dev,docs,parquet,openspiel]'
 	@touch $@
 
 # An environment of its own, made by the Python of the first.

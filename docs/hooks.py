@@ -43,7 +43,8 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
         path = posixpath.normpath(posixpath.join(folder, match[1]))
         anchor = match[2] or ""
         target = PAGES.get(path) or path.removeprefix("docs/")
-        if path in PAGES or (path.startswith("docs/") and files.get_file_from_path(target)):
+        file = files.get_file_from_path(target) if path.startswith("docs/") else None
+        if path in PAGES or (file is not None and file.inclusion.is_included()):
             return posixpath.relpath(target, posixpath.dirname(here) or ".") + anchor
         kind = "tree" if (ROOT / path).is_dir() else "blob"
         return f"{config.repo_url.rstrip('/')}/{kind}/main/{path}{anchor}"

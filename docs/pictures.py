@@ -1,4 +1,4 @@
-"""The pictures of scenarios in the documentation, drawn anew by `python docs/pictures.py [game]`.
+"""Draws the pictures of scenarios in the documentation: `python docs/pictures.py [game]`.
 
 Bots play, seeded; each picture is what a spectator or one seat sees after so many decisions.
 """

@@ -7,7 +7,7 @@ from marl_cair.games import deep_line_wars
 
 def play_game(env, seed):
     """Play one game; returns the return of each agent and the number of steps."""
-    observations, infos = env.reset(seed=seed)
+    _, infos = env.reset(seed=seed)
     returns = dict.fromkeys(env.possible_agents, 0.0)
     num_steps = 0
     while env.agents:
@@ -15,7 +15,7 @@ def play_game(env, seed):
             agent: env.action_space(agent).sample(infos[agent]["action_mask"])
             for agent in env.agents
         }
-        observations, rewards, terminations, truncations, infos = env.step(actions)
+        _, rewards, _, _, infos = env.step(actions)
         num_steps += 1
         for agent, reward in rewards.items():
             returns[agent] += reward

@@ -12,7 +12,8 @@ ROOT = Path(__file__).parents[1]
 PAGES = sorted(
     [
         *ROOT.glob("*.md"),
-        *ROOT.glob("docs/*.md"),
+        *ROOT.glob("docs/**/*.md"),
+        *ROOT.glob("examples/*.md"),
         *ROOT.glob("agents/*.md"),
         *ROOT.glob("marl_cair/games/*/README.md"),
     ]

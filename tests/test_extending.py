@@ -119,7 +119,8 @@ def test_the_opponent_plays(monkeypatch, tmp_path):
     commands = (FOLDER / "opponent.py").read_text("utf-8")
     assert "marl-cair match opponent:make_first_legal rusher" in commands
     done = run_python(
-        tmp_path, ["match", "opponent:make_first_legal", "rusher", "--scenario", "11x11", "--games", "4"]
+        tmp_path,
+        ["match", "opponent:make_first_legal", "rusher", "--scenario", "11x11", "--games", "4"],
     )
     assert "first legal" in done or "make_first_legal" in done
 

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from docs.tables import find_table
-from marl_cair.cli.games import format_markdown
+from docs.tables import PAGE as GAMES_PAGE
+from docs.tables import find_table, make_table
+from marl_cair.cli import main
 from marl_cair.games import GAMES
 from marl_cair.training.demo import DemoSettings, run_demo
 
@@ -25,6 +26,18 @@ def find_programs(page):
 
 
 PROGRAMS = find_programs(ROOT / "README.md")
+PAGES_WITH_COMMANDS = (
+    *(ROOT / name for name in ("README.md", "docs/getting_started.md", "docs/league.md")),
+    ROOT / "agents/README.md",
+)
+MAX_README_LINES = 180
+# Of the README's five commands: what makes each take seconds.
+SHORTER = {
+    "evaluate": "--games 2",
+    "train": "total_frames=512 torch_threads=1 evaluation.games=2 collector.num_worlds=16 "
+    "replay.min_transitions=128 learner.batch_size=16 generator=none synthetic_fraction=0",
+    "league": "--games 2 --no-replays",
+}
 
 
 def run_program(program, folder):
@@ -65,8 +78,26 @@ def test_the_programs_of_the_readme_run(program, tmp_path):
     run_program(shorter, tmp_path)
 
 
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text("utf-8").splitlines()) <= MAX_README_LINES
+
+
+def test_the_five_commands_of_the_readme_run(tmp_path, monkeypatch):
+    text = (ROOT / "README.md").read_text("utf-8").partition("## Five commands")[2]
+    block = re.search(r"```sh\n(.*?)```", text, re.DOTALL)[1]
+    commands = [shlex.split(line, comments=True)[1:] for line in block.splitlines()]
+    assert [words[0] for words in commands] == ["games", "evaluate", "train", "curves", "league"]
+    (tmp_path / "agents").symlink_to(ROOT / "agents")
+    monkeypatch.chdir(tmp_path)
+    for words in commands:
+        shorter = " ".join(words).replace("--games 100", "").split()
+        assert main([*shorter, *SHORTER.get(words[0], "").split()]) == 0, words
+    assert (tmp_path / "runs/maze.png").stat().st_size > 0
+    assert (tmp_path / "runs/league/report.html").stat().st_size > 0
+
+
 def test_commands_name_only_folders_that_a_clone_has_or_that_a_command_before_makes():
-    for page in (ROOT / "README.md", ROOT / "docs/league.md", ROOT / "agents/README.md"):
+    for page in PAGES_WITH_COMMANDS:
         made = set()
         for block in re.findall(r"```sh\n(.*?)```", page.read_text("utf-8"), re.DOTALL):
             for line in block.splitlines():
@@ -90,7 +121,10 @@ def test_a_demo_that_has_not_learned_says_so(tmp_path):
 
 GAME_PROGRAMS = [
     pytest.param(program, id=f"{page.parent.name} {number}")
-    for page in (*sorted(ROOT.glob("marl_cair/games/*/README.md")), ROOT / "docs" / "clients.md")
+    for page in (
+        *sorted(ROOT.glob("marl_cair/games/*/README.md")),
+        *(ROOT / "docs" / name for name in ("clients.md", "games.md")),
+    )
     for number, program in enumerate(find_programs(page))
 ]
 
@@ -105,11 +139,10 @@ def test_the_programs_of_the_game_pages_run(program, tmp_path):
 
 
 def test_the_table_of_scenarios_is_what_is_registered():
-    """`python docs/tables.py` writes it anew."""
-    games = GAMES.load_own()
-    table = format_markdown(games)
-    assert find_table((ROOT / "README.md").read_text("utf-8")) == table
-    for game in games:
+    """`python docs/tables.py` writes it again."""
+    table = make_table()
+    assert find_table(GAMES_PAGE.read_text("utf-8")) == table
+    for game in GAMES.load_own():
         assert (ROOT / f"docs/images/{game.name}.png").is_file()
         assert (ROOT / f"marl_cair/games/{game.name}/README.md").is_file()
         for name, scenario in game.scenarios.items():

@@ -1,7 +1,9 @@
 """A generator of transitions: repeats real transitions that it remembers, labelled as generated.
 
-It is a baseline: what a learned generator must do better than. Copy it to `marl_cair/generative/memory.py` and add one
-line to `GENERATORS` of `marl_cair/generative/__init__.py`: `"memory": "marl_cair.generative.memory:MemoryGenerator"`.
+It is a baseline: a learned generator must be better. Copy it to
+`marl_cair/generative/memory.py` and add one line to `GENERATORS` of
+`marl_cair/generative/__init__.py`:
+`"memory": "marl_cair.generative.memory:MemoryGenerator"`.
 Then `marl-cair train generator.name=memory` uses it.
 """
 

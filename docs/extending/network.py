@@ -1,6 +1,7 @@
 """A Q-network body: three convolutions and a mean over the board.
 
-Copy it to `marl_cair/policies/pooled.py` and add one line to `NETWORKS` of `marl_cair/policies/__init__.py`:
+Copy it to `marl_cair/policies/pooled.py` and add one line to `NETWORKS` of
+`marl_cair/policies/__init__.py`:
 `"pooled": "marl_cair.policies.pooled:PooledBody"`. Then `marl-cair train policy=pooled` trains it.
 """
 

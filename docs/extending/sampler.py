@@ -1,6 +1,7 @@
 """An opponent sampler: the past selves that win most often against the learner.
 
-Copy the function to `marl_cair/self_play/samplers.py` and add one line to `SAMPLERS` there: `"hardest": hardest`. Then
+Copy the function to `marl_cair/self_play/samplers.py` and add one line to `SAMPLERS` there:
+`"hardest": hardest`. Then
 `marl-cair train 'opponent.mixture={latest: 0.5, hardest: 0.5}'` uses it.
 """
 

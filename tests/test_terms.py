@@ -1,0 +1,69 @@
+"""Words of ours that the field has better ones for, and spelling, in the files listed here."""
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+# Extend this list when a part of the repository has been rewritten. Laboratory notes
+# (docs/experiments) are kept as they were written.
+CHECKED = (
+    "*.md",
+    "docs/*.md",
+    "docs/*.py",
+    "docs/extending/**/*.md",
+    "docs/extending/**/*.py",
+    "examples/*",
+    "agents/*.md",
+    "marl_cair/games/*/README.md",
+)
+FILES = sorted({path for pattern in CHECKED for path in ROOT.glob(pattern) if path.is_file()})
+# What not to write -> what to write.
+TERMS = {
+    r"nobody": "no player, none, unknown",
+    r"somebody": "a player, an agent",
+    r"anew": "again",
+    r"the mend|to mend|mends": "the fix, how to repair it",
+    r"go(es)? on with|went on with": "resume",
+    r"goes first": "overrides",
+    r"(who|whom) is met|whom it meets|whom a learner": "opponent",
+    r"what beats it": "best response",
+    r"what it scores": "its score, its win rate",
+    r"what plays": "policy, agent",
+    r"rows that are (drawn|made)": "sampled, generated transitions",
+    r"what has not been trained on": "held-out",
+    r"how-manieth": "index, from 1",
+    r"foreseen": "predicted",
+    r"that which": "what",
+    r"so that it be": "so that it is",
+    r"tell_\w+": "a verb such as format_, describe_, find_",
+}
+
+
+def name(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_terms_of_the_field_are_used(path):
+    text = path.read_text("utf-8")
+    for wrong, right in TERMS.items():
+        found = [match[0] for match in re.finditer(rf"(?i)\b(?:{wrong})\b", text)]
+        assert found == [], f"write {right!r}"
+
+
+@pytest.mark.skipif(importlib.util.find_spec("codespell_lib") is None, reason="extra dev")
+def test_spelling():
+    """Settings and allowed words are in pyproject.toml."""
+    done = subprocess.run(
+        [sys.executable, "-m", "codespell_lib", *map(name, FILES), "docs", "marl_cair"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout

@@ -367,16 +367,6 @@ def test_what_cannot_be_copied_is_no_full_disk(tmp_path):
     assert names_in(tmp_path) == ["a"]
 
 
-@pytest.mark.skipif(os.name == "nt", reason="links need rights on Windows")
-def test_a_folder_with_a_symbolic_link_is_not_copied(tmp_path):
-    (tmp_path / "secret").write_text("x", "utf-8")
-    (tmp_path / "a" / "inner").mkdir(parents=True)
-    (tmp_path / "a" / "inner" / "link").symlink_to(tmp_path / "secret")
-    with pytest.raises(ValueError, match="symbolic link"):
-        copy_folder(tmp_path / "a", tmp_path / "b")
-    assert names_in(tmp_path) == ["a", "secret"]
-
-
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
 def test_folder_whose_replacement_was_killed_between_the_renames_comes_back(tmp_path):
     """By `recover_folder`, or by the next replacement."""

@@ -194,3 +194,13 @@ def test_verify_names_each_damaged_file(tmp_path, capsys):
     main(["verify", str(tmp_path / "agent")])
     assert "no manifest, an older version wrote it" in capsys.readouterr().out
     assert main(["verify", str(tmp_path / "nowhere")]) == 2
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need rights on Windows")
+def test_a_folder_with_a_symbolic_link_is_not_copied(tmp_path):
+    (tmp_path / "secret").write_text("x", "utf-8")
+    (tmp_path / "a" / "inner").mkdir(parents=True)
+    (tmp_path / "a" / "inner" / "link").symlink_to(tmp_path / "secret")
+    with pytest.raises(ValueError, match="symbolic link"):
+        copy_folder(tmp_path / "a", tmp_path / "b")
+    assert not (tmp_path / "b").exists()

@@ -21,7 +21,7 @@ from marl_cair.league.play.match import play_match
 from tests.games.last_standing import GAME
 from tests.league.players import GAME as LINES
 
-BOT = Path(__file__).with_name("process_bot.py")
+BOT = Path(__file__).parents[1] / "process_bot.py"
 SCENARIO = GAME.scenario("duel")
 PLACE = ["--game", LINES.name, "--scenario", "11x11", "--games", "2"]
 

@@ -180,7 +180,7 @@ def test_wins_have_an_interval_of_their_own():
             "num_games is 4, it must be a multiple of 3: every map seed is",
         ),
         ("uneven", "a multiple of 3: every map seed is played once in each team"),
-        ("alone", "this scenario has one team, nobody wins against another; compare scores by"),
+        ("alone", "this scenario has one team"),
     ],
 )
 def test_numbers_of_games_that_favour_a_seat_are_refused(scenario, message):
@@ -240,7 +240,7 @@ def test_scores_of_different_seeds_are_not_compared():
 
 @pytest.mark.parametrize(
     ("scenario", "num_games", "message"),
-    [("duel", 2, "this scenario has 2 teams, nobody plays alone"), ("alone", 0, "num_games is 0")],
+    [("duel", 2, "this scenario has 2 teams"), ("alone", 0, "num_games is 0")],
 )
 def test_what_cannot_be_played_alone_is_refused(scenario, num_games, message):
     with pytest.raises(ValueError, match=message):

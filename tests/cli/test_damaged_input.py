@@ -30,7 +30,9 @@ def refused(words, capsys):
 def test_a_map(tmp_path, capsys, text, fact):
     path = tmp_path / "map.json"
     path.write_text(text)
-    told = refused(["match", "random", "rusher", "--game", "deep_rts", "--set", f"map={path}"], capsys)
+    told = refused(
+        ["match", "random", "rusher", "--game", "deep_rts", "--set", f"map={path}"], capsys
+    )
     assert str(path) in told
     assert fact in told
 

@@ -62,6 +62,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         *("league", "league.agents", "league.play", "league.ratings", "league.store"),
         *("league.report", "training", "training.settings", "training.population"),
     },
+    "conf": set(),
     "__main__": {"cli"},
 }
 MAX_FILES_IN_A_FOLDER = 16

@@ -205,7 +205,7 @@ def test_a_league_without_games_has_a_report(tmp_path):
     database.close()
     result = report_stored(tmp_path)
     assert result.ratings == ()
-    assert result.text == "No ladder: there are no games to rate: play some first.\n"
+    assert "there are no games to rate" in result.text
     assert "There is no game to show" in read_page(tmp_path)
 
 
@@ -315,4 +315,4 @@ def test_the_maps_of_games_are_those_of_their_seeds(tmp_path):
 
 
 def test_a_game_without_maps_by_name_says_so(league):
-    assert "Deep Line Wars has no maps by name" in read_page(league)
+    assert "Deep Line Wars has no named maps" in read_page(league)

@@ -83,7 +83,7 @@ def test_the_zero_that_is_named_is_shown_and_one_that_is_not_there_is_refused(tm
     text = report_stored(tmp_path, with_replays=False, zero="rusher").text
     ratings = report_stored(tmp_path, with_replays=False).ratings
     limited = [r.name for r in ratings if not r.is_bound]
-    assert ("(Elo, rusher = 0)" in text) == ("rusher" in limited and len(limited) > 1)
+    assert ("Elo (rusher = 0)" in text) == ("rusher" in limited and len(limited) > 1)
 
 
 HOLD = """

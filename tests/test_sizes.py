@@ -1,0 +1,35 @@
+"""The package stays small: lines of each part and files of each folder, against a table."""
+
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "marl_cair"
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+MAX_FILES_IN_A_FOLDER = 16
+# Lines of Python in each part. A change that needs more raises its number here, knowingly.
+MAX_LINES = {
+    "games": 20_300,
+    "policies": 1_450,
+    "replay": 2_100,
+    "generative": 3_800,
+    "self_play": 1_100,
+    "league": 8_550,
+    "training": 5_450,
+    "conf": 10,
+    "cli": 2_500,
+    "": 1_400,  # the modules that every part may import
+}
+
+
+@pytest.mark.parametrize("folder", sorted({path.parent for path in SOURCES}), ids=lambda folder: folder.name)
+def test_a_folder_holds_few_files(folder):
+    assert len(list(folder.glob("*.py"))) <= MAX_FILES_IN_A_FOLDER
+
+
+def test_parts_do_not_grow_unnoticed():
+    lines = dict.fromkeys(MAX_LINES, 0)
+    for path in SOURCES:
+        part = path.relative_to(PACKAGE).parts[0]
+        lines["" if part.endswith(".py") else part] += path.read_text("utf-8").count("\n")
+    assert {part: (n, MAX_LINES[part]) for part, n in lines.items() if n > MAX_LINES[part]} == {}

@@ -22,7 +22,9 @@ MAX_LINES = {
 }
 
 
-@pytest.mark.parametrize("folder", sorted({path.parent for path in SOURCES}), ids=lambda folder: folder.name)
+@pytest.mark.parametrize(
+    "folder", sorted({path.parent for path in SOURCES}), ids=lambda folder: folder.name
+)
 def test_a_folder_holds_few_files(folder):
     assert len(list(folder.glob("*.py"))) <= MAX_FILES_IN_A_FOLDER
 

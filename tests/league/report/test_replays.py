@@ -206,7 +206,7 @@ def test_a_league_without_games_has_a_report(tmp_path):
     result = report_stored(tmp_path)
     assert result.ratings == ()
     assert "there are no games to rate" in result.text
-    assert "There is no game to show" in read_page(tmp_path)
+    assert "There is no finished game to show" in read_page(tmp_path)
 
 
 def test_a_film_keeps_few_frames_and_the_last(tmp_path):

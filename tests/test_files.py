@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -15,7 +14,6 @@ from marl_cair.files import (
     OutputFolderError,
     atomic_path,
     claim_output_folder,
-    copy_folder,
     find_folder,
     recover_folder,
     replaced_folder,

@@ -238,7 +238,7 @@ def make_cheater(scenario, spec):
 
 def test_an_agent_of_others_that_cannot_play_ends_the_run_with_its_reason(tmp_path):
     agents = {"mine": "users_module:make_cheater"}
-    with pytest.raises(ForeignAgentError, match="^opponent mine played the illegal action 99: me"):
+    with pytest.raises(ForeignAgentError, match="^opponent mine played the illegal action 99"):
         make_run(tmp_path, "duel", {"mine": 1.0}, agents=agents)  # the collector tries it at once
 
 

@@ -26,10 +26,10 @@ AGENT = Path(__file__).parents[1] / "agents" / "deep_line_wars_10x15"
 
 @pytest.fixture(autouse=True)
 def in_a_second():
-    """Each refusal comes before content: within a second (two where others use the machine)."""
-    begun = time.monotonic()
+    """Each refusal comes before content: within a second of processor time (two on a busy machine)."""
+    begun = time.process_time()
     yield
-    assert time.monotonic() - begun < 2.0
+    assert time.process_time() - begun < 2.0
 
 
 def test_a_folder_that_is_replaced_lists_its_files(tmp_path):

@@ -26,7 +26,7 @@ AGENT = Path(__file__).parents[1] / "agents" / "deep_line_wars_10x15"
 
 @pytest.fixture(autouse=True)
 def in_a_second():
-    """Each refusal comes before content: within a second of processor time (two on a busy machine)."""
+    """Each refusal comes before content: within a second of processor time, two if busy."""
     begun = time.process_time()
     yield
     assert time.process_time() - begun < 2.0

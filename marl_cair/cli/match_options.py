@@ -113,7 +113,7 @@ def change_fields(
 
 
 def update_words(command: str, arguments: Sequence[str]) -> list[str]:
-    """Arguments with old spellings (`field=value`, `--set field=value`) as flags; a line on
+    """Arguments with old spellings (`field=value`, `--option field=value`) as flags; a line on
     stderr gives the new spelling.
     """
     words: list[str] = []

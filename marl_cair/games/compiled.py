@@ -15,6 +15,7 @@ depend on where the package is installed: two environments share it.
 """
 
 import hashlib
+import inspect
 import os
 import re
 from collections.abc import Callable, Iterator
@@ -136,7 +137,9 @@ def make_world_at(world: type[NamedTuple]) -> Callable[[Any, int], Any]:
     """
     fields = ", ".join(f"{name}=worlds.{name}[index]" for name in world._fields)
     names: dict[str, Any] = {"World": world, "__name__": world.__module__}
-    exec(f"def world_at(worlds, index):\n    return World({fields})", names)  # noqa: S102
+    source = f"def world_at(worlds, index):\n    return World({fields})"
+    # In the World's own file: whose sources a rule is of is read off its file.
+    exec(compile(source, inspect.getfile(world), "exec"), names)  # noqa: S102
     made: Callable[[Any, int], Any] = names["world_at"]
     return compiled(made)
 

@@ -25,6 +25,7 @@ from marl_cair.games.compiled import (
     source_digest,
 )
 from marl_cair.games.deep_line_wars.rules import step
+from marl_cair.games.deep_line_wars.state import world_at
 from marl_cair.games.randomness import mix
 
 DEEP_LINE_WARS = Path(deep_line_wars.__file__).parent
@@ -83,7 +84,7 @@ def test_the_digest_changes_with_the_bounds_check_and_the_version(sources, monke
 
 
 def test_a_rule_is_kept_under_the_digest_of_its_game_and_a_helper_under_the_shared_one():
-    for function, own in ((step, DEEP_LINE_WARS), (mix, None)):
+    for function, own in ((step, DEEP_LINE_WARS), (world_at, DEEP_LINE_WARS), (mix, None)):
         folder = str(cache_root() / source_digest(own))
         assert function.entry._cache.cache_path.startswith(folder)
     assert source_digest(DEEP_LINE_WARS) != source_digest()

@@ -354,6 +354,9 @@ def _end(
             from marl_cair.league.agents.supervisor import kill_below  # of Linux alone
 
             kill_below(process.pid)
+            process.send_signal(signal.SIGCONT)  # it kills what a list of children has missed
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_END_SECONDS)
     # A supervisor that ended by itself has killed everything; one that was killed could not.
     if process.returncode is None or process.returncode < 0:
         with contextlib.suppress(OSError):

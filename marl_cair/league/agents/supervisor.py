@@ -72,13 +72,26 @@ def _reap() -> list[tuple[int, int]]:
 
 
 def kill_below(root: int) -> None:
-    """Kill all that the process `root` has started, and what that starts meanwhile."""
-    while found := find_below(root):
+    """Kill all that the process `root` has started, and what that starts meanwhile.
+
+    A list of children may miss one that moves on while it is read. Only the kernel knows that none
+    is left, and only of this process, whose children all orphans below it become.
+    """
+    is_own = root == os.getpid()
+    while (found := find_below(root)) or (is_own and _has_children()):
         for number in found:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(number, signal.SIGKILL)
-        if root == os.getpid():
+        if is_own:
             _reap()
+
+
+def _has_children() -> bool:
+    try:
+        os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+    except ChildProcessError:
+        return False
+    return True
 
 
 def find_below(root: int) -> list[int]:

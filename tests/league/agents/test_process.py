@@ -119,6 +119,22 @@ def test_a_process_that_always_moves_on_to_another_session_is_caught(tmp_path):
 
 
 @linux_only
+def test_a_process_that_a_list_of_children_misses_is_killed_too():
+    """The kernel does not promise that the list is whole while processes end."""
+    script = (
+        "import os, subprocess; from marl_cair.league.agents import supervisor;"
+        "child = subprocess.Popen(['sleep', '600'], stdout=subprocess.DEVNULL);"
+        "find, left = supervisor.find_below, [[], []];"
+        "supervisor.find_below = lambda root: left.pop() if left else find(root);"
+        "supervisor.kill_below(os.getpid()); print(child.pid)"
+    )
+    words = [sys.executable, "-c", script]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    number = int(done.stdout)
+    assert is_gone(number)
+
+
+@linux_only
 def test_nobody_waits_for_a_pipe_that_an_escaped_process_holds(tmp_path):
     agent = load("kills its supervisor", str(tmp_path / "ids"), seconds=2.0)
     begun = time.monotonic()

@@ -38,7 +38,7 @@ def make_torchrl_env(
     Raises:
         UnknownNameError: no such game, scenario, representation or option; names the nearest.
     """
-    from marl_cair.games.torchrl_env import BatchedGameEnv  # torch is loaded only from here on
+    from marl_cair.games.torchrl_env import BatchedGameEnv  # imports torch
 
     return BatchedGameEnv(game, scenario, num_worlds, **options)
 
@@ -47,10 +47,10 @@ __getattr__ = import_when_used(__name__, {"load_agent": "marl_cair.league.agents
 
 
 def register_scenario(game: str, name: str, base: str | None = None, **options: Any) -> str:
-    """Add a scenario of your own to a game, for this process; returns its Gymnasium id.
+    """Add a scenario to a game, for this process; returns its Gymnasium id.
 
-    It is then known wherever this process names a scenario: `parallel_env`, `make_engine`,
-    training. Environments of its Gymnasium id may be in other processes too.
+    This process can then name it everywhere: `parallel_env`, `make_engine`, training. Environments
+    of its Gymnasium id also work in other processes.
 
     Args:
         game: a name in GAMES.
@@ -63,9 +63,9 @@ def register_scenario(game: str, name: str, base: str | None = None, **options: 
         ValueError: the name is taken or not valid, an option's value is not allowed, or the game
             takes no scenarios.
     """
-    added = add_scenario(game, name, base, **options)
-    _register_with_gymnasium(added, game, name)
-    return added
+    environment_id = add_scenario(game, name, base, **options)
+    _register_with_gymnasium(environment_id, game, name)
+    return environment_id
 
 
 def _register_with_gymnasium(environment_id: str, game: str, scenario: str) -> None:
@@ -73,7 +73,7 @@ def _register_with_gymnasium(environment_id: str, game: str, scenario: str) -> N
         environment_id,
         entry_point="marl_cair.games.gymnasium_env:GameEnv",
         vector_entry_point="marl_cair.games.gymnasium_env:GameVectorEnv",
-        kwargs=describe_scenario(game, scenario),  # which processes that it spawns know too
+        kwargs=describe_scenario(game, scenario),  # works in spawned processes too
     )
 
 

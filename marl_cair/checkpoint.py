@@ -1,7 +1,7 @@
-"""Agent checkpoints: a network's weights and what they were trained on, as data only.
+"""Agent checkpoints: a network's weights and its description, as data only.
 
-A checkpoint is a folder with `agent.json` (what it is) and `weights.pt` (tensors). Loading runs
-nothing that the files say.
+A checkpoint is a folder with `agent.json` (the description) and `weights.pt` (tensors). Loading
+runs no code of these files.
 """
 
 from __future__ import annotations
@@ -40,37 +40,30 @@ LATEST_FOLDER, SNAPSHOT_FOLDER = "latest", "snapshots"
 # Kinds of runs whose folders hold agents.
 TRAINING, LEAGUE_TRAINING = "training", "league training"
 PSRO, EXPLOIT = "policy-space response oracles", "exploit"
-SHARED, LIVE_FOLDER, PLAYERS = (
-    "shared",
-    "live",
-    "players",
-)  # see `self_play.shared_folder`
+SHARED, LIVE_FOLDER, PLAYERS = "shared", "live", "players"  # see `self_play.shared_folder`
 MIXTURE_FOLDER, CANDIDATES_FOLDER = "mixture", "candidates"
-EXPLOIT_FILE = "exploit.json"  # says which of the candidates is the best
-
-
-_MOST_VALUES = 2_000_000  # in one file: what a run keeps in lists are its last few thousand games
+EXPLOIT_FILE = "exploit.json"  # names the best candidate
+_MOST_VALUES = 2_000_000  # in one file: a run's lists hold its last few thousand games
 
 
 class CheckpointError(DamagedFileError):
-    """A file or folder that is no checkpoint, a broken one, or one for something else."""
+    """A file or folder that is no checkpoint, a damaged one, or one for another purpose."""
 
 
 @dataclass(frozen=True)
 class AgentDescription:
-    """What the weights belong to.
+    """The description of an agent.
 
     Attributes:
         name: for tables.
         game, game_version, scenario: where it was trained; `scenario_options` are all its fields.
-        representation, observation_shape, action_names: what it sees and can do.
+        representation, observation_shape, action_names: of its observations and actions.
         network: `QNetworkConfig.to_dict()`.
-        frames, updates: how long it was trained in its run.
+        frames, updates: of training in its run.
         seed: of the training run.
         plays: how the network's outputs become actions, a name of `policies.actor.PLAYS`.
-        frames_total, updates_total: the same with all runs that it went on from, one after the
-            other (`initial_agent`, best responses that begin as an agent); at least those of its
-            run, which is all that files of before know.
+        frames_total, updates_total: with all runs that it was trained in before (`initial_agent`,
+            best responses that begin as an agent); at least those of its run.
     """
 
     name: str
@@ -93,9 +86,8 @@ class AgentDescription:
         object.__setattr__(self, "frames_total", max(self.frames, self.frames_total))
         object.__setattr__(self, "updates_total", max(self.updates, self.updates_total))
         check_name("way to play", self.plays, PLAYS)
-        for name in ("scenario_options", "network"):
-            value = getattr(self, name)
-            if not isinstance(value, dict):
+        for name, value in vars(self).items():
+            if name in ("scenario_options", "network") and not isinstance(value, dict):
                 raise ValueError(f"{name} is {value!r}, it must be values by name")
 
 
@@ -105,9 +97,8 @@ def save_agent(
     about: AgentDescription,
     more: Mapping[str, str] | None = None,
 ) -> None:
-    """Write the checkpoint to `folder`, in place of one that is there, whole or not at all.
-
-    more: texts of further files by name.
+    """Write a checkpoint to `folder`, whole or not at all; replaces one that is there. more: texts
+    of further files by name.
     """
     record = {"format": FORMAT, "format_version": FORMAT_VERSION, **asdict(about)}
     weights = {name: value.detach().cpu() for name, value in network.state_dict().items()}
@@ -119,11 +110,11 @@ def save_agent(
 
 
 def find_agent(folder: str | os.PathLike[str]) -> Path:
-    """The folder of the agent that `folder` stands for: of a training run its newest, of
-    policy-space response oracles their mixture, of `league exploit` the best response.
+    """The agent's folder of a run: the newest agent of `train`, the mixture of `league psro`, the
+    best response of `league exploit`.
 
     Raises:
-        CheckpointError: a league's training, which has several, or `league exploit` before its end.
+        CheckpointError: `league train`, with several agents, or an unfinished `league exploit`.
     """
     place = Path(folder)
     kind = read_run_kind(place)
@@ -132,7 +123,7 @@ def find_agent(folder: str | os.PathLike[str]) -> Path:
         names = ", ".join(sorted(one.name for one in live.glob("[!.]*"))) or "none yet"
         raise CheckpointError(
             f"{place} is a run of `league train`, which has several agents: name one of those in "
-            f"{live} ({names}), or all as one, {place / MIXTURE_FOLDER}, which is there in the end"
+            f"{live} ({names}), or their mixture {place / MIXTURE_FOLDER}, which is written last"
         )
     if kind == EXPLOIT:
         return place / CANDIDATES_FOLDER / _read_chosen(place / EXPLOIT_FILE)
@@ -145,16 +136,14 @@ def _read_chosen(file: Path) -> str:
         return check_plain_name(read_json(file)["chosen"], "the chosen candidate")
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise CheckpointError(
-            f"{file.parent} is a run of `league exploit` without a result ({error!r}): let it end, "
+            f"{file.parent} is a run of `league exploit` without a result ({error!r}): finish it, "
             f"or name one of {file.parent / CANDIDATES_FOLDER}"
         ) from error
 
 
 def read_description(folder: str | os.PathLike[str]) -> AgentDescription:
-    """What the checkpoint in `folder` is; of a run, that of `find_agent`.
-
-    Raises:
-        CheckpointError: no checkpoint, a broken one, or one of a newer format.
+    """The description of the agent in `folder` (of a run: of `find_agent`). Raises CheckpointError:
+    no checkpoint, a damaged one, or a newer format.
     """
     place = find_agent(folder)
     path = find_folder(place) / DESCRIPTION_FILE
@@ -180,7 +169,7 @@ def read_description(folder: str | os.PathLike[str]) -> AgentDescription:
 
 
 def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescription]:
-    """The network with its weights, ready to act, and what it is.
+    """The network with its weights, ready to act, and its description.
 
     Raises:
         CheckpointError: as `read_description`; or weights that are missing, damaged, not finite,
@@ -196,7 +185,7 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
     shape, num_actions = about.observation_shape, len(about.action_names)
     try:
         config = QNetworkConfig.from_dict(about.network)
-        # What the description makes of it is not allocated before it fits what is there.
+        # The described network is not allocated before its size fits the file.
         needed, held = count_weight_bytes(config, shape, num_actions), path.stat().st_size
         if needed > held:
             raise ValueError(
@@ -210,9 +199,8 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
 
 
 def count_weight_bytes(config: QNetworkConfig, shape: tuple[int, ...], num_actions: int) -> int:
-    """Bytes of the weights of a network, without making it.
-
-    Raises ValueError as `QNetwork`, and for sizes that no memory could hold.
+    """Bytes of a network's weights, without making it. Raises ValueError as `QNetwork`, and for
+    sizes that no memory could hold.
     """
     import torch
 
@@ -237,10 +225,8 @@ def save_tensors(values: Mapping[str, Any], path: Path) -> None:
 
 
 def load_tensors(path: str | os.PathLike[str]) -> Mapping[str, Any]:
-    """Read tensors and plain data that `torch.save` wrote, and nothing else.
-
-    Raises:
-        CheckpointError: the file is missing, damaged, too large for the memory, or holds code.
+    """Read tensors and plain data of `torch.save`, and nothing else. Raises CheckpointError: the
+    file is missing, damaged, too large for the memory, or holds code.
     """
     import torch
 
@@ -257,9 +243,9 @@ def load_tensors(path: str | os.PathLike[str]) -> Mapping[str, Any]:
     except DamagedFileError as error:
         raise CheckpointError(f"{error}") from error
     except Exception as error:  # whatever a damaged file makes torch raise
-        told = f"{error}".partition("\n")[0] or type(error).__name__
+        cause = f"{error}".partition("\n")[0] or type(error).__name__
         raise CheckpointError(
-            f"{path} is cut short, or holds more than tensors and plain data: {told}"
+            f"{path} is cut short, or holds more than tensors and plain data: {cause}"
         ) from error
     if not isinstance(loaded, Mapping):
         raise CheckpointError(f"{path} holds a {type(loaded).__name__}, expected a dictionary")
@@ -267,8 +253,8 @@ def load_tensors(path: str | os.PathLike[str]) -> Mapping[str, Any]:
 
 
 def _require_plain_zip(file: BinaryIO, size: int) -> None:
-    """Raise ValueError unless the file is a zip as torch writes it, nothing in it compressed: what
-    comes out of it is then no larger than the file.
+    """Raise ValueError unless the file is a zip as torch writes it, without compression, so that
+    its content is no larger than the file.
     """
     entries = zipfile.ZipFile(file).infolist()
     if any(entry.compress_type != zipfile.ZIP_STORED for entry in entries):
@@ -278,8 +264,8 @@ def _require_plain_zip(file: BinaryIO, size: int) -> None:
 
 
 def _require_plain_data(loaded: Any) -> None:
-    """Raise ValueError unless all in `loaded` is plain data, or tensors that the file holds whole:
-    a small storage can be shown as a tensor of any size.
+    """Raise ValueError unless `loaded` is plain data and tensors no larger than their storage: a
+    small storage can be viewed as a tensor of any size.
     """
     import torch
 

@@ -1,4 +1,4 @@
-"""Write files whole or not at all, and keep the output of two runs out of one folder."""
+"""Write files and folders atomically, and claim output folders for one run."""
 
 import errno
 import json
@@ -14,11 +14,11 @@ from filelock import FileLock, Timeout
 
 from marl_cair.stored import read_json, refuse_damage, with_checksum, write_manifest
 
-MAX_TOLD = 80  # letters of a value in an error
+MAX_SHOWN = 80  # characters of a value in an error
 RUN_MARKER = "run.json"
 _LOCK_FILE = ".lock"
 _LEFTOVER_MARK = ".unfinished"
-# Of folders beside one that is replaced: nobody gives such a name to what is to be kept.
+# Of the folders beside one that is replaced.
 _FRESH_SUFFIX, _OLD_SUFFIX = ".marl_cair" + _LEFTOVER_MARK, ".marl_cair.old"
 
 
@@ -35,10 +35,10 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a path beside `path` to write to; on success it is synced and renamed to `path`.
 
     A reader, or a run after a crash, sees the old file or the new one, never a part. The yielded
-    path keeps the suffix of `path`, as savers choose a format by it. Folders that lack are made.
-    Raises IsADirectoryError where `path` is a folder, FileNotFoundError where the block wrote
-    nothing and NotEnoughSpaceError where the disk filled up; on any exception the unfinished file
-    is removed and `path` is left as it was.
+    path has the suffix of `path`, which savers choose a format by. Missing folders are made.
+    Raises IsADirectoryError for a folder, FileNotFoundError where the block wrote nothing, and
+    NotEnoughSpaceError for a full disk; on any exception the unfinished file is removed and `path`
+    stays as it was.
     """
     target = Path(path)
     if target.is_dir():
@@ -75,7 +75,7 @@ def write_json(path: str | os.PathLike[str], values: Mapping[str, Any]) -> None:
 
 @contextmanager
 def _full_disk_explained(target: Path) -> Iterator[None]:
-    """Turn the errors of a disk that fills up while `target` is written into one that says so."""
+    """Turn the errors of a full disk into a NotEnoughSpaceError that names `target`."""
     try:
         yield
     except NotEnoughSpaceError:
@@ -88,7 +88,7 @@ def _full_disk_explained(target: Path) -> Iterator[None]:
             raise
         raise NotEnoughSpaceError(
             f"{target} could not be written, the disk is full ({error}): free some space or choose "
-            "a folder on another disk; what was there before is kept"
+            "a folder on another disk; the old content is kept"
         ) from error
 
 
@@ -122,15 +122,13 @@ def claim_output_folder(
     """Make `folder` the output folder of one run, and keep other processes out of it for the block;
     yield True where that run was here before.
 
-    kind: what runs ("training", "league", ...); settings: what tells runs of a kind apart, as plain
-    values by name, nested or not.
-    A marker file `run.json` records both, so that a run of other settings is refused. A folder that
-    is new, empty, or was left by a run that died before its marker was written, is claimed; so is
-    one of the same run that died before it had written `proof`, a file without which it cannot be
-    resumed. The lock is the operating system's, so that it ends with its process, however that
-    dies; within a process a folder may be claimed more than once.
-    Raises OutputFolderError for a folder of another run, for one that holds files but no marker,
-    for one in which another process runs, and for the same run where `resume` is False.
+    kind: of the run ("training", "league", ...); settings: plain values by name that distinguish
+    runs of a kind. A marker file `run.json` records both. New and empty folders are claimed, those
+    of a run that died before its marker was written, and those of the same run that died before it
+    had written `proof`, a file that resuming needs. The operating system's lock ends with its
+    process; within a process a folder may be claimed more than once.
+    Raises OutputFolderError for a folder of another run or of other settings, with files but no
+    marker, in use by another process, and for the same run where `resume` is False.
     """
     place = Path(folder)
     if place.exists() and not place.is_dir():
@@ -145,19 +143,16 @@ def claim_output_folder(
 
 @contextmanager
 def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
-    """Keep other processes out of `folder`, which is there, as `claim_output_folder` does.
-
-    Raises OutputFolderError where another process runs in it.
-    """
+    """Keep other processes out of an existing folder. Raises OutputFolderError if one uses it."""
     place = Path(folder)
-    # One object for all claims of a folder in this process, so that it does not lock itself out.
+    # One object for all claims of a folder in this process, which would else lock itself out.
     lock = FileLock(place.resolve() / _LOCK_FILE, thread_local=False, is_singleton=True)
     try:
         lock.acquire(timeout=0)
     except NotImplementedError as error:  # filelock before 3.24; later ones fall back to a marker
         raise OutputFolderError(
-            f"the file system of {place} keeps no locks, so that two processes could write into "
-            "one folder: give a folder on another disk"
+            f"the file system of {place} keeps no locks, so two processes could write into one "
+            "folder: give a folder on another disk"
         ) from error
     except Timeout as error:
         raise OutputFolderError(
@@ -204,30 +199,26 @@ def _name_run(kind: str) -> str:
 
 
 def _list_differences(held: Any, wanted: Any, name: str = "") -> list[str]:
-    """What differs between two nested settings, in words."""
+    """Descriptions of the differences between two nested settings."""
     if isinstance(held, dict) and isinstance(wanted, dict):
-        names = [*held, *(key for key in wanted if key not in held)]
-        return [
-            difference
-            for key in names
-            for difference in _list_differences(
-                held.get(key), wanted.get(key), f"{name}.{key}" if name else key
-            )
-        ]
-    return (
-        [] if held == wanted else [f"{name} is {tell_value(held)} there, {tell_value(wanted)} here"]
-    )
+        differences = []
+        for key in dict.fromkeys([*held, *wanted]):
+            inner = f"{name}.{key}" if name else key
+            differences += _list_differences(held.get(key), wanted.get(key), inner)
+        return differences
+    shown = f"{name} is {shorten_value(held)} there, {shorten_value(wanted)} here"
+    return [] if held == wanted else [shown]
 
 
-def tell_value(value: Any) -> str:
-    """A value as it is written, for an error: only its beginning where it is long."""
+def shorten_value(value: Any) -> str:
+    """The beginning of a value's `repr`, for errors."""
     text = repr(value)
-    return text if len(text) <= MAX_TOLD else f"{text[:MAX_TOLD]}..."
+    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
 
 
 def _refuse_foreign_files(place: Path) -> None:
     names = sorted(entry.name for entry in place.iterdir() if not is_leftover(entry.name))
-    # The marker may be of another process that has begun just now: the lock decides.
+    # Another process may write the marker just now: the lock decides.
     if names and RUN_MARKER not in names:
         shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
         raise OutputFolderError(
@@ -257,7 +248,7 @@ def read_run_kind(folder: str | os.PathLike[str]) -> str:
 
 
 def is_leftover(name: str) -> bool:
-    """Whether `name` is a lock, or an unfinished file, that a killed process left behind."""
+    """Whether `name` is a lock or an unfinished file of a killed process."""
     return name == _LOCK_FILE or (name.startswith(".") and _LEFTOVER_MARK in name)
 
 
@@ -268,7 +259,7 @@ def _sync_file(path: Path) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make a rename in `folder` outlast a power cut; Windows gives no way to ask for it."""
+    """Make a rename in `folder` outlast a power cut; not possible on Windows."""
     if os.name == "nt":
         return
     descriptor = os.open(folder, os.O_RDONLY)
@@ -279,7 +270,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def _format_size(num_bytes: int) -> str:
-    """Bytes as a person reads them: 1536 -> '1.5 KiB'."""
+    """1536 -> '1.5 KiB'."""
     size = float(num_bytes)
     for unit in ("B", "KiB", "MiB", "GiB"):
         if size < 1024:
@@ -290,12 +281,11 @@ def _format_size(num_bytes: int) -> str:
 
 @contextmanager
 def replaced_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a folder to fill beside `path`, which takes the place of `path` when the block is done,
-    with a `manifest.json` of the checksums of its files (`stored`).
+    """Yield a folder to fill beside `path`, which then replaces `path`, with a `manifest.json` of
+    the checksums of its files (`stored`).
 
-    On an exception the new folder is removed and `path` is left as it was. A process that is killed
-    between the two renames leaves the old folder under another name; `recover_folder` brings it
-    back.
+    On an exception the new folder is removed and `path` stays as it was. A process that is killed
+    between the two renames leaves the old folder under another name; `recover_folder` restores it.
     """
     target = Path(path).absolute()
     fresh, old = _beside(target, _FRESH_SUFFIX), _beside(target, _OLD_SUFFIX)
@@ -323,7 +313,7 @@ def _beside(target: Path, suffix: str) -> Path:
 
 
 def find_folder(path: str | os.PathLike[str]) -> Path:
-    """Where the content of `path` lies: beside it, if a `replaced_folder` was killed half way."""
+    """The folder with the content of `path`: beside it, if a `replaced_folder` was killed."""
     target = Path(path)
     if not target.name:  # "." and "/" are there
         return target
@@ -332,9 +322,8 @@ def find_folder(path: str | os.PathLike[str]) -> Path:
 
 
 def copy_folder(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:
-    """Make `target` a copy of the folder `source`, whole or not at all.
-
-    Raises ValueError for a symbolic link in it: its target may be any file of this machine.
+    """Make `target` a copy of the folder `source`, whole or not at all. Raises ValueError for a
+    symbolic link in it, whose target may be any file of this machine.
     """
     found = find_folder(source)
     for entry in found.rglob("*"):
@@ -346,9 +335,8 @@ def copy_folder(source: str | os.PathLike[str], target: str | os.PathLike[str]) 
 
 
 def recover_folder(path: str | os.PathLike[str]) -> None:
-    """Clear up after a `replaced_folder` that was killed: the old folder returns if none is there.
-
-    For the folder's writer; a reader beside a living writer asks `find_folder`.
+    """Clean up after a killed `replaced_folder`: restores the old folder if there is no new one.
+    For the folder's writer; readers beside a living writer use `find_folder`.
     """
     target = Path(path).absolute()
     old = _beside(target, _OLD_SUFFIX)

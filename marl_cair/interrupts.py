@@ -1,4 +1,4 @@
-"""The signals that ask a command to save and end: Ctrl-C, SIGTERM, and a terminal that is gone."""
+"""Handle the signals that stop a command: Ctrl-C, SIGTERM and a closed terminal."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ SIGNALS = tuple(
 
 
 @contextmanager
-def interrupts_noted(tell: Callable[[str], None]) -> Iterator[threading.Event]:
-    """Yield an event that one of SIGNALS sets, and tell the user; a second one acts as before.
+def interrupts_noted(report: Callable[[str], None]) -> Iterator[threading.Event]:
+    """Yield an event that one of SIGNALS sets, and report it; a second signal acts as usual.
 
     Outside the main thread, which alone gets signals, the event is never set.
     """
@@ -27,7 +27,7 @@ def interrupts_noted(tell: Callable[[str], None]) -> Iterator[threading.Event]:
     def note(number: int, usual: Any) -> None:
         noted.set()
         signal.signal(number, usual)
-        tell("interrupted: finishing this iteration and saving (once more stops at once)")
+        report("interrupted: finishing this iteration and saving (once more stops at once)")
 
     with _handled(note):
         yield noted
@@ -35,7 +35,7 @@ def interrupts_noted(tell: Callable[[str], None]) -> Iterator[threading.Event]:
 
 @contextmanager
 def interrupts_raised() -> Iterator[None]:
-    """Raise KeyboardInterrupt at each of SIGNALS, as Python does at Ctrl-C alone."""
+    """Raise KeyboardInterrupt at each of SIGNALS, as Python does for Ctrl-C."""
 
     def stop(number: int, usual: Any) -> None:
         raise KeyboardInterrupt
@@ -46,7 +46,7 @@ def interrupts_raised() -> Iterator[None]:
 
 @contextmanager
 def _handled(act: Callable[[int, Any], None]) -> Iterator[None]:
-    """Call `act` with a signal's number and its handler of before, until the block ends."""
+    """Call `act` with a signal's number and its usual handler, until the block ends."""
     usual: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():
         has_terminal = [_is_terminal(stream) for stream in (1, 2)]
@@ -74,7 +74,7 @@ def _is_terminal(stream: int) -> bool:
 
 
 def _leave_terminal(has_terminal: list[bool]) -> None:
-    """Send to nowhere what would go to the terminal: each print to one that is gone raises."""
+    """Redirect the terminal's streams to the null device: printing to a closed terminal raises."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream, is_terminal in zip((1, 2), has_terminal, strict=True):
         if is_terminal:

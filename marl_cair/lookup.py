@@ -1,4 +1,4 @@
-"""Look a name up in a table, and name the nearest entries where it is missing."""
+"""Tables by name: errors with the nearest names, and entries that are imported when used."""
 
 import difflib
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -8,14 +8,12 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 MAX_NEAREST = 3
-MAX_LISTED = 24  # of more names than these only the nearest are told
-MIN_SIMILARITY = (
-    0.5  # difflib's ratio, 0..1: low enough that "linewars" still finds "deep_line_wars"
-)
+MAX_LISTED = 24  # of more names only the nearest are listed
+MIN_SIMILARITY = 0.5  # difflib's ratio, 0..1: "linewars" still finds "deep_line_wars"
 
 
 class UnknownNameError(ValueError):
-    """A name that its table does not hold; the message lists the nearest and all known names."""
+    """A name that is not in a table; the message lists the nearest and all known names."""
 
 
 class UnknownOptionError(UnknownNameError, TypeError):
@@ -23,7 +21,7 @@ class UnknownOptionError(UnknownNameError, TypeError):
 
 
 class LazyTable(Mapping[str, T]):
-    """A table whose entries are imported when they are looked up: their names take no time.
+    """A table whose entries are imported when they are looked up.
 
     places: name -> "module:attribute".
     """
@@ -32,8 +30,7 @@ class LazyTable(Mapping[str, T]):
         self._places = dict(places)
 
     def __getitem__(self, name: str) -> T:
-        module, _, attribute = self._places[name].partition(":")
-        entry: T = getattr(import_module(module), attribute)
+        entry: T = import_place(self._places[name])
         return entry
 
     def __contains__(self, name: object) -> bool:
@@ -46,15 +43,20 @@ class LazyTable(Mapping[str, T]):
         return len(self._places)
 
 
+def import_place(place: str) -> Any:
+    """The object at "module:attribute"."""
+    module, _, attribute = place.partition(":")
+    return getattr(import_module(module), attribute)
+
+
 def import_when_used(module: str, places: Mapping[str, str]) -> Callable[[str], Any]:
     """The `__getattr__` of a module: names of `places` ("module:attribute") are imported when they
-    are used, as what they import takes seconds.
+    are used, because that takes seconds.
     """
-    table: LazyTable[Any] = LazyTable(places)
 
     def find(name: str) -> Any:
-        if name in table:
-            return table[name]
+        if name in places:
+            return import_place(places[name])
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
 
     return find
@@ -66,9 +68,8 @@ def check_name(kind: str, name: str, known: Iterable[str]) -> None:
 
 
 def find_by_name(kind: str, name: str, table: Mapping[str, T]) -> T:
-    """Return `table[name]`; `kind` ("game", "network", ...) says in the error what was looked for.
-
-    Raises UnknownNameError with the nearest names, if any are near, and all the known ones.
+    """Return `table[name]`. Raises UnknownNameError with the nearest names, if any, and all names;
+    `kind` ("game", "network", ...) is the table's name in the error.
     """
     if isinstance(name, str) and name in table:
         return table[name]
@@ -87,7 +88,7 @@ def _describe_unknown(kind: str, name: object, known: Iterable[str]) -> str:
 def _nearest_names(name: str, names: list[str]) -> list[str]:
     """Up to MAX_NEAREST of `names`, best first; letter case and the kind of dash do not count.
 
-    Those that begin with `name` come first, in the table's order: its user may have stopped there.
+    Names that begin with `name` come first, in the table's order.
     """
     typed = _plain_spelling(name)
     by_plain_spelling: dict[str, list[str]] = {}

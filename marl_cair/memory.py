@@ -1,4 +1,4 @@
-"""How much memory there is, and a refusal of what needs more before it is allocated."""
+"""Total memory, and an error before more than that is allocated."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class NotEnoughMemoryError(ValueError):
 
 
 def total_memory() -> int:
-    """Bytes that a process can have at most: the machine's, or its container's limit."""
+    """The machine's memory in bytes, or its container's limit."""
     total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     try:
         limit = _LIMIT_FILE.read_text("ascii").strip()
@@ -23,7 +23,7 @@ def total_memory() -> int:
 
 
 def require_memory(what: str, num_bytes: int) -> None:
-    """Raise NotEnoughMemoryError where `what` needs more bytes than there are."""
+    """Raise NotEnoughMemoryError where `what` needs more than the total memory."""
     if not hasattr(os, "sysconf"):  # Windows
         return
     total = total_memory()

@@ -1,4 +1,4 @@
-"""Check values from files against the shapes, types and ranges that their owners state."""
+"""Check values from files against shapes, types and ranges."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LARGEST = float(np.finfo(np.float32).max)  # of rewards and the like: finite, an
 
 
 class Range(NamedTuple):
-    """What a stored field may hold: numbers in least..greatest, of `kind` where they are single."""
+    """The allowed values of a stored field: least..greatest, and the type of single numbers."""
 
     least: float
     greatest: float
@@ -29,9 +29,8 @@ WEIGHT = Range(0.0, LARGEST, float)
 
 
 def read_number(values: Mapping[Any, Any], name: Any, allowed: Range) -> Any:
-    """The single number `name` of `values`; a whole number is a float too.
-
-    Raises ValueError that names it where it is missing, of another kind, or out of range.
+    """The single number `name` of `values`; a whole number is a float too. Raises ValueError where
+    it is missing, of another type, or out of range.
     """
     if not isinstance(values, Mapping) or name not in values:
         raise ValueError(f"{name} is missing")
@@ -39,10 +38,9 @@ def read_number(values: Mapping[Any, Any], name: Any, allowed: Range) -> Any:
 
 
 def check_number(value: Any, name: str, allowed: Range) -> Any:
-    """`value`, where it is as `allowed` says. Raises ValueError that names it."""
+    """`value`, if it is allowed. Raises ValueError that names it."""
     kinds = (int, float) if allowed.kind is float else (allowed.kind,)
-    is_of_kind = type(value) in kinds
-    if not is_of_kind or not allowed.least <= value <= allowed.greatest:
+    if type(value) not in kinds or not allowed.least <= value <= allowed.greatest:
         raise ValueError(f"{name} is {value!r:.80}, it must be {_describe(allowed.kind, allowed)}")
     return value
 
@@ -53,16 +51,17 @@ def read_array(
     like: tuple[np.dtype[Any] | type, tuple[int, ...]],
     allowed: Range | None = None,
 ) -> NDArray[Any]:
-    """The array `name` of `values` (NumPy or torch), as it lies there.
+    """The array `name` of `values` (NumPy or torch), not copied.
 
-    like: dtype and shape that it must have. allowed: of its numbers; None: all that the dtype
-    holds. Bytes other than 0 and 1 are no booleans.
-    Raises ValueError that names it where it is missing or something else.
+    like: its dtype and shape. allowed: of its numbers; None: all of the dtype. Bytes other than 0
+    and 1 are no booleans. Raises ValueError where it is missing or something else.
     """
     if not isinstance(values, Mapping) or name not in values:
         raise ValueError(f"{name} is missing")
     value = values[name]
-    array = value if isinstance(value, np.ndarray) else _as_numpy(value, name)
+    if not isinstance(value, np.ndarray) and not hasattr(value, "numpy"):
+        raise ValueError(f"{name} is {value!r:.80}, it must be an array")
+    array: NDArray[Any] = value if isinstance(value, np.ndarray) else value.numpy()
     dtype, shape = np.dtype(like[0]), tuple(like[1])
     if array.dtype != dtype or array.shape != shape:
         raise ValueError(
@@ -89,8 +88,7 @@ def take_arrays(
     own: Mapping[str, NDArray[Any]],
     ranges: Mapping[str, Range],
 ) -> dict[str, NDArray[Any]]:
-    """Copies of the arrays of `values` that are like those of `own`, by name, each in its range.
-
+    """Copies of the arrays of `values` with dtypes and shapes of `own`, by name, each in its range.
     Raises ValueError as `read_array`.
     """
     return {
@@ -106,17 +104,10 @@ def read_numbers(values: Any, name: str, allowed: Range) -> list[Any]:
     return [check_number(value, name, allowed) for value in values]
 
 
-def _as_numpy(value: Any, name: str) -> NDArray[Any]:
-    if not hasattr(value, "numpy"):
-        raise ValueError(f"{name} is {value!r:.80}, it must be an array")
-    array: NDArray[Any] = value.numpy()
-    return array
-
-
 def _describe(kind: Any, allowed: Range) -> str:
-    names = {bool: "true or false", int: "a whole number in ", float: "a number in "}
+    names = {int: "a whole number in ", float: "a number in "}
     if kind is bool:
-        return names[bool]
+        return "true or false"
     if allowed.greatest in (LARGEST, math.inf):
         ends = "finite" if allowed.least < 0 else "finite and 0 or more"
         return ends if kind not in names else f"a number, {ends}"

@@ -1,10 +1,9 @@
-"""Read stored files: regular, of a limited size, and as their checksums say; and the checksums.
+"""Read stored files after checks of kind, size and checksum; write manifests and checksums.
 
 A folder that is written whole (`files.replaced_folder`) holds a `manifest.json` with the size and
-the digest of each of its files; a folder in it that has a manifest of its own counts as that one
-file. Files that are written one by one carry their digest: JSON objects under `checksum`, YAML in a
-last line, a comment. A checksum shows damage, it is no signature: who changes a file
-can change that too.
+the digest of each of its files; an inner folder with its own manifest counts as that one file.
+Single files carry their digest: JSON objects under `checksum`, YAML in a comment in its last line.
+A checksum shows damage; it is no signature.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ _LEVELS_UP = 3  # folders between a file and its manifest: <mixture>/members/00,
 _KIB, _MIB, _GIB = 1 << 10, 1 << 20, 1 << 30
 SETTINGS, RECORD, INDEX, LOG, MAP = "settings", "record", "index", "log", "map"
 FILM, TENSORS, ARRAY = "film", "tensors", "array"
-# Most bytes of a file by what it holds: a larger one is refused before anything of it is read.
+# Most bytes of a file by its kind: larger ones are refused before they are read.
 MAX_BYTES = {
     SETTINGS: 128 * _KIB,  # a configuration has 5 KiB; YAML is read at some 100 KiB in a second
     RECORD: 4 * _MIB,  # agent.json has 2 KiB, a mixture 0.1 KiB for each member
@@ -35,23 +34,22 @@ MAX_BYTES = {
     LOG: 256 * _MIB,  # log.csv has 1 KiB for each 10,000 frames
     MAP: 2 * _MIB,  # 128 x 128 cells, the most there are, have 17 KiB as text, 0.1 MiB as JSON
     FILM: 16 * _MIB,  # a film for a report has 1 MiB at most
-    TENSORS: 64 * _GIB,  # what the memory takes is checked by who reads them
+    TENSORS: 64 * _GIB,  # readers check the memory
     ARRAY: 4096 * _GIB,  # arrays are mapped, not read
 }
 
 
 class DamagedFileError(ValueError):
-    """A stored file that is not as it was written, or is none that this program would write."""
+    """A stored file that was changed, or that this program would not write."""
 
 
 @contextmanager
 def open_stored(path: str | os.PathLike[str], kind: str) -> Iterator[io.BufferedReader]:
-    """Open a file to read once its kind, its size and its manifest's digest are checked.
-
-    kind: of MAX_BYTES. A file without a manifest, as older versions wrote it, is taken as it is.
+    """Open a file to read after checks of its kind (of MAX_BYTES), size and digest. Files without a
+    manifest, of older versions, have no digest.
 
     Raises:
-        DamagedFileError: no regular file (a pipe would be waited for), a larger one than its kind
+        DamagedFileError: no regular file (a pipe would block), a file that is larger than its kind
             may be, or not the one that its manifest lists.
         OSError: it cannot be opened.
     """
@@ -61,16 +59,16 @@ def open_stored(path: str | os.PathLike[str], kind: str) -> Iterator[io.Buffered
         about = os.fstat(file.fileno())
         if not stat.S_ISREG(about.st_mode):
             raise DamagedFileError(
-                f"{place} is no regular file, but a folder, pipe or device: bring the file back"
+                f"{place} is no regular file, but a folder, pipe or device: restore the file"
             )
         if about.st_size > MAX_BYTES[kind]:
             raise DamagedFileError(
                 f"{place} has {about.st_size:,} bytes, a {kind} file has at most "
-                f"{MAX_BYTES[kind]:,}: bring the right file back"
+                f"{MAX_BYTES[kind]:,}: restore the right file"
             )
         if listed := _find_listed(place):
             if problem := _compare(file, *listed):
-                raise DamagedFileError(f"{place} {problem}: bring it back from a copy")
+                raise DamagedFileError(f"{place} {problem}: restore it from a copy")
             file.seek(0)
         yield file
 
@@ -86,30 +84,28 @@ def read_text(path: str | os.PathLike[str], kind: str) -> str:
     try:
         return read_bytes(path, kind).decode("utf-8")
     except UnicodeDecodeError as error:
-        raise DamagedFileError(f"{path} is no UTF-8 text ({error}): bring it back") from error
+        raise DamagedFileError(f"{path} is no UTF-8 text ({error}): restore it") from error
 
 
 def read_json(path: str | os.PathLike[str], kind: str = RECORD) -> Any:
-    """The plain value in a JSON file, without its `checksum`, which is compared where there is one.
-
-    Raises as `open_stored`; DamagedFileError for what is no JSON, is nested too deeply, or is not
-    what the checksum is of.
+    """The plain value in a JSON file, without its `checksum`, if any. Raises as `open_stored`;
+    DamagedFileError for a file that is no JSON, is nested too deeply, or has another checksum.
     """
     text = read_text(path, kind)
     try:
         value = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise DamagedFileError(f"{path} is no JSON ({error}): bring it back") from error
+        raise DamagedFileError(f"{path} is no JSON ({error}): restore it") from error
     if isinstance(value, dict) and CHECKSUM in value and value.pop(CHECKSUM) != _digest_of(value):
         raise DamagedFileError(
-            f"{path} is not as it was written (its checksum is of something else): bring it back"
+            f"{path} is not as it was written (its checksum differs): restore it"
         )
     return value
 
 
 def check_plain_name(name: Any, what: str) -> str:
-    """`name` as text, where it names an entry of a folder. Raises ValueError for a path elsewhere;
-    what: is called so, for the message.
+    """`name` as text. Raises ValueError, which calls it `what`, unless it is the plain name of an
+    entry of a folder.
     """
     plain = str(name)
     if plain in ("", ".", "..") or any(mark in plain for mark in "/\\\0"):
@@ -118,7 +114,7 @@ def check_plain_name(name: Any, what: str) -> str:
 
 
 def with_checksum(values: Mapping[str, Any]) -> dict[str, Any]:
-    """`values` as JSON gives them back, and their `checksum` for `read_json`."""
+    """`values` as JSON returns them, and their `checksum` for `read_json`."""
     plain = json.loads(json.dumps(dict(values)))
     return {**plain, CHECKSUM: _digest_of(plain)}
 
@@ -139,14 +135,14 @@ def sign_settings(text: str) -> str:
 
 def read_settings(path: str | os.PathLike[str]) -> str:
     """The text of a YAML file. Raises as `open_stored`; DamagedFileError where the checksum in its
-    last line, if there is one, is of another text.
+    last line, if any, differs.
     """
     text = read_text(path, SETTINGS)
     body, mark, digest = text.rpartition(_SETTINGS_CHECKSUM)
     if mark and digest.strip() != digest_text(body):
         raise DamagedFileError(
-            f"{path} is not as it was written: bring it back; if you have changed it on purpose, "
-            f"delete its last line, {_SETTINGS_CHECKSUM}..."
+            f"{path} is not as it was written: restore it; if you changed it on purpose, delete "
+            f"its last line, {_SETTINGS_CHECKSUM}..."
         )
     return text
 
@@ -177,14 +173,14 @@ def read_manifest(folder: Path) -> dict[str, tuple[int, str]]:
         return {str(name): (int(size), str(digest)) for name, (size, digest) in files.items()}
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise DamagedFileError(
-            f"{path} cannot be read as the list of the folder's checksums ({error!r}): bring it "
-            "back, or delete it to use the files unchecked"
+            f"{path} cannot be read as the list of the folder's checksums ({error!r}): restore it, "
+            "or delete it to use the files unchecked"
         ) from error
 
 
 def find_damage(folder: Path) -> dict[str, str]:
-    """What is wrong with each file that the manifest of `folder` lists, by name; "" where it is
-    sound. Raises as `read_manifest`.
+    """The problem of each file in the manifest of `folder` by name, "" for a sound one. Raises as
+    `read_manifest`.
     """
     found: dict[str, str] = {}
     for name, (size, digest) in read_manifest(folder).items():
@@ -198,17 +194,17 @@ def find_damage(folder: Path) -> dict[str, str]:
 
 
 def refuse_damage(folder: Path, name: str) -> None:
-    """Raise DamagedFileError where a file of `folder`, which is called `name`, is not as its
-    manifest says; without a manifest, nothing is known.
+    """Raise DamagedFileError, which calls the folder `name`, where a file differs from its
+    manifest, if there is one.
     """
     found = find_damage(folder) if (folder / MANIFEST_FILE).is_file() else {}
     for file, problem in found.items():
         if problem:
-            raise DamagedFileError(f"{name}/{file} {problem}: bring it back from a copy")
+            raise DamagedFileError(f"{name}/{file} {problem}: restore it from a copy")
 
 
 def _find_listed(path: Path) -> tuple[int, str] | None:
-    """What the nearest manifest says of a file, if there is one that lists it."""
+    """Size and digest of a file in the nearest manifest, if one lists it."""
     if path.name == MANIFEST_FILE:
         return None
     name = path.name
@@ -220,7 +216,7 @@ def _find_listed(path: Path) -> tuple[int, str] | None:
 
 
 def _list_own(folder: Path) -> Iterator[Path]:
-    """All files below `folder` by name; of a folder with a manifest of its own that alone."""
+    """All files below `folder` by name; of an inner folder with a manifest only that."""
     for path in sorted(folder.iterdir()):
         if path.is_dir():
             own = path / MANIFEST_FILE
@@ -233,9 +229,7 @@ def _compare(file: io.BufferedReader, size: int, digest: str) -> str:
     found = os.fstat(file.fileno()).st_size
     if found != size:
         return f"is damaged: it has {found:,} bytes, its manifest says {size:,}"
-    if _digest(file) != digest:
-        return "is damaged: its content is not what its manifest says"
-    return ""
+    return "" if _digest(file) == digest else "is damaged: its digest differs from its manifest"
 
 
 def _digest(file: io.BufferedReader) -> str:

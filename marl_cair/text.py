@@ -1,4 +1,4 @@
-"""Show text that comes from files or from other people's code without control characters."""
+"""Remove control characters and formulas from text of files and foreign code."""
 
 import unicodedata
 
@@ -7,8 +7,8 @@ _FORMULA_MARKS = "=+-@"
 
 
 def clean_text(text: str) -> str:
-    r"""`text` in one line with only what can be seen: white space becomes single spaces; control
-    characters, and marks of direction or of no width, become escapes such as \x1b and \u202e.
+    r"""`text` in one line of visible characters: white space becomes single spaces; control
+    characters, marks of direction and characters of no width become escapes such as \x1b, \u202e.
     """
     return _show(" ".join(text.split()))
 

@@ -16,7 +16,7 @@ COMMANDS = (
     *("train", "curves", "evaluate", "match", "league"),
     *("games", "verify", "compile", "benchmark"),
 )
-# What people do, in order: the words of the command, and what it does.
+# The tasks in the order of a user's work: the words of the command, and a description.
 TASKS = {
     "games": "list games, scenarios, representations, actions and bots",
     "train": "train an agent against bots, itself and its past selves",
@@ -34,8 +34,8 @@ EXIT_DONE, EXIT_DAMAGED, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 1, 2, 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a sub-command; returns the exit code: 0 done, 1 `verify` found damage, 2 refused (nothing
-    was changed), 130 interrupted by one of `interrupts.SIGNALS` (what was saved before stays; a run
-    saves at the first, not at a second).
+    was changed), 130 interrupted by one of `interrupts.SIGNALS` (a run saves at the first, and
+    stops at once at a second).
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     if not arguments or arguments[0] in ("-h", "--help"):
@@ -53,13 +53,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write("marl-cair: interrupted\n")
         return EXIT_INTERRUPTED
     except (ValueError, OSError, MemoryError, ArithmeticError, RecursionError) as error:
-        told = f"{error}" or type(error).__name__
+        text = f"{error}" or type(error).__name__
         if isinstance(error, MemoryError):
-            told = f"not enough memory: {told}; give smaller numbers"
-        sys.stderr.write(f"marl-cair: {clean_text(told)}\n")
+            text = f"not enough memory: {text}; give smaller numbers"
+        sys.stderr.write(f"marl-cair: {clean_text(text)}\n")
         return EXIT_REFUSED
     except RuntimeError as error:
-        if "allocate memory" not in f"{error}":  # what torch says in place of a MemoryError
+        if "allocate memory" not in f"{error}":  # torch's form of a MemoryError
             raise
         sys.stderr.write(f"marl-cair: not enough memory: {error}; give smaller numbers\n")
         return EXIT_REFUSED
@@ -71,9 +71,6 @@ def describe_commands() -> str:
     width = max(map(len, TASKS))
     lines += [f"  {task:{width}}  {text}" for task, text in TASKS.items()]
     others = (name for name in COMMANDS if not any(name in task.split() for task in TASKS))
-    lines += ["", f"  other commands: {', '.join(others)}"]
-    lines += [
-        "",
-        "marl-cair COMMAND --help lists all options, marl-cair --version prints the version.",
-    ]
+    lines += ["", f"  other commands: {', '.join(others)}", ""]
+    lines += ["marl-cair COMMAND --help lists all options, marl-cair --version prints the version."]
     return "\n".join(lines) + "\n"

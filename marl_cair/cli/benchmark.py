@@ -11,23 +11,16 @@ import marl_cair
 from marl_cair.cli.parser import Parser
 from marl_cair.lookup import find_by_name
 
-# Benchmarks that run for hours, or rate what their words name: only when they are named.
+# Benchmarks that run for hours, or need arguments: they run only when they are named.
 HOURS = (
-    "doctrine_search",
-    "learning",
-    "league_learning",
-    "opponents",
-    "psro_learning",
-    "self_play_learning",
-    "solo_learning",
+    *("doctrine_search", "learning", "league_learning", "opponents"),
+    *("psro_learning", "self_play_learning", "solo_learning"),
 )
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one benchmark, or all; further words go to it. Returns the exit code.
-
-    Raises:
-        ValueError: no such benchmark, or no source checkout.
+    """Run one benchmark, or all, with further words; returns the exit code. Raises ValueError: no
+    such benchmark, or no source checkout.
     """
     parser = Parser("marl-cair benchmark", description=__doc__)
     parser.add_argument("name", nargs="?", help=f"default: all but {', '.join(HOURS)}")
@@ -46,8 +39,8 @@ def run(arguments: Sequence[str]) -> int:
     for script in chosen:
         sys.stdout.write(f"== {script.stem}\n")
         sys.stdout.flush()
-        module = f"benchmarks.{script.stem}"
-        done = subprocess.run([sys.executable, "-m", module, *rest], cwd=root, check=False)
+        command = [sys.executable, "-m", f"benchmarks.{script.stem}", *rest]
+        done = subprocess.run(command, cwd=root, check=False)
         if done.returncode:
             return done.returncode
     return 0

@@ -1,8 +1,7 @@
-"""`marl-cair compile`: compile the rules of games now, so that no first call has to wait for it.
+"""`marl-cair compile`: compile the rules of games ahead of their first use.
 
-For the image of a container, or before many processes begin on one machine. What is compiled is
-kept in $MARL_CAIR_CACHE, else in the user's cache folder, until a rule, numba or the processor
-changes.
+For the image of a container, or before many processes start on one machine. The code is kept in
+$MARL_CAIR_CACHE, else in the user's cache folder, until a rule, numba or the processor changes.
 """
 
 from __future__ import annotations
@@ -33,13 +32,13 @@ def run(arguments: Sequence[str]) -> int:
     parser = Parser("marl-cair compile", description=__doc__)
     parser.add_argument("games", nargs="*", metavar="GAME", help="default: all games")
     parser.add_argument(
-        "--workers", type=int, default=_count_cores(), help="processes (default: a core each)"
+        "--workers", type=int, default=_count_cores(), help="processes (default: one per core)"
     )
     options = parser.parse_args(arguments)
     if not is_compiling():
-        raise ValueError("NUMBA_DISABLE_JIT is set, so that rules are not compiled: unset it")
+        raise ValueError("NUMBA_DISABLE_JIT is set, so rules are not compiled: unset it")
     began = time.monotonic()
-    games = list(dict.fromkeys(options.games)) or list(GAMES.ask_each(list_representations))
+    games = list(dict.fromkeys(options.games)) or list(GAMES.apply_to_all(list_representations))
     parts = list_parts(games)
     with tqdm(total=len(parts), unit="part", disable=None) as bar:
         for part in compile_parts(parts, options.workers):
@@ -53,7 +52,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _count_cores() -> int:
-    """Those that this process may use: a job of a cluster often has a few of many."""
+    """Cores that this process may use: a job of a cluster often has only some."""
     if hasattr(os, "sched_getaffinity"):  # Linux
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -1,7 +1,7 @@
-"""The Hydra application of `marl-cair train`: command-line words -> configurations.
+"""Compose the configurations of `marl-cair train` from command-line words, with Hydra.
 
-Hydra composes `marl_cair/conf/train.yaml` on structured configs that are derived from the settings'
-dataclasses. It writes nothing and changes no folder: training starts when all jobs are composed.
+Hydra composes `marl_cair/conf/train.yaml` on structured configs made from the settings'
+dataclasses. It writes nothing: training starts when all jobs are composed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from marl_cair.cli.parser import refuse_repeats
 from marl_cair.games import GAMES
 from marl_cair.generative import GENERATORS
-from marl_cair.lookup import find_by_name
+from marl_cair.lookup import check_name
 from marl_cair.policies import NETWORKS
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.training.settings.config import RENAMED_OPTIONS, TrainConfig
@@ -43,7 +43,7 @@ _WHOLE_NUMBERS = re.compile(r"\d+(\.\d+)?e\+?\d+", re.IGNORECASE)
 
 
 class Job(NamedTuple):
-    """One configuration of a command; `name` is of the swept options, "" where none is swept."""
+    """One configuration of a command, named by its swept options; "" where none is swept."""
 
     config: TrainConfig
     name: str
@@ -53,7 +53,7 @@ def compose_config(words: Sequence[str]) -> TrainConfig:
     """The configuration that `words` (`group=choice`, `option=value`) describe.
 
     Raises:
-        UnknownNameError: an option or choice that does not exist; names the nearest.
+        UnknownNameError: no such option or choice; names the nearest.
         ValueError: a word that is no `name=value`, or a value that is not allowed.
     """
     (job,) = run_hydra(words)
@@ -61,9 +61,8 @@ def compose_config(words: Sequence[str]) -> TrainConfig:
 
 
 def run_hydra(arguments: Sequence[str]) -> list[Job]:
-    """Run the Hydra application on words and Hydra's own flags; the jobs that it composed.
-
-    Raises as `compose_config`, and SystemExit after `--help`, or for an unknown flag.
+    """The jobs that Hydra composes from words and its own flags. Raises as `compose_config`, and
+    SystemExit after `--help`, or for an unknown flag.
     """
     import hydra
     from hydra.core.hydra_config import HydraConfig
@@ -113,7 +112,7 @@ def _split_flags(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     return flags, words
 
 
-_FLAGS_WITH_VALUE = (
+_FLAGS_WITH_VALUE = {
     "--cfg",
     "-c",
     "--package",
@@ -122,7 +121,7 @@ _FLAGS_WITH_VALUE = (
     "-cd",
     "--config-name",
     "-cn",
-)
+}
 
 
 @contextmanager
@@ -141,10 +140,8 @@ def _hydra_arguments(arguments: list[str]) -> Iterator[None]:
 
 def rewrite(words: Sequence[str]) -> list[str]:
     """Words as Hydra takes them: shorthands in full, 1e6 as a whole number, new keys of mappings
-    without `+`.
-
-    A mapping that is given whole replaces its default, which Hydra would merge with it: it is set
-    to null before.
+    without `+`. A whole mapping replaces its default, with which Hydra would merge it: it is set to
+    null first.
     """
     mappings = [o.path for o in list_options() if typing.get_origin(o.kind) is dict]
     whole: list[str] = []
@@ -167,13 +164,13 @@ def _as_whole_number(text: str) -> str:
 
 
 def override(defaults: Iterable[str], words: Sequence[str]) -> list[str]:
-    """`words`, and before them those of `defaults` whose option or group they do not set."""
+    """`defaults` and `words`, without the defaults whose option or group `words` set."""
     given = {full_name(word) for word in words}
     return [*(word for word in defaults if full_name(word) not in given), *words]
 
 
 def full_name(word: str) -> str:
-    """The option or group that a word sets, where it is a shorthand too."""
+    """The option or group that a word sets, shorthands in full."""
     name = word.partition("=")[0].lstrip("+")
     return SHORTHANDS.get(name, name)
 
@@ -190,19 +187,19 @@ def read_value(word: str) -> Any:
 
 
 def list_choices(group: str) -> list[str]:
-    """The YAML files of a group, less the shared parts of others."""
+    """The YAML files of a group, without the parts that they share (`_*.yaml`)."""
     names = [entry.name for entry in (CONF / group).iterdir() if entry.name.endswith(".yaml")]
     return sorted(name[: -len(".yaml")] for name in names if not name.startswith("_"))
 
 
 def read_about(recipe: str) -> str:
-    """What a recipe is for: its second line, below Hydra's own."""
+    """A recipe's description: its second line, below Hydra's own."""
     return (CONF / "recipe" / f"{recipe}.yaml").read_text("utf-8").splitlines()[1].lstrip("# ")
 
 
 def register(words: Sequence[str]) -> None:
-    """Store the structured configs, and choices of `words` that have no file: a bot or a sampler
-    as `opponent`, a game of an installed package.
+    """Store the structured configs, and choices of `words` without a file: a bot or a sampler as
+    `opponent`, a game of an installed package.
     """
     from hydra.core.config_store import ConfigStore
 
@@ -218,9 +215,11 @@ def register(words: Sequence[str]) -> None:
 
 
 def list_opponents() -> dict[str, dict[str, Any]]:
-    """Settings of the group `opponent` by bot or sampler: it alone."""
+    """Settings of the group `opponent` by bot or sampler: a mixture of it alone."""
     bots = {
-        name for names in GAMES.ask_each(lambda game: tuple(game.bots)).values() for name in names
+        name
+        for names in GAMES.apply_to_all(lambda game: tuple(game.bots)).values()
+        for name in names
     }
     names = [*(name for name in SAMPLERS if name not in LEAGUE_SAMPLERS), *sorted(bots)]
     return {name: {"mixture": {name: 1.0}} for name in names}
@@ -228,7 +227,7 @@ def list_opponents() -> dict[str, dict[str, Any]]:
 
 def list_games() -> dict[str, dict[str, Any]]:
     """Settings of the group `game` by name."""
-    scenarios = GAMES.ask_each(lambda game: game.default_scenario)
+    scenarios = GAMES.apply_to_all(lambda game: game.default_scenario)
     return {name: {"name": name, "scenario": scenario} for name, scenario in scenarios.items()}
 
 
@@ -273,12 +272,12 @@ def _make_field(name: str, kind: Any, default: Any) -> tuple[str, Any, Any]:
 
 
 def _name_job(words: Iterable[str]) -> str:
-    """A folder's name for the options that differ between jobs, as Hydra's grammar reads it."""
+    """A folder's name for the options that differ between jobs."""
     return "_".join(re.sub(r"[^\w.+-]+", "-", word.lstrip("+")) for word in words)
 
 
 def _explain(words: Sequence[str], error: Exception) -> typing.NoReturn:
-    """Raise what is wrong in our own words: the first unknown name or value of another kind."""
+    """Raise an error of ours in place of Hydra's: the first unknown name or wrong value."""
     if "Ambiguous value" in f"{error}":
         raise ValueError(
             f"{' '.join(words)}: several values for one option need --multirun; write a list as "
@@ -293,20 +292,15 @@ def _explain(words: Sequence[str], error: Exception) -> typing.NoReturn:
             ) from error
         name = full_name(word)
         if name in GROUPS:
-            more = _MORE_CHOICES.get(name, dict)()
-            known = dict.fromkeys([*list_choices(name), *more])
+            known = [*list_choices(name), *_MORE_CHOICES.get(name, dict)()]
             for choice in value.split(","):
-                find_by_name(f"{name} (marl-cair train {name}=...)", choice, known)
+                check_name(f"{name} (marl-cair train {name}=...)", choice, known)
             continue
         group, _, last = name.rpartition(".")
         if group == "opponent" and last in RENAMED_OPTIONS:
             raise ValueError(f"{name} is called {group}.{RENAMED_OPTIONS[last]} now") from error
         kinds = [path for path in options if name == path or name.startswith(f"{path}.")]
-        find_by_name(
-            "option",
-            kinds[0] if kinds else name,
-            {**options, **dict.fromkeys([*SHORTHANDS, *GROUPS])},
-        )
+        check_name("option", kinds[0] if kinds else name, [*options, *SHORTHANDS, *GROUPS])
         if name in options:
             build_value(options[name].kind, read_value(word), name)
     raise ValueError(f"{' '.join(words)}: {str(error).strip().splitlines()[0]}") from error

@@ -1,4 +1,4 @@
-"""`marl-cair curves`: learning curves of training runs as one picture, also while they train."""
+"""`marl-cair curves`: plot learning curves of training runs as a PNG, also while they train."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DEFAULT_OUT = "runs/curves.png"
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Draw the picture and tell where it is; returns the exit code."""
+    """Draw the picture and print its path; returns the exit code."""
     options = make_parser().parse_args(arguments)
     out = Path(options.out)
     if out.is_dir():
@@ -44,9 +44,9 @@ def make_parser() -> Parser:
 
 
 def name_runs(folders: Sequence[str]) -> dict[str, Path]:
-    """Runs by their folders' names, or where two are the same by all that is not common to them.
+    """Runs by their folders' names; by their paths below the common folder where two are equal.
 
-    Raises ValueError for a folder that no run has logged to, and for one that is given twice.
+    Raises ValueError for a folder without logged rows, and for one that is given twice.
     """
     paths = [Path(folder).resolve() for folder in folders]
     for given, path in zip(folders, paths, strict=True):

@@ -1,7 +1,8 @@
-"""`marl-cair evaluate`: one agent against others, greedy, the rated reward, seats balanced.
+"""`marl-cair evaluate`: win rates of one agent against others, with 95 % intervals.
 
-Where more than two play, the agent has one seat (or team) and each opponent all others. Where there
-are no rivals, agent and opponents play the same map seeds, each alone.
+Agents play greedily, for the rated reward, equally often in each seat. In games of more than two
+the agent has one seat (or team) and each opponent all others. In games for one, all agents play the
+same map seeds, each alone.
 """
 
 from __future__ import annotations
@@ -17,14 +18,7 @@ from typing import Any
 import numpy as np
 
 from marl_cair.cli import EXIT_DONE
-from marl_cair.cli.match_options import (
-    add_fields,
-    add_match_options,
-    choose_load,
-    read_fields,
-    round_games,
-    update_words,
-)
+from marl_cair.cli import match_options as shared
 from marl_cair.cli.parser import Parser
 from marl_cair.files import write_atomically
 from marl_cair.games.checks.scenario import change_scenario
@@ -42,7 +36,7 @@ ALONE_COLUMNS = ("agent", "number", "games", "mean", "low", "high", *_OF_MEDIAN)
 
 def run(arguments: Sequence[str]) -> int:
     """Play and print a table, each row as soon as it is played; returns the exit code."""
-    options = make_parser().parse_args(update_words("evaluate", arguments))
+    options = make_parser().parse_args(shared.update_words("evaluate", arguments))
     if options.out and Path(options.out).is_dir():
         raise IsADirectoryError(f"--out {options.out} is a folder: give the name of a CSV file")
     twice = {name for name in options.against if options.against.count(name) > 1}
@@ -50,15 +44,13 @@ def run(arguments: Sequence[str]) -> int:
         raise ValueError(f"{', '.join(sorted(twice))} is given twice: name each opponent once")
     game, name, scenario_options = find_scenario([options.agent], options.game, options.scenario)
     scenario = game.scenario(name, **{**scenario_options, "reward": game.rated_reward})
-    changes = read_fields(game, scenario, options.fields)
+    changes = shared.read_fields(game, scenario, options.fields)
     scenario = change_scenario(game.name, scenario, changes)
-    columns: tuple[str, ...]
-    if game.make_spec(scenario).num_teams == 1:
-        columns, rows = ALONE_COLUMNS, _rate_alone(options, game, name, scenario)
-    else:
-        columns, rows = COLUMNS, _rate_against(options, game, name, scenario)
+    is_alone = game.make_spec(scenario).num_teams == 1
+    rows = (_rate_alone if is_alone else _rate_against)(options, game, name, scenario)
     if options.out:
         text = io.StringIO()
+        columns = ALONE_COLUMNS if is_alone else COLUMNS
         cells = (map(clean_cell, row) for row in (columns, *rows))
         csv.writer(text, lineterminator="\n").writerows(cells)
         write_atomically(options.out, text.getvalue())
@@ -73,10 +65,8 @@ def _rate_against(
         raise ValueError(
             f"--against is empty: name one or more opponents on {game.name}, for example random"
         )
-    spec = game.make_spec(scenario)
-    # Every map seed is played once in each seat: of more than two seats few divide a round number.
-    num_games = options.games if num_teams == 2 else round_games(options.games, spec)
-    load = choose_load(options)
+    num_games = shared.round_games(options.games, game.make_spec(scenario))
+    load = shared.choose_load(options)
     agent = load(options.agent, game.name, scenario)
     opponents = [load(opponent, game.name, scenario) for opponent in options.against]
     width = max(len("against"), *map(len, options.against))
@@ -100,7 +90,7 @@ def _rate_alone(
     options: argparse.Namespace, game: Game, name: str, scenario: Any
 ) -> list[tuple[object, ...]]:
     sources = [options.agent, *options.against]
-    load = choose_load(options)
+    load = shared.choose_load(options)
     agents = [load(one, game.name, scenario) for one in sources]
     sys.stdout.write(f"{game.name} {name}: {options.games} games, each alone, 95 % intervals\n")
     rows: list[tuple[object, ...]] = []
@@ -153,18 +143,18 @@ def _shares(match: MatchResult) -> tuple[str, str, str]:
 def make_parser() -> Parser:
     """The options of the command."""
     parser = Parser("marl-cair evaluate", description=__doc__)
+    parser.add_argument("agent", help=shared.AGENT_HELP)
     parser.add_argument(
-        "agent",
-        help="folder of a checkpoint (runs/a/latest), of a run (runs/a: its `latest`) or of a "
-        "mixture, a bot (`marl-cair games`), module:function, or process:COMMAND",
+        "--against", nargs="*", default=["random"], help="opponents, as AGENT (default: random)"
     )
-    parser.add_argument(
-        "--against",
-        nargs="*",
-        default=["random"],
-        help="agents as the first, that it is rated against (default: random)",
+    shared.add_options(
+        parser,
+        *shared.MATCH_OPTIONS,
+        games_of="against each opponent",
+        games=500,
+        trained="agent",
+        bots_alone="a bot",
     )
-    add_fields(parser)
-    add_match_options(parser, 500, "against each", "agent", "a bot")
+    parser.set_defaults(games=500)
     parser.add_argument("--out", help="CSV file to write the table to (default: none is written)")
     return parser

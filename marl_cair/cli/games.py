@@ -1,4 +1,4 @@
-"""`marl-cair games`: what there is to play, as a list, as the README's table, or as JSON."""
+"""`marl-cair games`: list the games as text, as the table of the documentation, or as JSON."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _HEAD = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|\n"
 
 
 class Row(NamedTuple):
-    """Scenarios of a game that are alike in all that the other columns tell."""
+    """Scenarios of a game that are equal in all other columns."""
 
     scenarios: tuple[str, ...]
     players: str
@@ -34,25 +34,25 @@ def run(arguments: Sequence[str]) -> int:
     parser = Parser("marl-cair games", description=__doc__)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="everything, for programs")
-    form.add_argument("--markdown", action="store_true", help="the table of the README")
+    form.add_argument("--markdown", action="store_true", help="the table of docs/games.md")
     chosen = parser.parse_args(arguments)
     if chosen.json:
-        sys.stdout.write(json.dumps(GAMES.ask_each(_describe_for_json), indent=2) + "\n")
+        sys.stdout.write(json.dumps(GAMES.apply_to_all(_describe_for_json), indent=2) + "\n")
     elif chosen.markdown:
-        sys.stdout.write(_HEAD + "".join(GAMES.ask_each(_format_rows).values()))
+        sys.stdout.write(_HEAD + "".join(GAMES.apply_to_all(_format_rows).values()))
     else:
-        sys.stdout.write("\n".join(GAMES.ask_each(_format_game).values()))
+        sys.stdout.write("\n".join(GAMES.apply_to_all(_format_game).values()))
     return EXIT_DONE
 
 
 def _describe_for_json(game: Game) -> dict[str, Any]:
     described = describe_game(game)
-    json.dumps(described)  # what it cannot hold is the fault of this game alone
+    json.dumps(described)  # raises here if this game cannot be written as JSON
     return described
 
 
 def describe_game(game: Game) -> dict[str, Any]:
-    """All of a game that users choose from, as plain data."""
+    """A game's scenarios, bots, rewards and representations as plain data."""
     return {
         "title": game.title,
         "version": game.version,
@@ -88,7 +88,7 @@ def _describe_spec(spec: GameSpec) -> dict[str, Any]:
 
 
 def list_rows(game: Game) -> list[Row]:
-    """One row for scenarios that are alike, in the order of the first of each."""
+    """One row for equal scenarios, in the order of the first of each."""
     alike: dict[tuple[str, ...], list[str]] = {}
     for name, scenario in game.scenarios.items():
         spec = game.make_spec(scenario)
@@ -96,12 +96,12 @@ def list_rows(game: Game) -> list[Row]:
             f"{seen.name} {'x'.join(map(str, seen.shape))}"
             for seen in spec.representations.values()
         )
-        told = (_tell_players(spec), str(spec.num_actions), shown, spec.pays)
-        alike.setdefault(told, []).append(name)
-    return [Row(tuple(names), *told) for told, names in alike.items()]
+        cells = (_format_players(spec), str(spec.num_actions), shown, spec.pays)
+        alike.setdefault(cells, []).append(name)
+    return [Row(tuple(names), *cells) for cells, names in alike.items()]
 
 
-def _tell_players(spec: GameSpec) -> str:
+def _format_players(spec: GameSpec) -> str:
     sizes = np.bincount(spec.team_of_seat)
     if 1 < len(sizes) < spec.num_players:
         return f"{spec.num_players} ({' v '.join(map(str, sizes))})"
@@ -109,8 +109,8 @@ def _tell_players(spec: GameSpec) -> str:
 
 
 def format_markdown(games: Iterable[Game]) -> str:
-    """The table of all scenarios, with links as from the repository's root; an empty cell is as
-    the one above it.
+    """The table of all scenarios, with links from the repository's root; an empty cell repeats the
+    one above it.
     """
     return _HEAD + "".join(map(_format_rows, games))
 
@@ -122,8 +122,7 @@ def _format_rows(game: Game) -> str:
     for row in list_rows(game):
         scenarios = ", ".join(row.scenarios)
         cells = (f"[{game.title}]({page})", scenarios, *row[1:], f"[picture]({picture})")
-        pairs = zip(cells, above, strict=True)
-        shown = ["" if cell == last else cell for cell, last in pairs]
+        shown = ["" if cell == last else cell for cell, last in zip(cells, above, strict=True)]
         lines.append(f"| {' | '.join(shown)} |\n")
         above = cells
     return "".join(lines)

@@ -1,25 +1,14 @@
-"""`marl-cair league`: any agents, seat-balanced games, ratings with intervals."""
+"""`marl-cair league`: rate agents by seat-balanced games, with 95 % intervals."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
-from marl_cair.cli.match_options import (
-    DEFAULT_OUT,
-    add_fields,
-    add_match_options,
-    add_no_replays,
-    add_workers,
-    change_fields,
-    choose_load,
-    expand_agents,
-    format_command,
-    print_league,
-    read_seconds,
-)
+from marl_cair.cli import match_options as shared
 from marl_cair.cli.parser import Parser
 from marl_cair.league.agents.load import find_scenario
 from marl_cair.league.agents.run_folders import MOST_SNAPSHOTS
@@ -34,24 +23,21 @@ MOST_GAMES_PER_PAIR = 2_000  # of the adaptive schedule
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Play and print ladder and matrix, or what a sub-command says; returns the exit code."""
+    """Play and print ladder and matrix, or run a sub-command; returns the exit code."""
     if arguments and arguments[0] in SUBCOMMANDS:
         return SUBCOMMANDS[arguments[0]](arguments[1:])
     options = make_parser().parse_args(arguments)
     from marl_cair.league.league import LeagueConfig, run_league
 
-    found = expand_agents([*options.agents, *options.ladder])
+    found = shared.expand_agents([*options.agents, *options.ladder])
     agents, ladder = found.list_agents(options.agents), found.list_agents(options.ladder)
-    everyone = [*agents, *ladder]
-    game, scenario, fields = find_scenario(everyone, options.game, options.scenario)
-    fields = change_fields(game, scenario, fields, options.fields)
+    game, scenario, fields = find_scenario([*agents, *ladder], options.game, options.scenario)
+    fields = shared.change_fields(game, scenario, fields, options.fields)
     max_seconds = _read_time(options.time)
-    is_adaptive = options.ci > 0.0 or max_seconds > 0.0
-    games = (
-        options.games
-        if options.games is not None
-        else (MOST_GAMES_PER_PAIR if is_adaptive else GAMES_PER_PAIR)
-    )
+    games = options.games
+    if games is None:
+        is_adaptive = options.ci > 0.0 or max_seconds > 0.0
+        games = MOST_GAMES_PER_PAIR if is_adaptive else GAMES_PER_PAIR
     result = run_league(
         LeagueConfig(
             agents=agents,
@@ -68,39 +54,36 @@ def run(arguments: Sequence[str]) -> int:
             max_seconds=max_seconds,
             replays=not options.no_replays,
             zero=options.zero,
-            command=format_command("league", arguments),
+            command=shared.format_command("league", arguments),
         ),
-        choose_load(options),
+        shared.choose_load(options),
     )
-    return print_league(result)
+    return shared.print_league(result)
 
 
 def report(arguments: Sequence[str]) -> int:
-    """Ratings of all stored games; plays nothing but the few games that the report shows."""
-    parser = Parser("marl-cair league report", description=report.__doc__)
-    _add_folder(parser)
+    """Rate all stored games again; plays only the few games that the report shows."""
+    parser = _make_folder_parser("report", report.__doc__)
     parser.add_argument(
         "--alpha-rank",
         action="store_true",
         help="alpha-Rank too; needs pip install 'marl_cair[openspiel]' (default: no)",
     )
-    add_no_replays(parser)
+    shared.add_options(parser, "--no-replays")
     _add_zero(parser)
     options = parser.parse_args(arguments)
-    replays = not options.no_replays
     from marl_cair.league.report.report import report_stored
 
-    return print_league(report_stored(Path(options.out), options.alpha_rank, replays, options.zero))
+    folder, replays = Path(options.out), not options.no_replays
+    return shared.print_league(report_stored(folder, options.alpha_rank, replays, options.zero))
 
 
 def print_status(arguments: Sequence[str]) -> int:
-    """What a league file holds; also while the league is played."""
-    parser = Parser("marl-cair league status", description=print_status.__doc__)
-    _add_folder(parser)
-    store = LeagueStore(Path(parser.parse_args(arguments).out) / STORE_FILE)
+    """List the agents and games in a league file; also while the league is played."""
+    options = _make_folder_parser("status", print_status.__doc__).parse_args(arguments)
     from marl_cair.league.report.background import describe_training
 
-    try:
+    with closing(LeagueStore(Path(options.out) / STORE_FILE)) as store:
         games, agents = store.read_games(), store.read_agents()
         held = {key: store.settings[key] for key in ("game", "game_version", "seed", "seating")}
         lines = [clean_text(", ".join(f"{key} {value}" for key, value in held.items()))]
@@ -113,16 +96,13 @@ def print_status(arguments: Sequence[str]) -> int:
             about = agent.kind, agent.evaluation_policy, describe_training(agent), agent.fingerprint
             lines.append(f"  {agent.name}: {played} games; {', '.join(filter(None, about))}")
         lines += [f"  forfeits, {count}: {reason}" for reason, count in store.read_forfeits()]
-    finally:
-        store.close()
     sys.stdout.write("\n".join(lines) + "\n")
     return EXIT_DONE
 
 
 def export(arguments: Sequence[str]) -> int:
-    """The tables of a league file for other programs."""
-    parser = Parser("marl-cair league export", description=export.__doc__)
-    _add_folder(parser)
+    """Write the tables of a league file for other programs."""
+    parser = _make_folder_parser("export", export.__doc__)
     parser.add_argument(
         "--format",
         default="csv",
@@ -133,12 +113,9 @@ def export(arguments: Sequence[str]) -> int:
         "--to", help="folder to write to (default: `export` in the folder of the league)"
     )
     options = parser.parse_args(arguments)
-    store = LeagueStore(Path(options.out) / STORE_FILE)
-    try:
-        folder = Path(options.to or Path(options.out) / "export")
+    folder = Path(options.to or Path(options.out) / "export")
+    with closing(LeagueStore(Path(options.out) / STORE_FILE)) as store:
         paths = export_league(store, folder, options.format)
-    finally:
-        store.close()
     sys.stdout.write(f"{', '.join(path.name for path in paths)} are in {folder}\n")
     return EXIT_DONE
 
@@ -162,70 +139,68 @@ def make_parser() -> Parser:
     """The options of the command."""
     parser = Parser(
         "marl-cair league",
-        description=f"{__doc__} The same command again goes on where it stopped, and with more "
-        "games or agents plays only what is new.",
-        epilog="`marl-cair league report FOLDER` rates all that is stored, `league status FOLDER` "
-        f"tells what that is, `league export FOLDER` writes it ({', '.join(QUERIES)}) as CSV, JSON "
-        "or Parquet. `league add AGENT` adds an agent, `league exploit AGENT` trains against it, "
-        "`league train FILE` trains a league, `league psro FILE` best responses one after the "
-        "other (--help tells more).",
+        description=f"{__doc__} The same command again resumes an interrupted league; with more "
+        "games or agents it plays only the new ones.",
+        epilog="`marl-cair league report FOLDER` rates all stored games, `league status FOLDER` "
+        f"lists them, `league export FOLDER` writes them ({', '.join(QUERIES)}) as CSV, JSON or "
+        "Parquet. `league add AGENT` adds an agent, `league mix FOLDER` mixes agents, `league "
+        "exploit AGENT` trains against one, `league train FILE` trains a league, `league psro "
+        "FILE` trains best responses in turn. See their --help.",
     )
     parser.add_argument(
         "agents",
         nargs="+",
-        help="two or more: folders of checkpoints (runs/a/latest), of runs (runs/a: of `train` its "
-        f"`latest` and {MOST_SNAPSHOTS} snapshots at most, of `league train` each learner, of "
-        "`league psro` the mixture, of `league exploit` the best response) or of mixtures, bots "
-        "(`marl-cair games` lists them), functions that make an agent (module:function, called "
-        "with scenario and spec), and commands that speak JSON lines (process:COMMAND)",
+        help=f"two or more, each: {shared.AGENT_HELP}. A run of `train` stands for `latest` and "
+        f"{MOST_SNAPSHOTS} snapshots at most, one of `league train` for each learner, one of "
+        "`league psro` for the mixture, one of `league exploit` for the best response",
     )
-    add_match_options(parser, GAMES_PER_PAIR, "of each pair", "first checkpoint", "bots alone")
-    add_fields(parser)
-    parser.set_defaults(games=None)
+    shared.add_options(
+        parser,
+        *shared.MATCH_OPTIONS,
+        *("--workers", "--no-replays"),
+        games_of="of each pair",
+        games=GAMES_PER_PAIR,
+        trained="first checkpoint",
+        bots_alone="bots alone",
+    )
     parser.add_argument(
         "--ladder",
         nargs="+",
         default=[],
         metavar="AGENT",
-        help="further agents that the others play, but that do not play each other anew; what is "
-        "stored of their games counts (default: nobody)",
+        help="further agents that the others play, but that play no new games between each other; "
+        "their stored games count (default: none)",
     )
     parser.add_argument(
         "--seating",
         default="",
         choices=SEATINGS,
-        help="how a map seed is played by more than three: in all orders of the seats, or in the "
-        "rotations of a random ring (default: all for two and three, ring for more)",
+        help="how more than three play a map seed: in all orders of the seats, or in the rotations "
+        "of a random ring (default: all for two and three, ring for more)",
     )
     parser.add_argument(
         "--ci",
         type=float,
         default=0.0,
         metavar="ELO",
-        help="play where it tells most until every 95 %% interval is ELO or less either way; "
-        f"--games is then the most for a pair, if not given {MOST_GAMES_PER_PAIR} (default: no)",
+        help="play the most informative games until each 95 %% interval is ELO or less either way; "
+        f"--games is then the most per pair, by default {MOST_GAMES_PER_PAIR} (default: no)",
     )
     parser.add_argument(
-        "--time",
-        default="",
-        help="as --ci, until so much time is over, for example 90s, 10m or 2h (default: no)",
+        "--time", default="", help="as --ci, for this time: 90s, 10m or 2h (default: no)"
     )
-    add_workers(parser)
-    add_no_replays(parser)
     _add_zero(parser)
     parser.add_argument(
         "--out",
-        default=DEFAULT_OUT,
-        help="folder of results and report; one of another seed, game or scenario is refused "
+        default=shared.DEFAULT_OUT,
+        help="folder of results and report; that of another seed, game or scenario is refused "
         "(default: %(default)s)",
     )
     return parser
 
 
 def _read_time(text: str) -> float:
-    if not text:
-        return 0.0
-    seconds = read_seconds(text)
+    seconds = shared.read_seconds(text) if text else 0.0
     if seconds is None:
         raise ValueError(
             f"--time is {text!r}, it must be a number above 0 with s, m or h, for example 10m"
@@ -243,7 +218,12 @@ def _add_zero(parser: Parser) -> None:
     )
 
 
-def _add_folder(parser: Parser) -> None:
+def _make_folder_parser(command: str, about: str | None) -> Parser:
+    parser = Parser(f"marl-cair league {command}", description=about)
     parser.add_argument(
-        "out", nargs="?", default=DEFAULT_OUT, help="folder of the league (default: %(default)s)"
+        "out",
+        nargs="?",
+        default=shared.DEFAULT_OUT,
+        help="folder of the league (default: %(default)s)",
     )
+    return parser

@@ -1,4 +1,4 @@
-"""The options that `evaluate`, `match` and `league` share: games, seed, game, scenario and more."""
+"""Options that `evaluate`, `match` and `league` share: games, seed, scenario and more."""
 
 from __future__ import annotations
 
@@ -27,62 +27,86 @@ if TYPE_CHECKING:
     from marl_cair.league.report.report import LeagueResult
 
 DEFAULT_OUT = "runs/league"
+AGENT_HELP = (
+    "folder of a checkpoint (runs/a/latest), of a run (runs/a: its `latest`) or of a mixture, a "
+    "bot (`marl-cair games` lists them), module:function, or process:COMMAND (a program that "
+    "speaks JSON lines)"
+)
 _OLD_WORD = re.compile(r"[\w.]+=.*", re.DOTALL)
 _FLAGS = ("game", "scenario", "games", "seed", "sprt")
 _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
-
-
-def add_match_options(
-    parser: argparse.ArgumentParser, games: int, games_of: str, trained: str, bots_alone: str
-) -> None:
-    """Add --games, --seed, and what `add_scenario_options` and `add_answer_limits` add.
-
-    games: how many by default; games_of: against or of whom, for the help.
-    """
-    parser.add_argument(
-        "--games",
-        type=int,
-        default=games,
-        help=f"games {games_of}, as many in each seat (default: {games})",
-    )
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        help="whole number; the same seed plays the same games (default: %(default)s)",
-    )
-    add_scenario_options(parser, trained, bots_alone)
-    add_answer_limits(parser)
-
-
-def add_scenario_options(parser: argparse.ArgumentParser, trained: str, bots_alone: str) -> None:
-    """Add --game and --scenario.
-
-    trained: whose training gives both; bots_alone: who takes the game's default scenario.
-    """
-    parser.add_argument(
-        "--game",
-        choices=list(GAMES),
-        help=f"default: the one that the {trained} was trained on, or the first choice",
-    )
-    parser.add_argument(
-        "--scenario",
-        help="a scenario of the game, as `marl-cair games` lists them (default: the one of that "
-        f"training; for {bots_alone} the game's default)",
-    )
-
-
-def add_fields(parser: argparse.ArgumentParser, more: str = "") -> None:
-    """Add --set."""
-    parser.add_argument(
-        "--set",
-        dest="fields",
-        action="append",
-        default=[],
-        metavar="FIELD=VALUE",
-        help=f"change a field of the scenario, for example max_ticks=500{more}; repeatable "
+# Options as `argparse` takes them; texts in braces are given by each command.
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "--games": {
+        "type": int,
+        "help": "number of games {games_of}, as many in each seat (default: {games})",
+    },
+    "--seed": {
+        "type": int,
+        "default": 0,
+        "help": "whole number; the same seed gives the same games (default: %(default)s)",
+    },
+    "--game": {
+        "choices": list(GAMES),
+        "help": "default: the game that the {trained} was trained on, or the first choice",
+    },
+    "--scenario": {
+        "help": "a scenario of the game, as `marl-cair games` lists them (default: the one that "
+        "the {trained} was trained on; for {bots_alone} the game's default)",
+    },
+    "--set": {
+        "dest": "fields",
+        "action": "append",
+        "default": [],
+        "metavar": "FIELD=VALUE",
+        "help": "change a field of the scenario, for example max_ticks=500{more}; repeatable "
         "(default: none)",
-    )
+    },
+    "--workers": {
+        "type": int,
+        "default": 1,
+        "help": "processes that play; results do not depend on it (default: %(default)s)",
+    },
+    "--no-replays": {
+        "action": "store_true",
+        "help": "show no games in the report: they are played again for it (default: three)",
+    },
+    "--allow-code": {
+        "action": "store_true",
+        "help": "also run the code that {files} names (process:COMMAND, module:function), and list "
+        "it; for files from people whom you trust (default: such files are refused)",
+    },
+    "--answer-seconds": {
+        "type": float,
+        "help": "time limit for each answer of an agent that is code, in a process of its own; an "
+        "agent that exceeds it forfeits. 0: functions run in this process without limit, for speed "
+        "and debuggers: one that hangs or dies ends everything (default: "
+        f"{FUNCTION_SECONDS:g} for module:function, {ANSWER_SECONDS:g} for process:COMMAND)",
+    },
+    "--answer-memory": {
+        "default": "",
+        "metavar": "SIZE",
+        "help": "limit for the address space of each process of such an agent, for example 2GiB; "
+        "Linux only (default: none)",
+    },
+    "--answer-processes": {
+        "type": int,
+        "default": 0,
+        "metavar": "N",
+        "help": "limit for the number of processes of such an agent; Linux only (default: none)",
+    },
+}
+SCENARIO_OPTIONS = ("--game", "--scenario", "--set")
+ANSWER_LIMITS = ("--answer-seconds", "--answer-memory", "--answer-processes")
+MATCH_OPTIONS = ("--games", "--seed", *SCENARIO_OPTIONS, *ANSWER_LIMITS)
+
+
+def add_options(parser: argparse.ArgumentParser, *names: str, **texts: object) -> None:
+    """Add options of the table; `texts` replace the braces in their helps."""
+    for name in names:
+        settings = _OPTIONS[name]
+        words = {"more": "", **texts}
+        parser.add_argument(name, **{**settings, "help": settings["help"].format_map(words)})
 
 
 def read_fields(game: Game, scenario: Any, words: Sequence[str]) -> dict[str, Any]:
@@ -133,36 +157,15 @@ def update_words(command: str, arguments: Sequence[str]) -> list[str]:
     return words
 
 
-def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Add --workers."""
-    parser.add_argument(
-        "--workers",
-        type=int,
-        default=1,
-        help="processes that play; the results do not depend on it (default: %(default)s)",
-    )
-
-
-def add_no_replays(parser: argparse.ArgumentParser) -> None:
-    """Add --no-replays."""
-    parser.add_argument(
-        "--no-replays",
-        action="store_true",
-        help="no games to watch in the report: they are played once more for it (default: three)",
-    )
-
-
 def expand_agents(sources: Sequence[str], known: Collection[str] = ()) -> Expansion:
-    """As `expand_runs`, and tell what a run stands for."""
+    """`expand_runs`; prints which agents each run stands for."""
     found = expand_runs(sources, known)
     sys.stderr.writelines(f"{line}\n" for line in found.notes)
     return found
 
 
 def round_games(num_games: int, spec: GameSpec) -> int:
-    """`num_games` up to whole blocks of one map seed in each seat (or team); tells where it is
-    more.
-    """
+    """`num_games` rounded up, with a notice, to whole blocks: a map seed in each seat (or team)."""
     num_teams = spec.num_teams
     rounded = -(-num_games // num_teams) * num_teams
     if rounded != num_games:
@@ -175,49 +178,12 @@ def round_games(num_games: int, spec: GameSpec) -> int:
 
 
 def read_seconds(text: str) -> float | None:
-    """Seconds of "90s", "10m" or "2h"; None of what is no number above 0 with s, m or h."""
+    """Seconds of "90s", "10m" or "2h"; None unless it is a number above 0 with s, m or h."""
     try:
         seconds = float(text[:-1]) * _SECONDS[text[-1:]]
     except (KeyError, ValueError):
         return None
     return seconds if 0.0 < seconds < math.inf else None  # NaN is neither
-
-
-def add_allow_code(parser: argparse.ArgumentParser, files: str) -> None:
-    """Add --allow-code. files: which of them may name code, for the help."""
-    parser.add_argument(
-        "--allow-code",
-        action="store_true",
-        help=f"also run the code that {files} names (process:COMMAND, module:function), and list "
-        "it; for files of people whom you trust (default: it is refused)",
-    )
-
-
-def add_answer_limits(parser: argparse.ArgumentParser) -> None:
-    """Add --answer-seconds, --answer-memory and --answer-processes."""
-    parser.add_argument(
-        "--answer-seconds",
-        type=float,
-        default=None,
-        help="limit for each answer of agents that are code, in processes of their own; who misses "
-        "it forfeits. 0: functions run in this process without limit, for speed and debuggers: one "
-        f"that hangs or dies ends everything (default: {FUNCTION_SECONDS:g} for module:function, "
-        f"{ANSWER_SECONDS:g} for process:COMMAND)",
-    )
-    parser.add_argument(
-        "--answer-memory",
-        default="",
-        metavar="SIZE",
-        help="limit for the address space of each process of such an agent, for example 2GiB; "
-        "Linux only (default: none)",
-    )
-    parser.add_argument(
-        "--answer-processes",
-        type=int,
-        default=0,
-        metavar="N",
-        help="limit for the processes that such an agent runs at once; Linux only (default: none)",
-    )
 
 
 def read_size(text: str, option: str) -> int:
@@ -229,16 +195,16 @@ def read_size(text: str, option: str) -> int:
 
 
 def choose_load(options: argparse.Namespace) -> Load:
-    """How agents are loaded, by the options of `add_answer_limits`."""
+    """The function that loads agents with the limits of ANSWER_LIMITS."""
     memory = read_size(options.answer_memory, "--answer-memory")
     if options.answer_seconds == 0 and (memory or options.answer_processes):
         raise ValueError(
             "--answer-seconds 0 runs functions in this process, where --answer-memory and "
-            "--answer-processes cannot hold: leave one or the others out"
+            "--answer-processes have no effect: leave one or the others out"
         )
     return functools.partial(
         _load_limited,
-        answer_seconds=options.answer_seconds,
+        seconds=options.answer_seconds,
         answer_memory=memory,
         answer_processes=options.answer_processes,
     )
@@ -248,25 +214,16 @@ def _load_limited(
     source: str,
     game: str | None = None,
     scenario: Any = None,
-    answer_seconds: float | None = None,
-    answer_memory: int = 0,
-    answer_processes: int = 0,
+    seconds: float | None = None,
+    **limits: int,
 ) -> Agent:
-    limit = answer_seconds or None  # 0 and none said
-    if is_foreign(source) and answer_seconds is None:
-        limit = FUNCTION_SECONDS
-    return load_agent(
-        source,
-        game,
-        scenario,
-        answer_seconds=limit,
-        answer_memory=answer_memory,
-        answer_processes=answer_processes,
-    )
+    default = FUNCTION_SECONDS if is_foreign(source) else None
+    limit = default if seconds is None else seconds or None  # 0: no limit
+    return load_agent(source, game, scenario, answer_seconds=limit, **limits)
 
 
 def print_league(result: LeagueResult) -> int:
-    """Print what a league found; returns the exit code."""
+    """Print the result of a league; returns the exit code."""
     from marl_cair.league.report.files import FILES
 
     page, *others = FILES

@@ -1,4 +1,4 @@
-"""`Parser`: reads options whole and once; refuses misspelt ones with the nearest names."""
+"""`Parser`: an argument parser that refuses abbreviated, repeated and misspelt options."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _UNKNOWN = "unrecognized arguments: "
 
 
 class Parser(argparse.ArgumentParser):
-    """As argparse's, but an option that is abbreviated or given twice is an error, and an unknown
-    one names the nearest.
+    """As argparse's, but abbreviated and repeated options are errors, and the error of an unknown
+    option names the nearest.
     """
 
     def __init__(self, prog: str | None = None, **options: Any) -> None:
@@ -50,9 +50,8 @@ class Parser(argparse.ArgumentParser):
 
 
 def refuse_repeats(words: Sequence[str], names: Sequence[str] | None = None) -> None:
-    """Raise ValueError where two of `words`, name=value each, set the same option.
-
-    names: what each sets, where that is not what stands before its `=`.
+    """Raise ValueError where two of `words`, name=value each, set the same option. names: of the
+    options that they set, where these are not the texts before `=`.
     """
     first: dict[str, str] = {}
     for word, name in zip(words, names or [w.partition("=")[0] for w in words], strict=True):

@@ -1,4 +1,4 @@
-"""`marl-cair train`: words of the command line -> a training run."""
+"""`marl-cair train`: train an agent with the settings on the command line, or resume a run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _ALLOW_CODE = "allow_code"
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Train as `arguments` say, one job after another; returns the exit code."""
+    """Train one job after another; returns the exit code."""
     if any(word in ("-h", "--help") for word in arguments):
         sys.stdout.write(describe_options())
         return EXIT_DONE
@@ -38,7 +38,7 @@ def run(arguments: Sequence[str]) -> int:
         return _train(read_resume(arguments), resume=True)
     if any(word.partition("=")[0] == _ALLOW_CODE for word in arguments):
         raise ValueError(
-            f"{_ALLOW_CODE} is for resume=FOLDER: leave it out here, code that you name runs"
+            f"{_ALLOW_CODE} is for resume=FOLDER: leave it out here, named code runs anyway"
         )
     jobs = run_hydra(arguments)
     for number, job in enumerate(jobs, 1):
@@ -69,7 +69,7 @@ def _train(config: TrainConfig, resume: bool) -> int:
 
 
 def read_resume(arguments: Sequence[str]) -> TrainConfig:
-    """The configuration of the run that `resume=FOLDER` names, with what may change of it.
+    """The configuration of the run in `resume=FOLDER`, changed by the other words.
 
     Raises:
         ValueError: the folder holds no run, or a setting that a resumed run cannot change.
@@ -92,8 +92,8 @@ def read_resume(arguments: Sequence[str]) -> TrainConfig:
 
 
 def _refuse_without_state(folder: Path, config: TrainConfig) -> None:
-    """Raise ValueError for a run that has ended and whose state is gone, as those of best responses
-    are deleted: it would begin anew, and write over its agent.
+    """Raise ValueError for a run that has ended and whose state was deleted (as of best responses):
+    it would begin again and overwrite its agent.
     """
     from marl_cair.training.run import RESUME_FOLDER
 
@@ -102,15 +102,14 @@ def _refuse_without_state(folder: Path, config: TrainConfig) -> None:
         return
     if read_description(agent).frames >= config.total_frames:
         raise ValueError(
-            f"{str(folder)!r} has ended, and its state ({RESUME_FOLDER}) is not there any more: "
-            f"begin a new run with its agent, initial_agent={agent}"
+            f"{str(folder)!r} has ended, and its state ({RESUME_FOLDER}) was deleted: begin a new "
+            f"run with its agent, initial_agent={agent}"
         )
 
 
 def describe_options() -> str:
-    """The text of `marl-cair train --help`: every option with its default and meaning.
-
-    In the order of Hydra's own help, which takes a second more and leaves meanings out.
+    """The text of `marl-cair train --help`: every option with its default and meaning. Hydra's own
+    help takes a second more and has no meanings.
     """
     lines = [_USAGE, "== Configuration groups ==", ""]
     lines += [f"  {group}: {', '.join(list_choices(group))}" for group in GROUPS[:-1]]
@@ -134,7 +133,7 @@ _USAGE = f"""usage: marl-cair train [group=choice ...] [option=value ...]
 --multirun, -m    one run for each combination of values, in folders of their own below out=;
                   the same command again resumes them
 --cfg job         print the composed configuration and exit
---config-dir DIR  also take groups and recipes from this folder, for example DIR/recipe/mine.yaml
+--config-dir DIR  also read groups and recipes from this folder, for example DIR/recipe/mine.yaml
 --hydra-help      flags of Hydra
 allow_code=true   also run the code that the run's {CONFIG_FILE} names, and list it
 

@@ -1,4 +1,4 @@
-"""`marl-cair verify`: are the stored files of a run, an agent, a mixture or a league as written?"""
+"""`marl-cair verify`: compare the stored files of a run, an agent or a league with checksums."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _STORE_FILE = "league.sqlite"
 
 
 class Findings(NamedTuple):
-    """What is wrong with files, by path, and how many are sound or cannot be told."""
+    """Problems of files by path, and how many files are sound, or have no checksum."""
 
     problems: dict[Path, str]
     num_sound: int
-    num_unknown: int  # files without a checksum: reports, or of an older version
+    num_unknown: int  # reports, or files of an older version
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -57,9 +57,8 @@ def make_parser() -> Parser:
     """The options of the command."""
     parser = Parser(
         "marl-cair verify",
-        description="Compare all stored files in a folder with their checksums, and the file of a "
-        "league with what a league must be. Nothing in them is run. The exit code is 0, or 1 where "
-        "a file is damaged.",
+        description="Compare all stored files in a folder with their checksums, and validate "
+        "league files. No code in them runs. The exit code is 0, or 1 if a file is damaged.",
     )
     parser.add_argument("folder", help="of a run, an agent, a mixture or a league")
     return parser
@@ -84,12 +83,10 @@ def verify_folder(folder: Path) -> Findings:
         num_sound += sum(not problem for problem in found.values())
     for path in _list_others(folder, listed):
         problem = _check_alone(path)
-        if problem is None:
-            num_unknown += 1
-        elif problem:
+        num_unknown += problem is None
+        num_sound += problem == ""
+        if problem:
             problems[path] = problem
-        else:
-            num_sound += 1
     return Findings(problems, num_sound, num_unknown)
 
 
@@ -101,7 +98,7 @@ def _list_others(folder: Path, listed: set[Path]) -> Iterator[Path]:
 
 
 def _check_alone(path: Path) -> str | None:
-    """What is wrong with a file that no manifest lists: "" nothing, None where it does not say."""
+    """The problem of a file that no manifest lists: "" if it is sound, None without a checksum."""
     check = _CHECKS.get(path.name) or _CHECKS.get(path.suffix)
     if not path.is_file():
         return "is no regular file"

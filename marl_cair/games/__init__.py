@@ -1,4 +1,4 @@
-"""The games; their rules are imported (and numba with them) when first used."""
+"""The games; their rules, and numba, are imported when first used."""
 
 from __future__ import annotations
 

@@ -4,8 +4,7 @@ cell. A form maps actions and masks; it knows no environment.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +16,10 @@ from marl_cair.lookup import find_by_name
 NO_ACTION = -1
 
 
-class ActionForm(Protocol):
-    """How a user names the actions of a scenario.
+class FlatActions:
+    """The engine's own form: at each place of the action shape one of A actions.
 
-    Attributes:
+    Attributes, of every form:
         sizes: int64, the number of choices of each number that an action consists of; of shape ()
             where an action is one number.
         mask_shape: of one seat's mask.
@@ -29,41 +28,28 @@ class ActionForm(Protocol):
     sizes: NDArray[np.int64]
     mask_shape: Shape
 
-    def to_engine(self, actions: NDArray[Any], player: int) -> NDArray[np.int64]:
-        """The engine's actions [B, *action_shape] of one seat, from integers [B, *sizes.shape].
-
-        Raises:
-            ValueError: a number outside its range that the engine would not see.
-        """
-
-    def shape_mask(self, mask: NDArray[np.bool_]) -> NDArray[np.int8]:
-        """The engine's mask bool [..., *action_shape, A] as int8 [..., *mask_shape]."""
-
-    def draw(self, mask: NDArray[np.int8], rng: np.random.Generator) -> NDArray[np.int64]:
-        """A random action [*sizes.shape] that `mask` [*mask_shape] allows."""
-
-
-class FlatActions:
-    """The engine's own form: at each place of the action shape one of A actions."""
-
     def __init__(self, game: str, spec: GameSpec) -> None:
         self.sizes = np.full(spec.action_shape, spec.num_actions, np.int64)
         self.mask_shape = (*spec.action_shape, spec.num_actions)
 
     def to_engine(self, actions: NDArray[Any], player: int) -> NDArray[np.int64]:
-        """The same: the engine checks the range."""
+        """The engine's actions [B, *action_shape] of one seat, from integers [B, *sizes.shape].
+        Raises ValueError for a number outside its range that the engine would not check.
+        """
         return actions
 
     def shape_mask(self, mask: NDArray[np.bool_]) -> NDArray[np.int8]:
-        """A view."""
+        """The engine's mask bool [..., *action_shape, A] as int8 [..., *mask_shape]."""
         return mask.view(np.int8)
 
     def draw(self, mask: NDArray[np.int8], rng: np.random.Generator) -> NDArray[np.int64]:
-        """At each place all legal actions are equally likely."""
+        """A random action [*sizes.shape] that `mask` [*mask_shape] allows; here all legal actions
+        are equally likely at each place.
+        """
         return draw_legal(mask, rng)
 
 
-class FactoredActions:
+class FactoredActions(FlatActions):
     """Two numbers: a kind of action (`GameSpec.action_groups`) and a cell of the own view.
 
     G kinds; C cells, row * columns + column of the representation `planes`, or 1 where no action
@@ -71,9 +57,8 @@ class FactoredActions:
 
     The mask is int8 [G, C]: 1 where the action of that kind at that cell is legal. So a kind has
     legal actions where its row holds a 1 (`mask.any(axis=1)`, [G]), and `mask[kind]` [C] is the
-    mask of the cells given the kind. Of a kind without cells ("noop", "stop") the cell does not
-    matter: every cell names its one action, and its row is all 1 or all 0. A kind need not have an
-    action at every cell; (kind, cell) without an action is never legal and plays the no-op.
+    mask of its cells. For a kind without cells ("noop", "stop") the cell does not matter: its row
+    is all 1 or all 0. (kind, cell) without an action is never legal and plays the no-op.
 
     Raises:
         ValueError: the scenario's actions have a shape already, or a kind has several actions at
@@ -105,11 +90,7 @@ class FactoredActions:
         self.sizes = np.array(self.mask_shape, np.int64)
 
     def to_engine(self, actions: NDArray[Any], player: int) -> NDArray[np.int64]:
-        """The flat action [B] of each (kind, cell) [B, 2]; the no-op where there is none.
-
-        Raises:
-            ValueError: a kind outside 0..G-1 or a cell outside 0..C-1; names world and player.
-        """
+        """The flat action [B] of each (kind, cell) [B, 2]; the no-op where there is none."""
         wrong = np.argwhere((actions < 0) | (actions >= self.sizes))
         if len(wrong):
             world, factor = wrong[0].tolist()
@@ -131,17 +112,9 @@ class FactoredActions:
         return np.array([kind, draw_legal(mask[kind], rng)], np.int64)
 
 
-ACTION_FORMS: dict[str, Callable[[str, GameSpec], ActionForm]] = {
-    "flat": FlatActions,
-    "factored": FactoredActions,
-}
+ACTION_FORMS: dict[str, type[FlatActions]] = {"flat": FlatActions, "factored": FactoredActions}
 
 
-def make_action_form(name: str, game: str, spec: GameSpec) -> ActionForm:
-    """A form by name, for the scenario that `spec` describes.
-
-    Raises:
-        UnknownNameError: no such form; names the nearest.
-        ValueError: see the form.
-    """
+def make_action_form(name: str, game: str, spec: GameSpec) -> FlatActions:
+    """A form by name for a scenario. Raises UnknownNameError, and ValueError as the form."""
     return find_by_name(f"{game} action form", name, ACTION_FORMS)(game, spec)

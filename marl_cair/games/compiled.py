@@ -1,13 +1,13 @@
 """`compiled`: numba's njit for rules, with short compile times and a cache that follows changes.
 
-A rule is compiled in one of two ways. Called by another rule, it is a *part*: typed and lowered,
-then linked into the rule that Python calls, and optimised there once. (Numba's own way optimises
-every function alone, makes machine code of it, and inlines it into its callers to do both again:
-a minute and a half instead of half a minute for a tick of Deep RTS.) Called by Python, it is an
-*entry*: all its parts are linked, optimised and kept on disk.
+A rule that another rule calls is a *part*: typed and lowered, then linked into the rule that Python
+calls, and optimised there once. (Numba alone optimises every function, makes machine code of it,
+and inlines it into its callers to do both again: for a tick of Deep RTS a minute and a half instead
+of half a minute.) A rule that Python calls is an *entry*: its parts are linked, optimised and kept
+on disk.
 
-Numba's disk cache looks only at the file of the compiled function itself, so a helper changed in
-another file would be served stale, and it leaves the bounds-check setting out of its key. The cache
+Numba's disk cache depends only on the file of the compiled function, so it would serve stale code
+after a change of a helper in another file, and it ignores the bounds-check setting. The cache
 folder is therefore named by a digest of the sources that rules can use, numba's version and that
 setting. These sources are the game's own, with its PNG sprites (constants in machine code), and
 those directly under games/ that define or serve rules: no game imports another. The folder does not
@@ -18,8 +18,11 @@ import hashlib
 import inspect
 import os
 import re
-from collections.abc import Callable, Iterator
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
@@ -34,8 +37,6 @@ from numba.core.compiler_machinery import register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NativeLowering
 from numba.core.typing.typeof import Purpose, typeof
-
-from marl_cair.games.announcing import compiling
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -71,8 +72,8 @@ def source_digest(own: Path | None = None, folder: Path = _GAMES) -> str:
 
 
 def _shared_sources(folder: Path) -> list[Path]:
-    """The sources in `folder` that can change machine code: this module, those that hold rules, and
-    all that these import from beside them. Environments and the engine are none.
+    """The sources in `folder` that can change machine code: this module, those with rules, and all
+    that these import from `folder`; not the environments and the engine.
     """
     texts = {path: path.read_text("utf-8") for path in folder.glob("*.py")}
     imports = {
@@ -92,8 +93,8 @@ def _cache_dir(own: Path | None) -> Path:
 
 
 def _sources_of(function: Callable[..., Any]) -> Path | None:
-    """The folder of the game that the function is of, None for what the games share; outside our
-    package, the whole package (or the file) that holds it.
+    """The folder of the function's game, None for rules that games share; outside our package, the
+    folder of the whole package, or the file.
     """
     file = Path(function.__code__.co_filename)
     top, *inner = function.__module__.split(".")
@@ -103,7 +104,7 @@ def _sources_of(function: Callable[..., Any]) -> Path | None:
     return _GAMES / inner[1] if inner[0] == _GAMES.name and len(inner) > 2 else None
 
 
-# No allocation and no exceptions: what a compiler for GPUs can take too.
+# No allocation and no exceptions, so that a compiler for GPUs can take the rules too.
 _OPTIONS: dict[str, Any] = {"nogil": True, "_nrt": False, "error_model": "numpy"}
 _PART_OPTIONS = {"nopython": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
@@ -111,16 +112,16 @@ _PART_OPTIONS = {"nopython": True, "no_cpython_wrapper": True, "no_cfunc_wrapper
 def compiled(function: Function) -> Function:
     """Compile a rule function; it releases the GIL, so that slices of worlds run on threads.
 
-    It is inlined wherever it is called: each call would else pass all arrays of the world by value,
-    which costs more than most rules do. With NUMBA_DISABLE_JIT=1 the plain Python function is
-    returned: the reference that the compiled one must equal bit for bit.
+    It is inlined wherever it is called: passing all arrays of the world by value costs more than
+    most rules do. With NUMBA_DISABLE_JIT=1 the plain Python function is returned: the reference
+    that the compiled one must equal bit for bit.
     """
     return _compile(function, forceinline=True)
 
 
 def compiled_copy(function: Function) -> Function:
-    """`compiled` for a few straight lines that many rules call: copied into each of them before
-    types are known, so that it is not compiled again for each combination of integer types.
+    """`compiled` for a few lines that many rules call: copied into each of them before types are
+    known, so that it is not compiled again for each combination of integer types.
     """
     return _compile(function, inline="always")
 
@@ -138,7 +139,7 @@ def make_world_at(world: type[NamedTuple]) -> Callable[[Any, int], Any]:
     fields = ", ".join(f"{name}=worlds.{name}[index]" for name in world._fields)
     names: dict[str, Any] = {"World": world, "__name__": world.__module__}
     source = f"def world_at(worlds, index):\n    return World({fields})"
-    # In the World's own file: whose sources a rule is of is read off its file.
+    # As of the World's own file, which says to which game a rule belongs.
     exec(compile(source, inspect.getfile(world), "exec"), names)  # noqa: S102
     made: Callable[[Any, int], Any] = names["world_at"]
     return compiled(made)
@@ -150,11 +151,10 @@ def is_compiling() -> bool:
 
 
 def settled(kernel: Callable[..., None], *arguments: Any) -> Callable[..., None]:
-    """`kernel` for arguments of these types alone, which it does not look at again.
+    """`kernel` compiled for arguments of these types, which it does not check again.
 
-    To look at the types of all arrays of worlds and rules takes ten times as long as to hand them
-    over. The caller answers for them: other types, or arrays that are laid out in another way,
-    would be taken for what these are.
+    Checking the types of all arrays of worlds and rules takes ten times as long as passing them.
+    The caller must pass the same types and memory layouts: others would be misread.
     """
     if not isinstance(kernel, _Rule):
         return kernel
@@ -171,7 +171,7 @@ def _compile(function: Function, **options: Any) -> Function:
 class _Rule(CPUDispatcher):
     """A rule: a part for the rules that call it, an entry for Python.
 
-    Its overloads are the parts; it is pickled as what it was made of, as numba's dispatchers are.
+    Its overloads are the parts; it is pickled by its arguments, as numba's dispatchers are.
     """
 
     def __init__(
@@ -192,8 +192,8 @@ class _Rule(CPUDispatcher):
     def entry(self) -> Any:
         """The dispatcher that Python calls, with code of its own on disk.
 
-        A rule that is in no file (of a notebook or a prompt) is not kept: whether what it calls has
-        changed could not be seen.
+        A rule that is in no file (of a notebook or a prompt) is not kept: changes of the rules that
+        it calls would go unnoticed.
         """
         try:
             kept = _KeptCode(self.py_func)  # type: ignore[no-untyped-call]
@@ -245,9 +245,9 @@ class _KeptCode(FunctionCache):
 
 
 class _Entry(CPUDispatcher):
-    """What Python calls of a rule. Of the processes that want its code at one time, one compiles
-    and the others wait to read it: numba alone would let each compile, and the last to finish
-    would drop from the cache what the others had added.
+    """The dispatcher that Python calls. Of several processes that need its code at once, one
+    compiles and the others wait to read it: with numba alone each would compile, and the last would
+    drop from the cache what the others had added.
     """
 
     def compile(self, sig: Any) -> Any:
@@ -277,7 +277,7 @@ class _Entry(CPUDispatcher):
         try:
             lock.acquire(timeout=_LONGEST_WAIT)
         except (NotImplementedError, OSError):
-            # The file system keeps no locks, or who holds it hangs. A lock only saves work.
+            # No locks on this file system, or their holder hangs: a lock only saves work.
             yield
             return
         try:
@@ -320,10 +320,10 @@ class _PartLowering(NativeLowering):
 
 
 class _PartLibrary(JITCodeLibrary):
-    """Code that is neither optimised nor made machine code of: that happens where it is linked.
+    """Code that is optimised and made machine code only where it is linked.
 
-    It holds the parts that it calls: a linker drops what nothing calls yet, so that linking them
-    one by one would depend on their order.
+    It holds the parts that it calls: a linker drops functions without callers, so linking them one
+    by one would depend on their order.
     """
 
     def finalize(self) -> None:
@@ -332,3 +332,46 @@ class _PartLibrary(JITCodeLibrary):
             self._final_module.link_in(library._get_module_for_linking(), preserve=True)
         self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
         self._finalized = True
+
+
+# --- a notice where the compiler takes more than a second ----------------------------------------
+
+ANNOUNCE_AFTER_SECONDS = 1.0
+_announced_games: set[str] = set()
+_called: ContextVar[str] = ContextVar("the game whose rules are called", default="")
+
+
+def announce_nothing(games: Iterable[str]) -> None:
+    """Print no notices about these games in this process: another process reports its progress."""
+    _announced_games.update(games)
+
+
+@contextmanager
+def calling(game: str) -> Iterator[None]:
+    """Name the game whose rules are called, and compiled if they have never been."""
+    token = _called.set(game)
+    try:
+        yield
+    finally:
+        _called.reset(token)
+
+
+@contextmanager
+def compiling() -> Iterator[None]:
+    """Print which game is compiled when this takes more than a second."""
+    if not (game := _called.get()):
+        yield
+        return
+    timer = threading.Timer(ANNOUNCE_AFTER_SECONDS, _announce, (game,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def _announce(game: str) -> None:
+    if game not in _announced_games:
+        _announced_games.add(game)
+        sys.stderr.write(f"marl_cair: compiling the rules of {game} (once for each version) ...\n")

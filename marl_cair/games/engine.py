@@ -11,23 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.announcing import calling
-from marl_cair.games.checks.engine import (
-    check_actions,
-    check_count,
-    check_mask,
-    check_out,
-    check_seeds,
-    check_start,
-)
+from marl_cair.games.checks import engine as checks
 from marl_cair.games.checks.state import StateLimits, check_arrays, check_outcome, check_worlds
-from marl_cair.games.compiled import is_compiling, settled
+from marl_cair.games.compiled import calling, is_compiling, settled
 from marl_cair.games.game import NO_WINNER, Game, GameSpec, Representation
 from marl_cair.lookup import find_by_name
 
 
 class Outcome(NamedTuple):
-    """What `step` reports; the arrays are written in place."""
+    """The results of the last step; the arrays are written in place."""
 
     rewards: NDArray[np.float32]  # [B, P]
     terminated: NDArray[np.bool_]  # [B]
@@ -53,6 +45,14 @@ class BatchedEngine:
         num_worlds: B, at least 1.
         num_threads: the batch is split into so many slices; the results do not depend on it.
 
+    Attributes: arrays that every step, reset and restore writes in place.
+        rewards: float32 [B, P], of the last step.
+        terminated, truncated: bool [B], whether the game has been decided, or ran out of time.
+        winner: int8 [B], the winning seat; NO_WINNER for none or a draw.
+        eliminated: bool [B, P], seats that are out while others may play on: only the no-op is
+            legal for them.
+        illegal_actions: int32 [B, P], illegal actions of each seat since its world's reset.
+
     Raises:
         ValueError: num_worlds or num_threads is no whole number, or below 1.
     """
@@ -60,8 +60,8 @@ class BatchedEngine:
     def __init__(
         self, game: Game, scenario: Any, num_worlds: int = 1, num_threads: int = 1
     ) -> None:
-        num_worlds = check_count(game.name, "num_worlds", num_worlds)
-        num_threads = check_count(game.name, "num_threads", num_threads)
+        num_worlds = checks.check_count(game.name, "num_worlds", num_worlds)
+        num_threads = checks.check_count(game.name, "num_threads", num_threads)
         self.game, self.scenario = game, scenario
         self.spec: GameSpec = game.make_spec(scenario)
         self.num_worlds, self.num_players = num_worlds, self.spec.num_players
@@ -69,13 +69,17 @@ class BatchedEngine:
         self.num_threads = min(num_threads, num_worlds)
         self._rules = game.make_rules(scenario)
         self._worlds = game.allocate(scenario, num_worlds)
+        seats = (num_worlds, self.num_players)
         self._outcome = Outcome(
-            rewards=np.zeros((num_worlds, self.num_players), np.float32),
+            rewards=np.zeros(seats, np.float32),
             terminated=np.zeros(num_worlds, np.bool_),
             truncated=np.zeros(num_worlds, np.bool_),
             winner=np.full(num_worlds, NO_WINNER, np.int8),
-            eliminated=np.zeros((num_worlds, self.num_players), np.bool_),
+            eliminated=np.zeros(seats, np.bool_),
         )
+        self.rewards, self.terminated, self.truncated = self._outcome[:3]
+        self.winner, self.eliminated = self._outcome[3:]
+        self.illegal_actions: NDArray[np.int32] = self._worlds.illegal
         self._pool = ThreadPoolExecutor(self.num_threads) if self.num_threads > 1 else None
         self._has_started = False
         self._kernels: dict[tuple[Callable[..., None], str], Callable[..., None]] = {}
@@ -83,44 +87,13 @@ class BatchedEngine:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy, here or in another process, has rules, threads and machine code of its own."""
-        made_of = self.game, self.scenario, self.num_worlds, self.num_threads
-        return _copy_engine, (*made_of, self.snapshot() if self._has_started else None)
+        held = self.snapshot() if self._has_started else None
+        return _copy_engine, (self.game, self.scenario, self.num_worlds, self.num_threads, held)
 
     @cached_property
     def _limits(self) -> StateLimits | None:
         make = self.game.state_limits
         return None if make is None else make(self.scenario)
-
-    @property
-    def rewards(self) -> NDArray[np.float32]:
-        """View of the rewards of the last step, [B, P]; overwritten by the next."""
-        return self._outcome.rewards
-
-    @property
-    def terminated(self) -> NDArray[np.bool_]:
-        """View: worlds [B] whose game has been decided; overwritten by the next step."""
-        return self._outcome.terminated
-
-    @property
-    def truncated(self) -> NDArray[np.bool_]:
-        """View: worlds [B] that ran into the time limit; overwritten by the next step."""
-        return self._outcome.truncated
-
-    @property
-    def winner(self) -> NDArray[np.int8]:
-        """View: the winning seat of each world [B], NO_WINNER for none or a draw."""
-        return self._outcome.winner
-
-    @property
-    def eliminated(self) -> NDArray[np.bool_]:
-        """View: seats [B, P] that are out of a game which may go on; only their no-op is legal."""
-        return self._outcome.eliminated
-
-    @property
-    def illegal_actions(self) -> NDArray[np.int32]:
-        """View: illegal actions of each seat since its world's reset, [B, P]."""
-        counts: NDArray[np.int32] = self._worlds.illegal
-        return counts
 
     def reset(self, seeds: NDArray[np.uint64] | int, mask: NDArray[np.bool_] | None = None) -> None:
         """Restart the worlds of `mask` bool [B] (default all) from `seeds` uint64 [B].
@@ -130,28 +103,25 @@ class BatchedEngine:
         Raises:
             ValueError: wrong shape or dtype, or the first reset leaves worlds out.
         """
-        seeds = check_seeds(self.game.name, seeds, self.num_worlds)
+        seeds = checks.check_seeds(self.game.name, seeds, self.num_worlds)
         mask = self.check_reset(mask)
         self._run(self.game.reset, self._worlds, self._rules, seeds, mask)
-        rows = np.flatnonzero(mask)  # of few games that end at a time, cheaper than the mask
-        self._outcome.rewards[rows] = 0.0
-        self._outcome.terminated[rows] = False
-        self._outcome.truncated[rows] = False
-        self._outcome.winner[rows] = NO_WINNER
-        self._outcome.eliminated[rows] = False
+        rows = np.flatnonzero(mask)  # few games end at a time: cheaper than the mask
+        for name, values in self._outcome._asdict().items():
+            values[rows] = NO_WINNER if name == "winner" else 0
         self._has_started = True
 
     def check_reset(
         self, mask: NDArray[np.bool_] | None, name: str = "the reset mask"
     ) -> NDArray[np.bool_]:
         """The worlds of a reset, bool [B]; raises as `reset`, and calls the mask `name`."""
-        chosen = check_mask(self.game.name, name, mask, self.num_worlds)
+        chosen = checks.check_mask(self.game.name, name, mask, self.num_worlds)
         if not self._has_started:
-            check_start(self.game.name, int(chosen.sum()), self.num_worlds)
+            checks.check_start(self.game.name, int(chosen.sum()), self.num_worlds)
         return chosen
 
     def step(self, actions: NDArray[Any]) -> None:
-        """One decision of every seat: integer actions [B, P, *action_shape].
+        """One step of every seat: integer actions [B, P, *action_shape].
 
         A finished world ignores it. An illegal action within 0..A-1 is a no-op that is counted.
 
@@ -162,7 +132,7 @@ class BatchedEngine:
         """
         if not self._has_started:
             raise RuntimeError(f"{self.game.name}: step before reset; call reset(seeds) first")
-        actions = check_actions(self.game.name, actions, self.num_worlds, self.spec)
+        actions = checks.check_actions(self.game.name, actions, self.num_worlds, self.spec)
         self._run(self.game.step, self._worlds, self._rules, actions, self._outcome)
 
     def observe(
@@ -172,8 +142,7 @@ class BatchedEngine:
         worlds: NDArray[np.int64] | list[int] | None = None,
     ) -> NDArray[Any]:
         """Every seat's own view, [B, P, *shape] of the representation; written to `out` if given.
-
-        `worlds` [N] asks for those worlds alone, [N, P, *shape].
+        Of the worlds [N] alone where these are given: [N, P, *shape].
 
         Raises:
             UnknownNameError: no such representation.
@@ -184,11 +153,11 @@ class BatchedEngine:
         shape = (len(seen[0]), self.num_players, *chosen.shape)
         if out is None:
             out = np.empty(shape, chosen.dtype)
-        check_out(self.game.name, "observe", out, shape, chosen.dtype)
+        checks.check_out(self.game.name, "observe", out, shape, chosen.dtype)
         if chosen.make_memory is None:
             self._run(chosen.observe, seen, self._rules, out, kind=representation)
         elif worlds is None:
-            # To renew the engine's own array and copy it is less than to write all.
+            # Updating the engine's own array and copying it is faster than writing everything.
             np.copyto(out, self.observe_in_place(representation))
         else:
             memory = chosen.make_memory(len(seen[0]))
@@ -197,13 +166,10 @@ class BatchedEngine:
 
     def observe_in_place(self, representation: str) -> NDArray[Any]:
         """`observe` into an array of the engine's own: a read-only view, overwritten by the next
-        look at all worlds.
+        observation of all worlds. Raises UnknownNameError.
 
-        Games that remember what the array holds write only what has changed: of large boards that
-        is many times faster.
-
-        Raises:
-            UnknownNameError: no such representation.
+        Games that remember what the array holds write only what has changed: many times faster on
+        large boards.
         """
         chosen = self.representation(representation)
         if representation not in self._in_place:
@@ -229,7 +195,7 @@ class BatchedEngine:
         shape = (len(seen[0]), self.num_players, *self.spec.action_shape, self.num_actions)
         if out is None:
             out = np.empty(shape, np.bool_)
-        check_out(self.game.name, "action_mask", out, shape, np.bool_)
+        checks.check_out(self.game.name, "action_mask", out, shape, np.bool_)
         self._run(self.game.legal_actions, seen, self._rules, out)
         return out
 
@@ -266,7 +232,7 @@ class BatchedEngine:
         """
         rows = self._check_worlds(worlds)
         if not self._has_started:
-            check_start(self.game.name, len(set(rows.tolist())), self.num_worlds)
+            checks.check_start(self.game.name, len(set(rows.tolist())), self.num_worlds)
         if snapshot.scenario != self.scenario:
             raise ValueError(
                 f"{self.game.name}: the snapshot is of {snapshot.scenario}, this engine plays "
@@ -296,13 +262,13 @@ class BatchedEngine:
             ValueError: a field is missing, of another shape, or holds what no game can hold.
         """
         names = [f"world.{name}" for name in self._worlds._fields]
+        count = len(names)
         names += [f"outcome.{name}" for name in Outcome._fields]
         if missing := sorted(set(names) - set(state)):
             raise ValueError(f"{self.game.name}: the engine state has no {', '.join(missing)}")
         arrays = [np.asarray(state[name]) for name in names]
-        count = len(self._worlds._fields)
-        outcome = Outcome._make(arrays[count:])
-        self.restore(Snapshot(self.scenario, tuple(arrays[:count]), outcome))
+        world, outcome = tuple(arrays[:count]), Outcome._make(arrays[count:])
+        self.restore(Snapshot(self.scenario, world, outcome))
 
     def public_state(self, world: int) -> NDArray[np.float32]:
         """All state of one world as a flat float32 vector [S], the same for all seats, but for what
@@ -340,8 +306,6 @@ class BatchedEngine:
         with calling(self.game.name):
             return self.game.draw(self._worlds, self._rules, world, player)
 
-    # --- inside ----------------------------------------------------------------------------
-
     def _run(
         self, kernel: Callable[..., None], worlds: Any, *arguments: Any, kind: str = ""
     ) -> None:
@@ -353,24 +317,19 @@ class BatchedEngine:
         if key not in self._kernels:
             with calling(self.game.name):
                 self._kernels[key] = settled(kernel, worlds, *arguments, 0, 0)
-        self._run_slices(self._kernels[key], worlds, *arguments)
-
-    def _run_slices(self, kernel: Callable[..., None], worlds: Any, *arguments: Any) -> None:
-        count = len(worlds[0])
+        kernel, count = self._kernels[key], len(worlds[0])
         if not is_compiling():
             # Plain Python wraps counters as compiled code does, but warns about it.
             with np.errstate(over="ignore"):
                 kernel(worlds, *arguments, 0, count)
-            return
-        if self._pool is None:
+        elif self._pool is None:
             kernel(worlds, *arguments, 0, count)
-            return
-        edges = np.linspace(0, count, self.num_threads + 1).astype(int).tolist()
-        slices = pairwise(edges)
-        submit = self._pool.submit
-        tasks = [submit(kernel, worlds, *arguments, low, high) for low, high in slices]
-        for task in tasks:
-            task.result()
+        else:
+            edges = np.linspace(0, count, self.num_threads + 1).astype(int).tolist()
+            submit = self._pool.submit
+            tasks = [submit(kernel, worlds, *arguments, *ends) for ends in pairwise(edges)]
+            for task in tasks:
+                task.result()
 
     def _check_worlds(self, worlds: NDArray[np.int64] | list[int] | None) -> NDArray[np.int64]:
         rows = np.asarray(range(self.num_worlds) if worlds is None else worlds)

@@ -1,4 +1,4 @@
-"""The contract that every game folder fills: plain functions over arrays, no classes to inherit."""
+"""The contract of a game: functions over arrays, and the dataclasses that describe it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from marl_cair.games.checks.state import StateLimits
 
 NO_WINNER = -1
-LEAST_FPS = 10  # of pictures, one for each decision
+NO_CELL = -1
+LEAST_FPS = 10  # of pictures, one for each step
 
 Shape = tuple[int, ...]
 
@@ -47,7 +48,7 @@ class Agent(Protocol):
 
 @dataclass(frozen=True)
 class Representation:
-    """One way to look at a game. Arrays are [*shape] per seat, channels first.
+    """One kind of observation. Arrays are [*shape] per seat, channels first.
 
     Attributes:
         name: the same in every game (planes, classic, image, gray, vector, ...).
@@ -60,7 +61,7 @@ class Representation:
             memory (worlds, rules, memory, out, first, last), and it writes what has changed.
         make_memory: num_worlds -> arrays [B, ...] that describe what an `out` holds.
         low: the smallest value, or of a vector one for each entry.
-        num_frames: above 1 the channels are pictures of so many decisions, the newest last.
+        num_frames: above 1 the channels are the pictures of the last steps, the newest last.
     """
 
     name: str
@@ -100,12 +101,12 @@ class GameSpec:
         exclusive_planes: groups of planes of which at most one is nonzero in each cell.
         event_planes: groups of planes in which one event (a unit and its progress) shows at a cell.
         resources: names of what players own.
-        ticks_per_step: ticks of the game that one decision lasts.
+        ticks_per_step: ticks of the game in one step.
         max_ticks: the time limit.
         reward_bound: no reward is larger than this in absolute value.
         pays: what the rated reward of the scenario pays, in a few words.
-        action_shape: () where a seat chooses one action in each decision. Else it chooses one of
-            the A actions at each place of this shape: actions are [B, P, *action_shape], masks
+        action_shape: () where a seat chooses one action per step. Else it chooses one of the A
+            actions at each place of this shape: actions are [B, P, *action_shape], masks
             [B, P, *action_shape, A].
         teams: the team of each seat, P numbers; () = each seat for itself. A game's `winner` is
             the first seat of the team that has won.
@@ -132,14 +133,12 @@ class GameSpec:
     ticks_per_second: float = 10.0
 
     def __deepcopy__(self, memo: object) -> Self:
-        """Nothing of it changes."""
+        """Itself: it is immutable."""
         return self
 
     @property
     def render_fps(self) -> int:
-        """Decisions, each of which is a picture, in a second; at least 10: slower games are shown
-        faster than they are.
-        """
+        """Steps, each a picture, in a second; at least 10: slower games are shown faster."""
         return max(LEAST_FPS, round(self.ticks_per_second / self.ticks_per_step))
 
     @property
@@ -155,7 +154,7 @@ class GameSpec:
 
     @property
     def num_teams(self) -> int:
-        """Teams that play against each other; 1 where all seats play together, or one alone."""
+        """Teams that play against each other; 1 where all seats play together, or there is one."""
         return len(set(self.teams)) or self.num_players
 
 
@@ -190,10 +189,10 @@ class Game:
     map_names: Callable[[Any, Any], tuple[str, ...]] | None = None
     # Options of a scenario whose actions have another number of axes: rules are compiled for each.
     other_shapes: tuple[Mapping[str, Any], ...] = ()
-    # scenario -> what its worlds may hold: states from files are checked by it before the rules
-    # see them. Without it only shapes and types are checked, and a damaged file may crash.
+    # scenario -> the values that its worlds may hold: states from files are checked against them.
+    # Without it only shapes and types are checked, and a damaged file may crash.
     state_limits: Callable[[Any], StateLimits] | None = None
-    # Older versions whose agents play on: until a game ends, they see and do the same in this one.
+    # Older versions whose agents can play: observations and actions still mean the same.
     agents_of: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -201,18 +200,18 @@ class Game:
             object.__setattr__(self, "bots", {**self.bots, RANDOM: RandomPlayer})
 
     def __deepcopy__(self, memo: object) -> Self:
-        """Nothing of it changes."""
+        """Itself: it is immutable."""
         return self
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> str | tuple[Any, ...]:
-        """By its name where GAMES knows it: another process has its own."""
+        """By its name where GAMES has it: another process has its own."""
         if self.name in GAMES and GAMES[self.name] is self:
             return find_game, (self.name,)
         return super().__reduce_ex__(protocol)
 
     @property
     def rated_reward(self) -> str:
-        """The reward that evaluations, matches and leagues use, whatever was learned from."""
+        """The reward that evaluations, matches and leagues use, whatever trained an agent."""
         return next(iter(self.rewards))
 
     def scenario(self, name: str | None = None, **options: Any) -> Any:
@@ -222,15 +221,11 @@ class Game:
             UnknownNameError: no such scenario or option; names the nearest.
             ValueError: an option's value is not allowed.
         """
-        chosen = find_by_name(
-            f"{self.name} scenario", name or self.default_scenario, self.scenarios
-        )
+        name = name or self.default_scenario
+        chosen = find_by_name(f"{self.name} scenario", name, self.scenarios)
         return change_scenario(self.name, chosen, options)
 
     def bot(self, name: str, scenario: Any) -> Agent:
         """A scripted opponent for `scenario`. Raises UnknownNameError with the nearest names."""
         factory = find_by_name(f"{self.name} bot", name, self.bots)
         return factory(scenario, self.make_spec(scenario))
-
-
-NO_CELL = -1

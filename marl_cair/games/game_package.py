@@ -19,9 +19,9 @@ def make_environments(
 
     def parallel_env(scenario: str = default_scenario, **options: Any) -> GameParallelEnv:
         """One game as a PettingZoo ParallelEnv; options as `games.parallel_env.GameParallelEnv`."""
-        from marl_cair.games.parallel_env import make_parallel_env  # loads the rules
+        from marl_cair.games.parallel_env import GameParallelEnv  # loads the rules
 
-        return make_parallel_env(game, scenario, **options)
+        return GameParallelEnv(game, scenario, **options)
 
     def env(scenario: str = default_scenario, **options: Any) -> AECEnv[str, Any, Any]:
         """The same game turn by turn (AEC), through PettingZoo's own conversion."""

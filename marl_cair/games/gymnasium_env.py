@@ -12,42 +12,65 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from marl_cair.games.action_forms import FlatActions
-from marl_cair.games.checks.engine import (
-    check_count,
-    check_num_worlds,
-    check_seed,
-    read_index,
-)
+from marl_cair.games.checks.engine import check_count, check_num_worlds, check_seed, read_index
 from marl_cair.games.game import Agent
-from marl_cair.games.parallel_env import (
-    RENDER_MODES,
-    check_render_mode,
-    make_action_space,
-    make_observation_space,
-    observe_seats,
-)
-from marl_cair.games.players.learner_seat import LearnerSeat, SeatSettings
+from marl_cair.games.parallel_env import RENDER_MODES, SeatView, check_render_mode
+from marl_cair.games.players.learner_seat import LearnerSeat
 from marl_cair.games.players.random_player import RANDOM
 
-NO_LIMIT = np.iinfo(np.int64).max  # of decisions
+NO_LIMIT = np.iinfo(np.int64).max  # of steps
 _METADATA = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # an instance has its game's
 
 
-class GameEnv(gymnasium.Env[Any, Any]):
+class _LearnerEnv:
+    """The parts that both environments share: the worlds, and what their learner observes."""
+
+    metadata = _METADATA  # on the class: `gymnasium.make` reads it before there is an instance
+
+    def _open(self, table: LearnerSeat, render_mode: str | None, *seen_as: Any) -> None:
+        """seen_as: representation, mask_in_observation and vector."""
+        self._table, self.engine, self.render_mode = table, table.engine, render_mode
+        check_render_mode(self.engine.game.name, render_mode)
+        self.metadata = _METADATA | {"render_fps": self.engine.spec.render_fps}
+        self._view = SeatView(self.engine, table.form, *seen_as)
+
+    def _observe_worlds(self) -> tuple[Any, dict[str, Any]]:
+        """The learner's observations and infos, fresh arrays [B, ...]."""
+        table = self._table
+        observations = self._view.pick(self._view.observe(), (slice(None), table.seat))
+        infos = {name: values[:, table.seat] for name, values in self.engine.info().items()}
+        if not self._view.with_mask:
+            infos["action_mask"] = table.form.shape_mask(table.mask())
+        return observations, infos
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """The learner's legal actions for sb3-contrib's MaskablePPO, bool [B, A]; the masks of all
+        places of an action shape in one row.
+
+        Raises:
+            ValueError: the action form is "factored".
+        """
+        if not isinstance(self._table.form, FlatActions):
+            raise ValueError(
+                f"{self.engine.game.name}: action_masks() has one mask for each number of an "
+                "action, a factored mask holds pairs of kind and cell; leave out action_form"
+            )
+        return self._table.mask().reshape(self.engine.num_worlds, -1)
+
+
+class GameEnv(_LearnerEnv, gymnasium.Env[Any, Any]):
     """One world for one learner.
 
     Args:
         game, scenario, options: as `make_engine`.
-        opponent: a bot's name, or anything with the `Agent` protocol (a loaded checkpoint); it is
-            not asked where the learner plays alone.
+        opponent: a bot's name, or anything with the `Agent` protocol (a loaded checkpoint); not
+            used where the learner plays alone.
         seat: the learner's.
         representation, render_mode, mask_in_observation, vector, action_form: as
             `GameParallelEnv`; the mask is in `info["action_mask"]`, int8 [A] (or the shape of the
             action form), unless it is in the observation, and with it the game's own numbers
             (`Game.info`). `action_masks()` gives it to sb3-contrib.
     """
-
-    metadata = _METADATA  # on the class: `gymnasium.make` reads it before there is an instance
 
     def __init__(  # noqa: PLR0913  # by the names that Gymnasium passes
         self,
@@ -63,18 +86,11 @@ class GameEnv(gymnasium.Env[Any, Any]):
         action_form: str = "flat",
         **options: Any,
     ) -> None:
-        check_render_mode(game, render_mode)
         options = check_num_worlds(game, options, 1, "take gymnasium.make_vec(id, num_envs)")
-        self._table = LearnerSeat(
-            SeatSettings(game, scenario, 1, opponent, seat, action_form, options)
-        )
-        self.engine = self._table.engine
-        self.metadata = _METADATA | {"render_fps": self.engine.spec.render_fps}
-        self.render_mode = render_mode
-        self._mask_in_observation = mask_in_observation
-        self._seen_as = (representation, mask_in_observation, vector, self._table.form)
-        self.observation_space = make_observation_space(self.engine, *self._seen_as)
-        self.action_space = make_action_space(self._table.form)
+        table = LearnerSeat(game, scenario, 1, opponent, seat, action_form, options)
+        self._open(table, render_mode, representation, mask_in_observation, vector)
+        self.observation_space = self._view.make_space()
+        self.action_space = self._view.make_action_space()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -86,22 +102,22 @@ class GameEnv(gymnasium.Env[Any, Any]):
         """
         if seed is not None:
             seed = check_seed(self.engine.game.name, seed)
-            super().reset(seed=seed)  # draws nothing: wrappers do
+            super().reset(seed=seed)  # for wrappers: the game draws nothing from `np_random`
         self._table.restart([seed], np.ones(1, np.bool_))
         return self._observe()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """One decision; an illegal action (see the mask) does nothing.
+        """One step; an illegal action (see the mask) does nothing.
 
         With factored actions and the mask in the observation one number is an action too: its index
         in the flattened mask. TorchRL's `GymEnv` gives actions so.
 
         Raises:
             ValueError: the action is outside the space.
-            OpponentError: the opponent crashed, or answered what is no legal action.
+            OpponentError: the opponent crashed, or returned an illegal action.
         """
         sizes = self._table.form.sizes
-        index = read_index(action) if self._mask_in_observation and sizes.shape == (2,) else None
+        index = read_index(action) if self._view.with_mask and sizes.shape == (2,) else None
         if index is not None:
             action = divmod(index, int(sizes[1]))
         self._table.play(np.array([action]), np.ones(1, np.bool_))
@@ -111,13 +127,8 @@ class GameEnv(gymnasium.Env[Any, Any]):
         return observation, reward, *ended, info
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """The legal actions as sb3-contrib's MaskablePPO asks for them: bool [A], or of an action
-        of several numbers the masks of all of them in one row.
-
-        Raises:
-            ValueError: the action form is "factored".
-        """
-        masks: NDArray[np.bool_] = _flatten_masks(self._table)[0]
+        """As of `GameVectorEnv`, of the one world: bool [A]."""
+        masks: NDArray[np.bool_] = super().action_masks()[0]
         return masks
 
     def render(self) -> Any:
@@ -125,36 +136,26 @@ class GameEnv(gymnasium.Env[Any, Any]):
         return self.engine.render(0) if self.render_mode == "rgb_array" else None
 
     def _observe(self) -> tuple[Any, dict[str, Any]]:
-        seat = self._table.seat
-        seen = observe_seats(self.engine, *self._seen_as)
-        if isinstance(seen, dict):
-            observation: Any = {name: array[0, seat] for name, array in seen.items()}
-        else:
-            observation = seen[0, seat]
-        info: dict[str, Any] = {}
-        if not self._mask_in_observation:
-            info["action_mask"] = self._table.form.shape_mask(self._table.mask()[0])
-        numbers = {name: values[0].item() for name, values in self._table.numbers().items()}
-        return observation, info | numbers
+        observations, infos = self._observe_worlds()
+        info = {n: v[0] if n == "action_mask" else v[0].item() for n, v in infos.items()}
+        return self._view.pick(observations, 0), info
 
 
-class GameVectorEnv(VectorEnv[Any, Any, Any]):
+class GameVectorEnv(_LearnerEnv, VectorEnv[Any, Any, Any]):
     """B worlds for one learner, stepped together by one engine: the games of B `GameEnv`s.
 
-    Of one seed it plays what `gymnasium.make_vec(id, B, vectorization_mode="sync")` plays. An
-    opponent that draws at random is asked about one world after the other.
+    The same seed gives the games of `gymnasium.make_vec(id, B, vectorization_mode="sync")`. An
+    opponent that draws at random acts for one world after the other.
 
     Args:
         num_envs: B.
         autoreset_mode: NEXT_STEP (Gymnasium's default: the step after an end resets and ignores
             the action), SAME_STEP (the ending step returns the new game's observation and
             `infos["final_obs"]`), or DISABLED (`reset(options={"reset_mask": bool [B]})`).
-        max_episode_steps: truncate a game after so many decisions, as Gymnasium's TimeLimit does.
+        max_episode_steps: truncate a game after so many steps, as Gymnasium's TimeLimit does.
         others: as `GameEnv`. `infos["action_mask"]` is int8 [B, A] (or [B, ...] of the form); the
             game's own numbers (`Game.info`) are [B].
     """
-
-    metadata = _METADATA
 
     def __init__(  # noqa: PLR0913  # by the names that Gymnasium passes
         self,
@@ -173,25 +174,18 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         max_episode_steps: int | None = None,
         **options: Any,
     ) -> None:
-        check_render_mode(game, render_mode)
         num_envs = check_count(game, "num_envs", num_envs)
         options = check_num_worlds(game, options, num_envs, "give num_envs")
-        self._table = LearnerSeat(
-            SeatSettings(game, scenario, num_envs, opponent, seat, action_form, options)
-        )
-        self.engine = self._table.engine
-        self.num_envs, self.render_mode = num_envs, render_mode
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
-        if max_episode_steps in (None, -1):  # Gymnasium's words for no limit
+        table = LearnerSeat(game, scenario, num_envs, opponent, seat, action_form, options)
+        self._open(table, render_mode, representation, mask_in_observation, vector)
+        self.num_envs, self.autoreset_mode = num_envs, AutoresetMode(autoreset_mode)
+        self.metadata |= {"autoreset_mode": self.autoreset_mode}
+        if max_episode_steps in (None, -1):  # as Gymnasium writes no limit
             self._max_steps = NO_LIMIT
         else:
             self._max_steps = check_count(game, "max_episode_steps", max_episode_steps)
-        fps = self.engine.spec.render_fps
-        self.metadata = _METADATA | {"render_fps": fps, "autoreset_mode": self.autoreset_mode}
-        self._mask_in_observation = mask_in_observation
-        self._seen_as = (representation, mask_in_observation, vector, self._table.form)
-        self.single_observation_space = make_observation_space(self.engine, *self._seen_as)
-        self.single_action_space = make_action_space(self._table.form)
+        self.single_observation_space = self._view.make_space()
+        self.single_action_space = self._view.make_action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._ended = np.zeros(num_envs, np.bool_)
@@ -202,8 +196,8 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
     ) -> tuple[Any, dict[str, Any]]:
         """Restart all worlds, or those of `options["reset_mask"]`.
 
-        World i gets the seed `seed + i`, or `seed[i]`; None goes on with its games. Of worlds that
-        are not restarted observation and infos are as they stand.
+        World i gets the seed `seed + i`, or `seed[i]`; None begins the next game of its last seed.
+        Worlds that are not restarted keep their observation and infos.
 
         Raises:
             ValueError: a list of another length than B, a seed that is no whole number, a reset
@@ -224,12 +218,12 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
     def step(
         self, actions: Any
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """One decision in every world: integer actions [B, ...]. Arrays in the result are fresh.
+        """One step in every world: integer actions [B, ...]. Returns fresh arrays.
 
         Raises:
             ValueError: wrong shape, not integers, or an action outside the space.
             RuntimeError: without autoreset, a game has ended and was not restarted.
-            OpponentError: the opponent crashed, or answered what is no legal action.
+            OpponentError: the opponent crashed, or returned an illegal action.
         """
         starting = self._ended.copy()
         if starting.any() and self.autoreset_mode is AutoresetMode.DISABLED:
@@ -255,14 +249,6 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
             infos |= final
         return observations, rewards, terminated, truncated, infos
 
-    def action_masks(self) -> NDArray[np.bool_]:
-        """The legal actions of all worlds, bool [B, A]; as `GameEnv.action_masks`.
-
-        Raises:
-            ValueError: the action form is "factored".
-        """
-        return _flatten_masks(self._table)
-
     def render(self) -> Any:
         """The spectator's pictures of all worlds, in render mode "rgb_array"."""
         if self.render_mode is None:
@@ -270,27 +256,19 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         return tuple(self.engine.render(world) for world in range(self.num_envs))
 
     def _pack_final(self, observations: Any, infos: dict[str, Any]) -> dict[str, Any]:
-        """What the ended worlds showed last, in the form of Gymnasium's own vector environments.
-
-        `final_obs` holds one object for each world, None where no game ended.
+        """The last observations of the ended worlds, as Gymnasium's own vector environments give
+        them: `final_obs` holds one object for each world, None where no game ended.
         """
         ended = self._ended
         final = np.full(self.num_envs, None, object)
         for world in np.flatnonzero(ended):
-            if isinstance(observations, dict):
-                final[world] = {name: array[world] for name, array in observations.items()}
-            else:
-                final[world] = observations[world]
-        numbers: dict[str, Any] = {}
+            final[world] = self._view.pick(observations, world)
+        last: dict[str, Any] = {}
         for name, values in infos.items():
-            numbers[name] = values & ended if name.startswith("_") else values.copy()
-            numbers[name][~ended] = 0
-        return {
-            "final_obs": final,
-            "_final_obs": ended.copy(),
-            "final_info": numbers,
-            "_final_info": ended.copy(),
-        }
+            last[name] = values & ended if name.startswith("_") else values.copy()
+            last[name][~ended] = 0
+        marks = {"_final_obs": ended.copy(), "_final_info": ended.copy()}
+        return {"final_obs": final, "final_info": last, **marks}
 
     def _restart(self, mask: NDArray[np.bool_], seeds: Sequence[int | None] | None = None) -> None:
         self._table.restart(seeds or [None] * self.num_envs, mask)
@@ -298,24 +276,5 @@ class GameVectorEnv(VectorEnv[Any, Any, Any]):
         self._steps[mask] = 0
 
     def _observe(self) -> tuple[Any, dict[str, Any]]:
-        seat = self._table.seat
-        seen = observe_seats(self.engine, *self._seen_as)
-        if isinstance(seen, dict):
-            observations: Any = {name: array[:, seat] for name, array in seen.items()}
-        else:
-            observations = seen[:, seat]
-        infos = self._table.numbers()
-        if not self._mask_in_observation:
-            infos["action_mask"] = self._table.form.shape_mask(self._table.mask())
-        present = {f"_{name}": np.ones(self.num_envs, np.bool_) for name in infos}
-        return observations, infos | present
-
-
-def _flatten_masks(table: LearnerSeat) -> NDArray[np.bool_]:
-    """The learner's legal actions, bool [B, M]: M = A, or places * A of an action shape."""
-    if not isinstance(table.form, FlatActions):
-        raise ValueError(
-            f"{table.engine.game.name}: a mask of factored actions holds pairs of kind and cell, "
-            "action_masks() has one mask for each number; leave out action_form"
-        )
-    return table.mask().reshape(table.engine.num_worlds, -1)
+        observations, infos = self._observe_worlds()
+        return observations, infos | {f"_{n}": np.ones(self.num_envs, np.bool_) for n in infos}

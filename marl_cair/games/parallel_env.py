@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -12,15 +12,13 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec
 
 from marl_cair.games import make_engine
-from marl_cair.games.action_forms import ActionForm, make_action_form
+from marl_cair.games.action_forms import FlatActions, make_action_form
 from marl_cair.games.checks.engine import check_count, check_num_worlds, check_seed, read_index
 from marl_cair.games.engine import BatchedEngine
-from marl_cair.games.game import Representation
 from marl_cair.games.randomness import EpisodeSeeds
 
 RENDER_MODES = ("rgb_array",)
 VECTOR = "vector"
-SEVERAL_WORLDS = "take marl_cair.make_torchrl_env or make_engine for several"
 STATE_BOUND = 2.0**31  # all numbers of a state are 32-bit integers, or fewer bits
 
 
@@ -38,7 +36,7 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
             form. `infos` hold the game's own numbers too, as `optimal_steps` of a maze (see
             `Game.info`).
         vector: observations become a dict with the float32 economy vector under "vector".
-        max_cycles: time limit in decisions (default: the scenario's).
+        max_cycles: time limit in steps (default: the scenario's).
         action_form: "flat" (Discrete, or MultiDiscrete [*action_shape]), or "factored": actions
             are MultiDiscrete [kind, cell], see `action_forms.FactoredActions`.
         options: fields of the scenario to change, for example `preset="2017"`.
@@ -65,7 +63,8 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         **options: Any,
     ) -> None:
         check_render_mode(game, render_mode)
-        options = check_num_worlds(game, options, 1, SEVERAL_WORLDS)
+        instead = "take marl_cair.make_torchrl_env or make_engine for several"
+        options = check_num_worlds(game, options, 1, instead)
         self.engine = make_engine(game, scenario, **options)
         if max_cycles is not None:
             cycles = check_count(game, "max_cycles", max_cycles)
@@ -78,16 +77,13 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
             "is_parallelizable": True,
         }
         self.render_mode = render_mode
-        self.representation = representation
         self._form = make_action_form(action_form, game, self.engine.spec)
-        self._mask_in_observation = mask_in_observation
-        self._seen_as = (representation, mask_in_observation, vector, self._form)
+        self._view = SeatView(self.engine, self._form, representation, mask_in_observation, vector)
         self.possible_agents = [f"player_{seat}" for seat in range(self.engine.num_players)]
         self.agents: list[str] = []
-        seen = make_observation_space(self.engine, *self._seen_as)
-        self.observation_spaces = dict.fromkeys(self.possible_agents, seen)
-        actions = make_action_space(self._form)
-        self.action_spaces = dict.fromkeys(self.possible_agents, actions)
+        agents, view = self.possible_agents, self._view
+        self.observation_spaces = dict.fromkeys(agents, view.make_space())
+        self.action_spaces = dict.fromkeys(agents, view.make_action_space())
         self._seeds = EpisodeSeeds(1)
         self.engine.reset(np.zeros(1, np.uint64))
         size = self.engine.public_state(0).shape
@@ -130,9 +126,10 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """One decision of every live agent.
+        """One step of every live agent.
 
-        Who is out is terminated with its last reward and leaves `agents`; the others play on.
+        An agent that is out is terminated with its last reward and leaves `agents`; the others
+        continue.
 
         Raises:
             ValueError: an agent's action is missing, of a wrong shape, or outside its space.
@@ -177,45 +174,38 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
     def _read_action(self, agent: str, seat: int, action: Any) -> int | NDArray[np.int64]:
         """An agent's action as the engine takes it."""
         expected = self._form.sizes.shape
+        of_agent = f"{self.engine.game.name}: the action of {agent}"
         if not expected:
             index = read_index(action)
             if index is None:
-                raise ValueError(
-                    f"{self.engine.game.name}: the action of {agent} is {action!r}, it must be a "
-                    f"whole number in 0..{self.engine.num_actions - 1}"
-                )
+                allowed = f"a whole number in 0..{self.engine.num_actions - 1}"
+                raise ValueError(f"{of_agent} is {action!r}, it must be {allowed}")
             return index
         action = np.asarray(action)
         if action.shape != expected or action.dtype.kind not in "iu":
-            raise ValueError(
-                f"{self.engine.game.name}: the action of {agent} is {action.dtype} "
-                f"{list(action.shape)}, it must be integers {list(expected)}"
-            )
+            given, allowed = f"{action.dtype} {list(action.shape)}", f"integers {list(expected)}"
+            raise ValueError(f"{of_agent} is {given}, it must be {allowed}")
         chosen: NDArray[np.int64] = self._form.to_engine(action[None], seat)[0]
         return chosen
 
     def _observe(self) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        seen = observe_seats(self.engine, *self._seen_as)
-        shown = {name: values[0] for name, values in self.engine.info().items()}
+        seen = self._view.observe()
         masks = self._form.shape_mask(self.engine.action_mask()[0])
+        numbers = self.engine.info()
         observations: dict[str, Any] = {}
         infos: dict[str, dict[str, Any]] = {}
         for seat, agent in enumerate(self.possible_agents):
-            if agent not in self.agents:
-                continue
-            if isinstance(seen, dict):
-                observations[agent] = {name: array[0, seat] for name, array in seen.items()}
-            else:
-                observations[agent] = seen[0, seat]
-            infos[agent] = {} if self._mask_in_observation else {"action_mask": masks[seat]}
-            infos[agent] |= {name: values[seat].item() for name, values in shown.items()}
+            if agent in self.agents:
+                observations[agent] = self._view.pick(seen, (0, seat))
+                infos[agent] = {} if self._view.with_mask else {"action_mask": masks[seat]}
+                infos[agent] |= {name: of[0, seat].item() for name, of in numbers.items()}
         return observations, infos
 
 
 class MaskedMultiDiscrete(spaces.MultiDiscrete):
     """MultiDiscrete whose `sample` also takes the mask as one array, as `infos` hold it."""
 
-    def __init__(self, form: ActionForm) -> None:
+    def __init__(self, form: FlatActions) -> None:
         super().__init__(form.sizes)
         self._form = form
 
@@ -229,52 +219,53 @@ class MaskedMultiDiscrete(spaces.MultiDiscrete):
         return super().sample(mask, probability)
 
 
-def make_action_space(form: ActionForm) -> spaces.Space[Any]:
-    """One seat's space: Discrete where an action is one number, else MultiDiscrete."""
-    return MaskedMultiDiscrete(form) if form.sizes.shape else spaces.Discrete(int(form.sizes))
+class SeatView(NamedTuple):
+    """What each seat observes: one representation, in a dict where the mask or the vector is added.
 
+    Attributes:
+        with_mask, with_vector: whether the dict has "action_mask" and "vector".
+    """
 
-def make_observation_space(
-    engine: BatchedEngine,
-    representation: str,
-    with_mask: bool,
-    with_vector: bool,
-    form: ActionForm,
-) -> spaces.Space[Any]:
-    """One seat's space: a Box, or a Dict where the mask or the vector is asked for."""
-    box = _make_box(engine.representation(representation))
-    if not with_mask and not with_vector:
-        return box
-    parts: dict[str, spaces.Space[Any]] = {"observation": box}
-    if with_mask:
-        parts["action_mask"] = spaces.Box(0, 1, form.mask_shape, np.int8)
-    if with_vector:
-        parts[VECTOR] = _make_box(engine.representation(VECTOR))
-    return spaces.Dict(parts)
+    engine: BatchedEngine
+    form: FlatActions
+    representation: str
+    with_mask: bool
+    with_vector: bool
 
+    def make_space(self) -> spaces.Space[Any]:
+        """One seat's observation space: a Box, or a Dict with the mask or the vector."""
+        box = self._make_box(self.representation)
+        parts: dict[str, spaces.Space[Any]] = {"observation": box}
+        if self.with_mask:
+            parts["action_mask"] = spaces.Box(0, 1, self.form.mask_shape, np.int8)
+        if self.with_vector:
+            parts[VECTOR] = self._make_box(VECTOR)
+        return spaces.Dict(parts) if len(parts) > 1 else box
 
-def observe_seats(
-    engine: BatchedEngine,
-    representation: str,
-    with_mask: bool,
-    with_vector: bool,
-    form: ActionForm,
-) -> NDArray[Any] | dict[str, NDArray[Any]]:
-    """What all seats see, fresh arrays [B, P, ...] in the form of `make_observation_space`."""
-    seen = engine.observe(representation)
-    if not with_mask and not with_vector:
-        return seen
-    parts = {"observation": seen}
-    if with_mask:
-        parts["action_mask"] = form.shape_mask(engine.action_mask())
-    if with_vector:
-        parts[VECTOR] = engine.observe(VECTOR)
-    return parts
+    def make_action_space(self) -> spaces.Space[Any]:
+        """One seat's actions: Discrete where an action is one number, else MultiDiscrete."""
+        sizes = self.form.sizes
+        return MaskedMultiDiscrete(self.form) if sizes.shape else spaces.Discrete(int(sizes))
 
+    def observe(self) -> NDArray[Any] | dict[str, NDArray[Any]]:
+        """The observations of all seats in the form of `make_space`, fresh arrays [B, P, ...]."""
+        parts = {"observation": self.engine.observe(self.representation)}
+        if self.with_mask:
+            parts["action_mask"] = self.form.shape_mask(self.engine.action_mask())
+        if self.with_vector:
+            parts[VECTOR] = self.engine.observe(VECTOR)
+        return parts if len(parts) > 1 else parts["observation"]
 
-def _make_box(representation: Representation) -> spaces.Box:
-    low, high = representation.bounds()
-    return spaces.Box(low, high, representation.shape, representation.dtype)
+    @staticmethod
+    def pick(observations: Any, index: Any) -> Any:
+        """`observations[index]`, in each entry of a dict."""
+        if isinstance(observations, dict):
+            return {name: array[index] for name, array in observations.items()}
+        return observations[index]
+
+    def _make_box(self, representation: str) -> spaces.Box:
+        chosen = self.engine.representation(representation)
+        return spaces.Box(*chosen.bounds(), chosen.shape, chosen.dtype)
 
 
 def check_render_mode(game: str, render_mode: str | None) -> None:
@@ -284,11 +275,9 @@ def check_render_mode(game: str, render_mode: str | None) -> None:
         raise ValueError(f"{game}: render_mode is {render_mode!r}, allowed are None and {allowed}")
 
 
-def make_parallel_env(game: str, scenario: str | None = None, **options: Any) -> GameParallelEnv:
-    """What `marl_cair.games.<game>.parallel_env` calls."""
-    return GameParallelEnv(game, scenario, **options)
+make_parallel_env = GameParallelEnv  # the name that packages of games use
 
 
 def make_aec_env(game: str, scenario: str | None = None, **options: Any) -> AECEnv[str, Any, Any]:
     """The game turn by turn: the players' actions are gathered, then played at once."""
-    return parallel_to_aec(make_parallel_env(game, scenario, **options))
+    return parallel_to_aec(GameParallelEnv(game, scenario, **options))

@@ -1,15 +1,14 @@
-"""Compile the rules of games before anybody plays them, in several processes at once."""
+"""Compile the rules of games ahead of their first use, in several processes at once."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from itertools import chain
 from multiprocessing import get_context
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from marl_cair.games.announcing import announce_nothing
+from marl_cair.games.compiled import announce_nothing
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Game
 from marl_cair.games.registry import GAMES
@@ -18,15 +17,15 @@ _MOST_WORKERS = 61  # that Windows can wait for
 
 
 class Part(NamedTuple):
-    """What one process compiles: one use of a game, in all of its scenarios."""
+    """The work of one process: one use of a game, in all of its scenarios."""
 
     game: str
     use: str  # of `_USES`, or the name of a representation
 
 
 def list_parts(games: Sequence[str]) -> list[Part]:
-    """All parts of these games, first what the others need, then what takes longest; so the
-    processes seldom wait for one another.
+    """All parts of these games, first those that others need, then the longest, so that processes
+    seldom wait for one another.
 
     Raises:
         UnknownNameError: no such game; names the nearest.
@@ -34,21 +33,20 @@ def list_parts(games: Sequence[str]) -> list[Part]:
     """
     uses: dict[str, list[str]] = {use: list(games) for use in _USES}
     for name in games:
-        for use in GAMES.ask(name, list_representations):
+        for use in GAMES.apply(name, list_representations):
             uses.setdefault(use, []).append(name)
     return [Part(name, use) for use, names in uses.items() for name in names]
 
 
 def list_representations(game: Game) -> list[str]:
-    """Those of all scenarios of a game, each once."""
-    seen = [game.make_spec(scenario).representations for scenario in game.scenarios.values()]
-    return list(dict.fromkeys(chain.from_iterable(seen)))
+    """The representations of all scenarios of a game, each once."""
+    specs = map(game.make_spec, game.scenarios.values())
+    return list(dict.fromkeys(name for spec in specs for name in spec.representations))
 
 
 def compile_parts(parts: Sequence[Part], num_workers: int) -> Iterator[Part]:
-    """Compile them all on so many processes; yields each part when it is done.
-
-    What has been compiled stays in the cache (`cache_root()`) however this ends.
+    """Compile all parts on `num_workers` processes; yields each part when it is done. Compiled code
+    stays in the cache (`cache_root()`) however this ends.
 
     Raises:
         ValueError: num_workers below 1.
@@ -77,7 +75,10 @@ def compile_parts(parts: Sequence[Part], num_workers: int) -> Iterator[Part]:
 def compile_part(part: Part) -> None:
     """Use the game in that way once in each of its scenarios: the first use compiles."""
     game = GAMES[part.game]
-    for scenario in _list_scenarios(part):
+    scenarios = list(game.scenarios.values())
+    if part.use == "step":  # observations and pictures do not depend on the shape of actions
+        scenarios += [game.scenario(**options) for options in game.other_shapes]
+    for scenario in scenarios:
         engine = BatchedEngine(game, scenario)
         engine.reset(0)
         if part.use in _USES:
@@ -86,16 +87,8 @@ def compile_part(part: Part) -> None:
             engine.observe(part.use)
 
 
-def _list_scenarios(part: Part) -> list[Any]:
-    """What a game looks like does not depend on the shape of its actions: only steps do."""
-    game = GAMES[part.game]
-    others = game.other_shapes if part.use == "step" else ()
-    return [*game.scenarios.values(), *(game.scenario(**options) for options in others)]
-
-
 def _step(engine: BatchedEngine) -> None:
-    mask = engine.action_mask()
-    engine.step(mask.argmax(-1))
+    engine.step(engine.action_mask().argmax(-1))
 
 
 def _decide(engine: BatchedEngine) -> None:

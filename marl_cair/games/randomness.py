@@ -71,7 +71,7 @@ class EpisodeSeeds:
         self.episodes = np.zeros(len(self._worlds), np.int64)
 
     def next(self, mask: NDArray[np.bool_] | None = None) -> NDArray[np.uint64]:
-        """Seeds uint64 [B] of the next episodes; only the worlds in `mask` are counted on."""
+        """Seeds uint64 [B] of the next episodes; advances only the worlds in `mask`."""
         seeds = episode_seeds(self.seed, self._worlds, self.episodes)
         self.episodes += 1 if mask is None else mask
         return seeds

@@ -7,6 +7,7 @@ import re
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from contextlib import suppress
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
@@ -23,7 +24,7 @@ _OWN = ("deep_line_wars", "deep_rts", "deep_maze", "flappy_bird")
 _NAME = re.compile(r"[A-Za-z0-9][\w.-]*")  # a part of a Gymnasium id
 _NAME_RULE = "it must start with a letter or digit and contain only letters, digits, _, - and ."
 
-Answer = TypeVar("Answer")
+T = TypeVar("T")
 
 
 class GameLoadError(ValueError):
@@ -35,7 +36,7 @@ class BrokenGameWarning(UserWarning):
 
 
 class Games(Mapping[str, "Game"]):
-    """The games by name; a game's rules are loaded when it is looked up.
+    """The games by name; a lookup loads the game's rules.
 
     An installed package adds a game by an entry point of the group `marl_cair.games`: its name is
     the game's, its value a module with GAME, SCENARIOS and GYMNASIUM_PREFIX. A game that fails is
@@ -52,7 +53,7 @@ class Games(Mapping[str, "Game"]):
 
     @property
     def modules(self) -> Mapping[str, ModuleType]:
-        """The games' packages, which list their scenarios without loading their rules."""
+        """The games' packages by name, which list scenarios without loading rules."""
         if self._waiting is None:
             self._waiting = []  # a package may look games up while it is imported
             for name in _OWN:
@@ -125,12 +126,8 @@ class Games(Mapping[str, "Game"]):
         """The games of this package."""
         return [self[name] for name in _OWN]
 
-    def load_all(self) -> dict[str, Game]:
-        """All games that can be loaded; the others are left out with a warning."""
-        return self.ask_each(lambda game: game)
-
-    def ask(self, name: str, question: Callable[[Game], Answer]) -> Answer:
-        """What `question` returns for a game.
+    def apply(self, name: str, function: Callable[[Game], T]) -> T:
+        """`function` of a game.
 
         Raises:
             UnknownNameError: no such game; names the nearest.
@@ -138,25 +135,23 @@ class Games(Mapping[str, "Game"]):
         """
         game = self[name]
         try:
-            return question(game)
+            return function(game)
         except Exception as error:
             if name not in self._points:
                 raise
             raise self._leave_out(name, error) from error
 
-    def ask_each(self, question: Callable[[Game], Answer]) -> dict[str, Answer]:
-        """What `question` returns for each game by name, without the games that fail."""
-        answers = {}
+    def apply_to_all(self, function: Callable[[Game], T]) -> dict[str, T]:
+        """`function` of each game by name, without the games that fail."""
+        results = {}
         for name in self:
-            try:
-                answers[name] = self.ask(name, question)
-            except GameLoadError:
-                continue
-        return answers
+            with suppress(GameLoadError):
+                results[name] = self.apply(name, function)
+        return results
 
 
 def _is_being_imported(point: EntryPoint) -> bool:
-    """True where a user imports the package, which imports this one: its game is added later."""
+    """True while a user imports the package, which imports this one: its game is added later."""
     package = point.value.partition(":")[0].partition(".")[0].strip()
     return any(
         getattr(getattr(module, "__spec__", None), "_initializing", False)
@@ -208,25 +203,15 @@ def find_game(name: str) -> Game:
 
 
 def add_scenario(game: str, name: str, base: str | None = None, **options: Any) -> str:
-    """Add a scenario to a game, for this process; returns its Gymnasium id.
-
-    Args:
-        game: a name in GAMES.
-        name: letters, digits, `_`, `-` and `.`.
-        base: the scenario that `options` change (default: the game's first).
-        options: fields of the scenario.
-
-    Raises:
-        UnknownNameError: no such game, base or option; names the nearest.
-        ValueError: the name is taken or not valid, an option's value is not allowed, or the game
-            takes no scenarios.
+    """Add a scenario to a game; arguments, result and errors as of `marl_cair.register_scenario`,
+    which also registers it with Gymnasium.
     """
     module = find_by_name("game", game, GAMES.modules)
     scenarios: Any = module.SCENARIOS
     if not isinstance(scenarios, MutableMapping):
         raise ValueError(
             f"{game} takes no new scenarios, its SCENARIOS is a {type(scenarios).__name__} that "
-            "cannot be changed: give the options beside the scenario, as in make_engine"
+            "cannot be changed: pass the options with the scenario, as to make_engine"
         )
     if not _is_name(name):
         raise ValueError(f"{game}: {name!r} is not a valid scenario name: {_NAME_RULE}")
@@ -245,16 +230,14 @@ def gymnasium_id(prefix: str, scenario: str) -> str:
 
 
 def describe_scenario(game: str, name: str) -> dict[str, Any]:
-    """The keyword arguments of `make_engine` that make a scenario in any process.
-
-    A scenario that was added is described by the game's own scenario that it is based on, and by
-    all options that differ.
+    """The keyword arguments of `make_engine` that make a scenario in any process: of an added one,
+    the game's own scenario that it is based on, and all options that differ.
     """
     if (game, name) not in _bases:
         return {"game": game, "scenario": name}
     scenarios, base = GAMES.modules[game].SCENARIOS, _bases[game, name]
     options = _list_differences(scenarios[name], scenarios[base])
-    # Fields that follow others may be what they are in the base, and only there.
+    # Fields that follow others may equal the base's and still differ from what they would become.
     made = change_scenario(game, scenarios[base], options)
     return {"game": game, "scenario": base, **options, **_list_differences(scenarios[name], made)}
 

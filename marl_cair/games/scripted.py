@@ -1,4 +1,4 @@
-"""What the scripted bots of all games share: the player around a plan, and the random choice."""
+"""`ScriptedPlayer`, the agent around a bot's plan, and a random choice of actions by kind."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def choose_by_kind(mask: Any, groups: Any, random: Any) -> int:
 
 
 class ScriptedPlayer:
-    """A plan that answers each row of a batch on its own; its only memory is a random word.
+    """A plan that acts on each row of a batch on its own; its only memory is a random word.
 
     Args:
         name: of the bot.

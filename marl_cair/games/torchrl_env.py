@@ -6,6 +6,7 @@ in front, so a policy moves between them unchanged.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -19,7 +20,6 @@ from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from marl_cair.games import make_engine
-from marl_cair.games.array_pool import ArrayPool
 from marl_cair.games.checks.engine import check_count, check_seed
 from marl_cair.games.checks.state import Range, check_arrays, check_outcome, check_range
 from marl_cair.games.game import NO_WINNER
@@ -28,10 +28,35 @@ from marl_cair.games.randomness import EpisodeSeeds
 GROUP = "player"  # as TorchRL's wrapper groups agents named player_0, player_1, ...
 MOST_EPISODES = 2**62  # of one world
 DONE_KEYS = ("done", "terminated", "truncated")
+MAX_SPARE = 64  # unused arrays of one shape that `ArrayPool` keeps
+
+
+class ArrayPool:
+    """Uninitialised arrays whose memory returns here when the last view of them is gone.
+
+    A batch of observations is megabytes. The operating system would take them back and clear them
+    at every step, which costs more than writing the observations.
+    """
+
+    def __init__(self) -> None:
+        self._spare: dict[tuple[Any, ...], list[NDArray[Any]]] = {}
+
+    def take(self, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """An unused array; its content is arbitrary."""
+        spare = self._spare.setdefault((shape, np.dtype(dtype)), [])
+        memory = spare.pop() if spare else np.empty(shape, dtype)
+        lent = memory.view()
+        weakref.finalize(lent, _give_back, spare, memory).atexit = False
+        return lent
+
+
+def _give_back(spare: list[NDArray[Any]], memory: NDArray[Any]) -> None:
+    if len(spare) < MAX_SPARE:
+        spare.append(memory)
 
 
 class LastStep(NamedTuple):
-    """What the last step brought, kept beyond the reset that follows an end."""
+    """The results of the last step, kept beyond the reset that follows an end."""
 
     rewards: NDArray[np.float32]  # [B, P]
     ended: NDArray[np.bool_]  # [B]
@@ -39,10 +64,10 @@ class LastStep(NamedTuple):
 
 
 class LegalActions(Categorical):
-    """Actions of which `rand` draws legal ones, uniformly, in the worlds as they were last shown.
+    """Actions of which `rand` draws legal ones, uniformly, by the last action masks.
 
     So do its clones, which transforms, collectors and `RandomPolicy` hold. Before the first reset,
-    and with another shape, all actions are drawn.
+    and for another shape, it draws any action.
     """
 
     shown: dict[str, Tensor] | None = None  # "mask": bool [*shape, A]; one object for all clones
@@ -66,20 +91,19 @@ class BatchedGameEnv(EnvBase):
     Args:
         game, scenario, num_worlds, num_threads, options: as `make_engine`.
         representation: what agents observe.
-        extra_representations: further ones (or one), under their own names beside "observation"
-            (bots that play seats observe `planes`, whatever the learner observes).
+        extra_representations: further ones (or one), under their own names (bots that play seats
+            observe `planes`, whatever the learner observes).
         seed: of the run; None draws one.
 
     Keys: ("player", "observation") [B, P, *shape], ("player", "action_mask") bool
     [B, P, *action_shape, A], ("player", "action") int64 [B, P, *action_shape],
     ("player", "reward") float32 [B, P, 1], ("player", "info", ...) float32 [B, P] where the game
     has numbers of its own (`Game.info`), and done, terminated, truncated bool [B, 1] at the root
-    and [B, P, 1] in the group. A seat that is out while others
-    play on is terminated and done in the group from the step at which it goes out; the root says
-    when the world is over, and by that alone TorchRL resets. A seat that is out is only to play the
-    no-op, and what it is shown then must not be learned from. `rand_action`, and a collector
-    without a policy, draw legal actions (`LegalActions`). The engine writes straight into
-    the tensors that are returned: nothing is copied and nothing is shared between steps.
+    and [B, P, 1] in the group. The root is done when the world is over, and by that alone TorchRL
+    resets. A seat that is out while others continue is terminated and done in the group from that
+    step on: it can only play the no-op, and its later observations must not be learned from.
+    `rand_action`, and a collector without a policy, draw legal actions (`LegalActions`). The engine
+    writes into the returned tensors: nothing is copied, and steps share no memory.
     """
 
     def __init__(
@@ -97,14 +121,13 @@ class BatchedGameEnv(EnvBase):
         num_worlds = check_count(game, "num_worlds", num_worlds)
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([num_worlds]))
         self.engine = make_engine(game, scenario, num_worlds, num_threads, **options)
-        self._representations = {"observation": representation}
         extra = extra_representations
-        extra = (extra,) if isinstance(extra, str) else tuple(extra)
-        self._representations |= {name: name for name in extra}
+        extra = (extra,) if isinstance(extra, str) else extra
+        self._representations = {"observation": representation, **{name: name for name in extra}}
         self.group_map = {GROUP: [f"player_{seat}" for seat in range(self.engine.num_players)]}
         self.seeds = EpisodeSeeds(num_worlds, None if seed is None else check_seed(game, seed))
         self._pool = ArrayPool()
-        self._shown: dict[str, Tensor] = {}  # what random actions are drawn from
+        self._shown: dict[str, Tensor] = {}  # see LegalActions
         self.last = LastStep(
             np.zeros((num_worlds, self.engine.num_players), np.float32),
             np.zeros(num_worlds, np.bool_),
@@ -113,8 +136,11 @@ class BatchedGameEnv(EnvBase):
         self._make_specs()
 
     def _make_specs(self) -> None:
-        worlds, players = self.engine.num_worlds, self.engine.num_players
-        seats = (worlds, players)
+        worlds, seats = (self.engine.num_worlds,), (self.engine.num_worlds, self.engine.num_players)
+
+        def in_group(specs: dict[str, Any], **at_root: Any) -> Any:
+            return Composite({GROUP: Composite(specs, shape=seats), **at_root}, shape=worlds)
+
         seen: dict[str, Any] = {
             key: self._make_observation_spec(name) for key, name in self._representations.items()
         }
@@ -123,26 +149,16 @@ class BatchedGameEnv(EnvBase):
             seen["info"] = Composite(info, shape=seats)
         actions, places = self.engine.num_actions, (*seats, *self.engine.spec.action_shape)
         seen["action_mask"] = Binary(actions, shape=(*places, actions), dtype=torch.bool)
-        self.observation_spec = Composite({GROUP: Composite(seen, shape=seats)}, shape=(worlds,))
         action = LegalActions(actions, shape=torch.Size(places), dtype=torch.int64)
         action.shown = self._shown
-        self.action_spec = Composite(
-            {GROUP: Composite({"action": action}, shape=seats)}, shape=(worlds,)
+        self.observation_spec = in_group(seen)
+        self.action_spec = in_group({"action": action})
+        self.reward_spec = in_group({"reward": Unbounded((*seats, 1), dtype=torch.float32)})
+        of_seats, of_worlds = (
+            {key: Binary(1, shape=(*shape, 1), dtype=torch.bool) for key in DONE_KEYS}
+            for shape in (seats, worlds)
         )
-        reward = Unbounded((*seats, 1), dtype=torch.float32)
-        self.reward_spec = Composite(
-            {GROUP: Composite({"reward": reward}, shape=seats)}, shape=(worlds,)
-        )
-        self.done_spec = Composite(
-            {
-                GROUP: Composite(
-                    {key: Binary(1, shape=(*seats, 1), dtype=torch.bool) for key in DONE_KEYS},
-                    shape=seats,
-                ),
-                **{key: Binary(1, shape=(worlds, 1), dtype=torch.bool) for key in DONE_KEYS},
-            },
-            shape=(worlds,),
-        )
+        self.done_spec = in_group(of_seats, **of_worlds)
 
     def _make_observation_spec(self, name: str) -> Any:
         chosen = self.engine.representation(name)
@@ -152,10 +168,8 @@ class BatchedGameEnv(EnvBase):
         return Bounded(low, high, shape=shape, dtype=dtype)
 
     def set_seed(self, seed: int | None = None, static_seed: bool = False) -> int | None:
-        """Begin again at the first game of `seed`; returns the seed for a next environment.
-
-        Raises:
-            ValueError: the seed is no whole number.
+        """Begin again at the first game of `seed`; returns the seed for a next environment. Raises
+        ValueError unless the seed is a whole number.
         """
         if seed is not None:
             seed = check_seed(self.engine.game.name, seed)
@@ -169,7 +183,7 @@ class BatchedGameEnv(EnvBase):
         mask = self._read_reset_mask(tensordict)
         self.engine.check_reset(mask)
         self.engine.reset(self.seeds.next(mask), mask)
-        # Of a partial reset TorchRL takes the worlds that were reset, and no others.
+        # TorchRL reads only the worlds that were reset.
         return self._observe(None if mask is None or mask.all() else np.flatnonzero(mask))
 
     def _read_reset_mask(self, tensordict: TensorDictBase | None) -> NDArray[np.bool_] | None:
@@ -193,11 +207,7 @@ class BatchedGameEnv(EnvBase):
         return seen
 
     def key_of(self, representation: str) -> str:
-        """The key in the group under which that representation is found.
-
-        Raises:
-            ValueError: the environment was not asked for it.
-        """
+        """The key in the group of a representation. Raises ValueError if it is not observed."""
         for key, name in self._representations.items():
             if name == representation:
                 return key
@@ -207,11 +217,11 @@ class BatchedGameEnv(EnvBase):
         )
 
     def current(self) -> TensorDictBase:
-        """What all seats see now, as `reset` returns it: to go on after `load_game_state`."""
+        """The observations of all seats now, as `reset` returns them: for `load_game_state`."""
         return self._observe()
 
     def _observe(self, only: NDArray[np.int64] | None = None) -> TensorDictBase:
-        """What all seats see; with `only`, those worlds, and zeros for the others."""
+        """The observations of all seats; with `only`, of those worlds, and zeros for the others."""
         engine = self.engine
         worlds, players = engine.num_worlds, engine.num_players
         seats: dict[str, Any] = {}
@@ -229,11 +239,7 @@ class BatchedGameEnv(EnvBase):
             seats["info"] = TensorDict._new_unsafe(info, batch_size=torch.Size([worlds, players]))
         terminated = torch.from_numpy(engine.terminated).clone().unsqueeze(-1)
         truncated = torch.from_numpy(engine.truncated).clone().unsqueeze(-1)
-        ended = {
-            "done": terminated | truncated,
-            "terminated": terminated,
-            "truncated": truncated,
-        }
+        ended = dict(zip(DONE_KEYS, (terminated | truncated, terminated, truncated), strict=True))
         out = torch.from_numpy(engine.eliminated).unsqueeze(-1)
         for key, value in ended.items():
             of_seats = value.unsqueeze(1).expand(worlds, players, 1)
@@ -274,17 +280,16 @@ class BatchedGameEnv(EnvBase):
 
 def _to_tensor(values: NDArray[Any], only: NDArray[np.int64] | None) -> Tensor:
     """A game's own numbers [B, P] as float32; of worlds that are left out, zeros."""
-    tensor = torch.from_numpy(values.astype(np.float32))
+    shown = values.astype(np.float32)
     if only is not None:
-        others = np.setdiff1d(np.arange(len(values)), only)
-        tensor[others] = 0.0
-    return tensor
+        shown[np.setdiff1d(np.arange(len(values)), only)] = 0.0
+    return torch.from_numpy(shown)
 
 
 def _fill(
     out: NDArray[Any], read: Callable[..., NDArray[Any]], only: NDArray[np.int64] | None
 ) -> Tensor:
-    """Write what `read` sees of all worlds, or of some and zeros for the others."""
+    """Write what `read` returns of all worlds, or of some and zeros for the others."""
     if only is None:
         return torch.from_numpy(read(out))
     out.fill(0)

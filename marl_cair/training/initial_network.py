@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from marl_cair.checkpoint import load_network, read_description
-from marl_cair.files import tell_value
+from marl_cair.files import shorten_value
 from marl_cair.games.game import GameSpec, Representation
 from marl_cair.league.agents.load import is_checkpoint
 from marl_cair.policies import GREEDY
@@ -127,7 +127,7 @@ def _tell_differences(its: QNetworkConfig, own: QNetworkConfig) -> tuple[str, st
     first, second = its.to_dict(), own.to_dict()
     names = [name for name in first if first[name] != second[name]]
     its_words, own_words = (
-        ", ".join(f"{name}={tell_value(values[name])}" for name in names)
+        ", ".join(f"{name}={shorten_value(values[name])}" for name in names)
         for values in (first, second)
     )
     return its_words, own_words

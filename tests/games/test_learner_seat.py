@@ -56,8 +56,8 @@ def make_foreign_illegal(scenario, spec):
 
 ANSWERS = {
     "crashed in act: KeyError: 'gold'": (crash, 0),
-    "answered float64 [2], asked for integers [2]": (lambda mask: np.zeros(len(mask)), 0),
-    "answered int64 [], asked for integers [2]": (lambda mask: 0, 0),
+    "returned float64 [2], it must be integers [2]": (lambda mask: np.zeros(len(mask)), 0),
+    "returned int64 [], it must be integers [2]": (lambda mask: 0, 0),
     "played the illegal action {outside}": (answer_outside, 0),
     "played the illegal action -1": (lambda mask: np.full(len(mask), -1), 0),
     "played the illegal action {illegal}": (answer_illegal_in_the_last_row, 1),
@@ -71,7 +71,7 @@ def test_what_an_opponent_does_wrong_is_told(cause):
     env.reset(seed=0)
     mask = env.engine.action_mask()[1, 1]
     cause = cause.format(outside=len(mask), illegal=np.flatnonzero(~mask)[0])
-    message = f"{GAME}: the opponent 'broken', player 1 in world {world}, {cause}. Correct it, or"
+    message = f"{GAME}: the opponent 'broken', player 1 in world {world}, {cause}. Fix it, or"
     with pytest.raises(OpponentError, match=re.escape(message)) as raised:
         env.step(np.zeros(2, np.int64))
     assert isinstance(raised.value.__cause__, KeyError) == (answer is crash)

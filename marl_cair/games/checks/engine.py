@@ -20,19 +20,15 @@ def read_index(value: Any) -> int | None:
 
 
 def make_plain(values: NDArray[Any], dtype: Any) -> NDArray[Any]:
-    """The values as an array of the only kind that kernels are compiled for: contiguous, aligned
-    and writeable. JAX's arrays, memory maps and broadcast ones are read-only: those are copied.
+    """The values as contiguous, aligned and writeable, as kernels are compiled for. Read-only
+    arrays (of JAX, memory maps, broadcast ones) are copied.
     """
     plain = np.ascontiguousarray(values, dtype)
     return plain if plain.flags.carray else plain.copy()
 
 
 def check_seed(owner: str, seed: Any) -> int:
-    """A seed as an int in 0..2**64-1, the remainder of others: generators take none below 0.
-
-    Raises:
-        ValueError: it is no whole number; names the owner.
-    """
+    """A seed modulo 2**64: generators take none below 0. Raises ValueError unless it is whole."""
     number = read_index(seed)
     if number is None:
         raise ValueError(f"{owner}: seed is {seed!r}, it must be a whole number, as 3")
@@ -40,7 +36,7 @@ def check_seed(owner: str, seed: Any) -> int:
 
 
 def check_count(game: str, name: str, value: Any) -> int:
-    """A number of worlds, threads or decisions. Raises ValueError below 1, or where not whole."""
+    """A number of worlds, threads or steps. Raises ValueError unless it is whole and at least 1."""
     count = read_index(value)
     if count is None or count < 1:
         raise ValueError(f"{game}: {name} is {value!r}, it must be at least 1, and a whole number")
@@ -48,7 +44,7 @@ def check_count(game: str, name: str, value: Any) -> int:
 
 
 def check_mask(game: str, name: str, mask: Any, num_worlds: int) -> NDArray[np.bool_]:
-    """A mask of worlds, bool [B]; None stands for all. Raises ValueError for another."""
+    """A mask of worlds, bool [B]; None stands for all. Raises ValueError."""
     mask = np.ones(num_worlds, np.bool_) if mask is None else np.asarray(mask)
     if mask.shape != (num_worlds,) or mask.dtype != np.bool_:
         raise ValueError(
@@ -59,37 +55,30 @@ def check_mask(game: str, name: str, mask: Any, num_worlds: int) -> NDArray[np.b
 
 
 def check_start(game: str, num_chosen: int, num_worlds: int) -> None:
-    """Raise ValueError unless what comes first, a reset or a restore, is of all worlds."""
+    """Raise ValueError unless the first reset or restore is of all worlds."""
     if num_chosen < num_worlds:
         raise ValueError(
             f"{game}: the engine begins with {num_chosen} of its {num_worlds} worlds, the others "
-            "would play on empty arrays; reset all worlds first (without a mask)"
+            "would have no state; reset all worlds first (without a mask)"
         )
 
 
 def check_num_worlds(
     game: str, options: dict[str, Any], num_worlds: int, instead: str
 ) -> dict[str, Any]:
-    """An environment's options without `num_worlds`, which it knows by another name, or as 1.
-
-    Raises:
-        ValueError: they ask for another number; says what to do `instead`.
+    """An environment's options without `num_worlds`. Raises ValueError if that is another number
+    than the environment has; `instead` says what to do.
     """
-    others = dict(options)
-    asked = others.pop("num_worlds", num_worlds)
+    asked = options.get("num_worlds", num_worlds)
     if asked != num_worlds:
         raise ValueError(
             f"{game}: num_worlds is {asked!r}, this environment has {num_worlds}; {instead}"
         )
-    return others
+    return {name: value for name, value in options.items() if name != "num_worlds"}
 
 
 def check_seeds(game: str, seeds: NDArray[np.uint64] | int, num_worlds: int) -> NDArray[np.uint64]:
-    """Seeds uint64 [B]; an int seeds a batch of one.
-
-    Raises:
-        ValueError: wrong shape or dtype.
-    """
+    """Seeds uint64 [B]; an int seeds a batch of one. Raises ValueError: wrong shape or dtype."""
     if isinstance(seeds, int | np.integer) and num_worlds == 1:
         return np.array([int(seeds) % 2**64], np.uint64)
     seeds = np.asarray(seeds)
@@ -102,12 +91,7 @@ def check_seeds(game: str, seeds: NDArray[np.uint64] | int, num_worlds: int) -> 
 
 
 def check_actions(game: str, actions: Any, num_worlds: int, spec: GameSpec) -> NDArray[np.int32]:
-    """Actions as plain int32 [B, P, *action_shape].
-
-    Raises:
-        ValueError: wrong shape, not integers, or an action outside 0..A-1 (names world, player
-            and the place within the action shape).
-    """
+    """Actions as plain int32 [B, P, *action_shape]. Raises ValueError as `BatchedEngine.step`."""
     actions = np.asarray(actions)
     expected = (num_worlds, spec.num_players, *spec.action_shape)
     if actions.shape != expected or actions.dtype.kind not in "iu":

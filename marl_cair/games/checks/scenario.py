@@ -1,4 +1,4 @@
-"""Checks that the scenarios of all games share; errors name game, field, value and range."""
+"""Checks of the fields of scenarios; errors name game, field, value and range."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def change_scenario(game: str, scenario: Scenario, options: dict[str, Any]) -> S
 
 
 def restore_fields(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of a scenario that JSON has held: its lists as the tuples that they were."""
+    """Fields of a scenario from JSON: lists become tuples again."""
     return {name: _freeze(value) for name, value in options.items()}
 
 
@@ -48,9 +48,8 @@ def _freeze(value: Any) -> Any:
 
 
 def check_whole_number(game: str, scenario: Any, field: str, low: int, high: int) -> None:
-    """Raise ValueError unless the scenario's field is a whole number in low..high (True is none).
-
-    NumPy's become Python's own.
+    """Raise ValueError unless the field is a whole number in low..high (not True); NumPy's become
+    Python's own.
     """
     value = getattr(scenario, field)
     if not _is_whole(value) or not low <= value <= high:
@@ -61,7 +60,7 @@ def check_whole_number(game: str, scenario: Any, field: str, low: int, high: int
 
 
 def read_whole_numbers(scenario: Any, field: str) -> tuple[int, ...] | None:
-    """The whole numbers of a field, which become a tuple there; None where it holds others."""
+    """The whole numbers of a field, which becomes a tuple; None if it holds anything else."""
     value = getattr(scenario, field)
     try:
         numbers = tuple(value)
@@ -75,7 +74,7 @@ def read_whole_numbers(scenario: Any, field: str) -> tuple[int, ...] | None:
 
 
 def read_number(scenario: Any, field: str) -> float | None:
-    """The finite number in a field, which becomes Python's own there; else None (True is none)."""
+    """The finite number in a field, which becomes Python's own; else None (also for True)."""
     value = getattr(scenario, field)
     if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
         return None

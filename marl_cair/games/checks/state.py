@@ -1,7 +1,6 @@
-"""Checks of saved states: shape, type and values, before the compiled rules see them.
+"""Checks of saved states: shape, type and values, against the limits of `Game.state_limits`.
 
-The rules check nothing: they trust the worlds that they made themselves. What comes from a file or
-from a user is checked here once, by the limits that a game states (`Game.state_limits`).
+The rules check nothing. States from files and users are checked here, before the rules read them.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from marl_cair.games.game import NO_WINNER
 MOST_COUNTED = 2**31 - 1  # of counters in int32
 ANY_WORD = (0, 2**64 - 1)  # the range of a random word
 
-# What must hold between the fields of a world, in words, and where it does: bool [N].
+# A condition between fields of a world, in words, and the worlds in which it holds: bool [N].
 Condition = tuple[str, NDArray[np.bool_] | np.bool_]
 
 
@@ -35,11 +34,11 @@ class Range(NamedTuple):
 
 
 class StateLimits(NamedTuple):
-    """What the worlds of a scenario may hold; nothing else can make its rules leave their arrays.
+    """The values that the worlds of a scenario may hold, with which no rule leaves its arrays.
 
     ranges: of each field of World, by its name.
-    conditions: World of N worlds -> what must hold between fields. They are asked for one by one,
-        when all fields are in their ranges and all earlier conditions hold.
+    conditions: World of N worlds -> conditions between fields. Each is computed when all fields are
+        in their ranges and all earlier conditions hold.
     """
 
     ranges: Mapping[str, Range]
@@ -65,11 +64,8 @@ def check_arrays(
 
 
 def check_worlds(game: str, worlds: Any, limits: StateLimits) -> None:
-    """Check the values of saved worlds, a World of arrays [N, ...].
-
-    Raises:
-        ValueError: a value is out of its range (names field, world, value and range), or fields
-            contradict each other (names the world and what must hold).
+    """Check the values of saved worlds, a World of arrays [N, ...]. Raises ValueError for a value
+    out of its range, or a condition that does not hold.
     """
     for name, bounds in limits.ranges.items():
         check_range(game, name, getattr(worlds, name), bounds)
@@ -101,11 +97,7 @@ def check_range(game: str, name: str, values: NDArray[Any], bounds: Range) -> No
 
 
 def check_outcome(game: str, outcome: Any, num_players: int) -> None:
-    """Check an Outcome of arrays [N, ...].
-
-    Raises:
-        ValueError: a reward is not finite, or a winner is no seat.
-    """
+    """Raise ValueError unless the rewards of an Outcome are finite and its winners are seats."""
     highest = float(np.finfo(np.float32).max)
     check_range(game, "rewards", outcome.rewards, Range(-highest, highest))
     check_range(game, "winner", outcome.winner, Range(NO_WINNER, num_players - 1))

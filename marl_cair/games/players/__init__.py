@@ -1,1 +1,1 @@
-"""Players that games share: the random one, scripted ones, mixtures."""
+"""Players of all games: random play, mixtures of agents, and the opponent of a learner."""

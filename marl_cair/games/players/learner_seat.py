@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,31 +19,26 @@ from marl_cair.games.randomness import EpisodeSeeds
 
 
 class OpponentError(RuntimeError):
-    """An opponent that crashed, or whose answer is no legal action."""
-
-
-class SeatSettings(NamedTuple):
-    """What makes a `LearnerSeat`: as `GameEnv` takes them."""
-
-    game: str
-    scenario: str | None
-    num_worlds: int
-    opponent: str | Agent | None
-    seat: int
-    action_form: str
-    options: dict[str, Any]
+    """An opponent that crashed, or returned an illegal action."""
 
 
 class LearnerSeat:
     """B worlds in which the caller plays one seat and `opponent` all the others, if there are.
 
-    Each world plays as an environment of its own would: by its own seed, against an opponent with a
-    random stream of its own.
+    Each world has its own seed, and its opponent its own random stream, as in B environments.
     """
 
-    def __init__(self, settings: SeatSettings) -> None:
-        game, scenario, num_worlds, opponent, seat, action_form, options = settings
-        self.engine: BatchedEngine = make_engine(game, scenario, num_worlds, **options)
+    def __init__(
+        self,
+        game: str,
+        scenario: str | None,
+        num_worlds: int,
+        opponent: str | Agent | None,
+        seat: int,
+        action_form: str,
+        options: dict[str, Any],
+    ) -> None:
+        self.engine = make_engine(game, scenario, num_worlds, **options)
         self.form = make_action_form(action_form, game, self.engine.spec)
         self.seat = _check_seat(self.engine, seat)
         agent = _find_opponent(self.engine, opponent)
@@ -54,7 +49,7 @@ class LearnerSeat:
                 self.opponent.seed(world, seeds.seed)
 
     def read_seeds(self, seed: Any) -> list[int | None]:
-        """A seed for each world, None where the world's games go on.
+        """A seed for each world, None where the next game of the last seed follows.
 
         Args:
             seed: None, a whole number (world i gets seed + i), or a list of B of these.
@@ -98,12 +93,8 @@ class LearnerSeat:
         """The learner's legal actions, bool [B, *action_shape, A]; fresh."""
         return self.engine.action_mask()[:, self.seat]
 
-    def numbers(self) -> dict[str, NDArray[Any]]:
-        """The game's own numbers of the learner's seat by name, fresh arrays [B]."""
-        return {name: values[:, self.seat] for name, values in self.engine.info().items()}
-
     def play(self, actions: NDArray[np.int64], worlds: NDArray[np.bool_]) -> None:
-        """One decision: the learner's actions [B, ...] in its form, the opponent's elsewhere.
+        """One step: the learner's actions [B, ...] in its form, the opponent's elsewhere.
 
         Args:
             actions: of all worlds.
@@ -111,7 +102,7 @@ class LearnerSeat:
 
         Raises:
             ValueError: wrong shape, not integers, or an action outside the space.
-            OpponentError: the opponent crashed, or answered what is no legal action.
+            OpponentError: the opponent crashed, or returned an illegal action.
         """
         engine = self.engine
         expected = (engine.num_worlds, *self.form.sizes.shape)
@@ -135,10 +126,10 @@ class LearnerSeat:
 
 
 class OpponentCopies:
-    """One agent that plays in B worlds as B agents would, each seeded for itself.
+    """One agent that plays in B worlds as B agents would, each with its own seed.
 
-    An agent that draws nothing (an empty `state_dict`, or `is_deterministic`) is asked about all
-    worlds at once; another about one world after the other, each with that world's random state.
+    An agent without randomness (an empty `state_dict`, or `is_deterministic`) acts in all worlds at
+    once; another in one world after the other, each with that world's random state.
     """
 
     def __init__(self, agent: Agent, engine: BatchedEngine) -> None:
@@ -170,16 +161,11 @@ class OpponentCopies:
         seen: NDArray[Any],
         masks: NDArray[np.bool_],
     ) -> NDArray[np.int64]:
-        """Legal actions [N, *action_shape] of one seat in the worlds [N].
-
-        Args:
-            seat: for errors.
-            worlds: int64 [N].
-            seen: [N, *shape] of the agent's representation.
-            masks: bool [N, *action_shape, A].
+        """Legal actions [N, *action_shape] of one seat in the worlds int64 [N], which see
+        [N, *shape] of the agent's representation and have the masks bool [N, *action_shape, A].
 
         Raises:
-            OpponentError: the agent crashed, or answered what is no legal action.
+            OpponentError: the agent crashed, or returned an illegal action.
         """
         actions = np.zeros(masks.shape[:-1], np.int64)
         playing = self._playing[worlds]
@@ -204,27 +190,24 @@ class OpponentCopies:
         seen: NDArray[Any],
         masks: NDArray[np.bool_],
     ) -> NDArray[np.int64]:
-        """What a member answers; arguments and errors as of `act`."""
+        """A member's legal actions; arguments and errors as of `act`."""
         try:
             actions = np.asarray(member.act(seen, masks))
         except Exception as error:
             cause = f"crashed in act: {type(error).__name__}: {error}"
             raise self._describe(member, seat, worlds[0], cause) from error
         if actions.shape != masks.shape[:-1] or actions.dtype.kind not in "iu":
-            cause = (
-                f"answered {actions.dtype} {list(actions.shape)}, asked for integers "
-                f"{list(masks.shape[:-1])}"
-            )
+            wanted = f"integers {list(masks.shape[:-1])}"
+            cause = f"returned {actions.dtype} {list(actions.shape)}, it must be {wanted}"
             raise self._describe(member, seat, worlds[0], cause)
         is_known = (actions >= 0) & (actions < self._num_actions)
         chosen = np.where(is_known, actions, 0).astype(np.int64)
         is_legal = is_known & np.take_along_axis(masks, chosen[..., None], -1)[..., 0]
         if not is_legal.all():
             row, *place = np.argwhere(~is_legal)[0].tolist()
-            # Agents of the league that have failed already say so by an action that none is.
-            cause = getattr(member, "failure", "") or (
-                f"played the illegal action {actions[row, *place]}"
-            )
+            # A league's agent that has failed already returns an action outside the range.
+            illegal = f"played the illegal action {actions[row, *place]}"
+            cause = getattr(member, "failure", "") or illegal
             raise self._describe(member, seat, worlds[row], cause)
         return chosen
 
@@ -232,7 +215,7 @@ class OpponentCopies:
         name = getattr(member, "name", type(member).__name__)
         return OpponentError(
             f"{self._game}: the opponent {name!r}, player {seat} in world {world}, {cause}. "
-            "Correct it, or choose another `opponent`"
+            "Fix it, or choose another `opponent`"
         )
 
 
@@ -245,9 +228,9 @@ def _check_seat(engine: BatchedEngine, seat: Any) -> int:
 
 
 def _find_opponent(engine: BatchedEngine, opponent: Any) -> Agent | None:
-    """Who plays the other seats; None where there are none, whose game needs no bot."""
+    """The agent of the other seats; None where there are none, even if the game has no bot."""
     game, is_alone = engine.game, engine.num_players == 1
-    if is_alone and (opponent is None or opponent == RANDOM):
+    if is_alone and opponent in (None, RANDOM):
         return None
     if isinstance(opponent, str):
         opponent = game.bot(opponent, engine.scenario)
@@ -256,5 +239,4 @@ def _find_opponent(engine: BatchedEngine, opponent: Any) -> Agent | None:
             f"{game.name}: opponent is {opponent!r}, it must be the name of a bot (known are "
             f"{', '.join(game.bots)}) or an agent, see games.game.Agent"
         )
-    agent: Agent = opponent
-    return None if is_alone else agent
+    return None if is_alone else opponent

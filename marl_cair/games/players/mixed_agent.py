@@ -13,25 +13,23 @@ from marl_cair.games.game import Agent
 
 
 class MixedAgent:
-    """A mixed strategy: who of the members plays is drawn before each game, and plays all of it.
+    """A mixed strategy: one member, drawn before each game, plays all of it.
 
-    What a population of learners comes to, as in policy-space response oracles (Lanctot et al.
-    2017) and in AlphaStar's league: where every single agent is beaten by another, a mixture
-    is harder to beat than any of its members.
+    The result of training a population, as in policy-space response oracles (Lanctot et al. 2017)
+    and AlphaStar's league: where every single agent is beaten by another, a mixture is harder to
+    beat than any of its members.
 
-    Whoever plays many games at once draws a member for each (`draw`) and asks all of them together
-    (`act_as`). For other code it is an agent as any other, which plays as one member until it is
-    seeded again.
+    Code that plays many games at once draws a member for each (`draw`) and then calls `act_as`. For
+    other code it is an ordinary agent, which plays as one member until it is seeded again.
 
     Args:
-        members: agents, K, that look at the same representation; members of one that is a mixture
-            itself take its place.
+        members: K agents with the same representation; a mixture is replaced by its members.
         weights: chances, in proportion: K numbers above 0.
         name: for tables.
 
     Raises:
-        ValueError: no member, another number of weights, one that is not above 0, or members that
-            look at different representations.
+        ValueError: no member, another number of weights, one that is not above 0, or members with
+            different representations.
     """
 
     def __init__(
@@ -56,8 +54,8 @@ class MixedAgent:
         seen = sorted({member.representation for member in self.members})
         if len(seen) > 1:
             raise ValueError(
-                f"{name} has members that look at {' and '.join(seen)}: mix agents that look at "
-                "the same"
+                f"{name} has members that observe {' and '.join(seen)}: mix agents with the same "
+                "representation"
             )
         self.name, self.representation = name, seen[0]
         self.weights: NDArray[np.float64] = np.array(shares) / sum(shares)
@@ -66,7 +64,7 @@ class MixedAgent:
         self._playing = 0
 
     def seed(self, seed: int) -> None:
-        """Restart all random generators, and draw who plays where no other code does."""
+        """Restart all random generators, and draw the member that `act` uses."""
         self._rng = np.random.default_rng(check_seed(self.name, seed))
         for member in self.members:
             member.seed(int(self._rng.integers(2**62)))
@@ -77,9 +75,8 @@ class MixedAgent:
         return np.asarray(self._rng.choice(len(self.members), count, p=self.weights), np.int64)
 
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """As the member that plays since `seed`; see `Agent.act`."""
-        playing = np.full(len(action_mask), self._playing)
-        return self.act_as(playing, observation, action_mask)
+        """`Agent.act` of the member drawn by `seed`."""
+        return self.act_as(np.full(len(action_mask), self._playing), observation, action_mask)
 
     def act_as(
         self,
@@ -87,7 +84,7 @@ class MixedAgent:
         observation: NDArray[Any],
         action_mask: NDArray[np.bool_],
     ) -> NDArray[np.int64]:
-        """`Agent.act` of N rows, each by the member `playing` [N] that `draw` has named for it."""
+        """`Agent.act` of N rows, each by its member of `playing` [N] (of `draw`)."""
         actions = np.zeros(action_mask.shape[:-1], np.int64)
         self.failure = ""
         for number in np.unique(playing).tolist():
@@ -97,7 +94,7 @@ class MixedAgent:
         return actions
 
     def state_dict(self) -> dict[str, Any]:
-        """All random generators, and who plays, as plain data."""
+        """All random generators, and the drawn member, as plain data."""
         return {
             "rng": self._rng.bit_generator.state,
             "playing": self._playing,

@@ -18,8 +18,8 @@ class RandomPlayer:
     """At each place of the action shape all legal actions are equally likely.
 
     Args:
-        scenario: is not looked at.
-        spec: of the scenario; the player is shown the first of its representations.
+        scenario: not used.
+        spec: of the scenario; the player observes the first of its representations.
     """
 
     name = RANDOM
@@ -44,9 +44,7 @@ class RandomPlayer:
 
 
 def draw_legal(mask: NDArray[Any], rng: np.random.Generator) -> NDArray[np.int64]:
-    """The index [...] of a legal choice along the last axis of a mask [..., A], uniformly; 0 where
-    there is none.
-    """
+    """A random legal index [...] along the last axis of a mask [..., A], uniform; 0 without any."""
     counts = np.cumsum(mask.astype(np.int64), axis=-1)
     nth = (rng.random(mask.shape[:-1]) * counts[..., -1]).astype(np.int64)
     chosen: NDArray[np.int64] = np.argmax(counts > nth[..., None], axis=-1)

@@ -1,6 +1,6 @@
-"""The rules that keep the code readable: imports point one way, files are short, nothing is hidden.
+"""Rules of the code: imports point one way, files are short, importing has no side effects.
 
-Every test reads the files that exist, so that a new module is held to the rules by being there.
+Each test checks all files and lists every violation as "file:line: what".
 """
 
 import ast
@@ -10,7 +10,7 @@ import graphlib
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -40,9 +40,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "league.store": {"games"},
     "league.agents": {"games", "policies", "checkpoint", "league.store"},
     "league.play": {"games", "league.agents", "league.ratings", "league.store"},
-    "league.report": {
-        *("games", "league.agents", "league.play", "league.ratings", "league.store"),
-    },
+    "league.report": {"games", "league.agents", "league.play", "league.ratings", "league.store"},
     "league": {
         *("games", "checkpoint", "league.agents", "league.play", "league.ratings"),
         *("league.store", "league.report"),
@@ -51,11 +49,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training.settings": {*_LEARNING, "league.agents", "self_play"},
     "training.collecting": {*_LEARNING, *_SELF_PLAY, "training.settings"},
     "training": {*_LEARNING, *_SELF_PLAY, "league", "training.settings", "training.collecting"},
-    "training.population": {
-        *_LEARNING,
-        *_SELF_PLAY,
-        *("league", "training", "training.settings"),
-    },
+    "training.population": {*_LEARNING, *_SELF_PLAY, "league", "training", "training.settings"},
     # "" is what `import marl_cair` gives every user; the registries tell --help the choices.
     "cli": {
         *("", "games", "policies", "generative", "checkpoint", "self_play"),
@@ -83,8 +77,13 @@ def relative(path: Path) -> str:
 
 @functools.cache
 def read_tree(path: Path) -> ast.Module:
-    """Every rule reads the same one: whoever changes it copies it first."""
+    """All rules read the same tree: copy it before a change."""
     return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+
+
+def find_violations(paths: list[Path], find: Callable[[Path], Iterator]) -> list[str]:
+    """All violations, `file:line: what`, that `find` yields for the files."""
+    return [f"{relative(path)}:{line}: {what}" for path in paths for line, what in find(path)]
 
 
 def module_name(path: Path) -> str:
@@ -97,21 +96,27 @@ def name_is_module(name: str) -> bool:
     return location.is_dir() or location.with_suffix(".py").is_file()
 
 
-def imported_modules(path: Path, tree: ast.AST) -> Iterator[str]:
-    """Full names of all that `tree` imports: all three spellings, at any depth, and by string."""
+def list_imports(path: Path, tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Lines and full names of all imports in `tree`: all three spellings, at any depth, and by
+    string.
+    """
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             source = absolute_source(path, node)
             for alias in node.names:
                 full_name = f"{source}.{alias.name}"
-                yield full_name if name_is_module(full_name) else source
+                yield node.lineno, full_name if name_is_module(full_name) else source
         elif isinstance(node, ast.Call) and node.args:
             called = ast.unparse(node.func).rpartition(".")[2]
             first = node.args[0]
             if called in {"import_module", "__import__"} and isinstance(first, ast.Constant):
-                yield str(first.value)
+                yield node.lineno, str(first.value)
+
+
+def imported_modules(path: Path, tree: ast.AST) -> set[str]:
+    return {name for _, name in list_imports(path, tree)}
 
 
 def absolute_source(path: Path, node: ast.ImportFrom) -> str:
@@ -137,17 +142,19 @@ def game_of(module: str) -> str | None:
     return parts[2] if (PACKAGE / "games" / parts[2] / "scenarios.py").is_file() else None
 
 
-def forbidden_imports(path: Path, tree: ast.AST) -> list[str]:
-    """What `path` imports of the package although the table does not allow it."""
+def forbidden_imports(path: Path, tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Imports of the package in `path` that the table does not allow."""
     own = module_name(path)
-    if own == "marl_cair":
-        return [name for name in imported_modules(path, tree) if room_of(name) == "cli"]
-    allowed = LEAVES | MAY_IMPORT[room_of(own)] | {room_of(own)}
-    return [
-        name
-        for name in imported_modules(path, tree)
-        if name.split(".")[0] == "marl_cair" and room_of(name) not in allowed
-    ]
+    room = room_of(own)
+    if own != "marl_cair" and room not in MAY_IMPORT:
+        yield 1, f"give {room} a row in MAY_IMPORT"
+        return
+    allowed = LEAVES | MAY_IMPORT.get(room, set()) | {room}
+    for line, name in list_imports(path, tree):
+        target = room_of(name)
+        is_wrong = target == "cli" if own == "marl_cair" else target not in allowed
+        if is_wrong and name.split(".")[0] == "marl_cair":
+            yield line, name
 
 
 class RuntimeOnly(ast.NodeTransformer):
@@ -170,27 +177,23 @@ class AtImport(ast.NodeTransformer):
 
 def imports_at_import(path: Path) -> set[str]:
     """Full names of what is imported with the module, not inside its functions."""
-    tree = AtImport().visit(RuntimeOnly().visit(copy.deepcopy(read_tree(path))))
-    return set(imported_modules(path, tree))
+    return imported_modules(path, AtImport().visit(runtime_tree(path)))
 
 
-every_source = pytest.mark.parametrize("path", SOURCES, ids=relative)
-every_file = pytest.mark.parametrize("path", SOURCES + OTHER_SOURCES, ids=relative)
-every_games_source = pytest.mark.parametrize(
-    "path", [path for path in SOURCES if path.is_relative_to(PACKAGE / "games")], ids=relative
-)
+def runtime_tree(path: Path) -> ast.AST:
+    tree: ast.AST = RuntimeOnly().visit(copy.deepcopy(read_tree(path)))
+    return tree
 
 
-@every_source
-def test_imports_point_one_way(path):
-    room = room_of(module_name(path))
-    assert room == "" or room in MAY_IMPORT, f"give {room} a row in MAY_IMPORT"
-    assert forbidden_imports(path, read_tree(path)) == []
+GAMES_SOURCES = [path for path in SOURCES if path.is_relative_to(PACKAGE / "games")]
 
 
-@pytest.mark.parametrize(
-    "statement",
-    [
+def test_imports_point_one_way():
+    assert find_violations(SOURCES, lambda path: forbidden_imports(path, read_tree(path))) == []
+
+
+def test_import_rule_sees_every_spelling():
+    for statement in (
         "import marl_cair.training.trainer",
         "from marl_cair.training import trainer",
         "from marl_cair import training",
@@ -199,76 +202,62 @@ def test_imports_point_one_way(path):
         "def act():\n    from marl_cair.training import trainer",
         "importlib.import_module('marl_cair.training')",
         "from marl_cair import make_engine",
-    ],
-)
-def test_import_rule_sees_every_spelling(statement, monkeypatch):
-    monkeypatch.setattr(
-        sys.modules[__name__], "name_is_module", lambda name: not name.endswith("make_engine")
-    )
-    assert forbidden_imports(PACKAGE / "policies" / "conv.py", ast.parse(statement)) != []
+    ):
+        tree = ast.parse(statement)
+        assert list(forbidden_imports(PACKAGE / "policies" / "conv.py", tree)), statement
 
 
-@every_games_source
-def test_game_never_imports_another_game(path):
-    own_game = game_of(module_name(path))
-    games = {game_of(name) for name in imported_modules(path, read_tree(path))} - {None}
-    if path != PACKAGE / "games" / "__init__.py":  # the list of all games
-        assert games <= {own_game}
+def test_game_never_imports_another_game():
+    def find(path):
+        for line, name in list_imports(path, read_tree(path)):
+            if game_of(name) not in (None, game_of(module_name(path))):
+                yield line, name
+
+    assert find_violations(GAMES_SOURCES, find) == []
 
 
-@every_games_source
-def test_libraries_enter_games_by_their_door_only(path):
-    tree = RuntimeOnly().visit(copy.deepcopy(read_tree(path)))
-    imported = {name.split(".")[0] for name in imported_modules(path, tree)}
-    at_the_door = path.parent == PACKAGE / "games"
-    wrong = {
-        library
-        for library in imported & set(GAMES_DOORS)
-        if not (at_the_door and path.name in GAMES_DOORS[library])
-    }
-    assert wrong == set()
+def test_libraries_enter_games_by_their_door_only():
+    def find(path):
+        for line, name in list_imports(path, runtime_tree(path)):
+            doors = GAMES_DOORS.get(name.split(".")[0])
+            if doors and path not in {PACKAGE / "games" / door for door in doors}:
+                yield line, name
+
+    assert find_violations(GAMES_SOURCES, find) == []
 
 
-# Of its game a bot may know scenarios, numbers of the rules, and constants, such as where a plane
-# or an action stands; functions and classes of other files could read the state of the world.
+# A bot may import scenarios, numbers of the rules, and constants of its game, such as the index of
+# a plane or an action; functions and classes of other files could read the state of the world.
 KNOWN_TO_BOTS = {"scenarios", "rulebook", "tables"}
 OPEN_TO_BOTS = {
     module
     for module in map(module_name, SOURCES)
     if game_of(module) and module.rpartition(".")[2] in KNOWN_TO_BOTS | {"planes"}
 }
+SHARED_WITH_BOTS = {f"marl_cair.games.{name}" for name in ("compiled", "game", "scripted")}
 BOTS = sorted({*PACKAGE.glob("games/*/bot*.py"), *PACKAGE.glob("games/*/bots/*.py")})
 
 
-def peeks(path: Path) -> list[str]:
-    """What a file of a bot imports of the games that could show it more than its observation."""
-    peeked = []
+def find_peeks(path: Path) -> Iterator[tuple[int, str]]:
+    """Imports of a bot's file that could show it more than its observation."""
     for node in ast.walk(read_tree(path)):
         if isinstance(node, ast.Import):
-            peeked += [alias.name for alias in node.names if "marl_cair" in alias.name]
+            yield from ((node.lineno, a.name) for a in node.names if "marl_cair" in a.name)
         if not isinstance(node, ast.ImportFrom):
             continue
         source = absolute_source(path, node)
         file = source.rpartition(".")[2]
-        is_shared = source in {
-            f"marl_cair.games.{name}" for name in ("compiled", "game", "scripted")
-        }
-        if source.split(".")[0] != "marl_cair" or is_shared or ".bot" in source:
+        if source.split(".")[0] != "marl_cair" or source in SHARED_WITH_BOTS or ".bot" in source:
             continue
-        names = [alias.name for alias in node.names]
         is_closed = file in {"rules", "state"} or game_of(source) is None
-        peeked += [
-            f"{source}.{name}"
-            for name in names
-            if f"{source}.{name}" not in OPEN_TO_BOTS
-            and (is_closed or not (name.isupper() or file in KNOWN_TO_BOTS))
-        ]
-    return peeked
+        for name in (alias.name for alias in node.names):
+            is_constant = name.isupper() or file in KNOWN_TO_BOTS
+            if f"{source}.{name}" not in OPEN_TO_BOTS and (is_closed or not is_constant):
+                yield node.lineno, f"{source}.{name}"
 
 
-@pytest.mark.parametrize("path", BOTS, ids=relative)
-def test_bots_do_not_peek_at_the_state(path):
-    assert peeks(path) == []
+def test_bots_do_not_peek_at_the_state():
+    assert find_violations(BOTS, find_peeks) == []
 
 
 def test_the_rule_for_bots_covers_their_plans():
@@ -277,62 +266,72 @@ def test_the_rule_for_bots_covers_their_plans():
     assert {game_of(module_name(path)) for path in BOTS} == games
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "from marl_cair.games.deep_rts.state import World",
-        "from marl_cair.games.deep_rts import state",
-        "from marl_cair.games.deep_rts.rules.step import combat",
-        "from marl_cair.games.deep_rts.world_view import world_at",
-        "from marl_cair.games.engine import BatchedEngine",
-        "from marl_cair.games import make_engine",
-        "from .state import NUM_SLOTS",
-        "from ..engine import BatchedEngine",
-        "import marl_cair.games.deep_rts.state",
-    ],
-)
-def test_a_bot_that_peeks_is_found(line, tmp_path, monkeypatch):
+def test_a_bot_that_peeks_is_found(tmp_path, monkeypatch):
     package = tmp_path / "marl_cair" / "games" / "deep_rts"
     package.mkdir(parents=True)
-    (package / "bot_spy.py").write_text(f'"""A bot that peeks."""\n\n{line}\n')
     monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
-    assert peeks(package / "bot_spy.py") != []
+    for number, line in enumerate(
+        (
+            "from marl_cair.games.deep_rts.state import World",
+            "from marl_cair.games.deep_rts import state",
+            "from marl_cair.games.deep_rts.rules.step import combat",
+            "from marl_cair.games.deep_rts.world_view import world_at",
+            "from marl_cair.games.engine import BatchedEngine",
+            "from marl_cair.games import make_engine",
+            "from .state import NUM_SLOTS",
+            "from ..engine import BatchedEngine",
+            "import marl_cair.games.deep_rts.state",
+        )
+    ):
+        spy = package / f"bot_spy_{number}.py"
+        spy.write_text(line)
+        assert list(find_peeks(spy)), line
 
 
-@every_source
-def test_optional_libraries_are_imported_when_used(path):
-    imported = {name.split(".")[0] for name in imports_at_import(path)}
-    assert OPTIONAL & imported == set()
+def test_optional_libraries_are_imported_when_used():
+    imported = {(relative(p), name.split(".")[0]) for p in SOURCES for name in imports_at_import(p)}
+    assert [place for place in imported if place[1] in OPTIONAL] == []
 
 
-@every_file
-def test_file_is_short(path):
-    limit = MAX_SCRIPT_LINES if path.is_relative_to(ROOT / "scripts") else MAX_FILE_LINES
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= limit
+def test_files_are_short():
+    def find(path):
+        limit = MAX_SCRIPT_LINES if path.is_relative_to(ROOT / "scripts") else MAX_FILE_LINES
+        num_lines = len(path.read_text(encoding="utf-8").splitlines())
+        if num_lines > limit:
+            yield limit + 1, f"{num_lines} lines, at most {limit}"
+
+    assert find_violations(SOURCES + OTHER_SOURCES, find) == []
 
 
-@every_file
-def test_file_says_in_its_first_line_what_it_is_for(path):
-    text = path.read_text(encoding="utf-8")
-    assert ast.get_docstring(ast.parse(text)), "the file has no docstring"
-    first = next(line for line in text.splitlines() if not line.startswith("#!"))
-    assert re.match(r'r?"""\S', first)
+def test_the_first_line_of_a_file_is_its_docstring():
+    def find(path):
+        text = path.read_text(encoding="utf-8")
+        first = next((line for line in text.splitlines() if not line.startswith("#!")), "")
+        if not ast.get_docstring(read_tree(path)) or not re.match(r'r?"""\S', first):
+            yield 1, first
+
+    assert find_violations(SOURCES + OTHER_SOURCES, find) == []
 
 
-@every_file
-def test_nothing_is_left_for_later(path):
-    marks = "|".join(["TO" + "DO", "FIX" + "ME", "X" * 3, "HA" + "CK"])
-    text = path.read_text(encoding="utf-8")
-    assert re.findall(rf"\b(?:{marks})\b", text) == []
+def test_nothing_is_left_for_later():
+    marks = re.compile(rf"\b(?:{'|'.join(['TO' + 'DO', 'FIX' + 'ME', 'X' * 3, 'HA' + 'CK'])})\b")
+
+    def find(path):
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            if marks.search(line):
+                yield number, line
+
+    assert find_violations(SOURCES + OTHER_SOURCES, find) == []
 
 
-@every_source
-def test_only_the_command_line_prints(path):
-    if room_of(module_name(path)) == "cli":
-        return
-    calls = [node for node in ast.walk(read_tree(path)) if isinstance(node, ast.Call)]
-    prints = [node.lineno for node in calls if ast.unparse(node.func) == "print"]
-    assert prints == []
+def test_only_the_command_line_prints():
+    def find(path):
+        for node in ast.walk(read_tree(path)):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "print":
+                yield node.lineno, ast.unparse(node)
+
+    others = [path for path in SOURCES if room_of(module_name(path)) != "cli"]
+    assert find_violations(others, find) == []
 
 
 def run_in(folder: Path, script: str) -> str:

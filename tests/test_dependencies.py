@@ -4,14 +4,19 @@ import re
 import sys
 import tomllib
 
-from tests.test_architecture import PACKAGE, ROOT, every_source, imported_modules, read_tree
+from tests import test_architecture
+from tests.test_architecture import PACKAGE, ROOT, SOURCES, list_imports, read_tree
 
 
-@every_source
-def test_every_imported_library_is_declared(path):
-    imported = {name.split(".")[0] for name in imported_modules(path, read_tree(path))}
-    third_party = imported - set(sys.stdlib_module_names) - {"marl_cair"}
-    assert third_party - declared_modules() == set()
+def test_every_imported_library_is_declared():
+    known = {*sys.stdlib_module_names, "marl_cair", *declared_modules()}
+
+    def find(path):
+        for line, name in list_imports(path, read_tree(path)):
+            if name.split(".")[0] not in known:
+                yield line, name
+
+    assert test_architecture.find_violations(SOURCES, find) == []
 
 
 def declared_modules() -> set[str]:
@@ -21,12 +26,7 @@ def declared_modules() -> set[str]:
     for_users = [need for name in ("parquet", "openspiel") for need in extras[name]]
     requirements = project["dependencies"] + for_users
     names = {re.match(r"[\w.-]+", requirement).group() for requirement in requirements}
-    renamed = {
-        "hydra-core": "hydra",
-        "pillow": "PIL",
-        "pyyaml": "yaml",
-        "open-spiel": "open_spiel",
-    }
+    renamed = {"hydra-core": "hydra", "pillow": "PIL", "pyyaml": "yaml", "open-spiel": "open_spiel"}
     return {renamed.get(name, name) for name in names}
 
 

@@ -1,4 +1,4 @@
-"""Words of ours that the field has better ones for, and spelling, in the files listed here."""
+"""Terms of the field, and spelling, in the documentation."""
 
 import importlib.util
 import re
@@ -48,12 +48,15 @@ def name(path):
     return path.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("path", FILES, ids=name)
-def test_terms_of_the_field_are_used(path):
-    text = path.read_text("utf-8")
-    for wrong, right in TERMS.items():
-        found = [match[0] for match in re.finditer(rf"(?i)\b(?:{wrong})\b", text)]
-        assert found == [], f"write {right!r}"
+def test_terms_of_the_field_are_used():
+    found = [
+        f"{name(path)}:{number}: {match[0]!r}, write {right!r}"
+        for path in FILES
+        for number, line in enumerate(path.read_text("utf-8").splitlines(), 1)
+        for wrong, right in TERMS.items()
+        for match in re.finditer(rf"(?i)\b(?:{wrong})\b", line)
+    ]
+    assert found == []
 
 
 @pytest.mark.skipif(importlib.util.find_spec("codespell_lib") is None, reason="extra dev")

@@ -128,7 +128,8 @@ def format_options(settings: Any) -> str:
 
 def _format_group(group: Any, indent: str) -> Iterator[str]:
     is_class = isinstance(group, type)
-    comments = read_comments(group if is_class else type(group))
+    owner: type = group if is_class else type(group)
+    comments = read_comments(owner)
     for item in dataclasses.fields(group):
         make = item.default_factory
         default = item.default if make is dataclasses.MISSING else make()

@@ -1,9 +1,10 @@
-"""Who waits for the compiler is told so, and nobody else."""
+"""Notices where the compiler takes more than a second."""
 
 import pytest
 
-from marl_cair.games import announcing, make_engine
-from marl_cair.games.announcing import announce_nothing, calling, compiling
+from marl_cair.games import compiled as announcing
+from marl_cair.games import make_engine
+from marl_cair.games.compiled import announce_nothing, calling, compiling
 from tests.games.cases import replace_kernels
 from tests.games.test_compiled import run_python
 
@@ -60,8 +61,8 @@ def test_a_game_that_is_left_out_is_not_told_of(waits, capsys):
 CALL_AT_ONCE = """
 import sys
 sys.stderr = sys.stdout
-from marl_cair.games import announcing
-announcing.ANNOUNCE_AFTER_SECONDS = 0.0
+from marl_cair.games import compiled
+compiled.ANNOUNCE_AFTER_SECONDS = 0.0
 import marl_cair
 marl_cair.make_engine("flappy_bird").reset(0)
 """

@@ -1,11 +1,11 @@
-"""Memory is handed out again when nobody holds it, and never before."""
+"""Arrays whose memory is reused when no view of them is left, and never before."""
 
 import gc
 
 import numpy as np
 import torch
 
-from marl_cair.games.array_pool import MAX_SPARE, ArrayPool
+from marl_cair.games.torchrl_env import MAX_SPARE, ArrayPool
 
 
 def address(array: np.ndarray) -> int:

@@ -24,7 +24,7 @@ from marl_cair.games.torchrl_env import BatchedGameEnv
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from tests.games import test_gymnasium_env, test_torchrl_env
 from tests.games.bot_play import make_bot
-from tests.games.cases import Case, Luck, choose_actions
+from tests.games.cases import Case, Luck, choose_actions, ticks_of
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # PettingZoo's own, of its example games
@@ -160,11 +160,12 @@ def test_gymnasium_accepts(game, scenario, representation):
 
 
 @EACH
-@pytest.mark.parametrize("mode", ["with_next_step_reset", "with_same_step_reset", "without_reset"])
+@pytest.mark.parametrize("mode", test_gymnasium_env.MODES)
 def test_gymnasiums_vectors_equal_single_games(game, scenario, representation, mode):
-    test = getattr(test_gymnasium_env, f"test_vector_{mode}_equals_single_games")
-    seat = {"which_seat": "first"} if mode == "with_next_step_reset" else {}
-    test(game, {"scenario": scenario, "representation": representation}, **seat)
+    limit = ticks_of(game, test_gymnasium_env.MAX_DECISIONS, scenario)
+    env_id = gymnasium_id(GAMES[game].gymnasium_prefix, scenario)
+    options = {"max_ticks": limit, "representation": representation}
+    assert test_gymnasium_env.play_both(env_id, mode, 3, **options) > 0
 
 
 # --- TorchRL -----------------------------------------------------------------------------------

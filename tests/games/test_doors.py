@@ -1,4 +1,4 @@
-"""What the doors of all games have in common, and what they answer to wrong arguments."""
+"""The environments of all libraries: common behaviour, and errors for wrong arguments."""
 
 import dataclasses
 import re
@@ -7,13 +7,15 @@ import sys
 import gymnasium
 import numpy as np
 import pytest
+import torch
 
 from marl_cair.games import GAMES, make_engine
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
 from marl_cair.games.parallel_env import GameParallelEnv
 from marl_cair.games.players.mixed_agent import MixedAgent
-from marl_cair.games.torchrl_env import BatchedGameEnv
+from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
+from marl_cair.lookup import UnknownNameError
 from tests.games import last_standing
 from tests.games.cases import FirstLegalAgent
 
@@ -43,13 +45,6 @@ def test_what_an_engine_tells_is_fresh_arrays(game_name):
     assert len(told) >= 4
     for array in told:
         assert not any(np.shares_memory(array, field) for field in engine._worlds)
-
-
-def test_pictures_are_shown_at_the_speed_of_the_game(game_name):
-    env = GameEnv(game_name)
-    spec = env.engine.spec
-    speed = spec.ticks_per_second / spec.ticks_per_step
-    assert env.metadata["render_fps"] == max(10, round(speed))
 
 
 def test_pictures_are_shown_no_slower_than_ten_a_second():
@@ -156,7 +151,7 @@ def test_an_opponent_that_is_none_is_refused(make, opponent):
         make("deep_line_wars", opponent=opponent)
 
 
-@pytest.mark.parametrize("seat", ["1", 0.5, None, 2])
+@pytest.mark.parametrize("seat", ["1", 0.5, None, 2, -1])
 def test_a_seat_that_is_none_is_refused(seat):
     with refuses(f"deep_line_wars: seat is {seat!r}, allowed are 0..1"):
         GameEnv("deep_line_wars", seat=seat)
@@ -209,7 +204,62 @@ def test_a_refused_first_reset_of_some_worlds_draws_no_seeds():
     env.reset(options={"reset_mask": np.array([True, False, False])})
 
 
-# --- actions ---------------------------------------------------------------------------------
+# --- names, modes and actions --------------------------------------------------------------------
+
+MAKERS = (GameParallelEnv, GameEnv, GameVectorEnv, BatchedGameEnv)
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_unknown_names_are_answered_with_the_nearest(game_name, make):
+    misspelt = GAMES[game_name].default_scenario[:-1] + "6"
+    for options, kind in (
+        ({"scenario": misspelt}, f"scenario '{misspelt}': nearest are"),
+        ({"representation": "plane"}, "representation 'plane': nearest are"),
+        ({"max_tick": 5}, "option 'max_tick': nearest are 'max_ticks'"),
+    ):
+        with pytest.raises(UnknownNameError, match=re.escape(f"unknown {game_name} {kind}")):
+            make(game_name, **options)
+    with pytest.raises(UnknownNameError, match="unknown game 'deep_line_war': nearest are"):
+        make("deep_line_war")
+    if make in (GameEnv, GameVectorEnv):
+        with pytest.raises(UnknownNameError, match=f"unknown {game_name} bot 'nobody'"):
+            make(game_name, opponent="nobody")
+    if make is not BatchedGameEnv:
+        with refuses(f"{game_name}: render_mode is 'human', allowed are None and rgb_array"):
+            make(game_name, render_mode="human")
+
+
+def act(env, action):
+    """A step in which the last seat (the learner, or player_<last>) plays `action`."""
+    last, shape = env.engine.num_players - 1, (env.engine.num_worlds, env.engine.num_players)
+    if isinstance(env, GameParallelEnv):
+        return env.step(dict.fromkeys(env.possible_agents, 0) | {f"player_{last}": action})
+    if isinstance(env, BatchedGameEnv):
+        actions = torch.zeros(shape, dtype=torch.int64)
+        actions[-1, last] = action
+        return env._step(env.fake_tensordict().set((GROUP, "action"), actions))
+    return env.step(action if isinstance(env, GameEnv) else np.array([0, action]))
+
+
+@pytest.mark.parametrize("make", MAKERS)
+@pytest.mark.parametrize("action", [-1, 100_000, 2**32, 2**40])
+def test_an_action_outside_the_space_names_player_and_world(game_name, make, action):
+    worlds = {GameVectorEnv: {"num_envs": 2}, BatchedGameEnv: {"num_worlds": 2}}.get(make, {})
+    engine = make_engine(game_name)
+    last = engine.num_players - 1
+    seat = {"seat": last} if make in (GameEnv, GameVectorEnv) else {}
+    env = make(game_name, **worlds, **seat)
+    env.reset()
+    place = f"of player {last} in world {env.engine.num_worlds - 1}"
+    with refuses(f"action {action} {place} is outside 0..{engine.num_actions - 1}"):
+        act(env, action)
+
+
+@pytest.mark.parametrize("make", MAKERS[:3])
+def test_a_step_before_reset_is_refused(game_name, make):
+    env = make(game_name, **({"num_envs": 2} if make is GameVectorEnv else {}))
+    with pytest.raises(RuntimeError, match="step before reset"):
+        act(env, env.engine.spec.noop_action)
 
 
 @pytest.mark.parametrize("action", [1.7, "0", None, np.array([1])], ids=str)
@@ -226,3 +276,66 @@ def test_actions_may_be_numpys_numbers():
     env = GameParallelEnv("deep_line_wars")
     env.reset(seed=0)
     env.step({"player_0": np.int32(0), "player_1": np.array(0)})
+
+
+# --- vector environments ---------------------------------------------------------------------
+
+
+def make_vector(mode="NextStep", **options):
+    env = GameVectorEnv("deep_line_wars", num_envs=3, autoreset_mode=mode, **options)
+    env.reset(seed=0)
+    return env
+
+
+@pytest.mark.parametrize(
+    ("actions", "described"),
+    [
+        (np.zeros(1, np.int64), "int64 [1]"),
+        (np.int64(0), "int64 []"),
+        (np.zeros(3), "float64 [3]"),
+        (np.zeros((3, 2), np.int64), "int64 [3, 2]"),
+    ],
+)
+def test_actions_of_a_wrong_shape_or_type_are_described(actions, described):
+    with refuses(f"the learner's actions are {described}, they must be integers [3] (worlds)"):
+        make_vector().step(actions)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            {"seed": [1, 2]},
+            "seed is a list of 2, it must be one of 3 (worlds), or one whole number",
+        ),
+        ({"seed": [1, "a", 2]}, "seed is 'a', it must be a whole number"),
+        ({"options": {"reset_mask": np.zeros(3, np.bool_)}}, "reset_mask has no world"),
+        ({"options": {"reset_mask": np.ones(2, np.bool_)}}, "reset_mask is bool [2], it must be"),
+        ({"options": {"reset_mask": np.ones(3)}}, "reset_mask is float64 [3], it must be bool [3]"),
+    ],
+)
+def test_a_wrong_reset_is_described_and_changes_nothing(words, message):
+    env = make_vector("Disabled")
+    before = [seeds.state_dict() for seeds in env._table.seeds]
+    with refuses(f"deep_line_wars: {message}"):
+        env.reset(**words)
+    assert [seeds.state_dict() for seeds in env._table.seeds] == before
+
+
+def test_without_autoreset_an_ended_game_is_to_be_restarted_first():
+    env = make_vector("Disabled", max_episode_steps=2)
+    noops = np.full(3, env.engine.spec.noop_action)
+    env.step(noops)
+    env.reset(options={"reset_mask": np.array([False, True, False])})
+    env.step(noops)
+    message = "step where the games of the worlds [0, 2] have ended; call reset("
+    with pytest.raises(RuntimeError, match=re.escape(message)):
+        env.step(noops)
+
+
+def test_unknown_modes_and_limits_of_a_vector_are_refused():
+    with refuses("'sometimes' is not a valid AutoresetMode"):
+        make_vector("sometimes")
+    for limit in ("4", 0):
+        with refuses(f"deep_line_wars: max_episode_steps is {limit!r}, it must be at least 1"):
+            make_vector(max_episode_steps=limit)

@@ -1,10 +1,7 @@
 """The PettingZoo door: its library's own checks on every game, and our promises beyond them."""
 
-import re
 import warnings
-from functools import partial
 from importlib import import_module
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,17 +9,14 @@ from gymnasium import spaces
 
 from marl_cair.games import GAMES
 from marl_cair.games.parallel_env import GameParallelEnv, make_aec_env
-from marl_cair.lookup import UnknownNameError
 from tests.games.cases import REPRESENTATIONS, Case, Luck, choose_actions
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # it imports games of its own the old way
     from pettingzoo.test import (
         api_test,
-        max_cycles_test,
         parallel_api_test,
         parallel_seed_test,
-        render_test,
         seed_test,
     )
     from pettingzoo.test.state_test import state_test
@@ -91,27 +85,6 @@ def test_pettingzoo_accepts_the_turn_by_turn_game(game_name, form):
 def test_pettingzoo_accepts_the_state(case):
     turn_by_turn = make_aec_env(case.game, case.scenario, **dict(case.options))
     state_test(turn_by_turn, make_env(case))
-
-
-def test_pettingzoo_accepts_the_pictures(game_name):
-    def make(render_mode: str):
-        # The test first makes a window, which it does not use; we have none.
-        mode = None if render_mode == "human" else render_mode
-        return make_aec_env(game_name, render_mode=mode)
-
-    render_test(make)
-
-
-def test_pettingzoo_finds_max_cycles_kept(game_name):
-    """Its unseeded random play lasts four steps; a maze must not be won in fewer."""
-    module = import_module(f"marl_cair.games.{game_name}")
-    options = {"places": "corners"} if game_name == "deep_maze" else {}
-    max_cycles_test(
-        SimpleNamespace(
-            parallel_env=partial(module.parallel_env, **options),
-            env=partial(module.env, **options),
-        )
-    )
 
 
 # --- our promises ----------------------------------------------------------------------------
@@ -253,64 +226,12 @@ def test_an_illegal_action_is_counted_and_harmless(game_name):
     np.testing.assert_array_equal(env.engine.observe("planes"), idle.engine.observe("planes"))
 
 
-def test_pictures_come_only_in_the_mode_that_asks_for_them(game_name):
-    env = GameParallelEnv(game_name)
-    env.reset(seed=0)
-    assert env.render() is None
-    env.close()
-
-
-# --- bad input -------------------------------------------------------------------------------
-
-
-def test_unknown_names_are_answered_with_the_nearest(game_name):
-    misspelt = GAMES[game_name].default_scenario[:-1] + "6"
-    for arguments, message in (
-        ({"scenario": misspelt}, f"unknown {game_name} scenario '{misspelt}': nearest are"),
-        ({"representation": "plane"}, f"unknown {game_name} representation 'plane': nearest are"),
-        ({"max_tick": 5}, f"unknown {game_name} option 'max_tick': nearest are 'max_ticks'"),
-    ):
-        with pytest.raises(UnknownNameError, match=re.escape(message)):
-            GameParallelEnv(game_name, **arguments)
-    with pytest.raises(UnknownNameError, match="unknown game 'deep_line_war': nearest are"):
-        GameParallelEnv("deep_line_war")
-
-
-def test_an_unknown_render_mode_is_refused(game_name):
-    message = f"{game_name}: render_mode is 'human', allowed are None and rgb_array"
-    with pytest.raises(ValueError, match=message):
-        GameParallelEnv(game_name, render_mode="human")
-
-
-def test_a_step_before_reset_is_refused(game_name):
-    env = GameParallelEnv(game_name)
-    message = f"{game_name}: step before reset; call reset\\(\\) first"
-    with pytest.raises(RuntimeError, match=message):
-        env.step(dict.fromkeys(env.possible_agents, env.engine.spec.noop_action))
-
-
 def test_a_missing_action_is_named(game_name):
     env = GameParallelEnv(game_name)
     env.reset(seed=0)
     message = f"{game_name}: step has no actions of {env.agents[-1]}; give one for every agent"
     with pytest.raises(ValueError, match=message):
         env.step(dict.fromkeys(env.agents[:-1], 0))
-
-
-@pytest.mark.parametrize("action", [-1, 10_000, 2**32, 2**40])
-def test_an_action_outside_the_space_is_refused(game_name, action):
-    env = GameParallelEnv(game_name)
-    env.reset(seed=0)
-    noop, last = env.engine.spec.noop_action, env.engine.num_actions - 1
-    seat = len(env.agents) - 1
-    message = f"action {action} of player {seat} in world 0 is outside 0..{last}"
-    with pytest.raises(ValueError, match=message):
-        env.step(dict.fromkeys(env.agents, noop) | {f"player_{seat}": action})
-
-
-def test_a_time_limit_below_one_decision_is_refused(game_name):
-    with pytest.raises(ValueError, match=f"{game_name}: max_cycles is 0, it must be"):
-        GameParallelEnv(game_name, max_cycles=0)
 
 
 def test_every_game_opens_its_two_doors():

@@ -42,11 +42,11 @@ def test_the_first_words_of_the_published_generator_from_0():
     assert outputs == [0xE220A8397B1DCDAF, 0x6E789E6AA1B965F4]
 
 
-@pytest.mark.parametrize("limit", [2, 3, 10, 11, 17])
+@pytest.mark.parametrize("limit", [1, 2, 3, 10, 11, 17])
 def test_draws_are_uniform_below_the_limit(limit):
     counts = np.bincount(draw_many(limit, seed=1), minlength=limit)
     assert len(counts) == limit
-    assert chisquare(counts).pvalue > 0.001
+    assert limit == 1 or chisquare(counts).pvalue > 0.001
 
 
 def test_pairs_of_draws_are_independent():
@@ -61,10 +61,6 @@ def test_a_draw_advances_only_its_own_word():
         draw_below(words, 1, 6)
     assert words[0] == 1
     assert words[1] == 2 + 0x9E3779B97F4A7C15
-
-
-def test_a_limit_of_one_leaves_no_choice():
-    assert not draw_many(1, seed=5, count=20).any()
 
 
 def test_a_worlds_seed_does_not_depend_on_how_many_worlds_there_are():
@@ -100,17 +96,11 @@ def test_episodes_count_on_only_where_a_world_restarts():
     assert seeds.episodes.tolist() == [3, 2, 3]
 
 
-def test_restarting_begins_again_at_episode_0():
-    seeds = EpisodeSeeds(2, seed=3)
-    first = seeds.next()
-    seeds.next()
-    seeds.restart(3)
-    np.testing.assert_array_equal(seeds.next(), first)
-
-
-def test_the_state_of_episode_seeds_continues_elsewhere():
+def test_episode_seeds_restart_at_episode_0_and_their_state_continues_elsewhere():
     seeds, other = EpisodeSeeds(2, seed=3), EpisodeSeeds(2, seed=8)
-    seeds.next(np.array([True, False]))
+    first = seeds.next()
+    seeds.restart(3)
+    np.testing.assert_array_equal(seeds.next(np.array([True, False])), first)
     state = seeds.state_dict()
     expected = seeds.next()
     other.load_state_dict(state)

@@ -50,7 +50,10 @@ def make_env(game, **options):
     return game.parallel_env(**options)
 
 
-NUMBERS = [partial(make_env, game, representation="vector") for game in (deep_line_wars, deep_rts)]
+NUMBERS = {
+    "deep_line_wars": partial(make_env, deep_line_wars, representation="vector"),
+    "deep_rts": partial(make_env, deep_rts, representation="vector"),
+}
 MAZE = partial(make_env, deep_maze, scenario="15x15-race-2p", max_ticks=30)
 FLIGHT = partial(make_env, flappy_bird, scenario="race-2", max_ticks=60)
 PICTURES = {
@@ -63,16 +66,10 @@ PICTURES = {
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("wrapper", WRAPPERS)
-@pytest.mark.parametrize("make", NUMBERS, ids=["deep_line_wars", "deep_rts"])
-def test_supersuits_wrappers_keep_to_pettingzoos_contract(make, wrapper):
+@pytest.mark.parametrize("shown", [*NUMBERS, *PICTURES])
+def test_supersuits_wrappers_keep_to_pettingzoos_contract(shown, wrapper):
+    make = {**NUMBERS, **PICTURES}[shown]
     parallel_api_test(WRAPPERS[wrapper](make()), num_cycles=40)
-
-
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("wrapper", WRAPPERS)
-@pytest.mark.parametrize("picture", PICTURES)
-def test_supersuits_wrappers_take_pictures(picture, wrapper):
-    parallel_api_test(WRAPPERS[wrapper](PICTURES[picture]()), num_cycles=40)
 
 
 def test_normalised_numbers_are_told_from_each_other():

@@ -1,11 +1,12 @@
-"""How commands refuse words."""
+"""Errors of commands."""
 
 from marl_cair.cli import main
 
 
-def assert_refused(capsys, message, *words):
-    """The command ends with 2, and one line that holds `message`."""
+def assert_refused(capsys, message, *words, num_lines=1):
+    """The command returns 2 and prints `message` in one line of stderr, which is returned."""
     assert main(words) == 2
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == num_lines
+    return error

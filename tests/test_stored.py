@@ -42,7 +42,7 @@ def test_a_folder_that_is_replaced_lists_its_files(tmp_path):
     assert list(find_damage(tmp_path / "a").values()) == ["", ""]
     assert read_bytes(tmp_path / "a" / "inner" / "y.txt", RECORD) == b"two"
     (tmp_path / "a" / "inner" / "y.txt").write_text("twe")
-    with pytest.raises(DamagedFileError, match=r"y.txt is damaged: its content"):
+    with pytest.raises(DamagedFileError, match="y.txt is damaged: its digest"):
         read_bytes(tmp_path / "a" / "inner" / "y.txt", RECORD)
     with pytest.raises(DamagedFileError, match=r"a[\\/]?.*y.txt is damaged"):
         copy_folder(tmp_path / "a" / "inner", tmp_path / "b")
@@ -188,7 +188,7 @@ def test_verify_names_each_damaged_file(tmp_path, capsys):
     assert main(["verify", str(tmp_path)]) == 1
     first, second, last = capsys.readouterr().out.splitlines()
     assert first.endswith("agent.json: is missing")
-    assert second.endswith("weights.pt: is damaged: its content is not what its manifest says")
+    assert second.endswith("weights.pt: is damaged: its digest differs from its manifest")
     assert last == "0 files are sound, 2 are damaged, 0 have no checksum"
     (tmp_path / "agent" / "manifest.json").unlink()
     main(["verify", str(tmp_path / "agent")])

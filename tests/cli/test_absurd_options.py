@@ -6,26 +6,14 @@ import re
 
 import pytest
 
-from marl_cair.cli import main
 from marl_cair.training.settings.config_file import build_config
 from marl_cair.training.settings.options import list_options
+from tests.refusals import assert_refused
 
 BASE = ["train", "scenario=11x11", "generator=none", "synthetic_fraction=0"]
 ABSURD = (
-    -1,
-    0,
-    1e30,
-    10**30,
-    1e308,
-    -1e308,
-    math.nan,
-    math.inf,
-    1.5,
-    True,
-    "x",
-    None,
-    [1],
-    {"a": 1},
+    *(-1, 0, 1e30, 10**30, 1e308, -1e308, math.nan, math.inf, 1.5),
+    *(True, "x", None, [1], {"a": 1}),
 )
 
 
@@ -46,10 +34,7 @@ ABSURD = (
 )
 def test_absurd_sizes(tmp_path, capsys, word, message):
     out = tmp_path / "a"
-    assert main([*BASE, f"out={out}", word]) == 2
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    assert re.search(message, told)
+    assert re.search(message, assert_refused(capsys, "", *BASE, f"out={out}", word))
     assert not out.exists()
 
 

@@ -4,18 +4,10 @@ import json
 
 import pytest
 
-from marl_cair.cli import main
 from tests.fuzz.test_files import make_tiled
+from tests.refusals import assert_refused
 
 DEEP = 100_000  # levels: Python's own parsers recurse
-
-
-def refused(words, capsys):
-    """The one line that a command ends with."""
-    assert main(words) == 2
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    return told
 
 
 @pytest.mark.parametrize(
@@ -30,11 +22,8 @@ def refused(words, capsys):
 def test_a_map(tmp_path, capsys, text, fact):
     path = tmp_path / "map.json"
     path.write_text(text)
-    told = refused(
-        ["match", "random", "rusher", "--game", "deep_rts", "--set", f"map={path}"], capsys
-    )
-    assert str(path) in told
-    assert fact in told
+    words = ["match", "random", "rusher", "--game", "deep_rts", "--set", f"map={path}"]
+    assert str(path) in assert_refused(capsys, fact, *words)
 
 
 @pytest.mark.parametrize(
@@ -49,10 +38,10 @@ def test_a_map(tmp_path, capsys, text, fact):
 def test_settings_of_a_run(tmp_path, capsys, settings, fact):
     (tmp_path / "run.json").write_text('{"kind": "train"}')
     (tmp_path / "config.yaml").write_text(settings)
-    assert fact in refused(["train", f"resume={tmp_path}"], capsys)
+    assert_refused(capsys, fact, "train", f"resume={tmp_path}")
 
 
 def test_a_run_whose_settings_are_deep_json(tmp_path, capsys):
     (tmp_path / "run.json").write_text("[" * DEEP)
     (tmp_path / "config.yaml").write_text("seed: 0\n")
-    assert "run.json" in refused(["train", f"resume={tmp_path}"], capsys)
+    assert_refused(capsys, "run.json", "train", f"resume={tmp_path}")

@@ -7,18 +7,10 @@ from marl_cair.cli.compose import compose_config
 from marl_cair.training.run_log import read_log
 
 SMALL = (
-    "game=deep_rts",
-    "torch_threads=1",
-    "collector.num_worlds=8",
-    "collector.steps_per_batch=16",
-    "replay.min_transitions=300",
-    "replay.capacity_transitions=4000",
-    "learner.batch_size=32",
-    "policy.hidden_width=16",
-    "generator.evaluate_every_frames=512",
-    "evaluation.every_frames=512",
-    "evaluation.games=2",
-    "max_ticks=300",
+    *("game=deep_rts", "torch_threads=1", "max_ticks=300", "policy.hidden_width=16"),
+    *("collector.num_worlds=8", "collector.steps_per_batch=16", "learner.batch_size=32"),
+    *("replay.min_transitions=300", "replay.capacity_transitions=4000"),
+    *("generator.evaluate_every_frames=512", "evaluation.every_frames=512", "evaluation.games=2"),
 )
 
 

@@ -44,7 +44,6 @@ def test_help_tells_each_option_with_its_default(command):
         (["league", "random", "{net}"], "unknown game 'chess'"),
         (["league", "random", "{net}", "--game", "deep_line_wars"], "was trained on chess, it"),
         (["evaluate", "rushr"], "nearest are 'rusher'"),
-        (["evaluate", "turtle", "--games", "5"], "num_games is 5, it must be even"),
         (["evaluate", "turtle", "--against", "random", "random"], "random is given twice"),
         (["evaluate", "turtle", "--out", "{folder}"], "is a folder: give the name of a CSV file"),
         (["evaluate", "{net}", "--game", "deep_line_wars"], "was trained on chess"),

@@ -24,7 +24,7 @@ def count_games(folder):
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_time_ends_the_first_round_too(tmp_path, capsys, monkeypatch, workers):
     """All pairs met first, which took hours of many agents, whatever --time said."""
-    monkeypatch.setattr("marl_cair.cli.league.read_seconds", lambda text: AT_ONCE)
+    monkeypatch.setattr("marl_cair.cli.match_options.read_seconds", lambda text: AT_ONCE)
     words = ["league", "random", "turtle", "rusher", "--scenario", "11x11", "--no-replays"]
     words += ["--workers", workers, "--out", str(tmp_path)]
     assert main([*words, "--time", "1s"]) == 0

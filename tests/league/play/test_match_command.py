@@ -41,7 +41,7 @@ def test_a_map_seed_that_shows_something_new_counts_with_all_its_games():
     assert counted.distinct_games == 5
     told = " 2 of 8 games repeat others, move by move, and do not count."
     warned = " (only 5 of 6 games differ: the interval is too narrow)"
-    assert match.tell_repeats(8, counted) == told + warned
+    assert match.describe_repeats(8, counted) == told + warned
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_a_map_seed_that_shows_something_new_counts_with_all_its_games():
     [
         (["finisher", "idle"], "A is stronger than B."),
         (["idle", "finisher"], "A is weaker than B."),
-        (["idle", "idle"], "They cannot be told apart."),
+        (["idle", "idle"], "The difference is not significant."),
     ],
 )
 def test_the_verdict_between_teams_is_in_plain_words(capsys, words, verdict):
@@ -63,7 +63,7 @@ def test_the_verdict_between_teams_is_in_plain_words(capsys, words, verdict):
     [
         (["scorer", "idle"], "A scores more than B."),
         (["idle", "scorer"], "A scores less than B."),
-        (["scorer", "scorer"], "They cannot be told apart."),
+        (["scorer", "scorer"], "The difference is not significant."),
     ],
 )
 def test_who_plays_alone_is_compared_by_scores(capsys, words, verdict):
@@ -80,7 +80,7 @@ def test_variants_stand_below_each_other(capsys):
     lines = [line for line in told.splitlines() if "each alone" in line]
     assert [line.split()[0] for line in lines] == ["alone", "heldout"]
     assert told.count("mean score of A 0 [0, 0]") == 1
-    assert told.index("A scores more") < told.index("They cannot be told apart")
+    assert told.index("A scores more") < told.index("not significant")
 
 
 def test_options_may_stand_anywhere(capsys):

@@ -1,0 +1,190 @@
+"""The benchmarks behind the tables of the documentation, on runs of seconds."""
+
+import csv
+
+import numpy as np
+import pytest
+import yaml
+from tqdm import tqdm
+
+from benchmarks._ladders import _space_out
+from benchmarks.coverage import Case, find_truth, measure
+from marl_cair.cli import main
+from marl_cair.league.ratings import rate as ratings_module
+from marl_cair.training.population.league_examples import EXAMPLES, PSRO_EXAMPLES
+from tests.benchmark_runs import read_table
+
+SHORT = (
+    *("collector.num_worlds=16", "policy.hidden_width=16", "replay.min_transitions=200"),
+    *("learner.batch_size=16", "torch_threads=1"),
+)
+LADDER = (*SHORT, "collector.steps_per_batch=8")
+LEARNING = (
+    *(*SHORT, "generator=none", "total_frames=2048"),
+    *("evaluation.every_frames=512", "evaluation.games=2"),
+)
+
+
+def read_rows(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+# --- learning ----------------------------------------------------------------------------------
+
+
+def test_the_table_is_made_once_and_shown_again(tmp_path):
+    words = ["--networks", "conv", "--seeds", "3", "--games", "8", "--out", str(tmp_path)]
+    words += [*LEARNING, "scenario=11x11", "max_ticks=300"]
+    table = read_table("learning", "| network", words)
+    log = (tmp_path / "conv-3" / "log.csv").read_bytes()
+    assert read_table("learning", "| network", words) == table
+    assert (tmp_path / "conv-3" / "log.csv").read_bytes() == log
+    rows = read_rows(tmp_path / "results.csv")
+    assert [(row["network"], row["seed"], row["opponent"]) for row in rows] == [
+        ("conv", "3", "random"),
+        ("conv", "3", "counter"),
+    ]
+    for row in rows:
+        assert 0 <= float(row["low"]) <= float(row["won"]) <= float(row["high"]) <= 100
+        won = f"{row['won']} % [{row['low']}, {row['high']}]"
+        assert f"| `{row['opponent']}` | 8 | {won} |" in table
+
+
+def test_recipes_of_one_player_are_trained_rated_and_drawn(tmp_path):
+    words = ["--game", "deep_maze", "--recipes", "deep_maze_9x9", "--networks", "conv"]
+    words += ["--seeds", "3", "--games", "8", "--out", str(tmp_path), *LEARNING, "max_ticks=40"]
+    tables = [read_table("solo_learning", "| recipe", words) for _ in range(2)]
+    assert tables[0] == tables[1]
+    assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
+    ended, extra = read_rows(tmp_path / "results.csv")
+    assert (ended["number"], extra["number"]) == ("ended", "extra_steps")
+    for row in (ended, extra):
+        assert (row["recipe"], row["seed"], row["games"]) == ("deep_maze_9x9", "3", "8")
+        assert float(row["low"]) <= float(row["value"]) <= float(row["high"])
+
+
+def test_mixtures_of_opponents_are_compared_once_and_shown_again(tmp_path):
+    words = ["--mixtures", "default", "latest", "--seeds", "0", "--games", "2"]
+    words += ["--frames", "1024", "--out", str(tmp_path), *SHORT, "scenario=11x11", "max_ticks=100"]
+    words += ["evaluation.bots=[]", "opponent.snapshot_every_frames=512"]
+    table = read_table("opponents", "| mixture", words)
+    matches = (tmp_path / "matches.csv").read_text("utf-8")
+    assert "default-0,latest-0,2," in matches
+    assert read_table("opponents", "| mixture", words) == table
+    assert (tmp_path / "matches.csv").read_text("utf-8") == matches
+    lines = table.strip().splitlines()
+    assert {line.split("|")[1].strip() for line in lines[2:]} == {"default", "latest"}
+
+
+def test_the_table_compares_generating_with_learning():
+    lines = read_table("generator", "| work", ["--rows", "32", "--repeats", "2"]).splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+    assert [name.partition(",")[0] for name, *_ in rows] == [
+        "the learner's update",
+        "the generator's update",
+        "decoding 32 rows",
+        "judging 32 rows by three networks",
+        "of that",
+    ]
+    assert rows[0][2] == "1.00"
+    times = [float(milliseconds) for _, milliseconds, _ in rows]
+    assert all(time > 0 for time in times)
+    assert times[4] < times[3]
+
+
+# --- self-play ---------------------------------------------------------------------------------
+
+
+def run_ladder(name, start, words, folder, picture):
+    """The rows of a benchmark's results, whose table and picture are as they must be."""
+    words += ["--games", "2", "--budget", "512", "--workers", "1", "--out", str(folder)]
+    table = read_table(name, start, [*words, *LADDER])
+    best = "last agent" if name == "self_play_learning" else "mixture"
+    assert f"| best response of 512 scores | `{best}` |" in table
+    assert (folder / picture).read_bytes().startswith(b"\x89PNG")
+    rows = read_rows(folder / "results.csv")
+    assert rows[-1]["what"] == "rank correlation of rating with decisions"
+    for row in rows[:-1]:
+        assert 0 <= float(row["low"]) <= float(row["value"]) <= float(row["high"]) <= 1
+    return rows, {(row["what"], row["against"]) for row in rows}
+
+
+def test_the_table_rates_the_main_agent_the_mixture_and_their_best_responses(tmp_path):
+    league = {**EXAMPLES["tiny"], "league_exploiter": {"learners": 0}, "total_frames": 512}
+    (tmp_path / "league.yaml").write_text(yaml.safe_dump(league), "utf-8")
+    words = ["--league", str(tmp_path / "league.yaml"), "--alone-frames", "512"]
+    words += ["--past-games", "2"]
+    rows, found = run_ladder("league_learning", "| what", words, tmp_path, "self_play.png")
+    for agent in ("main agent", "mixture"):
+        assert {(f"{agent} scores", name) for name in ("random", "counter", "alone")} <= found
+    for name in ("main_0", "mixture"):
+        assert ("best response of 512 scores", name) in found
+    assert int(rows[-1]["games"]) >= 2
+
+
+def test_the_table_of_rounds_rates_the_mixture_each_response_and_the_best_response(tmp_path):
+    (tmp_path / "tiny.yaml").write_text(yaml.safe_dump(PSRO_EXAMPLES["tiny"]), "utf-8")
+    words = ["--psro", str(tmp_path / "tiny.yaml")]
+    rows, found = run_ladder("psro_learning", "| what", words, tmp_path, "psro.png")
+    assert {("mixture scores", r) for r in ("random", "player_000", "player_001")} <= found
+    assert [row["what"] for row in rows][-4:] == [
+        "player_000 scores least",
+        "player_001 scores least",
+        "best response of 512 scores",
+        "rank correlation of rating with decisions",
+    ]
+
+
+def test_the_table_of_runs_rates_the_last_agent_its_past_and_its_best_response(tmp_path):
+    words = ["scenario=11x11", "max_ticks=600", "opponent.snapshot_every_frames=256", *LADDER]
+    first, second = tmp_path / "first", tmp_path / "second"
+    assert main(["train", *words, "total_frames=768", f"out={first}"]) == 0
+    words += [f"initial_agent={first / 'latest'}", "total_frames=512", f"out={second}"]
+    assert main(["train", *words]) == 0
+    alone = first / "snapshots" / "frames_0000000512"
+    words = [first, second, "--alone", alone, "--past-games", "2", "--past-every", "300"]
+    table = "1,280 decisions"
+    rows, found = run_ladder("self_play_learning", table, words, tmp_path, "self_play.png")
+    assert {("last agent scores", name) for name in ("random", "counter", "alone")} <= found
+    # 256, 512, 768 and 1,024 decisions: thinned from the last one's 1,280 to one in 300.
+    kept = {path.name for path in (tmp_path / "agents").iterdir()}
+    assert kept == {"main_0", "main_0-0-768", "main_0-0-256", "alone"}
+    assert rows[-1]["games"] == "3"
+
+
+def test_labels_of_equal_ratings_stand_one_above_the_other():
+    spaced = _space_out([1550.0, 0.0, 1545.0, 1700.0, 1555.0], 50.0)
+    assert spaced == pytest.approx([1550.0, 0.0, 1500.0, 1700.0, 1600.0])
+    assert _space_out([], 1.0) == []
+
+
+# --- coverage of intervals: 95 % intervals of ratings where maps favour agents ------------------
+
+
+def cover(monkeypatch, case, num_leagues):
+    monkeypatch.setattr(ratings_module, "LEAST_RESAMPLES", 300)
+    monkeypatch.setattr(ratings_module, "MOST_RESAMPLES", 300)
+    with tqdm(disable=True) as bar:
+        truth = find_truth(case.effect, case.players)
+        return measure(case, truth, num_leagues, 0, bar)
+
+
+def test_intervals_hold_where_maps_favour_agents(monkeypatch):
+    found = cover(monkeypatch, Case("own", 150.0, 2, 8), 60)
+    assert 0.90 <= found.ratings <= 0.99
+    assert 0.90 <= found.differences <= 0.99
+
+
+def test_intervals_of_leagues_that_shared_map_seeds_hold_too(monkeypatch):
+    """Resampled by line-up and map seed, 85 of 100 did."""
+    assert cover(monkeypatch, Case("shared", 150.0, 2, 20), 60).ratings >= 0.90
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("players", [2, 3, 4])
+@pytest.mark.parametrize("effect", [0.0, 150.0])
+def test_93_to_97_of_100_intervals_hold(monkeypatch, players, effect):
+    found = cover(monkeypatch, Case("own", effect, players, 20), 500)
+    assert 0.93 <= np.round(found.ratings, 2) <= 0.97
+    assert 0.93 <= np.round(found.differences, 2) <= 0.97

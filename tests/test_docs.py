@@ -1,4 +1,4 @@
-"""Pages of the documentation: links lead somewhere, and commands of training compose."""
+"""Pages of the documentation: links and pictures exist, and commands of training compose."""
 
 import re
 import shlex

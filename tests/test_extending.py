@@ -18,16 +18,7 @@ from marl_cair import generative, policies
 from marl_cair.policies.config import QNetworkConfig
 from marl_cair.policies.q_network import make_q_network
 from marl_cair.self_play import samplers
-from marl_cair.training.settings.config import (
-    CollectorSettings,
-    EvaluationSettings,
-    GameSettings,
-    GeneratorSettings,
-    OpponentSettings,
-    ReplaySettings,
-    TrainConfig,
-)
-from marl_cair.training.settings.learner import LearnerSettings
+from marl_cair.training.settings.config_file import build_config
 from marl_cair.training.trainer import train
 
 ROOT = Path(__file__).parents[1]
@@ -48,20 +39,24 @@ def add_line(table, name, place, monkeypatch):
     monkeypatch.setitem(table._places, name, place)
 
 
-def make_config(out, **changes):
+def train_with(out, **changes):
+    """The result of a training of seconds."""
     settings = {
         "total_frames": 1024,
         "torch_threads": 1,
         "synthetic_fraction": 0.0,
-        "game": GameSettings("deep_line_wars", "11x11", options={"max_ticks": 100}),
-        "policy": QNetworkConfig(body="conv", hidden_width=16),
-        "generator": GeneratorSettings(name="none"),
-        "collector": CollectorSettings(num_worlds=16, steps_per_batch=8),
-        "replay": ReplaySettings(capacity_transitions=4000, min_transitions=128),
-        "learner": LearnerSettings(batch_size=16),
-        "evaluation": EvaluationSettings(bots=()),
+        "game": {"name": "deep_line_wars", "scenario": "11x11", "options": {"max_ticks": 100}},
+        "policy": {"body": "conv", "hidden_width": 16},
+        "generator": {"name": "none"},
+        "collector": {"num_worlds": 16, "steps_per_batch": 8},
+        "replay": {"capacity_transitions": 4000, "min_transitions": 128},
+        "learner": {"batch_size": 16},
+        "evaluation": {"bots": []},
     }
-    return TrainConfig(out=str(out), **{**settings, **changes})
+    config = build_config({**settings, "out": str(out), **changes})
+    result = train(config, show_progress=False)
+    assert result.frames >= config.total_frames
+    return result
 
 
 def test_the_page_names_every_example():
@@ -76,41 +71,27 @@ def test_the_network_reads_boards_and_trains(monkeypatch, tmp_path):
     add_line(policies.NETWORKS, "pooled", "example_network:PooledBody", monkeypatch)
     network = make_q_network(QNetworkConfig(body="pooled"), (28, 10, 15), 185, seed=0)
     assert network(torch.zeros(2, 28, 10, 15, dtype=torch.uint8)).shape == (2, 185)
-    config = make_config(tmp_path, policy=QNetworkConfig(body="pooled", hidden_width=8))
-    assert train(config, show_progress=False).frames >= config.total_frames
+    train_with(tmp_path, policy={"body": "pooled", "hidden_width": 8})
 
 
 def test_the_sampler_chooses_the_hardest(monkeypatch, tmp_path):
     hardest = import_example("sampler", monkeypatch).hardest
     win_rate = np.array([0.5, 0.9, 0.1, 0.6, 0.2, 0.3])
-    standings = samplers.Standings(
-        np.arange(6),
-        ("self", *"abcde"),
-        ("learner", *["snapshot"] * 5),
-        win_rate,
-        np.full((6, 6), 0.5),
-    )
+    kinds, payoffs = ("learner", *["snapshot"] * 5), np.full((6, 6), 0.5)
+    standings = samplers.Standings(np.arange(6), ("self", *"abcde"), kinds, win_rate, payoffs)
     probabilities = hardest(standings, samplers.SamplerOptions())
     np.testing.assert_allclose(probabilities, [0, 0, 1 / 3, 0, 1 / 3, 1 / 3])
     monkeypatch.setitem(samplers.SAMPLERS, "hardest", hardest)
-    opponents = OpponentSettings({"hardest": 0.5, "latest": 0.5}, snapshot_every_frames=256)
-    config = make_config(tmp_path, opponent=opponents)
-    assert train(config, show_progress=False).frames >= config.total_frames
+    mixture = {"hardest": 0.5, "latest": 0.5}
+    train_with(tmp_path, opponent={"mixture": mixture, "snapshot_every_frames": 256})
 
 
 def test_the_generator_gives_labelled_rows(monkeypatch, tmp_path):
     import_example("generator", monkeypatch)
     add_line(generative.GENERATORS, "memory", "example_generator:MemoryGenerator", monkeypatch)
-    config = make_config(
-        tmp_path,
-        total_frames=4096,
-        synthetic_fraction=0.2,
-        generator=GeneratorSettings(
-            name="memory", evaluate_every_frames=1024, refill_every_frames=512, rows_per_refill=64
-        ),
-    )
-    result = train(config, show_progress=False)
-    assert result.frames >= config.total_frames
+    refills = {"evaluate_every_frames": 1024, "refill_every_frames": 512, "rows_per_refill": 64}
+    generator = {"name": "memory", **refills}
+    result = train_with(tmp_path, total_frames=4096, synthetic_fraction=0.2, generator=generator)
     assert result.last_row["replay/generated"] > 0
 
 
@@ -118,11 +99,8 @@ def test_the_opponent_plays(monkeypatch, tmp_path):
     shutil.copy(FOLDER / "opponent.py", tmp_path / "opponent.py")
     commands = (FOLDER / "opponent.py").read_text("utf-8")
     assert "marl-cair match opponent:make_first_legal rusher" in commands
-    done = run_python(
-        tmp_path,
-        ["match", "opponent:make_first_legal", "rusher", "--scenario", "11x11", "--games", "4"],
-    )
-    assert "first legal" in done or "make_first_legal" in done
+    words = ["match", "opponent:make_first_legal", "rusher", "--scenario", "11x11"]
+    assert "make_first_legal" in run_python(tmp_path, [*words, "--games", "4"])
 
 
 # --- the game --------------------------------------------------------------------------------
@@ -161,12 +139,8 @@ def run_python(folder, words=None, code=None):
     return done.stdout
 
 
-def test_the_game_is_listed(installed):
-    games = json.loads(run_python(installed, ["games", "--json"]))
-    assert "tug_of_war" in str(games)
-
-
-def test_the_commands_of_the_page_run(installed):
+def test_the_game_is_listed_and_the_command_of_the_page_runs(installed):
+    assert "tug_of_war" in json.loads(run_python(installed, ["games", "--json"]))
     page = (ROOT / "docs/extending.md").read_text("utf-8")
     (command,) = re.findall(r"^marl-cair (match puller .*)$", page, re.MULTILINE)
     assert "puller" in run_python(installed, command.split())

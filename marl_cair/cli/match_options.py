@@ -47,7 +47,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "help": "whole number; the same seed gives the same games (default: %(default)s)",
     },
     "--game": {
-        "choices": list(GAMES),
+        "choices": GAMES,  # looked up late: packages and tests add games
         "help": "default: the game that the {trained} was trained on, or the first choice",
     },
     "--scenario": {

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from marl_cair.cli import benchmark, main
+from tests.refusals import assert_refused
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 NAMES = {path.stem for path in FOLDER.glob("[!_]*.py")}
@@ -14,12 +15,12 @@ NAMES = {path.stem for path in FOLDER.glob("[!_]*.py")}
 
 @pytest.fixture
 def calls(monkeypatch):
-    """The words of each script that would be run; all succeed."""
+    """The words of each script that would be run; one of seed 3 fails."""
     words = []
 
     def call(command, **_):
         words.append(command[2:])
-        return SimpleNamespace(returncode=0)
+        return SimpleNamespace(returncode=3 * ("--seed=3" in command))
 
     monkeypatch.setattr(benchmark.subprocess, "run", call)
     return words
@@ -45,14 +46,7 @@ def test_those_of_hours_are_there_and_run_when_they_are_named(calls):
     assert calls == [["benchmarks.self_play_learning", "runs/a", "--games", "2"]]
 
 
-def test_the_first_that_fails_ends_it(monkeypatch):
-    codes = iter([0, 3])
-    monkeypatch.setattr(
-        benchmark.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=next(codes))
-    )
-    assert main(["benchmark"]) == 3
-
-
-def test_an_unknown_one_names_the_nearest(capsys):
-    assert main(["benchmark", "engin"]) == 2
-    assert "nearest are 'engine'" in capsys.readouterr().err
+def test_the_first_that_fails_ends_it_and_an_unknown_one_names_the_nearest(calls, capsys):
+    assert main(["benchmark", "--seed=3"]) == 3  # all, of which the first fails
+    assert len(calls) == 1
+    assert_refused(capsys, "nearest are 'engine'", "benchmark", "engin")

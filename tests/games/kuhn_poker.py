@@ -6,18 +6,17 @@ information state, as one of a few numbers that is 1, on its turn and on the oth
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 import pyspiel
 from numpy.typing import NDArray
 
-from marl_cair import games
-from marl_cair.games.game import NO_WINNER, Game, Representation
-from tests.games.plain_games import Stateless, draw_nothing, make_plain_spec
+from marl_cair.games.game import NO_WINNER, Representation
+from tests.games import plain_games
+from tests.games.plain_games import Stateless, make_plain_spec
 
 NAME = "kuhn_poker"
 PASS, BET = range(2)
@@ -136,28 +135,12 @@ class Passer(Stateless):
         return np.full(len(observation), PASS)
 
 
-def register(monkeypatch):
-    """Make the game known by its name while a test runs."""
-    monkeypatch.setitem(games.GAMES.modules, NAME, sys.modules[__name__])
-
-
-GAME = Game(
-    name=NAME,
-    title="Kuhn poker",
-    version="1",
-    summary="Three cards, one bet.",
-    player_range=(2, 2),
+register = partial(plain_games.register, __name__)
+GAME = plain_games.make_game(
+    __name__,
+    "Kuhn poker",
     scenarios={"two": Scenario()},
-    default_scenario="two",
-    make_rules=make_rules,
-    make_spec=make_spec,
-    allocate=allocate,
-    reset=reset,
-    step=step,
-    legal_actions=legal_actions,
-    draw=draw_nothing,
     rewards={"sparse": "what is won"},
     bots={"random": lambda scenario, spec: Passer()},
     hidden_fields=("state",),
-    gymnasium_prefix="KuhnPoker",
 )

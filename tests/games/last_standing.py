@@ -9,15 +9,15 @@ without a winner.
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair import games
-from marl_cair.games.game import NO_WINNER, Game, Representation
+from marl_cair.games.game import NO_WINNER, Representation
+from tests.games import plain_games
 from tests.games.plain_games import make_plain_spec
 
 NAME = "last_standing"
@@ -187,21 +187,16 @@ class Bot:
         self.luck.bit_generator.state = json.loads(state["state"])
 
 
-def register(monkeypatch):
-    """Make the game known by its name while a test runs."""
-    monkeypatch.setitem(games.GAMES.modules, NAME, sys.modules[__name__])
-
-
 def _make_bot(name: str, action: int | None) -> Any:
     return lambda scenario, spec: Bot(name, action)
 
 
-GAME = Game(
-    name=NAME,
-    title="Last standing",
-    version="1",
-    summary="Stay, or leave.",
+register = partial(plain_games.register, __name__)
+GAME = plain_games.make_game(
+    __name__,
+    "Last standing",
     player_range=(1, 8),
+    draw=draw,
     scenarios={
         "ffa-3": Scenario(),
         "ffa-4": Scenario(num_players=4),
@@ -212,14 +207,6 @@ GAME = Game(
         "alone": Scenario(num_players=1),
         "together": Scenario(num_players=2, teams=(4, 4)),
     },
-    default_scenario="ffa-3",
-    make_rules=make_rules,
-    make_spec=make_spec,
-    allocate=allocate,
-    reset=reset,
-    step=step,
-    legal_actions=legal_actions,
-    draw=draw,
     rewards={"sparse": "+1 win, -1 loss, and what is scored"},
     bots={
         "random": _make_bot("random", None),
@@ -228,6 +215,4 @@ GAME = Game(
         "quitter": _make_bot("quitter", LEAVE),
         "finisher": _make_bot("finisher", FINISH),
     },
-    hidden_fields=(),
-    gymnasium_prefix="LastStanding",
 )

@@ -1,12 +1,14 @@
-"""What small games of the tests have in common: one kind for each action, no board, no pictures."""
+"""Defaults of the tests' small games: one kind for each action, no board, no pictures."""
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
 
-from marl_cair.games.game import NO_CELL, GameSpec, Representation
+from marl_cair.games import GAMES
+from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
 
 def make_plain_spec(
@@ -34,13 +36,37 @@ def make_plain_spec(
     )
 
 
+def make_game(module: str, title: str, **fields: Any) -> Game:
+    """The game whose functions have the contract's names in `module`, which has a NAME too."""
+    names = ("make_rules", "make_spec", "allocate", "reset", "step", "legal_actions")
+    place = vars(sys.modules[module])
+    plain = {
+        "version": "1",
+        "summary": title,
+        "player_range": (2, 2),
+        "draw": draw_nothing,
+        "rewards": {"sparse": "+1 win, -1 loss"},
+        "hidden_fields": (),
+        "gymnasium_prefix": title.title().replace(",", "").replace(" ", ""),
+        "default_scenario": next(iter(fields["scenarios"])),
+        **{name: place[name] for name in names},
+    }
+    return Game(name=place["NAME"], title=title, **{**plain, **fields})
+
+
+def register(module: str, monkeypatch) -> None:
+    """Make a module's game known by its name while a test runs."""
+    place = sys.modules[module]
+    monkeypatch.setitem(GAMES.modules, place.NAME, place)
+
+
 def draw_nothing(worlds, rules, world, player):
     """A black picture."""
     return np.zeros((4, 4, 3), np.uint8)
 
 
 class Stateless:
-    """What an agent must have beside `act`, where nothing is to be seeded or kept."""
+    """The methods of an agent without randomness, beside `act`."""
 
     representation = "vector"
 

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.game import NO_WINNER, Game, Representation
-from tests.games.plain_games import Stateless, draw_nothing, make_plain_spec
+from marl_cair.games.game import NO_WINNER, Representation
+from tests.games.plain_games import Stateless, make_game, make_plain_spec
 
 NAME = "rock_paper_scissors"
 ROCK, PAPER, SCISSORS = range(3)
@@ -108,22 +108,10 @@ def _make_bot(name: str, throw: int) -> Any:
     return lambda scenario, spec: Thrower(name, throw)
 
 
-GAME = Game(
-    name=NAME,
-    title="Rock, paper, scissors",
-    version="1",
-    summary="Guess.",
-    player_range=(2, 2),
+GAME = make_game(
+    __name__,
+    "Rock, paper, scissors",
     scenarios={"fair": Scenario(), "biased": Scenario(chances=(100, 25, 100))},
-    default_scenario="fair",
-    make_rules=make_rules,
-    make_spec=make_spec,
-    allocate=allocate,
-    reset=reset,
-    step=step,
-    legal_actions=legal_actions,
-    draw=draw_nothing,
-    rewards={"sparse": "+1 win, -1 loss"},
     bots={
         "random": _make_bot("random", ROCK),
         "rock": _make_bot("rock", ROCK),
@@ -131,5 +119,4 @@ GAME = Game(
         "scissors": _make_bot("scissors", SCISSORS),
     },
     hidden_fields=("luck",),
-    gymnasium_prefix="RockPaperScissors",
 )

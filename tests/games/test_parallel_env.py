@@ -1,4 +1,4 @@
-"""The PettingZoo door: its library's own checks on every game, and our promises beyond them."""
+"""The PettingZoo environment: its library's own checks on every game, and further properties."""
 
 import warnings
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Scenarios that users add, and games of installed packages, whole and broken."""
+"""The table of games: scenarios that users add, and games of installed packages."""
 
 import json
 import os
@@ -123,9 +123,44 @@ def test_a_game_whose_scenarios_cannot_be_changed_says_so(monkeypatch):
         marl_cair.register_scenario("fixed", "mine")
 
 
-def test_the_default_scenario_of_our_games_comes_first():
-    for game in GAMES.values():
+# --- all games ---------------------------------------------------------------------------------
+
+
+def test_games_can_be_listed_and_have_titles():
+    assert len(GAMES) == len(list(GAMES)) > 0
+    for name, game in GAMES.items():
+        assert game.name == name
+        assert game.title
+        assert game.summary
         assert next(iter(game.scenarios)) == game.default_scenario
+
+
+LIST_MODULES = """
+import sys
+import gymnasium
+print(*(name for name in gymnasium.registry if name.startswith("marl_cair/")))
+import marl_cair
+print(*sys.modules)
+print(*(name for name in gymnasium.registry if name.startswith("marl_cair/")))
+"""
+
+
+def test_importing_the_package_registers_ids_and_loads_no_rules(tmp_path):
+    done = run_python(tmp_path, "-c", LIST_MODULES)
+    before, modules, ids = (line.split() for line in done.stdout.split("\n")[:3])
+    assert before == []
+    assert len(ids) == len(set(ids)) == sum(len(game.scenarios) for game in GAMES.values())
+    ours = {name for name in modules if name.startswith("marl_cair")}
+    assert {f"marl_cair.games.{game}" for game in GAMES} < ours
+    for part in ("definition", "rules", "state", "observation"):
+        assert not ours & {f"marl_cair.games.{game}.{part}" for game in GAMES}
+    assert not {"numba", "torch"} & set(modules)
+
+
+def test_unknown_attributes_are_named():
+    for module in (marl_cair, GAMES.modules["deep_line_wars"]):
+        with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+            module.nothing  # noqa: B018
 
 
 # --- games of other packages -----------------------------------------------------------------

@@ -1,7 +1,7 @@
-"""Seats that are out while others play on, as TorchRL's users see them; and who gets which points.
+"""Seats that are out while others continue, in TorchRL and Gymnasium; teams and points.
 
-The test game's actions say what happens; TorchRL's own wrapper around the PettingZoo environment,
-which knows dead agents, says what is expected.
+The expected values come from TorchRL's own wrapper of the PettingZoo environment, which has dead
+agents.
 """
 
 import numpy as np
@@ -194,11 +194,6 @@ def test_teams_are_numbered_by_their_first_seats(scenario, teams, num_teams):
     assert spec.num_teams == num_teams
 
 
-def share(winner, was_out, teams):
-    told = np.array([winner], np.int8), np.array([was_out], np.bool_), np.array(teams)
-    return share_points(*told)[0].tolist()
-
-
 @pytest.mark.parametrize(
     ("winner", "was_out", "teams", "points"),
     [
@@ -214,7 +209,8 @@ def share(winner, was_out, teams):
 def test_a_win_is_a_point_and_a_draw_is_shared_by_the_teams_that_are_left(
     winner, was_out, teams, points
 ):
-    assert share(winner, was_out, teams) == pytest.approx(points)
+    outcome = np.array([winner], np.int8), np.array([was_out], np.bool_)
+    assert share_points(*outcome, np.array(teams))[0].tolist() == pytest.approx(points)
 
 
 def test_the_score_of_a_seat_is_what_the_map_seed_gave_it():

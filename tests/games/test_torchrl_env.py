@@ -1,5 +1,6 @@
-"""The TorchRL door: its library's own checks, and equality with TorchRL's PettingZoo wrapper."""
+"""The TorchRL environment: the library's checks, and equality with its PettingZoo wrapper."""
 
+import gc
 import re
 
 import numpy as np
@@ -19,7 +20,7 @@ from torchrl.envs.utils import check_env_specs
 
 import marl_cair
 from marl_cair.games.parallel_env import GameParallelEnv
-from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
+from marl_cair.games.torchrl_env import GROUP, MAX_SPARE, ArrayPool, BatchedGameEnv
 from tests.games.cases import REPRESENTATIONS, Case, Luck, choose_actions, ticks_of
 
 MAX_DECISIONS = 30
@@ -172,33 +173,27 @@ def test_rollouts_share_no_memory_with_the_engine(game_name):
 
 
 @pytest.mark.parametrize("key", ["_reset", (GROUP, "_reset")])
-def test_a_partial_reset_restarts_its_worlds_only(game_name, key):
+def test_a_partial_reset_restarts_its_worlds_only_and_shows_all(game_name, key):
     case = Case(game_name, marl_cair.GAMES[game_name].default_scenario)
     env = make_env(case, 3)
     seen = env.reset()
-    for numbers in luck_for(env, 5):
+    for numbers in luck_for(env, 20):
         seen = env.step(with_actions(seen, env, numbers))["next"]
     before = env.engine.state_dict()
     shape = (3, 1) if key == "_reset" else (3, env.engine.num_players, 1)
     asked = torch.zeros(shape, dtype=torch.bool)
     asked[1, ..., -1:] = True
-    env._reset(TensorDict({}, batch_size=[3]).set(key, asked))
+    final = seen.clone()
+    if key == "_reset":
+        shown = env.reset(seen.copy().set(key, asked))[GROUP]
+        assert np.array_equal(shown["observation"].numpy(), env.engine.observe("planes"))
+        assert np.array_equal(shown["action_mask"].numpy(), env.engine.action_mask())
+        assert not torch.equal(shown["observation"][1], final[GROUP, "observation"][1])
+    else:
+        env._reset(TensorDict({}, batch_size=[3]).set(key, asked))
     for name, value in env.engine.state_dict().items():
         np.testing.assert_array_equal(value[[0, 2]], before[name][[0, 2]])
     assert env.seeds.episodes.tolist() == [1, 2, 1]
-
-
-def test_a_partial_reset_shows_all_worlds_as_they_are(game_name):
-    env = marl_cair.make_torchrl_env(game_name, num_worlds=4, seed=0)
-    seen = env.reset()
-    for numbers in luck_for(env, 30):
-        seen = env.step(with_actions(seen, env, numbers))["next"]
-    final = seen.clone()
-    asked = seen.copy().set("_reset", torch.tensor([[False], [False], [True], [False]]))
-    shown = env.reset(asked)[GROUP]
-    assert np.array_equal(shown["observation"].numpy(), env.engine.observe("planes"))
-    assert np.array_equal(shown["action_mask"].numpy(), env.engine.action_mask())
-    assert not torch.equal(shown["observation"][2], final[GROUP, "observation"][2])
 
 
 def test_the_last_observation_of_a_game_outlasts_the_reset(game_name):
@@ -218,15 +213,6 @@ def test_the_last_observation_of_a_game_outlasts_the_reset(game_name):
     assert env.seeds.episodes.min() >= 2
 
 
-def test_rollouts_go_on_through_ended_games(game_name):
-    limit = ticks_of(game_name, 10)
-    env = marl_cair.make_torchrl_env(game_name, num_worlds=2, seed=0, max_ticks=limit)
-    torch.manual_seed(0)
-    stored = env.rollout(25, break_when_any_done=False)
-    assert stored["next", "truncated"].sum() == 2 * 2
-    assert env.seeds.episodes.tolist() == [3, 3]
-
-
 KEYS = {"action_key": (GROUP, "action"), "mask_key": (GROUP, "action_mask")}
 WRAPPERS = {
     "none": lambda env: env,
@@ -239,6 +225,7 @@ WRAPPERS = {
 @pytest.mark.parametrize("collects", [False, True], ids=["rollout", "collector"])
 @pytest.mark.parametrize("wrapper", WRAPPERS)
 def test_random_actions_are_legal(game_name, wrapper, collects):
+    """Also after games have ended."""
     limit = ticks_of(game_name, MAX_DECISIONS)
     plain = marl_cair.make_torchrl_env(game_name, num_worlds=2, seed=0, max_ticks=limit)
     env = WRAPPERS[wrapper](plain)
@@ -250,6 +237,7 @@ def test_random_actions_are_legal(game_name, wrapper, collects):
     chosen = stored[GROUP, "action_mask"].gather(-1, stored[GROUP, "action"].unsqueeze(-1))
     assert chosen.numel() >= 80
     assert chosen.all()
+    assert plain.seeds.episodes.min() >= 2
     assert not plain.engine.illegal_actions.any()
 
 
@@ -315,6 +303,46 @@ def test_extra_representations_have_their_own_keys(game_name):
     assert env.key_of("planes") == "planes"
     np.testing.assert_array_equal(seen[GROUP, "planes"].numpy(), env.engine.observe("planes"))
     np.testing.assert_array_equal(seen[GROUP, "observation"].numpy(), env.engine.observe("vector"))
+
+
+# --- memory that is reused ----------------------------------------------------------------------
+
+
+def address(array: np.ndarray) -> int:
+    return array.__array_interface__["data"][0]
+
+
+def test_memory_returns_when_the_last_view_is_gone():
+    pool = ArrayPool()
+    array = pool.take((3, 4), np.uint8)
+    first = address(array)
+    tensor = torch.from_numpy(array)[1:]
+    del array
+    gc.collect()
+    other = pool.take((3, 4), np.uint8)
+    assert address(other) != first
+    tensor[:] = 7
+    other[:] = 1
+    assert tensor.eq(7).all()
+    del tensor
+    gc.collect()
+    assert address(pool.take((3, 4), np.uint8)) == first
+
+
+def test_shapes_and_types_are_kept_apart():
+    pool = ArrayPool()
+    for shape, dtype in (((2, 3), np.uint8), ((3, 2), np.uint8), ((2, 3), np.bool_)):
+        array = pool.take(shape, dtype)
+        assert array.shape == shape
+        assert array.dtype == dtype
+
+
+def test_no_more_than_a_bounded_number_is_kept():
+    pool = ArrayPool()
+    held = [pool.take((2,), np.uint8) for _ in range(MAX_SPARE + 5)]
+    held.clear()
+    gc.collect()
+    assert [len(spare) for spare in pool._spare.values()] == [MAX_SPARE]
 
 
 # --- bad input -------------------------------------------------------------------------------

@@ -5,10 +5,10 @@ from __future__ import annotations
 import sqlite3
 import sys
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import NamedTuple
 
 from marl_cair.cli import EXIT_DAMAGED, EXIT_DONE
 from marl_cair.cli.parser import Parser
@@ -27,30 +27,22 @@ from marl_cair.stored import (
     read_settings,
 )
 
-_STORE_FILE = "league.sqlite"
-
-
-class Findings(NamedTuple):
-    """Problems of files by path, and how many files are sound, or have no checksum."""
-
-    problems: dict[Path, str]
-    num_sound: int
-    num_unknown: int  # reports, or files of an older version
-
 
 def run(arguments: Sequence[str]) -> int:
     """Print each problem in a line; returns the exit code, EXIT_DAMAGED where there is one."""
-    options = make_parser().parse_args(arguments)
-    found = verify_folder(Path(options.folder))
-    for path, problem in found.problems.items():
+    folder = Path(make_parser().parse_args(arguments).folder)
+    found = verify_folder(folder)
+    problems = {path: problem for path, problem in found.items() if problem}
+    for path, problem in problems.items():
         sys.stdout.write(f"{path}: {problem}\n")
-    if not any(Path(options.folder).rglob(MANIFEST_FILE)):
-        sys.stdout.write(f"{options.folder}: no manifest, an older version wrote it\n")
+    if not any(folder.rglob(MANIFEST_FILE)):
+        sys.stdout.write(f"{folder}: no manifest, an older version wrote it\n")
+    counts = Counter(found.values())
     sys.stdout.write(
-        f"{found.num_sound} files are sound, {len(found.problems)} are damaged, "
-        f"{found.num_unknown} have no checksum\n"
+        f"{counts['']} files are sound, {len(problems)} are damaged, "
+        f"{counts[None]} have no checksum\n"
     )
-    return EXIT_DAMAGED if found.problems else EXIT_DONE
+    return EXIT_DAMAGED if problems else EXIT_DONE
 
 
 def make_parser() -> Parser:
@@ -64,41 +56,28 @@ def make_parser() -> Parser:
     return parser
 
 
-def verify_folder(folder: Path) -> Findings:
-    """Check all files below `folder`. Raises NotADirectoryError where it is none."""
+def verify_folder(folder: Path) -> dict[Path, str | None]:
+    """The problem of each file below `folder`: "" if it is sound, None if it has no checksum (a
+    report, or a file of an older version). Raises NotADirectoryError for a file.
+    """
     if not folder.is_dir():
         raise NotADirectoryError(f"{folder} is no folder: give that of a run, an agent or a league")
-    problems: dict[Path, str] = {}
-    listed: set[Path] = set()
-    num_sound = num_unknown = 0
-    for place in [folder, *sorted(path for path in folder.rglob("*") if path.is_dir())]:
-        if not (place / MANIFEST_FILE).exists():
-            continue
+    found: dict[Path, str | None] = {}
+    for manifest in sorted(path for path in folder.rglob(MANIFEST_FILE) if path.exists()):
         try:
-            found = find_damage(place)
+            listed = find_damage(manifest.parent)
         except DamagedFileError as error:
-            found = {MANIFEST_FILE: _shorten(error, place / MANIFEST_FILE)}
-        listed |= {place / name for name in found}
-        problems |= {place / name: problem for name, problem in found.items() if problem}
-        num_sound += sum(not problem for problem in found.values())
-    for path in _list_others(folder, listed):
-        problem = _check_alone(path)
-        num_unknown += problem is None
-        num_sound += problem == ""
-        if problem:
-            problems[path] = problem
-    return Findings(problems, num_sound, num_unknown)
-
-
-def _list_others(folder: Path, listed: set[Path]) -> Iterator[Path]:
+            listed = {MANIFEST_FILE: _shorten(error, manifest)}
+        found |= {manifest.parent / name: problem for name, problem in listed.items()}
     for path in sorted(folder.rglob("*")):
-        is_listed = path in listed or path.name == MANIFEST_FILE
+        is_listed = path in found or path.name == MANIFEST_FILE
         if not is_listed and not path.is_dir() and not is_leftover(path.name):
-            yield path
+            found[path] = _check_alone(path)
+    return found
 
 
 def _check_alone(path: Path) -> str | None:
-    """The problem of a file that no manifest lists: "" if it is sound, None without a checksum."""
+    """The problem of a file that no manifest lists, as in `verify_folder`."""
     check = _CHECKS.get(path.name) or _CHECKS.get(path.suffix)
     if not path.is_file():
         return "is no regular file"
@@ -146,7 +125,7 @@ def _check_league(path: Path) -> str:
 
 
 _CHECKS: dict[str, Callable[[Path], str | None]] = {
-    _STORE_FILE: _check_league,
+    "league.sqlite": _check_league,
     ".json": _check_json,
     ".yaml": _check_settings,
     ".pt": _check_tensors,

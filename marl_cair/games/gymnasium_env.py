@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from marl_cair.games.action_forms import FlatActions
+from marl_cair.games.action_forms import FactoredActions
 from marl_cair.games.checks.engine import check_count, check_num_worlds, check_seed, read_index
 from marl_cair.games.game import Agent
 from marl_cair.games.parallel_env import RENDER_MODES, SeatView, check_render_mode
@@ -50,7 +50,7 @@ class _LearnerEnv:
         Raises:
             ValueError: the action form is "factored".
         """
-        if not isinstance(self._table.form, FlatActions):
+        if isinstance(self._table.form, FactoredActions):
             raise ValueError(
                 f"{self.engine.game.name}: action_masks() has one mask for each number of an "
                 "action, a factored mask holds pairs of kind and cell; leave out action_form"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from docs.architecture_picture import LAYERS, PICTURE, describe, read_rooms
 from marl_cair.cli.compose import compose_config
 
 ROOT = Path(__file__).parents[1]
@@ -54,3 +55,37 @@ def test_commands_of_training_are_understood(line):
     if words[0].startswith("resume="):  # of a run that is not here
         words = words[1:]
     compose_config(words)
+
+
+# --- the site ----------------------------------------------------------------------------------
+
+
+def test_every_page_is_in_the_navigation():
+    navigation = (ROOT / "mkdocs.yml").read_text("utf-8").partition("nav:\n")[2]
+    pages = {path.relative_to(ROOT / "docs").as_posix() for path in ROOT.glob("docs/**/*.md")}
+    pages -= {page for page in pages if page.startswith("extending/")}
+    assert pages <= set(re.findall(r"[\w/]+\.md", navigation))
+
+
+def test_the_picture_shows_the_imports_of_today():
+    """`python docs/architecture_picture.py` draws it again."""
+    assert describe(read_rooms()) in PICTURE.read_text("utf-8")
+
+
+def test_imports_point_down():
+    layer_of = {room: layer for layer, rooms in enumerate(LAYERS) for room in rooms}
+    for name, room in read_rooms().items():
+        assert room.num_files > 0, name
+        assert all(layer_of[target] > layer_of[name] for target in room.imports), name
+
+
+def test_the_table_says_where_to_change_what_the_issue_asks():
+    page = (ROOT / "docs/architecture.md").read_text("utf-8")
+    for question in ("a unit's price", "the loss", "how a rating is fitted", "what a report says"):
+        assert f"| {question}" in page
+
+
+def test_the_site_loads_nothing_from_the_network():
+    settings = (ROOT / "mkdocs.yml").read_text("utf-8")
+    assert "font: false" in settings
+    assert not re.search(r"privacy|social|googleapis|extra_(javascript|css)", settings)

@@ -1,13 +1,9 @@
 """The six scripts of examples/ run, shortened, and stay short."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.processes import ROOT, read_output
+
 EXAMPLES = ROOT / "examples"
 MAX_LINES = 60
 SHORT = {
@@ -45,13 +41,5 @@ def test_it_runs(name, tmp_path):
         log = tmp_path / f"seed_{seed}" / "log.csv"
         log.parent.mkdir()
         log.write_text(f"frames,win_rate/random\n100.0,\n100.0,0.25\n200.0,{win_rate}\n", "utf-8")
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", EXAMPLES / f"{name}.py", *SHORT[name].split()],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    assert done.returncode == 0, done.stderr
-    assert PRINTED[name] in done.stdout
+    output = read_output(tmp_path, EXAMPLES / f"{name}.py", *SHORT[name].split())
+    assert PRINTED[name] in output

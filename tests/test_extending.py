@@ -2,13 +2,10 @@
 
 import importlib.util
 import json
-import os
 import re
 import shutil
-import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,8 +17,9 @@ from marl_cair.policies.q_network import make_q_network
 from marl_cair.self_play import samplers
 from marl_cair.training.settings.config_file import build_config
 from marl_cair.training.trainer import train
+from tests.processes import ROOT, read_output
 
-ROOT = Path(__file__).parents[1]
+MARL_CAIR = ("-m", "marl_cair")
 FOLDER = ROOT / "docs" / "extending"
 
 
@@ -100,7 +98,7 @@ def test_the_opponent_plays(monkeypatch, tmp_path):
     commands = (FOLDER / "opponent.py").read_text("utf-8")
     assert "marl-cair match opponent:make_first_legal rusher" in commands
     words = ["match", "opponent:make_first_legal", "rusher", "--scenario", "11x11"]
-    assert "make_first_legal" in run_python(tmp_path, [*words, "--games", "4"])
+    assert "make_first_legal" in read_output(tmp_path, *MARL_CAIR, *words, "--games", "4")
 
 
 # --- the game --------------------------------------------------------------------------------
@@ -124,26 +122,11 @@ def installed(tmp_path_factory):
     return folder
 
 
-def run_python(folder, words=None, code=None):
-    """What a command of marl-cair, or a program, prints in `folder`."""
-    arguments = ["-c", code] if code else ["-m", "marl_cair", *words]
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore::UserWarning", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}"},
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 def test_the_game_is_listed_and_the_command_of_the_page_runs(installed):
-    assert "tug_of_war" in json.loads(run_python(installed, ["games", "--json"]))
+    assert "tug_of_war" in json.loads(read_output(installed, *MARL_CAIR, "games", "--json"))
     page = (ROOT / "docs/extending.md").read_text("utf-8")
     (command,) = re.findall(r"^marl-cair (match puller .*)$", page, re.MULTILINE)
-    assert "puller" in run_python(installed, command.split())
+    assert "puller" in read_output(installed, *MARL_CAIR, *command.split())
 
 
 CONFORMANCE = """
@@ -170,4 +153,4 @@ print("conforms")
 
 
 def test_the_game_conforms(installed):
-    assert "conforms" in run_python(installed, code=CONFORMANCE)
+    assert "conforms" in read_output(installed, "-c", CONFORMANCE)

@@ -3,11 +3,8 @@ README only with fewer steps.
 """
 
 import itertools
-import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -17,6 +14,7 @@ from docs.tables import find_table, make_table
 from marl_cair.cli import main
 from marl_cair.games import GAMES
 from marl_cair.training.demo import DemoSettings, run_demo
+from tests.processes import read_output
 
 ROOT = Path(__file__).parents[1]
 
@@ -40,18 +38,6 @@ SHORTER = {
 }
 
 
-def run_program(program, folder):
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", program],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    assert done.returncode == 0, done.stderr
-
-
 def test_the_demo_writes_what_it_promises(tmp_path):
     """Cut short by its own options."""
     folder, short = tmp_path / "runs" / "demo", {"evaluation_games": 2, "num_worlds": 32}
@@ -67,7 +53,7 @@ def test_the_demo_writes_what_it_promises(tmp_path):
 def test_the_programs_of_the_readme_run(program, tmp_path):
     shorter = program.replace("range(100)", "range(2)").replace("256", "4")
     (tmp_path / "agents").symlink_to(ROOT / "agents")
-    run_program(shorter, tmp_path)
+    read_output(tmp_path, "-c", shorter)
 
 
 def test_the_readme_is_short_and_its_five_commands_run(tmp_path, monkeypatch):
@@ -125,7 +111,7 @@ def test_every_game_page_has_a_program():
 
 @pytest.mark.parametrize("program", GAME_PROGRAMS)
 def test_the_programs_of_the_game_pages_run(program, tmp_path):
-    run_program(program, tmp_path)
+    read_output(tmp_path, "-c", program)
 
 
 def test_the_table_of_scenarios_is_what_is_registered():

@@ -19,6 +19,7 @@ import numpy as np
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
+from marl_cair.cli.match import describe_doubts
 from marl_cair.cli.parser import Parser
 from marl_cair.files import write_atomically
 from marl_cair.games.checks.scenario import change_scenario
@@ -80,7 +81,8 @@ def _rate_against(
         identities = find_fingerprint(agent, game), find_fingerprint(opponent, game)
         played = play_match(agent, opponent, game, scenario, num_games, options.seed, identities)
         match = played.without_repeats()
-        sys.stdout.write(format_row(source, match, width, num_games - match.games))
+        doubts = describe_doubts(num_games, match)
+        sys.stdout.write(f"{format_row(source, match, width)}{doubts}\n")
         sys.stdout.flush()
         rows.append((source, match.games, match.wins, match.draws, match.losses, *_shares(match)))
     return rows
@@ -118,19 +120,12 @@ def _digits(*values: float) -> tuple[str, ...]:
     return tuple(f"{value:.4f}" for value in values)
 
 
-def format_row(source: str, match: MatchResult, width: int, repeats_left_out: int = 0) -> str:
+def format_row(source: str, match: MatchResult, width: int) -> str:
     """Wins, draws and losses against one opponent with the 95 % interval of the win rate."""
     share, low, high = (f"{100.0 * float(value):.1f}%" for value in _shares(match))
-    repeats = ""
-    if repeats_left_out:
-        repeats = f"  ({repeats_left_out} more repeat them, move by move, and do not count)"
-    if match.distinct_games < match.games:
-        repeats += f"  (only {match.distinct_games} games differ: the interval is too narrow)"
-    if match.forfeits:
-        repeats += f"  ({len(match.forfeits)} games were forfeited: {match.forfeits[0]})"
     return (
         f"{source:{width}} {match.games:>6} {match.wins:>6} {match.draws:>6} {match.losses:>6}  "
-        f"{share} [{low}, {high}]{repeats}\n"
+        f"{share} [{low}, {high}]"
     )
 
 

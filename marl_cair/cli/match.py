@@ -103,7 +103,7 @@ def compare_opponents(pairing: Pairing, num_games: int) -> tuple[str, str, str]:
     return (
         f"A in one {place}, B in {others}: {num_games // num_teams} map seeds, once in each",
         f"{_count_results(match)}: {points}, {match.fair_share:.1%} is fair",
-        verdict + describe_repeats(num_games, match) + _warn_of_forfeits(match.forfeits),
+        verdict + describe_doubts(num_games, match),
     )
 
 
@@ -179,12 +179,13 @@ def _format(estimate: Estimate) -> str:
     return f"{estimate.mean:.4g} [{estimate.low:.4g}, {estimate.high:.4g}]"
 
 
-def describe_repeats(num_games: int, match: MatchResult) -> str:
-    """How many of `num_games` are left out of `match` as repeats, and how many in it are equal."""
+def describe_doubts(num_games: int, match: MatchResult) -> str:
+    """How many of `num_games` are left out of `match` as repeats, are equal, or were forfeited."""
     left_out, text = num_games - match.games, ""
     if left_out:
         text = f" {left_out} of {num_games} games repeat others, move by move, and do not count."
-    return text + _warn_of_repeats(match.games, match.distinct_games)
+    text += _warn_of_repeats(match.games, match.distinct_games)
+    return text + _warn_of_forfeits(match.forfeits)
 
 
 def _warn_of_repeats(num_games: int, num_distinct: int) -> str:

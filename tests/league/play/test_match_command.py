@@ -41,7 +41,7 @@ def test_a_map_seed_that_shows_something_new_counts_with_all_its_games():
     assert counted.distinct_games == 5
     told = " 2 of 8 games repeat others, move by move, and do not count."
     warned = " (only 5 of 6 games differ: the interval is too narrow)"
-    assert match.describe_repeats(8, counted) == told + warned
+    assert match.describe_doubts(8, counted) == told + warned
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_evaluate_counts_games_that_repeat_others_once(capsys):
     words = ["--against", "idle", "--games", "12", "--scenario", "ffa-3", "--set", "gain=0"]
     told = tell(capsys, "evaluate", "finisher", *words)
     assert "idle         3      3      0      0  100.0% [43.9%, 100.0%]" in told
-    assert "(9 more repeat them, move by move, and do not count)" in told
+    assert "9 of 12 games repeat others, move by move, and do not count." in told
 
 
 def test_evaluate_and_match_have_the_same_interval():

@@ -156,7 +156,7 @@ def test_blows_count_armour_and_the_waste_of_the_last_shot():
 
 def test_knowledge_and_sight_fit_the_board():
     engine = make_game(1, "11x11")
-    known = make_knowledge(engine.scenario, engine.spec)
+    known = make_knowledge(engine.scenario)
     sight = make_sight(engine.scenario)
     assert known.chords.shape == (3, 11 * 4, 11)
     assert sight.threats.shape == (4, 11)

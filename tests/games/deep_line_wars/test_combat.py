@@ -176,7 +176,7 @@ def test_attack_speed_gives_exactly_so_many_shots_in_ten_ticks(kind, pattern):
             fired.append(tick)
         before = board.world.unit_health[1, unit]
     assert np.diff(fired).tolist() == pattern * 10
-    assert len(pattern) == board.rules.tower_speed[kind]
+    assert len(pattern) == board.rules.tower_attack_speed[kind]
 
 
 def test_a_new_tower_fires_in_its_first_tick():

@@ -68,7 +68,7 @@ def test_players_start_with_the_published_numbers(preset):
     assert world.gold.tolist() == [100, 100]
     assert world.lumber.tolist() == [0, 0]
     assert world.income.tolist() == [20, 20]
-    assert board.rules.interval_ticks == 100
+    assert board.rules.income_interval_ticks == 100
     assert not board.rules.flight_ticks.any()
 
 

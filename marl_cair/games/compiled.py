@@ -144,7 +144,7 @@ _OVER_SEATS = """
 def over_{name}(worlds, rules, out, first, last):
     for index in range(first, last):
         world = world_at(worlds, index)
-        for player in range(out.shape[1]):
+        for player in range({num_players}):
             rule(world, rules, player, out[index, player])
 """
 _OVER_RESETS = """
@@ -157,11 +157,14 @@ def over_{name}(worlds, rules, seeds, mask, first, last):
 """
 
 
-def loop_over_seats(rule: Any, world_at: Any, *, compact: bool = False) -> Callable[..., None]:
+def loop_over_seats(
+    rule: Any, world_at: Any, *, compact: bool = False, num_players: int | None = None
+) -> Callable[..., None]:
     """The kernel (worlds, rules, out [B, P, ...], first, last) of a rule for one seat: (world,
-    rules, player, out [...]). `compact`: see `compiled_compact`.
+    rules, player, out [...]). It is faster where `num_players` is the same in all scenarios.
+    `compact`: see `compiled_compact`.
     """
-    made = write_loop(_OVER_SEATS, rule, world_at)
+    made = write_loop(_OVER_SEATS, rule, world_at, num_players=num_players or "out.shape[1]")
     return compiled_compact(made) if compact else compiled(made)
 
 
@@ -173,7 +176,7 @@ def loop_over_resets(rule: Any, world_at: Any, world: type[NamedTuple]) -> Calla
     return compiled(write_loop(_OVER_RESETS, rule, world_at, clear=clear))
 
 
-def write_loop(loop: str, rule: Any, world_at: Any, **parts: str) -> Callable[..., None]:
+def write_loop(loop: str, rule: Any, world_at: Any, **parts: object) -> Callable[..., None]:
     """A loop around a rule, as if it stood in the rule's file: rules can take no rule as an
     argument. `loop` is its source, in which {name} is the rule's name.
     """

@@ -140,17 +140,10 @@ def make_knowledge(scenario: Scenario, weights: Weights = COUNTER_WEIGHTS) -> Kn
 
 
 def make_sight(scenario: Scenario) -> Sight:
-    """Empty arrays for `look`."""
-    rows = scenario.rows
-    return Sight(
-        own_cover=np.zeros((t.NUM_TOWER_KINDS, rows)),
-        enemy_cover=np.zeros((t.NUM_TOWER_KINDS, rows)),
-        own_towers=np.zeros(t.NUM_TOWER_KINDS),
-        enemy_towers=np.zeros(t.NUM_TOWER_KINDS),
-        own_units=np.zeros(t.NUM_UNIT_KINDS),
-        threats=np.zeros((t.NUM_UNIT_KINDS, rows)),
-        worth=np.zeros(rows),
-    )
+    """Empty arrays for `read_sight`."""
+    towers, units, rows = t.NUM_TOWER_KINDS, t.NUM_UNIT_KINDS, scenario.rows
+    shapes = ((towers, rows), (towers, rows), towers, towers, units, (units, rows), rows)
+    return Sight(*map(np.zeros, shapes))
 
 
 @compiled

@@ -155,10 +155,8 @@ def best_tower(known: Any, sight: Any) -> int:
             worth += health * known.blows[tower, unit]
         # The widest row a tower of this kind covers stands for the time that units are in range.
         worth *= 1 + 2 * known.rules.tower_range_tiles[tower]
-        price = (
-            known.rules.tower_cost_gold[tower]
-            + known.weights.lumber_price * known.rules.tower_cost_lumber[tower]
-        )
+        lumber = known.weights.lumber_price * known.rules.tower_cost_lumber[tower]
+        price = known.rules.tower_cost_gold[tower] + lumber
         if worth / price > best:
             chosen, best = tower, worth / price
     return chosen
@@ -185,23 +183,6 @@ def best_cell(planes: Any, known: Any, sight: Any, tower: int) -> int:
         if worth > best and is_free(planes, known, cell):
             chosen, best = cell, worth
     return chosen
-
-
-@compiled
-def stream_leak(known: Any, towers: Any, units: Any, extra: int, number: float) -> float:
-    """Share of a stream that towers [tower kinds] are too slow to stop.
-
-    The stream is `units` [unit kinds] and `number` more of kind `extra`, by health.
-    """
-    needed = 0.0
-    for unit in range(NUM_UNIT_KINDS):
-        power = 1e-9
-        for tower in range(NUM_TOWER_KINDS):
-            power += towers[tower] * known.blows[tower, unit]
-        count = units[unit] + (number if unit == extra else 0.0)
-        needed += count * known.rules.unit_health[unit] / power
-    available = BUSY * STREAM_TICKS
-    return max(0.0, 1.0 - available / max(needed, 1e-9))
 
 
 @compiled
@@ -238,15 +219,23 @@ def expected_leaks(known: Any, sight: Any) -> float:
 
 @compiled
 def arrival_share(planes: Any, known: Any, sight: Any, unit: int) -> float:
-    """Chance that a unit bought now reaches the enemy's base, past its towers as they stand."""
+    """Chance that a unit bought now reaches the enemy's base, past its towers as they stand: alone,
+    or in a stream with the units on the board and all that the gold buys, by health.
+    """
     alone = 0.0
     for row in range(known.rules.rows):
         if survival(known, sight, sight.enemy_cover, unit, row) > 0.0:
             alone += 1.0
     alone /= known.rules.rows
-    batch = level(planes, OWN_GOLD) / known.rules.unit_cost_gold[unit]
-    number = min(10.0, batch)
-    together = stream_leak(known, sight.enemy_towers, sight.own_units, unit, number)
+    bought = min(10.0, level(planes, OWN_GOLD) / known.rules.unit_cost_gold[unit])
+    needed = 0.0
+    for kind in range(NUM_UNIT_KINDS):
+        power = 1e-9
+        for tower in range(NUM_TOWER_KINDS):
+            power += sight.enemy_towers[tower] * known.blows[tower, kind]
+        count = sight.own_units[kind] + (bought if kind == unit else 0.0)
+        needed += count * known.rules.unit_health[kind] / power
+    together = max(0.0, 1.0 - BUSY * STREAM_TICKS / max(needed, 1e-9))
     return float(max(alone, together))
 
 
@@ -261,9 +250,8 @@ def intervals_to_come(planes: Any, known: Any) -> float:
     """For how many more incomes the game will last, as far as it pays to plan."""
     rules, weights = known.rules, known.weights
     ticks_left = level(planes, TIME_LEFT) * rules.max_ticks / FULL
-    health = min(
-        health_points(planes, known, OWN_HEALTH), health_points(planes, known, ENEMY_HEALTH)
-    )
+    own_health = health_points(planes, known, OWN_HEALTH)
+    health = min(own_health, health_points(planes, known, ENEMY_HEALTH))
     intervals = max(0.0, ticks_left / rules.income_interval_ticks - 1.5)
     return float(min(intervals, weights.horizon, weights.pace * health / 10.0))
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_line_wars.rulebook import CLASSIC, SPATIAL
 from marl_cair.games.deep_line_wars.state import NO_TARGET, NO_TOWER, unit_slot
@@ -16,7 +19,8 @@ FIRST_SPATIAL_UNIT = 1
 FIRST_SPATIAL_TOWER = FIRST_SPATIAL_UNIT + NUM_UNIT_KINDS
 # Classic actions, in the thesis's order.
 CURSOR_UP, CURSOR_DOWN, CURSOR_RIGHT, CURSOR_LEFT, FIRST_CLASSIC_UNIT = range(5)
-CURSOR_STEPS = ((-1, 0), (1, 0), (0, 1), (0, -1))  # rows and columns of up, down, right, left
+# Rows and columns of up, down, right, left.
+CURSOR_STEPS: NDArray[np.int64] = np.array([(-1, 0), (1, 0), (0, 1), (0, -1)], np.int64)
 FIRST_CLASSIC_TOWER = FIRST_CLASSIC_UNIT + NUM_UNIT_KINDS
 NUM_CLASSIC_TOWERS = 4  # the original lists a fourth tower that does not exist: never legal
 CLASSIC_NOOP = FIRST_CLASSIC_TOWER + NUM_CLASSIC_TOWERS
@@ -49,9 +53,14 @@ def can_build_at(world: Any, rules: Any, player: int, row: int, column: int) -> 
 @compiled
 def can_move_cursor(world: Any, rules: Any, player: int, action: int) -> bool:
     """The cursor stays on the board and off the two spawn columns."""
-    row = int(world.cursor[player, 0]) + CURSOR_STEPS[action][0]
-    column = int(world.cursor[player, 1]) + CURSOR_STEPS[action][1]
-    return bool(0 <= row < rules.rows and 1 <= column <= rules.columns - 2)
+    row, column = world.cursor[player, 0], world.cursor[player, 1]
+    if action == CURSOR_UP:
+        return bool(row > 0)
+    if action == CURSOR_DOWN:
+        return bool(row < rules.rows - 1)
+    if action == CURSOR_RIGHT:
+        return bool(column < rules.columns - 2)
+    return bool(column > 1)
 
 
 @compiled
@@ -143,8 +152,8 @@ def obey(world: Any, rules: Any, player: int, action: int) -> None:
     elif order == ORDER_TOWER:
         build_tower(world, rules, player, kind, row, column)
     elif order == ORDER_CURSOR:
-        world.cursor[player, 0] += CURSOR_STEPS[kind][0]
-        world.cursor[player, 1] += CURSOR_STEPS[kind][1]
+        world.cursor[player, 0] += CURSOR_STEPS[kind, 0]
+        world.cursor[player, 1] += CURSOR_STEPS[kind, 1]
 
 
 @compiled

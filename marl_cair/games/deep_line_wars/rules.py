@@ -279,7 +279,7 @@ def reset_world(world: Any, rules: Any, seed: Any) -> None:
 
 
 reset = loop_over_resets(reset_world, s.world_at, s.World)
-legal_actions = loop_over_seats(list_legal_actions, s.world_at)  # out bool [B, P, A]
+legal_actions = loop_over_seats(list_legal_actions, s.world_at, num_players=s.NUM_PLAYERS)
 
 
 @compiled

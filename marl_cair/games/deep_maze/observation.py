@@ -137,10 +137,9 @@ def see_planes(world: Any, rules: Any, player: int, out: Any) -> None:
 
 
 @compiled
-def see_ids(world: Any, rules: Any, player: int, out: Any) -> None:
-    """Write the id of each cell: uint8 of N cells. Of several on one: self, others, the goal."""
+def see_ids(world: Any, rules: Any, player: int, flat: Any) -> None:
+    """Write the id of each cell: flat uint8 [N]. Of several on one cell: self, others, the goal."""
     cells = world.walls.shape[0]
-    flat = out.reshape(cells)
     if sees_all(world, rules):
         for cell in range(cells):
             flat[cell] = world.walls[cell]
@@ -155,6 +154,12 @@ def see_ids(world: Any, rules: Any, player: int, out: Any) -> None:
         if other != player and sees_player(world, rules, player, other):
             flat[world.cell[other]] = ROLE_IDS[role_of(rules, player, other)]
     flat[world.cell[player]] = ROLE_IDS[role_of(rules, player, player)]
+
+
+@compiled
+def see_classic(world: Any, rules: Any, player: int, out: Any) -> None:
+    """Write the ids as uint8 [1, H, W]."""
+    see_ids(world, rules, player, out.reshape(world.walls.shape[0]))
 
 
 @compiled
@@ -201,6 +206,6 @@ def see_vector(world: Any, rules: Any, player: int, out: Any) -> None:
 
 
 observe_planes = loop_over_seats(see_planes, world_at)  # out uint8 [B, P, C, H, W]
-observe_classic = loop_over_seats(see_ids, world_at)  # out uint8 [B, P, 1, H, W]
-observe_flat = observe_classic  # out uint8 [B, P, N]
+observe_classic = loop_over_seats(see_classic, world_at)  # out uint8 [B, P, 1, H, W]
+observe_flat = loop_over_seats(see_ids, world_at)  # out uint8 [B, P, N]
 observe_vector = loop_over_seats(see_vector, world_at)  # out float32 [B, P, V]

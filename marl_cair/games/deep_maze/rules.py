@@ -44,14 +44,6 @@ def walk(world: Any, rules: Any, player: int, action: int, is_caught: bool) -> N
 
 
 @compiled
-def is_met(world: Any, hunter_before: int, player: int, cell_before: int) -> bool:
-    """Whether the seat is on the hunter's cell, or has changed places with the hunter."""
-    if world.cell[player] == world.cell[rb.HUNTER]:
-        return True
-    return bool(world.cell[player] == hunter_before and cell_before == world.cell[rb.HUNTER])
-
-
-@compiled
 def judge_chase(world: Any, rules: Any, num_fled: int, num_fallen: int) -> int:
     """The hunter has caught all, or one of the others is safe, or time has saved them.
 
@@ -74,14 +66,6 @@ def judge_chase(world: Any, rules: Any, num_fled: int, num_fallen: int) -> int:
 
 
 @compiled
-def is_winner(rules: Any, player: int, winner: int) -> bool:
-    """Whether a seat is the winner, or of the winning team: the hunted seats are one."""
-    if rules.contest == rb.CHASE:
-        return (player == rb.HUNTER) == (winner == rb.HUNTER)
-    return player == winner
-
-
-@compiled
 def pay(world: Any, rules: Any, player: int, is_next_maze: bool) -> float:
     """The reward of a move without the potential; a goal that is not the last pays as the last."""
     if rules.reward == rb.BEYOND_OPTIMAL:
@@ -92,7 +76,10 @@ def pay(world: Any, rules: Any, player: int, is_next_maze: bool) -> float:
     winner = int(world.clock[s.WINNER])
     if winner == NO_WINNER:
         return 0.0
-    return GOAL_REWARD if is_winner(rules, player, winner) else -GOAL_REWARD
+    has_won = player == winner
+    if rules.contest == rb.CHASE:  # the hunted seats are one team
+        has_won = (player == rb.HUNTER) == (winner == rb.HUNTER)
+    return GOAL_REWARD if has_won else -GOAL_REWARD
 
 
 @compiled
@@ -107,7 +94,9 @@ def play_chase(world: Any, rules: Any, actions: Any) -> int:
         walk(world, rules, player, actions[player], was_caught)
         if was_caught:
             continue
-        is_caught = is_met(world, hunter_before, player, cell_before)
+        hunter, cell = int(world.cell[rb.HUNTER]), int(world.cell[player])
+        # On one cell, or the two have changed places.
+        is_caught = cell == hunter or (cell == hunter_before and cell_before == hunter)
         if is_caught:
             world.is_caught[player] = 1
         if world.cell[player] == world.clock[s.GOAL]:

@@ -64,14 +64,9 @@ class Search(NamedTuple):
 def make_search() -> Search:
     """Scratch for the oracle, 8 MB, which the system takes from memory as it is used."""
     depth = MAX_DEPTH + 1
-    return Search(
-        y=np.zeros(depth, np.int32),
-        velocity=np.zeros(depth, np.int32),
-        has_flapped=np.zeros(depth, np.bool_),
-        tried=np.zeros(depth, np.int8),
-        seen=np.zeros((depth, NUM_SPEEDS, 2, NUM_HEIGHTS), np.int32),
-        number=np.zeros(1, np.int32),
-    )
+    steps = (np.zeros(depth, dtype) for dtype in (np.int32, np.int32, np.bool_, np.int8))
+    seen = np.zeros((depth, NUM_SPEEDS, 2, NUM_HEIGHTS), np.int32)
+    return Search(*steps, seen, np.zeros(1, np.int32))
 
 
 @compiled

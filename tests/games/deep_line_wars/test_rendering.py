@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from marl_cair.games.deep_line_wars.rendering import PALETTES, TOWER_SPRITES, UNIT_SPRITES
 
 import marl_cair
 from marl_cair.games.deep_line_wars import rendering
+from marl_cair.games.deep_line_wars.rendering import PALETTES, TOWER_SPRITES, UNIT_SPRITES
 
 BUILD_BASIC_R4_C3 = 5 + 4 * 6 + 2
 

@@ -108,10 +108,7 @@ def placement_order(chords: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def blow_table(rules: Rules) -> NDArray[np.float64]:
-    """Hit points per tick that a tower takes off a unit, [tower kinds, unit kinds].
-
-    What the last shot wastes is counted.
-    """
+    """Hit points per tick that a tower takes off a unit, less waste, [tower kinds, unit kinds]."""
     blows = np.zeros((t.NUM_TOWER_KINDS, t.NUM_UNIT_KINDS))
     for tower in range(t.NUM_TOWER_KINDS):
         rolls = np.arange(rules.tower_damage_min[tower], rules.tower_damage_max[tower] + 1)

@@ -123,10 +123,7 @@ def zigzag_cell(planes: Any, known: Any) -> int:
 
 @compiled
 def plan_by_worth(planes: Any, known: Any, sight: Any) -> int:
-    """Of all units and towers that can be paid, the one worth most for its price.
-
-    `counter` and `rusher` do so and differ in their weights.
-    """
+    """Buy the unit or tower worth most for its price, by the weights of `counter` or `rusher`."""
     read_sight(planes, known, sight)
     unit, worth_of_unit = best_unit(planes, known, sight)
     tower, worth_of_tower = best_defence(planes, known, sight)

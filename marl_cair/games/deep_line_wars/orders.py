@@ -139,10 +139,7 @@ def build_tower(world: Any, rules: Any, player: int, kind: int, row: int, column
 
 @compiled
 def obey(world: Any, rules: Any, player: int, action: int) -> None:
-    """Carry out one player's action, or count it as illegal.
-
-    Orders touch only the player's own things, so the order of the players does not matter.
-    """
+    """Carry out a player's action, which touches only its own things, or count it as illegal."""
     if not is_legal(world, rules, player, action):
         world.illegal[player] += 1
         return

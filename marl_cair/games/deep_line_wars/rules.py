@@ -23,9 +23,6 @@ INCOME_POTENTIAL = 0.3
 MAX_STORE = 10**9  # gold that is paid out: only a game of a million ticks comes near
 
 
-# --- the phases of a tick --------------------------------------------------------------------
-
-
 @compiled
 def walk(world: Any, rules: Any, player: int) -> int:
     """Units advance; those that reach the far column cost the enemy one health each and are gone.
@@ -203,9 +200,6 @@ def play_tick(world: Any, rules: Any) -> None:
     judge(world, rules)
 
 
-# --- one world -------------------------------------------------------------------------------
-
-
 @compiled
 def potential(world: Any, rules: Any, player: int) -> float:
     """How well the player stands, in -0.8..0.8: lead in health and share of the income."""
@@ -259,10 +253,7 @@ def step_world(world: Any, rules: Any, actions: Any, rewards: Any) -> None:
 
 @compiled
 def reset_world(world: Any, rules: Any, seed: Any) -> None:
-    """Begin a new game in a zeroed world.
-
-    The players draw from two different words, so their luck is independent.
-    """
+    """Begin a game in a zeroed world. The players draw from two words, independently."""
     world.phase[0] = s.RUNNING
     word = seed
     for player in range(s.NUM_PLAYERS):

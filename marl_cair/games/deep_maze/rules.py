@@ -22,9 +22,6 @@ DRAW = -2  # of `clock[WINNER]`: decided, without a winner
 UNDECIDED = NO_WINNER
 
 
-# --- the phases of a move ------------------------------------------------------------------------
-
-
 @compiled
 def walk(world: Any, rules: Any, player: int, action: int, is_caught: bool) -> None:
     """Go one cell. A move into a wall does nothing; it is counted where the mask forbids it.
@@ -60,9 +57,6 @@ def judge_chase(world: Any, rules: Any, num_fled: int, num_fallen: int) -> int:
     if num_free == 0:
         return rb.HUNTER
     return rb.HUNTER + 1 if world.clock[s.TICK] >= rules.max_ticks else UNDECIDED
-
-
-# --- one world -----------------------------------------------------------------------------------
 
 
 @compiled
@@ -118,10 +112,7 @@ def play_race(world: Any, rules: Any, actions: Any) -> int:
 
 @compiled
 def renew_sight(world: Any, rules: Any, actions: Any) -> None:
-    """Update the sight of all seats that have moved.
-
-    A seat that stays has the same in sight as before: the maze does not change.
-    """
+    """Update the sight of all seats that have moved; nothing changes for the others."""
     for player in range(rules.num_players):
         if actions[player] != NOOP:
             update_sight(world, rules, player, int(world.came_from[player]))

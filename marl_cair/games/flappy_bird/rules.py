@@ -30,9 +30,6 @@ _PASSED = t.BIRD_X * t.HUNDREDTHS + _HALF_PIPE  # the pipe's left edge is at the
 _LOWEST_Y = t.GROUND_TOP_HUNDREDTHS - t.BIRD_HEIGHT * t.HUNDREDTHS
 
 
-# --- the phases of a tick --------------------------------------------------------------------
-
-
 @compiled
 def touching_pipe(world: Any) -> int:
     """The pipe between whose edges the birds are, NO_PIPE where there is none."""
@@ -140,9 +137,6 @@ def judge(world: Any, rules: Any, num_players: int, num_flying: int, rewards: An
         world.phase[0] = s.TRUNCATED
 
 
-# --- one world -------------------------------------------------------------------------------
-
-
 @compiled
 def can_flap(world: Any, player: int) -> bool:
     """True where a flap changes something: not at the start, when the bird flaps by itself."""
@@ -203,10 +197,7 @@ def list_legal_actions(world: Any, rules: Any, player: int, legal: Any) -> None:
 
 @compiled
 def reset_world(world: Any, rules: Any, seed: Any) -> None:
-    """Begin a new game in a zeroed world.
-
-    Gaps and wind have a random word each, so wind does not change the course.
-    """
+    """Begin a game in a zeroed world. Gaps and wind draw from two words: wind changes no gap."""
     world.phase[0] = s.RUNNING
     world.winner[0] = NO_WINNER
     world.random[s.COURSE] = mix(seed + np.uint64(1))

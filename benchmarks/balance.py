@@ -219,13 +219,13 @@ def report_pairs(engine: BatchedEngine, seed: int, file: TextIO | None) -> None:
 
 def make_counter(engine: BatchedEngine, without: int) -> Agent:
     """The bot `counter`, who believes that one item cannot be paid."""
-    known = make_knowledge(engine.scenario, engine.spec)
-    prices = known.rules.unit_cost.copy(), known.rules.tower_gold.copy()
+    known = make_knowledge(engine.scenario)
+    prices = known.rules.unit_cost_gold.copy(), known.rules.tower_cost_gold.copy()
     if without < NUM_UNIT_KINDS:
         prices[0][without] = BEYOND_MEANS
     else:
         prices[1][without - NUM_UNIT_KINDS] = BEYOND_MEANS
-    rules = known.rules._replace(unit_cost=prices[0], tower_gold=prices[1])
+    rules = known.rules._replace(unit_cost_gold=prices[0], tower_cost_gold=prices[1])
     return make_bot("counter", engine.scenario, engine.spec, known._replace(rules=rules))
 
 

@@ -261,7 +261,7 @@ def test_bots_do_not_peek_at_the_state():
 
 
 def test_the_rule_for_bots_covers_their_plans():
-    assert {"bots.py", "bot_plans.py", "bot_sight.py"} <= {path.name for path in BOTS}
+    assert {"bots.py", "bot_sight.py"} <= {path.name for path in BOTS}
     games = {path.parent.name for path in PACKAGE.glob("games/*/scenarios.py")}
     assert {game_of(module_name(path)) for path in BOTS} == games
 

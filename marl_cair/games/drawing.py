@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled_compact
+from marl_cair.games.compiled import compiled_compact, write_loop
 
 TRANSPARENT = 0
+SPECTATOR = -1  # the viewer of a picture that is of no seat
 GLYPH_ROWS, GLYPH_COLUMNS = 5, 3
 _GLYPHS = (
     ("###", "#.#", "#.#", "#.#", "###"),
@@ -48,6 +50,33 @@ def cut_cells(atlas: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
     """Cut an atlas [h, w] into square sprites [rows, columns, side, side]."""
     rows, columns = atlas.shape[0] // side, atlas.shape[1] // side
     return np.ascontiguousarray(atlas.reshape(rows, side, columns, side).swapaxes(1, 2))
+
+
+def read_colours(colours: str) -> NDArray[np.uint8]:
+    """RGB uint8 [n, 3] of n colours in hexadecimal: "ff0000 00ff00"."""
+    return np.array([list(bytes.fromhex(colour)) for colour in colours.split()], np.uint8)
+
+
+_PAINT = """
+def over_{name}(worlds, rules, index, viewer, image):
+    rule(world_at(worlds, index), rules, viewer, image)
+"""
+
+
+def make_draw(
+    rule: Any, world_at: Any, height: int, width: int
+) -> Callable[[Any, Any, int, int | None], NDArray[np.uint8]]:
+    """`Game.draw` of a rule (world, rules, viewer, image [3, height, width]) that paints a world:
+    the picture uint8 [height, width, 3] of a seat's own view, or of the SPECTATOR's (None).
+    """
+    paint = compiled_compact(write_loop(_PAINT, rule, world_at))
+
+    def draw(worlds: Any, rules: Any, world: int, player: int | None) -> NDArray[np.uint8]:
+        image = np.zeros((3, height, width), np.uint8)
+        paint(worlds, rules, world, SPECTATOR if player is None else player, image)
+        return np.ascontiguousarray(image.transpose(1, 2, 0))
+
+    return draw
 
 
 @compiled_compact

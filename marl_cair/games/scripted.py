@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 from marl_cair.games.checks.engine import check_seed
 from marl_cair.games.compiled import compiled
 from marl_cair.games.randomness import draw_below
+
+if TYPE_CHECKING:
+    from marl_cair.games.game import GameSpec
 
 
 @compiled
@@ -49,6 +53,13 @@ def choose_by_kind(mask: Any, groups: Any, random: Any) -> int:
     return chosen
 
 
+@compiled
+def choose_all_by_kind(groups: Any, seen: Any, mask: Any, random: Any, out: Any) -> None:
+    """`choose_by_kind` for each of N rows: mask [N, A], out [N]."""
+    for index in range(mask.shape[0]):
+        out[index] = choose_by_kind(mask[index], groups, random)
+
+
 class ScriptedPlayer:
     """A plan that acts on each row of a batch on its own; its only memory is a random word.
 
@@ -57,14 +68,20 @@ class ScriptedPlayer:
         decide_all: writes the actions of N rows: (planes [N, C, H, W], mask [N, A], random [1],
             out int64 [N]); with an action shape: mask [N, *action_shape, A], out
             [N, *action_shape].
+        representation: that it is shown in the place of planes.
     """
 
-    representation = "planes"
-
-    def __init__(self, name: str, decide_all: Callable[..., None]) -> None:
-        self.name = name
+    def __init__(
+        self, name: str, decide_all: Callable[..., None], representation: str = "planes"
+    ) -> None:
+        self.name, self.representation = name, representation
         self._decide_all = decide_all
         self._random = np.zeros(1, np.uint64)
+
+    @classmethod
+    def by_kind(cls, spec: GameSpec, representation: str = "planes") -> ScriptedPlayer:
+        """The bot `random`: draws a kind of action, then an action of it."""
+        return cls("random", partial(choose_all_by_kind, spec.action_groups), representation)
 
     def seed(self, seed: int) -> None:
         self._random[0] = check_seed(self.name, seed)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_line_wars.combat import MIN_HIT_DAMAGE
+from marl_cair.games.deep_line_wars import tables as t
 from marl_cair.games.deep_line_wars.observation import (
     CURSOR,
     ENEMY_TOWERS,
@@ -33,28 +33,21 @@ from marl_cair.games.deep_line_wars.orders import (
 )
 from marl_cair.games.deep_line_wars.rulebook import CLASSIC, Rules, make_rules
 from marl_cair.games.deep_line_wars.scenarios import Scenario
-from marl_cair.games.deep_line_wars.tables import (
-    CHARGE_PER_SHOT,
-    NUM_TOWER_KINDS,
-    NUM_UNIT_KINDS,
-    PROGRESS_PER_TILE,
-)
-from marl_cair.games.game import GameSpec
 
 NO_CELL = -1
 PASSED_COLUMN = 2  # an enemy unit this near to the own base is beyond help
 
 
 class Weights(NamedTuple):
-    """What a player holds dear. The defaults are those of `counter`.
+    """What a plan values. The defaults are those of `counter`.
 
     Found by tournaments against the other players, in which each candidate was also tried with
-    small changes, so that it is no lucky point.
+    small changes, so that it is no outlier.
     """
 
     defence_price: float = 22.0  # gold per own health and interval
     lumber_price: float = 8.0  # gold
-    slot_price: float = 0.7  # share of the gold per decision that an order costs beside its price
+    slot_price: float = 0.7  # share of the gold per step that an order costs beside its price
     horizon: float = 4.5  # intervals over which income and towers count
     pace: float = 5.0  # intervals that a game is expected to last on for each 10 health
     health_price: float = 12.0  # gold per health of the enemy
@@ -66,7 +59,7 @@ RUSHER_WEIGHTS = Weights(defence_price=40.0, horizon=2.0, health_price=30.0)
 
 
 class Knowledge(NamedTuple):
-    """The public numbers of a scenario in the form that players reckon with.
+    """The public numbers of a scenario in the form that plans compute with.
 
     Cells run row by row over rows x build columns, as the tower actions do.
     """
@@ -76,7 +69,6 @@ class Knowledge(NamedTuple):
     order: NDArray[np.int64]  # [tower kinds, cells] cells that cover the board best, best first
     blows: NDArray[np.float64]  # [tower kinds, unit kinds] hit points per tick
     walk: NDArray[np.float64]  # [unit kinds] ticks per column
-    groups: NDArray[np.int16]  # [actions] kind of each action
     weights: Weights
 
 
@@ -116,52 +108,39 @@ def placement_order(chords: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def blow_table(rules: Rules) -> NDArray[np.float64]:
-    """Hit points per tick that a tower takes off a unit, [tower kinds, unit kinds].
-
-    What the last shot wastes is counted.
-    """
-    blows = np.zeros((NUM_TOWER_KINDS, NUM_UNIT_KINDS))
-    for tower in range(NUM_TOWER_KINDS):
+    """Hit points per tick that a tower takes off a unit, less waste, [tower kinds, unit kinds]."""
+    blows = np.zeros((t.NUM_TOWER_KINDS, t.NUM_UNIT_KINDS))
+    for tower in range(t.NUM_TOWER_KINDS):
         rolls = np.arange(rules.tower_damage_min[tower], rules.tower_damage_max[tower] + 1)
-        for unit in range(NUM_UNIT_KINDS):
+        for unit in range(t.NUM_UNIT_KINDS):
             blunted = max(0, int(rules.unit_armour[unit]) - int(rules.tower_penetration[tower]))
-            mean = np.maximum(MIN_HIT_DAMAGE, rolls - blunted).mean()
+            mean = np.maximum(t.MIN_HIT_DAMAGE, rolls - blunted).mean()
             shots = np.ceil(rules.unit_health[unit] / mean)
             per_shot = rules.unit_health[unit] / shots
-            blows[tower, unit] = per_shot * rules.tower_speed[tower] / CHARGE_PER_SHOT
+            blows[tower, unit] = per_shot * rules.tower_attack_speed[tower] / t.CHARGE_PER_SHOT
     return blows
 
 
-def make_knowledge(
-    scenario: Scenario, spec: GameSpec, weights: Weights = COUNTER_WEIGHTS
-) -> Knowledge:
+def make_knowledge(scenario: Scenario, weights: Weights = COUNTER_WEIGHTS) -> Knowledge:
     """The tables of a scenario."""
     rules = make_rules(scenario)
     board = (scenario.rows, scenario.build_columns, scenario.columns)
-    chords = np.stack([chord_table(*board, int(reach)) for reach in rules.tower_range])
+    chords = np.stack([chord_table(*board, int(reach)) for reach in rules.tower_range_tiles])
     return Knowledge(
         rules=rules,
         chords=chords,
         order=np.stack([placement_order(table) for table in chords]),
         blows=blow_table(rules),
-        walk=PROGRESS_PER_TILE / rules.unit_speed.astype(np.float64),
-        groups=spec.action_groups,
+        walk=t.PROGRESS_PER_TILE / rules.unit_speed.astype(np.float64),
         weights=weights,
     )
 
 
 def make_sight(scenario: Scenario) -> Sight:
-    """Empty arrays for `look`."""
-    rows = scenario.rows
-    return Sight(
-        own_cover=np.zeros((NUM_TOWER_KINDS, rows)),
-        enemy_cover=np.zeros((NUM_TOWER_KINDS, rows)),
-        own_towers=np.zeros(NUM_TOWER_KINDS),
-        enemy_towers=np.zeros(NUM_TOWER_KINDS),
-        own_units=np.zeros(NUM_UNIT_KINDS),
-        threats=np.zeros((NUM_UNIT_KINDS, rows)),
-        worth=np.zeros(rows),
-    )
+    """Empty arrays for `read_sight`."""
+    towers, units, rows = t.NUM_TOWER_KINDS, t.NUM_UNIT_KINDS, scenario.rows
+    shapes = ((towers, rows), (towers, rows), towers, towers, units, (units, rows), rows)
+    return Sight(*map(np.zeros, shapes))
 
 
 @compiled
@@ -170,7 +149,7 @@ def read_towers(planes: Any, known: Any, sight: Any) -> None:
     rules = known.rules
     sight.own_cover[:] = 0.0
     sight.enemy_cover[:] = 0.0
-    for kind in range(NUM_TOWER_KINDS):
+    for kind in range(t.NUM_TOWER_KINDS):
         own, enemy = 0.0, 0.0
         for row in range(rules.rows):
             for column in range(1, rules.build_columns + 1):
@@ -191,7 +170,7 @@ def read_towers(planes: Any, known: Any, sight: Any) -> None:
 def read_units(planes: Any, known: Any, sight: Any) -> None:
     """Add up the health of own units, and of enemy units that towers may still stop."""
     rules = known.rules
-    for kind in range(NUM_UNIT_KINDS):
+    for kind in range(t.NUM_UNIT_KINDS):
         own = 0
         for row in range(rules.rows):
             coming = 0
@@ -219,14 +198,14 @@ def level(planes: Any, plane: int) -> int:
 @compiled
 def can_pay_unit(planes: Any, known: Any, kind: int) -> bool:
     """Whether the gold suffices."""
-    return bool(level(planes, OWN_GOLD) >= known.rules.unit_cost[kind])
+    return bool(level(planes, OWN_GOLD) >= known.rules.unit_cost_gold[kind])
 
 
 @compiled
 def can_pay_tower(planes: Any, known: Any, kind: int) -> bool:
     """Whether gold and lumber suffice."""
-    has_gold = level(planes, OWN_GOLD) >= known.rules.tower_gold[kind]
-    return bool(has_gold and level(planes, OWN_LUMBER) >= known.rules.tower_lumber[kind])
+    has_gold = level(planes, OWN_GOLD) >= known.rules.tower_cost_gold[kind]
+    return bool(has_gold and level(planes, OWN_LUMBER) >= known.rules.tower_cost_lumber[kind])
 
 
 @compiled
@@ -235,7 +214,7 @@ def is_free(planes: Any, known: Any, cell: int) -> bool:
     row = cell // known.rules.build_columns
     column = 1 + cell - row * known.rules.build_columns
     taken = 0
-    for kind in range(NUM_TOWER_KINDS):
+    for kind in range(t.NUM_TOWER_KINDS):
         taken += int(planes[OWN_TOWERS + kind, row, column])
     return taken == 0
 

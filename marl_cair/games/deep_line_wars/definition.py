@@ -2,132 +2,90 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from marl_cair.games.deep_line_wars import bots, observation, orders, rendering, rules
-from marl_cair.games.deep_line_wars.observation import (
-    CLASSIC_NAMES,
-    ENEMY_PROGRESS,
-    ENEMY_TOWERS,
-    ENEMY_UNITS,
-    HEATMAP_NAMES,
-    OWN_PROGRESS,
-    OWN_TOWERS,
-    OWN_UNITS,
-    PLANE_NAMES,
-    TERRAIN,
-    UNIFORM_NAMES,
-    VECTOR_NAMES,
-)
+from marl_cair.games import game_package as package
+from marl_cair.games.deep_line_wars import bots, orders, rendering, rules
+from marl_cair.games.deep_line_wars import observation as obs
 from marl_cair.games.deep_line_wars.ranges import state_limits, vector_high
 from marl_cair.games.deep_line_wars.rulebook import make_rules
 from marl_cair.games.deep_line_wars.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
 from marl_cair.games.deep_line_wars.state import NUM_PLAYERS, allocate
-from marl_cair.games.deep_line_wars.tables import (
-    NUM_TOWER_KINDS,
-    TOWER_NAMES,
-    UNIT_NAMES,
-)
+from marl_cair.games.deep_line_wars.tables import NUM_TOWER_KINDS, TOWER_NAMES, UNIT_NAMES
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
 VERSION = "1"
 
-_SHARED_GROUPS = (
-    "noop",
-    *(f"buy_{name}" for name in UNIT_NAMES),
-    *(f"build_{name}" for name in TOWER_NAMES),
+_PURCHASES = (*(f"buy_{name}" for name in UNIT_NAMES), *(f"build_{name}" for name in TOWER_NAMES))
+_CLASSIC_ACTIONS = (
+    *("cursor_up", "cursor_down", "cursor_right", "cursor_left"),
+    *_PURCHASES,
+    *("build_none", "noop"),
 )
-_CURSOR_GROUPS = ("cursor_up", "cursor_down", "cursor_right", "cursor_left")
 
 
 def make_spec(scenario: Scenario) -> GameSpec:
     """What `scenario` offers to agents: actions, representations, limits."""
-    actions = _classic_actions() if scenario.actions == "classic" else _spatial_actions(scenario)
-    names, group_names, groups, cells, noop = actions
-    return GameSpec(
+    names, noop, others = _CLASSIC_ACTIONS, orders.CLASSIC_NOOP, dict[str, Any]()
+    if scenario.actions == "spatial":
+        names, others = _describe_spatial_actions(scenario)
+        noop = orders.SPATIAL_NOOP
+    own_units = range(obs.OWN_UNITS, obs.ENEMY_UNITS)
+    enemy_units = range(obs.ENEMY_UNITS, obs.OWN_PROGRESS)
+    return package.make_plain_spec(
+        names,
         num_players=NUM_PLAYERS,
-        action_names=names,
-        action_groups=np.array(groups, np.int16),
-        action_group_names=group_names,
-        action_cells=np.array(cells, np.int32),
         noop_action=noop,
-        representations=MappingProxyType(_representations(scenario)),
-        static_planes=(TERRAIN,),
-        exclusive_planes=(tuple(range(OWN_TOWERS, ENEMY_TOWERS + NUM_TOWER_KINDS)),),
-        event_planes=(
-            (*range(OWN_UNITS, ENEMY_UNITS), OWN_PROGRESS),
-            (*range(ENEMY_UNITS, OWN_PROGRESS), ENEMY_PROGRESS),
-        ),
+        representations=_list_representations(scenario),
+        static_planes=(obs.TERRAIN,),
+        exclusive_planes=(tuple(range(obs.OWN_TOWERS, obs.ENEMY_TOWERS + NUM_TOWER_KINDS)),),
+        event_planes=((*own_units, obs.OWN_PROGRESS), (*enemy_units, obs.ENEMY_PROGRESS)),
         resources=("health", "gold", "lumber", "income"),
         ticks_per_step=scenario.ticks_per_step,
         max_ticks=scenario.max_ticks,
         # A win from far behind: 1 plus the whole potential gained at once.
         reward_bound=1.0 + (1.6 if scenario.reward == "shaped" else 0.0),
         pays="+1 win, -1 loss",
+        **others,
     )
 
 
-Actions = tuple[tuple[str, ...], tuple[str, ...], list[int], list[int], int]
-
-
-def _spatial_actions(scenario: Scenario) -> Actions:
-    names = ["noop", *(f"buy_{name}" for name in UNIT_NAMES)]
-    groups = list(range(len(names)))
-    cells = [NO_CELL] * len(names)
-    for kind, tower in enumerate(TOWER_NAMES):
+def _describe_spatial_actions(scenario: Scenario) -> tuple[tuple[str, ...], dict[str, Any]]:
+    group_names = ("noop", *_PURCHASES)
+    names = ["noop", *_PURCHASES[: len(UNIT_NAMES)]]
+    groups, cells = list(range(len(names))), [NO_CELL] * len(names)
+    for kind in _PURCHASES[len(UNIT_NAMES) :]:
         for row in range(scenario.rows):
             for column in range(1, scenario.build_columns + 1):
-                names.append(f"build_{tower}_r{row}_c{column}")
-                groups.append(1 + len(UNIT_NAMES) + kind)
+                names.append(f"{kind}_r{row}_c{column}")
+                groups.append(group_names.index(kind))
                 cells.append(row * scenario.columns + column)
-    return tuple(names), _SHARED_GROUPS, groups, cells, orders.SPATIAL_NOOP
+    return tuple(names), {
+        "action_group_names": group_names,
+        "action_groups": np.array(groups, np.int16),
+        "action_cells": np.array(cells, np.int32),
+    }
 
 
-def _classic_actions() -> Actions:
-    missing_tower = "build_none"
-    names = (*_CURSOR_GROUPS, *_SHARED_GROUPS[1:], missing_tower, "noop")
-    return names, names, list(range(len(names))), [NO_CELL] * len(names), orders.CLASSIC_NOOP
-
-
-def _representations(scenario: Scenario) -> dict[str, Representation]:
-    board = (scenario.rows, scenario.columns)
-    height, width = rendering.IMAGE_HEIGHT, rendering.IMAGE_WIDTH
-    gray = rendering.GRAY_SIDE
-    rgb = ("red", "green", "blue")
-    listed = (
-        Representation(
-            "planes",
-            (len(PLANE_NAMES), *board),
-            np.uint8,
-            255,
-            PLANE_NAMES,
-            observation.observe_planes,
-            num_uniform=len(UNIFORM_NAMES),
+def _list_representations(scenario: Scenario) -> Mapping[str, Representation]:
+    board, num_uniform = (scenario.rows, scenario.columns), len(obs.UNIFORM_NAMES)
+    return package.list_by_name(
+        package.show_board(
+            "planes", obs.PLANE_NAMES, board, obs.observe_planes, num_uniform=num_uniform
         ),
-        Representation(
-            "classic", (5, *board), np.uint8, 4, CLASSIC_NAMES, observation.observe_classic
+        package.show_board("classic", obs.CLASSIC_NAMES, board, obs.observe_classic, high=4),
+        package.show_board("heatmap", obs.HEATMAP_NAMES, board, obs.observe_heatmap),
+        package.show_board("heatmap_gray", ("luma",), board, obs.observe_heatmap),
+        package.show_picture(
+            rendering.IMAGE_HEIGHT, rendering.IMAGE_WIDTH, rendering.observe_image
         ),
-        Representation(
-            "heatmap", (3, *board), np.uint8, 255, HEATMAP_NAMES, observation.observe_heatmap
-        ),
-        Representation(
-            "heatmap_gray", (1, *board), np.uint8, 255, ("luma",), observation.observe_heatmap_gray
-        ),
-        Representation("image", (3, height, width), np.uint8, 255, rgb, rendering.observe_image),
-        Representation("gray", (1, gray, gray), np.uint8, 255, ("luma",), rendering.observe_gray),
-        Representation(
-            "vector",
-            (len(VECTOR_NAMES),),
-            np.float32,
-            vector_high(scenario),
-            VECTOR_NAMES,
-            observation.observe_vector,
-            low=(0.0,) * len(VECTOR_NAMES),
-        ),
+        package.show_gray(rendering.GRAY_SIDE, rendering.observe_gray),
+        package.show_numbers("vector", obs.VECTOR_NAMES, vector_high(scenario), obs.observe_vector),
     )
-    return {representation.name: representation for representation in listed}
 
 
 GAME = Game(

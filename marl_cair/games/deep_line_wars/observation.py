@@ -10,63 +10,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled
+from marl_cair.games.compiled import compiled, loop_over_seats
+from marl_cair.games.deep_line_wars import tables as t
 from marl_cair.games.deep_line_wars.rulebook import CENTRE, CLASSIC, ENEMY_SPAWN, OWN_SPAWN
-from marl_cair.games.deep_line_wars.state import NUM_PLAYERS, world_at
-from marl_cair.games.deep_line_wars.tables import (
-    NUM_TOWER_KINDS,
-    NUM_UNIT_KINDS,
-    PROGRESS_PER_TILE,
-    TOWER_NAMES,
-    UNIT_NAMES,
-)
+from marl_cair.games.deep_line_wars.state import NUM_PLAYERS, seen_column, unit_slot, world_at
 
 FULL = 255
 UNIT_LEVEL = 64  # one unit as healthy as one bought now; four or more in a cell saturate
+_OWNED = ("health", "gold", "lumber", "income")
 UNIFORM_NAMES = (
-    "own health",
-    "enemy health",
-    "own gold",
-    "enemy gold",
-    "own lumber",
-    "enemy lumber",
-    "own income",
-    "enemy income",
-    "time to next income",
-    "time left",
+    *(f"{whose} {name}" for name in _OWNED for whose in ("own", "enemy")),
+    *("time to next income", "time left"),
 )
 PLANE_NAMES = (
-    *(f"own {name} towers" for name in TOWER_NAMES),
-    *(f"enemy {name} towers" for name in TOWER_NAMES),
-    *(f"own {name} units" for name in UNIT_NAMES),
-    *(f"enemy {name} units" for name in UNIT_NAMES),
-    "own unit progress",
-    "enemy unit progress",
-    "terrain",
-    "own cursor",
+    *(f"own {name} towers" for name in t.TOWER_NAMES),
+    *(f"enemy {name} towers" for name in t.TOWER_NAMES),
+    *(f"own {name} units" for name in t.UNIT_NAMES),
+    *(f"enemy {name} units" for name in t.UNIT_NAMES),
+    *("own unit progress", "enemy unit progress", "terrain", "own cursor"),
     *UNIFORM_NAMES,
 )
 OWN_TOWERS = 0
-ENEMY_TOWERS = OWN_TOWERS + NUM_TOWER_KINDS
-OWN_UNITS = ENEMY_TOWERS + NUM_TOWER_KINDS
-ENEMY_UNITS = OWN_UNITS + NUM_UNIT_KINDS
-OWN_PROGRESS = ENEMY_UNITS + NUM_UNIT_KINDS
+ENEMY_TOWERS = OWN_TOWERS + t.NUM_TOWER_KINDS
+OWN_UNITS = ENEMY_TOWERS + t.NUM_TOWER_KINDS
+ENEMY_UNITS = OWN_UNITS + t.NUM_UNIT_KINDS
+OWN_PROGRESS = ENEMY_UNITS + t.NUM_UNIT_KINDS
 ENEMY_PROGRESS = OWN_PROGRESS + 1
 TERRAIN = ENEMY_PROGRESS + 1
 CURSOR = TERRAIN + 1
 FIRST_UNIFORM = CURSOR + 1
-(
-    OWN_HEALTH,
-    ENEMY_HEALTH,
-    OWN_GOLD,
-    ENEMY_GOLD,
-    OWN_LUMBER,
-    ENEMY_LUMBER,
-    OWN_INCOME,
-    ENEMY_INCOME,
-    TIME_TO_INCOME,
-    TIME_LEFT,
-) = range(FIRST_UNIFORM, FIRST_UNIFORM + len(UNIFORM_NAMES))
+OWN_HEALTH, ENEMY_HEALTH, OWN_GOLD, ENEMY_GOLD = range(FIRST_UNIFORM, FIRST_UNIFORM + 4)
+OWN_LUMBER, ENEMY_LUMBER, OWN_INCOME, ENEMY_INCOME = range(ENEMY_GOLD + 1, ENEMY_GOLD + 5)
+TIME_TO_INCOME, TIME_LEFT = ENEMY_INCOME + 1, ENEMY_INCOME + 2
 
 # Income from 0 to 1,500 gold on a scale that separates 20 from 22 as well as 1,000 from 1,100.
 LOG_LEVELS: NDArray[np.uint8] = np.minimum(
@@ -74,16 +49,8 @@ LOG_LEVELS: NDArray[np.uint8] = np.minimum(
 ).astype(np.uint8)
 
 VECTOR_NAMES = (
-    "own health",
-    "own gold",
-    "own lumber",
-    "own income",
-    "enemy health",
-    "enemy gold",
-    "enemy lumber",
-    "enemy income",
-    "ticks to next income",
-    "ticks left",
+    *(f"{whose} {name}" for whose in ("own", "enemy") for name in _OWNED),
+    *("ticks to next income", "ticks left"),
 )
 
 CLASSIC_NAMES = ("terrain", "unit kind", "unit owner", "tower owner", "tower kind")
@@ -98,40 +65,32 @@ GRAY_TOWER, GRAY_UNIT, GRAY_CURSOR = 76, 150, 179
 @compiled
 def ticks_to_income(world: Any, rules: Any) -> int:
     """Ticks until both players are paid, 1..interval."""
-    return int(rules.interval_ticks - world.tick[0] % rules.interval_ticks)
+    return int(rules.income_interval_ticks - world.tick[0] % rules.income_interval_ticks)
 
 
 @compiled
-def see_towers(world: Any, rules: Any, player: int, out: Any) -> None:
-    """Mark the towers of both players in the planes of their kinds."""
-    enemy = 1 - player
-    for tower in range(world.num_towers[player]):
-        plane = OWN_TOWERS + world.tower_kind[player, tower]
-        out[plane, world.tower_row[player, tower], world.tower_column[player, tower]] = FULL
-    for tower in range(world.num_towers[enemy]):
-        plane = ENEMY_TOWERS + world.tower_kind[enemy, tower]
-        column = rules.columns - 1 - world.tower_column[enemy, tower]
-        out[plane, world.tower_row[enemy, tower], column] = FULL
+def see_towers(world: Any, rules: Any, owner: int, is_mirrored: bool, first: int, out: Any) -> None:
+    """Mark the towers of `owner` in the planes of their kinds, from `first` on."""
+    for tower in range(world.num_towers[owner]):
+        column = seen_column(rules, world.tower_column[owner, tower], is_mirrored)
+        out[first + world.tower_kind[owner, tower], world.tower_row[owner, tower], column] = FULL
 
 
 @compiled
-def see_units(world: Any, rules: Any, owner: int, mirrored: bool, first: int, out: Any) -> None:
+def see_units(world: Any, rules: Any, owner: int, is_mirrored: bool, first: int, out: Any) -> None:
     """Add the units of `owner` to the planes from `first` on, and their progress."""
-    slots = world.unit_kind.shape[1] - 1
-    progress_plane = OWN_PROGRESS + int(mirrored)
+    progress_plane = OWN_PROGRESS + int(is_mirrored)
     for age in range(world.num_units[owner]):
-        slot = (world.first_unit[owner] + age) & slots
+        slot = unit_slot(world, owner, age)
         health = int(world.unit_health[owner, slot])
         if health <= 0:
             continue
-        kind = world.unit_kind[owner, slot]
-        row, column = world.unit_row[owner, slot], world.unit_column[owner, slot]
-        if mirrored:
-            column = rules.columns - 1 - column
+        kind, row = world.unit_kind[owner, slot], world.unit_row[owner, slot]
+        column = seen_column(rules, world.unit_column[owner, slot], is_mirrored)
         # At least 1, so that a unit near death is not mistaken for an empty cell.
         level = max(1, UNIT_LEVEL * health // rules.unit_health[kind])
         out[first + kind, row, column] = min(FULL, int(out[first + kind, row, column]) + level)
-        progress = FULL * int(world.unit_progress[owner, slot]) // PROGRESS_PER_TILE
+        progress = FULL * int(world.unit_progress[owner, slot]) // t.PROGRESS_PER_TILE
         out[progress_plane, row, column] = max(int(out[progress_plane, row, column]), progress)
 
 
@@ -163,12 +122,13 @@ def see_planes(world: Any, rules: Any, player: int, out: Any) -> None:
     flat[CURSOR * cells : FIRST_UNIFORM * cells] = 0
     if rules.action_space == CLASSIC:
         out[CURSOR, world.cursor[player, 0], world.cursor[player, 1]] = FULL
-    see_towers(world, rules, player, out)
+    see_towers(world, rules, player, False, OWN_TOWERS, out)
+    see_towers(world, rules, 1 - player, True, ENEMY_TOWERS, out)
     see_units(world, rules, player, False, OWN_UNITS, out)
     see_units(world, rules, 1 - player, True, ENEMY_UNITS, out)
     see_economy(world, rules, player, OWN_HEALTH, flat, cells)
     see_economy(world, rules, 1 - player, ENEMY_HEALTH, flat, cells)
-    next_income = FULL * ticks_to_income(world, rules) // rules.interval_ticks
+    next_income = FULL * ticks_to_income(world, rules) // rules.income_interval_ticks
     fill_plane(flat, cells, TIME_TO_INCOME, next_income)
     time_left = FULL * max(0, rules.max_ticks - world.tick[0]) // rules.max_ticks
     fill_plane(flat, cells, TIME_LEFT, time_left)
@@ -187,23 +147,20 @@ def see_classic(world: Any, rules: Any, player: int, out: Any) -> None:
             out[0, :, column] = CLASSIC_CENTRE
         elif level in (OWN_SPAWN, ENEMY_SPAWN):
             out[0, :, column] = CLASSIC_GOAL
-    slots = world.unit_kind.shape[1] - 1
     for side in range(NUM_PLAYERS):
         owner = player if side == 0 else 1 - player
         # From the youngest to the oldest, own first: what is drawn last shows.
         for age in range(world.num_units[owner] - 1, -1, -1):
-            slot = (world.first_unit[owner] + age) & slots
+            slot = unit_slot(world, owner, age)
             if world.unit_health[owner, slot] <= 0:
                 continue
-            row, column = world.unit_row[owner, slot], int(world.unit_column[owner, slot])
-            if side == 1:
-                column = rules.columns - 1 - column
+            row = world.unit_row[owner, slot]
+            column = seen_column(rules, world.unit_column[owner, slot], side == 1)
             out[1, row, column] = world.unit_kind[owner, slot] + 1
             out[2, row, column] = CLASSIC_SELF + side
         for tower in range(world.num_towers[owner]):
-            row, column = world.tower_row[owner, tower], int(world.tower_column[owner, tower])
-            if side == 1:
-                column = rules.columns - 1 - column
+            row = world.tower_row[owner, tower]
+            column = seen_column(rules, world.tower_column[owner, tower], side == 1)
             out[3, row, column] = CLASSIC_SELF + side
             out[4, row, column] = world.tower_kind[owner, tower] + 1
 
@@ -219,11 +176,10 @@ def paint_heatmap(
         row, column = world.tower_row[player, index], world.tower_column[player, index]
         for channel in range(out.shape[0]):
             out[channel, row, column] = tower[channel]
-    slots = world.unit_kind.shape[1] - 1
     for age in range(world.num_units[enemy]):
-        slot = (world.first_unit[enemy] + age) & slots
+        slot = unit_slot(world, enemy, age)
         if world.unit_health[enemy, slot] > 0:
-            column = rules.columns - 1 - int(world.unit_column[enemy, slot])
+            column = seen_column(rules, world.unit_column[enemy, slot], True)
             for channel in range(out.shape[0]):
                 out[channel, world.unit_row[enemy, slot], column] = unit[channel]
     if rules.action_space == CLASSIC:
@@ -244,51 +200,16 @@ def see_vector(world: Any, rules: Any, player: int, out: Any) -> None:
     out[9] = max(0, rules.max_ticks - world.tick[0])
 
 
-# --- slices of worlds ------------------------------------------------------------------------
-
-
 @compiled
-def observe_planes(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write what every seat sees: out uint8 [B, P, C, H, W]."""
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        for player in range(NUM_PLAYERS):
-            see_planes(world, rules, player, out[index, player])
+def see_heatmap(world: Any, rules: Any, player: int, out: Any) -> None:
+    """The thesis's heat map in colour, uint8 [3, H, W], or in grey, uint8 [1, H, W]."""
+    if out.shape[0] == 3:
+        paint_heatmap(world, rules, player, out, (FULL, 0, 0), (0, FULL, 0), (0, FULL, FULL))
+    else:
+        paint_heatmap(world, rules, player, out, (GRAY_TOWER,), (GRAY_UNIT,), (GRAY_CURSOR,))
 
 
-@compiled
-def observe_classic(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write the original's layers: out uint8 [B, P, 5, H, W]."""
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        for player in range(NUM_PLAYERS):
-            see_classic(world, rules, player, out[index, player])
-
-
-@compiled
-def observe_heatmap(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write the thesis's heat map in colour: out uint8 [B, P, 3, H, W]."""
-    red, green, teal = (FULL, 0, 0), (0, FULL, 0), (0, FULL, FULL)
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        for player in range(NUM_PLAYERS):
-            paint_heatmap(world, rules, player, out[index, player], red, green, teal)
-
-
-@compiled
-def observe_heatmap_gray(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write the thesis's heat map in grey: out uint8 [B, P, 1, H, W]."""
-    tower, unit, cursor = (GRAY_TOWER,), (GRAY_UNIT,), (GRAY_CURSOR,)
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        for player in range(NUM_PLAYERS):
-            paint_heatmap(world, rules, player, out[index, player], tower, unit, cursor)
-
-
-@compiled
-def observe_vector(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write the economy of every seat: out float32 [B, P, V]."""
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        for player in range(NUM_PLAYERS):
-            see_vector(world, rules, player, out[index, player])
+observe_planes = loop_over_seats(see_planes, world_at)  # out uint8 [B, P, C, H, W]
+observe_classic = loop_over_seats(see_classic, world_at)  # out uint8 [B, P, 5, H, W]
+observe_heatmap = loop_over_seats(see_heatmap, world_at)  # out uint8 [B, P, 3 or 1, H, W]
+observe_vector = loop_over_seats(see_vector, world_at)  # out float32 [B, P, V]

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_line_wars.rulebook import CLASSIC, SPATIAL
-from marl_cair.games.deep_line_wars.state import NO_TARGET, NO_TOWER
+from marl_cair.games.deep_line_wars.state import NO_TARGET, NO_TOWER, unit_slot
 from marl_cair.games.deep_line_wars.tables import NUM_TOWER_KINDS, NUM_UNIT_KINDS
 from marl_cair.games.randomness import draw_below
 
@@ -16,6 +19,8 @@ FIRST_SPATIAL_UNIT = 1
 FIRST_SPATIAL_TOWER = FIRST_SPATIAL_UNIT + NUM_UNIT_KINDS
 # Classic actions, in the thesis's order.
 CURSOR_UP, CURSOR_DOWN, CURSOR_RIGHT, CURSOR_LEFT, FIRST_CLASSIC_UNIT = range(5)
+# Rows and columns of up, down, right, left.
+CURSOR_STEPS: NDArray[np.int64] = np.array([(-1, 0), (1, 0), (0, 1), (0, -1)], np.int64)
 FIRST_CLASSIC_TOWER = FIRST_CLASSIC_UNIT + NUM_UNIT_KINDS
 NUM_CLASSIC_TOWERS = 4  # the original lists a fourth tower that does not exist: never legal
 CLASSIC_NOOP = FIRST_CLASSIC_TOWER + NUM_CLASSIC_TOWERS
@@ -26,15 +31,15 @@ ORDER_NONE, ORDER_ILLEGAL, ORDER_UNIT, ORDER_TOWER, ORDER_CURSOR = range(5)
 @compiled
 def can_buy_unit(world: Any, rules: Any, player: int, kind: int) -> bool:
     """The gold suffices (the slots always do: see Scenario.unit_capacity)."""
-    affordable = world.gold[player] >= rules.unit_cost[kind]
+    affordable = world.gold[player] >= rules.unit_cost_gold[kind]
     return bool(affordable and world.num_units[player] < world.unit_kind.shape[1])
 
 
 @compiled
 def can_afford_tower(world: Any, rules: Any, player: int, kind: int) -> bool:
     """Gold and lumber suffice."""
-    enough_gold = world.gold[player] >= rules.tower_gold[kind]
-    return bool(enough_gold and world.lumber[player] >= rules.tower_lumber[kind])
+    enough_gold = world.gold[player] >= rules.tower_cost_gold[kind]
+    return bool(enough_gold and world.lumber[player] >= rules.tower_cost_lumber[kind])
 
 
 @compiled
@@ -103,11 +108,10 @@ def is_legal(world: Any, rules: Any, player: int, action: int) -> bool:
 @compiled
 def buy_unit(world: Any, rules: Any, player: int, kind: int) -> None:
     """Pay, raise the income, and put the unit on a random cell of the own spawn column."""
-    capacity = world.unit_kind.shape[1]
-    slot = (world.first_unit[player] + world.num_units[player]) & (capacity - 1)
+    slot = unit_slot(world, player, world.num_units[player])
     world.num_units[player] += 1
-    world.gold[player] -= rules.unit_cost[kind]
-    world.income[player] += rules.unit_income[kind]
+    world.gold[player] -= rules.unit_cost_gold[kind]
+    world.income[player] += rules.unit_income_gold[kind]
     world.unit_kind[player, slot] = kind
     world.unit_health[player, slot] = rules.unit_health[kind]
     world.unit_row[player, slot] = draw_below(world.random, player, rules.rows)
@@ -120,8 +124,8 @@ def build_tower(world: Any, rules: Any, player: int, kind: int, row: int, column
     """Pay and place; a new tower is charged and may fire in its first tick."""
     slot = world.num_towers[player]
     world.num_towers[player] += 1
-    world.gold[player] -= rules.tower_gold[kind]
-    world.lumber[player] -= rules.tower_lumber[kind]
+    world.gold[player] -= rules.tower_cost_gold[kind]
+    world.lumber[player] -= rules.tower_cost_lumber[kind]
     world.tower_kind[player, slot] = kind
     world.tower_row[player, slot] = row
     world.tower_column[player, slot] = column
@@ -134,24 +138,8 @@ def build_tower(world: Any, rules: Any, player: int, kind: int, row: int, column
 
 
 @compiled
-def move_cursor(world: Any, player: int, action: int) -> None:
-    """One cell up, down, right or left in the own view."""
-    if action == CURSOR_UP:
-        world.cursor[player, 0] -= 1
-    elif action == CURSOR_DOWN:
-        world.cursor[player, 0] += 1
-    elif action == CURSOR_RIGHT:
-        world.cursor[player, 1] += 1
-    else:
-        world.cursor[player, 1] -= 1
-
-
-@compiled
 def obey(world: Any, rules: Any, player: int, action: int) -> None:
-    """Carry out one player's action, or count it as illegal.
-
-    Orders touch only the player's own things, so it does not matter who is served first.
-    """
+    """Carry out a player's action, which touches only its own things, or count it as illegal."""
     if not is_legal(world, rules, player, action):
         world.illegal[player] += 1
         return
@@ -161,7 +149,8 @@ def obey(world: Any, rules: Any, player: int, action: int) -> None:
     elif order == ORDER_TOWER:
         build_tower(world, rules, player, kind, row, column)
     elif order == ORDER_CURSOR:
-        move_cursor(world, player, kind)
+        world.cursor[player, 0] += CURSOR_STEPS[kind, 0]
+        world.cursor[player, 1] += CURSOR_STEPS[kind, 1]
 
 
 @compiled

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games.deep_line_wars.scenarios import Scenario
 from marl_cair.games.deep_line_wars.tables import PRESETS
+from marl_cair.games.game_package import fill_record
 
 SPATIAL, CLASSIC = range(2)
 
@@ -17,28 +18,31 @@ OWN_SPAWN, OWN_HALF, CENTRE, ENEMY_HALF, ENEMY_SPAWN = 50, 100, 150, 200, 250
 
 
 class Rules(NamedTuple):
-    """The constants of a scenario, handed to the kernels so that none is compiled in."""
+    """The constants of a scenario, handed to the kernels so that none is compiled in.
+
+    Names and units are those of `Preset` and `Scenario`.
+    """
 
     unit_health: NDArray[np.int16]  # [unit kinds]
     unit_armour: NDArray[np.int16]
     unit_speed: NDArray[np.int16]
-    unit_cost: NDArray[np.int32]
-    unit_income: NDArray[np.int32]
-    unit_bounty: NDArray[np.int32]
+    unit_cost_gold: NDArray[np.int32]
+    unit_income_gold: NDArray[np.int32]
+    unit_bounty_gold: NDArray[np.int32]
     tower_damage_min: NDArray[np.int16]  # [tower kinds]
     tower_damage_max: NDArray[np.int16]
     tower_penetration: NDArray[np.int16]
-    tower_speed: NDArray[np.int16]
-    tower_range: NDArray[np.int16]
-    tower_gold: NDArray[np.int32]
-    tower_lumber: NDArray[np.int32]
+    tower_attack_speed: NDArray[np.int16]
+    tower_range_tiles: NDArray[np.int16]
+    tower_cost_gold: NDArray[np.int32]
+    tower_cost_lumber: NDArray[np.int32]
     flight_ticks: NDArray[np.int8]  # [rows apart, columns apart]
     terrain: NDArray[np.uint8]  # [rows * columns] levels of the own view, row by row
     start_health: int
     start_gold: int
     start_lumber: int
-    start_income: int
-    interval_ticks: int
+    start_income_gold: int
+    income_interval_ticks: int
     lumber_per_interval: int
     rows: int
     columns: int
@@ -47,42 +51,20 @@ class Rules(NamedTuple):
     ticks_per_step: int
     max_ticks: int
     shaping: float  # 0 sparse, 1 shaped
-    discount: float
+    shaping_discount: float
 
 
 def make_rules(scenario: Scenario) -> Rules:
     """The numbers of `scenario` as arrays by kind."""
     preset = PRESETS[scenario.preset]
-    return Rules(
-        unit_health=np.array(preset.unit_health, np.int16),
-        unit_armour=np.array(preset.unit_armour, np.int16),
-        unit_speed=np.array(preset.unit_speed, np.int16),
-        unit_cost=np.array(preset.unit_cost_gold, np.int32),
-        unit_income=np.array(preset.unit_income_gold, np.int32),
-        unit_bounty=np.array(preset.unit_bounty_gold, np.int32),
-        tower_damage_min=np.array(preset.tower_damage_min, np.int16),
-        tower_damage_max=np.array(preset.tower_damage_max, np.int16),
-        tower_penetration=np.array(preset.tower_penetration, np.int16),
-        tower_speed=np.array(preset.tower_attack_speed, np.int16),
-        tower_range=np.array(preset.tower_range_tiles, np.int16),
-        tower_gold=np.array(preset.tower_cost_gold, np.int32),
-        tower_lumber=np.array(preset.tower_cost_lumber, np.int32),
+    return fill_record(
+        Rules,
+        scenario,
+        preset,
         flight_ticks=_flight_table(max(preset.tower_range_tiles), preset.projectile_tiles_per_tick),
         terrain=_terrain_levels(scenario),
-        start_health=preset.start_health,
-        start_gold=preset.start_gold,
-        start_lumber=preset.start_lumber,
-        start_income=preset.start_income_gold,
-        interval_ticks=preset.income_interval_ticks,
-        lumber_per_interval=preset.lumber_per_interval,
-        rows=scenario.rows,
-        columns=scenario.columns,
-        build_columns=scenario.build_columns,
         action_space=CLASSIC if scenario.actions == "classic" else SPATIAL,
-        ticks_per_step=scenario.ticks_per_step,
-        max_ticks=scenario.max_ticks,
-        shaping=float(scenario.reward == "shaped"),
-        discount=float(scenario.shaping_discount),
+        shaping=scenario.reward == "shaped",
     )
 
 

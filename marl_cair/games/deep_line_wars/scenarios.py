@@ -29,8 +29,8 @@ class Scenario:
     preset: str = "balanced"  # numbers of units and towers: see tables.PRESETS
     actions: str = "spatial"  # or "classic"
     reward: str = "sparse"  # or "shaped"
-    shaping_discount: float = 0.99  # gamma of the potential difference, per decision
-    ticks_per_step: int = 10  # game ticks that one decision lasts
+    shaping_discount: float = 0.99  # gamma of the potential difference, per step
+    ticks_per_step: int = 10  # game ticks that one step lasts
     max_ticks: int = 2_500  # time limit
 
     def __post_init__(self) -> None:
@@ -52,7 +52,7 @@ class Scenario:
     def unit_capacity(self) -> int:
         """Unit slots per player that can never run out, a power of two.
 
-        A player buys at most one unit a decision and each walks off the board after a known time,
+        A player buys at most one unit a step and each walks off the board after a known time,
         so only the purchases of one walk can be alive together.
         """
         slowest = min(PRESETS[self.preset].unit_speed)

@@ -18,6 +18,7 @@ BASIC, FAST, FASTER = range(NUM_TOWER_KINDS)
 
 TICKS_PER_SECOND = 10
 PROGRESS_PER_TILE = 100  # a unit of speed 1.0 gains 10 a tick: one tile in a second
+MIN_HIT_DAMAGE = 1  # armour can blunt a hit, never make a unit invulnerable
 CHARGE_PER_SHOT = 10  # a tower of attack speed 3 gains 3 a tick: three shots in a second
 
 

@@ -2,66 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.deep_maze import bots, observation, rendering, rules
-from marl_cair.games.deep_maze.observation import (
-    CLASSIC_NAMES,
-    EXPLORED,
-    GOALS,
-    ID_HUNTER,
-    ID_MATE,
-    NUM_UNIFORM,
-    OPEN_CELLS,
-    PLANE_NAMES,
-    VECTOR_NAMES,
-    VISIBLE,
-    WALLS,
-)
+from marl_cair.games import game_package as package
+from marl_cair.games.deep_maze import bots, rendering, rules
+from marl_cair.games.deep_maze import observation as obs
+from marl_cair.games.deep_maze import scenarios as sc
+from marl_cair.games.deep_maze import state as s
+from marl_cair.games.deep_maze import tables as t
 from marl_cair.games.deep_maze.ranges import state_limits
 from marl_cair.games.deep_maze.rulebook import make_rules
-from marl_cair.games.deep_maze.scenarios import (
-    DEFAULT_SCENARIO,
-    GYMNASIUM_PREFIX,
-    REWARDS,
-    SCENARIOS,
-    Scenario,
-)
-from marl_cair.games.deep_maze.state import EARLIER_OPTIMAL, TICK, World, allocate
-from marl_cair.games.deep_maze.tables import (
-    ACTION_NAMES,
-    GOAL_REWARD,
-    MAX_PLAYERS,
-    NOOP,
-    STEP_REWARD,
-)
-from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
+from marl_cair.games.deep_maze.scenarios import Scenario
+from marl_cair.games.game import Game, GameSpec, Representation
 
 VERSION = "1"
-
-_HIDDEN = ("random", "order")  # of the state: what comes next, and scratch
 
 
 def make_spec(scenario: Scenario) -> GameSpec:
     """What `scenario` offers to agents: actions, representations, limits."""
-    players, num_actions = scenario.num_players, len(ACTION_NAMES)
+    players = scenario.num_players
     never_changes = scenario.visibility == "full" and scenario.mode != "sequence"
-    return GameSpec(
+    unchanging = (obs.WALLS, obs.OPEN_CELLS, obs.GOALS, obs.VISIBLE, obs.EXPLORED)
+    return package.make_plain_spec(
+        t.ACTION_NAMES,
         num_players=players,
-        action_names=ACTION_NAMES,
-        action_groups=np.arange(num_actions, dtype=np.int16),
-        action_group_names=ACTION_NAMES,
-        action_cells=np.full(num_actions, NO_CELL, np.int32),
-        noop_action=NOOP,
-        representations=MappingProxyType(_representations(scenario)),
-        static_planes=(WALLS, OPEN_CELLS, GOALS, VISIBLE, EXPLORED) if never_changes else (),
-        exclusive_planes=((WALLS, OPEN_CELLS),),
-        event_planes=(),
-        resources=(),
+        noop_action=t.NOOP,
+        representations=_list_representations(scenario),
+        static_planes=unchanging if never_changes else (),
+        exclusive_planes=((obs.WALLS, obs.OPEN_CELLS),),
         ticks_per_step=1,
         max_ticks=scenario.max_ticks,
         reward_bound=_reward_bound(scenario),
@@ -79,52 +52,29 @@ def _describe_pay(scenario: Scenario) -> str:
 def _reward_bound(scenario: Scenario) -> float:
     """Of `distance`: the goal, and the potential of a maze of a single way with all to come."""
     if scenario.reward != "distance":
-        return GOAL_REWARD
+        return t.GOAL_REWARD
     lowest = scenario.num_cells / (scenario.rows + scenario.columns) + scenario.num_mazes
-    return GOAL_REWARD - STEP_REWARD + lowest
+    return t.GOAL_REWARD - t.STEP_REWARD + lowest
 
 
-def _representations(scenario: Scenario) -> dict[str, Representation]:
-    board = (scenario.rows, scenario.columns)
-    gray, pixels = rendering.GRAY_SIDE, scenario.cell_pixels
-    picture = (3, rendering.IMAGE_HEIGHT, rendering.IMAGE_WIDTH)
+def _list_representations(scenario: Scenario) -> Mapping[str, Representation]:
+    rows, columns, pixels = scenario.rows, scenario.columns, scenario.cell_pixels
+    picture = (rendering.IMAGE_HEIGHT, rendering.IMAGE_WIDTH)
     if pixels:
-        picture = (3, scenario.rows * pixels, scenario.columns * pixels)
-    last_id = ID_HUNTER if scenario.is_chase else ID_MATE
-    cells = tuple(
-        f"row {row} column {column}" for row in range(board[0]) for column in range(board[1])
+        picture = (rows * pixels, columns * pixels)
+    last_id = obs.ID_HUNTER if scenario.is_chase else obs.ID_MATE
+    cells = tuple(f"row {row} column {column}" for row in range(rows) for column in range(columns))
+    board, high = (rows, columns), vector_high(scenario)
+    return package.list_by_name(
+        package.show_board(
+            "planes", obs.PLANE_NAMES, board, obs.observe_planes, num_uniform=obs.NUM_UNIFORM
+        ),
+        package.show_board("classic", ("cell",), board, obs.observe_classic, last_id),
+        package.show_board("flat", cells, (), obs.observe_flat, last_id),
+        package.show_picture(*picture, rendering.observe_image),
+        package.show_gray(rendering.GRAY_SIDE, rendering.observe_gray),
+        package.show_numbers("vector", obs.VECTOR_NAMES, high, obs.observe_vector),
     )
-    listed = (
-        Representation(
-            "planes",
-            (len(PLANE_NAMES), *board),
-            np.uint8,
-            255,
-            PLANE_NAMES,
-            observation.observe_planes,
-            num_uniform=NUM_UNIFORM,
-        ),
-        Representation(
-            "classic", (1, *board), np.uint8, last_id, CLASSIC_NAMES, observation.observe_classic
-        ),
-        Representation(
-            "flat", (scenario.num_cells,), np.uint8, last_id, cells, observation.observe_flat
-        ),
-        Representation(
-            "image", picture, np.uint8, 255, ("red", "green", "blue"), rendering.observe_image
-        ),
-        Representation("gray", (1, gray, gray), np.uint8, 255, ("luma",), rendering.observe_gray),
-        Representation(
-            "vector",
-            (len(VECTOR_NAMES),),
-            np.float32,
-            vector_high(scenario),
-            VECTOR_NAMES,
-            observation.observe_vector,
-            low=(0.0,) * len(VECTOR_NAMES),
-        ),
-    )
-    return {representation.name: representation for representation in listed}
 
 
 def vector_high(scenario: Scenario) -> tuple[float, ...]:
@@ -132,17 +82,17 @@ def vector_high(scenario: Scenario) -> tuple[float, ...]:
     place = (scenario.rows - 1, scenario.columns - 1)
     free = (place[0], place[0], place[1], place[1])  # down, up, left, right
     left = (scenario.num_mazes - 1, scenario.preview_moves, scenario.max_ticks)
-    others = (1, *place, 1) * (MAX_PLAYERS - 1)
+    others = (1, *place, 1) * (t.MAX_PLAYERS - 1)
     highest = (*place, 1, *place, *free, 1, *left, *others)
     return tuple(float(max(1, value)) for value in highest)
 
 
-def read_info(worlds: World) -> dict[str, NDArray[Any]]:
+def read_info(worlds: s.World) -> dict[str, NDArray[Any]]:
     """Of every seat [B, P]: the optimal moves of the mazes entered so far, the moves made, and by
     how many they are more.
     """
-    moves = np.repeat(worlds.clock[:, [TICK]], worlds.optimal.shape[1], axis=1)
-    optimal = worlds.optimal + worlds.clock[:, [EARLIER_OPTIMAL]]
+    moves = np.repeat(worlds.clock[:, [s.TICK]], worlds.optimal.shape[1], axis=1)
+    optimal = worlds.optimal + worlds.clock[:, [s.EARLIER_OPTIMAL]]
     return {
         "optimal_steps": optimal,
         "step_count": moves,
@@ -155,20 +105,20 @@ GAME = Game(
     title="Deep Maze",
     version=VERSION,
     summary="Find the shortest way to the goal of a maze, alone, in a race or chased.",
-    player_range=(1, MAX_PLAYERS),
-    scenarios=MappingProxyType(SCENARIOS),
-    default_scenario=DEFAULT_SCENARIO,
+    player_range=(1, t.MAX_PLAYERS),
+    scenarios=MappingProxyType(sc.SCENARIOS),
+    default_scenario=sc.DEFAULT_SCENARIO,
     make_rules=make_rules,
     make_spec=make_spec,
-    allocate=allocate,
+    allocate=s.allocate,
     reset=rules.reset,
     step=rules.step,
     legal_actions=rules.legal_actions,
     draw=rendering.draw,
     bots=MappingProxyType(bots.BOTS),
-    rewards=MappingProxyType(REWARDS),
-    hidden_fields=_HIDDEN,
-    gymnasium_prefix=GYMNASIUM_PREFIX,
+    rewards=MappingProxyType(sc.REWARDS),
+    hidden_fields=("random", "order"),  # what comes next, and scratch
+    gymnasium_prefix=sc.GYMNASIUM_PREFIX,
     info=read_info,
     state_limits=state_limits,
 )

@@ -9,39 +9,31 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_maze.rulebook import PRIM
 from marl_cair.games.deep_maze.state import MAZE_WORD, NO_WAY, OPEN, WALL
 from marl_cair.games.deep_maze.tables import COLUMN_STEP, NUM_MOVES, ROW_STEP
 from marl_cair.games.randomness import draw_below
 
-_REACHED = 2  # in walls while a maze is made: a lattice cell beside the ways, not yet one of them
+REACHED = 2  # in walls while a maze is made: a lattice cell beside the ways, not yet one of them
+OUTSIDE = -1
 _STEPS = tuple(zip(ROW_STEP, COLUMN_STEP, strict=True))
 
 
 @compiled
-def draw_maze(world: Any, rules: Any) -> None:
-    """Write the walls of a new maze; uses `order` as scratch."""
-    if rules.generator == PRIM:
-        grow_ways(world, rules)
-    else:
-        grow_walls(world, rules)
+def state_at(world: Any, rules: Any, row: int, column: int) -> int:
+    """OPEN, WALL or REACHED of a cell; OUTSIDE the board where there is none."""
+    if 0 <= row < rules.rows and 0 <= column < rules.columns:
+        return int(world.walls[row * rules.columns + column])
+    return OUTSIDE
 
 
 @compiled
-def is_on_board(rules: Any, row: int, column: int) -> bool:
-    """Whether there is such a cell."""
-    return bool(0 <= row < rules.rows and 0 <= column < rules.columns)
-
-
-@compiled
-def is_open_at(world: Any, rules: Any, row: int, column: int) -> bool:
-    """Whether there is such a cell and it is open."""
-    if not is_on_board(rules, row, column):
-        return False
-    return bool(world.walls[row * rules.columns + column] == OPEN)
-
-
-# --- prim: ways without loops -----------------------------------------------------------------
+def count_open(world: Any, rules: Any, row: int, column: int) -> int:
+    """Open ones among the nearest lattice cells of a lattice cell."""
+    num_open = 0
+    for step in _STEPS:
+        is_open = state_at(world, rules, row + 2 * step[0], column + 2 * step[1]) == OPEN
+        num_open += int(is_open)
+    return num_open
 
 
 @compiled
@@ -50,11 +42,9 @@ def open_lattice_cell(world: Any, rules: Any, row: int, column: int, num_reached
     world.walls[row * rules.columns + column] = OPEN
     for step in _STEPS:
         next_row, next_column = row + 2 * step[0], column + 2 * step[1]
-        if not is_on_board(rules, next_row, next_column):
-            continue
-        cell = next_row * rules.columns + next_column
-        if world.walls[cell] == WALL:
-            world.walls[cell] = _REACHED
+        if state_at(world, rules, next_row, next_column) == WALL:
+            cell = next_row * rules.columns + next_column
+            world.walls[cell] = REACHED
             world.order[num_reached] = cell
             num_reached += 1
     return num_reached
@@ -73,20 +63,14 @@ def grow_ways(world: Any, rules: Any) -> None:
         num_reached -= 1
         world.order[place] = world.order[num_reached]
         row, column = cell // rules.columns, cell % rules.columns
-        num_ways = 0
+        chosen = draw_below(world.random, MAZE_WORD, count_open(world, rules, row, column))
         for step in _STEPS:
-            num_ways += int(is_open_at(world, rules, row + 2 * step[0], column + 2 * step[1]))
-        chosen = draw_below(world.random, MAZE_WORD, num_ways)
-        for step in _STEPS:
-            if is_open_at(world, rules, row + 2 * step[0], column + 2 * step[1]):
+            if state_at(world, rules, row + 2 * step[0], column + 2 * step[1]) == OPEN:
                 if chosen == 0:
                     between = (row + step[0]) * rules.columns + column + step[1]
                     world.walls[between] = OPEN
                 chosen -= 1
         num_reached = open_lattice_cell(world, rules, row, column, num_reached)
-
-
-# --- growth: walls that grow, ways with loops ---------------------------------------------------
 
 
 @compiled
@@ -117,19 +101,13 @@ def grow_walls(world: Any, rules: Any) -> None:
         column = 2 * draw_below(world.random, MAZE_WORD, last_column // 2 + 1)
         world.walls[row * rules.columns + column] = WALL
         for _ in range(rules.growth_steps):
-            num_free = 0
-            for step in _STEPS:
-                num_free += int(is_open_at(world, rules, row + 2 * step[0], column + 2 * step[1]))
-            if num_free == 0:
+            if count_open(world, rules, row, column) == 0:
                 break
             step = _STEPS[draw_below(world.random, MAZE_WORD, NUM_MOVES)]
-            if is_open_at(world, rules, row + 2 * step[0], column + 2 * step[1]):
+            if state_at(world, rules, row + 2 * step[0], column + 2 * step[1]) == OPEN:
                 world.walls[(row + step[0]) * rules.columns + column + step[1]] = WALL
                 row, column = row + 2 * step[0], column + 2 * step[1]
                 world.walls[row * rules.columns + column] = WALL
-
-
-# --- walking distances ---------------------------------------------------------------------------
 
 
 @compiled

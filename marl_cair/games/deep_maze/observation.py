@@ -1,7 +1,7 @@
 """What each player of Deep Maze sees. Under fog every representation asks the same sight.
 
-Hidden from an agent: cells that it has not seen, others who are not in sight, a goal that it has
-not seen, and the random words. Who has been caught is gone from the board.
+Hidden from an agent: cells that it has not seen, players that are not in sight, a goal that it
+has not seen, and the random words. A caught player is removed from the board.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled
+from marl_cair.games.compiled import compiled, loop_over_seats
 from marl_cair.games.deep_maze.rulebook import CHASE, HUNTER
 from marl_cair.games.deep_maze.sight import knows, sees, sees_all
 from marl_cair.games.deep_maze.state import GOAL, IN_SIGHT, MAZE, OPEN, TICK, WALL, world_at
@@ -20,39 +20,14 @@ from marl_cair.games.deep_maze.tables import ACTION_NAMES, MAX_PLAYERS, NUM_MOVE
 FULL = 255
 HUNTER_LEVEL, HUNTED_LEVEL = 255, 128  # of the plane `role`, which is 0 but in a chase
 PLANE_NAMES = (
-    "wall",
-    "open",
-    "self",
-    "where self came from",
-    "mates",
-    "rivals",
-    "goal",
-    "in sight",
-    "explored",
-    "role",
-    "mazes left",
-    "preview left",
-    "time left",
+    *("wall", "open", "self", "where self came from", "mates", "rivals", "goal"),
+    *("in sight", "explored"),
+    *("role", "mazes left", "preview left", "time left"),
 )
-(
-    WALLS,
-    OPEN_CELLS,
-    SELF,
-    CAME_FROM,
-    MATES,
-    RIVALS,
-    GOALS,
-    VISIBLE,
-    EXPLORED,
-    ROLE,
-    MAZES_LEFT,
-    PREVIEW_LEFT,
-    TIME_LEFT,
-) = range(len(PLANE_NAMES))
-FIRST_UNIFORM = ROLE
-NUM_UNIFORM = len(PLANE_NAMES) - FIRST_UNIFORM
+WALLS, OPEN_CELLS, SELF, CAME_FROM, MATES, RIVALS, GOALS, VISIBLE, EXPLORED = range(9)
+ROLE, MAZES_LEFT, PREVIEW_LEFT, TIME_LEFT = range(9, 13)
+NUM_UNIFORM = len(PLANE_NAMES) - ROLE
 
-CLASSIC_NAMES = ("cell",)
 # The original's ids, and after them those of what it did not have.
 ID_OPEN, ID_WALL, ID_SELF, ID_GOAL, ID_UNKNOWN, ID_RIVAL, ID_MATE, ID_HUNTER = range(8)
 AS_SELF, AS_MATE, AS_RIVAL, AS_HUNTER = range(4)
@@ -60,24 +35,14 @@ ROLE_IDS: NDArray[np.uint8] = np.array([ID_SELF, ID_MATE, ID_RIVAL, ID_HUNTER], 
 
 _NUMBERS_OF_OTHER = ("in sight", "row", "column", "is a rival")
 VECTOR_NAMES = (
-    "own row",
-    "own column",
-    "goal known",
-    "goal row",
-    "goal column",
+    *("own row", "own column", "goal known", "goal row", "goal column"),
     *(f"free cells {name}" for name in ACTION_NAMES[:NUM_MOVES]),
-    "self hunts",
-    "mazes left",
-    "preview moves left",
-    "moves left",
+    *("self hunts", "mazes left", "preview moves left", "moves left"),
     *(f"other {i}: {name}" for i in range(1, MAX_PLAYERS) for name in _NUMBERS_OF_OTHER),
 )
 _FIRST_FREE = VECTOR_NAMES.index("free cells down")
 _FIRST_OTHER = VECTOR_NAMES.index("other 1: in sight")
 _NUM_OF_OTHER = len(_NUMBERS_OF_OTHER)
-
-
-# --- who is seen ---------------------------------------------------------------------------------
 
 
 @compiled
@@ -88,7 +53,7 @@ def is_hunter(rules: Any, player: int) -> bool:
 
 @compiled
 def is_mate(rules: Any, player: int, other: int) -> bool:
-    """Whether two seats win together: those who are hunted in one chase."""
+    """Whether two seats win together: the hunted players of a chase."""
     return bool(rules.contest == CHASE and HUNTER not in (player, other))
 
 
@@ -118,9 +83,6 @@ def preview_left(world: Any, rules: Any) -> int:
 def time_left(world: Any, rules: Any) -> int:
     """Moves until the time limit."""
     return int(max(0, rules.max_ticks - world.clock[TICK]))
-
-
-# --- planes --------------------------------------------------------------------------------------
 
 
 @compiled
@@ -174,9 +136,6 @@ def see_planes(world: Any, rules: Any, player: int, out: Any) -> None:
     flat[TIME_LEFT] = FULL * time_left(world, rules) // rules.max_ticks
 
 
-# --- ids -----------------------------------------------------------------------------------------
-
-
 @compiled
 def see_ids(world: Any, rules: Any, player: int, flat: Any) -> None:
     """Write the id of each cell: flat uint8 [N]. Of several on one cell: self, others, the goal."""
@@ -197,7 +156,10 @@ def see_ids(world: Any, rules: Any, player: int, flat: Any) -> None:
     flat[world.cell[player]] = ROLE_IDS[role_of(rules, player, player)]
 
 
-# --- numbers -------------------------------------------------------------------------------------
+@compiled
+def see_classic(world: Any, rules: Any, player: int, out: Any) -> None:
+    """Write the ids as uint8 [1, H, W]."""
+    see_ids(world, rules, player, out.reshape(world.walls.shape[0]))
 
 
 @compiled
@@ -243,41 +205,7 @@ def see_vector(world: Any, rules: Any, player: int, out: Any) -> None:
         out[index + 3] = 0.0 if is_mate(rules, player, other) else 1.0
 
 
-# --- slices of worlds ----------------------------------------------------------------------------
-
-
-@compiled
-def observe_planes(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write what every seat sees: out uint8 [B, P, C, H, W]."""
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        for player in range(rules.num_players):
-            see_planes(world, rules, player, out[index, player])
-
-
-@compiled
-def observe_classic(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write the original's ids: out uint8 [B, P, 1, H, W]."""
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        for player in range(rules.num_players):
-            flat = out[index, player].reshape(world.walls.shape[0])
-            see_ids(world, rules, player, flat)
-
-
-@compiled
-def observe_flat(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write the original's ids row after row: out uint8 [B, P, N]."""
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        for player in range(rules.num_players):
-            see_ids(world, rules, player, out[index, player])
-
-
-@compiled
-def observe_vector(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write the numbers of every seat: out float32 [B, P, V]."""
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        for player in range(rules.num_players):
-            see_vector(world, rules, player, out[index, player])
+observe_planes = loop_over_seats(see_planes, world_at)  # out uint8 [B, P, C, H, W]
+observe_classic = loop_over_seats(see_classic, world_at)  # out uint8 [B, P, 1, H, W]
+observe_flat = loop_over_seats(see_ids, world_at)  # out uint8 [B, P, N]
+observe_vector = loop_over_seats(see_vector, world_at)  # out float32 [B, P, V]

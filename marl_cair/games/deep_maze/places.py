@@ -7,24 +7,9 @@ from typing import Any
 import numpy as np
 
 from marl_cair.games.compiled import compiled
-from marl_cair.games.deep_maze.mazes import draw_maze, measure_distances
-from marl_cair.games.deep_maze.rulebook import (
-    CHASE,
-    DISTANCE,
-    FULL_DETERMINISTIC,
-    HUNTER,
-    STOCHASTIC,
-)
-from marl_cair.games.deep_maze.state import (
-    EARLIER_OPTIMAL,
-    GOAL,
-    MAZE,
-    MAZE_START,
-    MAZE_WORD,
-    OPEN,
-    PLACE_WORD,
-    TICK,
-)
+from marl_cair.games.deep_maze import rulebook as rb
+from marl_cair.games.deep_maze import state as s
+from marl_cair.games.deep_maze.mazes import grow_walls, grow_ways, measure_distances
 from marl_cair.games.randomness import draw_below, mix
 
 
@@ -33,10 +18,10 @@ def draw_open_cell(world: Any) -> int:
     """Any open cell, each as likely."""
     num_open = 0
     for cell in range(world.walls.shape[0]):
-        num_open += int(world.walls[cell] == OPEN)
-    nth = draw_below(world.random, PLACE_WORD, num_open)
+        num_open += int(world.walls[cell] == s.OPEN)
+    nth = draw_below(world.random, s.PLACE_WORD, num_open)
     for cell in range(world.walls.shape[0]):
-        if world.walls[cell] == OPEN:
+        if world.walls[cell] == s.OPEN:
             if nth == 0:
                 return cell
             nth -= 1
@@ -49,12 +34,9 @@ def nearest_open_cell(world: Any, rules: Any, row: int, column: int) -> int:
     best, least = 0, rules.rows + rules.columns
     for cell in range(world.walls.shape[0]):
         apart = abs(cell // rules.columns - row) + abs(cell % rules.columns - column)
-        if world.walls[cell] == OPEN and apart < least:
+        if world.walls[cell] == s.OPEN and apart < least:
             best, least = cell, apart
     return best
-
-
-# --- starts --------------------------------------------------------------------------------------
 
 
 @compiled
@@ -88,13 +70,13 @@ def find_ring(world: Any, num_open: int, place: int, least: int, num_cells: int)
 
 @compiled
 def deal_ring(world: Any, rules: Any, first: int, last: int) -> None:
-    """Give each seat a cell of its own from the places first..last - 1 of `order`, by lot.
+    """Draw a cell of its own for each seat from the places first..last - 1 of `order`.
 
     Where they are fewer, the last seats share one.
     """
     for player in range(rules.num_players):
         place = min(first + player, last - 1)
-        other = place + draw_below(world.random, PLACE_WORD, last - place)
+        other = place + draw_below(world.random, s.PLACE_WORD, last - place)
         chosen = world.order[other]
         world.order[other] = world.order[place]
         world.order[place] = chosen
@@ -106,12 +88,12 @@ def place_players(world: Any, rules: Any, num_open: int) -> None:
     """Draw starts that are equally far from the goal, a cell for each seat.
 
     Several seats start at least a quarter of the board's rows and columns from the goal, if there
-    are such cells. Where no distance has enough cells for all, the seats of a race share one. In a
-    chase hunted share a cell as far from the goal as the hunter's and not beside it; or where there
-    are none, they start half way and the hunter on the furthest cell. Unless `starts_apart`,
-    they stand beside the goal and the hunter on the furthest cell.
+    are such cells. Where no distance has enough cells for all, the seats of a race share one, and
+    the hunted seats of a chase share a cell as far from the goal as the hunter's and not beside it.
+    Where there is none, they start half way and the hunter on the furthest cell. Unless
+    `starts_apart`, they start beside the goal and the hunter on the furthest cell.
     """
-    place = 1 + draw_below(world.random, PLACE_WORD, num_open - 1)
+    place = 1 + draw_below(world.random, s.PLACE_WORD, num_open - 1)
     if rules.num_players > 1:
         least = (rules.rows + rules.columns) // 4
         nearest = 1 + rules.starts_apart
@@ -125,15 +107,12 @@ def place_players(world: Any, rules: Any, num_open: int) -> None:
         if first > 0:
             deal_ring(world, rules, first, end_of_ring(world, num_open, first))
             return
-    if rules.contest == CHASE:
+    if rules.contest == rb.CHASE:
         place = max(1, num_open // 2) if rules.starts_apart else 1
     for player in range(rules.num_players):
         world.cell[player] = world.order[place]
-    if rules.contest == CHASE:
-        world.cell[HUNTER] = world.order[num_open - 1]
-
-
-# --- mazes of a game -----------------------------------------------------------------------------
+    if rules.contest == rb.CHASE:
+        world.cell[rb.HUNTER] = world.order[num_open - 1]
 
 
 @compiled
@@ -141,24 +120,27 @@ def potential(world: Any, rules: Any, player: int) -> float:
     """Of the reward `distance`: mazes still to come, and the way in this one as a share of the
     board's rows and columns; negative.
     """
-    if rules.reward != DISTANCE:
+    if rules.reward != rb.DISTANCE:
         return 0.0
     moves = float(world.distance[world.cell[player]])
     return float(
-        -moves / (rules.rows + rules.columns) - (rules.num_mazes - 1 - int(world.clock[MAZE]))
+        -moves / (rules.rows + rules.columns) - (rules.num_mazes - 1 - int(world.clock[s.MAZE]))
     )
 
 
 @compiled
 def enter_maze(world: Any, rules: Any) -> None:
     """Make the maze of number `clock[MAZE]`, choose its goal and put all seats to their starts."""
-    maze = int(world.clock[MAZE])
-    if rules.mode != STOCHASTIC:
-        world.random[MAZE_WORD] = mix(rules.fixed_seed[0] + np.uint64(maze + 1))
-    kept = world.random[PLACE_WORD]
-    if rules.mode == FULL_DETERMINISTIC:
-        world.random[PLACE_WORD] = mix(world.random[MAZE_WORD])
-    draw_maze(world, rules)
+    maze = int(world.clock[s.MAZE])
+    if rules.mode != rb.STOCHASTIC:
+        world.random[s.MAZE_WORD] = mix(rules.fixed_seed[0] + np.uint64(maze + 1))
+    kept = world.random[s.PLACE_WORD]
+    if rules.mode == rb.FULL_DETERMINISTIC:
+        world.random[s.PLACE_WORD] = mix(world.random[s.MAZE_WORD])
+    if rules.generator == rb.PRIM:
+        grow_ways(world, rules)
+    else:
+        grow_walls(world, rules)
     if rules.in_corners:
         goal = nearest_open_cell(world, rules, rules.rows - 1, rules.columns - 1)
     else:
@@ -169,12 +151,12 @@ def enter_maze(world: Any, rules: Any) -> None:
             world.cell[player] = nearest_open_cell(world, rules, 0, 0)
     else:
         place_players(world, rules, num_open)
-    if rules.mode == FULL_DETERMINISTIC:
-        world.random[PLACE_WORD] = kept
-    world.clock[GOAL] = goal
+    if rules.mode == rb.FULL_DETERMINISTIC:
+        world.random[s.PLACE_WORD] = kept
+    world.clock[s.GOAL] = goal
     if maze > 0:
-        world.clock[EARLIER_OPTIMAL] += world.optimal[0]
-    world.clock[MAZE_START] = world.clock[TICK]
+        world.clock[s.EARLIER_OPTIMAL] += world.optimal[0]
+    world.clock[s.MAZE_START] = world.clock[s.TICK]
     for player in range(rules.num_players):
         world.came_from[player] = world.cell[player]
         world.optimal[player] = world.distance[world.cell[player]]

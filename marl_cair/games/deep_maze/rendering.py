@@ -11,89 +11,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled_compact
-from marl_cair.games.deep_maze.observation import (
-    is_hunter,
-    preview_left,
-    role_of,
-    sees_player,
-    time_left,
-)
+from marl_cair.games import drawing as d
+from marl_cair.games.compiled import compiled_compact, loop_over_seats
+from marl_cair.games.deep_maze import observation as obs
+from marl_cair.games.deep_maze import state as s
 from marl_cair.games.deep_maze.sight import knows, sees
-from marl_cair.games.deep_maze.state import (
-    EARLIER_OPTIMAL,
-    GOAL,
-    MAZE,
-    TICK,
-    WALL,
-    World,
-    world_at,
-)
 from marl_cair.games.deep_maze.tables import NUM_MOVES
-from marl_cair.games.drawing import (
-    draw_bar,
-    draw_number,
-    fill_box,
-    fill_disc,
-    fill_gray_cell,
-    shade_box,
-)
+from marl_cair.games.drawing import SPECTATOR, fill_box, fill_disc
 
 IMAGE_WIDTH, IMAGE_HEIGHT = 640, 480
 GRAY_SIDE = 84
 GRAY_BAR = 4  # rows of the gray picture that show the time
-SPECTATOR = -1
 BOARD_SIDE, MARGIN, FRAME = 456, 8, 4  # pixels
 PANEL_LEFT = BOARD_SIDE + 2 * (MARGIN + FRAME)
 LEAST_SHADED = 6  # least pixels along a cell whose wall has an edge
-BACKGROUND, PANEL, INK, TRACK, FRAME_COLOUR, UNSEEN, FOG = np.array(
-    [
-        (24, 26, 34),
-        (36, 39, 50),
-        (238, 240, 246),
-        (70, 75, 92),
-        (46, 52, 70),
-        (15, 16, 22),
-        (20, 22, 32),
-    ],
-    np.uint8,
+BACKGROUND, PANEL, INK, TRACK, FRAME_COLOUR, UNSEEN, FOG = d.read_colours(
+    "181a22 242732 eef0f6 464b5c 2e3446 0f1016 141620"
 )
-WALL_TOP, WALL_FACE, FLOOR, FLOOR_2, GOAL_RED, GOAL_WHITE, PATH, DARK, WHITE = np.array(
-    [
-        (92, 104, 138),
-        (62, 71, 98),
-        (244, 239, 226),
-        (236, 230, 214),
-        (214, 48, 49),
-        (255, 214, 208),
-        (255, 176, 59),
-        (26, 30, 38),
-        (255, 255, 255),
-    ],
-    np.uint8,
+WALL_TOP, WALL_FACE, FLOOR, FLOOR_2, GOAL_RED, GOAL_WHITE, PATH, DARK, WHITE = d.read_colours(
+    "5c688a 3e4762 f4efe2 ece6d6 d63031 ffd6d0 ffb03b 1a1e26 ffffff"
 )
 # Self (and seat 0 for the spectator), the others, and last the hunter of a chase.
-PLAYER_COLOURS: NDArray[np.uint8] = np.array(
-    [(39, 174, 96), (52, 120, 216), (155, 89, 182), (230, 145, 35), (176, 30, 62)], np.uint8
-)
+PLAYER_COLOURS = d.read_colours("27ae60 3478d8 9b59b6 e69123 b01e3e")
 HUNTER_COLOUR = 4
 FOG_PERCENT = 52
 
 # Colours of the picture at cell scale: the original's, and three for roles that it lacks.
 CELL_OPEN, CELL_WALL, CELL_SELF, CELL_GOAL, CELL_UNKNOWN, CELL_RIVAL, CELL_MATE, CELL_HUNTER = (
-    np.array(
-        [
-            (255, 255, 255),
-            (0, 0, 0),
-            (0, 255, 0),
-            (255, 0, 0),
-            (105, 105, 105),
-            (0, 0, 255),
-            (0, 200, 200),
-            (255, 160, 0),
-        ],
-        np.uint8,
-    )
+    d.read_colours("ffffff 000000 00ff00 ff0000 696969 0000ff 00c8c8 ffa000")
 )
 # Levels of `gray`; cells that are remembered but not seen now are darker.
 GRAY_WALL, GRAY_OPEN, GRAY_SELF, GRAY_GOAL, GRAY_RIVAL, GRAY_MATE = 50, 120, 200, 255, 230, 175
@@ -101,9 +46,6 @@ GRAY_HUNTER, GRAY_REMEMBERED = 150, 15
 # By `role_of`.
 ROLE_COLOURS: NDArray[np.uint8] = np.stack([CELL_SELF, CELL_MATE, CELL_RIVAL, CELL_HUNTER])
 ROLE_GRAYS: NDArray[np.int64] = np.array([GRAY_SELF, GRAY_MATE, GRAY_RIVAL, GRAY_HUNTER], np.int64)
-
-
-# --- the board -----------------------------------------------------------------------------------
 
 
 @compiled_compact
@@ -127,7 +69,7 @@ def cell_box(rules: Any, cell: int) -> tuple[int, int, int, int]:
 def shows_face(world: Any, rules: Any, viewer: int, cell: int) -> bool:
     """Whether the front of a wall shows: there is no wall below it that the viewer knows."""
     below = cell + rules.columns
-    if below >= world.walls.shape[0] or world.walls[below] != WALL:
+    if below >= world.walls.shape[0] or world.walls[below] != s.WALL:
         return True
     return viewer != SPECTATOR and not knows(world, rules, viewer, below)
 
@@ -139,7 +81,7 @@ def paint_cell(world: Any, rules: Any, viewer: int, cell: int, image: Any) -> No
     if viewer != SPECTATOR and not knows(world, rules, viewer, cell):
         fill_box(image, top, left, height, width, UNSEEN)
         return
-    if world.walls[cell] == WALL:
+    if world.walls[cell] == s.WALL:
         fill_box(image, top, left, height, width, WALL_TOP)
         if height >= LEAST_SHADED and shows_face(world, rules, viewer, cell):
             face = max(2, height // 4)
@@ -148,7 +90,7 @@ def paint_cell(world: Any, rules: Any, viewer: int, cell: int, image: Any) -> No
         is_even = (cell // rules.columns + cell % rules.columns) % 2 == 0
         fill_box(image, top, left, height, width, FLOOR if is_even else FLOOR_2)
     if viewer != SPECTATOR and not sees(world, rules, viewer, cell):
-        shade_box(image, top, left, height, width, FOG, FOG_PERCENT)
+        d.shade_box(image, top, left, height, width, FOG, FOG_PERCENT)
 
 
 @compiled_compact
@@ -184,7 +126,7 @@ def paint_path(world: Any, rules: Any, player: int, colour: Any, image: Any) -> 
 @compiled_compact
 def player_colour(rules: Any, viewer: int, player: int) -> int:
     """The row of PLAYER_COLOURS of a seat in a viewer's picture."""
-    if is_hunter(rules, player):
+    if obs.is_hunter(rules, player):
         return HUNTER_COLOUR
     return int((player - max(0, viewer)) % HUNTER_COLOUR)
 
@@ -217,7 +159,7 @@ def paint_player(world: Any, rules: Any, viewer: int, player: int, image: Any) -
         fill_disc(
             image, y_eyes + down * eye // 2, x_eye + across * eye // 2, max(1, eye // 2), DARK
         )
-        if is_hunter(rules, player):
+        if obs.is_hunter(rules, player):
             brow = max(1, eye // 2)
             fill_box(image, y_eyes - eye - brow // 2, x_eye - eye, brow + 1, 2 * eye + 1, DARK)
 
@@ -232,23 +174,20 @@ def paint_board(world: Any, rules: Any, viewer: int, image: Any) -> None:
     fill_box(image, top, left, height, width, FRAME_COLOUR)
     for cell in range(world.walls.shape[0]):
         paint_cell(world, rules, viewer, cell, image)
-    goal = int(world.clock[GOAL])
+    goal = int(world.clock[s.GOAL])
     if viewer == SPECTATOR or knows(world, rules, viewer, goal):
         paint_goal(rules, goal, image)
     if viewer == SPECTATOR:
         for player in range(rules.num_players):
-            if world.is_caught[player] == 0 and not is_hunter(rules, player):
+            if world.is_caught[player] == 0 and not obs.is_hunter(rules, player):
                 paint_path(world, rules, player, PATH, image)
     for player in range(rules.num_players - 1, -1, -1):
         if player == viewer or world.is_caught[player] != 0:
             continue
-        if viewer == SPECTATOR or sees_player(world, rules, viewer, player):
+        if viewer == SPECTATOR or obs.sees_player(world, rules, viewer, player):
             paint_player(world, rules, viewer, player, image)
     if viewer != SPECTATOR:
         paint_player(world, rules, viewer, viewer, image)
-
-
-# --- the panel -----------------------------------------------------------------------------------
 
 
 @compiled_compact
@@ -260,14 +199,14 @@ def paint_panel(world: Any, rules: Any, viewer: int, image: Any) -> None:
     width = IMAGE_WIDTH - PANEL_LEFT - MARGIN
     fill_box(image, MARGIN, PANEL_LEFT, IMAGE_HEIGHT - 2 * MARGIN, width, PANEL)
     left, inner = PANEL_LEFT + 12, width - 24
-    draw_number(image, int(world.clock[TICK]), MARGIN + 14, left, 6, INK, False)
-    share = time_left(world, rules) / rules.max_ticks
-    draw_bar(image, MARGIN + 56, left, 8, inner, share, INK, TRACK)
+    d.draw_number(image, int(world.clock[s.TICK]), MARGIN + 14, left, 6, INK, False)
+    share = obs.time_left(world, rules) / rules.max_ticks
+    d.draw_bar(image, MARGIN + 56, left, 8, inner, share, INK, TRACK)
     if rules.preview_moves > 0:
-        share = preview_left(world, rules) / rules.preview_moves
-        draw_bar(image, MARGIN + 70, left, 8, inner, share, PATH, TRACK)
+        share = obs.preview_left(world, rules) / rules.preview_moves
+        d.draw_bar(image, MARGIN + 70, left, 8, inner, share, PATH, TRACK)
     for maze in range(min(rules.num_mazes, inner // 12) if rules.num_mazes > 1 else 0):
-        colour = GOAL_RED if maze < world.clock[MAZE] else TRACK
+        colour = GOAL_RED if maze < world.clock[s.MAZE] else TRACK
         fill_box(image, MARGIN + 84, left + 12 * maze, 9, 9, colour)
     top = MARGIN + 108
     for player in range(rules.num_players):
@@ -277,8 +216,10 @@ def paint_panel(world: Any, rules: Any, viewer: int, image: Any) -> None:
         colour = PLAYER_COLOURS[player_colour(rules, viewer, player)]
         fill_disc(image, top + 12, left + 12, 12, TRACK if is_caught else colour)
         if viewer == SPECTATOR:
-            optimal = int(world.optimal[player] + world.clock[EARLIER_OPTIMAL])
-            draw_number(image, optimal, top + 2, left + 36, 4, TRACK if is_caught else PATH, False)
+            optimal = int(world.optimal[player] + world.clock[s.EARLIER_OPTIMAL])
+            d.draw_number(
+                image, optimal, top + 2, left + 36, 4, TRACK if is_caught else PATH, False
+            )
         top += 36
 
 
@@ -290,13 +231,7 @@ def paint(world: Any, rules: Any, viewer: int, image: Any) -> None:
     paint_panel(world, rules, viewer, image)
 
 
-@compiled_compact
-def paint_picture(worlds: Any, rules: Any, index: int, viewer: int, image: Any) -> None:
-    """`paint` of one world among many."""
-    paint(world_at(worlds, index), rules, viewer, image)
-
-
-# --- small pictures ------------------------------------------------------------------------------
+draw = d.make_draw(paint, s.world_at, IMAGE_HEIGHT, IMAGE_WIDTH)
 
 
 @compiled_compact
@@ -304,19 +239,19 @@ def paint_cells(world: Any, rules: Any, player: int, image: Any) -> None:
     """The board in the original's colours, `cell_pixels` along a cell."""
     size = rules.cell_pixels
     for cell in range(world.walls.shape[0]):
-        colour = CELL_WALL if world.walls[cell] == WALL else CELL_OPEN
+        colour = CELL_WALL if world.walls[cell] == s.WALL else CELL_OPEN
         if not knows(world, rules, player, cell):
             colour = CELL_UNKNOWN
-        elif cell == world.clock[GOAL]:
+        elif cell == world.clock[s.GOAL]:
             colour = CELL_GOAL
         row, column = cell // rules.columns, cell % rules.columns
         fill_box(image, row * size, column * size, size, size, colour)
     for turn in range(rules.num_players):
         other = (player + 1 + turn) % rules.num_players  # the seat itself comes last
-        if other != player and not sees_player(world, rules, player, other):
+        if other != player and not obs.sees_player(world, rules, player, other):
             continue
         row, column = divmod(int(world.cell[other]), rules.columns)
-        colour = ROLE_COLOURS[role_of(rules, player, other)]
+        colour = ROLE_COLOURS[obs.role_of(rules, player, other)]
         fill_box(image, row * size, column * size, size, size, colour)
 
 
@@ -324,60 +259,41 @@ def paint_cells(world: Any, rules: Any, player: int, image: Any) -> None:
 def gray_cell(image: Any, rules: Any, cell: int, level: int) -> None:
     """Fill the pixels of a cell."""
     row, column = cell // rules.columns, cell % rules.columns
-    fill_gray_cell(image, GRAY_BAR, row, column, rules.rows, rules.columns, level)
+    d.fill_gray_cell(image, GRAY_BAR, row, column, rules.rows, rules.columns, level)
 
 
 @compiled_compact
-def paint_gray(world: Any, rules: Any, player: int, image: Any) -> None:
-    """The small picture, uint8 [GRAY_SIDE, GRAY_SIDE]: a bar of the time left over the board."""
+def paint_gray(world: Any, rules: Any, player: int, out: Any) -> None:
+    """The small picture, uint8 [1, GRAY_SIDE, GRAY_SIDE]: a bar of the time left over the board."""
+    image = out[0]
     image[:] = 0
-    image[: GRAY_BAR - 1, : GRAY_SIDE * time_left(world, rules) // rules.max_ticks] = GRAY_OPEN
+    image[: GRAY_BAR - 1, : GRAY_SIDE * obs.time_left(world, rules) // rules.max_ticks] = GRAY_OPEN
     for cell in range(world.walls.shape[0]):
         if not knows(world, rules, player, cell):
             continue
-        level = GRAY_WALL if world.walls[cell] == WALL else GRAY_OPEN
+        level = GRAY_WALL if world.walls[cell] == s.WALL else GRAY_OPEN
         if not sees(world, rules, player, cell):
             level -= GRAY_REMEMBERED
         gray_cell(image, rules, cell, level)
-    goal = int(world.clock[GOAL])
+    goal = int(world.clock[s.GOAL])
     if knows(world, rules, player, goal):
         gray_cell(image, rules, goal, GRAY_GOAL)
     for other in range(rules.num_players):
-        if other != player and sees_player(world, rules, player, other):
-            level = ROLE_GRAYS[role_of(rules, player, other)]
+        if other != player and obs.sees_player(world, rules, player, other):
+            level = ROLE_GRAYS[obs.role_of(rules, player, other)]
             gray_cell(image, rules, int(world.cell[other]), level)
-    level = ROLE_GRAYS[role_of(rules, player, player)]
+    level = ROLE_GRAYS[obs.role_of(rules, player, player)]
     gray_cell(image, rules, int(world.cell[player]), level)
 
 
-# --- slices of worlds, and what people call ------------------------------------------------------
-
-
 @compiled_compact
-def observe_image(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write every seat's picture to out [B, P, 3, h, w]: 480 x 640, or rows and columns times
-    `cell_pixels`.
-    """
-    for index in range(first, last):
-        for player in range(rules.num_players):
-            if rules.cell_pixels > 0:
-                paint_cells(world_at(worlds, index), rules, player, out[index, player])
-            else:
-                paint(world_at(worlds, index), rules, player, out[index, player])
+def see_image(world: Any, rules: Any, player: int, image: Any) -> None:
+    """A seat's picture uint8 [3, h, w]: 480 x 640, or rows and columns times `cell_pixels`."""
+    if rules.cell_pixels > 0:
+        paint_cells(world, rules, player, image)
+    else:
+        paint(world, rules, player, image)
 
 
-@compiled_compact
-def observe_gray(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write every seat's small picture to out [B, P, 1, GRAY_SIDE, GRAY_SIDE]."""
-    for index in range(first, last):
-        for player in range(rules.num_players):
-            paint_gray(world_at(worlds, index), rules, player, out[index, player, 0])
-
-
-def draw(worlds: World, rules: Any, world: int, player: int | None) -> NDArray[np.uint8]:
-    """The picture of one world, uint8 [IMAGE_HEIGHT, IMAGE_WIDTH, 3]: of a seat's own view, or the
-    spectator's (None).
-    """
-    image = np.zeros((3, IMAGE_HEIGHT, IMAGE_WIDTH), np.uint8)
-    paint_picture(worlds, rules, world, SPECTATOR if player is None else player, image)
-    return np.ascontiguousarray(image.transpose(1, 2, 0))
+observe_image = loop_over_seats(see_image, s.world_at, compact=True)  # out [B, P, 3, h, w]
+observe_gray = loop_over_seats(paint_gray, s.world_at, compact=True)  # out [B, P, 1, 84, 84]

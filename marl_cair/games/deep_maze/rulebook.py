@@ -7,28 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.deep_maze.scenarios import (
-    CONTESTS,
-    GENERATORS,
-    MODES,
-    REWARDS,
-    VISIBILITIES,
-    Scenario,
-)
-from marl_cair.games.deep_maze.tables import (
-    ACTION_NAMES,
-    COLUMN_STEP,
-    GROWTH_STEPS_PER_SIDE_CELL,
-    NUM_MOVES,
-    ROW_STEP,
-    STEP_REWARD,
-)
+from marl_cair.games.deep_maze import scenarios as sc
+from marl_cair.games.deep_maze import tables as t
+from marl_cair.games.deep_maze.scenarios import Scenario
+from marl_cair.games.game_package import fill_record
 
-PRIM, GROWTH = range(len(GENERATORS))
-DETERMINISTIC, FULL_DETERMINISTIC, STOCHASTIC, SEQUENCE = range(len(MODES))
-FULL_SIGHT, SQUARE, LINE_OF_SIGHT = range(len(VISIBILITIES))
-RACE, CHASE = range(len(CONTESTS))
-CLASSIC, BEYOND_OPTIMAL, DISTANCE = range(len(REWARDS))
+PRIM, GROWTH = range(len(sc.GENERATORS))
+DETERMINISTIC, FULL_DETERMINISTIC, STOCHASTIC, SEQUENCE = range(len(sc.MODES))
+FULL_SIGHT, SQUARE, LINE_OF_SIGHT = range(len(sc.VISIBILITIES))
+RACE, CHASE = range(len(sc.CONTESTS))
+CLASSIC, BEYOND_OPTIMAL, DISTANCE = range(len(sc.REWARDS))
 
 HUNTER = 0  # the seat that hunts in a chase
 
@@ -53,9 +41,9 @@ class Rules(NamedTuple):
     remembers: int
     num_players: int
     contest: int
-    starts_apart: int  # 1: in a chase nobody starts beside the goal
+    starts_apart: int  # 1: no player of a chase starts beside the goal
     reward: int
-    discount: float
+    shaping_discount: float
     mask_walls: int
     cell_pixels: int
     max_ticks: int
@@ -63,33 +51,24 @@ class Rules(NamedTuple):
 
 def make_rules(scenario: Scenario) -> Rules:
     """The numbers of `scenario`."""
-    return Rules(
-        neighbours=_neighbour_table(scenario.rows, scenario.columns),
+    rows, columns = scenario.rows, scenario.columns
+    growth_steps = scenario.complexity * t.GROWTH_STEPS_PER_SIDE_CELL * (rows + columns)
+    return fill_record(
+        Rules,
+        scenario,
+        neighbours=_neighbour_table(rows, columns),
         step_reward=_step_rewards(scenario),
-        fixed_seed=np.array([scenario.maze_seed], np.uint64),
-        rows=scenario.rows,
-        columns=scenario.columns,
-        generator=list(GENERATORS).index(scenario.generator),
-        growth_seeds=int(scenario.density * (scenario.rows // 2) * (scenario.columns // 2)),
-        growth_steps=int(
-            scenario.complexity * GROWTH_STEPS_PER_SIDE_CELL * (scenario.rows + scenario.columns)
-        ),
-        mode=list(MODES).index(scenario.mode),
-        num_mazes=scenario.num_mazes,
-        in_corners=int(scenario.places == "corners"),
-        visibility=list(VISIBILITIES).index(scenario.visibility),
-        vision=scenario.vision,
-        preview_moves=scenario.preview_moves,
-        remembers=int(scenario.remembers),
-        num_players=scenario.num_players,
+        fixed_seed=[scenario.maze_seed],
+        generator=list(sc.GENERATORS).index(scenario.generator),
+        growth_seeds=scenario.density * (rows // 2) * (columns // 2),
+        growth_steps=growth_steps,
+        mode=list(sc.MODES).index(scenario.mode),
+        in_corners=scenario.places == "corners",
+        visibility=list(sc.VISIBILITIES).index(scenario.visibility),
         contest=CHASE if scenario.is_chase else RACE,
         # Five of 100,000 games of 15x15-chase-4p would start elsewhere than in version 1.
-        starts_apart=int(scenario.is_chase and not scenario.has_open_ways),
-        reward=list(REWARDS).index(scenario.reward),
-        discount=float(scenario.shaping_discount),
-        mask_walls=int(scenario.mask_walls),
-        cell_pixels=scenario.cell_pixels,
-        max_ticks=scenario.max_ticks,
+        starts_apart=scenario.is_chase and not scenario.has_open_ways,
+        reward=list(sc.REWARDS).index(scenario.reward),
     )
 
 
@@ -97,9 +76,9 @@ def _neighbour_table(rows: int, columns: int) -> NDArray[np.int16]:
     """Where each action leads from each cell: nowhere for the no-op and moves off the board."""
     cells = np.arange(rows * columns)
     row, column = np.divmod(cells, columns)
-    table = np.repeat(cells.astype(np.int16)[:, None], len(ACTION_NAMES), axis=1)
-    for move in range(NUM_MOVES):
-        to_row, to_column = row + ROW_STEP[move], column + COLUMN_STEP[move]
+    table = np.repeat(cells.astype(np.int16)[:, None], len(t.ACTION_NAMES), axis=1)
+    for move in range(t.NUM_MOVES):
+        to_row, to_column = row + t.ROW_STEP[move], column + t.COLUMN_STEP[move]
         inside = (to_row >= 0) & (to_row < rows) & (to_column >= 0) & (to_column < columns)
         table[inside, move] = (to_row * columns + to_column)[inside]
     return table
@@ -107,7 +86,7 @@ def _neighbour_table(rows: int, columns: int) -> NDArray[np.int16]:
 
 def _step_rewards(scenario: Scenario) -> NDArray[np.float64]:
     """Every move costs, except those of hunted players."""
-    paid = np.full(scenario.num_players, STEP_REWARD)
+    paid = np.full(scenario.num_players, t.STEP_REWARD)
     if scenario.reward == "beyond_optimal":
         paid[:] = 0.0
     if scenario.is_chase:

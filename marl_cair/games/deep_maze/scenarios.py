@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from marl_cair.games.checks.scenario import (
-    MAX_TICKS,
-    check_shaping_discount,
-    check_switch,
-    check_whole_number,
-    read_number,
-)
-from marl_cair.games.deep_maze.tables import (
-    MAX_PLAYERS,
-    MAX_TICKS_OF_SIZE,
-    ORIGINAL_MAZE_SEED,
-    ORIGINAL_PREVIEW_MOVES,
-    ORIGINAL_VISION_CELLS,
-)
+from marl_cair.games.checks import scenario as checks
+from marl_cair.games.checks.scenario import MAX_TICKS
+from marl_cair.games.deep_maze import tables as t
 from marl_cair.lookup import find_by_name
 
 GYMNASIUM_PREFIX = "DeepMaze"  # of the ids marl_cair/DeepMaze-<scenario>-v0
@@ -46,7 +37,7 @@ VISIBILITIES = {
 }
 CONTESTS = {
     "race": "the first at the goal wins",
-    "chase": "the first seat hunts the others, who are safe at the goal",
+    "chase": "the first seat hunts the others, which are safe at the goal",
 }
 REWARDS = {
     "classic": "+1 at the goal, -0.01 for every other move; against others +1 win, -1 loss, 0 draw",
@@ -59,6 +50,32 @@ MAX_MAZES = 100  # of a sequence
 MAX_CELL_PIXELS = 32
 BY_SIZE = 0  # of max_ticks
 OPEN_WAYS: dict[str, Any] = {"generator": "growth", "density": 0.8, "complexity": 0.05}
+
+CHOICES = {
+    "generator": GENERATORS,
+    "mode": MODES,
+    "places": PLACES,
+    "visibility": VISIBILITIES,
+    "contest": CONTESTS,
+    "reward": REWARDS,
+}
+# Options that do nothing where another one has a value, and what would use them.
+UNUSED = (
+    ("generator", "prim", ("density", "complexity"), "generator='growth'"),
+    ("mode", "stochastic", ("maze_seed",), "mode='deterministic'"),
+    ("visibility", "full", ("preview_moves", "vision", "remembers"), "visibility='square'"),
+)
+WHOLE_NUMBERS = {  # lowest and highest value of each option
+    "rows": (MIN_SIDE, MAX_SIDE),
+    "columns": (MIN_SIDE, MAX_SIDE),
+    "num_players": (1, t.MAX_PLAYERS),
+    "num_mazes": (1, MAX_MAZES),
+    "maze_seed": (0, 2**63 - 1),
+    "vision": (1, MAX_SIDE),
+    "max_ticks": (BY_SIZE, MAX_TICKS),
+    "preview_moves": (0, MAX_TICKS),
+    "cell_pixels": (0, MAX_CELL_PIXELS),
+}
 
 
 @dataclass(frozen=True)
@@ -77,10 +94,10 @@ class Scenario:
     complexity: float = 1.0  # of `growth`: how long a wall may grow, 1 = 5 (rows + columns) steps
     mode: str = "stochastic"  # see MODES
     num_mazes: int = 1  # of the mode sequence
-    maze_seed: int = ORIGINAL_MAZE_SEED  # of all modes but stochastic
+    maze_seed: int = t.ORIGINAL_MAZE_SEED  # of all modes but stochastic
     places: str = "random"  # see PLACES
     visibility: str = "full"  # see VISIBILITIES
-    vision: int = ORIGINAL_VISION_CELLS  # cells, where the visibility is not full
+    vision: int = t.ORIGINAL_VISION_CELLS  # cells, where the visibility is not full
     preview_moves: int = 0  # for so many moves all is seen, whatever the visibility
     remembers: bool = True  # cells that were in sight stay known
     num_players: int = 1
@@ -92,87 +109,51 @@ class Scenario:
     max_ticks: int = BY_SIZE  # time limit in moves; 0 becomes that of `limit_by_size`
 
     def __post_init__(self) -> None:
-        for field in ("rows", "columns"):
-            check_whole_number("deep_maze", self, field, MIN_SIDE, MAX_SIDE)
-        check_whole_number("deep_maze", self, "num_players", 1, MAX_PLAYERS)
-        check_whole_number("deep_maze", self, "num_mazes", 1, MAX_MAZES)
-        check_whole_number("deep_maze", self, "maze_seed", 0, 2**63 - 1)
-        check_whole_number("deep_maze", self, "vision", 1, MAX_SIDE)
-        check_whole_number("deep_maze", self, "max_ticks", BY_SIZE, MAX_TICKS)
-        check_whole_number("deep_maze", self, "preview_moves", 0, MAX_TICKS)
-        check_whole_number("deep_maze", self, "cell_pixels", 0, MAX_CELL_PIXELS)
+        for field, (low, high) in WHOLE_NUMBERS.items():
+            checks.check_whole_number("deep_maze", self, field, low, high)
         for field in ("density", "complexity"):
-            _check_share(self, field)
+            value, share = getattr(self, field), checks.read_number(self, field)
+            if share is None or not 0.0 <= share <= 1.0:
+                raise ValueError(f"deep_maze: {field} is {value!r}, it must be a number in 0..1")
         for field in ("remembers", "mask_walls"):
-            check_switch("deep_maze", self, field)
-        find_by_name("deep_maze generator", self.generator, GENERATORS)
-        find_by_name("deep_maze mode", self.mode, MODES)
-        find_by_name("deep_maze places", self.places, PLACES)
-        find_by_name("deep_maze visibility", self.visibility, VISIBILITIES)
-        find_by_name("deep_maze contest", self.contest, CONTESTS)
-        find_by_name("deep_maze reward", self.reward, REWARDS)
-        check_shaping_discount("deep_maze", self)
-        self._check_maze()
-        self._check_players()
+            checks.check_switch("deep_maze", self, field)
+        for field, choices in CHOICES.items():
+            find_by_name(f"deep_maze {field}", getattr(self, field), choices)
+        checks.check_shaping_discount("deep_maze", self)
+        for problem in (*self._list_unused_options(), *self._list_contradictions()):
+            raise ValueError(f"deep_maze: {problem}")
         if self.max_ticks == BY_SIZE:
             object.__setattr__(self, "max_ticks", self.limit_by_size)
 
-    def _check_maze(self) -> None:
-        for field in ("density", "complexity"):
-            if self.generator == "prim" and getattr(self, field) != 1.0:
-                raise ValueError(
-                    f"deep_maze: {field} is {getattr(self, field)}, but the generator prim has no "
-                    f"{field}; leave it at 1.0 or choose generator='growth'"
-                )
-        if self.mode == "sequence" and self.num_mazes < 2:
-            raise ValueError(
-                "deep_maze: the mode sequence needs num_mazes of at least 2, it is "
-                f"{self.num_mazes}"
-            )
-        if self.mode != "sequence" and self.num_mazes > 1:
-            raise ValueError(
-                f"deep_maze: num_mazes is {self.num_mazes}, but the mode {self.mode} plays one "
-                "maze; choose mode='sequence'"
-            )
-        if self.mode == "stochastic" and self.maze_seed != Scenario.maze_seed:
-            raise ValueError(
-                f"deep_maze: maze_seed is {self.maze_seed}, but the mode stochastic draws a maze "
-                f"for each game; leave it at {Scenario.maze_seed} or choose mode='deterministic'"
-            )
-        for field in ("preview_moves", "vision", "remembers"):
-            value, default = getattr(self, field), getattr(Scenario, field)
-            if self.visibility == "full" and value != default:
-                raise ValueError(
-                    f"deep_maze: {field} is {value}, but the visibility is full all the time; "
-                    f"leave it at {default} or choose visibility='square' or 'line_of_sight'"
-                )
+    def _list_unused_options(self) -> Iterator[str]:
+        for option, value, unused, other in UNUSED:
+            for field in unused if getattr(self, option) == value else ():
+                found, default = getattr(self, field), getattr(Scenario, field)
+                if found != default:
+                    yield (
+                        f"{field} is {found}, but {option}={value!r} does not use it; leave it at "
+                        f"{default} or choose {other}"
+                    )
 
-    def _check_players(self) -> None:
+    def _list_contradictions(self) -> Iterator[str]:
+        players = f"num_players is {self.num_players}"
+        if self.mode == "sequence" and self.num_mazes < 2:
+            yield f"the mode sequence needs num_mazes of at least 2, it is {self.num_mazes}"
+        if self.mode != "sequence" and self.num_mazes > 1:
+            yield (
+                f"num_mazes is {self.num_mazes}, but the mode {self.mode} plays one maze; choose "
+                "mode='sequence'"
+            )
         if self.contest == "chase" and self.num_players < 2:
-            raise ValueError(
-                "deep_maze: the contest chase needs 2 to 4 players, num_players is "
-                f"{self.num_players}"
-            )
+            yield f"the contest chase needs 2 to 4 players, {players}"
         if self.num_players > 1 and self.mode == "sequence":
-            raise ValueError(
-                f"deep_maze: the mode sequence is for 1 player, num_players is {self.num_players}"
-            )
-        if self.is_chase and self.places == "corners":
-            raise ValueError(
-                "deep_maze: a chase cannot start in the corners, where all would stand on one "
-                "cell; choose places='random'"
-            )
+            yield f"the mode sequence is for 1 player, {players}"
         if self.num_players > 1 and self.reward == "beyond_optimal":
-            raise ValueError(
-                "deep_maze: the reward beyond_optimal is for 1 player, num_players is "
-                f"{self.num_players}; choose 'classic'"
-                + ("" if self.is_chase else " or 'distance'")
-            )
+            yield f"the reward beyond_optimal is for 1 player, {players}; choose 'classic'"
+        if self.is_chase and self.places == "corners":
+            yield "all players of a chase would start in one corner; choose places='random'"
         if self.is_chase and self.reward == "distance":
-            raise ValueError(
-                "deep_maze: the reward distance leads everybody to the goal, which a chase does "
-                "not ask of the hunter; choose 'classic'"
-            )
+            yield "the reward distance does not fit the hunter of a chase; choose 'classic'"
 
     def follow(self, options: dict[str, Any]) -> dict[str, Any]:
         """`options`, with the time limit of another board where it was the one of this board."""
@@ -186,8 +167,8 @@ class Scenario:
         """The time limit in moves that goes with the board: between the thesis's sizes linear in
         the number of cells, beyond the largest in proportion to it; so much for each maze.
         """
-        cells = [side * side for side in MAX_TICKS_OF_SIZE]
-        limits = list(MAX_TICKS_OF_SIZE.values())
+        cells = [side * side for side in t.MAX_TICKS_OF_SIZE]
+        limits = list(t.MAX_TICKS_OF_SIZE.values())
         beyond = max(1.0, self.num_cells / cells[-1])
         limit = round(beyond * float(np.interp(self.num_cells, cells, limits)))
         return min(self.num_mazes * limit, MAX_TICKS)
@@ -209,59 +190,35 @@ class Scenario:
 
     @property
     def num_views(self) -> int:
-        """Cells of which a seat's sight is kept: all under fog, else one that nobody reads."""
+        """Cells of which a seat's sight is kept: all under fog, else one that is not read."""
         return 1 if self.visibility == "full" else self.num_cells
-
-
-def _check_share(scenario: Scenario, field: str) -> None:
-    value, share = getattr(scenario, field), read_number(scenario, field)
-    if share is None or not 0.0 <= share <= 1.0:
-        raise ValueError(f"deep_maze: {field} is {value!r}, it must be a number in 0..1")
-
-
-_FOGGY_SIZES = (9, 15, 25)
-_SEVERAL_SIZES = (15, 25)
-
-
-def _name(size: int, *parts: str) -> str:
-    return "-".join([f"{size}x{size}", *parts])
 
 
 def _list_scenarios() -> dict[str, Scenario]:
     """The modes in all sizes; sights, sequences and loops in three; several players in two."""
     listed: dict[str, Scenario] = {}
-    boards = {size: Scenario(rows=size, columns=size) for size in MAX_TICKS_OF_SIZE}
+    boards = {size: Scenario(rows=size, columns=size) for size in t.MAX_TICKS_OF_SIZE}
     for size, board in boards.items():
         for mode in ("deterministic", "full_deterministic", "stochastic"):
-            listed[_name(size, mode)] = replace(board, mode=mode)
-    for size in _FOGGY_SIZES:
-        board = boards[size]
-        listed[_name(size, "loops")] = replace(board, generator="growth")
-        listed[_name(size, "sequence")] = replace(
-            board, mode="sequence", num_mazes=3, max_ticks=BY_SIZE
-        )
+            listed[f"{size}x{size}-{mode}"] = replace(board, mode=mode)
+    for size in (9, 15, 25):
+        name, board = f"{size}x{size}", boards[size]
+        listed[f"{name}-loops"] = replace(board, generator="growth")
+        sequence: dict[str, Any] = {"mode": "sequence", "num_mazes": 3, "max_ticks": BY_SIZE}
+        listed[f"{name}-sequence"] = replace(board, **sequence)
         for sight in ("square", "line_of_sight"):
             foggy = replace(board, visibility=sight)
-            listed[_name(size, sight)] = foggy
-            listed[_name(size, f"timed_{sight}")] = replace(
-                foggy, preview_moves=ORIGINAL_PREVIEW_MOVES
-            )
-    for size in _SEVERAL_SIZES:
-        listed |= _list_contests(size, boards[size])
-    return listed
-
-
-def _list_contests(size: int, board: Scenario) -> dict[str, Scenario]:
-    listed = {}
-    for players in (2, 3, 4):
-        race = replace(board, num_players=players)
+            listed[f"{name}-{sight}"] = foggy
+            timed = replace(foggy, preview_moves=t.ORIGINAL_PREVIEW_MOVES)
+            listed[f"{name}-timed_{sight}"] = timed
+    for size, players in product((15, 25), (2, 3, 4)):
+        name, race = f"{size}x{size}", replace(boards[size], num_players=players)
         chase = replace(race, contest="chase", **OPEN_WAYS)
-        listed[_name(size, f"race-{players}p")] = race
-        listed[_name(size, f"race-{players}p", "square")] = replace(race, visibility="square")
-        listed[_name(size, f"chase-{players}p")] = chase
-        listed[_name(size, f"chase-{players}p", "line_of_sight")] = replace(
-            chase, visibility="line_of_sight"
-        )
+        hidden = replace(chase, visibility="line_of_sight")
+        listed[f"{name}-race-{players}p"] = race
+        listed[f"{name}-race-{players}p-square"] = replace(race, visibility="square")
+        listed[f"{name}-chase-{players}p"] = chase
+        listed[f"{name}-chase-{players}p-line_of_sight"] = hidden
     return listed
 
 

@@ -16,7 +16,7 @@ from marl_cair.games.deep_maze.tables import NUM_MOVES
 
 @compiled
 def sees_all(world: Any, rules: Any) -> bool:
-    """Whether nothing is hidden: there is no fog, or the preview goes on."""
+    """Whether nothing is hidden: there is no fog, or the preview still lasts."""
     return bool(rules.visibility == FULL_SIGHT or world.clock[TICK] < rules.preview_moves)
 
 
@@ -28,7 +28,7 @@ def knows(world: Any, rules: Any, player: int, cell: int) -> bool:
 
 @compiled
 def sees(world: Any, rules: Any, player: int, cell: int) -> bool:
-    """Whether the seat sees who stands in a cell now."""
+    """Whether the seat sees the players in a cell now."""
     return bool(sees_all(world, rules) or world.sight[player, cell] & IN_SIGHT != 0)
 
 

@@ -24,38 +24,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.drawing import cut_cells, read_atlas
-from marl_cair.games.flappy_bird.tables import (
-    BIRD_HEIGHT,
-    BIRD_WIDTH,
-    BIRD_X,
-    GROUND_TOP,
-    PIPE_WIDTH,
-    SCREEN_HEIGHT,
-    SCREEN_WIDTH,
-)
+from marl_cair.games.drawing import cut_cells, read_atlas, read_colours
+from marl_cair.games.flappy_bird import tables as t
 
 Pixels = NDArray[np.uint8]
 
-# Of seats 0..7. People who are colour-blind can tell them apart, after Okabe and Ito (2008).
-BIRD_COLOURS = (
-    (240, 228, 66),  # yellow
-    (213, 94, 0),  # vermilion
-    (0, 114, 178),  # blue
-    (0, 158, 115),  # bluish green
-    (204, 121, 167),  # reddish purple
-    (230, 159, 0),  # orange
-    (86, 180, 233),  # sky blue
-    (110, 110, 118),  # grey in place of black, on which the outline would not show
-)
+# Of seats 0..7: yellow, vermilion, blue, bluish green, reddish purple, orange, sky blue, and grey
+# in place of black, on which the outline would not show. Colour-blind people can separate them
+# (Okabe and Ito 2008).
+BIRD_COLOURS = read_colours("f0e442 d55e00 0072b2 009e73 cc79a7 e69f00 56b4e9 6e6e76")
 
 PUSHING_POSE, CRASHED_POSE = 0, 6  # cells of birds.png; those between are by speed
 # By velocity in whole pixels per tick, from FLAP_VELOCITY (-8) to MAX_FALL (10).
 POSE_OF_SPEED: NDArray[np.int8] = np.repeat(np.array([1, 2, 3, 4, 5], np.int8), [4, 4, 4, 4, 3])
 # The canvas of a turned bird, and its corner beside the upper left corner of the bird.
 CANVAS = 44
-CANVAS_LEFT = BIRD_X + BIRD_WIDTH // 2 - CANVAS // 2
-CANVAS_UP = CANVAS // 2 - BIRD_HEIGHT // 2  # pixels above the bird's upper edge
+CANVAS_LEFT = t.BIRD_X + t.BIRD_WIDTH // 2 - CANVAS // 2
+CANVAS_UP = CANVAS // 2 - t.BIRD_HEIGHT // 2  # pixels above the bird's upper edge
 
 CAP_HEIGHT = 24  # pixels of the broad end of a pipe
 CAP_LINE = 2  # of its dark edges
@@ -111,24 +96,24 @@ def overlaps(num_cells: int, num_pixels: int) -> NDArray[np.int64]:
 
 def area_means(luma: NDArray[np.int64], side: int) -> Pixels:
     """A grey picture uint8 [side, side] of luminances [512, 288]: rounded area means."""
-    total = SCREEN_HEIGHT * SCREEN_WIDTH
-    sums = overlaps(side, SCREEN_HEIGHT) @ luma @ overlaps(side, SCREEN_WIDTH).T
+    total = t.SCREEN_HEIGHT * t.SCREEN_WIDTH
+    sums = overlaps(side, t.SCREEN_HEIGHT) @ luma @ overlaps(side, t.SCREEN_WIDTH).T
     return ((sums + total // 2) // total).astype(np.uint8)
 
 
 def _make_gray_art(side: int, art: dict[str, Pixels]) -> GrayArt:
-    period = SCREEN_WIDTH // gcd(SCREEN_WIDTH, side)
+    period = t.SCREEN_WIDTH // gcd(t.SCREEN_WIDTH, side)
     cover, light = _average_pipes(side, period, art["pipe"], art["outline"])
-    ground_row = GROUND_TOP * side // SCREEN_HEIGHT
-    bird_column = CANVAS_LEFT * side // SCREEN_WIDTH
+    ground_row = t.GROUND_TOP * side // t.SCREEN_HEIGHT
+    bird_column = CANVAS_LEFT * side // t.SCREEN_WIDTH
     bird_cover, bird_light = _average_birds(side, bird_column, art["bird"], art["palette"])
     return GrayArt(
         sky=area_means(luminance(art["sky"].transpose(1, 2, 0)), side),
         ground=_average_ground(side, ground_row, art["ground"]),
         ground_row=ground_row,
-        ground_units=(ground_row + 1) * SCREEN_HEIGHT - GROUND_TOP * side,
+        ground_units=(ground_row + 1) * t.SCREEN_HEIGHT - t.GROUND_TOP * side,
         period=period,
-        period_columns=period * side // SCREEN_WIDTH,
+        period_columns=period * side // t.SCREEN_WIDTH,
         pipe_cover=cover,
         pipe_light=light,
         bird_column=bird_column,
@@ -139,13 +124,13 @@ def _make_gray_art(side: int, art: dict[str, Pixels]) -> GrayArt:
 
 def _average_ground(side: int, first_row: int, ground: Pixels) -> Pixels:
     """The means of what each row shows of the ground, by how far it has scrolled."""
-    down = overlaps(side, SCREEN_HEIGHT)[first_row:, GROUND_TOP:]
-    across = overlaps(side, SCREEN_WIDTH)
-    total = down.sum(1)[:, None] * SCREEN_WIDTH
+    down = overlaps(side, t.SCREEN_HEIGHT)[first_row:, t.GROUND_TOP :]
+    across = overlaps(side, t.SCREEN_WIDTH)
+    total = down.sum(1)[:, None] * t.SCREEN_WIDTH
     luma = luminance(ground.transpose(1, 2, 0))
     phases = []
     for phase in range(GROUND_PERIOD):
-        sums = down @ luma[:, phase : phase + SCREEN_WIDTH] @ across.T
+        sums = down @ luma[:, phase : phase + t.SCREEN_WIDTH] @ across.T
         phases.append((sums + total // 2) // total)
     return np.array(phases, np.uint8)
 
@@ -153,16 +138,16 @@ def _average_ground(side: int, first_row: int, ground: Pixels) -> Pixels:
 def _average_pipes(
     side: int, period: int, pipe: Pixels, outline: Pixels
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    num_columns = PIPE_WIDTH * side // SCREEN_WIDTH + 2
-    opaque = np.ones((3, PIPE_WIDTH), np.int64)
+    num_columns = t.PIPE_WIDTH * side // t.SCREEN_WIDTH + 2
+    opaque = np.ones((3, t.PIPE_WIDTH), np.int64)
     opaque[BODY, :BODY_INSET], opaque[BODY, -BODY_INSET:] = 0, 0
-    luma = np.stack([*luminance(pipe), np.full(PIPE_WIDTH, luminance(outline[None])[0])])
-    across = overlaps(side, SCREEN_WIDTH)
+    luma = np.stack([*luminance(pipe), np.full(t.PIPE_WIDTH, luminance(outline[None])[0])])
+    across = overlaps(side, t.SCREEN_WIDTH)
     cover = np.zeros((period, 3, num_columns), np.int32)
     light = np.zeros_like(cover)
     for phase in range(period):
-        first = phase * side // SCREEN_WIDTH
-        units = across[first : first + num_columns, phase : phase + PIPE_WIDTH]
+        first = phase * side // t.SCREEN_WIDTH
+        units = across[first : first + num_columns, phase : phase + t.PIPE_WIDTH]
         cover[phase] = opaque @ units.T
         light[phase] = (opaque * luma) @ units.T
     return cover, light
@@ -171,8 +156,8 @@ def _average_pipes(
 def _average_birds(
     side: int, first_column: int, bird: Pixels, palette: Pixels
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    last_column = -(-(CANVAS_LEFT + CANVAS) * side // SCREEN_WIDTH)
-    units = overlaps(side, SCREEN_WIDTH)[
+    last_column = -(-(CANVAS_LEFT + CANVAS) * side // t.SCREEN_WIDTH)
+    units = overlaps(side, t.SCREEN_WIDTH)[
         first_column:last_column, CANVAS_LEFT : CANVAS_LEFT + CANVAS
     ]
     cover = (bird > 0).astype(np.int64) @ units.T
@@ -184,7 +169,7 @@ def _average_birds(
 def _make_bird_palettes(palette: Pixels) -> Pixels:
     """RGB uint8 [8 seats, 9 palette rows, 3]: rows 2 to 4 are the seat's light, plain and dark."""
     palettes = np.stack([palette] * len(BIRD_COLOURS))
-    body = np.array(BIRD_COLOURS, float)
+    body = BIRD_COLOURS.astype(float)
     shades = body + (255 - body) * 0.5, body, body * 0.72
     palettes[:, 2:5] = np.round(np.stack(shades, 1))
     return palettes
@@ -197,11 +182,13 @@ def make_art() -> Art:
     birds, palette = read_atlas(folder / "birds.png")
     indices, colours = read_atlas(folder / "scenery.png")
     scenery = colours[indices]
-    right = scenery[:, SCREEN_WIDTH:]
-    ground = np.tile(right[GROUND_TOP:, :GROUND_PERIOD], (1, SCREEN_WIDTH // GROUND_PERIOD + 1, 1))
+    right = scenery[:, t.SCREEN_WIDTH :]
+    ground = np.tile(
+        right[t.GROUND_TOP :, :GROUND_PERIOD], (1, t.SCREEN_WIDTH // GROUND_PERIOD + 1, 1)
+    )
     palettes = _make_bird_palettes(palette)
     art = {
-        "sky": scenery[:, :SCREEN_WIDTH].transpose(2, 0, 1).copy(),
+        "sky": scenery[:, : t.SCREEN_WIDTH].transpose(2, 0, 1).copy(),
         "ground": ground.transpose(2, 0, 1).copy(),
         "pipe": right[:2].copy(),
         "outline": palettes[0, 1].copy(),

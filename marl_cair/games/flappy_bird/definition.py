@@ -2,109 +2,58 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.flappy_bird import bots, gray, observation, rendering, rules
-from marl_cair.games.flappy_bird.observation import (
-    COLUMNS,
-    FEATURE_NAMES,
-    NUM_UNIFORM,
-    PLANE_NAMES,
-    ROWS,
-    VECTOR_NAMES,
-)
+from marl_cair.games import game_package as package
+from marl_cair.games.flappy_bird import bots, gray, rendering, rules
+from marl_cair.games.flappy_bird import observation as obs
+from marl_cair.games.flappy_bird import tables as t
 from marl_cair.games.flappy_bird.ranges import state_limits
 from marl_cair.games.flappy_bird.rulebook import make_rules, reward_bound
 from marl_cair.games.flappy_bird.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
 from marl_cair.games.flappy_bird.state import NUM_FRAMES, World, allocate
-from marl_cair.games.flappy_bird.tables import (
-    MAX_PLAYERS,
-    NOOP,
-    SCREEN_HEIGHT,
-    SCREEN_WIDTH,
-    TICKS_PER_SECOND,
-)
-from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
+from marl_cair.games.game import Game, GameSpec, Representation
 
 VERSION = "1"
-
-_ACTION_NAMES = ("noop", "flap")
-_HIDDEN = ("random", "newest_frame", "film")
 
 
 def make_spec(scenario: Scenario) -> GameSpec:
     """What `scenario` offers to agents: actions, representations, limits."""
-    return GameSpec(
+    return package.make_plain_spec(
+        ("noop", "flap"),
         num_players=scenario.num_players,
-        action_names=_ACTION_NAMES,
-        action_groups=np.arange(len(_ACTION_NAMES), dtype=np.int16),
-        action_group_names=_ACTION_NAMES,
-        action_cells=np.full(len(_ACTION_NAMES), NO_CELL, np.int32),
-        noop_action=NOOP,
-        representations=MappingProxyType(_representations()),
-        static_planes=(),
-        exclusive_planes=(),
-        event_planes=(),
-        resources=(),
+        noop_action=t.NOOP,
+        representations=_list_representations(),
         ticks_per_step=scenario.ticks_per_step,
         max_ticks=scenario.max_ticks,
         reward_bound=reward_bound(scenario),
         pays=REWARDS[next(iter(REWARDS))],
-        ticks_per_second=TICKS_PER_SECOND,
+        ticks_per_second=t.TICKS_PER_SECOND,
     )
 
 
-def _representations() -> dict[str, Representation]:
+def _list_representations() -> Mapping[str, Representation]:
     large, small = gray.GRAY_SIDE, gray.GRAY_SMALL_SIDE
-    picture = (3, SCREEN_HEIGHT, SCREEN_WIDTH)
-    rgb, luma = ("red", "green", "blue"), ("luma",)
-    past = tuple(f"luma {age} decisions ago" for age in range(NUM_FRAMES - 1, 0, -1))
-    listed = (
-        Representation(
-            "planes",
-            (len(PLANE_NAMES), ROWS, COLUMNS),
-            np.uint8,
-            255,
-            PLANE_NAMES,
-            observation.observe_planes,
-            num_uniform=NUM_UNIFORM,
+    frames = (*(f"luma {age} decisions ago" for age in range(NUM_FRAMES - 1, 0, -1)), "luma")
+    board, square = (obs.ROWS, obs.COLUMNS), (large, large)
+    vector, features = obs.observe_vector, obs.observe_features
+    return package.list_by_name(
+        package.show_board(
+            "planes", obs.PLANE_NAMES, board, obs.observe_planes, num_uniform=obs.NUM_UNIFORM
         ),
-        Representation("image", picture, np.uint8, 255, rgb, rendering.observe_image),
-        Representation("gray", (1, large, large), np.uint8, 255, luma, gray.observe_gray),
-        Representation("gray_80", (1, small, small), np.uint8, 255, luma, gray.observe_gray_80),
-        Representation(
-            "gray_stack",
-            (NUM_FRAMES, large, large),
-            np.uint8,
-            255,
-            (*past, "luma"),
-            gray.observe_gray_stack,
-            num_frames=NUM_FRAMES,
-        ),
-        Representation(
-            "vector",
-            (len(VECTOR_NAMES),),
-            np.float32,
-            observation.VECTOR_HIGH,
-            VECTOR_NAMES,
-            observation.observe_vector,
-            low=observation.VECTOR_LOW,
-        ),
-        Representation(
-            "features",
-            (len(FEATURE_NAMES),),
-            np.float32,
-            observation.FEATURE_HIGH,
-            FEATURE_NAMES,
-            observation.observe_features,
-            low=observation.FEATURE_LOW,
+        package.show_picture(t.SCREEN_HEIGHT, t.SCREEN_WIDTH, rendering.observe_image),
+        package.show_gray(large, gray.observe_gray),
+        package.show_gray(small, gray.observe_gray, "gray_80"),
+        package.show_board("gray_stack", frames, square, gray.observe_gray, num_frames=NUM_FRAMES),
+        package.show_numbers("vector", obs.VECTOR_NAMES, obs.VECTOR_HIGH, vector, obs.VECTOR_LOW),
+        package.show_numbers(
+            "features", obs.FEATURE_NAMES, obs.FEATURE_HIGH, features, obs.FEATURE_LOW
         ),
     )
-    return {representation.name: representation for representation in listed}
 
 
 def read_info(worlds: World) -> dict[str, NDArray[Any]]:
@@ -117,7 +66,7 @@ GAME = Game(
     title="Flappy Bird",
     version=VERSION,
     summary="Flap through the gaps between pipes, alone or in a race.",
-    player_range=(1, MAX_PLAYERS),
+    player_range=(1, t.MAX_PLAYERS),
     scenarios=MappingProxyType(SCENARIOS),
     default_scenario="classic",
     make_rules=make_rules,
@@ -129,7 +78,7 @@ GAME = Game(
     draw=rendering.draw,
     bots=MappingProxyType(bots.BOTS),
     rewards=MappingProxyType(REWARDS),
-    hidden_fields=_HIDDEN,
+    hidden_fields=("random", "newest_frame", "film"),
     gymnasium_prefix=GYMNASIUM_PREFIX,
     info=read_info,
     state_limits=state_limits,

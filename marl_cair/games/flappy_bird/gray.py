@@ -9,45 +9,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from marl_cair.games.compiled import compiled_compact
-from marl_cair.games.flappy_bird.art import (
-    BODY,
-    CANVAS,
-    CANVAS_UP,
-    CAP,
-    CAP_HEIGHT,
-    CAP_LINE,
-    LINE,
-)
-from marl_cair.games.flappy_bird.film import (
-    HIDDEN,
-    bird_top,
-    frame_place,
-    gap_of,
-    pipe_left,
-    pose_of,
-    scroll_of,
-    wind_of,
-)
-from marl_cair.games.flappy_bird.rendering import (
-    GAUGE_EDGE,
-    GAUGE_HEIGHT,
-    GAUGE_LEFT,
-    GAUGE_TOP,
-    GAUGE_WIDTH,
-    colour_of,
-    gauge_box,
-)
-from marl_cair.games.flappy_bird.state import (
-    NUM_FRAMES,
-    world_at,
-)
-from marl_cair.games.flappy_bird.tables import (
-    NUM_PIPES,
-    PIPE_WIDTH,
-    SCREEN_HEIGHT,
-    SCREEN_WIDTH,
-)
+from marl_cair.games.compiled import compiled_compact, loop_over_seats
+from marl_cair.games.flappy_bird import art as a
+from marl_cair.games.flappy_bird import frames, rendering
+from marl_cair.games.flappy_bird import state as s
+from marl_cair.games.flappy_bird.tables import NUM_PIPES, PIPE_WIDTH, SCREEN_HEIGHT, SCREEN_WIDTH
 
 GRAY_SIDE, GRAY_SMALL_SIDE = 84, 80
 CELL_UNITS = SCREEN_WIDTH * SCREEN_HEIGHT  # of a cell's area
@@ -65,7 +31,7 @@ def units_in_row(row: int, side: int, first: int, last: int) -> int:
 @compiled_compact
 def blend_tube(gray: Any, phase: int, column: int, first: int, last: int, image: Any) -> None:
     """The rows first..last-1 that show nothing but the body of a pipe."""
-    cover, light = gray.pipe_cover[phase, BODY], gray.pipe_light[phase, BODY]
+    cover, light = gray.pipe_cover[phase, a.BODY], gray.pipe_light[phase, a.BODY]
     begin, end = max(0, -column), min(cover.shape[0], image.shape[1] - column)
     for row in range(first, last):
         for place in range(begin, end):
@@ -79,18 +45,20 @@ def blend_end(
 ) -> None:
     """A row that shows part of the ends of a pipe with its gap at top..bottom-1."""
     side = image.shape[0]
-    body = units_in_row(row, side, 0, top - CAP_HEIGHT)
-    body += units_in_row(row, side, bottom + CAP_HEIGHT, SCREEN_HEIGHT)
-    cap = units_in_row(row, side, top - CAP_HEIGHT + CAP_LINE, top - CAP_LINE)
-    cap += units_in_row(row, side, bottom + CAP_LINE, bottom + CAP_HEIGHT - CAP_LINE)
-    ends = units_in_row(row, side, top - CAP_HEIGHT, top)
-    ends += units_in_row(row, side, bottom, bottom + CAP_HEIGHT)
+    body = units_in_row(row, side, 0, top - a.CAP_HEIGHT)
+    body += units_in_row(row, side, bottom + a.CAP_HEIGHT, SCREEN_HEIGHT)
+    cap = units_in_row(row, side, top - a.CAP_HEIGHT + a.CAP_LINE, top - a.CAP_LINE)
+    cap += units_in_row(row, side, bottom + a.CAP_LINE, bottom + a.CAP_HEIGHT - a.CAP_LINE)
+    ends = units_in_row(row, side, top - a.CAP_HEIGHT, top)
+    ends += units_in_row(row, side, bottom, bottom + a.CAP_HEIGHT)
     line = ends - cap
     cover, light = gray.pipe_cover[phase], gray.pipe_light[phase]
     begin, end = max(0, -column), min(cover.shape[1], side - column)
     for place in range(begin, end):
-        covered = body * cover[BODY, place] + ends * cover[CAP, place]
-        added = body * light[BODY, place] + cap * light[CAP, place] + line * light[LINE, place]
+        covered = body * cover[a.BODY, place] + ends * cover[a.CAP, place]
+        added = (
+            body * light[a.BODY, place] + cap * light[a.CAP, place] + line * light[a.LINE, place]
+        )
         below = int(image[row, column + place]) * (CELL_UNITS - covered)
         image[row, column + place] = (below + added + CELL_UNITS // 2) // CELL_UNITS
 
@@ -98,19 +66,18 @@ def blend_end(
 @compiled_compact
 def blend_pipe(world: Any, rules: Any, place: int, gray: Any, pipe: int, image: Any) -> None:
     """Both halves of a pipe."""
-    left = pipe_left(world, rules, place, pipe)
+    left, top = frames.pipe_in_frame(world, rules, place, pipe)
     if left >= SCREEN_WIDTH or left + PIPE_WIDTH <= 0:
         return
     side = image.shape[0]
     phase = left % gray.period
     column = left // gray.period * gray.period_columns + phase * side // SCREEN_WIDTH
-    top = gap_of(world, rules, place, pipe)
     bottom = top + rules.pipe_gap
-    upper = max(0, top - CAP_HEIGHT) * side // SCREEN_HEIGHT
+    upper = max(0, top - a.CAP_HEIGHT) * side // SCREEN_HEIGHT
     above_gap = (top * side - 1) // SCREEN_HEIGHT + 1
     below_gap = bottom * side // SCREEN_HEIGHT
     last = gray.ground_row + 1
-    lower = min(last, ((bottom + CAP_HEIGHT) * side - 1) // SCREEN_HEIGHT + 1)
+    lower = min(last, ((bottom + a.CAP_HEIGHT) * side - 1) // SCREEN_HEIGHT + 1)
     blend_tube(gray, phase, column, 0, upper, image)
     for row in range(upper, above_gap):
         blend_end(gray, phase, column, row, top, bottom, image)
@@ -151,21 +118,35 @@ def blend_box(image: Any, top: int, left: int, height: int, width: int, luma: in
 @compiled_compact
 def blend_gauge(wind: int, image: Any) -> None:
     """The gauge of the wind."""
-    blend_box(image, GAUGE_TOP, GAUGE_LEFT, GAUGE_HEIGHT, GAUGE_WIDTH, GAUGE_DARK_LUMA)
-    top, height = gauge_box(wind)
+    blend_box(
+        image,
+        rendering.GAUGE_TOP,
+        rendering.GAUGE_LEFT,
+        rendering.GAUGE_HEIGHT,
+        rendering.GAUGE_WIDTH,
+        GAUGE_DARK_LUMA,
+    )
+    top, height = rendering.gauge_box(wind)
     if height > 0:
-        width = GAUGE_WIDTH - 2 * GAUGE_EDGE
-        blend_box(image, top, GAUGE_LEFT + GAUGE_EDGE, height, width, GAUGE_BRIGHT_LUMA)
+        width = rendering.GAUGE_WIDTH - 2 * rendering.GAUGE_EDGE
+        blend_box(
+            image,
+            top,
+            rendering.GAUGE_LEFT + rendering.GAUGE_EDGE,
+            height,
+            width,
+            GAUGE_BRIGHT_LUMA,
+        )
 
 
 @compiled_compact
 def blend_bird(pose: int, up: int, colour: int, gray: Any, image: Any) -> None:
     """Blend a bird whose canvas begins in pixel row `up`, unless it is hidden."""
-    if pose == HIDDEN:
+    if pose == frames.HIDDEN:
         return
     side = image.shape[0]
     cover, light = gray.bird_cover[pose], gray.bird_light[colour, pose]
-    first, last = max(0, up), min(SCREEN_HEIGHT, up + CANVAS)
+    first, last = max(0, up), min(SCREEN_HEIGHT, up + a.CANVAS)
     for row in range(first * side // SCREEN_HEIGHT, (last * side - 1) // SCREEN_HEIGHT + 1):
         begin = max(first, row * SCREEN_HEIGHT // side)
         end = min(last, ((row + 1) * SCREEN_HEIGHT - 1) // side + 1)
@@ -183,53 +164,30 @@ def blend_bird(pose: int, up: int, colour: int, gray: Any, image: Any) -> None:
 
 @compiled_compact
 def paint_gray(world: Any, rules: Any, place: int, gray: Any, viewer: int, image: Any) -> None:
-    """A frame at `place` of the film as uint8 [S, S], S the side that `gray` was averaged for."""
+    """The frame at a place of the ring as uint8 [S, S], S the side that `gray` was averaged for."""
     for row in range(gray.ground_row + 1):
         for column in range(image.shape[1]):
             image[row, column] = gray.sky[row, column]
     for pipe in range(NUM_PIPES):
         blend_pipe(world, rules, place, gray, pipe, image)
-    blend_ground(scroll_of(world, rules, place), gray, image)
+    blend_ground(frames.scroll_in_frame(world, rules, place), gray, image)
     if rules.wind > 0:
-        blend_gauge(wind_of(world, place), image)
+        blend_gauge(int(world.film[place, s.FRAME_WIND]), image)
     for nth in range(1, rules.num_players + 1):
         # The viewer comes last, the others in the order of their seats.
         player = viewer if nth == rules.num_players else nth - int(nth <= viewer)
-        pose = pose_of(world, place, player)
-        up = bird_top(world, place, player) - CANVAS_UP
-        blend_bird(pose, up, colour_of(player, viewer), gray, image)
-
-
-# --- slices of worlds ------------------------------------------------------------------------
+        pose, up = frames.bird_in_frame(world, place, player)
+        blend_bird(pose, up, rendering.colour_of(player, viewer), gray, image)
 
 
 @compiled_compact
-def observe_gray(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write every seat's small picture to out [B, P, 1, 84, 84]."""
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        place = frame_place(world, 0)
-        for player in range(rules.num_players):
-            paint_gray(world, rules, place, rules.art.gray_84, player, out[index, player, 0])
+def see_gray(world: Any, rules: Any, player: int, out: Any) -> None:
+    """A seat's small pictures uint8 [n, S, S] of the last n steps, the newest last: S 84 or 80."""
+    gray = rules.art.gray_84 if out.shape[1] == GRAY_SIDE else rules.art.gray_80
+    num_frames = out.shape[0]
+    for age in range(num_frames):
+        place = frames.frame_place(world, age)
+        paint_gray(world, rules, place, gray, player, out[num_frames - 1 - age])
 
 
-@compiled_compact
-def observe_gray_80(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write every seat's small picture in the thesis's size to out [B, P, 1, 80, 80]."""
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        place = frame_place(world, 0)
-        for player in range(rules.num_players):
-            paint_gray(world, rules, place, rules.art.gray_80, player, out[index, player, 0])
-
-
-@compiled_compact
-def observe_gray_stack(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write the last four decisions' small pictures, the newest last: out [B, P, 4, 84, 84]."""
-    for index in range(first, last):
-        world = world_at(worlds, index)
-        for age in range(NUM_FRAMES):
-            place = frame_place(world, age)
-            for player in range(rules.num_players):
-                image = out[index, player, NUM_FRAMES - 1 - age]
-                paint_gray(world, rules, place, rules.art.gray_84, player, image)
+observe_gray = loop_over_seats(see_gray, s.world_at, compact=True)  # out [B, P, 1 or 4, S, S]

@@ -10,25 +10,10 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from marl_cair.games.flappy_bird.tables import (
-    BIRD_HEIGHT,
-    BIRD_X,
-    FIRST_PIPES_X,
-    FLAP_VELOCITY,
-    GRAVITY,
-    GROUND_TOP,
-    HUNDREDTHS,
-    MAX_FALL,
-    PIPE_WIDTH,
-    RENEW_BELOW_X,
-    RENEWED_X_HUNDREDTHS,
-    START_Y,
-    TOUCH_DEPTH,
-    gap_tops,
-)
+from marl_cair.games.flappy_bird import tables as t
 
 # Heights at which a bird is alive: 1..GROUND_TOP - BIRD_HEIGHT.
-_ALIVE = (1 << (GROUND_TOP - BIRD_HEIGHT + 1)) - 2
+_ALIVE = (1 << (t.GROUND_TOP - t.BIRD_HEIGHT + 1)) - 2
 
 # Found with the search below once and for all, so that most scenarios are named without it:
 # (speed and wind at most, gap at least), where a bird may flap in every tick.
@@ -55,7 +40,7 @@ def is_playable(pipe_gap: int, speed: int, wind: int, ticks_per_step: int = 1) -
 @cache
 def search_course(pipe_gap: int, speed: int, wind: int, ticks_per_step: int = 1) -> bool:
     """As `is_playable`, found by the search."""
-    pixels = -(-wind // HUNDREDTHS)
+    pixels = -(-wind // t.HUNDREDTHS)
     return all(
         _passes_course(pipe_gap, speed, blow, first, ticks_per_step)
         for first in (0, 1)
@@ -65,15 +50,17 @@ def search_course(pipe_gap: int, speed: int, wind: int, ticks_per_step: int = 1)
 
 def _passes_course(pipe_gap: int, speed: int, blow: int, first: int, ticks_per_step: int) -> bool:
     """Whether birds pass pipes without an end; gap `first` of the two extremes begins."""
-    edges = gap_tops(pipe_gap)
-    pipes = [(x * HUNDREDTHS, edges[(first + index) % 2]) for index, x in enumerate(FIRST_PIPES_X)]
-    birds: Birds = {(FLAP_VELOCITY, True): 1 << (START_Y + FLAP_VELOCITY)}
+    edges = t.gap_tops(pipe_gap)
+    pipes = [
+        (x * t.HUNDREDTHS, edges[(first + index) % 2]) for index, x in enumerate(t.FIRST_PIPES_X)
+    ]
+    birds: Birds = {(t.FLAP_VELOCITY, True): 1 << (t.START_Y + t.FLAP_VELOCITY)}
     num_met, tick = len(pipes), 0  # in which the bird flaps by itself
     been: set[Any] = set()
     while birds:
         for index, (x, _) in enumerate(pipes):
-            if x < RENEW_BELOW_X * HUNDREDTHS:
-                pipes[index] = (RENEWED_X_HUNDREDTHS, edges[(first + num_met) % 2])
+            if x < t.RENEW_BELOW_X * t.HUNDREDTHS:
+                pipes[index] = (t.RENEWED_X_HUNDREDTHS, edges[(first + num_met) % 2])
                 num_met += 1
                 state = tuple(pipes), tick % ticks_per_step, num_met % 2, frozenset(birds.items())
                 if state in been:  # and so again and again
@@ -89,9 +76,9 @@ def _passes_course(pipe_gap: int, speed: int, blow: int, first: int, ticks_per_s
 def _free_heights(pipes: list[tuple[int, int]], pipe_gap: int) -> int:
     free = _ALIVE
     for x, top in pipes:
-        left, right = x - PIPE_WIDTH // 2 * HUNDREDTHS, x + PIPE_WIDTH // 2 * HUNDREDTHS
-        if left < (BIRD_X + TOUCH_DEPTH) * HUNDREDTHS and right > BIRD_X * HUNDREDTHS:
-            free &= (1 << (top + pipe_gap - BIRD_HEIGHT + 1)) - (1 << (top + 1))
+        left, right = x - t.PIPE_WIDTH // 2 * t.HUNDREDTHS, x + t.PIPE_WIDTH // 2 * t.HUNDREDTHS
+        if left < (t.BIRD_X + t.TOUCH_DEPTH) * t.HUNDREDTHS and right > t.BIRD_X * t.HUNDREDTHS:
+            free &= (1 << (top + pipe_gap - t.BIRD_HEIGHT + 1)) - (1 << (top + 1))
     return free
 
 
@@ -106,7 +93,7 @@ def _move(birds: Birds, blow: int, may_flap: bool) -> Birds:
         if has_flapped:  # no gravity in this tick, and a flap only brakes
             motions = ((velocity, False), (0, False))
         else:
-            motions = ((min(MAX_FALL, velocity + GRAVITY), False), (FLAP_VELOCITY, True))
+            motions = ((min(t.MAX_FALL, velocity + t.GRAVITY), False), (t.FLAP_VELOCITY, True))
         for motion in motions if may_flap else motions[:1]:
             shift = motion[0] + blow
             there = heights << shift if shift >= 0 else heights >> -shift

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from marl_cair.games.flappy_bird.art import Art, make_art
 from marl_cair.games.flappy_bird.scenarios import Scenario
 from marl_cair.games.flappy_bird.tables import gap_tops
+from marl_cair.games.game_package import fill_record
 
 # What each reward pays for: a pipe, a crash, a tick of flight, being the last one flying.
 _PAY = {
@@ -39,26 +40,21 @@ class Rules(NamedTuple):
 def make_rules(scenario: Scenario) -> Rules:
     """The numbers of `scenario`."""
     highest, lowest = gap_tops(scenario.pipe_gap)
-    pipe_pay, crash_pay, tick_pay, win_pay = _PAY[scenario.reward]
-    return Rules(
-        num_players=scenario.num_players,
+    pays = zip(("pipe_pay", "crash_pay", "tick_pay", "win_pay"), _PAY[scenario.reward], strict=True)
+    return fill_record(
+        Rules,
+        scenario,
         speed=scenario.speed_hundredths,
-        pipe_gap=scenario.pipe_gap,
         first_gap_top=highest,
         num_gap_tops=lowest - highest + 1,
         wind=scenario.wind_hundredths,
-        pipe_pay=pipe_pay,
-        crash_pay=crash_pay,
-        tick_pay=tick_pay,
-        win_pay=win_pay,
-        ticks_per_step=scenario.ticks_per_step,
-        max_ticks=scenario.max_ticks,
         art=make_art(),
+        **dict(pays),
     )
 
 
 def reward_bound(scenario: Scenario) -> float:
-    """More than one decision can pay or cost: its ticks, the pipes it can pass, and the end."""
+    """More than one step can pay or cost: its ticks, the pipes it can pass, and the end."""
     pipe_pay, crash_pay, tick_pay, win_pay = _PAY[scenario.reward]
     ticks = scenario.ticks_per_step
     # Two pipes are more than 100 pixels apart.

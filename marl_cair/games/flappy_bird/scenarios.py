@@ -6,19 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from marl_cair.games.checks.scenario import check_time, check_whole_number, read_number
+from marl_cair.games.flappy_bird import tables as t
 from marl_cair.games.flappy_bird.playable import is_playable
-from marl_cair.games.flappy_bird.tables import (
-    BIRD_HEIGHT,
-    HUNDREDTHS,
-    MAX_GAP,
-    MAX_PLAYERS,
-    MAX_SPEED,
-    MAX_TICKS_PER_STEP,
-    MAX_WIND,
-    MIN_SPEED,
-    PIPE_GAP,
-    PIPE_SPEED,
-)
 from marl_cair.lookup import find_by_name
 
 GYMNASIUM_PREFIX = "FlappyBird"  # of the ids marl_cair/FlappyBird-<scenario>-v0
@@ -42,45 +31,45 @@ class Scenario:
     """
 
     num_players: int = 1  # birds on the same pipes
-    pipe_gap: int = PIPE_GAP  # pixels between upper and lower pipe, more than the bird is high
-    pipe_speed: float = PIPE_SPEED  # pixels per tick, to a tenth
+    pipe_gap: int = t.PIPE_GAP  # pixels between upper and lower pipe, more than the bird is high
+    pipe_speed: float = t.PIPE_SPEED  # pixels per tick, to a tenth
     wind: float = 0.0  # pixels per tick that the strongest gust moves a bird, to a tenth
     reward: str = "classic"  # see REWARDS
-    ticks_per_step: int = 1  # game ticks that one decision lasts; it flaps in the first
+    ticks_per_step: int = 1  # game ticks that one step lasts; it flaps in the first
     max_ticks: int = 6_000  # time limit: 200 seconds
 
     def __post_init__(self) -> None:
-        check_whole_number("flappy_bird", self, "num_players", 1, MAX_PLAYERS)
-        _check_tenths(self, "pipe_speed", MIN_SPEED, MAX_SPEED)
-        _check_tenths(self, "wind", 0.0, MAX_WIND)
-        check_whole_number("flappy_bird", self, "ticks_per_step", 1, MAX_TICKS_PER_STEP)
+        check_whole_number("flappy_bird", self, "num_players", 1, t.MAX_PLAYERS)
+        _check_tenths(self, "pipe_speed", t.MIN_SPEED, t.MAX_SPEED)
+        _check_tenths(self, "wind", 0.0, t.MAX_WIND)
+        check_whole_number("flappy_bird", self, "ticks_per_step", 1, t.MAX_TICKS_PER_STEP)
         check_time("flappy_bird", self)
         find_by_name("flappy_bird reward", self.reward, REWARDS)
         self._check_gap()
 
     def _check_gap(self) -> None:
-        check_whole_number("flappy_bird", self, "pipe_gap", BIRD_HEIGHT + 1, MAX_GAP)
+        check_whole_number("flappy_bird", self, "pipe_gap", t.BIRD_HEIGHT + 1, t.MAX_GAP)
         numbers = self.pipe_gap, self.speed_hundredths, self.wind_hundredths
         if not is_playable(*numbers, self.ticks_per_step):
-            seldom, mends = "", "slower pipes or less wind"
+            rate, fixes = "", "slower pipes or less wind"
             if self.ticks_per_step > 1:
-                seldom = f" at ticks_per_step {self.ticks_per_step}"
-                mends = "slower pipes, less wind or fewer ticks"
+                rate = f" at ticks_per_step {self.ticks_per_step}"
+                fixes = "slower pipes, less wind or fewer ticks"
             raise ValueError(
                 f"flappy_bird: pipe_gap {self.pipe_gap}, pipe_speed {self.pipe_speed} and wind "
-                f"{self.wind} cannot be played{seldom}: no sequence of flaps passes the highest "
-                f"gap after the lowest; take a larger gap, {mends}"
+                f"{self.wind} cannot be played{rate}: no sequence of flaps passes the highest "
+                f"gap after the lowest; take a larger gap, {fixes}"
             )
 
     @property
     def speed_hundredths(self) -> int:
         """`pipe_speed` in hundredths of a pixel per tick."""
-        return round(self.pipe_speed * HUNDREDTHS)
+        return round(self.pipe_speed * t.HUNDREDTHS)
 
     @property
     def wind_hundredths(self) -> int:
         """`wind` in hundredths of a pixel per tick."""
-        return round(self.wind * HUNDREDTHS)
+        return round(self.wind * t.HUNDREDTHS)
 
 
 def _check_tenths(scenario: Any, field: str, low: float, high: float) -> None:

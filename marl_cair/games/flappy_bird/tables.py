@@ -2,7 +2,7 @@
 
 Source, where no other is named: PyGame Learning Environment (github.com/ntasfi/PyGame-Learning-
 Environment, commit 3dbe79d), ple/games/flappybird/__init__.py: its class and the size of its
-pictures. Positions are reckoned there in floats and here in whole hundredths of a pixel, which hold
+pictures. Positions are floats there and here in whole hundredths of a pixel, which hold
 all of its numbers exactly.
 """
 
@@ -54,5 +54,5 @@ MIN_SPEED = 1.0
 MAX_GAP = 300
 MAX_PLAYERS = 8
 # With one flap in 20 ticks no bird keeps its height. With 12 of the fastest, a pipe that came back
-# within four decisions has done so once, as `film` needs.
+# within four steps has done so once, as `frames` needs.
 MAX_TICKS_PER_STEP = 12

@@ -35,6 +35,10 @@ class Board:
         for _ in range(num_decisions):
             self.engine.step([[self.noop, self.noop]])
 
+    def read(self, *fields: str) -> list[list[int]]:
+        """Both players' values of fields of the world."""
+        return [getattr(self.world, field).tolist() for field in fields]
+
     def is_legal(self, player: int, name: str) -> bool:
         return bool(self.engine.action_mask()[0, player, self.action(name)])
 

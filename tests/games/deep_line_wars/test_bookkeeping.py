@@ -17,12 +17,15 @@ from marl_cair.games.deep_line_wars.tables import (
     UNIT_NAMES,
 )
 from marl_cair.games.engine import BatchedEngine
-from tests.games.cases import Luck, choose_action
+from tests.games.cases import Luck, choose_actions
 from tests.games.deep_line_wars.board import Board
 
 seeds = st.integers(0, 2**32 - 1)
 presets = st.sampled_from(list(PRESETS))
 action_spaces = st.sampled_from(["spatial", "classic"])
+
+
+FIELDS = ("gold", "lumber", "income", "health")
 
 
 class Unit(NamedTuple):
@@ -53,9 +56,7 @@ class Books:
 
     def __init__(self, board: Board) -> None:
         self.board, self.preset = board, PRESETS[board.engine.scenario.preset]
-        world = board.world
-        self.gold, self.lumber = world.gold.tolist(), world.lumber.tolist()
-        self.income, self.health = world.income.tolist(), world.health.tolist()
+        self.gold, self.lumber, self.income, self.health = board.read(*FIELDS)
 
     def spend(self, player: int, name: str) -> None:
         verb, _, what = name.partition("_")
@@ -86,13 +87,8 @@ class Books:
                 self.lumber[player] += self.preset.lumber_per_interval
 
     def check(self) -> None:
-        world = self.board.world
-        assert world.gold.tolist() == self.gold
-        assert world.lumber.tolist() == self.lumber
-        assert world.income.tolist() == self.income
-        assert world.health.tolist() == self.health
-        assert min(self.gold) >= 0
-        assert min(self.lumber) >= 0
+        assert self.board.read(*FIELDS) == [self.gold, self.lumber, self.income, self.health]
+        assert min(*self.gold, *self.lumber) >= 0
 
 
 @settings(max_examples=12)
@@ -101,14 +97,13 @@ def test_gold_lumber_income_and_health_follow_from_the_events(seed, preset, acti
     board = Board(seed=seed, preset=preset, actions=actions)
     board.world.gold[:] = gold
     books, engine = Books(board), board.engine
-    for numbers in Luck.draw(350, 1, 2, seed).numbers[:, 0]:
-        masks = engine.action_mask()[0]
-        chosen = [choose_action(engine.spec, masks[player], *numbers[player]) for player in (0, 1)]
+    for numbers in Luck.draw(350, 1, 2, seed).numbers:
+        masks, chosen = engine.action_mask()[0], choose_actions(engine, numbers)
         before = [living_units(board, player) for player in (0, 1)]
-        engine.step(np.array([chosen]))
-        for player in (0, 1):
-            if masks[player, chosen[player]]:
-                books.spend(player, engine.spec.action_names[chosen[player]])
+        engine.step(chosen)
+        for player, action in enumerate(chosen[0].tolist()):
+            if masks[player, action]:
+                books.spend(player, engine.spec.action_names[action])
         books.book_losses(before)
         books.pay()
         books.check()
@@ -181,11 +176,9 @@ def test_an_action_does_what_it_says_if_the_mask_allows_it_and_else_nothing(
 ):
     board = Board(seed=seed, preset=preset, actions=actions)
     engine = board.engine
-    for numbers in Luck.draw(60, 1, 2, seed).numbers[:, 0]:
+    for numbers in Luck.draw(60, 1, 2, seed).numbers:
         board.world.gold[:] += 10
-        masks = engine.action_mask()[0]
-        chosen = [choose_action(engine.spec, masks[seat], *numbers[seat]) for seat in (0, 1)]
-        engine.step(np.array([chosen]))
+        engine.step(choose_actions(engine, numbers))
     board.world.num_units[1 - player] = 0  # so that a new tower finds nothing to shoot at
     board.world.gold[:], board.world.lumber[:] = gold, lumber
     mask = engine.action_mask()[0, player]
@@ -207,10 +200,8 @@ def test_health_never_rises_and_rewards_cancel_out(seed, scenario, actions):
     engine = make_engine("deep_line_wars", scenario, actions=actions, reward="shaped")
     engine.reset(seed)
     before = engine._worlds.health.copy()
-    for numbers in Luck.draw(120, 1, 2, seed).numbers[:, 0]:
-        masks = engine.action_mask()[0]
-        chosen = [choose_action(engine.spec, masks[seat], *numbers[seat]) for seat in (0, 1)]
-        engine.step(np.array([chosen]))
+    for numbers in Luck.draw(120, 1, 2, seed).numbers:
+        engine.step(choose_actions(engine, numbers))
         assert (engine._worlds.health <= before).all()
         assert engine.rewards[0, 0] == -engine.rewards[0, 1]
         before = engine._worlds.health.copy()
@@ -244,11 +235,10 @@ def test_shaping_telescopes_to_the_potentials_at_the_ends(seed, discount, health
         engine._worlds.gold[:] = (900, 300)
     shaped, sparse = engines
     start, total, weight = potential(shaped), 0.0, 1.0
-    for numbers in Luck.draw(90, 1, 2, seed).numbers[:, 0]:
-        masks = shaped.action_mask()[0]
-        chosen = [choose_action(shaped.spec, masks[seat], *numbers[seat]) for seat in (0, 1)]
+    for numbers in Luck.draw(90, 1, 2, seed).numbers:
+        chosen = choose_actions(shaped, numbers)
         for engine in engines:
-            engine.step(np.array([chosen]))
+            engine.step(chosen)
         total += weight * (float(shaped.rewards[0, 0]) - float(sparse.rewards[0, 0]))
         weight *= discount
         if shaped.terminated[0] or shaped.truncated[0]:

@@ -1,17 +1,13 @@
 """Scripted opponents: legal on every board, repeatable, memoryless, and as strong as they say."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 from benchmarks._matches import play_match
 from marl_cair.games import make_engine
-from marl_cair.games.deep_line_wars.bot_sight import (
-    blow_table,
-    chord_table,
-    make_knowledge,
-    make_sight,
-    placement_order,
-)
+from marl_cair.games.deep_line_wars.bot_sight import blow_table, chord_table, placement_order
 from marl_cair.games.deep_line_wars.bots import BOTS
 from marl_cair.games.deep_line_wars.observation import ENEMY_GOLD, OWN_GOLD
 from marl_cair.games.deep_line_wars.rulebook import make_rules
@@ -67,28 +63,17 @@ def test_every_scripted_bot_builds_and_sends_with_the_classic_cursor(name):
     groups = np.array(engine.spec.action_group_names)
     bots = [make_bot(engine, name), make_bot(engine, "random")]
     taken = {str(groups[a[0, 0]]) for _, _, a in play(engine, bots, 150)}
-    assert any(kind.startswith("buy_") for kind in taken)
-    assert any(kind.startswith("build_") for kind in taken)
-    assert any(kind.startswith("cursor_") for kind in taken)
+    assert {kind.partition("_")[0] for kind in taken} >= {"buy", "build", "cursor"}
 
 
 @pytest.mark.parametrize("name", BOTS)
-def test_the_same_seed_gives_the_same_actions_and_saved_state_continues(name, positions):
+def test_a_bot_repeats_continues_and_leaves_what_it_sees(name, positions):
     assert_repeats_and_continues(name, positions)
-
-
-def test_another_seed_gives_random_other_actions(positions):
-    assert (positions.answers("random", 1) != positions.answers("random", 2)).any()
-
-
-@pytest.mark.parametrize("name", SCRIPTED)
-def test_a_scripted_bot_answers_each_row_on_its_own(name, positions):
-    assert_answers_each_row_on_its_own(name, positions)
-
-
-@pytest.mark.parametrize("name", BOTS)
-def test_bots_leave_what_they_see_as_it_is(name, positions):
     assert_leaves_what_it_sees(name, positions)
+    if name == "random":  # draws for the rows of a batch one after another
+        assert (positions.answers("random", 1) != positions.answers("random", 2)).any()
+    else:
+        assert_answers_each_row_on_its_own(name, positions)
 
 
 def test_random_draws_kinds_evenly_and_then_actions_of_the_kind_evenly():
@@ -106,17 +91,14 @@ def test_random_draws_kinds_evenly_and_then_actions_of_the_kind_evenly():
 
 
 @pytest.mark.parametrize("name", SCRIPTED)
-def test_every_scripted_bot_beats_random_in_nine_games_of_ten(name):
+def test_every_bot_beats_random_in_nine_games_of_ten_and_counter_beats_every_other(name):
     engine = make_game(200)
-    result = play_match(engine, make_bot(engine, name), make_bot(engine, "random"), seed=11)
+    bot = make_bot(engine, name)
+    result = play_match(engine, bot, make_bot(engine, "random"), seed=11)
     assert result.wins >= 0.9 * result.games
-
-
-@pytest.mark.parametrize("name", [name for name in SCRIPTED if name != "counter"])
-def test_counter_beats_every_other_bot_clearly(name):
-    engine = make_game(200)
-    result = play_match(engine, make_bot(engine, "counter"), make_bot(engine, name), seed=12)
-    assert result.wins >= 0.75 * result.games
+    if name != "counter":
+        result = play_match(engine, make_bot(engine, "counter"), bot, seed=12)
+        assert result.wins >= 0.75 * result.games
 
 
 def test_counter_does_not_look_at_the_enemys_gold(positions):
@@ -154,14 +136,6 @@ def test_blows_count_armour_and_the_waste_of_the_last_shot():
     assert blows[FASTER, GRUNT] == pytest.approx(140 / 35 * 0.5)
 
 
-def test_knowledge_and_sight_fit_the_board():
-    engine = make_game(1, "11x11")
-    known = make_knowledge(engine.scenario, engine.spec)
-    sight = make_sight(engine.scenario)
-    assert known.chords.shape == (3, 11 * 4, 11)
-    assert sight.threats.shape == (4, 11)
-
-
 @pytest.mark.plain_python
 @pytest.mark.parametrize("name", BOTS)
 @pytest.mark.parametrize("actions", ["spatial", "classic"])
@@ -169,30 +143,23 @@ def test_a_short_game_of_each_bot_ends_where_plain_python_ends(name, actions):
     engine = make_game(1, actions=actions)
     bots = [make_bot(engine, name, 1), make_bot(engine, "random", 2)]
     taken = [a[0].tolist() for _, _, a in play(engine, bots, 25)]
-    assert digest_of(taken) == GOLDEN[name, actions]
+    assert digest_of(taken) == GOLDEN[name][actions]
 
 
 def digest_of(actions):
     """A short number that changes with any action."""
     value = 0
-    for pair in actions:
-        for action in pair:
-            value = (value * 1_000_003 + action) % 2**31
+    for action in itertools.chain.from_iterable(actions):
+        value = (value * 1_000_003 + action) % 2**31
     return value
 
 
 # Of compiled play; a change of plans or of the balanced numbers changes them.
 GOLDEN = {
-    ("random", "spatial"): 773_837_346,
-    ("rusher", "spatial"): 1_305_756_925,
-    ("turtle", "spatial"): 1_374_712_283,
-    ("economist", "spatial"): 861_996_470,
-    ("zigzag", "spatial"): 2_099_152_103,
-    ("counter", "spatial"): 475_453_331,
-    ("random", "classic"): 2_048_226_798,
-    ("rusher", "classic"): 1_041_381_599,
-    ("turtle", "classic"): 555_344_938,
-    ("economist", "classic"): 478_028_906,
-    ("zigzag", "classic"): 259_867_088,
-    ("counter", "classic"): 1_936_841_593,
+    "random": {"spatial": 773_837_346, "classic": 2_048_226_798},
+    "rusher": {"spatial": 1_305_756_925, "classic": 1_041_381_599},
+    "turtle": {"spatial": 1_374_712_283, "classic": 555_344_938},
+    "economist": {"spatial": 861_996_470, "classic": 478_028_906},
+    "zigzag": {"spatial": 2_099_152_103, "classic": 259_867_088},
+    "counter": {"spatial": 475_453_331, "classic": 1_936_841_593},
 }

@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import chisquare
 
+from marl_cair.games.deep_line_wars import tables as t
 from marl_cair.games.deep_line_wars.state import NO_TARGET
-from marl_cair.games.deep_line_wars.tables import (
-    ARMOURED_GRUNT,
-    BASIC,
-    FAST,
-    FASTER,
-    FOOTMAN,
-    GRUNT,
-    MILITIA,
-    PRESETS,
-)
+from marl_cair.games.deep_line_wars.tables import BASIC, FASTER, GRUNT, MILITIA, PRESETS
 from tests.games.deep_line_wars.board import Board
 
 LASTING = 30_000  # hit points of a unit that is to stand under fire
@@ -35,82 +27,67 @@ def put_target(board: Board, row: int, column: int, kind: int = MILITIA, health:
     return board.put_unit(1, kind, row, board.mirrored(column), health=health)
 
 
-def hold_still(board: Board) -> None:
-    board.world.unit_progress[:] = 0
+def make_range(tower: int, place=(5, 3), target=(5, 3), **options) -> tuple[Board, int]:
+    """A board with a tower of player 0 and a target that lasts; the target's slot."""
+    board = Board(**options)
+    board.put_tower(0, tower, *place)
+    return board, put_target(board, *target)
 
 
-# --- walking ---------------------------------------------------------------------------------
+def find_hits(board: Board, unit: int, num_ticks: int) -> list[int]:
+    """The ticks in which a unit that stands still is hit, from 1."""
+    hits = []
+    for tick in range(1, num_ticks + 1):
+        before = int(board.world.unit_health[1, unit])
+        board.wait(1)
+        board.world.unit_progress[:] = 0
+        if board.world.unit_health[1, unit] < before:
+            hits.append(tick)
+    return hits
 
 
 @pytest.mark.plain_python
 @pytest.mark.parametrize(
-    ("kind", "progress", "arrival"), [(MILITIA, 10, 140), (FOOTMAN, 10, 140), (GRUNT, 10, 140)]
+    ("kind", "progress", "arrival"),
+    [(MILITIA, 10, 140), (t.FOOTMAN, 10, 140), (GRUNT, 10, 140), (t.ARMOURED_GRUNT, 12, 117)],
 )
 def test_a_unit_of_speed_1_walks_a_tile_in_ten_ticks(kind, progress, arrival):
-    assert_walk(kind, progress, arrival)
-
-
-def test_a_unit_of_speed_1_2_walks_six_tiles_in_fifty_ticks():
-    assert_walk(ARMOURED_GRUNT, progress=12, arrival=117)
-
-
-def assert_walk(kind: int, progress: int, arrival: int) -> None:
     board = Board()
     slot = board.put_unit(0, kind, row=4, column=0)
     for tick in range(1, arrival):
         board.wait(1)
-        way = tick * progress
-        assert board.world.unit_column[0, slot] == way // 100
-        assert board.world.unit_progress[0, slot] == way % 100
+        place = board.world.unit_column[0, slot], board.world.unit_progress[0, slot]
+        assert place == divmod(tick * progress, 100)
         assert board.world.health.tolist() == [50, 50]
     assert arrival * progress >= 1_400 > (arrival - 1) * progress
     board.wait(1)
-    assert board.world.health.tolist() == [50, 49]
-    assert board.world.num_units.tolist() == [0, 0]
+    assert board.read("health", "num_units") == [[50, 49], [0, 0]]
 
 
-@pytest.mark.parametrize("kind", [MILITIA, FOOTMAN, GRUNT, ARMOURED_GRUNT])
+@pytest.mark.parametrize("kind", range(t.NUM_UNIT_KINDS))
 def test_an_arrival_costs_the_enemy_one_health_whatever_arrives(kind):
+    """Units walk before towers fire: a unit that arrives is not shot in that tick."""
     board = Board()
-    board.put_unit(1, kind, row=4, column=13, progress=90)
+    board.put_tower(0, FASTER, row=4, column=1)
+    board.put_unit(1, kind, row=4, column=13, progress=90, health=1)
     board.wait(1)
-    assert board.world.health.tolist() == [49, 50]
-    assert board.world.gold.tolist() == [100, 100]
+    assert board.read("health", "gold") == [[49, 50], [100, 100]]
 
 
 def test_units_pass_each_other_and_towers():
     board = Board()
-    board.put_unit(0, MILITIA, row=4, column=7, progress=90)
-    board.put_unit(0, GRUNT, row=4, column=7, progress=90)
-    board.put_unit(1, MILITIA, row=4, column=7, progress=90)
+    for owner, kind in ((0, MILITIA), (0, GRUNT), (1, MILITIA)):
+        board.put_unit(owner, kind, row=4, column=7, progress=90)
     board.put_tower(1, BASIC, row=4, column=6)
     board.wait(1)
-    assert board.world.unit_column[0, :2].tolist() == [8, 8]
-    assert board.world.unit_column[1, 0] == 8
-
-
-def test_a_unit_that_arrives_is_not_shot_in_that_tick():
-    """Units walk before towers fire."""
-    board = Board()
-    board.put_tower(0, FASTER, row=4, column=1)
-    board.put_unit(1, MILITIA, row=4, column=13, progress=90, health=1)
-    board.wait(1)
-    assert board.world.health.tolist() == [49, 50]
-    assert board.world.gold.tolist() == [100, 100]
-
-
-# --- range and target ------------------------------------------------------------------------
+    assert board.world.unit_column[[0, 0, 1], [0, 1, 0]].tolist() == [8, 8, 8]
 
 
 @pytest.mark.parametrize("across", range(-4, 5))
 @pytest.mark.parametrize("along", range(-4, 5))
 def test_a_tower_reaches_as_far_as_its_range_and_no_further(across, along):
-    board = Board(columns=21)
-    board.put_tower(0, BASIC, row=5, column=6)
-    unit = put_target(board, 5 + along, 6 + across)
-    board.wait(1)
-    was_hit = board.world.unit_health[1, unit] < LASTING
-    assert was_hit == (across**2 + along**2 <= 3**2)
+    board, unit = make_range(BASIC, (5, 6), (5 + along, 6 + across), columns=21)
+    assert bool(find_hits(board, unit, 1)) == (across**2 + along**2 <= 3**2)
 
 
 def test_a_tower_does_not_shoot_the_units_of_its_owner():
@@ -121,62 +98,37 @@ def test_a_tower_does_not_shoot_the_units_of_its_owner():
     assert board.world.unit_health[0, slot] == 40
 
 
-def test_a_tower_fires_at_the_unit_that_was_bought_first():
+def test_a_tower_fires_at_the_unit_in_range_that_was_bought_first():
     board = Board()
     board.put_tower(0, BASIC, row=5, column=3)
-    far = put_target(board, 5, 9)
-    older = put_target(board, 5, 6)
-    younger = put_target(board, 5, 3)
+    far, older, younger = (put_target(board, 5, column) for column in (9, 6, 3))
     board.wait(1)
-    health = board.world.unit_health[1]
-    assert health[far] == LASTING
-    assert health[older] < LASTING
-    assert health[younger] == LASTING
+    is_hit = board.world.unit_health[1] < LASTING
+    assert is_hit[[far, older, younger]].tolist() == [False, True, False]
 
 
-def test_a_tower_turns_to_the_next_unit_when_the_oldest_has_died():
+@pytest.mark.parametrize(("towers", "ticks"), [([(FASTER, 3)], 3), ([(BASIC, 3), (BASIC, 4)], 1)])
+def test_the_next_shot_is_not_wasted_on_a_unit_that_has_died(towers, ticks):
     board = Board()
-    board.put_tower(0, FASTER, row=5, column=3)
+    for kind, column in towers:
+        board.put_tower(0, kind, 5, column)
     put_target(board, 5, 4, health=1)
     younger = put_target(board, 5, 3)
     board.wait(1)
     assert board.world.num_units[1] == 1
-    board.wait(2)
+    board.wait(ticks - 1)
     assert board.world.unit_health[1, younger] < LASTING
-
-
-def test_the_second_tower_does_not_waste_its_shot_on_a_unit_that_died_in_this_tick():
-    board = Board()
-    board.put_tower(0, BASIC, row=5, column=3)
-    board.put_tower(0, BASIC, row=5, column=4)
-    put_target(board, 5, 4, health=1)
-    younger = put_target(board, 5, 3)
-    board.wait(1)
-    assert board.world.unit_health[1, younger] < LASTING
-
-
-# --- reloading -------------------------------------------------------------------------------
 
 
 @pytest.mark.plain_python
 @pytest.mark.parametrize(
-    ("kind", "pattern"), [(BASIC, [4, 3, 3]), (FAST, [3, 2, 3, 2]), (FASTER, [2, 2, 2, 2, 2])]
+    ("kind", "pattern"), [(BASIC, [4, 3, 3]), (t.FAST, [3, 2, 3, 2]), (FASTER, [2, 2, 2, 2, 2])]
 )
 def test_attack_speed_gives_exactly_so_many_shots_in_ten_ticks(kind, pattern):
     """Shots a second are ten ticks' shots; the pattern of the gaps repeats without drift."""
-    assert sum(pattern) == 10
-    board = Board()
-    board.put_tower(0, kind, row=5, column=3)
-    unit = put_target(board, 5, 3)
-    fired, before = [], LASTING
-    for tick in range(1, 102):
-        board.wait(1)
-        hold_still(board)
-        if board.world.unit_health[1, unit] < before:
-            fired.append(tick)
-        before = board.world.unit_health[1, unit]
-    assert np.diff(fired).tolist() == pattern * 10
-    assert len(pattern) == board.rules.tower_speed[kind]
+    board, unit = make_range(kind)
+    assert np.diff(find_hits(board, unit, 101)).tolist() == pattern * 10
+    assert (sum(pattern), len(pattern)) == (10, board.rules.tower_attack_speed[kind])
 
 
 def test_a_new_tower_fires_in_its_first_tick():
@@ -190,16 +142,7 @@ def test_a_tower_that_waited_has_only_one_shot_in_store():
     board = Board()
     board.put_tower(0, BASIC, row=5, column=3)
     board.wait(50)
-    unit = put_target(board, 5, 3)
-    board.wait(1)
-    after_first = board.world.unit_health[1, unit]
-    board.wait(3)
-    assert board.world.unit_health[1, unit] == after_first
-    board.wait(1)
-    assert board.world.unit_health[1, unit] < after_first
-
-
-# --- damage ----------------------------------------------------------------------------------
+    assert find_hits(board, put_target(board, 5, 3), 5) == [1, 5]
 
 
 def losses_of(kind: int, tower: int, num_shots: int = 300) -> list[int]:
@@ -210,10 +153,8 @@ def losses_of(kind: int, tower: int, num_shots: int = 300) -> list[int]:
     losses = []
     while len(losses) < num_shots:
         board.world.unit_health[1, unit] = LASTING
-        board.world.tick[0] = 1
-        board.world.tower_ready[0] = 0
-        board.wait(1)
-        hold_still(board)
+        board.world.tick[0], board.world.tower_ready[0] = 1, 0
+        find_hits(board, unit, 1)
         losses.append(LASTING - int(board.world.unit_health[1, unit]))
     return losses
 
@@ -222,13 +163,13 @@ def losses_of(kind: int, tower: int, num_shots: int = 300) -> list[int]:
     ("kind", "tower", "possible"),
     [
         (MILITIA, BASIC, {2, 3, 4}),  # armour 2 - penetration 2: whole roll
-        (MILITIA, FAST, {2, 3, 4}),
+        (MILITIA, t.FAST, {2, 3, 4}),
         (MILITIA, FASTER, {4, 5, 6}),  # penetration beyond the armour adds nothing
-        (FOOTMAN, BASIC, {1, 2}),  # rolls 2, 3, 4 less 2, but never below 1
-        (FOOTMAN, FASTER, {3, 4, 5}),
+        (t.FOOTMAN, BASIC, {1, 2}),  # rolls 2, 3, 4 less 2, but never below 1
+        (t.FOOTMAN, FASTER, {3, 4, 5}),
         (GRUNT, FASTER, {3, 4, 5}),
-        (ARMOURED_GRUNT, BASIC, {1}),
-        (ARMOURED_GRUNT, FASTER, {1, 2, 3}),
+        (t.ARMOURED_GRUNT, BASIC, {1}),
+        (t.ARMOURED_GRUNT, FASTER, {1, 2, 3}),
     ],
 )
 def test_armour_beyond_the_penetration_blunts_a_hit_down_to_one(kind, tower, possible):
@@ -240,17 +181,14 @@ def test_damage_rolls_are_uniform():
     assert chisquare(np.bincount(losses)[2:]).pvalue > 0.001
 
 
-@pytest.mark.parametrize(
-    ("kind", "bounty"), [(MILITIA, 1), (FOOTMAN, 2), (GRUNT, 4), (ARMOURED_GRUNT, 10)]
-)
+@pytest.mark.parametrize(("kind", "bounty"), [(0, 1), (1, 2), (2, 4), (3, 10)])
 def test_a_kill_pays_the_owner_of_the_tower_a_tenth_of_the_price(kind, bounty):
     board = Board()
     board.put_tower(0, BASIC, row=5, column=3)
     put_target(board, 5, 3, kind=kind, health=1)
     board.wait(1)
-    assert board.world.gold.tolist() == [100 + bounty, 100]
-    assert board.world.num_units.tolist() == [0, 0]
-    assert board.world.health.tolist() == [50, 50]
+    expected = [[100 + bounty, 100], [0, 0], [50, 50]]
+    assert board.read("gold", "num_units", "health") == expected
 
 
 def test_dead_units_behind_a_living_one_wait_for_their_slots():
@@ -265,81 +203,52 @@ def test_dead_units_behind_a_living_one_wait_for_their_slots():
     assert board.world.num_units[1] == 0
 
 
-# --- projectiles -----------------------------------------------------------------------------
-
-
 @pytest.mark.plain_python
 @pytest.mark.parametrize(
     ("along", "across", "flight"),
     [(0, 1, 1), (1, 1, 1), (2, 0, 1), (0, 2, 1), (2, 1, 2), (2, 2, 2), (3, 0, 2), (0, 3, 2)],
 )
 def test_a_projectile_flies_two_tiles_a_tick(flying, along, across, flight):
-    board = Board(preset=flying)
-    board.put_tower(0, BASIC, row=4, column=4)
-    unit = put_target(board, 4 + along, 4 + across)
+    board, unit = make_range(BASIC, (4, 4), (4 + along, 4 + across), preset=flying)
     board.wait(1)
     assert board.world.num_shots.tolist() == [1, 0]
     assert board.world.shot_ticks[0, 0] == board.world.shot_flight_ticks[0, 0] == flight
     assert board.world.unit_health[1, unit] == LASTING
-    for _ in range(flight):
-        assert board.world.unit_health[1, unit] == LASTING
-        board.wait(1)
-    assert board.world.unit_health[1, unit] < LASTING
+    assert find_hits(board, unit, flight) == [flight]
     assert board.world.num_shots.tolist() == [0, 0]
 
 
 def test_without_flight_time_a_shot_hits_in_the_tick_it_is_fired():
-    board = Board()
-    board.put_tower(0, BASIC, row=4, column=4)
-    unit = put_target(board, 4, 7)
-    board.wait(1)
-    assert board.world.unit_health[1, unit] < LASTING
+    board, unit = make_range(BASIC, (4, 4), (4, 7))
+    assert find_hits(board, unit, 1) == [1]
     assert board.world.num_shots.tolist() == [0, 0]
 
 
 def test_a_tower_fires_again_in_the_tick_in_which_its_projectile_lands(flying):
     """Shots land before towers fire, so a flight of two ticks does not slow five shots a second."""
-    board = Board(preset=flying)
-    board.put_tower(0, FASTER, row=4, column=4)
-    unit = put_target(board, 7, 4)
-    hits, before = 0, LASTING
-    for _ in range(41):
-        board.wait(1)
-        hold_still(board)
-        hits += int(board.world.unit_health[1, unit]) < before
-        before = int(board.world.unit_health[1, unit])
-    assert hits == 20
+    board, unit = make_range(FASTER, (4, 4), (7, 4), preset=flying)
+    assert len(find_hits(board, unit, 41)) == 20
 
 
 def test_a_tower_waits_for_its_projectile_to_land(monkeypatch):
     """Three ticks of flight slow a tower that would reload in two."""
     preset = dataclasses.replace(PRESETS["2018"], projectile_tiles_per_tick=1)
     monkeypatch.setitem(PRESETS, "slow", preset)
-    board = Board(preset="slow")
-    board.put_tower(0, FASTER, row=4, column=4)
-    unit = put_target(board, 7, 4)
-    hits, before = [], LASTING
-    for tick in range(1, 32):
-        board.wait(1)
-        hold_still(board)
-        assert board.world.num_shots[0] <= 1
-        if board.world.unit_health[1, unit] < before:
-            hits.append(tick)
-        before = int(board.world.unit_health[1, unit])
-    assert hits == list(range(4, 32, 3))
+    board, unit = make_range(FASTER, (4, 4), (7, 4), preset="slow")
+    assert find_hits(board, unit, 31) == list(range(4, 32, 3))
+    assert board.world.num_shots[0] == 1
 
 
 def test_a_shot_at_a_unit_that_died_is_lost(flying):
     board = Board(preset=flying)
-    board.put_tower(0, BASIC, row=4, column=4)
-    board.put_tower(0, BASIC, row=4, column=5)
+    for column in (4, 5):
+        board.put_tower(0, BASIC, row=4, column=column)
     put_target(board, 4, 6, health=1)
     younger = put_target(board, 4, 7)
     board.wait(1)
     assert board.world.num_shots[0] == 2
     board.wait(1)
-    assert board.world.num_shots[0] == 0
-    assert board.world.gold[0] == 101
+    assert (board.world.num_shots[0], board.world.gold[0]) == (0, 101)
     assert board.world.unit_health[1, younger] == LASTING
 
 
@@ -352,9 +261,8 @@ def test_a_shot_at_a_unit_that_walked_off_is_lost(flying):
     board.play("noop", "buy_militia")
     assert board.world.health[0] == 49
     board.wait(1)
-    assert board.world.num_shots[0] == 0
+    assert (board.world.num_shots[0], board.world.gold[0]) == (0, 100)
     assert board.world.shot_target[0, 0] == NO_TARGET
-    assert board.world.gold[0] == 100
     assert board.world.unit_health[1, board.world.first_unit[1]] == 40
 
 

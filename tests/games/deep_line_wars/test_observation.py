@@ -5,23 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from marl_cair.games.deep_line_wars import tables as t
 from marl_cair.games.deep_line_wars.observation import (
     LOG_LEVELS,
     PLANE_NAMES,
     UNIFORM_NAMES,
     VECTOR_NAMES,
 )
-from marl_cair.games.deep_line_wars.tables import (
-    ARMOURED_GRUNT,
-    BASIC,
-    FAST,
-    FASTER,
-    FOOTMAN,
-    GRUNT,
-    MILITIA,
-    TOWER_NAMES,
-    UNIT_NAMES,
-)
+from marl_cair.games.deep_line_wars.tables import BASIC, FASTER, FOOTMAN, GRUNT, MILITIA
 from tests.games.cases import Luck, choose_actions
 from tests.games.deep_line_wars.board import Board
 
@@ -53,26 +44,25 @@ def test_there_are_28_planes_of_which_the_last_ten_are_uniform():
 
 
 @pytest.mark.plain_python
-@pytest.mark.parametrize("kind", [BASIC, FAST, FASTER])
+@pytest.mark.parametrize("kind", range(t.NUM_TOWER_KINDS))
 def test_towers_stand_in_the_plane_of_their_kind_mirrored_for_the_enemy(kind):
     board = Board()
     board.put_tower(0, kind, row=3, column=5)
-    name = TOWER_NAMES[kind]
+    name = t.TOWER_NAMES[kind]
     own, enemy = see(board, 0), see(board, 1)
     assert places(own[f"own {name} towers"]) == [(3, 5)]
     assert places(enemy[f"enemy {name} towers"]) == [(3, 9)]
     assert own[f"own {name} towers"][3, 5] == 255
     for seen in (own, enemy):
-        shown = [plane for plane in seen if "towers" in plane and seen[plane].any()]
-        assert len(shown) == 1
+        assert sum("towers" in plane and bool(seen[plane].any()) for plane in seen) == 1
 
 
 @pytest.mark.plain_python
-@pytest.mark.parametrize("kind", [MILITIA, FOOTMAN, GRUNT, ARMOURED_GRUNT])
+@pytest.mark.parametrize("kind", range(t.NUM_UNIT_KINDS))
 def test_units_stand_in_the_plane_of_their_kind_mirrored_for_the_enemy(kind):
     board = Board()
     board.put_unit(1, kind, row=7, column=2, progress=50)
-    name = UNIT_NAMES[kind]
+    name = t.UNIT_NAMES[kind]
     own, enemy = see(board, 1), see(board, 0)
     assert places(own[f"own {name} units"]) == [(7, 2)]
     assert places(enemy[f"enemy {name} units"]) == [(7, 12)]
@@ -81,19 +71,16 @@ def test_units_stand_in_the_plane_of_their_kind_mirrored_for_the_enemy(kind):
     assert not own["enemy unit progress"].any()
 
 
-@pytest.mark.parametrize(("health", "shown"), [(40, 64), (39, 62), (20, 32), (1, 1), (0, 0)])
-def test_a_unit_shows_its_share_of_health_and_at_least_1(health, shown):
+@pytest.mark.parametrize(
+    ("kind", "health", "shown"),
+    # 64 / 140, of a grunt's last hit point, is below 1.
+    [*((MILITIA, *one) for one in ((40, 64), (39, 62), (20, 32), (1, 1), (0, 0))), (GRUNT, 1, 1)],
+)
+def test_a_unit_shows_its_share_of_health_and_at_least_1(kind, health, shown):
     board = Board()
-    slot = board.put_unit(0, MILITIA, row=0, column=4)
+    slot = board.put_unit(0, kind, row=0, column=4)
     board.world.unit_health[0, slot] = health
-    assert see(board)["own militia units"][0, 4] == shown
-
-
-def test_a_tough_unit_near_death_still_shows():
-    board = Board()
-    board.put_unit(0, GRUNT, row=0, column=4, health=1)
-    assert 64 * 1 // 140 == 0
-    assert see(board)["own grunt units"][0, 4] == 1
+    assert see(board)[f"own {t.UNIT_NAMES[kind]} units"][0, 4] == shown
 
 
 def test_units_of_one_kind_in_a_cell_add_up_and_saturate():
@@ -131,12 +118,8 @@ def test_uniform_planes_show_each_player_its_own_and_the_enemys_economy():
     board.world.income[:] = (20, 22)
     shown = {name: level(board, name) for name in UNIFORM_NAMES}
     mirrored = {name: level(board, name, player=1) for name in UNIFORM_NAMES}
-    assert shown["own health"] == 127
-    assert shown["enemy health"] == 0
-    assert shown["own gold"] == 7
-    assert shown["enemy gold"] == 255
-    assert shown["own lumber"] == 3
-    assert shown["enemy lumber"] == 255
+    assert [shown[f"own {name}"] for name in ("health", "gold", "lumber")] == [127, 7, 3]
+    assert [shown[f"enemy {name}"] for name in ("health", "gold", "lumber")] == [0, 255, 255]
     assert shown["own income"] < shown["enemy income"]
     for name in ("health", "gold", "lumber", "income"):
         assert shown[f"own {name}"] == mirrored[f"enemy {name}"]
@@ -156,15 +139,12 @@ def test_clocks_run_down_by_the_tick():
 
 
 def test_every_purchase_of_a_game_shows_in_the_income_plane():
-    """Each step of 2 tells apart at first; later incomes differ by steps that still show."""
+    """Each step of 2 shows at first; later incomes differ by steps that still show."""
     assert len(np.unique(LOG_LEVELS[20:62:2])) == len(LOG_LEVELS[20:62:2])
     assert (np.diff(LOG_LEVELS.astype(int)) >= 0).all()
     assert LOG_LEVELS[1_500] > LOG_LEVELS[1_400]
-
-
-def test_an_income_beyond_the_scale_shows_as_the_end_of_the_scale():
     board = Board()
-    board.world.income[0] = 1_000_000
+    board.world.income[0] = 1_000_000  # beyond the scale
     assert level(board, "own income") == LOG_LEVELS[-1]
 
 
@@ -175,18 +155,7 @@ def test_the_vector_gives_the_economy_in_its_own_units():
     board.world.gold[:] = (7, 1_000)
     board.world.income[:] = (20, 22)
     own, enemy = board.engine.observe("vector")[0]
-    assert dict(zip(VECTOR_NAMES, own.tolist(), strict=True)) == {
-        "own health": 25,
-        "own gold": 7,
-        "own lumber": 0,
-        "own income": 20,
-        "enemy health": 0,
-        "enemy gold": 1_000,
-        "enemy lumber": 0,
-        "enemy income": 22,
-        "ticks to next income": 70,
-        "ticks left": 470,
-    }
+    assert own.tolist() == [25, 7, 0, 20, 0, 1_000, 0, 22, 70, 470]
     assert enemy[:4].tolist() == own[4:8].tolist()
     assert enemy[4:8].tolist() == own[:4].tolist()
 
@@ -198,14 +167,12 @@ def test_the_classic_layers_hold_terrain_units_and_towers():
     board.put_unit(1, FOOTMAN, row=2, column=3)
     board.put_tower(0, FASTER, row=5, column=6)
     board.put_tower(1, BASIC, row=5, column=6)
-    terrain, kind, owner, tower_owner, tower_kind = board.engine.observe("classic")[0, 0]
+    terrain, *units_and_towers = board.engine.observe("classic")[0, 0]
     assert terrain[0].tolist() == [1] + [0] * 6 + [2] + [0] * 6 + [1]
-    assert (kind[2, 3], owner[2, 3]) == (3, 1)
-    assert (kind[2, 11], owner[2, 11]) == (2, 2)
-    assert (tower_kind[5, 6], tower_owner[5, 6]) == (3, 1)
-    assert (tower_kind[5, 8], tower_owner[5, 8]) == (1, 2)
-    for plane in (kind, owner, tower_kind, tower_owner):
-        assert np.count_nonzero(plane) == 2
+    units, towers = np.array(units_and_towers[:2]), np.array(units_and_towers[:1:-1])
+    assert units[:, 2, [3, 11]].tolist() == [[3, 2], [1, 2]]  # kinds, owners
+    assert towers[:, 5, [6, 8]].tolist() == [[3, 1], [1, 2]]
+    assert all(np.count_nonzero(plane) == 2 for plane in (*units, *towers))
 
 
 def test_the_classic_layers_show_the_oldest_enemy_unit_of_a_cell():
@@ -240,10 +207,7 @@ def test_the_heat_map_paints_own_towers_enemy_units_and_the_own_cursor():
         luma = np.array([0.299, 0.587, 0.114]) @ colour[:, row, column]
         assert gray[row, column] == round(luma)
     assert np.count_nonzero(gray) == 3
-
-
-def test_there_is_no_cursor_on_the_heat_map_of_spatial_actions():
-    assert not Board().engine.observe("heatmap").any()
+    assert not Board().engine.observe("heatmap").any()  # spatial actions have no cursor
 
 
 @settings(max_examples=6)
@@ -277,9 +241,6 @@ def test_no_representation_shows_the_enemys_cursor_or_the_random_words(
     board.world.cursor[player, 0] = (board.world.cursor[player, 0] + 1) % 10
     changed = not np.array_equal(engine.observe("planes")[0, player], before["planes"])
     assert changed == (actions == "classic")
-
-
-# --- bounds of the vector ----------------------------------------------------------------------
 
 
 def high_of(board: Board) -> dict[str, float]:

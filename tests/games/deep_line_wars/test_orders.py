@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chisquare
 
 from marl_cair.games import make_engine
-from marl_cair.games.deep_line_wars.state import NO_TOWER
+from marl_cair.games.deep_line_wars.state import NO_TOWER, unit_slot
 from marl_cair.games.deep_line_wars.tables import PRESETS, TOWER_NAMES, UNIT_NAMES, Preset
 from tests.games.deep_line_wars.board import Board
 
@@ -28,22 +28,23 @@ def lumber_preset(monkeypatch) -> Preset:
     [("militia", 10, 2), ("footman", 20, 4), ("grunt", 40, 8), ("armoured_grunt", 100, 20)],
 )
 def test_a_unit_costs_its_price_and_raises_the_income_by_a_fifth_of_it(name, cost, income):
+    """It starts in its own column and walks in the tick of the purchase."""
     board = Board()
     board.play(f"buy_{name}")
-    assert board.world.gold.tolist() == [100 - cost, 100]
-    assert board.world.income.tolist() == [20 + income, 20]
-    assert board.world.num_units.tolist() == [1, 0]
-    slot = board.world.first_unit[0]
-    assert UNIT_NAMES[board.world.unit_kind[0, slot]] == name
-    assert board.world.unit_health[0, slot] == board.rules.unit_health[UNIT_NAMES.index(name)]
+    expected = [[100 - cost, 100], [20 + income, 20], [1, 0]]
+    assert board.read("gold", "income", "num_units") == expected
+    slot, kind = board.world.first_unit[0], UNIT_NAMES.index(name)
+    assert board.world.unit_kind[0, slot] == kind
+    assert board.world.unit_health[0, slot] == board.rules.unit_health[kind]
+    assert board.world.unit_column[0, slot] == 0
+    assert board.world.unit_progress[0, slot] == board.rules.unit_speed[kind]
 
 
 @pytest.mark.parametrize(("name", "cost"), [("basic", 10), ("fast", 20), ("faster", 30)])
 def test_a_tower_costs_its_price_and_stands_in_its_cell(name, cost):
     board = Board()
     board.play("noop", f"build_{name}_r3_c5")
-    assert board.world.gold.tolist() == [100, 100 - cost]
-    assert board.world.income.tolist() == [20, 20]
+    assert board.read("gold", "income") == [[100, 100 - cost], [20, 20]]
     assert board.world.tower_at[1, 3, 4] == TOWER_NAMES.index(name)
     assert (board.world.tower_at != NO_TOWER).sum() == 1
 
@@ -60,32 +61,13 @@ def test_gold_that_is_just_enough_buys_and_one_less_does_not(action):
     assert board.world.num_units[1] == board.world.num_towers[1] == 0
 
 
-@pytest.mark.plain_python
-def test_units_start_in_their_own_column_and_walk_in_the_tick_of_the_purchase():
-    board = Board()
-    board.play("buy_militia", "buy_armoured_grunt")
-    assert board.world.unit_column[:, 0].tolist() == [0, 0]
-    assert board.world.unit_progress[:, 0].tolist() == [10, 12]
-
-
-def buy_in_many_worlds(num_worlds: int = 4_000) -> np.ndarray:
-    engine = make_engine("deep_line_wars", num_worlds=num_worlds, ticks_per_step=1)
-    engine.reset(np.arange(num_worlds, dtype=np.uint64))
-    engine.step(np.ones((num_worlds, 2), np.int32))
-    return engine._worlds.unit_row[:, :, 0]
-
-
-def test_spawn_rows_are_uniform():
-    rows = buy_in_many_worlds()
-    for player in range(2):
-        counts = np.bincount(rows[:, player], minlength=10)
-        assert len(counts) == 10
-        assert chisquare(counts).pvalue > 0.001
-
-
-def test_spawn_rows_of_the_players_are_independent():
-    rows = buy_in_many_worlds().astype(int)
-    assert chisquare(np.bincount(rows[:, 0] * 10 + rows[:, 1], minlength=100)).pvalue > 0.001
+def test_spawn_rows_are_uniform_and_independent():
+    engine = make_engine("deep_line_wars", num_worlds=4_000, ticks_per_step=1)
+    engine.reset(np.arange(4_000, dtype=np.uint64))
+    engine.step(np.ones((4_000, 2), np.int32))
+    rows = engine._worlds.unit_row[:, :, 0].astype(int)
+    for drawn, size in ((rows[:, 0], 10), (rows[:, 1], 10), (rows[:, 0] * 10 + rows[:, 1], 100)):
+        assert chisquare(np.bincount(drawn, minlength=size)).pvalue > 0.001
 
 
 def test_spawn_rows_of_one_player_are_uniform_along_a_game():
@@ -94,9 +76,7 @@ def test_spawn_rows_of_one_player_are_uniform_along_a_game():
     for _ in range(1_500):
         board.world.gold[:] = 100
         board.world.health[:] = 50
-        slot = int(board.world.first_unit[0] + board.world.num_units[0]) & (
-            board.world.unit_kind.shape[1] - 1
-        )
+        slot = unit_slot(board.world, 0, int(board.world.num_units[0]))
         board.play("buy_militia")
         rows.append(board.world.unit_row[0, slot])
     assert chisquare(np.bincount(rows, minlength=10)).pvalue > 0.001
@@ -150,45 +130,32 @@ def test_the_half_can_be_filled_with_towers():
 
 def test_a_tower_takes_lumber_and_is_refused_without(lumber_preset):
     board = Board(preset="lumber")
+    board.play("buy_militia")
+    assert board.world.lumber.tolist() == [3, 3]
     board.play("build_fast_r0_c1", "build_basic_r0_c1")
     assert board.world.lumber.tolist() == [1, 2]
-    assert [board.is_legal(0, f"build_{name}_r1_c1") for name in TOWER_NAMES] == [
-        True,
-        False,
-        False,
-    ]
-    assert [board.is_legal(1, f"build_{name}_r1_c1") for name in TOWER_NAMES] == [True, True, False]
+    actions = [f"build_{name}_r1_c1" for name in TOWER_NAMES]
+    assert [board.is_legal(0, action) for action in actions] == [True, False, False]
+    assert [board.is_legal(1, action) for action in actions] == [True, True, False]
     board.play("build_fast_r1_c1")
     assert board.world.lumber.tolist() == [1, 2]
     assert board.engine.illegal_actions.tolist() == [[1, 0]]
 
 
-def test_units_take_no_lumber(lumber_preset):
-    board = Board(preset="lumber")
-    board.play("buy_militia")
-    assert board.world.lumber.tolist() == [3, 3]
-
-
 @pytest.mark.parametrize(
     ("name", "moved"),
-    [
-        ("cursor_up", (-1, 0)),
-        ("cursor_down", (1, 0)),
-        ("cursor_right", (0, 1)),
-        ("cursor_left", (0, -1)),
-    ],
+    [("up", (-1, 0)), ("down", (1, 0)), ("right", (0, 1)), ("left", (0, -1))],
 )
 def test_the_cursor_moves_one_cell_and_stops_at_the_edges(name, moved):
     board = Board(actions="classic")
     assert board.world.cursor.tolist() == [[5, 1], [5, 1]]
     board.world.cursor[0] = (5, 5)
-    board.play(name)
+    board.play(f"cursor_{name}")
     assert (board.world.cursor[0] - (5, 5)).tolist() == list(moved)
     for _ in range(20):
-        board.play(name)
-    row, column = board.world.cursor[0].tolist()
-    assert (row, column) in {(0, 5), (9, 5), (5, 13), (5, 1)}
-    assert not board.is_legal(0, name)
+        board.play(f"cursor_{name}")
+    assert tuple(board.world.cursor[0].tolist()) in {(0, 5), (9, 5), (5, 13), (5, 1)}
+    assert not board.is_legal(0, f"cursor_{name}")
     assert board.world.cursor[1].tolist() == [5, 1]
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import marl_cair
 from marl_cair.games.deep_line_wars import rendering
-from marl_cair.games.deep_line_wars.sprites import PALETTES, TOWER_SPRITES, UNIT_SPRITES
+from marl_cair.games.deep_line_wars.rendering import PALETTES, TOWER_SPRITES, UNIT_SPRITES
 
 BUILD_BASIC_R4_C3 = 5 + 4 * 6 + 2
 

@@ -5,17 +5,21 @@ import dataclasses
 import numpy as np
 import pytest
 
-from marl_cair.games.deep_line_wars.tables import BASIC, FASTER, MILITIA, PRESETS
+from marl_cair.games.deep_line_wars.tables import FASTER, MILITIA, PRESETS
 from marl_cair.games.game import NO_WINNER
 from tests.games.deep_line_wars.board import Board
+
+
+def read_outcome(board: Board) -> tuple[bool, bool, int, list[float]]:
+    """Terminated, truncated, winner, rewards."""
+    engine = board.engine
+    flags = bool(engine.terminated[0]), bool(engine.truncated[0])
+    return *flags, int(engine.winner[0]), engine.rewards[0].tolist()
 
 
 def put_arriving(board: Board, player: int) -> None:
     """A unit that reaches the far column in the next tick."""
     board.put_unit(player, MILITIA, row=4, column=board.rules.columns - 2, progress=90)
-
-
-# --- income ----------------------------------------------------------------------------------
 
 
 @pytest.mark.plain_python
@@ -53,19 +57,6 @@ def test_lumber_is_paid_with_the_income(monkeypatch):
     assert board.world.lumber.tolist() == [7, 7]
 
 
-def test_a_bounty_can_be_spent_in_the_next_decision():
-    board = Board()
-    board.world.gold[:] = 9
-    board.put_tower(0, BASIC, row=5, column=3)
-    board.put_unit(1, MILITIA, row=5, column=board.mirrored(3), health=1)
-    assert not board.is_legal(0, "buy_militia")
-    board.wait(1)
-    assert board.is_legal(0, "buy_militia")
-
-
-# --- the end ---------------------------------------------------------------------------------
-
-
 @pytest.mark.plain_python
 @pytest.mark.parametrize(("loser", "rewards"), [(0, [-1.0, 1.0]), (1, [1.0, -1.0])])
 def test_a_player_without_health_has_lost(loser, rewards):
@@ -73,32 +64,19 @@ def test_a_player_without_health_has_lost(loser, rewards):
     board.world.health[loser] = 1
     put_arriving(board, 1 - loser)
     board.wait(1)
-    assert board.engine.terminated.tolist() == [True]
-    assert board.engine.truncated.tolist() == [False]
-    assert board.engine.winner.tolist() == [1 - loser]
-    assert board.engine.rewards.tolist() == [rewards]
+    assert read_outcome(board) == (True, False, 1 - loser, rewards)
 
 
-def test_losing_in_the_same_tick_is_a_draw():
+@pytest.mark.parametrize(("health", "arriving"), [((1, 1), (1, 1)), ((1, 2), (5, 1))])
+def test_losing_in_the_same_tick_is_a_draw_also_where_one_is_further_below_zero(health, arriving):
     board = Board()
-    board.world.health[:] = 1
-    put_arriving(board, 0)
-    put_arriving(board, 1)
+    board.world.health[:] = health
+    for player in range(2):
+        for _ in range(arriving[player]):
+            put_arriving(board, player)
     board.wait(1)
-    assert board.engine.terminated.tolist() == [True]
-    assert board.engine.winner.tolist() == [NO_WINNER]
-    assert board.engine.rewards.tolist() == [[0.0, 0.0]]
-
-
-def test_a_draw_is_one_even_when_one_player_is_further_below_zero():
-    board = Board()
-    board.world.health[:] = (1, 2)
-    put_arriving(board, 1)
-    for _ in range(5):
-        put_arriving(board, 0)
-    board.wait(1)
-    assert board.world.health.tolist() == [0, -3]
-    assert board.engine.winner.tolist() == [NO_WINNER]
+    assert board.world.health.tolist() == [health[0] - arriving[1], health[1] - arriving[0]]
+    assert read_outcome(board) == (True, False, NO_WINNER, [0.0, 0.0])
 
 
 def test_the_time_limit_truncates_and_names_no_winner():
@@ -107,38 +85,25 @@ def test_the_time_limit_truncates_and_names_no_winner():
     board.wait(19)
     assert not board.engine.truncated[0]
     board.wait(1)
-    assert board.engine.truncated.tolist() == [True]
-    assert board.engine.terminated.tolist() == [False]
-    assert board.engine.winner.tolist() == [NO_WINNER]
-    assert board.engine.rewards.tolist() == [[0.0, 0.0]]
+    assert read_outcome(board) == (False, True, NO_WINNER, [0.0, 0.0])
 
 
-def test_a_time_limit_within_a_decision_ends_it_there():
+def test_a_time_limit_within_a_step_ends_it_there():
     board = Board(max_ticks=25, ticks_per_step=10)
     board.wait(3)
     assert board.world.tick[0] == 25
     assert board.engine.truncated[0]
 
 
-def test_a_loss_in_the_last_tick_of_time_counts():
+@pytest.mark.parametrize(("num_steps", "progress", "end"), [(1, 0, 20), (0, 60, 4)])
+def test_a_loss_counts_in_the_last_tick_and_ends_the_game_within_a_step(num_steps, progress, end):
     board = Board(max_ticks=20, ticks_per_step=10)
-    board.wait(1)
+    board.wait(num_steps)
     board.world.health[1] = 1
-    board.put_unit(0, MILITIA, row=4, column=13, progress=0)
+    board.put_unit(0, MILITIA, row=4, column=13, progress=progress)
     board.wait(1)
-    assert board.world.tick[0] == 20
-    assert board.engine.terminated[0]
-    assert not board.engine.truncated[0]
-    assert board.engine.winner[0] == 0
-
-
-def test_a_game_decided_within_a_decision_ends_in_that_tick():
-    board = Board(ticks_per_step=10)
-    board.world.health[1] = 1
-    board.put_unit(0, MILITIA, row=4, column=13, progress=60)
-    board.wait(1)
-    assert board.world.tick[0] == 4
-    assert board.engine.winner[0] == 0
+    assert board.world.tick[0] == end
+    assert read_outcome(board)[:3] == (True, False, 0)
 
 
 def test_a_finished_world_ignores_steps_and_pays_nothing():
@@ -181,9 +146,6 @@ def test_a_tick_walks_then_lands_then_fires_then_earns_then_judges(monkeypatch):
     assert board.world.shot_target[0, 0] == 2  # fire: not at the dead, nor at the one that left
     assert board.world.gold[1] == 100 - 10 + 22  # orders before earn
     assert board.engine.truncated[0]  # judge
-
-
-# --- shaping ---------------------------------------------------------------------------------
 
 
 def test_sparse_games_pay_only_at_the_end():

@@ -64,6 +64,11 @@ class Table:
         legal = self.engine.action_mask()[0, player]
         return [name for name, is_legal in zip(ACTION_NAMES, legal, strict=True) if is_legal]
 
+    def ending(self) -> tuple[bool, bool, int]:
+        """Terminated, truncated, winner."""
+        engine = self.engine
+        return bool(engine.terminated[0]), bool(engine.truncated[0]), int(engine.winner[0])
+
     def place(self, player: int = 0) -> tuple[int, int]:
         """Row and column of a seat."""
         row, column = divmod(int(self.world.cell[player]), self.engine.scenario.columns)
@@ -78,7 +83,7 @@ class Table:
 
 
 def reached_from(is_open: np.ndarray, start: tuple[int, int]) -> np.ndarray:
-    """Moves from `start` to every open cell, -1 where there is no way; written anew for tests."""
+    """Moves from `start` to every open cell, -1 where there is no way; written again for tests."""
     moves = np.full(is_open.shape, -1)
     moves[start] = 0
     front = [start]

@@ -1,4 +1,4 @@
-"""Chases: who meets the hunter is caught, who is at the goal is safe, time saves the rest."""
+"""Chases: the hunter catches players that it meets; the goal and the time limit save them."""
 
 import numpy as np
 import pytest
@@ -37,21 +37,17 @@ HALL = """
 """
 
 
-def test_the_hunter_catches_whom_it_meets():
+def test_the_hunter_catches_a_player_on_its_cell():
     table = Table("15x15-chase-2p", board=LANE)
     table.move("right", "noop")
     assert table.move("right", "noop") == [1.0, -1.0]
-    assert table.engine.terminated[0]
-    assert table.engine.winner[0] == 0
+    assert table.ending() == (True, False, 0)
 
 
-def test_the_hunter_catches_who_changes_places_with_it():
+def test_the_hunter_catches_a_player_that_changes_places_with_it_and_none_that_steps_away():
     table = Table("15x15-chase-2p", board=LANE.replace("0.1", ".01"))
     assert table.move("right", "left") == [1.0, -1.0]
     assert table.engine.winner[0] == 0
-
-
-def test_who_steps_away_in_time_is_not_caught():
     table = Table("15x15-chase-2p", board=LANE.replace("0.1", ".01"))
     assert table.move("right", "right") == pytest.approx([-0.01, 0.0])
     assert not table.engine.terminated[0]
@@ -61,18 +57,16 @@ def test_one_at_the_goal_saves_all():
     table = Table("15x15-chase-2p", board=LANE)
     table.move("right", "right")
     assert table.move("right", "right") == [-1.0, 1.0]
-    assert table.engine.terminated[0]
-    assert table.engine.winner[0] == 1
+    assert table.ending() == (True, False, 1)
 
 
 def test_caught_on_the_goal_is_a_draw():
     table = Table("15x15-chase-2p", board=LANE.replace("0.1.G", "..1G0"))
     assert table.move("left", "right") == [0.0, 0.0]
-    assert table.engine.terminated[0]
-    assert table.engine.winner[0] == NO_WINNER
+    assert table.ending() == (True, False, NO_WINNER)
 
 
-def test_the_hunter_must_catch_all_and_who_is_caught_only_looks_on():
+def test_the_hunter_must_catch_all_and_a_caught_player_cannot_act():
     table = Table("15x15-chase-3p", board=HALL)
     table.move("right", "noop", "noop")
     assert table.move("right", "noop", "noop") == pytest.approx([-0.01, 0.0, 0.0])
@@ -86,7 +80,7 @@ def test_the_hunter_must_catch_all_and_who_is_caught_only_looks_on():
     assert table.engine.winner[0] == 0
 
 
-def test_who_is_caught_wins_with_the_others():
+def test_a_caught_player_wins_with_the_others():
     table = Table("15x15-chase-3p", board=HALL)
     table.move("right", "noop", "right")
     table.move("right", "noop", "right")
@@ -94,13 +88,11 @@ def test_who_is_caught_wins_with_the_others():
     assert table.engine.winner[0] == 1
 
 
-def test_time_saves_who_is_free():
+def test_time_saves_free_players():
     table = Table("15x15-chase-2p", board=LANE, max_ticks=2)
     table.move("noop", "noop")
     assert table.move("noop", "noop") == [-1.0, 1.0]
-    assert table.engine.terminated[0]
-    assert not table.engine.truncated[0]
-    assert table.engine.winner[0] == 1
+    assert table.ending() == (True, False, 1)
 
 
 def test_the_hunter_starts_as_far_from_the_goal_as_the_others():

@@ -49,23 +49,18 @@ def test_walls_that_grow_leave_every_open_cell_in_reach(rows, columns, density, 
         assert not is_open[:, [0, -1]].any()
         assert (reached_from(is_open, (1, 1))[is_open] >= 0).all()
         if density == 0.0:
-            assert num_loops(walls) == (is_open.shape[0] - 3 - (rows % 2 == 0)) * (
-                is_open.shape[1] - 3 - (columns % 2 == 0)
-            )
+            loops_down, loops_across = rows - 3 - (rows % 2 == 0), columns - 3 - (columns % 2 == 0)
+            assert num_loops(walls) == loops_down * loops_across
 
 
-def test_density_and_complexity_make_more_walls():
+def test_density_and_complexity_make_more_walls_and_these_make_loops():
     def share_of_walls(**options):
         tables = mazes(21, 21, generator="growth", **options)
         return np.mean([table.walls().mean() for table in tables])
 
     assert share_of_walls(density=0.2) < share_of_walls(density=1.0)
     assert share_of_walls(complexity=0.02) < share_of_walls(complexity=1.0)
-
-
-def test_walls_that_begin_alone_make_loops():
-    loops = [num_loops(table.walls()) for table in mazes(25, 25, generator="growth")]
-    assert all(loops)
+    assert all(num_loops(table.walls()) for table in mazes(25, 25, generator="growth"))
 
 
 @pytest.mark.parametrize("scenario", ["9x9-stochastic", "9x9-loops", "15x15-race-4p"])
@@ -96,37 +91,28 @@ def test_starts_and_goals_are_open_cells_drawn_evenly():
     assert (worlds.cell[:, 0] != worlds.clock[:, GOAL]).all()
 
 
-# --- modes -------------------------------------------------------------------------------------
-
-
-def draws_of(scenario, **options):
-    """Walls, goals and starts of some games."""
-    tables = [Table(scenario, seed=seed, **options) for seed in range(NUM_SEEDS)]
-    walls = {table.world.walls.tobytes() for table in tables}
-    goals = {int(table.world.clock[GOAL]) for table in tables}
-    starts = {int(table.world.cell[0]) for table in tables}
-    return len(walls), len(goals), len(starts)
-
-
-def test_a_deterministic_maze_is_one_maze_with_other_places_in_each_game():
-    num_walls, num_goals, num_starts = draws_of("9x9-deterministic")
-    assert num_walls == 1
-    assert num_goals > 1
-    assert num_starts > 1
-
-
-def test_a_full_deterministic_game_is_the_same_for_every_seed():
-    assert draws_of("9x9-full_deterministic") == (1, 1, 1)
-
-
-def test_a_stochastic_game_has_a_maze_of_its_own():
-    assert draws_of("9x9-stochastic")[0] == NUM_SEEDS
+@pytest.mark.parametrize(
+    ("mode", "is_same"),
+    [
+        ("deterministic", (True, False, False)),
+        ("full_deterministic", (True, True, True)),
+        ("stochastic", (False, False, False)),
+    ],
+)
+def test_a_mode_draws_walls_goal_and_start_again_or_not(mode, is_same):
+    tables = [Table(f"9x9-{mode}", seed=seed) for seed in range(NUM_SEEDS)]
+    drawn = [
+        (one.world.walls.tobytes(), int(one.world.clock[GOAL]), int(one.world.cell[0]))
+        for one in tables
+    ]
+    counts = [len(set(values)) for values in zip(*drawn, strict=True)]
+    assert tuple(count == 1 for count in counts) == is_same
+    assert (counts[0] == NUM_SEEDS) == (mode == "stochastic")
 
 
 def test_another_maze_seed_is_another_maze():
-    one = Table("9x9-full_deterministic").world.walls
-    other = Table("9x9-full_deterministic", maze_seed=1).world.walls
-    assert (one != other).any()
+    one, other = (Table("9x9-full_deterministic", maze_seed=seed) for seed in (1337, 1))
+    assert (one.world.walls != other.world.walls).any()
 
 
 def test_corners_are_the_open_cells_nearest_to_them():
@@ -139,7 +125,7 @@ def test_corners_are_the_open_cells_nearest_to_them():
 
 
 def solve(table):
-    """Walk the shortest way of the maze of now."""
+    """Walk the shortest way of the maze in play."""
     world, rules = table.world, table.engine._rules
     maze = int(world.clock[MAZE])
     while world.clock[MAZE] == maze and not table.engine.terminated[0]:
@@ -168,9 +154,6 @@ def test_a_sequence_plays_its_mazes_one_after_another_and_the_same_in_each_game(
         assert table.engine.info()["step_count"].tolist() == [[optimal]]
         ways.append(walls)
     assert ways[0] == ways[1]
-
-
-# --- against the original ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Each representation tells the board as its page says."""
+"""Each representation shows the board as the README says."""
 
 import hashlib
 
@@ -36,7 +36,16 @@ def cells(marked):
     return [tuple(place) for place in np.argwhere(marked).tolist()]
 
 
-def test_planes_tell_the_board():
+def numbers(table, player=0):
+    return dict(zip(VECTOR_NAMES, table.see("vector", player).tolist(), strict=True))
+
+
+def highest(table):
+    shown = table.engine.spec.representations["vector"]
+    return dict(zip(VECTOR_NAMES, shown.high, strict=True))
+
+
+def test_planes_show_the_board():
     table = Table(board=ROOM)
     np.testing.assert_array_equal(plane(table, "wall"), 255 * table.walls())
     np.testing.assert_array_equal(plane(table, "open"), 255 * (1 - table.walls()))
@@ -52,7 +61,7 @@ def test_planes_tell_the_board():
     assert cells(plane(table, "where self came from")) == [(2, 2)]
 
 
-def test_uniform_planes_tell_role_and_time():
+def test_uniform_planes_hold_role_and_time():
     table = Table("15x15-chase-3p", board=CHASE, max_ticks=10)
     assert [plane(table, "role", seat)[0, 0] for seat in range(3)] == [255, 128, 128]
     assert (plane(Table(board=ROOM), "role") == 0).all()
@@ -68,7 +77,7 @@ def test_uniform_planes_tell_role_and_time():
     assert (plane(timed, "preview left") == 255 * 4 // 5).all()
 
 
-def test_planes_tell_rivals_from_mates():
+def test_rivals_and_mates_have_planes_of_their_own():
     table = Table("15x15-chase-3p", board=CHASE)
     assert cells(plane(table, "rivals", 0)) == [(1, 3), (3, 3)]
     assert cells(plane(table, "mates", 0)) == []
@@ -83,48 +92,43 @@ def test_classic_holds_the_originals_ids_and_flat_the_same():
     np.testing.assert_array_equal(table.see("flat"), np.ravel(expected))
 
 
-def test_the_vector_tells_places_and_free_cells():
-    table = Table(board=ROOM, max_ticks=50)
-    told = dict(zip(VECTOR_NAMES, table.see("vector").tolist(), strict=True))
-    assert (told["own row"], told["own column"]) == (2, 2)
-    assert (told["goal known"], told["goal row"], told["goal column"]) == (1, 4, 4)
-    assert [told[f"free cells {way}"] for way in ("down", "up", "left", "right")] == [0, 2, 2, 2]
-    assert told["moves left"] == 50
-    chase = Table("15x15-chase-3p", board=CHASE)
-    told = dict(zip(VECTOR_NAMES, chase.see("vector", 1).tolist(), strict=True))
-    assert told["self hunts"] == 0
-    other_2 = [told[f"other 1: {name}"] for name in ("in sight", "row", "column", "is a rival")]
-    other_0 = [told[f"other 2: {name}"] for name in ("in sight", "row", "column", "is a rival")]
-    assert other_2 == [1, 3, 3, 0]
-    assert other_0 == [1, 1, 1, 1]
+WAYS = [f"free cells {way}" for way in ("down", "up", "left", "right")]
+
+
+def test_the_vector_holds_places_and_free_cells():
+    seen = numbers(Table(board=ROOM, max_ticks=50))
+    assert [seen[f"own {axis}"] for axis in ("row", "column")] == [2, 2]
+    assert [seen[f"goal {name}"] for name in ("known", "row", "column")] == [1, 4, 4]
+    assert [seen[way] for way in WAYS] == [0, 2, 2, 2]
+    assert seen["moves left"] == 50
+    seen = numbers(Table("15x15-chase-3p", board=CHASE), player=1)
+    assert seen["self hunts"] == 0
+    kinds = ("in sight", "row", "column", "is a rival")
+    assert [seen[f"other 1: {name}"] for name in kinds] == [1, 3, 3, 0]
+    assert [seen[f"other 2: {name}"] for name in kinds] == [1, 1, 1, 1]
 
 
 def test_each_number_of_the_vector_has_its_own_bounds():
     table = Table("25x25-race-2p", rows=9, columns=30, max_ticks=70)
-    shown = table.engine.spec.representations["vector"]
-    assert shown.low == (0.0,) * len(VECTOR_NAMES)
-    high = dict(zip(VECTOR_NAMES, shown.high, strict=True))
+    assert table.engine.spec.representations["vector"].low == (0.0,) * len(VECTOR_NAMES)
+    high = highest(table)
     assert (high["own row"], high["own column"], high["goal known"]) == (8, 29, 1)
     assert (high["goal row"], high["goal column"]) == (8, 29)
-    assert [high[f"free cells {way}"] for way in ("down", "up", "left", "right")] == [8, 8, 29, 29]
+    assert [high[way] for way in WAYS] == [8, 8, 29, 29]
     assert (high["self hunts"], high["moves left"]) == (1, 70)
     assert (high["mazes left"], high["preview moves left"]) == (1, 1)  # always 0 here
     for other in (1, 2, 3):
-        told = [high[f"other {other}: {name}"] for name in ("in sight", "row", "column")]
-        assert told == [1, 8, 29]
-    several = Table("9x9-sequence").engine.spec.representations["vector"]
-    assert dict(zip(VECTOR_NAMES, several.high, strict=True))["mazes left"] == 2
-    foggy = Table("9x9-timed_square").engine.spec.representations["vector"]
-    assert dict(zip(VECTOR_NAMES, foggy.high, strict=True))["preview moves left"] == 5
+        bounds = [high[f"other {other}: {name}"] for name in ("in sight", "row", "column")]
+        assert bounds == [1, 8, 29]
+    assert highest(Table("9x9-sequence"))["mazes left"] == 2
+    assert highest(Table("9x9-timed_square"))["preview moves left"] == 5
 
 
 def test_a_straight_way_has_as_many_free_cells_as_its_bound():
     row = "0........G"
     table = Table(board="\n".join([row, *["." * 10] * 4]))
-    told = dict(zip(VECTOR_NAMES, table.see("vector").tolist(), strict=True))
-    high = dict(zip(VECTOR_NAMES, table.engine.spec.representations["vector"].high, strict=True))
-    for way in ("down", "right"):
-        assert told[f"free cells {way}"] == high[f"free cells {way}"]
+    seen, high = numbers(table), highest(table)
+    assert (seen[WAYS[0]], seen[WAYS[3]]) == (high[WAYS[0]], high[WAYS[3]])
 
 
 # --- the hunter --------------------------------------------------------------------------------
@@ -155,13 +159,10 @@ def test_hunter_and_hunted_see_different_things_in_one_place(scenario, pixels, n
     assert not np.array_equal(hunter.see(name, 0), hunted.see(name, 1))
 
 
-def test_the_hunter_has_an_id_to_everybody():
+def test_the_hunter_has_an_id_of_its_own():
     table = Table("15x15-chase-3p", board=CHASE)
-    hunter, hunted, mate = ((1, 1), (1, 3), (3, 3))
-    assert [
-        [int(table.see("classic", seat)[0][cell]) for cell in (hunter, hunted, mate)]
-        for seat in range(3)
-    ] == [[7, 5, 5], [7, 2, 6], [7, 6, 2]]
+    ids = [table.see("classic", seat)[0][[1, 1, 3], [1, 3, 3]].tolist() for seat in range(3)]
+    assert ids == [[7, 5, 5], [7, 2, 6], [7, 6, 2]]
     for name in ("classic", "flat"):
         assert table.engine.spec.representations[name].high == 7
         assert Table("15x15-race-3p").engine.spec.representations[name].high == 6
@@ -177,7 +178,7 @@ def test_the_hunter_has_an_id_to_everybody():
         ("15x15-race-4p-square", "b5241aa0d646fb5e"),
     ],
 )
-def test_who_is_not_hunted_sees_what_version_1_began_with(scenario, digest):
+def test_without_a_hunter_observations_are_those_of_version_1(scenario, digest):
     """The digests are from before hunters had an id of their own."""
     table, found = Table(scenario, seed=11, cell_pixels=2), hashlib.sha256()
     for numbers in Luck.draw(12, 1, table.engine.num_players).numbers:
@@ -185,9 +186,6 @@ def test_who_is_not_hunted_sees_what_version_1_began_with(scenario, digest):
             found.update(table.engine.observe(name).tobytes())
         table.engine.step(choose_actions(table.engine, numbers))
     assert found.hexdigest()[:16] == digest
-
-
-# --- others ------------------------------------------------------------------------------------
 
 
 def test_a_player_on_another_shows_itself():
@@ -202,11 +200,6 @@ def test_the_spec_names_what_never_changes():
     def static(scenario):
         return Table(scenario).engine.spec.static_planes
 
-    assert [PLANE_NAMES[p] for p in static("9x9-stochastic")] == [
-        "wall",
-        "open",
-        "goal",
-        "in sight",
-        "explored",
-    ]
+    names = ["wall", "open", "goal", "in sight", "explored"]
+    assert [PLANE_NAMES[plane] for plane in static("9x9-stochastic")] == names
     assert static("9x9-square") == static("9x9-sequence") == ()

@@ -1,7 +1,7 @@
 """Recorded games that a person can read: replayed move by move, so that a change of rules shows.
 
-`pytest tests/games --update-playthroughs` plays them anew and rewrites the files; their diff then
-tells what the change of rules does to a game, and belongs in the same commit.
+`pytest tests/games --update-playthroughs` plays them again and rewrites the files; their diff then
+shows what the change of rules does to a game, and belongs in the same commit.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def describe_move(table: Table, actions: list[int]) -> str:
     return f"{table.world.clock[TICK]:>4}: {names} -> {places}  {rewards}"
 
 
-def tell(record: Record, choices: Iterator[list[int]], table: Table) -> str:
+def format_game(record: Record, choices: Iterator[list[int]], table: Table) -> str:
     """The text of a game with the actions that `choices` gives."""
     engine = table.engine
     lines = [f"# Deep Maze, rules version {VERSION}, {record.scenario}, seed {SEED}"]
@@ -91,7 +91,7 @@ def tell(record: Record, choices: Iterator[list[int]], table: Table) -> str:
     return "\n".join([*lines, *describe_maze(table), f"{how}, winner {engine.winner[0]}", ""])
 
 
-def choose_anew(record: Record, table: Table) -> Iterator[list[int]]:
+def choose_again(record: Record, table: Table) -> Iterator[list[int]]:
     bots = [make_bot(table.engine, name, seat) for seat, name in enumerate(record.bots)]
     while True:
         seen, mask = table.engine.observe("planes"), table.engine.action_mask()
@@ -100,9 +100,9 @@ def choose_anew(record: Record, table: Table) -> Iterator[list[int]]:
 
 def read_actions(text: str) -> Iterator[list[int]]:
     for line in text.splitlines():
-        told, arrow, _ = line.partition(" -> ")
+        move, arrow, _ = line.partition(" -> ")
         if arrow:
-            yield [ACTION_NAMES.index(name) for name in told.partition(":")[2].split()]
+            yield [ACTION_NAMES.index(name) for name in move.partition(":")[2].split()]
 
 
 @pytest.mark.plain_python
@@ -111,13 +111,13 @@ def test_a_recorded_game_goes_as_written(record, update_playthroughs):
     if update_playthroughs:
         record.path.parent.mkdir(exist_ok=True)
         table = Table(record.scenario, seed=SEED)
-        record.path.write_text(tell(record, choose_anew(record, table), table), "utf-8")
+        record.path.write_text(format_game(record, choose_again(record, table), table), "utf-8")
     text = record.path.read_text("utf-8")
-    told = tell(record, read_actions(text), Table(record.scenario, seed=SEED))
-    for number, (found, written) in enumerate(
-        zip(told.splitlines(), text.splitlines(), strict=True), start=1
+    found = format_game(record, read_actions(text), Table(record.scenario, seed=SEED))
+    for number, (line, written) in enumerate(
+        zip(found.splitlines(), text.splitlines(), strict=True), start=1
     ):
-        assert found == written, f"{record.path}:{number}"
+        assert line == written, f"{record.path}:{number}"
     assert text.rstrip().endswith(record.ends)
 
 
@@ -128,4 +128,4 @@ def test_a_recorded_game_is_changed_by_any_other_move():
     text = record.path.read_text("utf-8")
     actions = list(read_actions(text))
     others = [actions[0], [ACTION_NAMES.index("noop")], *actions[2:]]
-    assert tell(record, iter(others), Table(record.scenario, seed=SEED)) != text
+    assert format_game(record, iter(others), Table(record.scenario, seed=SEED)) != text

@@ -11,20 +11,10 @@ from tests.games.deep_maze.table import Table
 
 pytestmark = pytest.mark.plain_python
 
+STEPS = (("down", 1, 0), ("up", -1, 0), ("left", 0, -1), ("right", 0, 1))
 SQUARE = {"visibility": "square"}
 LINES = {"visibility": "line_of_sight"}
-TELLING = ("planes", "classic", "flat", "vector", "gray", "image")
-CROSS = """
-#########
-#...#...#
-#.#.#.#.#
-#.......#
-###.0####
-#.......#
-#.#.#.#.#
-#...#..G#
-#########
-"""
+SEEN = ("planes", "classic", "flat", "vector", "gray", "image")
 
 
 def wander(table, num_moves, seed=0):
@@ -40,9 +30,6 @@ def known_cells(table, player=0):
     return table.see("classic", player)[0] != ID_UNKNOWN
 
 
-# --- what is in sight ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("vision", [1, 3, 20])
 def test_a_square_is_the_same_on_all_sides_and_cut_at_the_edges(vision):
     table = Table("15x15-square", vision=vision, remembers=False)
@@ -54,32 +41,13 @@ def test_a_square_is_the_same_on_all_sides_and_cut_at_the_edges(vision):
         np.testing.assert_array_equal(known_cells(table), expected)
 
 
-def test_a_line_of_sight_ends_at_a_wall_or_after_so_many_cells_and_shows_the_walls_beside():
-    table = Table(board=CROSS, **LINES, vision=2, remembers=False)
-    table.move("down")
-    table.move("up")
-    expected = """
-    ?????????
-    ?????????
-    ????#????
-    ????.????
-    ??#.0#???
-    ????.????
-    ????#????
-    ?????????
-    ?????????
-    """
-    seen = np.array(list("".join(expected.split()))).reshape(9, 9)
-    np.testing.assert_array_equal(known_cells(table), seen != "?")
-
-
-def lines_anew(table, vision):
-    """The definition of a line of sight, written once more."""
+def define_lines(table, vision):
+    """The definition of a line of sight, written again."""
     walls = table.walls() == WALL
     rows, columns = walls.shape
     seen = np.zeros(walls.shape, bool)
     ways = [table.place()]
-    for down, right in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+    for _, down, right in STEPS:
         row, column = table.place()
         for _ in range(vision):
             row, column = row + down, column + right
@@ -100,26 +68,19 @@ def lines_anew(table, vision):
 def test_lines_of_sight_are_those_of_their_definition_after_any_moves(scenario, vision):
     table = Table(scenario, vision=vision, remembers=False, generator="growth")
     for _ in wander(table, 60):
-        np.testing.assert_array_equal(known_cells(table), lines_anew(table, vision))
+        np.testing.assert_array_equal(known_cells(table), define_lines(table, vision))
 
 
-def test_the_cells_beside_a_seat_are_always_known_so_the_mask_tells_nothing_new():
+def test_the_cells_beside_a_seat_are_always_known_so_the_mask_shows_nothing_new():
     for options in (SQUARE, LINES):
         table = Table("9x9-loops", vision=1, remembers=False, **options)
         for _ in wander(table, 40):
             row, column = table.place()
             known = known_cells(table)
-            for name, beside in (
-                ("down", (row + 1, column)),
-                ("up", (row - 1, column)),
-                ("left", (row, column - 1)),
-                ("right", (row, column + 1)),
-            ):
+            for name, down, right in STEPS:
+                beside = row + down, column + right
                 assert known[beside]
                 assert (name in table.mask()) == (table.walls()[beside] == OPEN)
-
-
-# --- memory and preview --------------------------------------------------------------------------
 
 
 def test_what_was_in_sight_stays_known_but_not_in_sight():
@@ -134,10 +95,12 @@ def test_what_was_in_sight_stays_known_but_not_in_sight():
         np.testing.assert_array_equal(planes[8] > 0, seen)
 
 
-def test_a_preview_shows_all_for_its_moves_and_is_not_remembered():
-    table = Table("15x15-timed_square")
-    plain = Table("15x15-square")
+def test_a_preview_shows_all_for_its_moves_noops_included_and_is_not_remembered():
+    waiting = Table("15x15-timed_square")
+    table, plain = Table("15x15-timed_square"), Table("15x15-square")
     for move in range(8):
+        assert known_cells(waiting).all() == (move < 5)
+        waiting.move("noop")
         np.testing.assert_array_equal(known_cells(table).all(), move < 5)
         if move >= 5:
             for name in ("classic", "gray"):
@@ -147,17 +110,6 @@ def test_a_preview_shows_all_for_its_moves_and_is_not_remembered():
         action = np.array([[move % 5]])
         table.engine.step(action)
         plain.engine.step(action)
-
-
-def test_moves_that_lead_nowhere_use_up_the_preview():
-    table = Table("15x15-timed_square")
-    for _ in range(5):
-        assert known_cells(table).all()
-        table.move("noop")
-    assert not known_cells(table).all()
-
-
-# --- nothing leaks -------------------------------------------------------------------------------
 
 
 def change_unseen(table, player=0):
@@ -182,7 +134,7 @@ def test_no_representation_and_no_mask_depends_on_what_was_not_seen(scenario, re
     for _ in wander(table, 12 if is_compiling() else 6):
         pass
     assert not table.engine.terminated[0]
-    before = {name: table.see(name) for name in TELLING}
+    before = {name: table.see(name) for name in SEEN}
     mask, picture = table.mask(), table.engine.render(0, 0)
     assert change_unseen(table) > 0
     for name, seen in before.items():

@@ -1,4 +1,4 @@
-"""One world of Flappy Bird that a test flies in, and its rules told a second time."""
+"""One world of Flappy Bird that a test flies in, and its rules written a second time."""
 
 from __future__ import annotations
 
@@ -40,6 +40,11 @@ class Flight:
 
     def pipes(self) -> list[float]:
         return [int(x) / 100 for x in self.world.pipe_x]
+
+    def next_gap(self) -> int:
+        """The upper edge of the gap that is met next."""
+        ahead = zip(self.pipes(), self.world.gap_top.tolist(), strict=True)
+        return min(pipe for pipe in ahead if pipe[0] > 31)[1]
 
     def hover(self, *players: int) -> None:
         """Hold birds at the height of the gap that is met next, at rest."""

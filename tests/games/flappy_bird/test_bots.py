@@ -10,6 +10,11 @@ from marl_cair.games.compiled import is_compiling
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.flappy_bird.bots import BOTS
 from marl_cair.games.randomness import episode_seeds
+from tests.games.bot_play import (
+    Positions,
+    assert_answers_each_row_on_its_own,
+    assert_repeats_and_continues,
+)
 
 
 def start(scenario: str, num_worlds: int, seed: int = 0, **options: int) -> BatchedEngine:
@@ -47,18 +52,16 @@ def test_the_oracle_flies_a_while_in_plain_python():
     assert engine.truncated.all()
 
 
-@pytest.mark.parametrize("scenario", ["easy", "hard", "race-4"])
-def test_the_oracle_does_not_die_without_wind(scenario):
-    engine = start(scenario, 8, max_ticks=2_000)
-    fly(engine, "oracle", 2_000)
-    assert engine.truncated.all()
-    assert not engine.eliminated.any()
-
-
-@pytest.mark.parametrize("ticks_per_step", [2, 3])
-def test_the_oracle_plans_by_how_often_it_decides(ticks_per_step):
-    engine = start("classic", 8, max_ticks=3_000, ticks_per_step=ticks_per_step)
-    fly(engine, "oracle", 3_000 // ticks_per_step)
+@pytest.mark.parametrize(
+    ("scenario", "ticks", "ticks_per_step"),
+    [
+        *((name, 2_000, 1) for name in ("easy", "hard", "race-4")),
+        *(("classic", 3_000, ticks) for ticks in (2, 3)),
+    ],
+)
+def test_the_oracle_does_not_die_without_wind(scenario, ticks, ticks_per_step):
+    engine = start(scenario, 8, max_ticks=ticks, ticks_per_step=ticks_per_step)
+    fly(engine, "oracle", ticks // ticks_per_step)
     assert engine.truncated.all()
     assert not engine.eliminated.any()
 
@@ -74,23 +77,14 @@ def test_bots_are_as_strong_as_their_names():
 @pytest.mark.plain_python
 @pytest.mark.parametrize("name", BOTS)
 def test_a_bot_repeats_continues_and_answers_each_row_on_its_own(name):
-    engine = start("classic", 6)
+    engine = start("classic", 8)
     fly(engine, "reflex", 40 if is_compiling() else 12)
     seen, mask = engine.observe("features")[:, 0], engine.action_mask()[:, 0]
 
-    def bot(seed: int) -> object:
-        made = engine.game.bot(name, engine.scenario)
-        made.seed(seed)
-        return made
-
-    first, second = bot(5), bot(5)
-    together = first.act(seen, mask)
-    assert np.array_equal(second.act(seen, mask), together)
-    other = bot(9)
-    other.load_state_dict(first.state_dict())
-    assert np.array_equal(other.act(seen, mask), first.act(seen, mask))
+    positions = Positions(engine, seen, mask)
+    assert_repeats_and_continues(name, positions)
     if name != "random":
-        assert np.array_equal(bot(0).act(seen[::-1], mask[::-1])[::-1], together)
+        assert_answers_each_row_on_its_own(name, positions)
 
 
 @pytest.mark.plain_python

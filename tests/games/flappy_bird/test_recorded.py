@@ -1,6 +1,6 @@
 """A recorded game that a person can read: the same flaps give the same flight in later versions.
 
-`pytest tests/games --update-playthroughs` writes it anew. That is a change of rules: it raises the
+`pytest tests/games --update-playthroughs` writes it again. That is a change of rules: it raises the
 game's version and stands in the change log.
 """
 
@@ -20,7 +20,7 @@ NAMES = ("noop", "flap")
 pytestmark = pytest.mark.plain_python
 
 
-def tell(flight: Flight, action: int) -> str:
+def describe(flight: Flight, action: int) -> str:
     pipes = " ".join(
         f"{x:7.2f}@{gap}" for x, gap in zip(flight.pipes(), flight.world.gap_top, strict=True)
     )
@@ -29,31 +29,29 @@ def tell(flight: Flight, action: int) -> str:
     return f"{line} | {flight.world.pipes_passed[0]}"
 
 
-def play_anew() -> list[str]:
+def play_again() -> list[str]:
     """Flaps below a line in the next gap, until the wind wins."""
     flight, lines = Flight("storm", seed=11), [HEAD]
     while not flight.is_over() and len(lines) < 400:
-        ahead = zip(flight.pipes(), flight.world.gap_top.tolist(), strict=True)
-        _, gap = min(pipe for pipe in ahead if pipe[0] > 31)
-        action = int(flight.can_flap() and flight.y() > gap + 70)
+        action = int(flight.can_flap() and flight.y() > flight.next_gap() + 70)
         flight.play(action)
-        lines.append(tell(flight, action))
+        lines.append(describe(flight, action))
     return [*lines, f"pays {flight.engine.rewards[0, 0]}"]
 
 
 def replay(lines: list[str]) -> list[str]:
-    flight, told = Flight("storm", seed=11), [HEAD]
+    flight, lines_found = Flight("storm", seed=11), [HEAD]
     for line in lines[1:-1]:
         action = NAMES.index(line.split()[0])
         flight.play(action)
-        told.append(tell(flight, action))
-    return [*told, f"pays {flight.engine.rewards[0, 0]}"]
+        lines_found.append(describe(flight, action))
+    return [*lines_found, f"pays {flight.engine.rewards[0, 0]}"]
 
 
 def test_a_recorded_game_goes_as_written(update_playthroughs):
     if update_playthroughs:
         FILE.parent.mkdir(exist_ok=True)
-        FILE.write_text("\n".join(play_anew()) + "\n")
+        FILE.write_text("\n".join(play_again()) + "\n")
     written = FILE.read_text().splitlines()
     for number, (found, expected) in enumerate(zip(replay(written), written, strict=True), start=1):
         assert found == expected, f"{FILE}:{number}"

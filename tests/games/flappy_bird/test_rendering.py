@@ -21,9 +21,7 @@ def fly_on(flight: Flight, num_decisions: int, seed: int = 0) -> None:
     """Flaps that keep the birds near the next gap, each in its own way."""
     luck = np.random.default_rng(seed)
     for _ in range(num_decisions):
-        ahead = zip(flight.pipes(), flight.world.gap_top.tolist(), strict=True)
-        _, gap = min(pipe for pipe in ahead if pipe[0] > 31)
-        players = range(flight.engine.num_players)
+        gap, players = flight.next_gap(), range(flight.engine.num_players)
         wants = [flight.y(player) > gap + 40 + 30 * luck.random() for player in players]
         flight.play(*(int(want) for want in wants))
 
@@ -32,13 +30,6 @@ def shrink(flight: Flight, name: str, player: int = 0) -> np.ndarray:
     """The area means of the large picture's luminance."""
     image = flight.seen("image", player).transpose(1, 2, 0)
     return area_means(luminance(image), SIDES[name]).astype(int)
-
-
-def test_pictures_have_ples_size():
-    flight = Flight("race-2")
-    assert flight.engine.render(0).shape == (512, 288, 3)
-    assert flight.engine.observe("image").shape == (1, 2, 3, 512, 288)
-    assert flight.engine.observe("gray_80").shape == (1, 2, 1, 80, 80)
 
 
 @pytest.mark.plain_python
@@ -60,13 +51,9 @@ def test_gray_shows_the_area_means_of_the_image(name, scenario):
 
 
 @pytest.mark.plain_python
-def test_the_gauge_of_the_wind_has_its_colours_in_grey():
-    assert luminance(GAUGE_DARK[None])[0] == GAUGE_DARK_LUMA
-    assert luminance(GAUGE_BRIGHT[None])[0] == GAUGE_BRIGHT_LUMA
-
-
-@pytest.mark.plain_python
-def test_wind_is_seen_where_there_is_any():
+def test_each_wind_has_its_own_picture_and_the_gauge_its_colours_in_grey():
+    for colour, luma in ((GAUGE_DARK, GAUGE_DARK_LUMA), (GAUGE_BRIGHT, GAUGE_BRIGHT_LUMA)):
+        assert luminance(colour[None])[0] == luma
     flight = Flight("windy")
     flight.wait(1)
     seen = set()
@@ -98,14 +85,13 @@ def test_own_bird_is_yellow_and_the_owner_of_yellow_has_its_colour():
     flight.wait(1)
     flight.world.bird_y[:] = [3_000, 11_000, 19_000, 27_000]
     flight.play()
-    colours = np.array(BIRD_COLOURS)
 
     def bird_colours(image: np.ndarray) -> list[int]:
         found = []
         for player in range(4):
             y = int(flight.y(player))
             box = image[y : y + 24, 57:91].reshape(-1, 3)
-            counts = [(box == colour).all(1).sum() for colour in colours]
+            counts = [(box == colour).all(1).sum() for colour in BIRD_COLOURS]
             found.append(int(np.argmax(counts)))
         return found
 
@@ -131,28 +117,25 @@ def test_a_crashed_bird_is_seen_once_more_and_then_not():
     assert np.array_equal(ground[1], sky[:, :, 54 + scroll : 98 + scroll])
 
 
-def test_only_people_see_the_score():
+def test_pictures_have_ples_size_and_only_people_see_the_score():
     flight = Flight()
     flight.wait(1)
     seen, picture = flight.seen("image"), flight.engine.render(0)
+    assert (picture.shape, seen.shape) == ((512, 288, 3), (3, 512, 288))
     flight.world.pipes_passed[0] = 7
     assert np.array_equal(flight.seen("image"), seen)
     assert not np.array_equal(flight.engine.render(0), picture)
 
 
-# --- the stack of the last four ------------------------------------------------------------------
-
-
 @pytest.mark.plain_python
 @pytest.mark.parametrize("options", [{}, {"ticks_per_step": 3}])
-def test_the_stack_holds_the_last_four_decisions_newest_last(options):
+def test_the_stack_holds_the_last_four_steps_newest_last(options):
     flight = Flight("race-2", **options)
     past = [flight.engine.observe("gray")[0, :, 0]] * 4
-    for decision in range(8):
+    for step in range(8):
         stack = flight.engine.observe("gray_stack")[0]
-        for place in range(4):
-            assert np.array_equal(stack[:, place], past[place - 4]), (decision, place)
-        flight.play(NOOP, FLAP if decision % 3 == 1 else NOOP)
+        assert np.array_equal(stack, np.stack(past[-4:], 1)), step
+        flight.play(NOOP, FLAP if step % 3 == 1 else NOOP)
         past.append(flight.engine.observe("gray")[0, :, 0])
 
 
@@ -189,17 +172,10 @@ def test_gymnasiums_frame_stack_gives_the_same_stack():
 def test_torchrls_frame_stack_gives_the_same_stack():
     from torchrl.envs import CatFrames, TransformedEnv  # torch is slow to load
 
-    base = marl_cair.make_torchrl_env(
-        "flappy_bird",
-        num_worlds=2,
-        representation="gray",
-        extra_representations=("gray_stack",),
-        seed=0,
-        max_ticks=20,
-    )
-    env = TransformedEnv(
-        base, CatFrames(4, dim=-3, in_keys=[("player", "observation")], reset_key="_reset")
-    )
+    shown = {"representation": "gray", "extra_representations": ("gray_stack",)}
+    base = marl_cair.make_torchrl_env("flappy_bird", num_worlds=2, seed=0, max_ticks=20, **shown)
+    frames = CatFrames(4, dim=-3, in_keys=[("player", "observation")], reset_key="_reset")
+    env = TransformedEnv(base, frames)
     state = env.reset()
     for step in range(30):
         seen = state["player"]

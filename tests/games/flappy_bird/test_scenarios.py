@@ -15,12 +15,8 @@ pytestmark = pytest.mark.plain_python
 
 def test_classic_has_ples_numbers():
     classic = SCENARIOS["classic"]
-    assert (classic.num_players, classic.pipe_gap, classic.pipe_speed, classic.wind) == (
-        1,
-        100,
-        4.0,
-        0.0,
-    )
+    numbers = (classic.num_players, classic.pipe_gap, classic.pipe_speed, classic.wind)
+    assert numbers == (1, 100, 4.0, 0.0)
     assert gap_tops(100) == (25, 192)
 
 
@@ -47,7 +43,7 @@ def test_classic_has_ples_numbers():
         ({"ticks_per_step": 6}, r".*cannot be played at ticks_per_step 6: .* less wind or fewer t"),
     ],
 )
-def test_what_cannot_be_played_is_refused_with_its_range(options, message):
+def test_settings_that_cannot_be_played_are_refused_with_their_range(options, message):
     with pytest.raises(ValueError, match=rf"flappy_bird: {message}"):
         Scenario(**options)
 
@@ -65,7 +61,7 @@ def test_whole_numbers_will_do_for_speeds():
 
 
 @pytest.mark.parametrize(("speed", "wind", "gap"), SURELY_PLAYABLE)
-def test_what_is_taken_for_playable_is(speed, wind, gap):
+def test_scenarios_taken_for_playable_are(speed, wind, gap):
     """At the narrowest and at wider gaps, at that speed and slower, in that wind and less."""
     assert search_course(gap, speed, wind)
     for wider in range(gap, MAX_GAP + 1, 29):

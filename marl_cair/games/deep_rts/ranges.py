@@ -227,7 +227,7 @@ def _list_work(worlds: s.World, rules: rb.Rules) -> Iterator[Condition]:
     kind, state = units[:, :, s.UNIT_KIND], units[:, :, s.UNIT_STATE]
     is_building, is_free = kind >= t.NUM_MOBILE_KINDS, kind == t.NO_KIND
     in_building = np.isin(state, (s.RISING, s.TRAINING, s.PUMPING))
-    holds = np.where(is_building, in_building | (state == s.IDLE), ~in_building)
+    holds: Any = np.where(is_building, in_building | (state == s.IDLE), ~in_building)
     yield "units walk and fight, and buildings rise, train and pump", holds | is_free
     is_inside = state == s.INSIDE
     yield "no unit inside a site acts", (worlds.due == s.NEVER) | ~is_inside
@@ -238,7 +238,7 @@ def _list_work(worlds: s.World, rules: rb.Rules) -> Iterator[Condition]:
     queue = units[:, :, s.UNIT_QUEUE : s.UNIT_QUEUE + s.QUEUE_LENGTH]
     length = units[:, :, s.UNIT_QUEUE_LENGTH]
     is_queued = np.arange(s.QUEUE_LENGTH) < length[:, :, None]
-    holds: Any = (rules.can_make[kind[:, :, None], queue] | ~is_queued).all(axis=2)
+    holds = (rules.can_make[kind[:, :, None], queue] | ~is_queued).all(axis=2)
     holds &= (length == 0) | (is_building & (state != s.RISING))
     holds &= (length > 0) | (state != s.TRAINING)
     yield "queues hold what their building makes, and a building that trains has one", holds

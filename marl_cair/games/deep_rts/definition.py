@@ -12,55 +12,35 @@ from marl_cair.games.deep_rts import state as s
 from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.art import rendering
 from marl_cair.games.deep_rts.bots import bots
-from marl_cair.games.deep_rts.orders import (
-    classic as classic_orders,
-)
-from marl_cair.games.deep_rts.orders import (
-    grid as grid_orders,
-)
-from marl_cair.games.deep_rts.orders import (
-    masks,
-    orders,
-)
+from marl_cair.games.deep_rts.orders import cursor, grid, masks, orders
 from marl_cair.games.deep_rts.ranges import state_limits
 from marl_cair.games.deep_rts.rules import rulebook as rb
 from marl_cair.games.deep_rts.rules import step as rules
-from marl_cair.games.deep_rts.scenarios import GYMNASIUM_PREFIX, PAYS, REWARDS, SCENARIOS, Scenario
-from marl_cair.games.deep_rts.views import observation, other_views, planes
-from marl_cair.games.deep_rts.views.other_views import CLASSIC_NAMES, VECTOR_NAMES
+from marl_cair.games.deep_rts.scenarios import GOALS, GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
+from marl_cair.games.deep_rts.views import observation, planes
+from marl_cair.games.deep_rts.views import other_views as views
 from marl_cair.games.game import NO_CELL, Game, GameSpec, Representation
 
 VERSION = "2"
-# Its games went on alike: only who was named the winner out of time has changed.
-_ALIKE = ("1",)
 
-_SCRATCH = ("seed", "path", "acting")
-_MAKE_NAMES = tuple(f"make_{name}" for name in t.PRODUCT_NAMES)
-_CELL_ORDERS = ("go", "advance", "select")
 # As rulebook.ROW_STEP and COLUMN_STEP list the directions.
-_WAYS = ("up", "right", "down", "left", "up_right", "down_right", "down_left", "up_left")
-_CLASSIC_NAMES = (
-    "previous_unit",
-    "next_unit",
-    *(f"move_{way}" for way in ("left", "right", "up", "down")),
-    *(f"move_{way}" for way in ("up_left", "up_right", "down_left", "down_right")),
-    "attack",
-    "harvest",
-    *(f"build_{slot}" for slot in range(classic_orders.NUM_CLASSIC_BUILDS)),
-    "noop",
-)
+WAYS = ("up", "right", "down", "left", "up_right", "down_right", "down_left", "up_left")
 
 
 def make_spec(scenario: Scenario) -> GameSpec:
-    """What `scenario` offers to agents: actions, representations, limits."""
-    names, group_names, groups, cells, noop = _ACTIONS[scenario.actions](scenario)
+    """Actions, representations and limits of `scenario`."""
+    names, groups = _ACTIONS[scenario.actions](scenario)
+    group_names = tuple(dict.fromkeys(groups))
+    cells = [NO_CELL] * len(names)
+    if scenario.actions == "unit":
+        cells[orders.FIRST_CELL :] = [*range(scenario.rows * scenario.columns)] * 3
     return GameSpec(
         num_players=scenario.num_players,
-        action_names=names,
-        action_groups=np.array(groups, np.int16),
+        action_names=tuple(names),
+        action_groups=np.array([group_names.index(group) for group in groups], np.int16),
         action_group_names=group_names,
         action_cells=np.array(cells, np.int32),
-        noop_action=noop,
+        noop_action=names.index("noop"),
         representations=MappingProxyType(_representations(scenario)),
         static_planes=(),
         exclusive_planes=(
@@ -73,7 +53,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
         ticks_per_step=scenario.ticks_per_step,
         max_ticks=scenario.max_ticks,
         reward_bound=_reward_bound(scenario),
-        pays=PAYS[scenario.goal].format(scenario.goal_amount),
+        pays=GOALS[scenario.goal].format(scenario.goal_amount),
         action_shape=(scenario.rows, scenario.columns) if scenario.actions == "grid" else (),
         teams=scenario.teams,
     )
@@ -86,63 +66,51 @@ def name_maps(worlds: Any, scenario: Scenario) -> tuple[str, ...]:
 
 
 def _reward_bound(scenario: Scenario) -> float:
-    """A win from far behind, or more score than one decision can bring."""
+    """A win from far behind, or more score than one step can bring."""
     if scenario.goal == "score":
         return 100.0
     return 1.0 + (1.6 if scenario.reward == "shaped" else 0.0)
 
 
-Actions = tuple[tuple[str, ...], tuple[str, ...], list[int], list[int], int]
+# --- actions: names, and the group of each -------------------------------------------------------
+
+Actions = tuple[list[str], list[str]]
 
 
 def _unit_actions(scenario: Scenario) -> Actions:
-    names = ["noop", "next_unit", "stop", "cancel", *_MAKE_NAMES]
-    group_names = (*names, *_CELL_ORDERS)
-    groups = list(range(len(names)))
-    cells = [NO_CELL] * len(names)
-    for kind, order in enumerate(_CELL_ORDERS):
-        for row in range(scenario.rows):
-            for column in range(scenario.columns):
-                names.append(f"{order}_r{row}_c{column}")
-                groups.append(orders.FIRST_CELL + kind)
-                cells.append(row * scenario.columns + column)
-    return tuple(names), group_names, groups, cells, orders.NOOP
+    groups = ["noop", "next_unit", "stop", "cancel", *(f"make_{name}" for name in t.PRODUCT_NAMES)]
+    names = list(groups)
+    for order in ("go", "advance", "select"):
+        for row, column in np.ndindex(scenario.rows, scenario.columns):
+            names.append(f"{order}_r{row}_c{column}")
+            groups.append(order)
+    return names, groups
 
 
 def _classic_actions(scenario: Scenario) -> Actions:
-    numbers = list(range(classic_orders.NUM_CLASSIC))
-    return (
-        _CLASSIC_NAMES,
-        _CLASSIC_NAMES,
-        numbers,
-        [NO_CELL] * len(numbers),
-        classic_orders.CLASSIC_NOOP,
-    )
+    names = ["previous_unit", "next_unit"]
+    names += [f"move_{WAYS[direction]}" for direction in cursor.CLASSIC_DIRECTIONS]
+    names += ["attack", "harvest"]
+    names += [f"build_{slot}" for slot in range(cursor.NUM_CLASSIC_BUILDS)]
+    return [*names, "noop"], [*names, "noop"]
 
 
 def _grid_actions(scenario: Scenario) -> Actions:
     """The cells are the units' own; what an order points at is relative to it."""
-    names = ["noop", "stop", "cancel", *_MAKE_NAMES]
-    group_names = (*names, "go", "advance")
-    groups = list(range(len(names)))
-    for index in range(grid_orders.NUM_WINDOW):
-        row, column = grid_orders.window_row(index), grid_orders.window_column(index)
-        names.append(f"go_r{row:+d}_c{column:+d}")
-        groups.append(group_names.index("go"))
-    for way in _WAYS:
-        names.append(f"advance_{way}")
-        groups.append(group_names.index("advance"))
-    return tuple(names), group_names, groups, [NO_CELL] * len(names), grid_orders.GRID_NOOP
+    groups = ["noop", "stop", "cancel", *(f"make_{name}" for name in t.PRODUCT_NAMES)]
+    span = range(-grid.REACH_TILES, grid.REACH_TILES + 1)
+    names = [f"go_r{row:+d}_c{column:+d}" for row in span for column in span if row or column]
+    names = [*groups, *names, *(f"advance_{way}" for way in WAYS)]
+    return names, [*groups, *["go"] * grid.NUM_WINDOW, *["advance"] * len(WAYS)]
 
 
 _ACTIONS = {"unit": _unit_actions, "classic": _classic_actions, "grid": _grid_actions}
 
 
 def _representations(scenario: Scenario) -> dict[str, Representation]:
-    board = (scenario.rows, scenario.columns)
-    gray, pixels = rendering.GRAY_SIDE, scenario.tile_pixels
-    picture = (3, scenario.rows * pixels, scenario.columns * pixels)
-    rgb = ("red", "green", "blue")
+    board, pixels = (scenario.rows, scenario.columns), scenario.tile_pixels
+    image, gray = (3, board[0] * pixels, board[1] * pixels), (1, *[rendering.GRAY_SIDE] * 2)
+    rgb, classic, vector = ("red", "green", "blue"), views.CLASSIC_NAMES, views.VECTOR_NAMES
     listed = (
         Representation(
             "planes",
@@ -154,19 +122,17 @@ def _representations(scenario: Scenario) -> dict[str, Representation]:
             num_uniform=planes.NUM_UNIFORM,
             make_memory=partial(observation.make_memory, scenario),
         ),
-        Representation(
-            "classic", (10, *board), np.uint8, 255, CLASSIC_NAMES, other_views.observe_classic
-        ),
-        Representation("image", picture, np.uint8, 255, rgb, rendering.observe_image),
-        Representation("gray", (1, gray, gray), np.uint8, 255, ("luma",), rendering.observe_gray),
+        Representation("classic", (10, *board), np.uint8, 255, classic, views.observe_classic),
+        Representation("image", image, np.uint8, 255, rgb, rendering.observe_image),
+        Representation("gray", gray, np.uint8, 255, ("luma",), rendering.observe_gray),
         Representation(
             "vector",
-            (len(VECTOR_NAMES),),
+            (len(vector),),
             np.float32,
-            other_views.vector_high(scenario),
-            VECTOR_NAMES,
-            other_views.observe_vector,
-            low=(0.0,) * len(VECTOR_NAMES),
+            views.vector_high(scenario),
+            vector,
+            views.observe_vector,
+            low=(0.0,) * len(vector),
         ),
     )
     return {representation.name: representation for representation in listed}
@@ -189,10 +155,11 @@ GAME = Game(
     draw=rendering.draw,
     bots=MappingProxyType(bots.BOTS),
     rewards=MappingProxyType(REWARDS),
-    hidden_fields=_SCRATCH,
+    hidden_fields=("seed", "path", "acting"),
     gymnasium_prefix=GYMNASIUM_PREFIX,
     map_names=name_maps,
     other_shapes=(MappingProxyType({"actions": "grid"}),),
     state_limits=state_limits,
-    agents_of=_ALIKE,
+    # Version 1 only named another winner at the time limit.
+    agents_of=("1",),
 )

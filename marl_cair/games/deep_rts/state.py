@@ -21,18 +21,18 @@ from marl_cair.games.deep_rts.scenarios import Scenario
 
 NO_UNIT = -1
 NO_GOAL = 0  # the corner of the border, where nothing is
-STRUCK, TOOK = -1, -2  # marks in UNIT_EXIT of those who did so in this tick
+STRUCK, TOOK = -1, -2  # marks in UNIT_EXIT of units that did so in this tick
 UNKNOWN = 255  # a tile that a player has never seen
 NEVER = 2**31 - 1
 QUEUE_LENGTH = 5
 PATH_STEPS = 21  # steps of 3 bits in a word
 
 RUNNING, TERMINATED, TRUNCATED = range(3)
-# What a unit is doing until it is due.
+# The states of a unit, each until it is due.
 IDLE, WALKING, GATHERING, FIGHTING, REPAIRING, WAITING, INSIDE, RISING, TRAINING, PUMPING = range(
     10
 )
-# Its order.
+# The orders of a unit.
 NO_ORDER, MOVE, HARVEST, RETURN, ATTACK, ADVANCE, REPAIR = range(7)
 
 # --- columns -----------------------------------------------------------------------------------
@@ -48,7 +48,7 @@ NUM_CLOCK = 13
     NUM_SEARCHES,  # path searches, which mark the cells that they reach
     NUM_ACTING,  # units that are due in this tick
     NUM_FALLEN,  # units without health that are still on the board
-    WISH,  # four columns: where a unit wants to go, see behaviour.py
+    DESTINATION,  # scratch, four columns: where a unit goes, see behaviour.py
 ) = range(10)
 
 NUM_LAYERS = 7
@@ -56,7 +56,7 @@ NUM_LAYERS = 7
     TILE,  # kind
     AMOUNT,  # resource units left; below 0 where several took the last
     OCCUPANT,  # unit slot, or NO_UNIT
-    CLAIM,  # scratch of a tick: who wants the cell
+    CLAIM,  # scratch of a tick: the unit or the players that want the cell
     REACHED,  # scratch of a search: the number of the last that came here
     CAME,  # scratch of a search: direction in which it came
     FRONTIER,  # scratch of a search: cells in the order of reaching; of `grid`: orders taken
@@ -91,17 +91,17 @@ NUM_PLAYER_COLUMNS = NUM_OWNED + t.NUM_KINDS
     UNIT_TARGET,  # slot that the order is about, or NO_UNIT
     UNIT_TARGET_SERIAL,  # separates a slot's new unit from its old one
     UNIT_PATH_STEPS,  # steps in `path`
-    UNIT_BLOCKED,  # times in a row that it could not go on
+    UNIT_BLOCKED,  # failed steps and plans in a row
     UNIT_EXIT,  # cell that it claims in this tick, NO_GOAL, STRUCK or TOOK
     UNIT_SERIAL,  # creation index within its owner, from 1
     UNIT_SINCE,  # tick at which the state began
     UNIT_READY,  # tick from which it may strike again
-    UNIT_CARRY,  # resource units in its hands
+    UNIT_CARRY,  # resource units that it carries
     UNIT_CARRY_KIND,  # their resource, or NO_RESOURCE
     UNIT_PARTNER,  # the builder of a site, the site of a builder
     UNIT_RALLY,  # cell to which new units go, or NO_GOAL
     UNIT_HURT,  # hit points to lose in this tick
-    UNIT_HURT_BY,  # the nearest of those who strike it in this tick
+    UNIT_HURT_BY,  # the nearest unit that strikes it in this tick
     UNIT_QUEUE_LENGTH,
     UNIT_QUEUE,  # QUEUE_LENGTH columns of products
 ) = range(23)

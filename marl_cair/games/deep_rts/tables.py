@@ -8,16 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
-# --- tiles -----------------------------------------------------------------------------------
-
 TILE_NAMES = ("grass", "desert", "lava", "wall", "water", "lumber", "gold", "stone", "oil")
 NUM_TILE_KINDS = len(TILE_NAMES)
-GRASS, DESERT, LAVA, WALL, WATER, LUMBER_TILE, GOLD_TILE, STONE_TILE, OIL_TILE = range(
-    NUM_TILE_KINDS
-)
+GRASS, DESERT, LAVA, WALL, WATER, LUMBER_TILE, GOLD_TILE, STONE_TILE, OIL_TILE = range(9)
 WALKABLE_TILES = (GRASS, DESERT, LAVA)
-
-# --- resources -------------------------------------------------------------------------------
 
 RESOURCE_NAMES = ("gold", "lumber", "stone", "oil")
 NUM_RESOURCES = len(RESOURCE_NAMES)
@@ -29,47 +23,45 @@ MAX_PLAYERS = 8
 # The resource in a tile of each kind. Oil comes out of a well that stands on it, not by hand.
 TILE_RESOURCE = (-1, -1, -1, -1, -1, LUMBER, GOLD, STONE, OIL)
 
-# --- units, buildings, upgrades ----------------------------------------------------------------
-
-UNIT_NAMES = (
-    "peasant",
-    "footman",
-    "archer",
-    "cavalry",
-    "town_hall",
-    "barracks",
-    "farm",
-    "smithy",
-    "oil_well",
-)
+_MOBILE_NAMES = ("peasant", "footman", "archer", "cavalry")
+NUM_MOBILE_KINDS = len(_MOBILE_NAMES)  # kinds below walk, kinds from here on are buildings
+UNIT_NAMES = (*_MOBILE_NAMES, "town_hall", "barracks", "farm", "smithy", "oil_well")
 NUM_KINDS = len(UNIT_NAMES)
 PEASANT, FOOTMAN, ARCHER, CAVALRY, TOWN_HALL, BARRACKS, FARM, SMITHY, OIL_WELL = range(NUM_KINDS)
-NUM_MOBILE_KINDS = 4  # kinds below walk, kinds from here on are buildings
 NO_KIND = -1
 
 UPGRADE_NAMES = ("blades", "plates")  # damage and armour of the owner's soldiers
 NUM_UPGRADES = len(UPGRADE_NAMES)
 BLADES, PLATES = range(NUM_UPGRADES)
 
-# What an order can produce: a unit or building by its kind, then the upgrades.
+# The products of orders: a unit or building by its kind, then the upgrades.
 PRODUCT_NAMES = (*UNIT_NAMES, *UPGRADE_NAMES)
 NUM_PRODUCTS = len(PRODUCT_NAMES)
 FIRST_UPGRADE = NUM_KINDS
 # Products of each kind, in the order of the original's Build0, Build1, Build2 and beyond.
-PRODUCTS: tuple[tuple[int, ...], ...] = (
-    (TOWN_HALL, FARM, BARRACKS, SMITHY, OIL_WELL),
-    (),
-    (),
-    (),
-    (PEASANT,),
-    (FOOTMAN, ARCHER, CAVALRY),
-    (),
-    (FIRST_UPGRADE + BLADES, FIRST_UPGRADE + PLATES),
-    (),
-)
+_PRODUCTS_OF = {
+    PEASANT: (TOWN_HALL, FARM, BARRACKS, SMITHY, OIL_WELL),
+    TOWN_HALL: (PEASANT,),
+    BARRACKS: (FOOTMAN, ARCHER, CAVALRY),
+    SMITHY: (FIRST_UPGRADE + BLADES, FIRST_UPGRADE + PLATES),
+}
+PRODUCTS = tuple(_PRODUCTS_OF.get(kind, ()) for kind in range(NUM_KINDS))
 MAX_PRODUCTS = max(len(products) for products in PRODUCTS)
 
 TICKS_PER_SECOND = 10
+
+# Allowed values of a preset for each kind, both ends included.
+_RANGES = {
+    "health": (1, 30_000),
+    **dict.fromkeys(("cost_gold", "cost_lumber", "cost_stone", "cost_oil"), (0, MAX_RESOURCE)),
+    **dict.fromkeys(("range_tiles", "sight_tiles"), (0, 15)),
+}
+
+
+def require(is_valid: bool, message: str) -> None:
+    """Raise ValueError with the message unless `is_valid`."""
+    if not is_valid:
+        raise ValueError(f"deep_rts: {message}")
 
 
 @dataclass(frozen=True)
@@ -100,8 +92,8 @@ class Preset:
     attack_ticks: tuple[int, ...]  # from one blow to the next
     size_tiles: tuple[int, ...]  # side of the square that it covers, odd
     #   tiles, in the order of TILE_NAMES
-    walk_percent: tuple[int, ...]  # of walk_ticks; 0 where nobody walks
-    tile_damage: tuple[int, ...]  # hit points per tick to who stands there
+    walk_percent: tuple[int, ...]  # of walk_ticks; 0: no unit can walk there
+    tile_damage: tuple[int, ...]  # hit points per tick of a unit there
     tile_amount: tuple[int, ...]  # resource units in a fresh tile
     tile_yield: tuple[int, ...]  # units carried for one unit taken
     #   upgrades: blades, plates
@@ -110,7 +102,7 @@ class Preset:
     upgrade_ticks: tuple[int, ...] = (600, 600)
     upgrade_levels: tuple[int, ...] = (2, 2)
     upgrade_bonus: tuple[int, ...] = (2, 4)  # damage a hit, armour; per level
-    #   everybody
+    #   all players
     start_gold: int = 1500
     start_lumber: int = 750
     start_stone: int = 0
@@ -133,64 +125,49 @@ class Preset:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            values = getattr(self, field.name)
-            if isinstance(values, tuple):
-                self._check_length(field.name, values)
-            elif not isinstance(values, bool) and values < 0:
-                raise ValueError(f"deep_rts: {field.name} is {values}, it must not be negative")
-        self._check_each("health", 1, 30_000)
-        for name in ("cost_gold", "cost_lumber", "cost_stone", "cost_oil"):
-            self._check_each(name, 0, MAX_RESOURCE)
-        self._check_each("range_tiles", 0, 15)
-        self._check_each("sight_tiles", 0, 15)
-        for kind in range(NUM_KINDS):
-            self._check_kind(kind)
-
-    def _check_length(self, name: str, values: tuple[int, ...]) -> None:
-        expected = NUM_KINDS
-        if name.startswith(("tile_", "walk_percent")):
-            expected = NUM_TILE_KINDS
-        elif name.startswith("upgrade_"):
-            expected = NUM_UPGRADES
-        if len(values) != expected:
-            raise ValueError(
-                f"deep_rts: {name} has {len(values)} values, it needs {expected}, one for each kind"
-            )
-        if min(values) < 0:
-            raise ValueError(f"deep_rts: {name} holds {min(values)}, it must not be negative")
-
-    def _check_each(self, name: str, low: int, high: int) -> None:
-        for kind, value in zip(UNIT_NAMES, getattr(self, name), strict=True):
-            if not low <= value <= high:
-                raise ValueError(
-                    f"deep_rts: {name} of {kind} is {value}, allowed are {low}..{high}"
+            name, value = field.name, getattr(self, field.name)
+            if isinstance(value, tuple):
+                is_of_tiles = name.startswith(("tile_", "walk_percent"))
+                is_upgrade = name.startswith("upgrade_")
+                expected = (
+                    NUM_TILE_KINDS if is_of_tiles else NUM_UPGRADES if is_upgrade else NUM_KINDS
                 )
+                require(
+                    len(value) == expected,
+                    f"{name} has {len(value)} values, it needs {expected}, one for each kind",
+                )
+                value = min(value)
+            require(value >= 0, f"{name} is {value}, it must not be negative")
+        for kind, name in enumerate(UNIT_NAMES):
+            self._check_kind(kind, name)
 
-    def _check_kind(self, kind: int) -> None:
-        name = UNIT_NAMES[kind]
-        if self.damage_max[kind] < self.damage_min[kind]:
-            raise ValueError(
-                f"deep_rts: damage_max of {name} is {self.damage_max[kind]}, below its damage_min "
-                f"{self.damage_min[kind]}"
+    def _check_kind(self, kind: int, name: str) -> None:
+        for field, (low, high) in _RANGES.items():
+            value = getattr(self, field)[kind]
+            require(
+                low <= value <= high, f"{field} of {name} is {value}, allowed are {low}..{high}"
             )
-        if kind < NUM_MOBILE_KINDS and (
-            self.walk_ticks[kind] < 1 or self.attack_ticks[kind] < 1 or self.size_tiles[kind] != 1
-        ):
-            raise ValueError(
-                f"deep_rts: {name} moves, so its walk_ticks ({self.walk_ticks[kind]}) and "
-                f"attack_ticks ({self.attack_ticks[kind]}) must be at least 1 and its size_tiles "
-                f"({self.size_tiles[kind]}) 1"
-            )
-        if self.size_tiles[kind] % 2 == 0 or self.size_tiles[kind] > 5:
-            raise ValueError(
-                f"deep_rts: size_tiles of {name} is {self.size_tiles[kind]}, allowed are 1, 3 and "
-                "5 (the site lies around its builder)"
-            )
-        if self.food_consumed[kind] > self.food_limit:
-            raise ValueError(
-                f"deep_rts: {name} eats {self.food_consumed[kind]}, more than the food limit of "
-                f"{self.food_limit}"
-            )
+        damage_min, damage_max = self.damage_min[kind], self.damage_max[kind]
+        require(
+            damage_max >= damage_min,
+            f"damage_max of {name} is {damage_max}, below its damage_min {damage_min}",
+        )
+        walk, attack, size = self.walk_ticks[kind], self.attack_ticks[kind], self.size_tiles[kind]
+        require(
+            kind >= NUM_MOBILE_KINDS or (walk >= 1 and attack >= 1 and size == 1),
+            f"{name} moves, so its walk_ticks ({walk}) and attack_ticks ({attack}) must be at "
+            f"least 1 and its size_tiles ({size}) 1",
+        )
+        require(
+            size in (1, 3, 5),
+            f"size_tiles of {name} is {size}, allowed are 1, 3 and 5 (the site lies around its "
+            "builder)",
+        )
+        food = self.food_consumed[kind]
+        require(
+            food <= self.food_limit,
+            f"{name} consumes {food} food, more than the food limit of {self.food_limit}",
+        )
 
 
 _ORIGINAL = Preset(

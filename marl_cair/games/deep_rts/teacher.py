@@ -1,8 +1,8 @@
 """A scripted player of Deep RTS that beats the bots, for agents to learn from.
 
-Its numbers are what a search against the six scripted bots of 1v1-15x15 found
-(`python -m benchmarks.doctrine_search`). It is no bot of the game, which are what agents are rated
-by and what it was chosen on: name it as `marl_cair.games.deep_rts.teacher:make_teacher`.
+Its numbers are the result of a search against the six scripted bots of 1v1-15x15
+(`python -m benchmarks.doctrine_search`). It is no bot of the game, because agents are rated by the
+bots: its name is `marl_cair.games.deep_rts.teacher:make_teacher`.
 """
 
 from __future__ import annotations

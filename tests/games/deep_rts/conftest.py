@@ -25,7 +25,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(scope="module", autouse=True)
 def _drill():
-    """The preset of these tests, which no other test finds in the game."""
+    """Adds the preset `drill`, for the tests of this folder only."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(PRESETS, "drill", DRILL)
         yield

@@ -19,8 +19,8 @@ from marl_cair.games.deep_rts.rules.rulebook import SEAT_FRAME, Rules
 from marl_cair.games.deep_rts.tables import NUM_RESOURCES, PEASANT, PRESETS, PRODUCT_NAMES
 from marl_cair.games.engine import BatchedEngine
 
-# The preset `drill`: numbers that the tests of rules count with, so that balancing the game leaves
-# them alone. There is such a preset while tests of this folder run (see conftest.py).
+# The preset `drill`: numbers for the tests of rules, which balancing the game does not change.
+# conftest.py adds it to the presets while tests of this folder run.
 DRILL = replace(
     PRESETS["balanced"],
     cost_gold=(50, 80, 70, 120, 300, 150, 60, 150, 80),
@@ -42,31 +42,14 @@ DRILL = replace(
     oil_ticks=20,
 )
 RICH = (5_000, 5_000, 5_000, 5_000)  # a store that no test empties
-LASTING = 30_000  # hit points of a unit that is to stand under blows
-CALM = {"preset": "thesis"}  # nobody attacks by itself
-# Meadow with a gold tile in the corner, as every map needs a resource.
-MEADOW = """
-...............G
-.1..............
-................
-................
-................
-................
-................
-................
-................
-................
-................
-................
-................
-................
-..............2.
-................
-"""
+LASTING = 30_000  # hit points of a unit that no test kills
+CALM = {"preset": "thesis"}  # no unit attacks without an order
+# Grass with a gold tile in the corner, as every map needs a resource.
+MEADOW = "\n".join(["." * 15 + "G", ".1" + "." * 14, *["." * 16] * 12, "." * 14 + "2.", "." * 16])
 
 
 def read_engine(text: str, **options: Any) -> BatchedEngine:
-    """An engine of the map of `text`; lines as in map files."""
+    """An engine that plays on the map of `text`."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "skirmish.txt"
         path.write_text("\n".join(text.split()) + "\n")
@@ -74,35 +57,28 @@ def read_engine(text: str, **options: Any) -> BatchedEngine:
 
 
 class Skirmish:
-    """One world without units, on which a test puts what it needs.
+    """One world without units, to which a test adds what it needs.
 
-    A decision is one tick, and the game goes on until the clock ends it, unless options say
-    otherwise. Rows and columns are those of the map's text.
+    A step is one tick, and the game lasts until the time limit, unless options change that. Rows
+    and columns are those of the map's text.
     """
 
     def __init__(self, text: str = MEADOW, seed: int = 0, **options: Any) -> None:
-        chosen = {
-            "preset": "drill",
-            "ticks_per_step": 1,
-            "goal": "score",
-            "max_ticks": 1_000_000,
-        } | options
-        is_empty = "army" not in chosen and chosen.pop("is_empty", True)
-        if is_empty:
-            chosen["army"] = (1, 0, 0, 0)
-        self.engine = read_engine(text, **chosen)
+        chosen = {"preset": "drill", "ticks_per_step": 1, "goal": "score", "max_ticks": 1_000_000}
+        chosen |= options
+        self.engine = read_engine(text, **({"army": (1, 0, 0, 0)} | chosen))
         self.engine.reset(seed)
         # Views: what is written here is what the engine plays on.
         self.world = s.World(*(field[0] for field in self.engine._worlds))
         self.rules: Rules = self.engine._rules
         shape = (1, self.engine.num_players, *self.engine.spec.action_shape)
         self.noops = np.full(shape, self.engine.spec.noop_action, np.int32)
-        if is_empty:
+        if "army" not in options:
             for player in range(self.engine.num_players):
                 for unit in self.units_of(player):
                     call(roster.remove_unit, self.world, self.rules, unit)
 
-    # --- what is there -----------------------------------------------------------------------
+    # --- reading -----------------------------------------------------------------------------
 
     @property
     def tick(self) -> int:
@@ -116,8 +92,10 @@ class Skirmish:
         cell = self.get(unit, s.UNIT_CELL)
         return cell // self.rules.stride - 1, cell % self.rules.stride - 1
 
-    def get(self, unit: int, column: int) -> int:
-        return int(self.world.units[unit, column])
+    def get(self, unit: int, *columns: int) -> Any:
+        """A number of a unit, or several as a tuple."""
+        values = self.world.units[unit, list(columns)].tolist()
+        return values[0] if len(values) == 1 else tuple(values)
 
     def set(self, unit: int, column: int, value: int) -> None:
         self.world.units[unit, column] = value
@@ -155,23 +133,29 @@ class Skirmish:
         length = self.get(unit, s.UNIT_QUEUE_LENGTH)
         return self.world.units[unit, s.UNIT_QUEUE : s.UNIT_QUEUE + length].tolist()
 
-    # --- what a test changes -----------------------------------------------------------------
+    # --- changing ----------------------------------------------------------------------------
 
     def put(self, player: int, kind: int, row: int, column: int) -> int:
         """A finished unit that idles; its slot. Food is not counted."""
         assert self.occupant(row, column) == s.NO_UNIT
         return call(roster.add_unit, self.world, self.rules, player, kind, self.cell(row, column))
 
+    def kill(self, *units: int) -> None:
+        """Set the health to 0: the units are removed at the end of the next tick."""
+        for unit in units:
+            self.set(unit, s.UNIT_HEALTH, 0)
+            self.world.clock[s.NUM_FALLEN] += 1
+
+    def set_tile(self, row: int, column: int, tile: int, amount: int = 0) -> None:
+        self.world.board[[s.TILE, s.AMOUNT], self.cell(row, column)] = tile, amount
+
     def order(self, unit: int, order: int, row: int = -1, column: int = -1) -> None:
-        """Replace what the unit was told; without a place for orders that need none."""
+        """Replace the unit's order; some orders need no place."""
         goal = self.cell(row, column) if row >= 0 else s.NO_GOAL
         call(orders.give_order, self.world, unit, order, goal)
 
     def attack(self, unit: int, target: int, order: int = s.ATTACK) -> None:
         self.order(unit, order)
-        self.aim(unit, target)
-
-    def aim(self, unit: int, target: int) -> None:
         self.set(unit, s.UNIT_TARGET, target)
         self.set(unit, s.UNIT_TARGET_SERIAL, self.get(target, s.UNIT_SERIAL))
 
@@ -180,8 +164,8 @@ class Skirmish:
 
     # --- playing -----------------------------------------------------------------------------
 
-    def wait(self, num_decisions: int = 1) -> None:
-        for _ in range(num_decisions):
+    def wait(self, num_steps: int = 1) -> None:
+        for _ in range(num_steps):
             self.engine.step(self.noops)
 
     def action(self, name: str) -> int:
@@ -197,7 +181,7 @@ class Skirmish:
         return bool(self.engine.action_mask()[0, player, self.action(name)])
 
     def play(self, *names: str) -> None:
-        """One decision by the names of the seats' actions; seats that are left out do nothing."""
+        """One step by the names of the seats' actions; other seats do nothing."""
         actions = self.noops.copy()
         for player, name in enumerate(names):
             actions[0, player] = self.action(name)
@@ -210,8 +194,8 @@ class Skirmish:
         row, column = self.rules.own_place[frame, self.get(unit, s.UNIT_CELL)].tolist()
         return player, row, column
 
-    def tell(self, orders: dict[int, str]) -> None:
-        """One decision of `grid`: an order for each of these units, by its name."""
+    def command(self, orders: dict[int, str]) -> None:
+        """One step of `grid`: an order for each of these units, by its name."""
         actions = self.noops.copy()
         for unit, name in orders.items():
             actions[(0, *self.own_place(unit))] = self.action(name)
@@ -223,11 +207,9 @@ class Skirmish:
         return bool(mask[self.action(name)])
 
     def make(self, unit: int, product: int) -> None:
-        """One decision: the unit's owner selects it and has it make the product."""
-        player = unit // self.rules.slots
+        """One step: the unit's owner selects it and orders the product."""
         self.select(unit)
-        name = f"make_{PRODUCT_NAMES[product]}"
-        self.play(*["noop"] * player, name)
+        self.play(*["noop"] * (unit // self.rules.slots), f"make_{PRODUCT_NAMES[product]}")
 
     def illegal(self) -> list[int]:
         return self.engine.illegal_actions[0].tolist()
@@ -252,7 +234,7 @@ def ticks_until(skirmish: Skirmish, unit: int, place: tuple[int, int], limit: in
 
 
 def call(function: Any, *arguments: Any) -> Any:
-    """A rule outside of the engine: its plain Python, so that no test compiles it for itself."""
+    """Call a rule outside of the engine as plain Python: nothing is compiled for a single test."""
     with np.errstate(over="ignore"):
         if is_compiling():
             return function.py_func(*arguments)
@@ -261,12 +243,22 @@ def call(function: Any, *arguments: Any) -> Any:
 
 def draw_actions(engine: BatchedEngine, luck: np.random.Generator) -> NDArray[np.int32]:
     """A legal action of every seat: first a kind of action, then one of that kind."""
-    mask = engine.action_mask()
     groups = engine.spec.action_groups
-    actions = np.zeros(mask.shape[:-1], np.int32)
-    for world, player in np.ndindex(*actions.shape[:2]):
-        actions[world, player] = draw_action(mask[world, player], groups, luck)
-    return actions
+    drawn = [[draw_action(seat, groups, luck) for seat in world] for world in engine.action_mask()]
+    return np.array(drawn, np.int32)
+
+
+def play_random(engine: BatchedEngine, num_steps: int, seed: int, draw: Any = draw_actions) -> Any:
+    """Play legal actions from a reset by `seed`; yields after each step, then starts a new game
+    where one has ended.
+    """
+    luck = np.random.default_rng(seed)
+    engine.reset(seed)
+    for step in range(num_steps):
+        engine.step(draw(engine, luck))
+        yield step
+        if engine.terminated[0] or engine.truncated[0]:
+            engine.reset(step)
 
 
 def draw_action(

@@ -8,29 +8,26 @@ import pytest
 from marl_cair.games import make_engine
 from marl_cair.games.deep_rts import state as s
 from marl_cair.games.deep_rts import tables as t
-from marl_cair.games.deep_rts.rules.board import sight_of
 from marl_cair.games.deep_rts.views.planes import PLANE_NAMES
-from tests.games.deep_rts.skirmish import Skirmish, call, draw_actions
+from tests.games.deep_rts.skirmish import RICH, Skirmish, play_random
 
 NAMES = ("planes", "classic", "vector")
 ALL_NAMES = (*NAMES, "image", "gray")
-VISIBLE, EXPLORED = PLANE_NAMES.index("visible"), PLANE_NAMES.index("explored")
 
 
 def foggy(**options) -> Skirmish:
-    skirmish = Skirmish(fog=True, **options)
-    skirmish.world.known[:] = s.UNKNOWN  # the units of the start have looked around
-    return skirmish
+    game = Skirmish(fog=True, **options)
+    game.world.known[:] = s.UNKNOWN  # the units of the start have looked around
+    return game
 
 
-def views_of(skirmish: Skirmish, player: int) -> list[np.ndarray]:
-    seen = [skirmish.engine.observe(name)[0, player] for name in NAMES]
-    return [*seen, skirmish.engine.action_mask()[0, player]]
+def plane(game: Skirmish, name: str, player: int = 0) -> np.ndarray:
+    return game.engine.observe("planes")[0, player, PLANE_NAMES.index(name)]
 
 
-def assert_same(first: list[np.ndarray], second: list[np.ndarray]) -> None:
-    for one, other in zip(first, second, strict=True):
-        np.testing.assert_array_equal(one, other)
+def views_of(game: Skirmish) -> list[np.ndarray]:
+    """All that player 0 sees, and its mask."""
+    return [*(game.engine.observe(name)[0, 0] for name in NAMES), game.engine.action_mask()[0, 0]]
 
 
 # --- what is seen --------------------------------------------------------------------------------
@@ -40,159 +37,107 @@ def assert_same(first: list[np.ndarray], second: list[np.ndarray]) -> None:
 @pytest.mark.parametrize(
     ("kind", "sight"), [(t.PEASANT, 4), (t.ARCHER, 6), (t.TOWN_HALL, 7), (t.FARM, 4)]
 )
-def test_a_unit_sees_a_round_disc(kind, sight):
-    skirmish = foggy()
-    skirmish.put(0, kind, 8, 8)
-    visible = skirmish.engine.observe("planes")[0, 0, VISIBLE] > 0
-    rows, columns = np.indices(visible.shape) - 8
-    np.testing.assert_array_equal(visible, rows**2 + columns**2 <= sight * (sight + 1))
+def test_unit_sees_a_round_disc(kind, sight):
+    game = foggy()
+    game.put(0, kind, 8, 8)
+    rows, columns = np.indices((16, 16)) - 8
+    expected = rows**2 + columns**2 <= sight * (sight + 1)
+    np.testing.assert_array_equal(plane(game, "visible") > 0, expected)
 
 
-def test_ground_that_was_seen_is_remembered_and_units_there_are_not():
-    skirmish = foggy()
-    skirmish.put(1, t.PEASANT, 8, 12)
-    scout = skirmish.put(0, t.PEASANT, 8, 9)
-    before = skirmish.engine.observe("planes")[0, 0]
-    assert before[PLANE_NAMES.index("enemy"), 8, 12] > 0
-    skirmish.order(scout, s.MOVE, 8, 2)
-    skirmish.wait(90)
-    after = skirmish.engine.observe("planes")[0, 0]
-    assert after[VISIBLE, 8, 12] == 0
-    assert after[EXPLORED, 8, 12] > 0
-    assert after[PLANE_NAMES.index("enemy"), 8, 12] == 0
-    assert (after[EXPLORED] >= before[EXPLORED]).all()
+def test_ground_is_remembered_and_units_on_it_are_not():
+    game = foggy()
+    game.put(1, t.PEASANT, 8, 12)
+    scout = game.put(0, t.PEASANT, 8, 9)
+    before = plane(game, "explored")
+    assert plane(game, "enemy")[8, 12] > 0
+    game.order(scout, s.MOVE, 8, 2)
+    game.wait(90)
+    assert plane(game, "visible")[8, 12] == 0
+    assert plane(game, "explored")[8, 12] > 0
+    assert plane(game, "enemy")[8, 12] == 0
+    assert (plane(game, "explored") >= before).all()
 
 
-def test_a_tile_that_changes_unseen_stays_in_memory_until_it_is_seen_again():
-    skirmish = foggy()
-    gold = skirmish.cell(8, 12)
-    skirmish.world.board[s.TILE, gold] = t.GOLD_TILE
-    scout = skirmish.put(0, t.PEASANT, 8, 9)
-    skirmish.order(scout, s.MOVE, 8, 3)
-    skirmish.wait(80)
-    skirmish.world.board[s.TILE, gold] = t.GRASS
-    plane = PLANE_NAMES.index("gold")
-    assert skirmish.engine.observe("planes")[0, 0, plane, 8, 12] > 0
-    assert skirmish.is_legal(0, "noop")
-    skirmish.order(scout, s.MOVE, 8, 9)
-    skirmish.wait(80)
-    assert skirmish.engine.observe("planes")[0, 0, plane, 8, 12] == 0
+def test_tile_that_changes_unseen_stays_in_memory_until_it_is_seen_again():
+    game = foggy()
+    game.set_tile(8, 12, t.GOLD_TILE)
+    scout = game.put(0, t.PEASANT, 8, 9)
+    game.order(scout, s.MOVE, 8, 3)
+    game.wait(80)
+    game.set_tile(8, 12, t.GRASS)
+    assert plane(game, "gold")[8, 12] > 0
+    game.order(scout, s.MOVE, 8, 9)
+    game.wait(80)
+    assert plane(game, "gold")[8, 12] == 0
 
 
-def test_without_fog_all_is_visible():
-    skirmish = Skirmish()
-    skirmish.put(0, t.PEASANT, 8, 8)
-    planes = skirmish.engine.observe("planes")[0, 0]
-    assert (planes[VISIBLE] == 255).all()
-    assert (planes[EXPLORED] == 255).all()
+def test_all_is_visible_without_fog():
+    game = Skirmish()
+    game.put(0, t.PEASANT, 8, 8)
+    assert (plane(game, "visible") == 255).all()
+    assert (plane(game, "explored") == 255).all()
 
 
-def test_allies_share_what_they_see():
-    skirmish = foggy(goal="score", teams=(4, 4))
-    skirmish.put(0, t.PEASANT, 2, 2)
-    skirmish.put(1, t.ARCHER, 12, 12)
-    first, second = skirmish.engine.observe("planes")[0]
-    np.testing.assert_array_equal(first[VISIBLE], second[VISIBLE, ::-1, ::-1])
-    assert first[VISIBLE, 12, 12] > 0
-    assert first[PLANE_NAMES.index("ally"), 12, 12] > 0
+def test_allies_share_their_sight():
+    game = foggy(teams=(4, 4))
+    game.put(0, t.PEASANT, 2, 2)
+    game.put(1, t.ARCHER, 12, 12)
+    visible = plane(game, "visible")
+    np.testing.assert_array_equal(visible, plane(game, "visible", 1)[::-1, ::-1])
+    assert visible[12, 12] > 0
+    assert plane(game, "ally")[12, 12] > 0
 
 
-# --- nothing else --------------------------------------------------------------------------------
+# --- what is hidden ------------------------------------------------------------------------------
 
 
-def change_unseen(skirmish: Skirmish, luck: np.random.Generator) -> int:
-    """Put other tiles and other units of player 1 where player 0 does not look; how many."""
+def change_unseen(game: Skirmish, luck: np.random.Generator) -> int:
+    """Put other tiles and units of player 1 where player 0 does not look; returns how many."""
     changes = 0
-    for row in range(1, 15):
-        for column in range(1, 15):
-            cell = skirmish.cell(row, column)
-            if skirmish.world.vision[0, cell] > 0 or skirmish.occupant(row, column) >= 0:
-                continue
-            choice = luck.integers(6)
-            if choice == 0 and skirmish.world.players[1, s.NUM_UNITS] < 20:
-                skirmish.put(1, int(luck.choice([t.PEASANT, t.FOOTMAN, t.FARM])), row, column)
-                changes += 1
-            elif choice == 1:
-                skirmish.world.board[s.TILE, cell] = luck.choice([t.GRASS, t.WALL, t.GOLD_TILE])
-                skirmish.world.board[s.AMOUNT, cell] = 100
-                changes += 1
+    for row, column in np.ndindex(14, 14):
+        place = row + 1, column + 1
+        if game.world.vision[0, game.cell(*place)] > 0 or game.occupant(*place) >= 0:
+            continue
+        choice = luck.integers(6)
+        if choice == 0 and game.world.players[1, s.NUM_UNITS] < 20:
+            game.put(1, int(luck.choice([t.PEASANT, t.FOOTMAN, t.FARM])), *place)
+            changes += 1
+        elif choice == 1:
+            game.set_tile(*place, luck.choice([t.GRASS, t.WALL, t.GOLD_TILE]), 100)
+            changes += 1
     return changes
 
 
 @pytest.mark.parametrize("actions", ["unit", "classic", "grid"])
 @pytest.mark.parametrize("kind", [t.PEASANT, t.FOOTMAN, t.ARCHER, t.TOWN_HALL, t.BARRACKS])
-def test_what_lies_in_the_fog_changes_neither_view_nor_mask(kind, actions):
+def test_fog_hides_changes_from_views_and_mask(kind, actions):
     luck = np.random.default_rng(kind)
     for _ in range(6):
-        skirmish = foggy(actions=actions)
-        skirmish.put(1, t.PEASANT, 13, 13)
-        selected = skirmish.put(0, kind, 5, 5)
-        skirmish.put(0, t.FOOTMAN, 8, 5)
-        skirmish.put(1, t.FOOTMAN, 8, 7)
-        skirmish.fill_store(0, 5_000, 5_000, 5_000, 5_000)
-        skirmish.select(selected)
-        before = views_of(skirmish, 0)
-        assert change_unseen(skirmish, luck) > 10
-        assert_same(views_of(skirmish, 0), before)
-        skirmish.fill_store(1, 1, 2, 3, 4)
-        skirmish.select(skirmish.units_of(1)[-1])
-        for unit in skirmish.units_of(1):
-            skirmish.set(unit, s.UNIT_ORDER, s.ATTACK)  # what others intend is hidden too
-        assert_same(views_of(skirmish, 0)[:1], before[:1])
+        game = foggy(actions=actions)
+        game.put(1, t.PEASANT, 13, 13)
+        selected = game.put(0, kind, 5, 5)
+        game.put(0, t.FOOTMAN, 8, 5)
+        game.put(1, t.FOOTMAN, 8, 7)
+        game.fill_store(0, *RICH)
+        game.select(selected)
+        before = views_of(game)
+        assert change_unseen(game, luck) > 10
+        for seen, expected in zip(views_of(game), before, strict=True):
+            np.testing.assert_array_equal(seen, expected)
+        game.fill_store(1, 1, 2, 3, 4)
+        game.select(game.units_of(1)[-1])
+        for unit in game.units_of(1):
+            game.set(unit, s.UNIT_ORDER, s.ATTACK)  # the orders of others are hidden too
+        np.testing.assert_array_equal(views_of(game)[0], before[0])
 
 
-def test_an_unseen_enemy_is_no_target():
-    """An attack is given up as its target goes out of the team's sight."""
-    skirmish = foggy(preset="thesis")
-    unit, other = skirmish.put(0, t.FOOTMAN, 8, 4), skirmish.put(1, t.PEASANT, 8, 12)
-    skirmish.attack(unit, other)
-    skirmish.wait(2)
-    assert skirmish.get(unit, s.UNIT_ORDER) == s.NO_ORDER
-
-
-# --- counting ------------------------------------------------------------------------------------
-
-
-def recount(engine) -> np.ndarray:
-    """Who sees what, [players, cells], from the places of all units."""
-    world, rules = engine._worlds, engine._rules
-    vision = np.zeros(world.vision.shape[1:], int)
-    rows, columns = rules.cells[:, 0].astype(int), rules.cells[:, 1].astype(int)
-    is_inside = (rows >= 0) & (rows < rules.rows) & (columns >= 0) & (columns < rules.columns)
-    for player in range(rules.num_players):
-        for unit in world.roster[0, player, : world.players[0, player, s.NUM_UNITS]]:
-            cell, kind = world.units[0, unit, s.UNIT_CELL], world.units[0, unit, s.UNIT_KIND]
-            if world.board[0, s.OCCUPANT, cell] != unit:
-                continue  # inside a site
-            sight = call(sight_of, rules, kind)
-            away = (rows - rows[cell]) ** 2 + (columns - columns[cell]) ** 2
-            vision[player] += is_inside & (away <= sight * (sight + 1))
-    return vision
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {},
-        {"army": (2, 5, 3, 1), "goal": "score"},
-        {"preset": "original", "actions": "classic"},
-    ],
-    ids=str,
-)
-def test_sight_equals_a_recount_after_random_play(options):
-    engine = make_engine("deep_rts", fog=True, **options)
-    luck = np.random.default_rng(1)
-    engine.reset(1)
-    for decision in range(250):
-        engine.step(draw_actions(engine, luck))
-        if decision % 10 == 0:
-            np.testing.assert_array_equal(engine._worlds.vision[0], recount(engine))
-            known, board = engine._worlds.known[0], engine._worlds.board[0, s.TILE]
-            for player in range(2):
-                seen = engine._worlds.vision[0, player] > 0
-                np.testing.assert_array_equal(known[player, seen], board[seen])
-        if engine.terminated[0]:
-            engine.reset(decision)
+def test_attack_is_given_up_as_its_target_leaves_the_sight_of_the_team():
+    game = foggy(preset="thesis")
+    unit, other = game.put(0, t.FOOTMAN, 8, 4), game.put(1, t.PEASANT, 8, 12)
+    game.attack(unit, other)
+    game.wait(2)
+    assert game.get(unit, s.UNIT_ORDER) == s.NO_ORDER
 
 
 @pytest.mark.parametrize(
@@ -205,18 +150,32 @@ def test_sight_equals_a_recount_after_random_play(options):
         (s.REPAIRING, s.UNIT_FACING, (1, 2)),
     ],
 )
-def test_where_a_unit_looks_and_goes_is_its_owners_to_know(state, column, values):
-    """Orders are hidden from others, in every representation and in the picture for people."""
-    skirmish = Skirmish(tile_pixels=8)
-    unit = skirmish.put(1, t.PEASANT, 4, 8)
-    skirmish.set(unit, s.UNIT_STATE, state)
-    skirmish.world.due[unit] = 60
-    skirmish.world.clock[s.TICK] = 10
-    skirmish.set(unit, s.UNIT_FACING, 1)
+def test_only_the_owner_sees_where_a_unit_looks_and_goes(state, column, values):
+    """In every representation and in the picture for people."""
+    game = Skirmish(tile_pixels=8)
+    unit = game.put(1, t.PEASANT, 4, 8)
+    game.set(unit, s.UNIT_STATE, state)
+    game.world.due[unit] = 60
+    game.world.clock[s.TICK] = 10
+    game.set(unit, s.UNIT_FACING, 1)
     seen = []
     for value in values:
-        skirmish.set(unit, column, value)
-        seen.append({name: skirmish.engine.observe(name)[0] for name in ALL_NAMES})
+        game.set(unit, column, value)
+        seen.append({name: game.engine.observe(name)[0] for name in ALL_NAMES})
     for name in ALL_NAMES:
         assert np.array_equal(seen[0][name][0], seen[1][name][0]), name
     assert not np.array_equal(seen[0]["image"][1], seen[1]["image"][1])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"army": (2, 5, 3, 1), "goal": "score"}, {"preset": "original", "actions": "classic"}],
+    ids=str,
+)
+def test_known_tiles_in_sight_are_the_real_ones(options):
+    """That vision counts the units that see a cell is a condition in test_invariants."""
+    engine = make_engine("deep_rts", fog=True, **options)
+    for _ in play_random(engine, 250, seed=1):
+        known, seen = engine._worlds.known[0], engine._worlds.vision[0] > 0
+        board = np.broadcast_to(engine._worlds.board[0, s.TILE], known.shape)
+        np.testing.assert_array_equal(known[seen], board[seen])

@@ -1,4 +1,4 @@
-"""More than two players: who is out leaves, the others play on, the last one wins."""
+"""More than two players: eliminated players leave, the others play on, the last one wins."""
 
 import warnings
 
@@ -9,63 +9,51 @@ with warnings.catch_warnings():  # pettingzoo's tests import an environment the 
     warnings.simplefilter("ignore", DeprecationWarning)
     from pettingzoo.test import parallel_api_test
 
-from marl_cair.games import deep_rts, make_engine
+from marl_cair.games import deep_rts
 
 ARMY = {"army": (0, 3, 2, 1), "max_ticks": 6_000}
 
 
 def play(env, seed):
-    """Play a game at random; yields what each step returns."""
+    """Play a random game; yields the agents of each step and its results."""
     luck = np.random.default_rng(seed)
     _, infos = env.reset(seed=seed)
     while env.agents:
-        legal = {agent: np.flatnonzero(infos[agent]["action_mask"]) for agent in env.agents}
         live = list(env.agents)
-        told = env.step({agent: int(luck.choice(legal[agent])) for agent in live})
-        infos = told[4]
-        yield live, told
+        legal = {agent: np.flatnonzero(infos[agent]["action_mask"]) for agent in live}
+        results = env.step({agent: int(luck.choice(legal[agent])) for agent in live})
+        infos = results[4]
+        yield live, results
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_players_leave_one_by_one_and_the_last_one_is_paid(seed):
     env = deep_rts.parallel_env(scenario="FFA-4-15x15", **ARMY)
-    returns = dict.fromkeys(env.possible_agents, 0.0)
-    lives = []
-    for live, (observations, rewards, terminations, truncations, infos) in play(env, seed):
-        lives.append(len(live))
-        for told in (observations, rewards, terminations, truncations, infos):
-            assert list(told) == live
+    returns, lives = dict.fromkeys(env.possible_agents, 0.0), set()
+    for live, results in play(env, seed):
+        _, rewards, terminations, *_ = results
+        lives.add(len(live))
+        assert all(list(values) == live for values in results)
         for agent in live:
             returns[agent] += rewards[agent]
             assert (rewards[agent] != 0.0) == terminations[agent]
         assert [agent for agent in live if not terminations[agent]] == env.agents
-    assert len(set(lives)) > 1
+        for player in np.flatnonzero(env.engine.eliminated[0]):
+            legal = np.flatnonzero(env.engine.action_mask()[0, player]).tolist()
+            assert legal == [env.engine.spec.noop_action]
+    assert len(lives) > 1
     winner = f"player_{env.engine.winner[0]}"
     assert returns == {agent: 1.0 if agent == winner else -1.0 for agent in returns}
 
 
-def test_a_player_whose_ally_fights_on_is_not_out():
+def test_player_with_a_living_ally_is_not_out():
     env = deep_rts.parallel_env(scenario="Teams-2v2-15x15", **ARMY)
-    for live, (_, rewards, *_) in play(env, 0):
-        if len(live) == 4 and not env.agents:
-            teams = env.engine.scenario.teams
-            paid = {
-                team: {rewards[f"player_{s}"] for s in range(4) if teams[s] == team}
-                for team in (0, 1)
-            }
-            assert sorted(paid.values(), key=min) == [{-1.0}, {1.0}]
-
-
-def test_only_the_no_op_is_legal_for_who_is_out():
-    engine = make_engine("deep_rts", "FFA-3-15x15", **ARMY)
-    luck = np.random.default_rng(0)
-    engine.reset(3)
-    while not engine.eliminated.any():
-        masks = engine.action_mask()[0]
-        chosen = [int(luck.choice(np.flatnonzero(mask))) for mask in masks]
-        engine.step(np.array([chosen], np.int32))
-    out = int(np.flatnonzero(engine.eliminated[0])[0])
-    assert np.flatnonzero(engine.action_mask()[0, out]).tolist() == [engine.spec.noop_action]
+    teams = env.engine.scenario.teams
+    steps = list(play(env, 0))
+    assert all(len(live) == 4 for live, _ in steps)
+    rewards = steps[-1][1][1]
+    paid = [{rewards[f"player_{p}"] for p in range(4) if teams[p] == team} for team in (0, 1)]
+    assert sorted(paid, key=min) == [{-1.0}, {1.0}]
 
 
 def test_pettingzoo_accepts_games_that_players_leave():

@@ -1,4 +1,4 @@
-"""Whole games of `grid`: each order is the one of `unit` for that unit; bots, determinism."""
+"""Whole games of `grid`: each order equals that of `unit` for the same unit; bots."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import pytest
 from marl_cair.games import make_engine
 from marl_cair.games.compiled import is_compiling
 from marl_cair.games.deep_rts import state as s
-from marl_cair.games.deep_rts.orders.cursor_orders import obey_cursors
+from marl_cair.games.deep_rts.definition import WAYS
+from marl_cair.games.deep_rts.orders.cursor import obey_cursors
 from marl_cair.games.deep_rts.orders.grid import obey_grids
 from marl_cair.games.deep_rts.rules.rulebook import COLUMN_STEP, ROW_STEP, SEAT_FRAME
 from marl_cair.games.engine import BatchedEngine
@@ -29,7 +30,7 @@ def copy_state(source: BatchedEngine, target: BatchedEngine) -> None:
         field[:] = saved
 
 
-def commandable(engine: BatchedEngine) -> list[tuple[int, int, int, int]]:
+def list_units(engine: BatchedEngine) -> list[tuple[int, int, int, int]]:
     """Player, unit, and row and column of the own view, of all units on the board."""
     found = []
     world, rules = engine._worlds, engine._rules
@@ -43,23 +44,19 @@ def commandable(engine: BatchedEngine) -> list[tuple[int, int, int, int]]:
 
 
 def unit_actions_of(engine: BatchedEngine, name: str, row: int, column: int) -> list[int]:
-    """The actions of `unit` that mean what an order of `grid` says, the first legal one counts."""
+    """The actions of `unit` with the meaning of an order of `grid`: the first legal one counts."""
     names = {name: index for index, name in enumerate(engine.spec.action_names)}
-    rows, columns = engine.scenario.rows, engine.scenario.columns
-
-    def at(order: str, there: tuple[int, int]) -> list[int]:
-        is_inside = 0 <= there[0] < rows and 0 <= there[1] < columns
-        return [names[f"{order}_r{there[0]}_c{there[1]}"]] if is_inside else []
-
     if name.startswith("go"):
         away = [int(part[1:]) for part in name.split("_")[1:]]
-        return at("go", (row + away[0], column + away[1]))
-    if name.startswith("advance"):
-        ways = ("up", "right", "down", "left", "up_right", "down_right", "down_left", "up_left")
-        way = ways.index(name.removeprefix("advance_"))
-        steps = [(ROW_STEP[way] * n, COLUMN_STEP[way] * n) for n in (4, 3, 2, 1)]
-        return [action for r, c in steps for action in at("advance", (row + r, column + c))]
-    return [names[name]]
+        places = [("go", row + away[0], column + away[1])]
+    elif name.startswith("advance"):
+        way = WAYS.index(name.removeprefix("advance_"))
+        rows, columns = ROW_STEP[way], COLUMN_STEP[way]
+        places = [("advance", row + rows * n, column + columns * n) for n in (4, 3, 2, 1)]
+    else:
+        return [names[name]]
+    wanted = [f"{order}_r{r}_c{c}" for order, r, c in places]  # off the board there is none
+    return [names[action] for action in wanted if action in names]
 
 
 def assert_same_but_scratch(first: BatchedEngine, second: BatchedEngine) -> None:
@@ -74,97 +71,71 @@ def assert_same_but_scratch(first: BatchedEngine, second: BatchedEngine) -> None
 
 @pytest.mark.parametrize("options", STAGES if is_compiling() else STAGES[:3], ids=str)
 def test_masks_and_orders_are_those_of_the_unit_space(options):
-    """Whatever stands where: a unit can be told what it could be told under the cursor."""
-    grid, unit = (
-        make_engine("deep_rts", actions=actions, **options) for actions in ("grid", "unit")
-    )
-    stage = make_engine("deep_rts", actions="grid", **options)
+    """In any state, `grid` offers a unit exactly what `unit` offers it under the cursor."""
+    engines = [make_engine("deep_rts", actions=a, **options) for a in ("grid", "unit", "grid")]
+    grid, unit, stage = engines
     luck = np.random.default_rng(5)
-    for engine in (grid, unit, stage):
+    for engine in engines:
         engine.reset(5)
-    names = grid.spec.action_names
     num_legal = 0
     for _ in range(6):
         for _ in range(12):
             stage.step(draw_actions(stage, luck))
         copy_state(stage, grid)
         mask = grid.action_mask()[0]
-        for player, slot, row, column in commandable(grid):
+        for player, slot, row, column in list_units(grid):
             copy_state(stage, unit)
             unit._worlds.players[0, player, s.CURSOR] = slot
             known = unit.action_mask()[0, player]
+            names = grid.spec.action_names
             meant = [unit_actions_of(unit, name, row, column) for name in names]
             expected = [bool(known[actions].any()) for actions in meant]
             assert mask[player, row, column].tolist() == expected
             legal = np.flatnonzero(expected[1:]) + 1
             for order in luck.permutation(legal)[:ORDERS_PER_UNIT]:
                 num_legal += 1
-                told = np.zeros((unit.num_players,), np.int32)
-                told[player] = next(action for action in meant[order] if known[action])
+                actions = np.zeros(unit.num_players, np.int32)
+                actions[player] = next(action for action in meant[order] if known[action])
                 copy_state(stage, unit)
                 unit._worlds.players[0, player, s.CURSOR] = slot
-                call(obey_cursors, call(s.world_at, unit._worlds, 0), unit._rules, told)
-                told = np.zeros((grid.num_players, *grid.spec.action_shape), np.int32)
-                told[player, row, column] = order
+                call(obey_cursors, call(s.world_at, unit._worlds, 0), unit._rules, actions)
+                actions = np.zeros((grid.num_players, *grid.spec.action_shape), np.int32)
+                actions[player, row, column] = order
                 copy_state(stage, grid)
-                call(obey_grids, call(s.world_at, grid._worlds, 0), grid._rules, told)
+                call(obey_grids, call(s.world_at, grid._worlds, 0), grid._rules, actions)
                 assert_same_but_scratch(grid, unit)
                 assert (grid._worlds.illegal == stage._worlds.illegal).all()
     assert num_legal > 50
 
 
-@pytest.mark.parametrize("options", STAGES[1:3], ids=str)
-def test_a_world_plays_the_same_alone_in_a_batch_and_after_restore(options):
-    batch = make_engine("deep_rts", num_worlds=3, num_threads=2, actions="grid", **options)
-    alone = make_engine("deep_rts", actions="grid", **options)
-    luck = np.random.default_rng(6)
-    batch.reset(np.arange(3, dtype=np.uint64))
-    alone.reset(1)
-    for decision in range(40):
-        actions = draw_actions(batch, luck)
-        batch.step(actions)
-        alone.step(actions[[1]])
-        for name, value in alone.state_dict().items():
-            np.testing.assert_array_equal(value[0], batch.state_dict()[name][1], err_msg=name)
-        np.testing.assert_array_equal(alone.action_mask()[0], batch.action_mask(worlds=[1])[0])
-        if decision == 20:
-            other = make_engine("deep_rts", actions="grid", **options)
-            other.restore(alone.snapshot())
-            alone = other
-
-
 # --- bots ----------------------------------------------------------------------------------------
 
 
-def test_the_random_bot_tells_every_unit_something_legal():
+def test_random_bot_gives_every_unit_a_legal_order():
     engine = make_engine("deep_rts", num_worlds=2, actions="grid", army=(3, 2, 2, 1))
     bot = engine.game.bot("random", engine.scenario)
     engine.reset(np.arange(2, dtype=np.uint64))
     planes, masks = engine.observe("planes"), engine.action_mask()
-    told = np.zeros((2, 2, 15, 15), int)
+    counts = np.zeros((2, 2, 15, 15), int)
     for seed in range(20):
         bot.seed(seed)
         for seat in range(2):
             orders = bot.act(planes[:, seat], masks[:, seat])
             assert orders.shape == (2, 15, 15)
             assert np.take_along_axis(masks[:, seat], orders[..., None], axis=-1).all()
-            told[:, seat] += orders > 0
-    assert ((told > 0) == masks[..., 1:].any(axis=-1)).all()
+            counts[:, seat] += orders > 0
+    assert ((counts > 0) == masks[..., 1:].any(axis=-1)).all()
 
 
-def test_bots_with_a_plan_refuse_the_grid():
-    scenario = make_engine("deep_rts", actions="grid").scenario
-    message = (
-        "the bot rusher cannot play the action space 'grid'; make the game with actions='unit'"
-    )
-    with pytest.raises(ValueError, match=message):
-        make_engine("deep_rts").game.bot("rusher", scenario)
+def test_other_bots_refuse_the_grid():
+    game = make_engine("deep_rts").game
+    with pytest.raises(ValueError, match="rusher .*'grid'.*actions='unit'"):
+        game.bot("rusher", game.scenario(actions="grid"))
 
 
 def test_random_bots_play_matches_of_the_grid():
     game = make_engine("deep_rts").game
     scenario = game.scenario("Skirmish-15x15", actions="grid", max_ticks=100)
     first, second = (game.bot("random", scenario) for _ in range(2))
-    match = play_match(first, second, game, scenario, 2, seed=0)
-    assert match.games == 2
+    assert play_match(first, second, game, scenario, 2, seed=0).games == 2
     assert record_game(first, second, game, scenario, seed=0).shape[1:] == (2, 15, 15)

@@ -1,14 +1,14 @@
-"""Recorded games: the same actions end in the same state, to the bit, in every later version.
+"""Recorded games: the same actions end in the same state, bit for bit, in every later version.
 
-`pytest tests/games --update-playthroughs` records them anew. That is a change of rules: it raises
+`pytest tests/games --update-playthroughs` records them again. That is a change of rules: it raises
 the game's version and stands in the change log.
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -20,40 +20,22 @@ from marl_cair.games.engine import BatchedEngine
 
 FOLDER = Path(__file__).parent / "recorded"
 TICKS = 10_000
+# The scenarios, and the bots that chose the actions.
+RECORDED = {
+    "1v1-15x15": ("mixed", "turtle"),
+    "FFA-4-31x31-fog": ("economist", "rusher", "archers", "boomer"),
+}
 
 
-class Record(NamedTuple):
-    """A recorded game and the bots that once chose its actions."""
-
-    scenario: str
-    bots: tuple[str, ...]
-
-    @property
-    def path(self) -> Path:
-        return FOLDER / f"{self.scenario}.txt"
-
-    def start(self) -> BatchedEngine:
-        engine = make_engine("deep_rts", self.scenario)
-        engine.reset(0)
-        return engine
-
-
-RECORDS = (
-    Record("1v1-15x15", ("mixed", "turtle")),
-    Record("FFA-4-31x31-fog", ("economist", "rusher", "archers", "boomer")),
-)
-
-
-def play_on(engine: BatchedEngine, actions: np.ndarray, games: int) -> int:
-    """One decision; a game that is over gives way to the next. Returns how many have begun."""
-    engine.step(actions[None])
-    if engine.terminated[0] or engine.truncated[0]:
-        engine.reset(games)
-        games += 1
-    return games
-
-
-def digest(engine: BatchedEngine) -> str:
+def play(scenario: str, choose: Callable[[BatchedEngine, int], np.ndarray]) -> str:
+    """Play all steps, with new games where one has ended; returns the hash of the end."""
+    engine, games = make_engine("deep_rts", scenario), 1
+    engine.reset(0)
+    for step in range(TICKS // engine.spec.ticks_per_step):
+        engine.step(choose(engine, step)[None])
+        if engine.terminated[0] or engine.truncated[0]:
+            engine.reset(games)
+            games += 1
     hashed = hashlib.sha256()
     for name, value in sorted(engine.state_dict().items()):
         hashed.update(name.encode() + value.tobytes())
@@ -61,34 +43,32 @@ def digest(engine: BatchedEngine) -> str:
     return hashed.hexdigest()
 
 
-def record(played: Record) -> str:
-    """Let the bots play; a line for each decision, then the hash of the end."""
-    engine, games = played.start(), 1
-    agents = [engine.game.bot(name, engine.scenario) for name in played.bots]
+def record(scenario: str) -> str:
+    """Let the bots play; a line for each step, then the hash of the end."""
+    game = make_engine("deep_rts", scenario).game
+    agents = [game.bot(name, game.scenario(scenario)) for name in RECORDED[scenario]]
     for seat, agent in enumerate(agents):
         agent.seed(seat)
     lines = [f"version {VERSION}"]
-    for _ in range(TICKS // engine.spec.ticks_per_step):
+
+    def choose(engine: BatchedEngine, step: int) -> np.ndarray:
         seen, mask = engine.observe("planes"), engine.action_mask()
-        chosen = np.array(
-            [agent.act(seen[:, seat], mask[:, seat])[0] for seat, agent in enumerate(agents)]
-        )
+        chosen = [agent.act(seen[:, p], mask[:, p])[0] for p, agent in enumerate(agents)]
         lines.append(" ".join(map(str, chosen)))
-        games = play_on(engine, chosen, games)
-    return "\n".join([*lines, digest(engine), ""])
+        return np.array(chosen)
+
+    end = play(scenario, choose)
+    return "\n".join([*lines, end, ""])
 
 
-@pytest.mark.parametrize(
-    "played", RECORDS if is_compiling() else RECORDS[:1], ids=lambda played: played.scenario
-)
-def test_a_recorded_game_ends_as_it_ended(played, update_playthroughs):
+@pytest.mark.parametrize("scenario", RECORDED if is_compiling() else list(RECORDED)[:1])
+def test_recorded_game_ends_as_it_ended(scenario, update_playthroughs):
+    path = FOLDER / f"{scenario}.txt"
     if update_playthroughs:
-        played.path.parent.mkdir(exist_ok=True)
-        played.path.write_text(record(played), "utf-8")
-    version, *decisions, expected = played.path.read_text("utf-8").splitlines()
-    engine, games = played.start(), 1
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(record(scenario), "utf-8")
+    version, *steps, expected = path.read_text("utf-8").splitlines()
     assert version == f"version {VERSION}"
-    assert len(decisions) * engine.spec.ticks_per_step == TICKS
-    for line in decisions:
-        games = play_on(engine, np.array(line.split(), int), games)
-    assert digest(engine) == expected
+    actions = [np.array(line.split(), int) for line in steps]
+    assert play(scenario, lambda engine, step: actions[step]) == expected
+    assert len(steps) * make_engine("deep_rts", scenario).spec.ticks_per_step == TICKS

@@ -9,18 +9,19 @@ from marl_cair.games import make_engine
 from marl_cair.games.deep_rts.maps.generator import MapStyle, generate_map
 from marl_cair.games.deep_rts.maps.maps import compose_frames, load_map, symmetries, write_text_map
 from marl_cair.games.engine import BatchedEngine
-from tests.games.deep_rts.skirmish import draw_action
+from tests.games.deep_rts.skirmish import draw_action, play_random
 
 NAMES = ("planes", "classic", "vector")
 MELEE = {"army": (1, 5, 4, 2), "goal": "score"}
 RICH = {"preset": "original", "goal": "score"}  # buildings rise at once
 SOLDIERS = {"army": (0, 6, 4, 2), "goal": "score"}
+GRID, FOG, CLASSIC = {"actions": "grid"}, {"fog": True}, {"actions": "classic"}
 
 
 def fair_symmetries(game_map):
     """The symmetries under which seats see the board as the seats do that they are moved to."""
     return [
-        (frame, seats)
+        seats
         for frame, seats in symmetries(game_map)
         if frame != 0
         and all(
@@ -33,51 +34,49 @@ def fair_symmetries(game_map):
 def orbits_of(game_map) -> list[list[int]]:
     """Groups of seats that fair symmetries exchange."""
     orbit = list(range(game_map.num_players))
-    for _, seats in fair_symmetries(game_map):
+    for seats in fair_symmetries(game_map):
         for seat, other in enumerate(seats):
             low = min(orbit[seat], orbit[other])
             orbit[seat] = orbit[other] = low
     return [[s for s in range(len(orbit)) if orbit[s] == o] for o in sorted(set(orbit))]
 
 
-def assert_equal_views(engine: BatchedEngine, orbits: list[list[int]], tick: int) -> None:
+def assert_equal_views(engine: BatchedEngine, orbits: list[list[int]], when: str) -> None:
     for name in NAMES:
         seen = engine.observe(name)[0]
-        for orbit in orbits:
-            for seat in orbit[1:]:
-                if not np.array_equal(seen[seat], seen[orbit[0]]):
-                    where = np.argwhere(seen[seat] != seen[orbit[0]])[:5].tolist()
-                    raise AssertionError(f"{name} of seats {orbit[0]}, {seat} at {tick}: {where}")
+        for first, *others in orbits:
+            for seat in others:
+                message = f"{name} of seats {first}, {seat} at {when}"
+                np.testing.assert_array_equal(seen[seat], seen[first], message)
 
 
-def play_alike(engine: BatchedEngine, game_map, num_decisions: int, seed: int) -> None:
+def play_alike(engine: BatchedEngine, game_map, num_steps: int, seed: int) -> None:
     """Seats of one orbit choose the same actions of their own views; their views stay equal."""
     orbits = orbits_of(game_map)
     assert len(orbits) < game_map.num_players
-    luck = np.random.default_rng(seed)
-    engine.reset(seed)
-    assert_equal_views(engine, orbits, 0)
-    actions = np.zeros((1, game_map.num_players, *engine.spec.action_shape), np.int32)
-    for decision in range(num_decisions):
+
+    def draw(engine: BatchedEngine, luck: np.random.Generator) -> np.ndarray:
         mask = engine.action_mask()[0]
+        actions = np.zeros((1, game_map.num_players, *engine.spec.action_shape), np.int32)
         for orbit in orbits:
-            for seat in orbit[1:]:
-                np.testing.assert_array_equal(mask[seat], mask[orbit[0]])
+            assert (mask[orbit] == mask[orbit[0]]).all()
             actions[0, orbit] = draw_action(mask[orbit[0]], engine.spec.action_groups, luck)
-        engine.step(actions)
-        assert_equal_views(engine, orbits, decision + 1)
-        if engine.terminated[0] or engine.truncated[0]:
-            assert engine.winner[0] == -1
-            engine.reset(seed + decision)
+        return actions
+
+    engine.reset(seed)
+    assert_equal_views(engine, orbits, "the start")
+    for step in play_random(engine, num_steps, seed, draw):
+        assert_equal_views(engine, orbits, f"step {step}")
+        assert engine.winner[0] == -1
 
 
-def play_twins(engine: BatchedEngine, seats, num_decisions: int, seed: int) -> None:
+def play_twins(engine: BatchedEngine, seats, num_steps: int, seed: int) -> None:
     """Two worlds of one seed: seat seats[k] of world 1 does what seat k of world 0 does."""
     luck = np.random.default_rng(seed)
     seats = np.array(seats)
     actions = np.zeros((2, len(seats), *engine.spec.action_shape), np.int32)
     engine.reset(np.array([seed, seed], np.uint64))
-    for decision in range(num_decisions):
+    for step in range(num_steps):
         mask = engine.action_mask()
         np.testing.assert_array_equal(mask[1, seats], mask[0])
         for seat in range(len(seats)):
@@ -87,87 +86,65 @@ def play_twins(engine: BatchedEngine, seats, num_decisions: int, seed: int) -> N
         assert engine.illegal_actions.sum() == 0
         for name in NAMES:
             seen = engine.observe(name)
-            np.testing.assert_array_equal(seen[1, seats], seen[0], f"{name} at {decision}")
+            np.testing.assert_array_equal(seen[1, seats], seen[0], f"{name} at {step}")
         np.testing.assert_array_equal(engine.rewards[1, seats], engine.rewards[0])
         winner, twin = engine.winner.tolist()
         assert twin == (seats[winner] if winner >= 0 else winner)
         if engine.terminated[0] or engine.truncated[0]:
-            engine.reset(np.array([seed, seed], np.uint64) + np.uint64(decision + 1))
+            engine.reset(np.array([seed, seed], np.uint64) + np.uint64(step + 1))
+
+
+def draw_map(folder, side: int, seed: int, symmetry: str):
+    """A generated map of four seats, and the path of its file."""
+    game_map = generate_map(side, side, 4, seed, MapStyle(symmetry=symmetry))
+    path = folder / f"{symmetry}.txt"
+    write_text_map(game_map, path)
+    return game_map, str(path)
 
 
 @pytest.mark.parametrize(
     "options",
-    [
-        {},
-        {"fog": True},
-        {"actions": "classic"},
-        {"actions": "grid"},
-        {"actions": "grid"} | RICH,
-        MELEE,
-        SOLDIERS | {"fog": True},
-        MELEE | {"fog": True, "actions": "grid"},
-    ],
+    [{}, FOG, CLASSIC, GRID, GRID | RICH, MELEE, SOLDIERS | FOG, MELEE | FOG | GRID],
     ids=str,
 )
 @pytest.mark.parametrize("name", ["10x10-2p-clearing", "15x15-2p-crossing", "21x21-2p-fords"])
 def test_two_seats_that_do_the_same_stay_equal(name, options):
-    game_map = load_map(name)
-    engine = make_engine("deep_rts", map=name, ticks_per_step=10, **options)
-    play_alike(engine, game_map, 60, seed=0)
+    engine = make_engine("deep_rts", map=name, **options)
+    play_alike(engine, load_map(name), 60, seed=0)
 
 
-@pytest.mark.parametrize(
-    "options", [{}, MELEE, SOLDIERS | {"fog": True}, RICH | {"actions": "grid"}], ids=str
-)
+@pytest.mark.parametrize("options", [{}, MELEE, SOLDIERS | FOG, RICH | GRID], ids=str)
 @pytest.mark.parametrize("symmetry", ["rotate", "mirror"])
 def test_four_seats_that_do_the_same_stay_equal(tmp_path, symmetry, options):
-    seed = len(options)
-    game_map = generate_map(16, 16, 4, seed, MapStyle(symmetry=symmetry))
-    path = tmp_path / f"{symmetry}.txt"
-    write_text_map(game_map, path)
-    engine = make_engine("deep_rts", map=str(path), num_players=4, **options)
-    play_alike(engine, game_map, 50, seed)
+    game_map, path = draw_map(tmp_path, 16, len(options), symmetry)
+    engine = make_engine("deep_rts", map=path, num_players=4, **options)
+    play_alike(engine, game_map, 50, len(options))
 
 
 @pytest.mark.parametrize(
     "options",
-    [
-        {},
-        {"fog": True},
-        {"actions": "classic"},
-        {"actions": "grid"},
-        MELEE | {"reward": "shaped"},
-        MELEE | {"fog": True, "actions": "grid"},
-        SOLDIERS,
-    ],
+    [{}, FOG, CLASSIC, GRID, MELEE | {"reward": "shaped"}, MELEE | FOG | GRID, SOLDIERS],
     ids=str,
 )
 @pytest.mark.parametrize("name", ["10x10-2p-clearing", "21x21-2p-fords"])
-def test_a_game_with_swapped_seats_is_the_swapped_game(name, options):
+def test_game_with_swapped_seats_is_the_swapped_game(name, options):
     engine = make_engine("deep_rts", num_worlds=2, map=name, **options)
-    for _, seats in fair_symmetries(load_map(name)):
+    for seats in fair_symmetries(load_map(name)):
         play_twins(engine, seats, 60, seed=1)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [RICH, MELEE, SOLDIERS | {"actions": "classic"}, RICH | {"actions": "grid"}],
-    ids=str,
-)
+@pytest.mark.parametrize("options", [RICH, MELEE, SOLDIERS | CLASSIC, RICH | GRID], ids=str)
 @pytest.mark.parametrize("symmetry", ["rotate", "mirror"])
 def test_four_players_in_swapped_seats_play_the_swapped_game(tmp_path, symmetry, options):
-    game_map = generate_map(14, 14, 4, 3, MapStyle(symmetry=symmetry))
-    path = tmp_path / f"{symmetry}.txt"
-    write_text_map(game_map, path)
-    engine = make_engine("deep_rts", num_worlds=2, map=str(path), num_players=4, **options)
+    game_map, path = draw_map(tmp_path, 14, 3, symmetry)
+    engine = make_engine("deep_rts", num_worlds=2, map=path, num_players=4, **options)
     assert len(fair_symmetries(game_map)) == 3
-    for seed, (_, seats) in enumerate(fair_symmetries(game_map)):
+    for seed, seats in enumerate(fair_symmetries(game_map)):
         play_twins(engine, seats, 40, seed)
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_a_long_game_stays_mirrored(seed):
+def test_long_game_stays_mirrored(seed):
     """2,000 ticks in which both seats do the same."""
-    name = "10x10-2p-clearing"
-    engine = make_engine("deep_rts", map=name, goal="score", preset="original")
-    play_alike(engine, load_map(name), 200, seed)
+    engine = make_engine("deep_rts", map="10x10-2p-clearing", **RICH)
+    play_alike(engine, load_map("10x10-2p-clearing"), 200, seed)

@@ -2,17 +2,15 @@
 
 Orders point at cells relative to the unit, in the own view:
 
-    0       no-op: the unit goes on with what it does
+    0       no-op: the unit continues
     1, 2    stop, cancel
     3..     make, one for each product
     then    go to one of the 80 cells of a window of 9x9 around the unit, row by row
     then    advance in one of 8 directions
 
 The window reaches as far as the longest shot. All orders are judged by the board that the players
-saw; what one player's orders cannot have all at once, those at earlier cells of its view get.
+saw. Orders of one player that cannot all be carried out are served in the order of its own cells.
 """
-
-from __future__ import annotations
 
 from typing import Any
 
@@ -20,10 +18,8 @@ from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_rts import state as s
 from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.orders import orders
-from marl_cair.games.deep_rts.orders.sights import order_at
-from marl_cair.games.deep_rts.rules import building
+from marl_cair.games.deep_rts.rules import board, work
 from marl_cair.games.deep_rts.rules import rulebook as rb
-from marl_cair.games.deep_rts.rules.board import is_building, owner_of
 from marl_cair.games.deep_rts.rules.paths import NOWHERE
 from marl_cair.games.deep_rts.rules.roster import pay, refund
 
@@ -36,42 +32,35 @@ FIRST_ADVANCE = FIRST_GO + NUM_WINDOW
 NUM_GRID = FIRST_ADVANCE + rb.NUM_DIRECTIONS
 
 
+# --- the meaning of an order -------------------------------------------------------------------
+
+
 @compiled
 def own_to_cell(world: Any, rules: Any, player: int, own: int) -> int:
     """The cell of the board at row * columns + column of the own view."""
-    frame = rules.seats[world.clock[s.MAP_INDEX], player, rb.SEAT_FRAME]
-    return int(rules.world_cell[frame, own])
+    return int(rules.world_cell[board.frame_of(world, rules, player), own])
 
 
 @compiled
 def unit_at(world: Any, rules: Any, player: int, cell: int) -> int:
-    """The player's unit that takes orders at a cell: who stands there or is centred there."""
+    """The player's unit that takes orders at a cell: it stands or is centred there; or NO_UNIT."""
     unit = int(world.board[s.OCCUPANT, cell])
-    if (
-        unit == s.NO_UNIT
-        or owner_of(rules, unit) != player
-        or world.units[unit, s.UNIT_CELL] != cell
-    ):
-        return s.NO_UNIT
-    return unit
+    if unit != s.NO_UNIT and world.units[unit, s.UNIT_CELL] == cell:
+        return unit if board.owner_of(rules, unit) == player else s.NO_UNIT
+    return s.NO_UNIT
 
 
 @compiled
-def window_row(index: int) -> int:
-    """Rows from the unit to a cell of the window, by the number of the cell."""
-    return (index + index // (NUM_WINDOW // 2)) // WINDOW_SIDE - REACH_TILES
-
-
-@compiled
-def window_column(index: int) -> int:
-    """Columns from the unit to a cell of the window, by the number of the cell."""
-    return (index + index // (NUM_WINDOW // 2)) % WINDOW_SIDE - REACH_TILES
+def window_step(index: int) -> tuple[int, int]:
+    """Rows and columns from the unit to a cell of the window, by the number of the cell."""
+    place = index + index // (NUM_WINDOW // 2)
+    return place // WINDOW_SIDE - REACH_TILES, place % WINDOW_SIDE - REACH_TILES
 
 
 @compiled
 def cell_away(world: Any, rules: Any, player: int, unit: int, rows: int, columns: int) -> int:
-    """The cell so many rows and columns of the own view from the unit; NOWHERE off the board."""
-    frame = rules.seats[world.clock[s.MAP_INDEX], player, rb.SEAT_FRAME]
+    """The cell that many rows and columns of the own view from the unit; NOWHERE off the board."""
+    frame = board.frame_of(world, rules, player)
     row = int(rules.own_place[frame, world.units[unit, s.UNIT_CELL], 0]) + rows
     column = int(rules.own_place[frame, world.units[unit, s.UNIT_CELL], 1]) + columns
     if not 0 <= row < rules.rows or not 0 <= column < rules.columns:
@@ -80,18 +69,14 @@ def cell_away(world: Any, rules: Any, player: int, unit: int, rows: int, columns
 
 
 @compiled
-def window_cell(world: Any, rules: Any, player: int, unit: int, action: int) -> int:
-    """The cell that a go points at; NOWHERE off the board."""
-    rows, columns = window_row(action - FIRST_GO), window_column(action - FIRST_GO)
-    return cell_away(world, rules, player, unit, rows, columns)
+def order_cell(world: Any, rules: Any, player: int, unit: int, action: int) -> int:
+    """The cell that a go or an advance leads to; NOWHERE if there is none.
 
-
-@compiled
-def advance_cell(world: Any, rules: Any, player: int, unit: int, action: int) -> int:
-    """Where an advance leads: the farthest cell of the direction within reach that it may lead to.
-
-    NOWHERE where there is none.
+    An advance leads to the farthest cell of its direction within reach where it is legal.
     """
+    if action < FIRST_ADVANCE:
+        rows, columns = window_step(action - FIRST_GO)
+        return cell_away(world, rules, player, unit, rows, columns)
     rows, columns = rb.ROW_STEP[action - FIRST_ADVANCE], rb.COLUMN_STEP[action - FIRST_ADVANCE]
     for step in range(REACH_TILES, 0, -1):
         cell = cell_away(world, rules, player, unit, step * rows, step * columns)
@@ -108,26 +93,24 @@ def is_grid_order_legal(world: Any, rules: Any, player: int, unit: int, action: 
     if action == GRID_STOP:
         return orders.may_stop(world, unit)
     if action == GRID_CANCEL:
-        return building.can_cancel(world, unit)
+        return work.can_cancel(world, unit)
     if action < FIRST_GO:
-        return building.can_produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT)
-    if action >= FIRST_ADVANCE:
-        return advance_cell(world, rules, player, unit, action) != NOWHERE
-    cell = window_cell(world, rules, player, unit, action)
-    if cell == NOWHERE:
-        return False
-    if is_building(world, unit):
+        return work.can_produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT)
+    cell = order_cell(world, rules, player, unit, action)
+    if cell == NOWHERE or action >= FIRST_ADVANCE:
+        return cell != NOWHERE
+    if board.is_building(world, unit):
         return orders.may_rally(world, rules, player, unit, cell)
-    return order_at(world, rules, player, unit, cell) != s.NO_ORDER
+    return orders.order_at(world, rules, player, unit, cell) != s.NO_ORDER
 
 
 @compiled
 def list_grid_orders(world: Any, rules: Any, player: int, out: Any) -> None:
-    """The legal orders of each unit: out bool [H, W, A], which is all False."""
+    """Write the legal orders of each unit: out bool [H, W, A], which is all False."""
     out[:, :, GRID_NOOP] = True
     if not world.players[player, s.IS_ALIVE]:
         return
-    frame = rules.seats[world.clock[s.MAP_INDEX], player, rb.SEAT_FRAME]
+    frame = board.frame_of(world, rules, player)
     for place in range(world.players[player, s.NUM_UNITS]):
         unit = int(world.roster[player, place])
         cell = int(world.units[unit, s.UNIT_CELL])
@@ -138,12 +121,12 @@ def list_grid_orders(world: Any, rules: Any, player: int, out: Any) -> None:
             out[row, column, action] = is_grid_order_legal(world, rules, player, unit, action)
 
 
-# --- giving the orders -------------------------------------------------------------------------
+# --- carrying out the orders of a step -----------------------------------------------------------
 
 
 @compiled
-def take_down(world: Any, rules: Any, player: int, actions: Any) -> None:
-    """Write the legal orders of a player to their cells, and count the illegal ones."""
+def record_orders(world: Any, rules: Any, player: int, actions: Any) -> None:
+    """Write the legal orders of a player to the layer FRONTIER, and count the illegal ones."""
     for own in range(rules.rows * rules.columns):
         action = int(actions[own // rules.columns, own % rules.columns])
         if action == GRID_NOOP:
@@ -158,42 +141,45 @@ def take_down(world: Any, rules: Any, player: int, actions: Any) -> None:
 
 @compiled
 def reserve_site(world: Any, rules: Any, player: int, unit: int, product: int, sites: int) -> bool:
-    """Claim and pay a site; False where money, unit slots or ground went to earlier orders."""
-    if not building.can_produce(world, rules, player, unit, product):
+    """Claim and pay a site; False where earlier orders took the money, the slots or the ground.
+
+    sites: how many the player has reserved in this step.
+    """
+    if not work.can_produce(world, rules, player, unit, product):
         return False
     if world.players[player, s.NUM_UNITS] + sites >= rules.slots:
         return False
-    centre = building.site_cell(world, rules, player, unit, product)
-    if building.site_claims(world, rules, centre, product) >> player & 1 != 0:
+    centre = work.site_cell(world, rules, player, unit, product)
+    if work.site_claims(world, rules, centre, product) >> player & 1 != 0:
         return False
-    building.claim_site(world, rules, player, unit, product)
+    work.claim_site(world, rules, player, centre, product)
     pay(world, rules, player, product)
     return True
 
 
 @compiled
 def obey_grid_order(world: Any, rules: Any, player: int, unit: int, action: int) -> None:
-    """Do what a legal order says, unless it is a site, or money or food went to earlier orders."""
+    """Carry out a legal order that is no site; nothing without the money or food that it needs."""
     if action == GRID_STOP:
         orders.give_order(world, unit, s.NO_ORDER, s.NO_GOAL)
     elif action == GRID_CANCEL:
-        building.cancel(world, rules, player, unit)
+        work.cancel(world, rules, player, unit)
     elif action < FIRST_GO:
-        if building.can_produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT):
-            building.produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT)
-    elif action < FIRST_ADVANCE:
-        cell = window_cell(world, rules, player, unit, action)
-        orders.obey_go(world, rules, player, unit, cell)
+        if work.can_produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT):
+            work.produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT)
     else:
-        goal = advance_cell(world, rules, player, unit, action)
-        orders.give_order(world, unit, s.ADVANCE, goal)
+        cell = order_cell(world, rules, player, unit, action)
+        if action < FIRST_ADVANCE:
+            orders.obey_go(world, rules, player, unit, cell)
+        else:
+            orders.give_order(world, unit, s.ADVANCE, cell)
 
 
 @compiled
 def obey_grid(world: Any, rules: Any, player: int) -> int:
-    """Give the orders that were taken down, in the order of the own view's cells; sites wait.
+    """Carry out the recorded orders, in the order of the own view's cells; sites wait.
 
-    What stays written at the cells are sites that are claimed and paid; returns their number.
+    Sites that are claimed and paid stay recorded; returns their number.
     """
     sites = 0
     for own in range(rules.rows * rules.columns):
@@ -201,7 +187,7 @@ def obey_grid(world: Any, rules: Any, player: int) -> int:
         action, unit = int(world.board[s.FRONTIER, cell]), unit_at(world, rules, player, cell)
         if action == GRID_NOOP or unit == s.NO_UNIT:
             continue
-        if FIRST_GRID_PRODUCT <= action < FIRST_GO and not is_building(world, unit):
+        if FIRST_GRID_PRODUCT <= action < FIRST_GO and not board.is_building(world, unit):
             product = action - FIRST_GRID_PRODUCT
             if reserve_site(world, rules, player, unit, product, sites):
                 sites += 1
@@ -214,7 +200,7 @@ def obey_grid(world: Any, rules: Any, player: int) -> int:
 
 @compiled
 def begin_sites(world: Any, rules: Any, player: int) -> None:
-    """Begin the paid sites; where another player wants to build too, the money comes back."""
+    """Begin the paid sites; return the money of those that another player wants too."""
     for own in range(rules.rows * rules.columns):
         cell = own_to_cell(world, rules, player, own)
         action, unit = int(world.board[s.FRONTIER, cell]), unit_at(world, rules, player, cell)
@@ -222,20 +208,20 @@ def begin_sites(world: Any, rules: Any, player: int) -> None:
             continue
         world.board[s.FRONTIER, cell] = GRID_NOOP
         product = action - FIRST_GRID_PRODUCT
-        centre = building.site_cell(world, rules, player, unit, product)
-        if building.is_contested(world, rules, player, centre, product):
+        centre = work.site_cell(world, rules, player, unit, product)
+        if work.site_claims(world, rules, centre, product) & ~(1 << player) != 0:
             refund(world, rules, player, product)
         else:
-            building.begin_site(world, rules, player, unit, product, centre)
+            work.begin_site(world, rules, player, unit, product, centre)
 
 
 @compiled
 def obey_grids(world: Any, rules: Any, actions: Any) -> None:
-    """The orders of all players, actions [P, H, W]. Sites come last, as in the other spaces."""
+    """Carry out the orders of all players, actions [P, H, W]. Sites come last."""
     world.board[s.FRONTIER, :] = GRID_NOOP
     for player in range(rules.num_players):
         if world.players[player, s.IS_ALIVE] != 0:
-            take_down(world, rules, player, actions[player])
+            record_orders(world, rules, player, actions[player])
     sites = 0
     for player in range(rules.num_players):
         if world.players[player, s.IS_ALIVE] != 0:
@@ -243,4 +229,4 @@ def obey_grids(world: Any, rules: Any, actions: Any) -> None:
     if sites > 0:
         for player in range(rules.num_players):
             begin_sites(world, rules, player)
-        building.clear_site_claims(world)
+        world.board[s.CLAIM, :] = 0

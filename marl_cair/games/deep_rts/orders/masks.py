@@ -1,44 +1,40 @@
-"""Which actions are legal, exactly as `cursor_orders.py` and `grid.py` take them."""
-
-from __future__ import annotations
+"""Legal actions, exactly as `cursor.py` and `grid.py` carry them out."""
 
 from typing import Any
 
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_rts import state as s
 from marl_cair.games.deep_rts import tables as t
-from marl_cair.games.deep_rts.orders import classic, orders, sights
-from marl_cair.games.deep_rts.orders.cursor import is_selectable, num_others
+from marl_cair.games.deep_rts.orders import cursor, orders
 from marl_cair.games.deep_rts.orders.grid import list_grid_orders
+from marl_cair.games.deep_rts.rules import board
 from marl_cair.games.deep_rts.rules import rulebook as rb
-from marl_cair.games.deep_rts.rules.board import is_building, known_tile, sees
-from marl_cair.games.deep_rts.rules.building import can_cancel, can_produce
 from marl_cair.games.deep_rts.rules.combat import is_soldier
 from marl_cair.games.deep_rts.rules.paths import NOWHERE
+from marl_cair.games.deep_rts.rules.work import can_cancel, can_produce
 
 
 @compiled
 def may_go_to(world: Any, rules: Any, unit: int, place: int, occupant: int) -> bool:
-    """True where a unit walks to such a place, or sends units there that it trains."""
-    if is_building(world, unit):
-        return bool(sights.CAN_RALLY[place])
-    return sights.order_to(world, rules, unit, place, occupant) != s.NO_ORDER
+    """True where a unit may go to such a place, or a building set its rally point there."""
+    if board.is_building(world, unit):
+        return bool(orders.CAN_RALLY[place])
+    return orders.order_to(world, rules, unit, place, occupant) != s.NO_ORDER
 
 
 @compiled
 def list_ground(
     world: Any, rules: Any, player: int, frame: int, tiles: int, out: Any, first: int
 ) -> None:
-    """What the ground of each cell of the own view allows. tiles: bits of the kinds that do; what
-    is unknown always does.
+    """Write what the ground of each cell of the own view allows.
+
+    tiles: bits of the tile kinds that allow it; unknown tiles always do.
     """
-    if rules.fog == 0:
-        for own in range(rules.rows * rules.columns):
-            tile = int(world.board[s.TILE, rules.world_cell[frame, own]])
-            out[first + own] = tiles >> tile & 1 != 0
-        return
     for own in range(rules.rows * rules.columns):
-        tile = known_tile(world, rules, player, int(rules.world_cell[frame, own]))
+        cell = int(rules.world_cell[frame, own])
+        tile = int(world.board[s.TILE, cell])
+        if rules.fog != 0:
+            tile = board.known_tile(world, rules, player, cell)
         out[first + own] = tile == s.UNKNOWN or tiles >> tile & 1 != 0
 
 
@@ -46,68 +42,54 @@ def list_ground(
 def list_cells_of(
     world: Any, rules: Any, player: int, frame: int, unit: int, is_legal: bool, out: Any, first: int
 ) -> None:
-    """What a unit allows in the cells that it covers, as far as the player sees them."""
-    half = int(rules.kinds[world.units[unit, s.UNIT_KIND], rb.KIND_HALF_SIZE])
+    """Write what a unit allows in the cells that it covers, where the player sees them."""
+    half = board.kind_value(world, rules, unit, rb.KIND_HALF_SIZE)
     for rows in range(-half, half + 1):
         for columns in range(-half, half + 1):
             cell = int(world.units[unit, s.UNIT_CELL] + rows * rules.stride + columns)
-            if sees(world, rules, player, cell):
+            if board.sees(world, rules, player, cell):
                 out[first + rules.own_cell[frame, cell]] = is_legal
 
 
 @compiled
 def list_ways(world: Any, rules: Any, player: int, frame: int, unit: int, out: Any) -> None:
-    """Go to and advance to, for each cell: first the ground, then those who stand on it.
+    """Write go to and advance to for each cell: first by the ground, then by the units on it.
 
-    They are few, so that nothing is asked twice of the many free cells.
+    Units are few: so nothing is computed twice for the many free cells.
     """
-    if is_building(world, unit) and not orders.can_rally(world, rules, unit):
+    if board.is_building(world, unit) and not orders.can_rally(world, rules, unit):
         return
     fights = is_soldier(world.units[unit, s.UNIT_KIND])
     first_advance = orders.FIRST_CELL + int(rules.rows * rules.columns)
     go, advance = 0, 0
     for tile in range(t.NUM_TILE_KINDS):
-        place = sights.place_of_tile(rules, tile)
+        place = orders.place_of_tile(rules, tile)
         go |= int(may_go_to(world, rules, unit, place, s.NO_UNIT)) << tile
-        advance |= int(sights.CAN_ADVANCE[place]) << tile
+        advance |= int(orders.CAN_ADVANCE[place]) << tile
     list_ground(world, rules, player, frame, go, out, orders.FIRST_CELL)
     if fights:
         list_ground(world, rules, player, frame, advance, out, first_advance)
     for owner in range(rules.num_players):
         for index in range(world.players[owner, s.NUM_UNITS]):
             other = int(world.roster[owner, index])
-            if not is_selectable(world, other):
+            if not cursor.is_selectable(world, other):
                 continue
-            place = sights.place_of_unit(world, rules, player, other)
+            place = orders.place_of_unit(world, rules, player, other)
             is_legal = may_go_to(world, rules, unit, place, other)
             list_cells_of(world, rules, player, frame, other, is_legal, out, orders.FIRST_CELL)
             if fights:
-                is_legal = bool(sights.CAN_ADVANCE[place])
+                is_legal = bool(orders.CAN_ADVANCE[place])
                 list_cells_of(world, rules, player, frame, other, is_legal, out, first_advance)
 
 
 @compiled
-def list_cell_orders(world: Any, rules: Any, player: int, out: Any) -> None:
-    """Go to, advance to, select: for each cell of the own view."""
-    frame = int(rules.seats[world.clock[s.MAP_INDEX], player, rb.SEAT_FRAME])
-    unit = int(world.players[player, s.CURSOR])
-    if unit != s.NO_UNIT:
-        list_ways(world, rules, player, frame, unit, out)
-    first_selection = orders.FIRST_CELL + 2 * int(rules.rows * rules.columns)
-    for place in range(world.players[player, s.NUM_UNITS]):
-        other = int(world.roster[player, place])
-        if other != unit and is_selectable(world, other):
-            list_cells_of(world, rules, player, frame, other, True, out, first_selection)
-
-
-@compiled
 def list_unit_actions(world: Any, rules: Any, player: int, out: Any) -> None:
-    """The actions of the `unit` space: out bool [A]."""
+    """Write the legal actions of the `unit` space: out bool [A]."""
     out[orders.NOOP] = True
     if not world.players[player, s.IS_ALIVE]:
         return
-    unit = int(world.players[player, s.CURSOR])
-    out[orders.NEXT_UNIT] = num_others(world, player) > 0
+    unit, frame = int(world.players[player, s.CURSOR]), board.frame_of(world, rules, player)
+    out[orders.NEXT_UNIT] = cursor.has_others(world, player)
     if unit != s.NO_UNIT:
         out[orders.STOP] = orders.may_stop(world, unit)
         out[orders.CANCEL] = can_cancel(world, unit)
@@ -115,31 +97,34 @@ def list_unit_actions(world: Any, rules: Any, player: int, out: Any) -> None:
             product = int(rules.products[world.units[unit, s.UNIT_KIND], slot])
             if can_produce(world, rules, player, unit, product):
                 out[orders.FIRST_PRODUCT + product] = True
-    list_cell_orders(world, rules, player, out)
+        list_ways(world, rules, player, frame, unit, out)
+    first_selection = orders.FIRST_CELL + 2 * int(rules.rows * rules.columns)
+    for place in range(world.players[player, s.NUM_UNITS]):
+        other = int(world.roster[player, place])
+        if other != unit and cursor.is_selectable(world, other):
+            list_cells_of(world, rules, player, frame, other, True, out, first_selection)
 
 
 @compiled
 def list_classic_actions(world: Any, rules: Any, player: int, out: Any) -> None:
-    """The original's 16 actions: out bool [16]."""
-    out[classic.CLASSIC_NOOP] = True
+    """Write the legal ones of the original's 16 actions: out bool [16]."""
+    out[cursor.CLASSIC_NOOP] = True
     if not world.players[player, s.IS_ALIVE]:
         return
-    has_others = num_others(world, player) > 0
-    out[classic.CLASSIC_PREVIOUS] = has_others
-    out[classic.CLASSIC_NEXT] = has_others
+    out[cursor.CLASSIC_PREVIOUS : cursor.CLASSIC_NEXT + 1] = cursor.has_others(world, player)
     unit = int(world.players[player, s.CURSOR])
     if unit == s.NO_UNIT:
         return
-    for slot in range(classic.NUM_CLASSIC_BUILDS):
+    for slot in range(cursor.NUM_CLASSIC_BUILDS):
         product = int(rules.products[world.units[unit, s.UNIT_KIND], slot])
-        out[classic.CLASSIC_BUILD + slot] = can_produce(world, rules, player, unit, product)
-    if is_building(world, unit):
+        out[cursor.CLASSIC_BUILD + slot] = can_produce(world, rules, player, unit, product)
+    if board.is_building(world, unit):
         return
-    for index in range(classic.CLASSIC_ATTACK - classic.CLASSIC_MOVE):
-        cell = classic.classic_cell(world, rules, player, classic.CLASSIC_DIRECTIONS[index])
-        out[classic.CLASSIC_MOVE + index] = classic.may_step(world, rules, player, cell)
-    out[classic.CLASSIC_ATTACK] = classic.classic_victim(world, rules, player) != s.NO_UNIT
-    out[classic.CLASSIC_HARVEST] = classic.classic_tile(world, rules, player) != NOWHERE
+    for index in range(cursor.CLASSIC_ATTACK - cursor.CLASSIC_MOVE):
+        cell = cursor.classic_cell(world, rules, player, cursor.CLASSIC_DIRECTIONS[index])
+        out[cursor.CLASSIC_MOVE + index] = cursor.may_step(world, rules, player, cell)
+    out[cursor.CLASSIC_ATTACK] = cursor.classic_victim(world, rules, player) != s.NO_UNIT
+    out[cursor.CLASSIC_HARVEST] = cursor.classic_tile(world, rules, player) != NOWHERE
 
 
 @compiled

@@ -1,20 +1,19 @@
-"""Walking. All who are due name the cell that they want; then the claims are settled at once.
+"""Walking: all units that are due claim the cell that they want; then the claims are settled.
 
-A claim is decided by what a mirrored game decides the same way: straight steps before diagonal
-ones before units that leave a building, then more health, then a lot drawn for the serial number.
-Only mirror images, of equal serials, stand off: then none moves.
+A claim is decided by what is equal for mirror images: straight steps before diagonal ones before
+units that leave a building, then more health, then a number drawn for the serial number. Only
+mirror images, of equal serial numbers, tie: then none moves.
 """
-
-from __future__ import annotations
 
 from typing import Any
 
 from marl_cair.games.compiled import compiled, compiled_copy
 from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.rules import board
 from marl_cair.games.deep_rts.rules import rulebook as rb
 from marl_cair.games.deep_rts.rules.dice import precedence_of
-from marl_cair.games.deep_rts.rules.paths import forget_path
+from marl_cair.games.deep_rts.rules.paths import STEP_BITS, forget_path
 from marl_cair.games.deep_rts.rules.roster import enter_state
 
 MAX_BLOCKED = 100
@@ -24,32 +23,28 @@ _CLASS_WEIGHT = 100_000  # above any health
 
 @compiled
 def begin_step(world: Any, rules: Any, unit: int, direction: int) -> None:
-    """Set out for the neighbouring cell; the unit stands there when the ticks are over."""
+    """Start the next step of the path; the unit stands there when the ticks are over."""
+    world.path[unit] = world.path[unit] >> STEP_BITS
+    world.units[unit, s.UNIT_PATH_STEPS] -= 1
     there = world.units[unit, s.UNIT_CELL] + rules.offset[direction]
-    ticks = (
-        rules.kinds[world.units[unit, s.UNIT_KIND], rb.KIND_WALK_TICKS]
-        * rules.tiles[world.board[s.TILE, there], rb.WALK_PERCENT]
-        // 100
-    )
+    percent = rules.tiles[world.board[s.TILE, there], rb.WALK_PERCENT]
+    ticks = rules.kinds[world.units[unit, s.UNIT_KIND], rb.KIND_WALK_TICKS] * percent // 100
     world.units[unit, s.UNIT_FACING] = direction
     enter_state(world, unit, s.WALKING, world.clock[s.TICK] + max(1, ticks))
 
 
 @compiled
-def get_stuck(world: Any, unit: int) -> None:
-    """Wait longer after each vain plan."""
+def wait_blocked(world: Any, unit: int) -> None:
+    """Wait, longer after each failed plan."""
     if world.units[unit, s.UNIT_BLOCKED] < MAX_BLOCKED:
         world.units[unit, s.UNIT_BLOCKED] += 1
     ticks = min(LONGEST_WAIT_TICKS, 1 << min(5, int(world.units[unit, s.UNIT_BLOCKED])))
     enter_state(world, unit, s.WAITING, world.clock[s.TICK] + ticks)
 
 
-# --- claims ------------------------------------------------------------------------------------
-
-
 @compiled_copy
 def strength(world: Any, unit: int) -> int:
-    """What decides between claims."""
+    """The priority of a claim."""
     rank = 0
     if world.units[unit, s.UNIT_STATE] == s.WALKING:
         rank = 2 if world.units[unit, s.UNIT_FACING] <= board.LAST_STRAIGHT else 1
@@ -57,10 +52,8 @@ def strength(world: Any, unit: int) -> int:
 
 
 @compiled
-def claim(world: Any, rules: Any, unit: int, cell: int) -> None:
-    """Name the cell that the unit wants. `world.claim` holds the best so far + 1, negative where
-    equals of different players want it.
-    """
+def claim(world: Any, unit: int, cell: int) -> None:
+    """Claim a cell. The layer CLAIM holds the best unit so far + 1, negative after a tie."""
     world.units[unit, s.UNIT_EXIT] = cell
     held = int(world.board[s.CLAIM, cell])
     if held == 0:
@@ -79,45 +72,42 @@ def claim(world: Any, rules: Any, unit: int, cell: int) -> None:
 
 @compiled
 def wins_claim(world: Any, unit: int) -> bool:
-    """True where the unit gets the cell that it wants."""
+    """True where the unit gets the cell that it claims."""
     cell = world.units[unit, s.UNIT_EXIT]
     return bool(cell > s.NO_GOAL and world.board[s.CLAIM, cell] == unit + 1)
 
 
 @compiled
 def claim_step(world: Any, rules: Any, unit: int) -> None:
-    """A walker names the cell before it; two of one player that meet change places."""
+    """Claim the cell ahead of a walker; two units of one player that face each other swap cells."""
     if world.units[unit, s.UNIT_EXIT] != s.NO_GOAL:
-        return  # it changes places with one that acted before it
-    direction = int(world.units[unit, s.UNIT_FACING])
-    cell = int(world.units[unit, s.UNIT_CELL])
+        return  # it swaps cells with a unit that acted before it
+    direction, cell = int(world.units[unit, s.UNIT_FACING]), int(world.units[unit, s.UNIT_CELL])
     there = int(cell + rules.offset[direction])
     if board.cuts_corner(world, rules, cell, direction):
-        return  # something was built there since it set out
+        return  # something was built there during the step
     if board.is_free(world, rules, there):
-        claim(world, rules, unit, there)
-        return
-    if is_fellow_coming(world, rules, unit, there):
+        claim(world, unit, there)
+    elif can_swap(world, rules, unit, there):
         other = int(world.board[s.OCCUPANT, there])
         if world.units[other, s.UNIT_EXIT] == s.NO_GOAL:
-            change_places(world, unit, other)
+            swap_cells(world, unit, other)
 
 
 @compiled
-def is_fellow_coming(world: Any, rules: Any, unit: int, there: int) -> bool:
-    """True where another unit of the owner walks from `there` to where `unit` stands."""
+def can_swap(world: Any, rules: Any, unit: int, there: int) -> bool:
+    """True where another unit of the owner walks from `there` to the cell of `unit`."""
     other = int(world.board[s.OCCUPANT, there])
     if other == s.NO_UNIT or board.owner_of(rules, other) != board.owner_of(rules, unit):
         return False
-    is_facing = (
-        there + rules.offset[world.units[other, s.UNIT_FACING]] == world.units[unit, s.UNIT_CELL]
-    )
+    ahead = there + rules.offset[world.units[other, s.UNIT_FACING]]
+    is_facing = ahead == world.units[unit, s.UNIT_CELL]
     return bool(is_facing and world.units[other, s.UNIT_STATE] == s.WALKING)
 
 
 @compiled
-def change_places(world: Any, unit: int, other: int) -> None:
-    """Both get the other's cell, which no other unit can claim; the other's step ends now."""
+def swap_cells(world: Any, unit: int, other: int) -> None:
+    """Both get the other's cell, which no third unit can claim; the other's step ends now."""
     for one, cell in (
         (unit, world.units[other, s.UNIT_CELL]),
         (other, world.units[unit, s.UNIT_CELL]),
@@ -131,65 +121,55 @@ def change_places(world: Any, unit: int, other: int) -> None:
 
 
 @compiled
-def move_unit(world: Any, rules: Any, unit: int, there: int) -> None:
-    """The unit stands at `there` now, and sees from there."""
-    cell = int(world.units[unit, s.UNIT_CELL])
-    if world.board[s.OCCUPANT, cell] == unit:
-        world.board[s.OCCUPANT, cell] = s.NO_UNIT
-    world.board[s.OCCUPANT, there] = unit
-    world.units[unit, s.UNIT_CELL] = there
-    world.units[unit, s.UNIT_BLOCKED] = 0
-    world.clock[s.NUM_BURNING] -= int(rules.tiles[world.board[s.TILE, cell], rb.TILE_DAMAGE] > 0)
-    world.clock[s.NUM_BURNING] += int(rules.tiles[world.board[s.TILE, there], rb.TILE_DAMAGE] > 0)
-    if rules.fog != 0:
-        player, sight = (
-            board.owner_of(rules, unit),
-            board.sight_of(rules, world.units[unit, s.UNIT_KIND]),
-        )
-        for centre, change in ((there, 1), (cell, -1)):
-            board.change_sight(world, rules, player, centre, sight, change)
-
-
-@compiled
 def settle_step(world: Any, rules: Any, unit: int) -> None:
-    """A walker gets its cell, or is blocked."""
+    """Move a walker to the cell that it claimed, or block it."""
     if wins_claim(world, unit):
-        move_unit(world, rules, unit, int(world.units[unit, s.UNIT_EXIT]))
+        cell, there = int(world.units[unit, s.UNIT_CELL]), int(world.units[unit, s.UNIT_EXIT])
+        board.count_unit(world, rules, unit, -1)
+        if world.board[s.OCCUPANT, cell] == unit:  # else a unit that swapped is there already
+            world.board[s.OCCUPANT, cell] = s.NO_UNIT
+        world.board[s.OCCUPANT, there] = unit
+        world.units[unit, s.UNIT_CELL] = there
+        world.units[unit, s.UNIT_BLOCKED] = 0
+        board.count_unit(world, rules, unit, 1)
     else:
-        # The step that it could not take is planned again.
         forget_path(world, unit)
-        world.units[unit, s.UNIT_BLOCKED] = min(
-            MAX_BLOCKED, int(world.units[unit, s.UNIT_BLOCKED]) + 1
-        )
+        blocked = int(world.units[unit, s.UNIT_BLOCKED])
+        world.units[unit, s.UNIT_BLOCKED] = min(MAX_BLOCKED, blocked + 1)
     world.units[unit, s.UNIT_STATE] = s.WAITING
 
 
 @compiled
-def claim_exit(world: Any, rules: Any, building: int) -> None:
-    """Who leaves a building wants the nearest free ground around it."""
-    centre = int(world.units[building, s.UNIT_CELL])
-    half = int(rules.kinds[world.units[building, s.UNIT_KIND], rb.KIND_HALF_SIZE])
-    frame = rules.seats[world.clock[s.MAP_INDEX], board.owner_of(rules, building), rb.SEAT_FRAME]
+def exit_cell(world: Any, rules: Any, frame: int, centre: int, place: int) -> int:
+    """The `place`-th nearest cell around `centre`; NO_GOAL where no unit can step out."""
+    rows = int(rules.exits[frame, place, rb.EXIT_ROW])
+    columns = int(rules.exits[frame, place, rb.EXIT_COLUMN])
     row, column = int(rules.cells[centre, rb.CELL_ROW]), int(rules.cells[centre, rb.CELL_COLUMN])
+    if not 0 <= row + rows < rules.rows or not 0 <= column + columns < rules.columns:
+        return s.NO_GOAL
+    cell = int(centre + rows * rules.stride + columns)
+    is_safe = board.tile_value(world, rules, cell, rb.TILE_DAMAGE) == 0
+    return cell if is_safe and board.is_free(world, rules, cell) else s.NO_GOAL
+
+
+@compiled
+def claim_exit(world: Any, rules: Any, building: int) -> None:
+    """Claim the nearest free cell around a building for the unit that is ready to leave it."""
+    is_training = world.units[building, s.UNIT_STATE] == s.TRAINING
+    if is_training and world.units[building, s.UNIT_QUEUE + 0] >= t.FIRST_UPGRADE:
+        return
+    frame = board.frame_of(world, rules, board.owner_of(rules, building))
+    centre = int(world.units[building, s.UNIT_CELL])
     for place in range(rules.exits.shape[1]):
-        rows = int(rules.exits[frame, place, rb.EXIT_ROW])
-        columns = int(rules.exits[frame, place, rb.EXIT_COLUMN])
-        if max(abs(rows), abs(columns)) <= half:
-            continue
-        if not 0 <= row + rows < rules.rows or not 0 <= column + columns < rules.columns:
-            continue
-        cell = centre + rows * rules.stride + columns
-        if (
-            board.is_free(world, rules, cell)
-            and rules.tiles[world.board[s.TILE, cell], rb.TILE_DAMAGE] == 0
-        ):
-            claim(world, rules, building, cell)
+        cell = exit_cell(world, rules, frame, centre, place)
+        if cell != s.NO_GOAL:
+            claim(world, building, cell)
             return
 
 
 @compiled
 def clear_claims(world: Any) -> None:
-    """Wipe the claims of the acting units."""
+    """Clear the claims of the acting units."""
     for place in range(world.clock[s.NUM_ACTING]):
         unit = world.acting[place]
         if world.units[unit, s.UNIT_EXIT] > s.NO_GOAL:

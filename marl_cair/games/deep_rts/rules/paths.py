@@ -1,11 +1,9 @@
-"""Paths: the fewest steps over ground, around units that stand, never past a solid corner.
+"""Paths with the fewest steps over ground, around standing units, never past a solid corner.
 
-A walk in a straight line is tried first, which on open ground is a shortest path and costs a look
-at each of its cells; else the board is searched outwards from the unit (breadth first), in the
-order of its owner's own directions, so that mirrored units take mirrored paths.
+A straight walk is tried first: on open ground it is a shortest path and reads only its own cells.
+Else the board is searched breadth first from the unit, in the order of its owner's own directions,
+so that mirrored units take mirrored paths.
 """
-
-from __future__ import annotations
 
 from typing import Any
 
@@ -14,7 +12,6 @@ from numpy.typing import NDArray
 
 from marl_cair.games.compiled import compiled, compiled_copy
 from marl_cair.games.deep_rts import state as s
-from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.rules import board
 from marl_cair.games.deep_rts.rules import rulebook as rb
 
@@ -24,7 +21,7 @@ NEXT_TO = 4  # reach of the eight cells around
 NOT_FOR_RESOURCE = -1
 ANY_RESOURCE = 100  # whatever can be gathered by hand
 
-_STEP_BITS = np.uint64(3)
+STEP_BITS = np.uint64(3)
 _STEP_MASK = np.uint64(7)
 _WORD_MASK = np.uint64(2**63 - 1)
 LAST_SEARCH = 32_000
@@ -41,13 +38,6 @@ def next_direction(world: Any, unit: int) -> int:
 
 
 @compiled_copy
-def drop_step(world: Any, unit: int) -> None:
-    """Strike the step that has been taken."""
-    world.path[unit] = world.path[unit] >> _STEP_BITS
-    world.units[unit, s.UNIT_PATH_STEPS] -= 1
-
-
-@compiled_copy
 def forget_path(world: Any, unit: int) -> None:
     """The unit must plan again."""
     world.path[unit] = np.uint64(0)
@@ -56,7 +46,7 @@ def forget_path(world: Any, unit: int) -> None:
 
 @compiled
 def may_enter(world: Any, rules: Any, unit: int, cell: int, goal: int, reach: int) -> bool:
-    """True where a path may lead; lava only where it is the goal itself."""
+    """True where a path may lead; onto lava only if it is the goal itself."""
     if board.is_passable(world, rules, unit, cell):
         return True
     return cell == goal and reach == ON_THE_SPOT and not board.is_solid(world, rules, cell)
@@ -77,7 +67,7 @@ def plan_straight(world: Any, rules: Any, unit: int, goal: int, half: int, reach
         if not may_enter(world, rules, unit, cell, goal, reach):
             return False
         if steps < s.PATH_STEPS:
-            word |= np.uint64(direction) << (_STEP_BITS * np.uint64(steps))
+            word |= np.uint64(direction) << (STEP_BITS * np.uint64(steps))
         steps += 1
     world.path[unit] = word
     world.units[unit, s.UNIT_PATH_STEPS] = min(steps, s.PATH_STEPS)
@@ -87,15 +77,14 @@ def plan_straight(world: Any, rules: Any, unit: int, goal: int, half: int, reach
 @compiled
 def nearest_of_box(rules: Any, cell: int, goal: int, half: int) -> int:
     """The cell of the square around `goal` that is nearest to `cell`."""
-    rows = int(rules.cells[cell, rb.CELL_ROW]) - int(rules.cells[goal, rb.CELL_ROW])
-    columns = int(rules.cells[cell, rb.CELL_COLUMN]) - int(rules.cells[goal, rb.CELL_COLUMN])
+    rows, columns = board.steps_between(rules, goal, cell)
     rows, columns = min(half, max(-half, rows)), min(half, max(-half, columns))
     return int(goal + rows * rules.stride + columns)
 
 
 @compiled
 def begin_search(world: Any) -> int:
-    """The number of a new search, which marks the cells that it reaches."""
+    """Start a search; returns its number, which marks the cells that it reaches."""
     if world.clock[s.NUM_SEARCHES] >= LAST_SEARCH:
         world.clock[s.NUM_SEARCHES] = 0
         world.board[s.REACHED, :] = 0
@@ -105,13 +94,13 @@ def begin_search(world: Any) -> int:
 
 @compiled
 def trace_back(world: Any, rules: Any, unit: int, cell: int) -> None:
-    """Write the first steps of the way on which the search came to `cell`."""
+    """Write the first steps of the path on which the search reached `cell`."""
     start = int(world.units[unit, s.UNIT_CELL])
     word = np.uint64(0)
     steps = 0
     while cell != start:
         direction = int(world.board[s.CAME, cell])
-        word = ((word << _STEP_BITS) & _WORD_MASK) | np.uint64(direction)
+        word = ((word << STEP_BITS) & _WORD_MASK) | np.uint64(direction)
         cell = int(cell - rules.offset[direction])
         steps += 1
     world.path[unit] = word
@@ -120,23 +109,21 @@ def trace_back(world: Any, rules: Any, unit: int, cell: int) -> None:
 
 @compiled
 def resource_beside(world: Any, rules: Any, frame: int, cell: int, resource: int) -> int:
-    """A neighbouring tile that gives `resource` by hand, or NOWHERE."""
+    """The first neighbouring tile, in own directions, with `resource` to gather; or NOWHERE."""
     for own in range(rb.NUM_DIRECTIONS):
         beside = int(cell + rules.offset[rules.own_direction[frame, own]])
-        found = rules.tiles[world.board[s.TILE, beside], rb.TILE_RESOURCE]
-        if found in (t.NO_RESOURCE, t.OIL) or world.board[s.AMOUNT, beside] <= 0:
-            continue
-        if resource == ANY_RESOURCE:
-            return beside
-        if found == resource:
-            return beside
+        if board.can_gather(world, rules, beside):
+            is_same = board.tile_value(world, rules, beside, rb.TILE_RESOURCE) == resource
+            if is_same or resource == ANY_RESOURCE:
+                return beside
     return NOWHERE
 
 
 @compiled
 def unreached_around(world: Any, rules: Any, frame: int, cell: int, number: int) -> int:
-    """Bits of the own directions in which the search has not been yet: most lead back, and a look
-    at all eight at once costs less than eight decisions that the processor cannot foresee.
+    """Bits of the own directions in which the search has not been yet.
+
+    Most lead back; reading all eight first costs less than eight unpredictable branches.
     """
     directions = 0
     for own in range(rb.NUM_DIRECTIONS):
@@ -149,12 +136,12 @@ def unreached_around(world: Any, rules: Any, frame: int, cell: int, number: int)
 def search(
     world: Any, rules: Any, unit: int, goal: int, half: int, reach: int, resource: int
 ) -> int:
-    """Search outwards until within `reach` of the box, or beside `resource` where that is asked.
+    """Search breadth first until within `reach` of the box, or beside `resource` if one is given.
 
-    Writes the path and returns the cell where it ends: the nearest that can be reached where the
-    goal cannot; NOWHERE where no step helps, or no resource can be reached.
+    Writes the path and returns the cell where it ends: the reachable cell that is nearest to the
+    goal; NOWHERE if no step brings the unit nearer, or if no resource can be reached.
     """
-    frame = rules.seats[world.clock[s.MAP_INDEX], board.owner_of(rules, unit), rb.SEAT_FRAME]
+    frame = board.frame_of(world, rules, board.owner_of(rules, unit))
     number = begin_search(world)
     start = int(world.units[unit, s.UNIT_CELL])
     world.board[s.REACHED, start] = number

@@ -1,6 +1,4 @@
-"""Units come and go: slots, the roster of each player, what a unit is worth to its owner."""
-
-from __future__ import annotations
+"""Units come and go: slots, the roster and the store of each player."""
 
 from typing import Any
 
@@ -9,8 +7,8 @@ import numpy as np
 from marl_cair.games.compiled import compiled, compiled_copy
 from marl_cair.games.deep_rts import state as s
 from marl_cair.games.deep_rts import tables as t
+from marl_cair.games.deep_rts.rules import board
 from marl_cair.games.deep_rts.rules import rulebook as rb
-from marl_cair.games.deep_rts.rules.board import owner_of, put_on_board, take_off_board
 
 NO_SLOT = -1
 FACING_AT_START = 2  # towards the viewer, in the own view
@@ -25,27 +23,15 @@ def set_due(world: Any, unit: int, tick: int) -> None:
 
 @compiled_copy
 def enter_state(world: Any, unit: int, state: int, due: int) -> None:
-    """The unit does something until `due`."""
+    """Set the unit's state, which lasts until `due`."""
     world.units[unit, s.UNIT_STATE] = state
     world.units[unit, s.UNIT_SINCE] = world.clock[s.TICK]
     set_due(world, unit, due)
 
 
 @compiled
-def free_slot(world: Any, rules: Any, player: int) -> int:
-    """A slot of the player without a unit, or NO_SLOT."""
-    first = player * rules.slots
-    if world.players[player, s.NUM_UNITS] >= rules.slots:
-        return NO_SLOT
-    for slot in range(first, first + rules.slots):
-        if world.units[slot, s.UNIT_KIND] == t.NO_KIND:
-            return slot
-    return NO_SLOT
-
-
-@compiled
 def clear_unit(world: Any, unit: int) -> None:
-    """Leave nothing of the last unit in a slot."""
+    """Reset a slot to its empty values."""
     world.units[unit, :] = 0
     world.units[unit, s.UNIT_KIND] = t.NO_KIND
     world.units[unit, s.UNIT_TARGET] = s.NO_UNIT
@@ -58,49 +44,52 @@ def clear_unit(world: Any, unit: int) -> None:
 
 @compiled
 def add_unit(world: Any, rules: Any, player: int, kind: int, cell: int) -> int:
-    """A finished unit of full health at `cell`; its slot, or NO_SLOT where the player has none."""
-    unit = free_slot(world, rules, player)
-    if unit == NO_SLOT:
+    """Add a finished unit of full health at `cell`; returns its slot, or NO_SLOT."""
+    if world.players[player, s.NUM_UNITS] >= rules.slots:
         return NO_SLOT
+    unit = int(player * rules.slots)
+    while world.units[unit, s.UNIT_KIND] != t.NO_KIND:
+        unit += 1
     clear_unit(world, unit)
     world.players[player, s.NEXT_SERIAL] += 1
     world.units[unit, s.UNIT_SERIAL] = world.players[player, s.NEXT_SERIAL]
     world.units[unit, s.UNIT_KIND] = kind
     world.units[unit, s.UNIT_HEALTH] = rules.kinds[kind, rb.KIND_HEALTH]
-    frame = rules.seats[world.clock[s.MAP_INDEX], player, rb.SEAT_FRAME]
+    frame = board.frame_of(world, rules, player)
     world.units[unit, s.UNIT_FACING] = rules.own_direction[frame, FACING_AT_START]
     world.roster[player, world.players[player, s.NUM_UNITS]] = unit
     world.players[player, s.NUM_UNITS] += 1
     world.players[player, s.NUM_OWNED + kind] += 1
-    put_on_board(world, rules, unit, cell)
+    board.put_on_board(world, rules, unit, cell)
     enter_state(world, unit, s.IDLE, world.clock[s.TICK] + 1)
     return unit
 
 
 @compiled
 def remove_unit(world: Any, rules: Any, unit: int) -> None:
-    """A unit dies: its food is free again, its roof is gone, its builder steps out."""
-    player = owner_of(rules, unit)
-    kind = world.units[unit, s.UNIT_KIND]
+    """Remove a dead unit: it frees its food and its place in the roster; a site, its builder."""
+    player = board.owner_of(rules, unit)
     state = world.units[unit, s.UNIT_STATE]
     if state == s.INSIDE:
-        return  # no unit reaches a builder before its site falls
-    take_off_board(world, rules, unit)
+        return  # a builder cannot be hit before its site falls
+    board.take_off_board(world, rules, unit)
     if state == s.RISING:
-        release_builder(world, rules, unit)
+        release_builder(world, rules, unit, int(world.units[unit, s.UNIT_CELL]))
     else:
-        world.players[player, s.FOOD_MADE] -= rules.kinds[kind, rb.KIND_FOOD_PRODUCED]
-    world.players[player, s.FOOD_USED] -= rules.kinds[kind, rb.KIND_FOOD_CONSUMED]
+        food = board.kind_value(world, rules, unit, rb.KIND_FOOD_PRODUCED)
+        world.players[player, s.FOOD_MADE] -= food
+    kind = int(world.units[unit, s.UNIT_KIND])
+    refund_food(world, rules, player, kind)
     for place in range(world.units[unit, s.UNIT_QUEUE_LENGTH]):
         refund_food(world, rules, player, world.units[unit, s.UNIT_QUEUE + place])
-    strike_from_roster(world, player, unit)
     world.players[player, s.NUM_OWNED + kind] -= 1
+    remove_from_roster(world, player, unit)
     clear_unit(world, unit)
 
 
 @compiled
-def strike_from_roster(world: Any, player: int, unit: int) -> None:
-    """Close the gap in the roster and in the selection."""
+def remove_from_roster(world: Any, player: int, unit: int) -> None:
+    """Close the gap in the roster; clear the cursor if it was on the unit."""
     found = False
     last = world.players[player, s.NUM_UNITS] - 1
     for place in range(last):
@@ -114,27 +103,21 @@ def strike_from_roster(world: Any, player: int, unit: int) -> None:
 
 
 @compiled
-def release_builder(world: Any, rules: Any, site: int) -> None:
-    """The builder stands where its site was, that of a well in the pool, from which it can walk;
-    needs the site off the board.
-    """
+def release_builder(world: Any, rules: Any, site: int, cell: int) -> None:
+    """Place the builder of a site at `cell`."""
     builder = int(world.units[site, s.UNIT_PARTNER])
+    world.units[site, s.UNIT_PARTNER] = s.NO_UNIT
     world.units[builder, s.UNIT_PARTNER] = s.NO_UNIT
-    put_on_board(world, rules, builder, int(world.units[site, s.UNIT_CELL]))
+    board.put_on_board(world, rules, builder, cell)
     enter_state(world, builder, s.IDLE, world.clock[s.TICK] + 1)
-
-
-# --- the store -------------------------------------------------------------------------------
 
 
 @compiled
 def can_pay(world: Any, rules: Any, player: int, product: int) -> bool:
     """True where the store holds the price of a product."""
     for resource in range(t.NUM_RESOURCES):
-        if (
-            world.players[player, s.RESOURCES + resource]
-            < rules.product[product, rb.PRODUCT_COST + resource]
-        ):
+        price = rules.product[product, rb.PRODUCT_COST + resource]
+        if world.players[player, s.RESOURCES + resource] < price:
             return False
     return True
 
@@ -143,9 +126,8 @@ def can_pay(world: Any, rules: Any, player: int, product: int) -> bool:
 def pay(world: Any, rules: Any, player: int, product: int) -> None:
     """Take the price out of the store."""
     for resource in range(t.NUM_RESOURCES):
-        world.players[player, s.RESOURCES + resource] -= rules.product[
-            product, rb.PRODUCT_COST + resource
-        ]
+        price = rules.product[product, rb.PRODUCT_COST + resource]
+        world.players[player, s.RESOURCES + resource] -= price
 
 
 @compiled
@@ -164,24 +146,22 @@ def store(world: Any, player: int, resource: int, amount: int) -> None:
 
 @compiled_copy
 def food_limit(world: Any, rules: Any, player: int) -> int:
-    """How much the player's units may eat."""
+    """Food that the player's units may consume."""
     return int(min(rules.food_limit, rules.start_food + world.players[player, s.FOOD_MADE]))
 
 
 @compiled
 def has_food(world: Any, rules: Any, player: int, product: int) -> bool:
-    """True where one more of a product can be fed."""
+    """True where there is food for one more of a product."""
     if product >= t.FIRST_UPGRADE:
         return True
-    eaten = world.players[player, s.FOOD_USED] + rules.kinds[product, rb.KIND_FOOD_CONSUMED]
-    return bool(
-        rules.kinds[product, rb.KIND_FOOD_CONSUMED] == 0
-        or eaten <= food_limit(world, rules, player)
-    )
+    eaten = rules.kinds[product, rb.KIND_FOOD_CONSUMED]
+    limit = food_limit(world, rules, player)
+    return bool(eaten == 0 or world.players[player, s.FOOD_USED] + eaten <= limit)
 
 
 @compiled
 def refund_food(world: Any, rules: Any, player: int, product: int) -> None:
-    """What was ordered will not be fed."""
+    """Free the food of a unit that is dead or no longer ordered; upgrades have none."""
     if product < t.FIRST_UPGRADE:
         world.players[player, s.FOOD_USED] -= rules.kinds[product, rb.KIND_FOOD_CONSUMED]

@@ -1,12 +1,10 @@
-"""The rules of Deep RTS, written for one world; the last functions run slices of worlds.
+"""One step of the rules of Deep RTS for one world; `reset` and `step` run slices of worlds.
 
-Order of a tick (the README lists the same words): those who are due finish what they did (all name
-what they want before anything changes); claims, tiles and blows are settled; lava burns; the game
-is judged; the fallen are buried; those who were due decide what to do next. Orders are given at the
-first tick of a decision.
+Phases of a tick, as in the README: units that are due finish their action (all state what they
+want before anything changes); claims, tiles and blows are settled; lava burns; the game is judged;
+the dead are removed; the units that were due decide what to do next. Orders are carried out before
+the first tick of a step.
 """
-
-from __future__ import annotations
 
 from typing import Any
 
@@ -14,16 +12,11 @@ import numpy as np
 
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_rts import state as s
-from marl_cair.games.deep_rts.orders.cursor_orders import obey_cursors
+from marl_cair.games.deep_rts.orders.cursor import obey_cursors
 from marl_cair.games.deep_rts.orders.grid import obey_grids
-from marl_cair.games.deep_rts.rules import work
+from marl_cair.games.deep_rts.rules import combat, judging, motion, work
 from marl_cair.games.deep_rts.rules.behaviour import decide
-from marl_cair.games.deep_rts.rules.combat import burn, bury_fallen, settle_blows, strike
-from marl_cair.games.deep_rts.rules.judging import judge, measure, potential, reward_end
-from marl_cair.games.deep_rts.rules.motion import claim_step, clear_claims, settle_step
 from marl_cair.games.deep_rts.rules.start import reset_world
-
-# --- one tick ----------------------------------------------------------------------------------
 
 
 @compiled
@@ -45,17 +38,17 @@ def list_acting(world: Any, rules: Any) -> None:
 
 
 @compiled
-def intend(world: Any, rules: Any, unit: int) -> None:
-    """Finish what the unit did, as far as it needs nothing that others may want too."""
+def finish_action(world: Any, rules: Any, unit: int) -> None:
+    """Finish what the unit did, except for what other units may want too."""
     state = world.units[unit, s.UNIT_STATE]
     if state == s.WALKING:
-        claim_step(world, rules, unit)
+        motion.claim_step(world, rules, unit)
     elif state == s.GATHERING:
         work.gather(world, rules, unit)
     elif state == s.FIGHTING:
-        strike(world, rules, unit)
+        combat.strike(world, rules, unit)
     elif state in (s.RISING, s.TRAINING):
-        work.claim_for(world, rules, unit)
+        motion.claim_exit(world, rules, unit)
     elif state == s.REPAIRING:
         work.repair(world, rules, unit)
     elif state == s.PUMPING:
@@ -64,21 +57,21 @@ def intend(world: Any, rules: Any, unit: int) -> None:
 
 @compiled
 def settle(world: Any, rules: Any) -> None:
-    """Give claims, tiles and blows their effect."""
+    """Apply claims, harvests and blows."""
     for place in range(world.clock[s.NUM_ACTING]):
         unit = int(world.acting[place])
         state = world.units[unit, s.UNIT_STATE]
         if world.units[unit, s.UNIT_HEALTH] <= 0:
-            continue  # a site that was given up in this tick
+            continue  # a site that was cancelled in this tick
         if state == s.WALKING:
-            settle_step(world, rules, unit)
+            motion.settle_step(world, rules, unit)
         elif state == s.RISING:
             work.finish_site(world, rules, unit)
         elif state == s.TRAINING:
             work.finish_product(world, rules, unit)
-    clear_claims(world)
+    motion.clear_claims(world)
     work.settle_harvest(world, rules)
-    settle_blows(world, rules)
+    combat.settle_blows(world, rules)
 
 
 @compiled
@@ -88,64 +81,55 @@ def play_tick(world: Any, rules: Any) -> None:
     if world.clock[s.TICK] >= world.clock[s.WAKE]:
         list_acting(world, rules)
         for place in range(world.clock[s.NUM_ACTING]):
-            intend(world, rules, int(world.acting[place]))
+            finish_action(world, rules, int(world.acting[place]))
         settle(world, rules)
     else:
         world.clock[s.NUM_ACTING] = 0
     if world.clock[s.NUM_BURNING] > 0:
-        burn(world, rules)
-    judge(world, rules)
+        combat.burn(world, rules)
+    judging.judge(world, rules)
     if world.clock[s.NUM_FALLEN] > 0:
-        bury_fallen(world, rules)
+        combat.bury_fallen(world, rules)
     for place in range(world.clock[s.NUM_ACTING]):
         decide(world, rules, int(world.acting[place]))
 
 
-# --- one world -------------------------------------------------------------------------------
-
-
 @compiled
 def step_world(world: Any, rules: Any, actions: Any, rewards: Any) -> None:
-    """One decision: the orders of all players, then its ticks; writes the rewards.
+    """Carry out the orders of all players, play the ticks of a step, write the rewards.
 
     Shaping adds discount * potential(after) - potential(before), with potential 0 once the game
-    has terminated, which leaves the optimal policy as it is (Ng, Harada, Russell 1999). All is
-    summed in float32, as plain Python and compiled code would else round differently.
+    has terminated, which keeps the optimal policy (Ng, Harada, Russell 1999). All is summed in
+    float32: plain Python and compiled code would else round differently.
     """
     for player in range(rules.num_players):
         rewards[player] = 0.0
     if world.clock[s.PHASE] != s.RUNNING:
         return
     for player in range(rules.num_players):
-        rewards[player] -= np.float32(measure(world, rules, player))
+        rewards[player] -= np.float32(judging.measure(world, rules, player))
         if rules.shaping > 0.0 and world.players[player, s.IS_ALIVE]:
-            rewards[player] -= np.float32(rules.shaping * potential(world, rules, player))
-    if actions.ndim == 1:  # known when compiling: rules of one kind hold nothing of the other
+            rewards[player] -= np.float32(rules.shaping * judging.potential(world, rules, player))
+    if actions.ndim == 1:  # known when compiling: only one of the two is compiled
         obey_cursors(world, rules, actions)
     else:
         obey_grids(world, rules, actions)
     for _ in range(rules.ticks_per_step):
         play_tick(world, rules)
-        reward_end(world, rules, rewards)
+        judging.reward_end(world, rules, rewards)
         if world.clock[s.PHASE] != s.RUNNING:
             break
     for player in range(rules.num_players):
-        rewards[player] += np.float32(measure(world, rules, player))
-        if (
-            rules.shaping > 0.0
-            and world.players[player, s.IS_ALIVE]
-            and world.clock[s.PHASE] != s.TERMINATED
-        ):
-            after = rules.discount * potential(world, rules, player)
+        rewards[player] += np.float32(judging.measure(world, rules, player))
+        is_shaped = rules.shaping > 0.0 and world.clock[s.PHASE] != s.TERMINATED
+        if is_shaped and world.players[player, s.IS_ALIVE]:
+            after = rules.discount * judging.potential(world, rules, player)
             rewards[player] += np.float32(rules.shaping * after)
-
-
-# --- slices of worlds ------------------------------------------------------------------------
 
 
 @compiled
 def reset(worlds: Any, rules: Any, seeds: Any, mask: Any, first: int, last: int) -> None:
-    """New games in the worlds of `mask` bool [B] from `seeds` uint64 [B]."""
+    """Start new games in the worlds of `mask` bool [B] from `seeds` uint64 [B]."""
     for index in range(first, last):
         if mask[index]:
             reset_world(s.world_at(worlds, index), rules, seeds[index])
@@ -153,7 +137,7 @@ def reset(worlds: Any, rules: Any, seeds: Any, mask: Any, first: int, last: int)
 
 @compiled
 def step(worlds: Any, rules: Any, actions: Any, outcome: Any, first: int, last: int) -> None:
-    """Advance and write what the engine reports; a finished world stays as it is."""
+    """Play one step and write the outcome; a finished world stays as it is."""
     for index in range(first, last):
         world = s.world_at(worlds, index)
         step_world(world, rules, actions[index], outcome.rewards[index])

@@ -195,33 +195,23 @@ _GENERATED = re.compile(r"generated-(\d+)x(\d+)-(\d+)p-(\d+)")
 @cache
 def _load_maps(name: str) -> tuple[GameMap, ...]:
     # Naming a scenario needs none of these.
-    from marl_cair.games.deep_rts.maps import (
-        generator as map_generator,
-    )
-    from marl_cair.games.deep_rts.maps import (
-        maps,
-    )
-    from marl_cair.games.deep_rts.maps import (
-        padding as map_padding,
-    )
+    from marl_cair.games.deep_rts.maps import formats, generator, maps
 
     if "+" in name:
-        parts = [game_map for part in name.split("+") for game_map in _load_maps(part)]
-        return map_padding.pad_maps(parts)
-    if name in map_generator.MAP_SETS:
-        return map_generator.map_set(name, MAPS_OF_A_SET)
+        return maps.pad_maps([one for part in name.split("+") for one in _load_maps(part)])
+    if name in generator.MAP_SETS:
+        return generator.map_set(name, MAPS_OF_A_SET)
     if match := _GENERATED.fullmatch(name):
-        rows, columns, players, seed = map(int, match.groups())
-        return (map_generator.generate_map(rows, columns, players, seed),)
+        return (generator.generate_map(*map(int, match.groups())),)
     if name.endswith((".txt", ".json", ".tmj")):
         try:
             return (maps.read_map(name),)
         except OSError as error:
-            raise maps.MapError(
+            raise formats.MapError(
                 f"map {name}: the file cannot be read ({error.strerror or error}); give the path "
                 "of one that is there"
             ) from error
-    find_by_name("deep_rts map", name, {**maps.BUILT_IN_MAPS, **map_generator.MAP_SETS})
+    find_by_name("deep_rts map", name, {**maps.BUILT_IN_MAPS, **generator.MAP_SETS})
     return (maps.load_map(name),)
 
 

@@ -49,7 +49,7 @@ def views(game_map):
 
 
 def symmetries(game_map):
-    """All (frame, seats) that leave the map as it is; seat k is moved to where `seats[k]` starts."""
+    """All (frame, seats) that leave the map as it is; seat k moves to the place of `seats[k]`."""
     seat_at = {spawn: seat for seat, spawn in enumerate(game_map.spawns)}
     found = []
     for frame in range(8):

@@ -9,22 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games.compiled import compiled_compact
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.art.scene import scene_of
 from marl_cair.games.deep_rts.rules.board import known_tile, sees, sees_unit
-from marl_cair.games.deep_rts.state import (
-    CURSOR,
-    FOOD_MADE,
-    FOOD_USED,
-    NO_UNIT,
-    OCCUPANT,
-    RESOURCES,
-    RISING,
-    UNIT_CELL,
-    UNIT_KIND,
-    UNIT_STATE,
-    UNKNOWN,
-)
-from marl_cair.games.deep_rts.tables import NUM_MOBILE_KINDS, NUM_RESOURCES
 from marl_cair.games.drawing import fill_gray_cell
 
 GRAY_SIDE = 84
@@ -55,9 +43,9 @@ def log_level(number: int) -> int:
 def gray_bars(player: Any, food_used: int, food_made: int, food_limit: int, image: Any) -> None:
     """Paint resources (log scale) and food as bars; player: a row of `World.players`."""
     for bar in range(GRAY_BARS // _BAR_ROWS):
-        level, full = food_used if bar == NUM_RESOURCES else food_made, food_limit
-        if bar < NUM_RESOURCES:
-            level, full = log_level(int(player[RESOURCES + bar])), _FULL_BAR
+        level, full = food_used if bar == t.NUM_RESOURCES else food_made, food_limit
+        if bar < t.NUM_RESOURCES:
+            level, full = log_level(int(player[s.RESOURCES + bar])), _FULL_BAR
         length = max(0, min(GRAY_SIDE, level * GRAY_SIDE // max(1, full)))
         top = bar * _BAR_ROWS
         image[top : top + _BAR_ROWS, :length] = 130 + 20 * bar
@@ -77,7 +65,7 @@ def gray_cursor(image: Any, row: int, column: int, rows: int, columns: int) -> N
 def ground_level(scene: Any, cell: int) -> int:
     """Gray level of the ground of a cell, as the viewer knows it."""
     kind = known_tile(scene, scene, scene.viewer, cell)
-    if kind == UNKNOWN:
+    if kind == s.UNKNOWN:
         return 0
     level = int(GRAY_TILES[kind])
     return level if sees(scene, scene, scene.viewer, cell) else level - GRAY_REMEMBERED
@@ -87,9 +75,9 @@ def ground_level(scene: Any, cell: int) -> int:
 def unit_level(kind: int, state: int, is_own: bool, is_ally: bool) -> int:
     """Level of a unit or building."""
     level = GRAY_UNIT + GRAY_KIND_STEP * kind
-    if kind >= NUM_MOBILE_KINDS:
-        level = GRAY_BUILDING + GRAY_KIND_STEP * (kind - NUM_MOBILE_KINDS)
-        if state == RISING:
+    if kind >= t.NUM_MOBILE_KINDS:
+        level = GRAY_BUILDING + GRAY_KIND_STEP * (kind - t.NUM_MOBILE_KINDS)
+        if state == s.RISING:
             level = GRAY_SITE
     if not is_ally:
         return level + GRAY_ENEMY
@@ -106,8 +94,8 @@ def paint_gray(scene: Any, image: Any) -> None:
             if layer == 0:
                 level = ground_level(scene, cell)
             else:
-                unit = int(scene.board[OCCUPANT, cell])
-                if unit == NO_UNIT or (scene.units[unit, UNIT_KIND] < NUM_MOBILE_KINDS) != (
+                unit = int(scene.board[s.OCCUPANT, cell])
+                if unit == s.NO_UNIT or (scene.units[unit, s.UNIT_KIND] < t.NUM_MOBILE_KINDS) != (
                     layer == 2
                 ):
                     continue
@@ -115,12 +103,15 @@ def paint_gray(scene: Any, image: Any) -> None:
                     continue
                 owner = unit // scene.slots
                 is_ally = scene.team[owner] == scene.team[scene.viewer]
-                kind, state = int(scene.units[unit, UNIT_KIND]), int(scene.units[unit, UNIT_STATE])
+                kind, state = (
+                    int(scene.units[unit, s.UNIT_KIND]),
+                    int(scene.units[unit, s.UNIT_STATE]),
+                )
                 level = unit_level(kind, state, owner == scene.viewer, is_ally)
             fill_gray_cell(image, GRAY_BARS, own // columns, own % columns, rows, columns, level)
-    unit = int(scene.players[scene.viewer, CURSOR])
-    if unit != NO_UNIT and scene.units[unit, UNIT_KIND] >= 0:
-        own = int(scene.own_cell[scene.units[unit, UNIT_CELL]])
+    unit = int(scene.players[scene.viewer, s.CURSOR])
+    if unit != s.NO_UNIT and scene.units[unit, s.UNIT_KIND] >= 0:
+        own = int(scene.own_cell[scene.units[unit, s.UNIT_CELL]])
         gray_cursor(image, own // columns, own % columns, rows, columns)
 
 
@@ -133,9 +124,9 @@ def observe_gray(worlds: Any, rules: Any, out: Any, first: int, last: int) -> No
         for player in range(rules.num_players):
             image = out[index, player, 0]
             limit = min(
-                rules.food_limit, rules.start_food + int(worlds.players[index, player, FOOD_MADE])
+                rules.food_limit, rules.start_food + int(worlds.players[index, player, s.FOOD_MADE])
             )
-            used = int(worlds.players[index, player, FOOD_USED])
+            used = int(worlds.players[index, player, s.FOOD_USED])
             gray_bars(worlds.players[index, player], used, limit, rules.food_limit, image)
             scene = scene_of(worlds, rules, index, player, corner, corner, corner)
             paint_gray(scene, image)

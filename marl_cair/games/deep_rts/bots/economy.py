@@ -10,34 +10,11 @@ from typing import Any
 
 from marl_cair.games.compiled import compiled, compiled_compact
 from marl_cair.games.deep_rts import tables as t
-from marl_cair.games.deep_rts.bots import purchases
-from marl_cair.games.deep_rts.bots.sight import (
-    FAR,
-    FOOD_MADE,
-    FOOD_USED,
-    FREE_SMITHY,
-    HOME,
-    MINE,
-    NO_CELL,
-    NUM_PEOPLE,
-    SAVED_FOR,
-    SELECTED_CELL,
-    distance,
-    is_ground,
-    is_idle,
-    is_out,
-    shows,
-)
+from marl_cair.games.deep_rts.bots import purchases, sight
 from marl_cair.games.deep_rts.bots.sites import best_site, nearest_person
-from marl_cair.games.deep_rts.orders.orders import (
-    FIRST_CELL,
-    FIRST_PRODUCT,
-    GO_THERE,
-    NOOP,
-    SELECT_THERE,
-)
+from marl_cair.games.deep_rts.orders import orders
 from marl_cair.games.deep_rts.rules import rulebook as rb
-from marl_cair.games.deep_rts.views.planes import CARRIES, SELECTED, TIME_LEFT
+from marl_cair.games.deep_rts.views import planes as p
 
 BARE_WORKERS = 6  # peasants that are replaced even where the enemy has more soldiers
 GOLD_WEIGHT = 100  # of gathering; the doctrine's lumber_weight stands against it
@@ -52,205 +29,212 @@ STONE_LEVELS = 4  # of the time left, in one of which a worker is moved to the s
 
 
 @compiled
-def cell_action(known: Any, order: int, cell: int) -> int:
+def cell_action(seen: Any, order: int, cell: int) -> int:
     """Go there, advance there or select there."""
-    return int(FIRST_CELL + order * known.rules.rows * known.rules.columns + cell)
+    return int(orders.FIRST_CELL + order * seen.rules.rows * seen.rules.columns + cell)
 
 
 @compiled
-def give_order(planes: Any, mask: Any, known: Any, cell: int, action: int) -> int:
+def give_order(planes: Any, mask: Any, seen: Any, cell: int, action: int) -> int:
     """The action where the unit on `cell` is under the cursor, else select it; NOOP if illegal."""
-    if not shows(planes, known, SELECTED, cell):
-        action = cell_action(known, SELECT_THERE, cell)
-    return action if mask[action] else NOOP
+    if not sight.shows(planes, seen, p.SELECTED, cell):
+        action = cell_action(seen, orders.SELECT_THERE, cell)
+    return action if mask[action] else orders.NOOP
+
+
+@compiled
+def send(planes: Any, mask: Any, seen: Any, unit: int, order: int, goal: int) -> int:
+    """`give_order` to the unit on cell `unit`, of a kind of order for cell `goal`."""
+    return give_order(planes, mask, seen, unit, cell_action(seen, order, goal))
 
 
 # --- training ------------------------------------------------------------------------------------
 
 
 @compiled
-def wants_worker(known: Any, sight: Any) -> bool:
+def wants_worker(seen: Any) -> bool:
     """True for another peasant: the first ones at any price, no more of them in need."""
-    workers, doctrine = purchases.num_workers(sight), known.doctrine
-    if purchases.is_outnumbered(known, sight):
+    workers, doctrine = purchases.num_workers(seen), seen.doctrine
+    if purchases.is_outnumbered(seen):
         return bool(workers < min(doctrine.workers_first, BARE_WORKERS))
     if workers < doctrine.workers_first:
-        return purchases.can_afford(known, sight, t.PEASANT)
-    return workers < doctrine.workers and purchases.can_spare(known, sight, t.PEASANT)
+        return purchases.can_afford(seen, t.PEASANT)
+    return workers < doctrine.workers and purchases.can_spare(seen, t.PEASANT, t.GOLD)
 
 
 @compiled
-def train(planes: Any, mask: Any, known: Any, sight: Any) -> int:
+def train(planes: Any, mask: Any, seen: Any) -> int:
     """Peasants up to the doctrine's number, soldiers always."""
-    food = sight.facts[FOOD_MADE] - sight.facts[FOOD_USED]
+    food = seen.facts[sight.FOOD_MADE] - seen.facts[sight.FOOD_USED]
     if food <= 0:
-        return NOOP
-    for cell in range(known.rules.rows * known.rules.columns):
-        if sight.side[cell] != MINE or not is_idle(planes, known, cell):
+        return orders.NOOP
+    for cell in range(seen.rules.rows * seen.rules.columns):
+        if seen.side[cell] != sight.MINE or not sight.is_idle(planes, seen, cell):
             continue
         product = t.NO_KIND
-        if sight.kind[cell] == t.TOWN_HALL and wants_worker(known, sight):
+        if seen.kind[cell] == t.TOWN_HALL and wants_worker(seen):
             product = t.PEASANT
-        elif sight.kind[cell] == t.BARRACKS:
-            product = purchases.choose_soldier(known, sight)
-        if product != t.NO_KIND and food >= known.rules.kinds[product, rb.KIND_FOOD_CONSUMED]:
-            action = give_order(planes, mask, known, cell, FIRST_PRODUCT + product)
-            if action != NOOP:
+        elif seen.kind[cell] == t.BARRACKS:
+            product = purchases.choose_soldier(seen)
+        if product != t.NO_KIND and food >= seen.rules.kinds[product, rb.KIND_FOOD_CONSUMED]:
+            action = give_order(planes, mask, seen, cell, orders.FIRST_PRODUCT + product)
+            if action != orders.NOOP:
                 return action
-    return NOOP
+    return orders.NOOP
 
 
 # --- building ------------------------------------------------------------------------------------
 
 
 @compiled
-def build(planes: Any, mask: Any, known: Any, sight: Any) -> int:
+def build(planes: Any, mask: Any, seen: Any) -> int:
     """Forge what is saved for, or have the nearest peasant go to the best site and build there."""
-    kind = sight.facts[SAVED_FOR]
-    if kind == t.NO_KIND or not purchases.can_afford(known, sight, kind):
-        return NOOP
+    kind = seen.facts[sight.SAVED_FOR]
+    if kind == t.NO_KIND or not purchases.can_afford(seen, kind):
+        return orders.NOOP
     if kind >= t.FIRST_UPGRADE:
-        return give_order(planes, mask, known, sight.facts[FREE_SMITHY], FIRST_PRODUCT + kind)
-    if sight.facts[NUM_PEOPLE] == 0:
-        return NOOP
-    site = best_site(known, sight, kind)
-    if site == NO_CELL:
-        return NOOP
-    person = nearest_person(known, sight, site)
+        return give_order(
+            planes, mask, seen, seen.facts[sight.FREE_SMITHY], orders.FIRST_PRODUCT + kind
+        )
+    if seen.facts[sight.NUM_PEOPLE] == 0:
+        return orders.NOOP
+    site = best_site(seen, kind)
+    if site == sight.NO_CELL:
+        return orders.NOOP
+    person = nearest_person(seen, site)
     if person == site:
-        return give_order(planes, mask, known, person, FIRST_PRODUCT + kind)
-    return give_order(planes, mask, known, person, cell_action(known, GO_THERE, site))
+        return give_order(planes, mask, seen, person, orders.FIRST_PRODUCT + kind)
+    return send(planes, mask, seen, person, orders.GO_THERE, site)
 
 
 # --- gathering -----------------------------------------------------------------------------------
 
 
 @compiled
-def is_short(known: Any, sight: Any, resource: int) -> bool:
+def is_short(seen: Any, resource: int) -> bool:
     """True where a purchase waits for this resource alone, and too little is on its way."""
-    coming = sight.store[resource] + known.rules.carry_capacity * sight.carriers[resource]
+    coming = seen.store[resource] + seen.rules.carry_capacity * seen.carriers[resource]
     if resource != t.STONE:
         other = t.GOLD + t.LUMBER - resource
-        if sight.store[other] < sight.saved[other]:
+        if seen.store[other] < seen.saved[other]:
             return False
-    return bool(coming < sight.saved[resource])
+    return bool(coming < seen.saved[resource])
 
 
 @compiled
-def lacking_resource(known: Any, sight: Any) -> int:
+def lacking_resource(seen: Any) -> int:
     """What a purchase waits for, else gold or lumber, the shorter by the doctrine's weights."""
     for resource in (t.STONE, t.LUMBER, t.GOLD):
-        if is_short(known, sight, resource):
+        if is_short(seen, resource):
             return resource
-    gold = sight.store[t.GOLD] + WORTH_OF_A_WORKER * sight.carriers[t.GOLD]
-    lumber = sight.store[t.LUMBER] + WORTH_OF_A_WORKER * sight.carriers[t.LUMBER]
-    return t.LUMBER if lumber * GOLD_WEIGHT < gold * known.doctrine.lumber_weight else t.GOLD
+    gold = seen.store[t.GOLD] + WORTH_OF_A_WORKER * seen.carriers[t.GOLD]
+    lumber = seen.store[t.LUMBER] + WORTH_OF_A_WORKER * seen.carriers[t.LUMBER]
+    return t.LUMBER if lumber * GOLD_WEIGHT < gold * seen.doctrine.lumber_weight else t.GOLD
 
 
 @compiled
-def has_access(known: Any, sight: Any, tile: int) -> bool:
+def has_access(seen: Any, tile: int) -> bool:
     """True where a unit can stand beside a tile."""
-    row, column = tile // known.rules.columns, tile % known.rules.columns
+    row, column = tile // seen.rules.columns, tile % seen.rules.columns
     for there_row in range(row - 1, row + 2):
         for there_column in range(column - 1, column + 2):
-            if is_ground(known, sight, there_row, there_column):
+            if sight.is_ground(seen, there_row, there_column):
                 return True
     return False
 
 
 @compiled_compact
-def nearest_tile(known: Any, sight: Any, resource: int, worker: int) -> int:
+def nearest_tile(seen: Any, resource: int, worker: int) -> int:
     """The tile of a resource with the shortest way from a worker and on to the hall."""
-    best, best_price = NO_CELL, FAR
-    for tile in range(known.rules.rows * known.rules.columns):
-        if known.rules.tiles[sight.ground[tile], rb.TILE_RESOURCE] != resource:
+    best, best_price = sight.NO_CELL, sight.FAR
+    for tile in range(seen.rules.rows * seen.rules.columns):
+        if seen.rules.tiles[seen.ground[tile], rb.TILE_RESOURCE] != resource:
             continue
-        cost = distance(known, tile, worker) + 2 * distance(known, tile, sight.facts[HOME])
-        for place in range(sight.facts[NUM_PEOPLE]):
-            cost += int(distance(known, tile, sight.people[place]) <= 1)
-        if cost < best_price and has_access(known, sight, tile):
+        cost = 2 * sight.distance(seen, tile, seen.facts[sight.HOME])
+        cost += sight.distance(seen, tile, worker)
+        for place in range(seen.facts[sight.NUM_PEOPLE]):
+            cost += int(sight.distance(seen, tile, seen.people[place]) <= 1)
+        if cost < best_price and has_access(seen, tile):
             best, best_price = tile, cost
     return best
 
 
 @compiled
-def send_to_harvest(
-    planes: Any, mask: Any, known: Any, sight: Any, worker: int, resource: int
-) -> int:
+def send_to_harvest(planes: Any, mask: Any, seen: Any, worker: int, resource: int) -> int:
     """To the nearest tile of a resource, else of gold or lumber."""
-    tile = nearest_tile(known, sight, resource, worker)
-    if tile == NO_CELL:
-        tile = nearest_tile(known, sight, t.LUMBER if resource == t.GOLD else t.GOLD, worker)
-    if tile == NO_CELL:
-        return NOOP
-    return give_order(planes, mask, known, worker, cell_action(known, GO_THERE, tile))
+    tile = nearest_tile(seen, resource, worker)
+    if tile == sight.NO_CELL:
+        tile = nearest_tile(seen, t.LUMBER if resource == t.GOLD else t.GOLD, worker)
+    if tile == sight.NO_CELL:
+        return orders.NOOP
+    return send(planes, mask, seen, worker, orders.GO_THERE, tile)
 
 
 @compiled
-def is_scout(known: Any, sight: Any, cell: int) -> bool:
-    """True for a peasant that looks at the enemy: nearer to it than to home, where all is dark."""
-    if known.doctrine.scouts == 0 or known.rules.fog == 0:
+def is_scout(seen: Any, cell: int) -> bool:
+    """True for a peasant nearer to the enemy than to home, in the fog."""
+    if seen.doctrine.scouts == 0 or seen.rules.fog == 0:
         return False
-    return is_out(known, sight, cell)
+    return sight.is_out(seen, cell)
 
 
 @compiled
-def gather(planes: Any, mask: Any, known: Any, sight: Any) -> int:
+def gather(planes: Any, mask: Any, seen: Any) -> int:
     """Send idle peasants to what is lacking, the selected one first."""
-    worker = NO_CELL
-    for place in range(sight.facts[NUM_PEOPLE]):
-        cell = sight.people[place]
-        if not is_idle(planes, known, cell) or is_scout(known, sight, cell):
+    worker = sight.NO_CELL
+    for place in range(seen.facts[sight.NUM_PEOPLE]):
+        cell = seen.people[place]
+        if not sight.is_idle(planes, seen, cell) or is_scout(seen, cell):
             continue
-        if worker == NO_CELL or cell == sight.facts[SELECTED_CELL]:
+        if worker == sight.NO_CELL or cell == seen.facts[sight.SELECTED_CELL]:
             worker = cell
-    if worker == NO_CELL:
-        return NOOP
-    return send_to_harvest(planes, mask, known, sight, worker, lacking_resource(known, sight))
+    if worker == sight.NO_CELL:
+        return orders.NOOP
+    return send_to_harvest(planes, mask, seen, worker, lacking_resource(seen))
 
 
 @compiled
-def is_skewed(known: Any, sight: Any, lacking: int, other: int) -> bool:
+def is_skewed(seen: Any, lacking: int, other: int) -> bool:
     """True where one of gold and lumber is far larger than the other, by the doctrine's weights."""
-    weight = known.doctrine.lumber_weight
-    have = sight.store[lacking] * (weight if lacking == t.GOLD else GOLD_WEIGHT)
-    spare = sight.store[other] * (GOLD_WEIGHT if lacking == t.GOLD else weight)
-    if sight.store[other] < SKEWED_STORE or spare < SKEW * have:
+    weight, other_weight = seen.doctrine.lumber_weight, GOLD_WEIGHT
+    if lacking != t.GOLD:
+        weight, other_weight = other_weight, weight
+    spare = seen.store[other] * other_weight
+    if seen.store[other] < SKEWED_STORE or spare < SKEW * seen.store[lacking] * weight:
         return False
-    if sight.store[other] >= FULL_STORE:
+    if seen.store[other] >= FULL_STORE:
         return True
-    at_lacking = sight.carriers[lacking] * (weight if lacking == t.GOLD else GOLD_WEIGHT)
-    at_other = sight.carriers[other] * (GOLD_WEIGHT if lacking == t.GOLD else weight)
-    return bool(at_lacking < at_other)
+    return bool(seen.carriers[lacking] * weight < seen.carriers[other] * other_weight)
 
 
 @compiled
-def resource_to_leave(planes: Any, known: Any, sight: Any, lacking: int) -> int:
-    """Whose worker is moved to what is lacking; NO_RESOURCE for nobody's."""
+def resource_to_leave(planes: Any, seen: Any, lacking: int) -> int:
+    """The resource whose worker moves to what is lacking, or NO_RESOURCE."""
     if lacking == t.STONE:
-        if int(planes[TIME_LEFT, 0, 0]) % STONE_LEVELS > 0:
-            return t.NO_RESOURCE  # who was sent before is still on the way
-        return t.GOLD if sight.carriers[t.GOLD] >= sight.carriers[t.LUMBER] else t.LUMBER
-    if sight.carriers[t.STONE] > 0:
+        if int(planes[p.TIME_LEFT, 0, 0]) % STONE_LEVELS > 0:
+            return t.NO_RESOURCE  # the last one is still on the way
+        return t.GOLD if seen.carriers[t.GOLD] >= seen.carriers[t.LUMBER] else t.LUMBER
+    if seen.carriers[t.STONE] > 0:
         return t.STONE
     other = t.GOLD + t.LUMBER - lacking
-    if is_short(known, sight, lacking) or is_skewed(known, sight, lacking, other):
+    if is_short(seen, lacking) or is_skewed(seen, lacking, other):
         return other
     return t.NO_RESOURCE
 
 
 @compiled
-def move_worker(planes: Any, mask: Any, known: Any, sight: Any) -> int:
+def move_worker(planes: Any, mask: Any, seen: Any) -> int:
     """Where one store is far larger than the other, move a worker; it brings its load in first."""
-    lacking = lacking_resource(known, sight)
-    left = resource_to_leave(planes, known, sight, lacking)
+    lacking = lacking_resource(seen)
+    left = resource_to_leave(planes, seen, lacking)
     if left == t.NO_RESOURCE:
-        return NOOP
-    worker, selected = NO_CELL, sight.facts[SELECTED_CELL]
-    for place in range(sight.facts[NUM_PEOPLE]):
-        cell = sight.people[place]
-        if (worker == NO_CELL or cell == selected) and shows(planes, known, CARRIES + left, cell):
+        return orders.NOOP
+    worker, selected = sight.NO_CELL, seen.facts[sight.SELECTED_CELL]
+    for place in range(seen.facts[sight.NUM_PEOPLE]):
+        cell = seen.people[place]
+        is_next = worker == sight.NO_CELL or cell == selected
+        if is_next and sight.shows(planes, seen, p.CARRIES + left, cell):
             worker = cell
-    if worker == NO_CELL:
-        return NOOP
-    return send_to_harvest(planes, mask, known, sight, worker, lacking)
+    if worker == sight.NO_CELL:
+        return orders.NOOP
+    return send_to_harvest(planes, mask, seen, worker, lacking)

@@ -9,37 +9,9 @@ from typing import Any
 
 from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_rts import tables as t
-from marl_cair.games.deep_rts.bots import economy
-from marl_cair.games.deep_rts.bots.purchases import (
-    choose_purchase,
-    num_with_sites,
-    num_workers,
-    price,
-)
-from marl_cair.games.deep_rts.bots.sight import (
-    FAR,
-    FOE,
-    HOME,
-    MINE,
-    NO_CELL,
-    NUM_GUARDS,
-    NUM_OUT,
-    NUM_PEOPLE,
-    NUM_SOLDIERS,
-    SELECTED_CELL,
-    TARGET,
-    THREAT,
-    distance,
-    home_radius,
-    is_ground,
-    is_idle,
-    is_out,
-    nearest_foe,
-    read_sight,
-    shows,
-)
+from marl_cair.games.deep_rts.bots import economy, purchases, sight
 from marl_cair.games.deep_rts.bots.sites import nearest_person
-from marl_cair.games.deep_rts.orders.orders import ADVANCE_THERE, GO_THERE, NOOP
+from marl_cair.games.deep_rts.orders import orders
 from marl_cair.games.deep_rts.views.planes import IS_FIGHTING, TIME_LEFT
 
 CHASE_STEPS = 4  # to the enemy, of soldiers that are out without an attack
@@ -50,26 +22,26 @@ LATE = 50  # level of the time left at which all attack
 
 
 @compiled
-def plan_by_doctrine(planes: Any, mask: Any, known: Any, sight: Any) -> int:
+def plan_by_doctrine(planes: Any, mask: Any, seen: Any) -> int:
     """The first job that can be done: train, build, then soldiers and peasants by turns."""
-    read_sight(planes, known, sight)
-    choose_purchase(known, sight)
-    action = economy.train(planes, mask, known, sight)
-    if action == NOOP:
-        action = call_militia(planes, mask, known, sight)
-    if action == NOOP:
-        action = economy.build(planes, mask, known, sight)
+    sight.read_sight(planes, seen)
+    purchases.choose_purchase(seen)
+    action = economy.train(planes, mask, seen)
+    if action == orders.NOOP:
+        action = call_militia(planes, mask, seen)
+    if action == orders.NOOP:
+        action = economy.build(planes, mask, seen)
     soldiers_first = int(planes[TIME_LEFT, 0, 0]) % 2
-    if action == NOOP and soldiers_first == 1:
-        action = command(planes, mask, known, sight)
-    if action == NOOP:
-        action = economy.gather(planes, mask, known, sight)
-    if action == NOOP and soldiers_first == 0:
-        action = command(planes, mask, known, sight)
-    if action == NOOP:
-        action = economy.move_worker(planes, mask, known, sight)
-    if action == NOOP:
-        action = scout(planes, mask, known, sight)
+    if action == orders.NOOP and soldiers_first == 1:
+        action = command(planes, mask, seen)
+    if action == orders.NOOP:
+        action = economy.gather(planes, mask, seen)
+    if action == orders.NOOP and soldiers_first == 0:
+        action = command(planes, mask, seen)
+    if action == orders.NOOP:
+        action = economy.move_worker(planes, mask, seen)
+    if action == orders.NOOP:
+        action = scout(planes, mask, seen)
     return action
 
 
@@ -77,143 +49,116 @@ def plan_by_doctrine(planes: Any, mask: Any, known: Any, sight: Any) -> int:
 
 
 @compiled
-def is_soldier_cell(sight: Any, cell: int) -> bool:
-    """True on an own footman, archer or horseman."""
-    return bool(
-        sight.side[cell] == MINE
-        and sight.kind[cell] != t.PEASANT
-        and sight.kind[cell] < t.NUM_MOBILE_KINDS
-    )
-
-
-@compiled
-def can_grow(known: Any, sight: Any) -> bool:
+def can_grow(seen: Any) -> bool:
     """True while more soldiers will come: there are barracks, and gold in store or on its way."""
-    if num_with_sites(sight, t.BARRACKS) == 0 and num_workers(sight) == 0:
+    if purchases.num_with_sites(seen, t.BARRACKS) == 0 and purchases.num_workers(seen) == 0:
         return False
     return bool(
-        sight.carriers[t.GOLD] > 0 or sight.store[t.GOLD] >= price(known, t.FOOTMAN, t.GOLD)
+        seen.carriers[t.GOLD] > 0 or seen.store[t.GOLD] >= purchases.price(seen, t.FOOTMAN, t.GOLD)
     )
 
 
 @compiled
-def sets_out(planes: Any, known: Any, sight: Any) -> bool:
-    """True where those at home, or those out there, are enough, or where waiting brings nothing."""
-    soldiers, guards = sight.facts[NUM_SOLDIERS], sight.facts[NUM_GUARDS]
-    if int(planes[TIME_LEFT, 0, 0]) < LATE or not can_grow(known, sight):
+def sets_out(planes: Any, seen: Any) -> bool:
+    """True where the soldiers at home, or those out, are enough, or where waiting brings none."""
+    soldiers, guards = seen.facts[sight.NUM_SOLDIERS], seen.facts[sight.NUM_GUARDS]
+    if int(planes[TIME_LEFT, 0, 0]) < LATE or not can_grow(seen):
         return True
-    if 100 * soldiers < known.doctrine.caution * guards:
+    if 100 * soldiers < seen.doctrine.caution * guards:
         return False
-    out = sight.facts[NUM_OUT]
-    return bool(max(out, soldiers - out) >= known.doctrine.attack_size)
+    out = seen.facts[sight.NUM_OUT]
+    return bool(max(out, soldiers - out) >= seen.doctrine.attack_size)
 
 
 @compiled
-def way_home(known: Any, sight: Any) -> int:
+def way_home(seen: Any) -> int:
     """The free cell nearest to home, NO_CELL for none."""
-    best, best_distance = NO_CELL, FAR
-    for cell in range(known.rules.rows * known.rules.columns):
-        row, column = cell // known.rules.columns, cell % known.rules.columns
-        steps = distance(known, cell, sight.facts[HOME])
-        is_free = sight.kind[cell] == t.NO_KIND and is_ground(known, sight, row, column)
+    best, best_distance = sight.NO_CELL, sight.FAR
+    for cell in range(seen.rules.rows * seen.rules.columns):
+        row, column = cell // seen.rules.columns, cell % seen.rules.columns
+        steps = sight.distance(seen, cell, seen.facts[sight.HOME])
+        is_free = seen.kind[cell] == t.NO_KIND and sight.is_ground(seen, row, column)
         if is_free and steps < best_distance:
             best, best_distance = cell, steps
     return best
 
 
 @compiled
-def goal_of_soldier(known: Any, sight: Any, cell: int, is_attack: bool) -> int:
+def goal_of_soldier(seen: Any, cell: int, is_attack: bool) -> int:
     """Where an idle soldier advances to: next enemy, threat, target, home; NO_CELL to stay."""
-    target, threat = sight.facts[TARGET], sight.facts[THREAT]
-    if is_out(known, sight, cell):
-        foe = nearest_foe(known, sight, cell, 0)
-        if is_attack or (foe != NO_CELL and distance(known, cell, foe) <= CHASE_STEPS):
-            return int(target if foe == NO_CELL else foe)
-        return way_home(known, sight)
-    if threat != NO_CELL:
+    target, threat = seen.facts[sight.TARGET], seen.facts[sight.THREAT]
+    if sight.is_out(seen, cell):
+        foe = sight.nearest_foe(seen, cell, 0)
+        if is_attack or (foe != sight.NO_CELL and sight.distance(seen, cell, foe) <= CHASE_STEPS):
+            return int(target if foe == sight.NO_CELL else foe)
+        return way_home(seen)
+    if threat != sight.NO_CELL:
         return int(threat)
-    return int(target) if is_attack else NO_CELL
+    return int(target) if is_attack else sight.NO_CELL
 
 
 @compiled
-def command(planes: Any, mask: Any, known: Any, sight: Any) -> int:
+def command(planes: Any, mask: Any, seen: Any) -> int:
     """Send idle soldiers, the selected one first."""
-    is_attack = sets_out(planes, known, sight)
-    chosen, chosen_goal = NO_CELL, NO_CELL
-    for cell in range(known.rules.rows * known.rules.columns):
-        if not is_soldier_cell(sight, cell) or not is_idle(planes, known, cell):
+    is_attack = sets_out(planes, seen)
+    chosen, chosen_goal = sight.NO_CELL, sight.NO_CELL
+    for cell in range(seen.rules.rows * seen.rules.columns):
+        is_soldier = t.PEASANT < seen.kind[cell] < t.NUM_MOBILE_KINDS
+        if seen.side[cell] != sight.MINE or not is_soldier or not sight.is_idle(planes, seen, cell):
             continue
-        if chosen != NO_CELL and cell != sight.facts[SELECTED_CELL]:
+        if chosen != sight.NO_CELL and cell != seen.facts[sight.SELECTED_CELL]:
             continue
-        goal = goal_of_soldier(known, sight, cell, is_attack)
-        if goal not in (NO_CELL, cell):
+        goal = goal_of_soldier(seen, cell, is_attack)
+        if goal not in (sight.NO_CELL, cell):
             chosen, chosen_goal = cell, goal
-    if chosen == NO_CELL:
-        return NOOP
-    return economy.give_order(
-        planes, mask, known, chosen, economy.cell_action(known, ADVANCE_THERE, chosen_goal)
-    )
+    if chosen == sight.NO_CELL:
+        return orders.NOOP
+    return economy.send(planes, mask, seen, chosen, orders.ADVANCE_THERE, chosen_goal)
 
 
 @compiled
-def num_near_home(known: Any, sight: Any, side: int) -> int:
-    """Soldiers of a side on the own ground."""
-    count = 0
-    for cell in range(known.rules.rows * known.rules.columns):
-        if sight.side[cell] == side and t.PEASANT < sight.kind[cell] < t.NUM_MOBILE_KINDS:
-            count += int(distance(known, cell, sight.facts[HOME]) <= home_radius(known, sight))
-    return count
-
-
-@compiled
-def call_militia(planes: Any, mask: Any, known: Any, sight: Any) -> int:
-    """Peasants near the threat fight where the enemy has more soldiers there than the player."""
-    threat = sight.facts[THREAT]
-    if threat == NO_CELL or known.doctrine.militia == 0 or sight.facts[NUM_PEOPLE] == 0:
-        return NOOP
-    if num_near_home(known, sight, MINE) >= num_near_home(known, sight, FOE):
-        return NOOP
+def call_militia(planes: Any, mask: Any, seen: Any) -> int:
+    """Peasants near the threat fight where raiders outnumber the own soldiers at home."""
+    threat = seen.facts[sight.THREAT]
+    if threat == sight.NO_CELL or seen.doctrine.militia == 0 or seen.facts[sight.NUM_PEOPLE] == 0:
+        return orders.NOOP
+    if seen.facts[sight.NUM_DEFENDERS] >= seen.facts[sight.NUM_RAIDERS]:
+        return orders.NOOP
     called = 0
-    chosen, best = NO_CELL, MILITIA_STEPS + 1
-    for place in range(sight.facts[NUM_PEOPLE]):
-        cell = sight.people[place]
-        if shows(planes, known, IS_FIGHTING, cell):
+    chosen, best = sight.NO_CELL, MILITIA_STEPS + 1
+    for place in range(seen.facts[sight.NUM_PEOPLE]):
+        cell = seen.people[place]
+        if sight.shows(planes, seen, IS_FIGHTING, cell):
             called += 1
             continue
-        steps = distance(known, cell, threat)
-        if cell == sight.facts[SELECTED_CELL] and steps <= MILITIA_STEPS:
+        steps = sight.distance(seen, cell, threat)
+        if cell == seen.facts[sight.SELECTED_CELL] and steps <= MILITIA_STEPS:
             steps = 0
         if steps < best:
             chosen, best = cell, steps
-    if chosen == NO_CELL or called >= known.doctrine.militia:
-        return NOOP
-    return economy.give_order(
-        planes, mask, known, chosen, economy.cell_action(known, GO_THERE, threat)
-    )
+    if chosen == sight.NO_CELL or called >= seen.doctrine.militia:
+        return orders.NOOP
+    return economy.send(planes, mask, seen, chosen, orders.GO_THERE, threat)
 
 
 # --- scouting ------------------------------------------------------------------------------------
 
 
 @compiled
-def scout(planes: Any, mask: Any, known: Any, sight: Any) -> int:
+def scout(planes: Any, mask: Any, seen: Any) -> int:
     """Now and then, where no unit sees the enemy, send the peasant that is nearest to it.
 
     It stays the nearest while it walks, so that no second one is sent.
     """
-    if known.doctrine.scouts == 0 or known.rules.fog == 0:
-        return NOOP
-    if int(planes[TIME_LEFT, 0, 0]) % SCOUT_LEVELS > 0 or num_workers(sight) < SCOUT_WORKERS:
-        return NOOP
-    for cell in range(known.rules.rows * known.rules.columns):
-        is_walker = sight.side[cell] == MINE and sight.kind[cell] < t.NUM_MOBILE_KINDS
-        if is_walker and economy.is_scout(known, sight, cell):
-            return NOOP
-    target = sight.facts[TARGET]
-    return economy.give_order(
-        planes,
-        mask,
-        known,
-        nearest_person(known, sight, target),
-        economy.cell_action(known, GO_THERE, target),
-    )
+    if seen.doctrine.scouts == 0 or seen.rules.fog == 0:
+        return orders.NOOP
+    is_time = int(planes[TIME_LEFT, 0, 0]) % SCOUT_LEVELS == 0
+    if not is_time or purchases.num_workers(seen) < SCOUT_WORKERS:
+        return orders.NOOP
+    for cell in range(seen.rules.rows * seen.rules.columns):
+        is_walker = seen.side[cell] == sight.MINE and seen.kind[cell] < t.NUM_MOBILE_KINDS
+        if is_walker and economy.is_scout(seen, cell):
+            return orders.NOOP
+    target = seen.facts[sight.TARGET]
+    person = nearest_person(seen, target)
+    return economy.send(planes, mask, seen, person, orders.GO_THERE, target)

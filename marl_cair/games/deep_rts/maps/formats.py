@@ -138,8 +138,8 @@ def _is_whole(value: Any) -> bool:
 
 
 def _read_side(name: str, board: Mapping[str, Any], side: str) -> int:
-    value = board.get(side)
-    if not (_is_whole(value) and 1 <= int(value) <= MAX_TILED_SIDE):
+    value: Any = board.get(side)
+    if not (_is_whole(value) and 1 <= value <= MAX_TILED_SIDE):
         raise MapError(
             f"map {name}: its {side} is {value!r}, it must be a whole number in "
             f"1..{MAX_TILED_SIDE}: resize it in Map > Resize Map"

@@ -7,10 +7,9 @@ from benchmarks._matches import play_match
 from marl_cair.games import make_engine
 from marl_cair.games.compiled import is_compiling
 from marl_cair.games.deep_rts import tables as t
-from marl_cair.games.deep_rts.bots import plans, purchases, sight, sites
+from marl_cair.games.deep_rts.bots import plans, purchases, sight
 from marl_cair.games.deep_rts.bots.bots import BOTS
 from marl_cair.games.deep_rts.bots.doctrines import DOCTRINES
-from marl_cair.games.deep_rts.bots.economy import cell_action
 from marl_cair.games.deep_rts.orders.orders import GO_THERE, NOOP, SELECT_THERE
 from marl_cair.games.deep_rts.views.observation import log_level
 from marl_cair.games.deep_rts.views.planes import TIME_LEFT
@@ -117,10 +116,10 @@ def test_a_site_may_not_cut_a_way_and_a_farm_is_better_in_a_corner():
     seen = read_start()
     columns = seen.rules.columns
     # Around (4, 8) five cells wide there would be the hall on one side and water on another.
-    assert sites.keeps_ways_open(seen, 7 * columns + 3, 0)
-    assert not sites.keeps_ways_open(seen, 4 * columns + 8, 2)
+    assert purchases.keeps_ways_open(seen, 7 * columns + 3, 0)
+    assert not purchases.keeps_ways_open(seen, 4 * columns + 8, 2)
     corner, meadow = 2 * columns + 1, 8 * columns + 5
-    assert sites.num_free_around(seen, corner) < sites.num_free_around(seen, meadow)
+    assert purchases.num_free_around(seen, corner) < purchases.num_free_around(seen, meadow)
 
 
 def give(seen, **counts):
@@ -182,9 +181,9 @@ def test_mixed_sends_the_foremost_peasant_where_it_does_not_see_the_enemy():
     assert plans.scout(planes, mask, seen) == NOOP  # it has three peasants only
     seen.own[t.PEASANT] = plans.SCOUT_WORKERS
     target = int(seen.facts[sight.TARGET])
-    foremost = sites.nearest_person(seen, target)
+    foremost = purchases.nearest_person(seen, target)
     is_selected = foremost == seen.facts[sight.SELECTED_CELL]
     order = (GO_THERE, target) if is_selected else (SELECT_THERE, foremost)
-    assert plans.scout(planes, mask, seen) == cell_action(seen, *order)
+    assert plans.scout(planes, mask, seen) == plans.cell_action(seen, *order)
     seen.side[target], seen.kind[target] = sight.MINE, t.FOOTMAN  # it sees the enemy
     assert plans.scout(planes, mask, seen) == NOOP

@@ -78,7 +78,7 @@ def test_there_is_a_map_of_each_size_and_number_of_players():
 def test_built_in_maps_are_fair_and_have_their_size_in_their_name(name):
     """Two and four seats share one view of the map; six at least walk as far for all they need."""
     game_map = maps.load_map(name)
-    players, (rows, columns) = game_map.num_players, game_map.tiles.shape
+    players, (rows, columns) = len(game_map.spawns), game_map.tiles.shape
     is_maze = name == f"lava-maze-{rows}"
     assert is_maze or name.startswith(f"{rows}x{columns}-{players}p-")
     assert game_map.name == name

@@ -1,15 +1,15 @@
-"""Pictures show what is there, to each seat from its own side, and nothing hidden."""
+"""Pictures and planes of each seat's own side, without what is hidden from it."""
 
 import numpy as np
 import pytest
 
+from marl_cair.games import make_engine
 from marl_cair.games.deep_rts import state as s
 from marl_cair.games.deep_rts.art import rendering, sprites
-from marl_cair.games.deep_rts.art.gray import GRAY_BARS
 from marl_cair.games.deep_rts.rules.rulebook import SEAT_FRAME
 from marl_cair.games.deep_rts.tables import FARM, FOOTMAN, NUM_TILE_KINDS, TOWN_HALL
 from tests.games.deep_rts.boards import PLAIN
-from tests.games.deep_rts.skirmish import MEADOW, Skirmish
+from tests.games.deep_rts.skirmish import MEADOW, Skirmish, draw_actions
 
 
 class Board(Skirmish):
@@ -143,7 +143,7 @@ def test_gray_bars_grow_with_the_store(board):
     bars = []
     for store in (0, 1_000, 1_000_000):
         board.fill_store(0, store, store, store, store)
-        bars.append(board.gray()[0, 0, :GRAY_BARS])
+        bars.append(board.gray()[0, 0, : rendering.GRAY_BARS])
     assert bars[1].sum() > bars[0].sum()
     assert (bars[2][:8, -1] > 0).all()
 
@@ -155,3 +155,18 @@ def test_every_kind_has_its_own_picture_in_all_colours():
     assert len({sprite.tobytes() for sprite in units.reshape(-1, 256)}) == 12
     assert len(tiles) == NUM_TILE_KINDS
     assert len({palette.tobytes() for palette in sprites.PALETTES}) == 8
+
+
+def test_planes_of_a_batch_with_maps_of_several_sizes():
+    engine = make_engine("deep_rts", map="15x15-2p-crossing+21x21-2p-fords", num_worlds=8)
+    engine.reset(np.arange(8, dtype=np.uint64))
+    drawn = engine._worlds.clock[:, s.MAP_INDEX]
+    assert set(drawn.tolist()) == {0, 1}
+    walls = engine.observe("planes")[:, :, 2]  # tiles have planes but for grass, so lava is 1
+    assert (walls[drawn == 0, :, 0] == 255).all()
+    luck = np.random.default_rng(0)
+    for _ in range(20):
+        engine.step(draw_actions(engine, luck))
+        again = engine.observe("planes", worlds=list(range(8)))
+        np.testing.assert_array_equal(engine.observe_in_place("planes"), again)
+    assert not engine.illegal_actions.any()

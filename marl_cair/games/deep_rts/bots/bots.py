@@ -57,11 +57,10 @@ def make_bot(
             f"deep_rts: the bot {name} cannot play the action space {scenario.actions!r}; "
             f"make the game with actions='unit', or play the bot {RANDOM!r}"
         )
-    groups = spec.action_groups
     if spec.action_shape:
-        return ScriptedPlayer(name, partial(decide_for_all_units, groups))
+        return ScriptedPlayer(name, partial(decide_for_all_units, spec.action_groups))
     seen = make_sight(scenario, doctrine or NO_DOCTRINE)
-    return ScriptedPlayer(name, partial(decide_all, doctrine is None, groups, seen))
+    return ScriptedPlayer(name, partial(decide_all, doctrine is None, spec.action_groups, seen))
 
 
 BOTS: dict[str, Callable[[Scenario, GameSpec], Agent]] = {

@@ -64,8 +64,7 @@ def make_sight(scenario: Scenario, doctrine: Doctrine) -> Sight:
     cells, teams = scenario.rows * scenario.columns, scenario.teams or range(scenario.num_players)
     sizes = (*[cells] * 4, *[t.NUM_KINDS] * 3, *[t.NUM_RESOURCES] * 3, t.NUM_UPGRADES, NUM_FACTS)
     rivals = max(1, sum(team != teams[0] for team in teams))
-    arrays = (np.zeros(size, np.int64) for size in sizes)
-    return Sight(rb.make_rules(scenario), doctrine, rivals, *arrays)
+    return Sight(rb.make_rules(scenario), doctrine, rivals, *(np.zeros(n, np.int64) for n in sizes))
 
 
 # --- reading -----------------------------------------------------------------------------------
@@ -93,20 +92,13 @@ def distance(seen: Any, first: int, second: int) -> int:
 
 
 @compiled
-def read_ground(planes: Any, seen: Any, cell: int) -> None:
-    """The tile of a cell."""
-    seen.ground[cell] = t.GRASS
+def read_cell(planes: Any, seen: Any, cell: int) -> None:
+    """The tile of a cell, the unit on it and its side."""
+    seen.ground[cell], seen.side[cell], seen.kind[cell] = t.GRASS, NO_SIDE, t.NO_KIND
     for tile in range(1, t.NUM_TILE_KINDS):
         if shows(planes, seen, p.FIRST_TILE + tile - 1, cell):
             seen.ground[cell] = tile
-            return
-
-
-@compiled
-def read_unit(planes: Any, seen: Any, cell: int) -> None:
-    """The unit on a cell and its side."""
-    seen.side[cell] = NO_SIDE
-    seen.kind[cell] = t.NO_KIND
+            break
     for side in range(3):
         if shows(planes, seen, p.OWN + side, cell):
             seen.side[cell] = MINE + side
@@ -144,21 +136,14 @@ def count_unit(planes: Any, seen: Any, cell: int) -> None:
 
 
 @compiled
-def clear(seen: Any) -> None:
-    """Forget the last row."""
+def read_sight(planes: Any, seen: Any) -> None:
+    """Read one player's planes."""
     for counts in (seen.own, seen.rising, seen.foes, seen.carriers, seen.saved, seen.facts):
         counts[:] = 0
     seen.facts[SELECTED_CELL] = NO_CELL
     seen.facts[FREE_SMITHY] = NO_CELL
-
-
-@compiled
-def read_sight(planes: Any, seen: Any) -> None:
-    """Read one player's planes."""
-    clear(seen)
     for cell in range(seen.rules.rows * seen.rules.columns):
-        read_ground(planes, seen, cell)
-        read_unit(planes, seen, cell)
+        read_cell(planes, seen, cell)
         if seen.side[cell] != NO_SIDE:
             count_unit(planes, seen, cell)
     for kind in range(t.NUM_KINDS):
@@ -250,15 +235,13 @@ def nearest_foe(seen: Any, origin: int, below: int) -> int:
 def guess_base(planes: Any, seen: Any, home: int) -> int:
     """Where an unseen enemy may be: home mirrored in three ways, else any cell in the dark."""
     rows, columns = seen.rules.rows, seen.rules.columns
-    size = rows * columns
     row, column = home // columns, home % columns
-    opposite = size - 1 - home
-    if not shows(planes, seen, p.VISIBLE, opposite):
-        return int(opposite)
-    for cell in (row * columns + columns - 1 - column, (rows - 1 - row) * columns + column):
+    opposite = rows * columns - 1 - home
+    beside, below = (row + 1) * columns - 1 - column, (rows - 1 - row) * columns + column
+    for cell in (opposite, beside, below):
         if not shows(planes, seen, p.VISIBLE, cell):
             return int(cell)
-    for cell in range(size - 1, -1, -1):
+    for cell in range(rows * columns - 1, -1, -1):
         if not shows(planes, seen, p.VISIBLE, cell):
             return int(cell)
     return int(opposite)
@@ -278,9 +261,7 @@ def is_ground(seen: Any, row: int, column: int) -> bool:
 @compiled
 def is_idle(planes: Any, seen: Any, cell: int) -> bool:
     """True for a unit without an order, or a building that makes nothing."""
-    return not (
-        shows(planes, seen, p.HAS_ORDER, cell)
-        or shows(planes, seen, p.IS_WORKING, cell)
-        or shows(planes, seen, p.IS_FIGHTING, cell)
-        or shows(planes, seen, p.IS_RISING, cell)
-    )
+    for plane in (p.HAS_ORDER, p.IS_WORKING, p.IS_FIGHTING, p.IS_RISING):
+        if shows(planes, seen, plane, cell):
+            return False
+    return True

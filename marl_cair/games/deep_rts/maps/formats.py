@@ -92,7 +92,7 @@ def read_tiled_layers(path: str | os.PathLike[str]) -> tuple[NDArray[np.uint8], 
     name = str(path)
     board = _read_board(path)
     kind_of_gid = _read_tilesets(name, board)
-    rows, columns = (_read_side(name, board, side) for side in ("height", "width"))
+    rows, columns = board["height"], board["width"]
     tiles = np.full((rows, columns), _EMPTY, dtype=np.uint8)
     objects: list[tuple[Any, int, int]] = []
     layers = board["layers"]
@@ -130,21 +130,18 @@ def _read_board(path: str | os.PathLike[str]) -> dict[str, Any]:
         )
     if board.get("infinite"):
         raise MapError(f"map {path}: it is infinite: untick Infinite in Map > Map Properties")
+    for side in ("height", "width"):
+        value: Any = board.get(side)
+        if not (_is_whole(value) and 1 <= value <= MAX_TILED_SIDE):
+            raise MapError(
+                f"map {path}: its {side} is {value!r}, it must be a whole number in "
+                f"1..{MAX_TILED_SIDE}: resize it in Map > Resize Map"
+            )
     return board
 
 
 def _is_whole(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _read_side(name: str, board: Mapping[str, Any], side: str) -> int:
-    value: Any = board.get(side)
-    if not (_is_whole(value) and 1 <= value <= MAX_TILED_SIDE):
-        raise MapError(
-            f"map {name}: its {side} is {value!r}, it must be a whole number in "
-            f"1..{MAX_TILED_SIDE}: resize it in Map > Resize Map"
-        )
-    return int(value)
 
 
 def _read_tilesets(name: str, board: Mapping[str, Any]) -> Callable[[int], int | None]:

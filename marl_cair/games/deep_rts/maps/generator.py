@@ -128,9 +128,6 @@ def _split(rows: int, columns: int, parts: int) -> tuple[tuple[int, int, int, in
     return tuple((0, cuts[k], rows, cuts[k + 1] - cuts[k]) for k in range(parts))
 
 
-# --- making one ----------------------------------------------------------------------------------
-
-
 class _Board:
     """A map in the making; every change is made to all images of a cell at once."""
 
@@ -148,7 +145,9 @@ class _Board:
         self.plan = plans[self.below(len(plans))]
         self.tiles = np.full((rows, columns), t.GRASS, dtype=np.uint8)
         self.owners = np.full((rows, columns), _FREE, dtype=np.uint8)
-        self.radius = self._choose_radius()
+        largest = self.plan.base_radius
+        smallest = min(largest, 3 if largest < MAX_BASE_RADIUS else 4)
+        self.radius = smallest + self.below(largest - smallest + 1)
         self.bases = [self._place_base(*plot) for plot in self.plan.plots]
         self._stamp_bases()
         places = sorted(image for base in self.bases for image in self.images(*base))
@@ -168,11 +167,6 @@ class _Board:
         """Where the symmetries of the plan take a cell, itself first."""
         shape = (self.rows, self.columns)
         return [maps.to_own(frame, row, column, *shape) for frame in self.plan.frames]
-
-    def _choose_radius(self) -> int:
-        largest = self.plan.base_radius
-        smallest = min(largest, 3 if largest < MAX_BASE_RADIUS else 4)
-        return smallest + self.below(largest - smallest + 1)
 
     def _place_base(self, first_row: int, first_column: int, rows: int, columns: int) -> Cell:
         """A spawn within its plot, in the outer two thirds of the room that it has there."""

@@ -37,11 +37,6 @@ class GameMap:
     spawns: tuple[tuple[int, int], ...]  # (row, column) of each seat
     frames: tuple[int, ...]  # how each seat looks at the board, see `seat_frames`
 
-    @property
-    def num_players(self) -> int:
-        """Seats, 1..8."""
-        return len(self.spawns)
-
 
 # --- the eight ways to look at a board -----------------------------------------------------------
 

@@ -106,10 +106,6 @@ def read_tiled(tmp_path, board, name="board.json"):
     return read_map(write(tmp_path, json.dumps(board), name))
 
 
-def refused_tiled(tmp_path, board, message):
-    refused(write(tmp_path, json.dumps(board), "board.json"), f": {message}")
-
-
 @pytest.mark.parametrize("suffix", [".json", ".tmj"])
 def test_a_tiled_map_with_the_original_ids_reads_as_the_text(suffix, tmp_path):
     board, (tiles, spawns) = tiled_board(), plain_board()
@@ -192,64 +188,62 @@ def test_a_tile_object_is_placed_by_its_bottom_edge_and_grass_grows_under_it(tmp
     assert game_map.tiles[1, 1] == t.GRASS
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"orientation": "isometric"}, "its orientation is 'isometric': choose 'orthogonal'"),
-        ({"infinite": True}, "it is infinite: untick Infinite in Map > Map Properties"),
-        ({"width": 0}, f"its width is 0, it must be a whole number in 1..{MAX_TILED_SIDE}: resize"),
-        ({"height": 8.0}, "its height is 8.0, it must be a whole number"),
-        ({"tilesets": [{"source": "a"}]}, "a tileset cannot be read (KeyError('firstgid')): embed"),
-        ({"tilesets": 3}, "a tileset cannot be read (TypeError("),
-        ({"layers": []}, "no tile layer fills row 0, column 0 (from 0): fill it in Tiled"),
-        ({"layers": [{"type": "group", "name": "all"}]}, "layer 'all' is a group: ungroup it in"),
-    ],
-)
-def test_tiled_maps_of_other_kinds_are_refused(changes, message, tmp_path):
-    refused_tiled(tmp_path, tiled_board(**changes), message)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"encoding": "base64", "data": "AAAA"}, "is encoded or compressed: choose CSV"),
-        ({"compression": "zlib"}, "is encoded or compressed: choose CSV"),
-        ({"data": "1,2"}, "is encoded or compressed: choose CSV"),
-        ({"data": None}, "has no list of tiles, a map of 8x9 needs 72"),
-        ({"data": [1] * 71}, "has 71 tiles, a map of 8x9 needs 72"),
-        ({"data": [239] * 10 + [207] * 62}, "has the unknown tile 207 at row 1, column 1 (from 0"),
-        ({"data": ["a"] * 72}, "has the unknown tile 'a' at row 0, column 0 (from 0): use the ori"),
-        ({"data": [-1] * 72}, "has the unknown tile -1 at row 0, column 0"),
-    ],
-)
-def test_errors_in_tiled_layers_name_file_and_layer(changes, message, tmp_path):
+def with_layer(**changes):
     board = tiled_board()
     board["layers"][0] |= changes
-    refused_tiled(tmp_path, board, f"layer 'ground' {message}")
+    return board
+
+
+def with_both_spawns():
+    layer = {"type": "objectgroup", "name": "seats", "objects": spawn_objects()}
+    return tiled_board(layers=[*tiled_board()["layers"], layer])
+
+
+ENCODED = "layer 'ground' is encoded or compressed: choose CSV"
+UNKNOWN = "layer 'ground' has the unknown tile"
+SEATS = "the property 'seat' of its spawns holds"
 
 
 @pytest.mark.parametrize(
-    ("objects", "message"),
+    ("board", "message"),
     [
-        ([{"type": "spawn", "x": 1}], "layer 'seats' has an object that cannot be read (KeyErr"),
-        (spawn_objects(x=(40, 300)), "layer 'seats' has a spawn at row 6, column 9, outside the"),
-        (spawn_objects((1, 3)), "the property 'seat' of its spawns holds [1, 3], it must number"),
-        (spawn_objects((1, None)), "the property 'seat' of its spawns holds [1], it must number a"),
-        (spawn_objects((1, "2")), "the property 'seat' of its spawns holds [1, '2'], it must num"),
-        ([], "it has 0 spawns, allowed are 1..8"),
+        (tiled_board(orientation="isometric"), "its orientation is 'isometric': choose 'orthogo"),
+        (tiled_board(infinite=True), "it is infinite: untick Infinite in Map > Map Properties"),
+        (tiled_board(width=0), f"its width is 0, it must be a whole number in 1..{MAX_TILED_SIDE}"),
+        (tiled_board(height=8.0), "its height is 8.0, it must be a whole number"),
+        (tiled_board(tilesets=[{}]), "a tileset cannot be read (KeyError('firstgid')): embed"),
+        (tiled_board(tilesets=3), "a tileset cannot be read (TypeError("),
+        (tiled_board(layers=[]), "no tile layer fills row 0, column 0 (from 0): fill it in Tiled"),
+        (tiled_board(layers=[{"type": "group", "name": "all"}]), "layer 'all' is a group: ungroup"),
+        (with_layer(encoding="base64", data="AAAA"), ENCODED),
+        (with_layer(compression="zlib"), ENCODED),
+        (with_layer(data="1,2"), ENCODED),
+        (with_layer(data=None), "layer 'ground' has no list of tiles, a map of 8x9 needs 72"),
+        (with_layer(data=[1] * 71), "layer 'ground' has 71 tiles, a map of 8x9 needs 72"),
+        (with_layer(data=[239] * 10 + [207] * 62), f"{UNKNOWN} 207 at row 1, column 1 (from 0): u"),
+        (with_layer(data=["a"] * 72), f"{UNKNOWN} 'a' at row 0, column 0"),
+        (with_layer(data=[-1] * 72), f"{UNKNOWN} -1 at row 0, column 0"),
+        (
+            board_with_objects([{"type": "spawn", "x": 1}]),
+            "layer 'seats' has an object that cannot",
+        ),
+        (
+            board_with_objects(spawn_objects(x=(40, 300))),
+            "layer 'seats' has a spawn at row 6, colum",
+        ),
+        (board_with_objects(spawn_objects((1, 3))), f"{SEATS} [1, 3], it must number all of them"),
+        (board_with_objects(spawn_objects((1, None))), f"{SEATS} [1], it must number"),
+        (board_with_objects(spawn_objects((1, "2"))), f"{SEATS} [1, '2'], it must number"),
+        (board_with_objects([]), "it has 0 spawns, allowed are 1..8"),
+        (with_both_spawns(), "it has spawns as tiles and as objects: keep one"),
+        (
+            with_layer(data=[SPAWN_GID, *[GRASS_GID] * 71]),
+            "the spawn of seat 1 at 0, 0 (from 0) is",
+        ),
     ],
 )
-def test_objects_that_are_no_spawns_are_refused(objects, message, tmp_path):
-    refused_tiled(tmp_path, board_with_objects(objects), message)
-
-
-def test_spawns_of_both_kinds_or_on_bad_ground_are_refused(tmp_path):
-    board = tiled_board()
-    board["layers"].append({"type": "objectgroup", "name": "seats", "objects": spawn_objects()})
-    refused_tiled(tmp_path, board, "it has spawns as tiles and as objects: keep one")
-    board = tiled_board()
-    board["layers"][0]["data"][0] = 18
-    refused_tiled(tmp_path, board, "the spawn of seat 1 at 1, 1 (from 0) has no room")
+def test_tiled_maps_with_an_error_are_refused(board, message, tmp_path):
+    refused(write(tmp_path, json.dumps(board), "board.json"), f": {message}")
 
 
 @pytest.mark.parametrize(

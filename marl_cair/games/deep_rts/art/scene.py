@@ -1,7 +1,7 @@
-"""Reads from a world of Deep RTS what is drawn for one seat: a `Scene` of arrays, and `Piece`s.
+"""Collects the drawn facts of a world of Deep RTS for one seat: a `Scene`, and `Piece`s.
 
 Numba passes every array of a tuple to every call, so a `Scene` holds only arrays that are drawn.
-What is drawn of a unit is read once into a `Piece` of plain numbers.
+The drawn facts of a unit are read once into a `Piece` of plain numbers.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Scene(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """What is drawn of a unit or building; pixels are those of the image."""
+    """The drawn facts of a unit or building; pixels are those of the image."""
 
     kind: int
     owner: int
@@ -124,7 +124,7 @@ def colour_of(team: Any, viewer: int, owner: int) -> int:
 
 @compiled_compact
 def stands_at(scene: Any, cell: int) -> int:
-    """The unit whose middle cell this is, NO_UNIT if none is or the viewer does not see it."""
+    """The unit with this middle cell, NO_UNIT if there is none or the viewer does not see it."""
     unit = int(scene.board[s.OCCUPANT, cell])
     if unit == s.NO_UNIT or scene.units[unit, s.UNIT_CELL] != cell:
         return s.NO_UNIT

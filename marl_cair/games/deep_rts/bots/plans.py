@@ -148,7 +148,7 @@ def is_short(seen: Any, resource: int) -> bool:
 
 @compiled
 def lacking_resource(seen: Any) -> int:
-    """What a purchase waits for, else gold or lumber, the shorter by the doctrine's weights."""
+    """The resource that a purchase waits for, else gold or lumber by the doctrine's weights."""
     for resource in (t.STONE, t.LUMBER, t.GOLD):
         if is_short(seen, resource):
             return resource
@@ -234,7 +234,7 @@ def is_skewed(seen: Any, lacking: int, other: int) -> bool:
 
 @compiled
 def resource_to_leave(planes: Any, seen: Any, lacking: int) -> int:
-    """The resource whose worker moves to what is lacking, or NO_RESOURCE."""
+    """The resource from which a worker moves to the lacking one, or NO_RESOURCE."""
     if lacking == t.STONE:
         if int(planes[p.TIME_LEFT, 0, 0]) % STONE_LEVELS > 0:
             return t.NO_RESOURCE  # the last one is still on the way
@@ -249,7 +249,7 @@ def resource_to_leave(planes: Any, seen: Any, lacking: int) -> int:
 
 @compiled
 def move_worker(planes: Any, mask: Any, seen: Any) -> int:
-    """Where one store is far larger than the other, move a worker; it brings its load in first."""
+    """Move a worker to the lacking resource; it delivers its load first."""
     lacking = lacking_resource(seen)
     left = resource_to_leave(planes, seen, lacking)
     if left == t.NO_RESOURCE:
@@ -298,7 +298,7 @@ def way_home(seen: Any) -> int:
 
 @compiled
 def goal_of_soldier(seen: Any, cell: int, is_attack: bool) -> int:
-    """Where an idle soldier advances to: next enemy, threat, target, home; NO_CELL to stay."""
+    """The goal of an idle soldier: nearest enemy, threat, target, home; NO_CELL to stay."""
     target, threat = seen.facts[sight.TARGET], seen.facts[sight.THREAT]
     if sight.is_out(seen, cell):
         foe = sight.nearest_foe(seen, cell, 0)

@@ -20,7 +20,7 @@ EXPANSION_STEPS = 4  # from home to the gold that a second hall is built for, mo
 
 @compiled
 def price(seen: Any, product: int, resource: int) -> int:
-    """Of a product in a resource."""
+    """The price of a product in a resource."""
     return int(seen.rules.product[product, rb.PRODUCT_COST + resource])
 
 
@@ -163,7 +163,7 @@ def choose_purchase(seen: Any) -> None:
 
 @compiled
 def share_of(seen: Any, kind: int) -> int:
-    """How much of a kind the army should have: the doctrine's share, and the answer to a kind.
+    """The share of a kind in the army: the doctrine's, and the answer to the enemies in sight.
 
     Archers shoot footmen, footmen stop cavalry, cavalry rides archers down.
     """
@@ -279,7 +279,7 @@ def num_free_around(seen: Any, cell: int) -> int:
 
 @compiled
 def site_price(seen: Any, kind: int, cell: int) -> int:
-    """How far a site lies from where it should be: home, or for a second hall fresh gold."""
+    """Distance of a site from home, or for a second hall from new gold, in half steps."""
     home = seen.facts[sight.HOME]
     if kind == t.FARM:
         return 2 * sight.distance(seen, cell, home) + num_free_around(seen, cell)

@@ -40,7 +40,7 @@ GUARD_STEPS = 6  # from the target: soldiers that defend it
 
 
 class Sight(NamedTuple):
-    """What a player reads off the planes; overwritten for each row of a batch. N cells."""
+    """One player's view, read from its planes; overwritten for each row of a batch. N cells."""
 
     rules: rb.Rules  # public numbers of the scenario
     doctrine: Doctrine
@@ -213,7 +213,7 @@ def is_out(seen: Any, cell: int) -> bool:
 
 @compiled
 def home_radius(seen: Any) -> int:
-    """How far from home the own ground reaches: half the way to the enemy's base."""
+    """Steps from home to the end of the own ground: half the way to the enemy's base."""
     size = seen.rules.rows * seen.rules.columns
     mirrored = size - 1 - seen.facts[HOME]
     return max(4, (distance(seen, mirrored, seen.facts[HOME]) + 1) // 2 + 1)
@@ -233,7 +233,7 @@ def nearest_foe(seen: Any, origin: int, below: int) -> int:
 
 @compiled
 def guess_base(planes: Any, seen: Any, home: int) -> int:
-    """Where an unseen enemy may be: home mirrored in three ways, else any cell in the dark."""
+    """Guess the cell of an unseen enemy: home mirrored in three ways, else any cell not visible."""
     rows, columns = seen.rules.rows, seen.rules.columns
     row, column = home // columns, home % columns
     opposite = rows * columns - 1 - home

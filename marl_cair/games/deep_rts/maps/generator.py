@@ -42,7 +42,7 @@ TURNS = (0, SWAP | MIRROR_COLUMNS, HALF_TURN, SWAP | MIRROR_ROWS)
 MIRRORS = (0, MIRROR_COLUMNS, MIRROR_ROWS, HALF_TURN)
 
 Cell = tuple[int, int]
-_FREE, _BASE, _RESOURCE = range(3)  # who owns a cell while a map is made
+_FREE, _BASE, _RESOURCE = range(3)  # the use of a cell while a map is made
 
 
 def map_set(name: str, num_maps: int) -> tuple[maps.GameMap, ...]:
@@ -90,7 +90,7 @@ def generate_map(rows: int, columns: int, num_players: int, seed: int) -> maps.G
 
 @dataclass(frozen=True)
 class Plan:
-    """How a board is divided: the images of the plots under the frames do not overlap."""
+    """A division of a board: the images of the plots under the frames do not overlap."""
 
     frames: tuple[int, ...]
     plots: tuple[tuple[int, int, int, int], ...]  # first row, first column, rows, columns
@@ -164,7 +164,7 @@ class _Board:
         return int(next(self._bits) >> 16) % limit
 
     def images(self, row: int, column: int) -> list[Cell]:
-        """Where the symmetries of the plan take a cell, itself first."""
+        """The images of a cell under the symmetries of the plan, itself first."""
         shape = (self.rows, self.columns)
         return [maps.to_own(frame, row, column, *shape) for frame in self.plan.frames]
 

@@ -42,7 +42,7 @@ class GameMap:
 
 
 def to_own(frame: int, row: int, column: int, rows: int, columns: int) -> tuple[int, int]:
-    """Where a cell of a world of `rows` x `columns` lies in the view of `frame`.
+    """Transform a cell of a world of `rows` x `columns` to the view of `frame`.
 
     A frame swaps rows and columns (bit 2), then mirrors rows (bit 1) and columns (bit 0). A view
     with a swap has `columns` rows, so that all seats share one shape only on square maps.
@@ -57,7 +57,7 @@ def to_own(frame: int, row: int, column: int, rows: int, columns: int) -> tuple[
 
 
 def from_own(frame: int, row: int, column: int, rows: int, columns: int) -> tuple[int, int]:
-    """Where a cell of the view of `frame` lies in its world of `rows` x `columns`."""
+    """Transform a cell of the view of `frame` to its world of `rows` x `columns`."""
     if frame & SWAP:
         rows, columns = columns, rows
     if frame & MIRROR_ROWS:

@@ -1,4 +1,4 @@
-"""How a unit looks in the planes, packed into one word: equal words are drawn alike.
+"""Packs the appearance of a unit in the planes into one word: equal words are drawn alike.
 
 A word holds all that any seat sees of a unit, except its owner, which follows from its slot. 0 is a
 unit that does not stand on the board.
@@ -37,7 +37,7 @@ def side_of(rules: Any, player: int, owner: int) -> int:
 
 @compiled
 def progress_level(world: Any, unit: int) -> int:
-    """How much of the unit's activity is done, 0..255."""
+    """Progress of the unit's activity, 0..255."""
     since, due = int(world.units[unit, s.UNIT_SINCE]), int(world.due[unit])
     if due == s.NEVER or due <= since:
         return 0
@@ -46,7 +46,7 @@ def progress_level(world: Any, unit: int) -> int:
 
 @compiled
 def carried_level(world: Any, rules: Any, unit: int) -> int:
-    """How full the hands of a worker are, 0..255; only what has a plane counts."""
+    """Load of a worker, 0..255; only resources with a plane count."""
     carry = int(world.units[unit, s.UNIT_CARRY])
     if carry <= 0 or world.units[unit, s.UNIT_CARRY_KIND] > t.STONE:
         return 0

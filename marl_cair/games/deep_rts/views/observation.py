@@ -30,7 +30,7 @@ NEVER_SHOWN = -1  # below every number of a store
 
 
 class Shown(NamedTuple):
-    """What the planes of B worlds show, or of one world (the same without B).
+    """The contents of the planes of B worlds, or of one world (the same without B).
 
     P players, U unit slots, N cells with the border.
     """
@@ -91,7 +91,7 @@ def blank(world: Any, rules: Any, shown: Any, out: Any) -> None:
 
 @compiled_copy
 def frame_of(world: Any, rules: Any, player: int) -> int:
-    """How the player's view is turned."""
+    """The frame of the player's view."""
     return int(rules.seats[world.clock[s.MAP_INDEX], player, rb.SEAT_FRAME])
 
 
@@ -180,7 +180,7 @@ def mark_tile(tile: int, row: int, column: int, level: int, out: Any) -> None:
 
 @compiled
 def level_left(world: Any, rules: Any, tile: int, cell: int) -> int:
-    """How much is left of a resource in sight, 0..255."""
+    """Remaining amount of a resource in sight, 0..255."""
     if tile == s.UNKNOWN or rules.tiles[tile, rb.TILE_AMOUNT] == 0:
         return 0
     left = max(0, int(world.board[s.AMOUNT, cell]))
@@ -210,7 +210,7 @@ def renew_ground(world: Any, rules: Any, shown: Any, out: Any) -> None:
 
 @compiled
 def renew_foggy_ground(world: Any, rules: Any, shown: Any, player: int, out: Any) -> None:
-    """What a seat sees and remembers of the ground, and those who came into sight or left it.
+    """Update ground that a seat sees or remembers, and units that came into sight or left it.
 
     Units that look different have been wiped and will be drawn; they are left alone here.
     """

@@ -78,7 +78,7 @@ def _most_found(scenario: Scenario) -> list[int]:
 
 
 def _starting_units(scenario: Scenario) -> tuple[int, ...]:
-    """How many of each kind a player has at the start."""
+    """Units of each kind that a player has at the start."""
     preset, num_buildings = t.PRESETS[scenario.preset], t.NUM_KINDS - t.NUM_MOBILE_KINDS
     if scenario.army:
         return (*scenario.army, *[0] * num_buildings)

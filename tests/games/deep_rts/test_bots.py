@@ -13,7 +13,6 @@ from marl_cair.games.deep_rts.bots.doctrines import DOCTRINES
 from marl_cair.games.deep_rts.orders.orders import GO_THERE, NOOP, SELECT_THERE
 from marl_cair.games.deep_rts.views.observation import log_level
 from marl_cair.games.deep_rts.views.planes import TIME_LEFT
-from marl_cair.games.randomness import episode_seeds
 from tests.games import bot_play
 from tests.games.bot_play import make_bot, play
 
@@ -28,8 +27,7 @@ CASES = [
 
 def make_game(num_worlds=2, **options):
     engine = make_engine("deep_rts", num_worlds=num_worlds, **options)
-    worlds = np.arange(num_worlds)
-    engine.reset(episode_seeds(3, worlds, np.zeros(num_worlds, np.int64)))
+    engine.reset(3)
     return engine
 
 

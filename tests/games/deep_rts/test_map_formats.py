@@ -89,17 +89,9 @@ def tiled_board(**changes):
     for spawn in spawns:
         gids[spawn] = SPAWN_GID
     layer = {"type": "tilelayer", "name": "ground", "data": gids.ravel().tolist()}
-    board = {
-        "orientation": "orthogonal",
-        "infinite": False,
-        "width": 9,
-        "height": 8,
-        "tilewidth": 32,
-        "tileheight": 16,
-        "layers": [layer],
-        "tilesets": [{"firstgid": 1, "source": "tiles.tsx"}],
-    }
-    return board | changes
+    board = {"orientation": "orthogonal", "infinite": False, "layers": [layer]}
+    board |= {"width": 9, "height": 8, "tilewidth": 32, "tileheight": 16}
+    return board | {"tilesets": [{"firstgid": 1, "source": "tiles.tsx"}]} | changes
 
 
 def read_tiled(tmp_path, board, name="board.json"):

@@ -9,14 +9,7 @@ from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.maps import maps
 from marl_cair.games.deep_rts.maps.formats import MapError
 from marl_cair.games.deep_rts.scenarios import Scenario
-from tests.games.deep_rts.boards import (
-    board_of,
-    own_spawns,
-    plain_board,
-    resource_distances,
-    symmetries,
-    views,
-)
+from tests.games.deep_rts import boards
 
 SMALL, LARGE = "15x15-2p-crossing", "21x21-2p-fords"
 TURNED = [(2, 3), (3, 9), (9, 8), (8, 2)]  # each a quarter turn from the one before
@@ -49,7 +42,7 @@ def test_seats_of_an_unsymmetric_map_mirror_their_base_to_the_top_left():
     tiles = np.zeros((9, 12), dtype=np.uint8)
     for spawn, frame in (((2, 2), 0), ((2, 9), 1), ((6, 2), 2), ((6, 9), 3), ((4, 2), 0)):
         assert maps.seat_frames(tiles, [spawn]) == (frame,)
-    tiles, _ = plain_board()
+    tiles, _ = boards.plain_board()
     tiles[0, 0] = t.WALL
     assert maps.seat_frames(tiles, [(1, 1), (6, 7), (1, 7)]) == (0, 3, 1)
 
@@ -61,7 +54,7 @@ def test_seats_of_a_turned_map_take_turned_frames_even_where_a_base_is_free(firs
     tiles = np.zeros((12, 12), dtype=np.uint8)
     tiles[0, 1] = tiles[1, 11] = tiles[11, 10] = tiles[10, 0] = t.GOLD_TILE
     game_map = maps.make_map("turned", tiles, spawns)
-    assert len(set(own_spawns(game_map))) == len(views(game_map)) == 1
+    assert len(set(boards.own_spawns(game_map))) == len(boards.views(game_map)) == 1
     assert len(set(game_map.frames)) == num_seats
 
 
@@ -83,14 +76,14 @@ def test_built_in_maps_are_fair_and_have_their_size_in_their_name(name):
     assert is_maze or name.startswith(f"{rows}x{columns}-{players}p-")
     assert game_map.name == name
     assert not game_map.tiles.flags.writeable
-    (walks,) = {resource_distances(game_map.tiles, *spawn) for spawn in game_map.spawns}
+    (walks,) = {boards.resource_distances(game_map.tiles, *spawn) for spawn in game_map.spawns}
     if players in (2, 4):
-        assert len(views(game_map)) == 1
+        assert len(boards.views(game_map)) == 1
     if players == 6:
-        assert [frame for frame, _ in symmetries(game_map)] == [0, 1, 2, 3]
+        assert [frame for frame, _ in boards.symmetries(game_map)] == [0, 1, 2, 3]
     if is_maze:
         safe = np.where(game_map.tiles == t.LAVA, t.WALL, game_map.tiles).astype(np.uint8)
-        assert resource_distances(safe, *game_map.spawns[0])[0] > 2 * walks[0] > 0
+        assert boards.resource_distances(safe, *game_map.spawns[0])[0] > 2 * walks[0] > 0
         return
     assert all(0 < steps <= (8 if players > 1 else 15) for steps in walks)
     room = 3 if min(rows, columns) > 10 else 1
@@ -111,7 +104,7 @@ def test_built_in_maps_are_fair_and_have_their_size_in_their_name(name):
     ],
 )
 def test_walking_distances(text, steps):
-    tiles, _ = board_of(text)
+    tiles, _ = boards.board_of(text)
     assert maps.walking_distances(tiles, 0, 0).tolist() == steps
 
 
@@ -119,7 +112,7 @@ def test_walking_distances(text, steps):
 
 
 def test_a_plain_board_is_a_map_of_its_own():
-    tiles, spawns = plain_board()
+    tiles, spawns = boards.plain_board()
     game_map = maps.make_map("plain", tiles, spawns)
     assert (game_map.spawns, game_map.frames) == (((1, 1), (6, 7)), (0, 3))
     tiles[0, 0] = t.WALL
@@ -127,7 +120,7 @@ def test_a_plain_board_is_a_map_of_its_own():
 
 
 def refused(message, tiles=None, spawns=None, **changes):
-    plain_tiles, plain_spawns = plain_board()
+    plain_tiles, plain_spawns = boards.plain_board()
     tiles = plain_tiles if tiles is None else tiles
     with pytest.raises(MapError, match=re.escape(message)):
         maps.make_map("odd", tiles, plain_spawns if spawns is None else spawns, **changes)
@@ -157,25 +150,25 @@ def test_spawns_in_bad_places_are_refused(spawns, message):
 
 @pytest.mark.parametrize("kind", set(range(t.NUM_TILE_KINDS)) - {t.GRASS})
 def test_a_spawn_off_the_grass_is_refused(kind):
-    tiles, _ = plain_board()
+    tiles, _ = boards.plain_board()
     tiles[1, 1] = kind
     refused(f"seat 1 at 1, 1 (from 0) lies on {t.TILE_NAMES[kind]}", tiles)
 
 
 def test_spawns_that_no_way_connects_are_refused():
-    tiles, spawns = plain_board()
+    tiles, spawns = boards.plain_board()
     tiles[4] = t.WATER
     refused("map odd: the spawn of seat 2 at 6, 7 (from 0) cannot be reached", tiles)
     tiles[4, 0] = t.LAVA
     maps.make_map("odd", tiles, spawns)
-    tiles, _ = plain_board()
+    tiles, _ = boards.plain_board()
     tiles[3, :5] = tiles[4, 5:] = t.WALL  # open across two corners only
     maps.make_map("odd", tiles, spawns[:1])
     refused("seat 2 at 6, 7 (from 0) cannot be reached", tiles)
 
 
 def test_a_map_without_a_resource_in_reach_is_refused():
-    tiles, spawns = plain_board()
+    tiles, spawns = boards.plain_board()
     tiles[0, 8] = tiles[7, 0] = t.GRASS
     tiles[4, 4] = t.GOLD_TILE
     maps.make_map("odd", tiles, spawns)

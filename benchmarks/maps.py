@@ -11,7 +11,7 @@ from pathlib import Path
 
 from benchmarks._timing import best_seconds
 from marl_cair.games.deep_rts.maps.generator import generate_map
-from marl_cair.games.deep_rts.maps.maps import read_text_map, write_text_map
+from marl_cair.games.deep_rts.maps.maps import read_map, write_text_map
 
 SIDES = (15, 31, 64, 128)
 NUM_PLAYERS = 4
@@ -29,7 +29,7 @@ def main() -> None:
             make = partial(generate_map, side, side, NUM_PLAYERS, 0)
             write_text_map(make(), path)
             making = best_seconds(make, repeats)
-            reading = best_seconds(partial(read_text_map, path), repeats)
+            reading = best_seconds(partial(read_map, path), repeats)
             ratio = making / reading
             print(f"{side:>3} x {side:<3} {making * 1e3:8.1f} ms  {ratio:6.1f} x reading it")
 

@@ -171,11 +171,10 @@ _GENERATED = re.compile(r"generated-(\d+)x(\d+)-(\d+)p-(\d+)")
 @cache
 def _load_maps(name: str) -> tuple[GameMap, ...]:
     # Naming a scenario needs none of these.
-    from marl_cair.games.deep_rts.maps import generator, maps, padding
+    from marl_cair.games.deep_rts.maps import formats, generator, maps
 
     if "+" in name:
-        parts = [game_map for part in name.split("+") for game_map in _load_maps(part)]
-        return padding.pad_maps(parts)
+        return maps.pad_maps([one for part in name.split("+") for one in _load_maps(part)])
     if name in generator.MAP_SETS:
         return generator.map_set(name, MAPS_OF_A_SET)
     if match := _GENERATED.fullmatch(name):
@@ -185,7 +184,7 @@ def _load_maps(name: str) -> tuple[GameMap, ...]:
         try:
             return (maps.read_map(name),)
         except OSError as error:
-            raise maps.MapError(
+            raise formats.MapError(
                 f"map {name}: the file cannot be read ({error.strerror or error}); give the path "
                 "of one that exists"
             ) from error

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from marl_cair.games import make_engine
-from marl_cair.games.deep_rts.maps.generator import MapStyle, generate_map
-from marl_cair.games.deep_rts.maps.maps import compose_frames, load_map, symmetries, write_text_map
+from marl_cair.games.deep_rts.maps.maps import compose_frames, load_map
 from marl_cair.games.engine import BatchedEngine
+from tests.games.deep_rts.boards import symmetries
 from tests.games.deep_rts.skirmish import draw_action, play_random
 
 NAMES = ("planes", "classic", "vector")
@@ -21,7 +21,7 @@ GRID, FOG, CLASSIC = {"actions": "grid"}, {"fog": True}, {"actions": "classic"}
 def fair_symmetries(game_map):
     """The symmetries under which seats see the board as the seats do that they are moved to."""
     return [
-        seats
+        (frame, seats)
         for frame, seats in symmetries(game_map)
         if frame != 0
         and all(
@@ -33,8 +33,8 @@ def fair_symmetries(game_map):
 
 def orbits_of(game_map) -> list[list[int]]:
     """Groups of seats that fair symmetries exchange."""
-    orbit = list(range(game_map.num_players))
-    for seats in fair_symmetries(game_map):
+    orbit = list(range(len(game_map.spawns)))
+    for _, seats in fair_symmetries(game_map):
         for seat, other in enumerate(seats):
             low = min(orbit[seat], orbit[other])
             orbit[seat] = orbit[other] = low
@@ -53,11 +53,11 @@ def assert_equal_views(engine: BatchedEngine, orbits: list[list[int]], when: str
 def play_alike(engine: BatchedEngine, game_map, num_steps: int, seed: int) -> None:
     """Seats of one orbit choose the same actions of their own views; their views stay equal."""
     orbits = orbits_of(game_map)
-    assert len(orbits) < game_map.num_players
+    assert len(orbits) < len(game_map.spawns)
 
     def draw(engine: BatchedEngine, luck: np.random.Generator) -> np.ndarray:
         mask = engine.action_mask()[0]
-        actions = np.zeros((1, game_map.num_players, *engine.spec.action_shape), np.int32)
+        actions = np.zeros((1, len(game_map.spawns), *engine.spec.action_shape), np.int32)
         for orbit in orbits:
             assert (mask[orbit] == mask[orbit[0]]).all()
             actions[0, orbit] = draw_action(mask[orbit[0]], engine.spec.action_groups, luck)
@@ -94,14 +94,6 @@ def play_twins(engine: BatchedEngine, seats, num_steps: int, seed: int) -> None:
             engine.reset(np.array([seed, seed], np.uint64) + np.uint64(step + 1))
 
 
-def draw_map(folder, side: int, seed: int, symmetry: str):
-    """A generated map of four seats, and the path of its file."""
-    game_map = generate_map(side, side, 4, seed, MapStyle(symmetry=symmetry))
-    path = folder / f"{symmetry}.txt"
-    write_text_map(game_map, path)
-    return game_map, str(path)
-
-
 @pytest.mark.parametrize(
     "options",
     [{}, FOG, CLASSIC, GRID, GRID | RICH, MELEE, SOLDIERS | FOG, MELEE | FOG | GRID],
@@ -114,11 +106,10 @@ def test_two_seats_that_do_the_same_stay_equal(name, options):
 
 
 @pytest.mark.parametrize("options", [{}, MELEE, SOLDIERS | FOG, RICH | GRID], ids=str)
-@pytest.mark.parametrize("symmetry", ["rotate", "mirror"])
-def test_four_seats_that_do_the_same_stay_equal(tmp_path, symmetry, options):
-    game_map, path = draw_map(tmp_path, 16, len(options), symmetry)
-    engine = make_engine("deep_rts", map=path, num_players=4, **options)
-    play_alike(engine, game_map, 50, len(options))
+@pytest.mark.parametrize("seed", [2, 3], ids=["turns", "mirrors"])
+def test_four_seats_that_do_the_same_stay_equal(seed, options):
+    engine = make_engine("deep_rts", map=f"generated-16x16-4p-{seed}", num_players=4, **options)
+    play_alike(engine, engine.scenario.maps[0], 50, len(options))
 
 
 @pytest.mark.parametrize(
@@ -129,17 +120,18 @@ def test_four_seats_that_do_the_same_stay_equal(tmp_path, symmetry, options):
 @pytest.mark.parametrize("name", ["10x10-2p-clearing", "21x21-2p-fords"])
 def test_game_with_swapped_seats_is_the_swapped_game(name, options):
     engine = make_engine("deep_rts", num_worlds=2, map=name, **options)
-    for seats in fair_symmetries(load_map(name)):
+    for _, seats in fair_symmetries(load_map(name)):
         play_twins(engine, seats, 60, seed=1)
 
 
 @pytest.mark.parametrize("options", [RICH, MELEE, SOLDIERS | CLASSIC, RICH | GRID], ids=str)
-@pytest.mark.parametrize("symmetry", ["rotate", "mirror"])
-def test_four_players_in_swapped_seats_play_the_swapped_game(tmp_path, symmetry, options):
-    game_map, path = draw_map(tmp_path, 14, 3, symmetry)
-    engine = make_engine("deep_rts", num_worlds=2, map=path, num_players=4, **options)
-    assert len(fair_symmetries(game_map)) == 3
-    for seed, seats in enumerate(fair_symmetries(game_map)):
+@pytest.mark.parametrize(("map_seed", "frames"), [(2, {3, 5, 6}), (1, {1, 2, 3})])
+def test_four_players_in_swapped_seats_play_the_swapped_game(map_seed, frames, options):
+    name = f"generated-14x14-4p-{map_seed}"
+    engine = make_engine("deep_rts", num_worlds=2, map=name, num_players=4, **options)
+    found = dict(fair_symmetries(engine.scenario.maps[0]))
+    assert found.keys() == frames
+    for seed, seats in enumerate(found.values()):
         play_twins(engine, seats, 40, seed)
 
 

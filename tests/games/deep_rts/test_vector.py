@@ -1,6 +1,7 @@
 """The bounds of the vector's numbers, and the rules on which they rest."""
 
 from dataclasses import replace
+from itertools import product
 
 import pytest
 
@@ -29,13 +30,8 @@ def test_stores_are_bounded_by_what_lies_on_the_ground():
     assert high["own gold"] == 200 + high["gathered gold"]
     assert high["own lumber"] == 100 + 30 * (300 + 7) * 2
     assert high["gathered oil"] == 2 * (300 + 7)
-
-
-def test_no_store_holds_more_than_the_rules_let_it():
-    most = [
-        value for name, value in high_of("FFA-6-31x31", preset="original").items() if "gold" in name
-    ]
-    assert max(most) <= MAX_RESOURCE
+    rich = high_of("FFA-6-31x31", preset="original")  # stores hold no more than the rules allow
+    assert max(value for name, value in rich.items() if "gold" in name) <= MAX_RESOURCE
 
 
 def test_units_are_bounded_by_food_and_slots_and_enemies_by_their_number():
@@ -49,17 +45,14 @@ def test_units_are_bounded_by_food_and_slots_and_enemies_by_their_number():
     assert (high["own blades"], high["own plates"]) == (2, 2)
     assert high_of(army=(1, 0, 0, 55))["own food used"] == 1 + 2 * 55
     assert (high["ticks played"], high["ticks left"]) == (10_000, 10_000)
-
-
-def test_who_is_alone_does_no_damage():
-    high = high_of("Economy-15x15")
-    assert high["own damage done"] == 1
-    assert high["own score"] < high_of()["own score"]
+    alone = high_of("Economy-15x15")
+    assert alone["own damage done"] == 1  # no damage
+    assert alone["own score"] < high["own score"]
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_health_is_never_for_free(preset):
-    """Else there were no bound of damage: it is bought, with gold, of which there is so much."""
+    """Otherwise damage had no bound."""
     numbers = PRESETS[preset]
     bought = zip(numbers.is_enabled, numbers.cost_gold, numbers.health, strict=True)
     assert min(gold for made, gold, _ in bought if made) > 0
@@ -73,11 +66,9 @@ def test_all_who_stand_around_a_tile_take_its_last_unit():
     """Seven more than there is, for which the bound of a store leaves room."""
     skirmish = Skirmish(FIELD, preset="thesis")
     skirmish.set_amount(8, 10, 1)
-    around = [
-        (row, column) for row in (7, 8, 9) for column in (9, 10, 11) if (row, column) != (8, 10)
-    ]
-    for place in around:
-        skirmish.order(put_worker(skirmish, *place), HARVEST, 8, 10)
+    for place in product((7, 8, 9), (9, 10, 11)):
+        if place != (8, 10):
+            skirmish.order(put_worker(skirmish, *place), HARVEST, 8, 10)
     skirmish.wait(6)
     assert skirmish.gathered(0)[GOLD] == 1 + 7
 

@@ -1,7 +1,7 @@
-"""Reads from a world of Deep RTS what is drawn for one seat: a `Scene` of arrays, and `Piece`s.
+"""Collects the drawn facts of a world of Deep RTS for one seat: a `Scene`, and `Piece`s.
 
 Numba passes every array of a tuple to every call, so a `Scene` holds only arrays that are drawn.
-What is drawn of a unit is read once into a `Piece` of plain numbers.
+The drawn facts of a unit are read once into a `Piece` of plain numbers.
 """
 
 from __future__ import annotations
@@ -9,43 +9,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from marl_cair.games.compiled import compiled_compact
+from marl_cair.games.deep_rts import state as s
+from marl_cair.games.deep_rts.rules import rulebook as rb
 from marl_cair.games.deep_rts.rules.board import direction_between, sees_unit
-from marl_cair.games.deep_rts.rules.rulebook import (
-    COLUMN_STEP,
-    KIND_ATTACK_TICKS,
-    KIND_HALF_SIZE,
-    KIND_HEALTH,
-    KIND_RANGE_TILES,
-    NO_DIRECTION,
-    NUM_DIRECTIONS,
-    ROW_STEP,
-    SEAT_FRAME,
-)
-from marl_cair.games.deep_rts.state import (
-    FIGHTING,
-    GATHERING,
-    MAP_INDEX,
-    NO_UNIT,
-    OCCUPANT,
-    REPAIRING,
-    RISING,
-    TICK,
-    UNIT_CARRY,
-    UNIT_CARRY_KIND,
-    UNIT_CELL,
-    UNIT_FACING,
-    UNIT_GOAL,
-    UNIT_HEALTH,
-    UNIT_KIND,
-    UNIT_READY,
-    UNIT_SERIAL,
-    UNIT_SINCE,
-    UNIT_STATE,
-    UNIT_TARGET,
-    UNIT_TARGET_SERIAL,
-    WALKING,
-    world_at,
-)
 from marl_cair.games.deep_rts.tables import NO_RESOURCE, NUM_MOBILE_KINDS
 
 SPECTATOR = -1  # sees all, from the side of the board itself
@@ -84,7 +50,7 @@ class Scene(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """What is drawn of a unit or building; pixels are those of the image."""
+    """The drawn facts of a unit or building; pixels are those of the image."""
 
     kind: int
     owner: int
@@ -106,16 +72,16 @@ def scene_of(
     worlds: Any, rules: Any, index: int, viewer: int, tile_side: int, top: int, left: int
 ) -> Any:
     """The scene of one world among many, for a seat or the SPECTATOR."""
-    world = world_at(worlds, index)
+    world = s.world_at(worlds, index)
     frame = 0
     if viewer != SPECTATOR:
-        frame = int(rules.seats[world.clock[MAP_INDEX], viewer, SEAT_FRAME])
+        frame = int(rules.seats[world.clock[s.MAP_INDEX], viewer, rb.SEAT_FRAME])
     return Scene(
         viewer,
         tile_side,
         top,
         left,
-        int(world.clock[TICK]),
+        int(world.clock[s.TICK]),
         rules.rows,
         rules.columns,
         rules.stride,
@@ -158,40 +124,40 @@ def colour_of(team: Any, viewer: int, owner: int) -> int:
 
 @compiled_compact
 def stands_at(scene: Any, cell: int) -> int:
-    """The unit whose middle cell this is, NO_UNIT if none is or the viewer does not see it."""
-    unit = int(scene.board[OCCUPANT, cell])
-    if unit == NO_UNIT or scene.units[unit, UNIT_CELL] != cell:
-        return NO_UNIT
+    """The unit with this middle cell, NO_UNIT if there is none or the viewer does not see it."""
+    unit = int(scene.board[s.OCCUPANT, cell])
+    if unit == s.NO_UNIT or scene.units[unit, s.UNIT_CELL] != cell:
+        return s.NO_UNIT
     if scene.viewer != SPECTATOR and not sees_unit(scene, scene, scene.viewer, unit):
-        return NO_UNIT
+        return s.NO_UNIT
     return unit
 
 
 @compiled_compact
 def target_in_sight(scene: Any, unit: int) -> int:
     """The unit that a unit attacks or repairs, NO_UNIT if the viewer does not see it."""
-    target = int(scene.units[unit, UNIT_TARGET])
-    if target == NO_UNIT or scene.units[target, UNIT_KIND] < 0:
-        return NO_UNIT
-    if scene.units[target, UNIT_SERIAL] != scene.units[unit, UNIT_TARGET_SERIAL]:
-        return NO_UNIT
-    return stands_at(scene, int(scene.units[target, UNIT_CELL]))
+    target = int(scene.units[unit, s.UNIT_TARGET])
+    if target == s.NO_UNIT or scene.units[target, s.UNIT_KIND] < 0:
+        return s.NO_UNIT
+    if scene.units[target, s.UNIT_SERIAL] != scene.units[unit, s.UNIT_TARGET_SERIAL]:
+        return s.NO_UNIT
+    return stands_at(scene, int(scene.units[target, s.UNIT_CELL]))
 
 
 @compiled_compact
 def facing_of(scene: Any, unit: int) -> int:
     """Direction that a unit faces in the view: to its target or its work, else ahead."""
-    cell, state = int(scene.units[unit, UNIT_CELL]), int(scene.units[unit, UNIT_STATE])
-    direction, faced = int(scene.units[unit, UNIT_FACING]), NO_DIRECTION
-    if state == GATHERING:
-        faced = direction_between(scene, cell, int(scene.units[unit, UNIT_GOAL]))
-    elif state in (FIGHTING, REPAIRING):
+    cell, state = int(scene.units[unit, s.UNIT_CELL]), int(scene.units[unit, s.UNIT_STATE])
+    direction, faced = int(scene.units[unit, s.UNIT_FACING]), rb.NO_DIRECTION
+    if state == s.GATHERING:
+        faced = direction_between(scene, cell, int(scene.units[unit, s.UNIT_GOAL]))
+    elif state in (s.FIGHTING, s.REPAIRING):
         target = target_in_sight(scene, unit)
-        if target != NO_UNIT:
-            faced = direction_between(scene, cell, int(scene.units[target, UNIT_CELL]))
-    if faced != NO_DIRECTION:
+        if target != s.NO_UNIT:
+            faced = direction_between(scene, cell, int(scene.units[target, s.UNIT_CELL]))
+    if faced != rb.NO_DIRECTION:
         direction = faced
-    for own in range(NUM_DIRECTIONS):
+    for own in range(rb.NUM_DIRECTIONS):
         if scene.own_direction[own] == direction:
             return own
     return _SOUTH
@@ -200,9 +166,9 @@ def facing_of(scene: Any, unit: int) -> int:
 @compiled_compact
 def forward_pixels(side: int, state: int, ticks: int, done_percent: int, strikes: bool) -> int:
     """Pixels by which a unit is drawn ahead of its cell: it walks, gathers or strikes."""
-    if state == WALKING:
+    if state == s.WALKING:
         return side * done_percent // 100
-    if state == GATHERING and ticks // 2 % 2 == 1:
+    if state == s.GATHERING and ticks // 2 % 2 == 1:
         return side // 12
     return side // 6 if strikes else 0
 
@@ -214,34 +180,34 @@ def piece_of(scene: Any, unit: int) -> Any:
     Only the owner and the spectator see a unit's movement, direction and progress. Others see it
     face south, in the middle of its cell.
     """
-    kind, owner = int(scene.units[unit, UNIT_KIND]), int(unit // scene.slots)
-    state, side = int(scene.units[unit, UNIT_STATE]), scene.tile_side
+    kind, owner = int(scene.units[unit, s.UNIT_KIND]), int(unit // scene.slots)
+    state, side = int(scene.units[unit, s.UNIT_STATE]), scene.tile_side
     is_open = scene.viewer in (SPECTATOR, owner)
     ticks = 0
-    if is_open or state == RISING:
-        ticks = scene.tick - int(scene.units[unit, UNIT_SINCE])
-    lasts = max(1, int(scene.due[unit]) - int(scene.units[unit, UNIT_SINCE]))
+    if is_open or state == s.RISING:
+        ticks = scene.tick - int(scene.units[unit, s.UNIT_SINCE])
+    lasts = max(1, int(scene.due[unit]) - int(scene.units[unit, s.UNIT_SINCE]))
     done_percent = max(0, min(100, 100 * ticks // lasts))
     blow_ticks = NO_BLOW
-    if state == FIGHTING:
-        age = scene.tick - int(scene.units[unit, UNIT_READY])
-        age += int(scene.kinds[kind, KIND_ATTACK_TICKS])
+    if state == s.FIGHTING:
+        age = scene.tick - int(scene.units[unit, s.UNIT_READY])
+        age += int(scene.kinds[kind, rb.KIND_ATTACK_TICKS])
         if 0 <= age < FLASH_TICKS:
             blow_ticks = age
-    own = int(scene.own_cell[scene.units[unit, UNIT_CELL]])
-    half = int(scene.kinds[kind, KIND_HALF_SIZE])
+    own = int(scene.own_cell[scene.units[unit, s.UNIT_CELL]])
+    half = int(scene.kinds[kind, rb.KIND_HALF_SIZE])
     top = scene.top + (own // scene.columns - half) * side
     left = scene.left + (own % scene.columns - half) * side
     direction = _SOUTH
     if kind < NUM_MOBILE_KINDS and is_open:
         direction = facing_of(scene, unit)
-        strikes = blow_ticks != NO_BLOW and scene.kinds[kind, KIND_RANGE_TILES] <= 1
+        strikes = blow_ticks != NO_BLOW and scene.kinds[kind, rb.KIND_RANGE_TILES] <= 1
         ahead = forward_pixels(side, state, ticks, done_percent, strikes)
-        top += ahead * ROW_STEP[direction]
-        left += ahead * COLUMN_STEP[direction]
-    health, carry_kind = max(0, int(scene.units[unit, UNIT_HEALTH])), NO_RESOURCE
-    if scene.units[unit, UNIT_CARRY] > 0:
-        carry_kind = int(scene.units[unit, UNIT_CARRY_KIND])
+        top += ahead * rb.ROW_STEP[direction]
+        left += ahead * rb.COLUMN_STEP[direction]
+    health, carry_kind = max(0, int(scene.units[unit, s.UNIT_HEALTH])), NO_RESOURCE
+    if scene.units[unit, s.UNIT_CARRY] > 0:
+        carry_kind = int(scene.units[unit, s.UNIT_CARRY_KIND])
     return Piece(
         kind=kind,
         owner=owner,
@@ -252,7 +218,7 @@ def piece_of(scene: Any, unit: int) -> Any:
         size=(2 * half + 1) * side,
         direction=direction,
         done_percent=done_percent,
-        health_percent=100 * health // int(scene.kinds[kind, KIND_HEALTH]),
+        health_percent=100 * health // int(scene.kinds[kind, rb.KIND_HEALTH]),
         ticks=ticks,
         blow_ticks=blow_ticks,
         carry_kind=carry_kind,

@@ -24,18 +24,11 @@ SIDEWAYS, FRONT, BACK = range(3)  # poses; sideways looks to the right
 ICONS: NDArray[np.uint8] = cut_cells(_PIECES[64:72, 48:112], 8)[0]  # 4 resources, then these
 FOOD_ICON, UNITS_ICON, SCORE_ICON, TIME_ICON = range(4, 8)
 
-NO_SPRITE = -1
-
-
-def _index_of(kinds: tuple[int, ...]) -> NDArray[np.int8]:
-    table = np.full(NUM_KINDS, NO_SPRITE, np.int8)
-    table[list(kinds)] = range(len(kinds))
-    return table
-
-
-# [kind] -> row of GREAT_BUILDINGS or SMALL_BUILDINGS, NO_SPRITE for what is not in it.
-GREAT_SPRITE: NDArray[np.int8] = _index_of((TOWN_HALL, BARRACKS, SMITHY))
-SMALL_SPRITE: NDArray[np.int8] = _index_of((FARM, OIL_WELL))
+# [kind] -> row of GREAT_BUILDINGS or SMALL_BUILDINGS, -1 for kinds that are not in it.
+GREAT_SPRITE, SMALL_SPRITE = (
+    np.array([kinds.index(kind) if kind in kinds else -1 for kind in range(NUM_KINDS)], np.int8)
+    for kinds in ((TOWN_HALL, BARRACKS, SMITHY), (FARM, OIL_WELL))
+)
 
 # Rows 2 to 4 of the palette of pieces.png are the player's colour: plain, light and dark. People
 # who are colour-blind can tell these apart, after Okabe and Ito (2008).

@@ -1,4 +1,4 @@
-"""Reads planes into what scripted players of Deep RTS need: who stands where, stores, sites."""
+"""Reads planes for the scripted players of Deep RTS: units and ground by cell, counts, stores."""
 
 from __future__ import annotations
 
@@ -12,26 +12,7 @@ from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.bots.doctrines import Doctrine
 from marl_cair.games.deep_rts.rules import rulebook as rb
 from marl_cair.games.deep_rts.scenarios import Scenario
-from marl_cair.games.deep_rts.views.planes import (
-    CARRIES,
-    FIRST_KIND,
-    FIRST_TILE,
-    FIRST_UNIFORM,
-    FIRST_UPGRADE_PLANE,
-    FOOD_LIMIT,
-    FOOD_STEP,
-    HAS_ORDER,
-    IS_FIGHTING,
-    IS_RISING,
-    IS_WORKING,
-    LOG_STEP,
-    OWN,
-    OWN_FOOD,
-    SELECTED,
-    UPGRADE_STEP,
-    VISIBLE,
-)
-from marl_cair.games.game import GameSpec
+from marl_cair.games.deep_rts.views import planes as p
 
 NO_CELL = -1
 FAR = 1_000_000  # more than any distance or price of a way
@@ -48,28 +29,22 @@ GUARD_STEPS = 6  # from the target: soldiers that defend it
     THREAT,  # the enemy's unit that walks nearest to home on the own side, or NO_CELL
     NUM_SOLDIERS,
     NUM_OUT,  # of them, nearer to the target than to home
+    NUM_DEFENDERS,  # of them, on the own ground
     NUM_FOE_SOLDIERS,
     NUM_GUARDS,  # of them, near the target
     NUM_RAIDERS,  # of them, on the own ground
     NUM_PEOPLE,  # peasants on the board
     SAVED_FOR,  # the building or upgrade that gold is saved for, or NO_KIND
     FREE_SMITHY,  # a cell of an own smithy that forges nothing, or NO_CELL
-) = range(14)
-NUM_FACTS = 14
-
-
-class Knowledge(NamedTuple):
-    """The public numbers of a scenario, and the doctrine."""
-
-    rules: rb.Rules
-    groups: NDArray[np.int16]  # [actions] kind of each action
-    doctrine: Doctrine
-    rivals: int  # enemies of a player
+) = range(NUM_FACTS := 15)
 
 
 class Sight(NamedTuple):
-    """What a player reads off the planes; overwritten for each row of a batch. N cells."""
+    """One player's view, read from its planes; overwritten for each row of a batch. N cells."""
 
+    rules: rb.Rules  # public numbers of the scenario
+    doctrine: Doctrine
+    rivals: int  # enemies of a player, at least 1
     side: NDArray[np.int64]  # [N] NO_SIDE, MINE, ALLY or FOE
     kind: NDArray[np.int64]  # [N] of the unit there, or NO_KIND
     ground: NDArray[np.int64]  # [N] kind of tile
@@ -80,266 +55,213 @@ class Sight(NamedTuple):
     store: NDArray[np.int64]  # [resources] to 3 %
     carriers: NDArray[np.int64]  # [resources] own peasants that carry it
     saved: NDArray[np.int64]  # [resources] put by for a building or upgrade
-    level: NDArray[np.int64]  # [upgrades] known
+    level: NDArray[np.int64]  # [upgrades] own
     facts: NDArray[np.int64]  # [NUM_FACTS]
 
 
-def make_knowledge(scenario: Scenario, spec: GameSpec, doctrine: Doctrine) -> Knowledge:
-    """The tables of a scenario."""
-    teams = scenario.teams or tuple(range(scenario.num_players))
-    rivals = sum(team != teams[0] for team in teams)
-    return Knowledge(rb.make_rules(scenario), spec.action_groups, doctrine, max(1, rivals))
-
-
-def make_sight(scenario: Scenario) -> Sight:
-    """Room for what is seen of a board."""
-    cells = scenario.rows * scenario.columns
-
-    def room(size: int) -> NDArray[np.int64]:
-        return np.zeros(size, np.int64)
-
-    return Sight(
-        side=room(cells),
-        kind=room(cells),
-        ground=room(cells),
-        people=room(cells),
-        own=room(t.NUM_KINDS),
-        rising=room(t.NUM_KINDS),
-        foes=room(t.NUM_KINDS),
-        store=room(t.NUM_RESOURCES),
-        carriers=room(t.NUM_RESOURCES),
-        saved=room(t.NUM_RESOURCES),
-        level=room(t.NUM_UPGRADES),
-        facts=room(NUM_FACTS),
-    )
+def make_sight(scenario: Scenario, doctrine: Doctrine) -> Sight:
+    """Room for one player's view of a board, with the rules and its doctrine."""
+    cells, teams = scenario.rows * scenario.columns, scenario.teams or range(scenario.num_players)
+    sizes = (*[cells] * 4, *[t.NUM_KINDS] * 3, *[t.NUM_RESOURCES] * 3, t.NUM_UPGRADES, NUM_FACTS)
+    rivals = max(1, sum(team != teams[0] for team in teams))
+    return Sight(rb.make_rules(scenario), doctrine, rivals, *(np.zeros(n, np.int64) for n in sizes))
 
 
 # --- reading -----------------------------------------------------------------------------------
 
 
 @compiled
-def shows(planes: Any, known: Any, plane: int, cell: int) -> bool:
+def shows(planes: Any, seen: Any, plane: int, cell: int) -> bool:
     """True where a plane is not 0."""
-    columns = known.rules.columns
+    columns = seen.rules.columns
     return bool(planes[plane, cell // columns, cell % columns] > 0)
 
 
 @compiled
 def stored(level: int) -> int:
     """The store that shows as `level`, to 3 %: the inverse of `observation.log_level`."""
-    return int(2.0 ** (level / LOG_STEP) - 0.5)
+    return int(2.0 ** (level / p.LOG_STEP) - 0.5)
 
 
 @compiled
-def distance(known: Any, first: int, second: int) -> int:
+def distance(seen: Any, first: int, second: int) -> int:
     """Steps between two cells of an empty board."""
-    columns = known.rules.columns
+    columns = seen.rules.columns
     rows_apart = abs(first // columns - second // columns)
     return int(max(rows_apart, abs(first % columns - second % columns)))
 
 
 @compiled
-def read_ground(planes: Any, known: Any, sight: Any, cell: int) -> None:
-    """The tile of a cell."""
-    sight.ground[cell] = t.GRASS
+def read_cell(planes: Any, seen: Any, cell: int) -> None:
+    """The tile of a cell, the unit on it and its side."""
+    seen.ground[cell], seen.side[cell], seen.kind[cell] = t.GRASS, NO_SIDE, t.NO_KIND
     for tile in range(1, t.NUM_TILE_KINDS):
-        if shows(planes, known, FIRST_TILE + tile - 1, cell):
-            sight.ground[cell] = tile
-            return
-
-
-@compiled
-def read_unit(planes: Any, known: Any, sight: Any, cell: int) -> None:
-    """Who stands on a cell."""
-    sight.side[cell] = NO_SIDE
-    sight.kind[cell] = t.NO_KIND
-    for side in range(3):
-        if shows(planes, known, OWN + side, cell):
-            sight.side[cell] = MINE + side
+        if shows(planes, seen, p.FIRST_TILE + tile - 1, cell):
+            seen.ground[cell] = tile
             break
-    if sight.side[cell] == NO_SIDE:
+    for side in range(3):
+        if shows(planes, seen, p.OWN + side, cell):
+            seen.side[cell] = MINE + side
+            break
+    if seen.side[cell] == NO_SIDE:
         return
     for kind in range(t.NUM_KINDS):
-        if shows(planes, known, FIRST_KIND + kind, cell):
-            sight.kind[cell] = kind
+        if shows(planes, seen, p.FIRST_KIND + kind, cell):
+            seen.kind[cell] = kind
             break
 
 
 @compiled
-def count_unit(planes: Any, known: Any, sight: Any, cell: int) -> None:
+def count_unit(planes: Any, seen: Any, cell: int) -> None:
     """Add the cell to the counts of its kind; an own peasant to the people."""
-    kind, side = sight.kind[cell], sight.side[cell]
+    kind, side = seen.kind[cell], seen.side[cell]
     if side == FOE:
-        sight.foes[kind] += 1
+        seen.foes[kind] += 1
     if side != MINE:
         return
-    if shows(planes, known, SELECTED, cell):
-        sight.facts[SELECTED_CELL] = cell
-    if shows(planes, known, IS_RISING, cell):
-        sight.rising[kind] += 1
+    if shows(planes, seen, p.SELECTED, cell):
+        seen.facts[SELECTED_CELL] = cell
+    if shows(planes, seen, p.IS_RISING, cell):
+        seen.rising[kind] += 1
         return
-    sight.own[kind] += 1
-    if kind == t.SMITHY and not shows(planes, known, IS_WORKING, cell):
-        sight.facts[FREE_SMITHY] = cell
+    seen.own[kind] += 1
+    if kind == t.SMITHY and not shows(planes, seen, p.IS_WORKING, cell):
+        seen.facts[FREE_SMITHY] = cell
     if kind == t.PEASANT:
-        sight.people[sight.facts[NUM_PEOPLE]] = cell
-        sight.facts[NUM_PEOPLE] += 1
+        seen.people[seen.facts[NUM_PEOPLE]] = cell
+        seen.facts[NUM_PEOPLE] += 1
         for resource in range(t.OIL):
-            if shows(planes, known, CARRIES + resource, cell):
-                sight.carriers[resource] += 1
+            if shows(planes, seen, p.CARRIES + resource, cell):
+                seen.carriers[resource] += 1
 
 
 @compiled
-def cells_of(known: Any, kind: int) -> int:
-    """How many cells a unit covers."""
-    side = 2 * known.rules.kinds[kind, rb.KIND_HALF_SIZE] + 1
-    return int(side * side)
-
-
-@compiled
-def clear(sight: Any) -> None:
-    """Forget the last row."""
-    for kind in range(t.NUM_KINDS):
-        sight.own[kind] = 0
-        sight.rising[kind] = 0
-        sight.foes[kind] = 0
-    for resource in range(t.NUM_RESOURCES):
-        sight.carriers[resource] = 0
-        sight.saved[resource] = 0
-    for fact in range(NUM_FACTS):
-        sight.facts[fact] = 0
-    sight.facts[SELECTED_CELL] = NO_CELL
-    sight.facts[FREE_SMITHY] = NO_CELL
-
-
-@compiled
-def read_sight(planes: Any, known: Any, sight: Any) -> None:
+def read_sight(planes: Any, seen: Any) -> None:
     """Read one player's planes."""
-    clear(sight)
-    for cell in range(known.rules.rows * known.rules.columns):
-        read_ground(planes, known, sight, cell)
-        read_unit(planes, known, sight, cell)
-        if sight.side[cell] != NO_SIDE:
-            count_unit(planes, known, sight, cell)
+    for counts in (seen.own, seen.rising, seen.foes, seen.carriers, seen.saved, seen.facts):
+        counts[:] = 0
+    seen.facts[SELECTED_CELL] = NO_CELL
+    seen.facts[FREE_SMITHY] = NO_CELL
+    for cell in range(seen.rules.rows * seen.rules.columns):
+        read_cell(planes, seen, cell)
+        if seen.side[cell] != NO_SIDE:
+            count_unit(planes, seen, cell)
     for kind in range(t.NUM_KINDS):
-        cells = cells_of(known, kind)
-        sight.own[kind] //= cells
-        sight.rising[kind] //= cells
-        sight.foes[kind] //= cells
+        cells = (2 * int(seen.rules.kinds[kind, rb.KIND_HALF_SIZE]) + 1) ** 2  # that a unit covers
+        seen.own[kind] //= cells
+        seen.rising[kind] //= cells
+        seen.foes[kind] //= cells
     for resource in range(t.NUM_RESOURCES):
-        sight.store[resource] = stored(int(planes[FIRST_UNIFORM + resource, 0, 0]))
+        seen.store[resource] = stored(int(planes[p.FIRST_UNIFORM + resource, 0, 0]))
     for upgrade in range(t.NUM_UPGRADES):
-        sight.level[upgrade] = int(planes[FIRST_UPGRADE_PLANE + upgrade, 0, 0]) // UPGRADE_STEP
-    sight.facts[FOOD_USED] = int(planes[OWN_FOOD, 0, 0]) // FOOD_STEP
-    sight.facts[FOOD_MADE] = int(planes[FOOD_LIMIT, 0, 0]) // FOOD_STEP
+        seen.level[upgrade] = int(planes[p.FIRST_UPGRADE_PLANE + upgrade, 0, 0]) // p.UPGRADE_STEP
+    seen.facts[FOOD_USED] = int(planes[p.OWN_FOOD, 0, 0]) // p.FOOD_STEP
+    seen.facts[FOOD_MADE] = int(planes[p.FOOD_LIMIT, 0, 0]) // p.FOOD_STEP
     for kind in range(t.PEASANT + 1, t.NUM_MOBILE_KINDS):
-        sight.facts[NUM_SOLDIERS] += sight.own[kind]
-        sight.facts[NUM_FOE_SOLDIERS] += sight.foes[kind]
-    find_places(planes, known, sight)
-    count_soldiers(known, sight)
+        seen.facts[NUM_SOLDIERS] += seen.own[kind]
+        seen.facts[NUM_FOE_SOLDIERS] += seen.foes[kind]
+    find_places(planes, seen)
+    count_soldiers(seen)
 
 
 # --- places --------------------------------------------------------------------------------------
 
 
 @compiled
-def find_places(planes: Any, known: Any, sight: Any) -> None:
+def find_places(planes: Any, seen: Any) -> None:
     """Home, target and threat."""
-    columns = known.rules.columns
+    columns = seen.rules.columns
     home, anywhere = NO_CELL, 0
-    for cell in range(known.rules.rows * columns):
-        if sight.side[cell] == MINE:
+    for cell in range(seen.rules.rows * columns):
+        if seen.side[cell] == MINE:
             anywhere = cell
-            if sight.kind[cell] == t.TOWN_HALL and home == NO_CELL:
-                half = known.rules.kinds[t.TOWN_HALL, rb.KIND_HALF_SIZE]
+            if seen.kind[cell] == t.TOWN_HALL and home == NO_CELL:
+                half = seen.rules.kinds[t.TOWN_HALL, rb.KIND_HALF_SIZE]
                 home = cell + half * columns + half
-    sight.facts[HOME] = anywhere if home == NO_CELL else home
-    target = nearest_foe(known, sight, sight.facts[HOME], 0)
+    seen.facts[HOME] = anywhere if home == NO_CELL else home
+    target = nearest_foe(seen, seen.facts[HOME], 0)
     if target == NO_CELL:
-        target = guess_base(planes, known, sight.facts[HOME])
-    sight.facts[TARGET] = target
-    threat = nearest_foe(known, sight, sight.facts[HOME], t.NUM_MOBILE_KINDS)
-    if threat != NO_CELL and distance(known, threat, sight.facts[HOME]) > home_radius(known, sight):
+        target = guess_base(planes, seen, seen.facts[HOME])
+    seen.facts[TARGET] = target
+    threat = nearest_foe(seen, seen.facts[HOME], t.NUM_MOBILE_KINDS)
+    if threat != NO_CELL and distance(seen, threat, seen.facts[HOME]) > home_radius(seen):
         threat = NO_CELL
-    sight.facts[THREAT] = threat
+    seen.facts[THREAT] = threat
 
 
 @compiled
-def count_soldiers(known: Any, sight: Any) -> None:
-    """Enemy soldiers near the target and on the own ground, own ones on the enemy's."""
-    home, target, radius = sight.facts[HOME], sight.facts[TARGET], home_radius(known, sight)
-    for cell in range(known.rules.rows * known.rules.columns):
-        if not t.PEASANT < sight.kind[cell] < t.NUM_MOBILE_KINDS:
+def count_soldiers(seen: Any) -> None:
+    """Enemy soldiers near the target and on the own ground, own ones there and on the enemy's."""
+    home, target, radius = seen.facts[HOME], seen.facts[TARGET], home_radius(seen)
+    for cell in range(seen.rules.rows * seen.rules.columns):
+        if not t.PEASANT < seen.kind[cell] < t.NUM_MOBILE_KINDS:
             continue
-        if sight.side[cell] == FOE:
-            sight.facts[NUM_GUARDS] += int(distance(known, cell, target) <= GUARD_STEPS)
-            sight.facts[NUM_RAIDERS] += int(distance(known, cell, home) <= radius)
-        elif sight.side[cell] == MINE:
-            sight.facts[NUM_OUT] += int(is_out(known, sight, cell))
+        if seen.side[cell] == FOE:
+            seen.facts[NUM_GUARDS] += int(distance(seen, cell, target) <= GUARD_STEPS)
+            seen.facts[NUM_RAIDERS] += int(distance(seen, cell, home) <= radius)
+        elif seen.side[cell] == MINE:
+            seen.facts[NUM_OUT] += int(is_out(seen, cell))
+            seen.facts[NUM_DEFENDERS] += int(distance(seen, cell, home) <= radius)
 
 
 @compiled
-def is_out(known: Any, sight: Any, cell: int) -> bool:
+def is_out(seen: Any, cell: int) -> bool:
     """True nearer to the target than to home."""
-    to_target = distance(known, cell, sight.facts[TARGET])
-    return bool(to_target < distance(known, cell, sight.facts[HOME]))
+    to_target = distance(seen, cell, seen.facts[TARGET])
+    return bool(to_target < distance(seen, cell, seen.facts[HOME]))
 
 
 @compiled
-def home_radius(known: Any, sight: Any) -> int:
-    """How far from home the own ground reaches: half the way to the enemy's base."""
-    size = known.rules.rows * known.rules.columns
-    mirrored = size - 1 - sight.facts[HOME]
-    return max(4, (distance(known, mirrored, sight.facts[HOME]) + 1) // 2 + 1)
+def home_radius(seen: Any) -> int:
+    """Steps from home to the end of the own ground: half the way to the enemy's base."""
+    size = seen.rules.rows * seen.rules.columns
+    mirrored = size - 1 - seen.facts[HOME]
+    return max(4, (distance(seen, mirrored, seen.facts[HOME]) + 1) // 2 + 1)
 
 
 @compiled_compact
-def nearest_foe(known: Any, sight: Any, origin: int, below: int) -> int:
+def nearest_foe(seen: Any, origin: int, below: int) -> int:
     """The cell of the enemy nearest to `origin`, NO_CELL for none; of kinds < `below` unless 0."""
     best, best_distance = NO_CELL, FAR
-    for cell in range(known.rules.rows * known.rules.columns):
-        if sight.side[cell] == FOE and (below == 0 or sight.kind[cell] < below):
-            steps = distance(known, cell, origin)
+    for cell in range(seen.rules.rows * seen.rules.columns):
+        if seen.side[cell] == FOE and (below == 0 or seen.kind[cell] < below):
+            steps = distance(seen, cell, origin)
             if steps < best_distance:
                 best, best_distance = cell, steps
     return best
 
 
 @compiled
-def guess_base(planes: Any, known: Any, home: int) -> int:
-    """Where an unseen enemy may be: home mirrored in three ways, else any cell in the dark."""
-    rows, columns = known.rules.rows, known.rules.columns
-    size = rows * columns
+def guess_base(planes: Any, seen: Any, home: int) -> int:
+    """Guess the cell of an unseen enemy: home mirrored in three ways, else any cell not visible."""
+    rows, columns = seen.rules.rows, seen.rules.columns
     row, column = home // columns, home % columns
-    opposite = size - 1 - home
-    if not shows(planes, known, VISIBLE, opposite):
-        return int(opposite)
-    for cell in (row * columns + columns - 1 - column, (rows - 1 - row) * columns + column):
-        if not shows(planes, known, VISIBLE, cell):
+    opposite = rows * columns - 1 - home
+    beside, below = (row + 1) * columns - 1 - column, (rows - 1 - row) * columns + column
+    for cell in (opposite, beside, below):
+        if not shows(planes, seen, p.VISIBLE, cell):
             return int(cell)
-    for cell in range(size - 1, -1, -1):
-        if not shows(planes, known, VISIBLE, cell):
+    for cell in range(rows * columns - 1, -1, -1):
+        if not shows(planes, seen, p.VISIBLE, cell):
             return int(cell)
     return int(opposite)
 
 
 @compiled
-def is_ground(known: Any, sight: Any, row: int, column: int) -> bool:
+def is_ground(seen: Any, row: int, column: int) -> bool:
     """True on the board where one can walk and no building stands."""
-    if row < 0 or column < 0 or row >= known.rules.rows or column >= known.rules.columns:
+    if row < 0 or column < 0 or row >= seen.rules.rows or column >= seen.rules.columns:
         return False
-    cell = row * known.rules.columns + column
-    if sight.kind[cell] >= t.NUM_MOBILE_KINDS:
+    cell = row * seen.rules.columns + column
+    if seen.kind[cell] >= t.NUM_MOBILE_KINDS:
         return False
-    return bool(known.rules.tiles[sight.ground[cell], rb.WALK_PERCENT] > 0)
+    return bool(seen.rules.tiles[seen.ground[cell], rb.WALK_PERCENT] > 0)
 
 
 @compiled
-def is_idle(planes: Any, known: Any, cell: int) -> bool:
+def is_idle(planes: Any, seen: Any, cell: int) -> bool:
     """True for a unit without an order, or a building that makes nothing."""
-    return not (
-        shows(planes, known, HAS_ORDER, cell)
-        or shows(planes, known, IS_WORKING, cell)
-        or shows(planes, known, IS_FIGHTING, cell)
-        or shows(planes, known, IS_RISING, cell)
-    )
+    for plane in (p.HAS_ORDER, p.IS_WORKING, p.IS_FIGHTING, p.IS_RISING):
+        if shows(planes, seen, plane, cell):
+            return False
+    return True

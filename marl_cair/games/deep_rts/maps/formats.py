@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -11,17 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.deep_rts import tables as t
-from marl_cair.stored import MAP, DamagedFileError, read_bytes
+from marl_cair.stored import MAP, DamagedFileError, read_json, read_text
 
-MAX_PLAYERS = 8
 LEGEND = ".,^#~TGSO"  # one character per tile kind, in the order of TILE_NAMES
 COMMENT = ";"
-SPAWN_NAME = "spawn"
-MAX_TILED_SIDE = 1024  # of a file that is read at all; what a game takes is checked later
+MAX_TILED_SIDE = 1024  # of a file that is read at all; the limits of a game are checked later
 
 _EMPTY, _SPAWN = 255, 254  # beside the tile kinds, while a map is read
 _FLIP_FLAGS = 0xF000_0000  # Tiled keeps mirrored and turned tiles in the top bits of an id
-_KIND_OF_NAME = {name: kind for kind, name in enumerate(t.TILE_NAMES)} | {SPAWN_NAME: _SPAWN}
+_KIND_OF_NAME = {name: kind for kind, name in enumerate(t.TILE_NAMES)} | {"spawn": _SPAWN}
 # Ids within the tileset that the maps of the original game were drawn with.
 _ORIGINAL_IDS = (
     (range(16, 17), _SPAWN),
@@ -36,73 +33,56 @@ _ORIGINAL_IDS = (
     (range(356, 372), t.GRASS),
     (range(372, 373), t.LAVA),
 )
+_UNREADABLE = (KeyError, TypeError, ValueError, AttributeError, ArithmeticError)
+
+Spawns = list[tuple[int, int]]  # (row, column) by seat
 
 
 class MapError(ValueError):
     """A map that cannot be played or read; the message names the map, the place and the fix."""
 
 
-def read_text_rows(
-    path: str | os.PathLike[str],
-) -> tuple[NDArray[np.uint8], list[tuple[int, int]], list[int]]:
+def read_text_rows(path: str | os.PathLike[str]) -> tuple[NDArray[np.uint8], Spawns, list[int]]:
     """Return the tile kinds [H, W], the spawns by seat and the line, from 1, of each row.
 
     Rows are of LEGEND's characters; the digits 1..8 are spawns on grass, `;` begins a comment line.
     Raises MapError with the file, the line and the column, OSError where it cannot be read.
     """
     try:
-        text = read_bytes(path, MAP).decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise MapError(f"map {path}: this is no UTF-8 text ({error}): save it as such") from error
+        text = read_text(path, MAP)
     except DamagedFileError as error:
         raise MapError(f"map {error}") from error
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.rstrip().splitlines(), 1)
-        if not line.startswith(COMMENT)
-    ]
+    numbered = enumerate(text.rstrip().splitlines(), 1)
+    lines = [(number, line) for number, line in numbered if not line.startswith(COMMENT)]
     width = len(lines[0][1]) if lines else 0
-    kinds: list[list[int]] = []
+    tiles = np.full((len(lines), width), t.GRASS, np.uint8)
     spawn_of: dict[int, tuple[int, int]] = {}
     for row, (number, line) in enumerate(lines):
+        place = f"map {path}: line {number}"
         if len(line) != width:
-            raise MapError(
-                f"map {path}: line {number} has {len(line)} characters, line {lines[0][0]} has "
-                f"{width}: make all rows one length"
-            )
-        kinds.append([])
+            raise MapError(f"{place} has {len(line)} characters, the first row {width}")
         for column, character in enumerate(line):
-            place = f"map {path}: line {number}, column {column + 1}"
-            kinds[row].append(_read_character(place, character))
-            if kinds[row][-1] == _SPAWN:
-                kinds[row][-1] = t.GRASS
-                if int(character) in spawn_of:
-                    raise MapError(
-                        f"{place} is a second spawn of seat {character}: give each seat one"
-                    )
+            if character in LEGEND:
+                tiles[row, column] = LEGEND.index(character)
+            elif character not in "12345678":
+                raise MapError(
+                    f"{place}, column {column + 1} holds {character!r}, allowed are '{LEGEND}' and "
+                    f"the spawns 1..{t.MAX_PLAYERS}"
+                )
+            elif int(character) in spawn_of:
+                raise MapError(
+                    f"{place}, column {column + 1} is a second spawn of seat {character}"
+                )
+            else:
                 spawn_of[int(character)] = (row, column)
     seats = sorted(spawn_of)
     if seats != [*range(1, len(seats) + 1)]:
         raise MapError(f"map {path}: it has spawns {seats}: number them from 1 without a gap")
-    tiles = np.array(kinds, dtype=np.uint8).reshape(len(kinds), width)
     return tiles, [spawn_of[seat] for seat in seats], [number for number, _ in lines]
 
 
-def _read_character(place: str, character: str) -> int:
-    kind = LEGEND.find(character)
-    if kind >= 0:
-        return kind
-    if character in "12345678":
-        return _SPAWN
-    raise MapError(
-        f"{place} holds {character!r}, known are '{LEGEND}' and the spawns 1..{MAX_PLAYERS}"
-    )
-
-
-def read_tiled_layers(
-    path: str | os.PathLike[str],
-) -> tuple[NDArray[np.uint8], tuple[tuple[int, int], ...]]:
-    """Return the tile kinds [H, W] and the spawns (row, column) by seat of a Tiled JSON map.
+def read_tiled_layers(path: str | os.PathLike[str]) -> tuple[NDArray[np.uint8], Spawns]:
+    """Return the tile kinds [H, W] and the spawns by seat of a Tiled JSON map.
 
     A later tile layer covers an earlier one where it is not empty. Spawns are tiles named `spawn`,
     by rows, or objects of type `spawn`, in the order of their property `seat` (from 1) or else of
@@ -110,22 +90,22 @@ def read_tiled_layers(
     Raises MapError with the file and the layer, OSError where the file cannot be read.
     """
     name = str(path)
-    board = _load_json(path)
-    _refuse_other_kinds(name, board)
+    board = _read_board(path)
     kind_of_gid = _read_tilesets(name, board)
-    rows, columns = (_read_side(name, board, side) for side in ("height", "width"))
+    rows, columns = board["height"], board["width"]
     tiles = np.full((rows, columns), _EMPTY, dtype=np.uint8)
     objects: list[tuple[Any, int, int]] = []
-    layers = board.get("layers")
+    layers = board["layers"]
     for layer in layers if isinstance(layers, list) else []:
-        title = f"map {name}: layer {_name_of(layer)!r}"
-        layer_type = layer.get("type") if isinstance(layer, dict) else None
-        if layer_type == "tilelayer":
+        if not isinstance(layer, dict):
+            continue
+        title = f"map {name}: layer {str(layer.get('name', ''))!r}"
+        if layer.get("type") == "tilelayer":
             kinds = _read_tile_layer(title, layer, (rows, columns), kind_of_gid)
             tiles = np.where(kinds == _EMPTY, tiles, kinds)
-        elif layer_type == "objectgroup":
+        elif layer.get("type") == "objectgroup":
             objects += _read_objects(title, layer, board, (rows, columns))
-        elif layer_type == "group":
+        elif layer.get("type") == "group":
             raise MapError(f"{title} is a group: ungroup it in Tiled, then save")
     empty = np.argwhere(tiles == _EMPTY)
     if len(empty):
@@ -133,45 +113,35 @@ def read_tiled_layers(
         raise MapError(
             f"map {name}: no tile layer fills row {row}, column {column} (from 0): fill it in Tiled"
         )
-    return _place_spawns(name, tiles, objects)
+    return tiles, _place_spawns(name, tiles, objects)
 
 
-def _load_json(path: str | os.PathLike[str]) -> dict[str, Any]:
+def _read_board(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
-        board = json.loads(read_bytes(path, MAP))
+        board = read_json(path, MAP)
     except DamagedFileError as error:
         raise MapError(f"map {error}") from error
-    except (ValueError, RecursionError) as error:
-        raise MapError(
-            f"map {path}: this is no valid JSON ({error}): save it again in Tiled as JSON map file"
-        ) from error
     if not isinstance(board, dict) or "layers" not in board:
+        raise MapError(f"map {path}: no Tiled map, it has no 'layers': export it as JSON map file")
+    if (orientation := board.get("orientation", "orthogonal")) != "orthogonal":
         raise MapError(
-            f"map {path}: this JSON is no Tiled map, it has no 'layers': save it in Tiled as JSON "
-            "map file"
-        )
-    return board
-
-
-def _refuse_other_kinds(name: str, board: Mapping[str, Any]) -> None:
-    orientation = board.get("orientation", "orthogonal")
-    if orientation != "orthogonal":
-        raise MapError(
-            f"map {name}: its orientation is {orientation!r}: choose 'orthogonal' in Map > Map "
+            f"map {path}: its orientation is {orientation!r}: choose 'orthogonal' in Map > Map "
             "Properties"
         )
     if board.get("infinite"):
-        raise MapError(f"map {name}: it is infinite: untick Infinite in Map > Map Properties")
+        raise MapError(f"map {path}: it is infinite: untick Infinite in Map > Map Properties")
+    for side in ("height", "width"):
+        value: Any = board.get(side)
+        if not (_is_whole(value) and 1 <= value <= MAX_TILED_SIDE):
+            raise MapError(
+                f"map {path}: its {side} is {value!r}, it must be a whole number in "
+                f"1..{MAX_TILED_SIDE}: resize it in Map > Resize Map"
+            )
+    return board
 
 
-def _read_side(name: str, board: Mapping[str, Any], side: str) -> int:
-    value = board.get(side)
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MAX_TILED_SIDE:
-        raise MapError(
-            f"map {name}: its {side} is {value!r}, it must be a whole number in "
-            f"1..{MAX_TILED_SIDE}: resize it in Map > Resize Map"
-        )
-    return value
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _read_tilesets(name: str, board: Mapping[str, Any]) -> Callable[[int], int | None]:
@@ -183,41 +153,32 @@ def _read_tilesets(name: str, board: Mapping[str, Any]) -> Callable[[int], int |
             named = {int(entry["id"]): _kind_of_tile(entry) for entry in entries}
             known = {number: kind for number, kind in named.items() if kind is not None}
             tilesets.append((int(tileset["firstgid"]), known))
-    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+    except _UNREADABLE as error:
         raise MapError(
             f"map {name}: a tileset cannot be read ({error!r}): embed it in Tiled, save it again"
         ) from error
     tilesets.sort(key=lambda pair: pair[0])
 
     def kind_of_gid(gid: int) -> int | None:
-        first, known = 1, {}
-        for candidate_first, candidate_known in tilesets:
-            if candidate_first <= gid:
-                first, known = candidate_first, candidate_known
-        number = gid - first
+        first, known = next((pair for pair in reversed(tilesets) if pair[0] <= gid), (1, {}))
         if known:
-            return known.get(number)
-        return next((kind for ids, kind in _ORIGINAL_IDS if number in ids), None)
+            return known.get(gid - first)
+        return next((kind for ids, kind in _ORIGINAL_IDS if gid - first in ids), None)
 
     return kind_of_gid
 
 
 def _kind_of_tile(entry: Mapping[str, Any]) -> int | None:
-    """The kind that a tile of an embedded tileset tells by type, class or property; None: none."""
+    """The kind of a tile of an embedded tileset by type, class or property; None: none."""
     words = [entry.get("type"), entry.get("class")]
     words += [_property(entry, key) for key in ("type", "class", "name")]
-    for word in words:
-        kind = _KIND_OF_NAME.get(word.strip().lower()) if isinstance(word, str) else None
-        if kind is not None:
-            return kind
-    return None
+    kinds = [_KIND_OF_NAME.get(word.strip().lower()) for word in words if isinstance(word, str)]
+    return next((kind for kind in kinds if kind is not None), None)
 
 
 def _property(entry: Mapping[str, Any], name: str) -> Any:
-    for item in entry.get("properties") or ():
-        if item["name"] == name:
-            return item["value"]
-    return None
+    properties = entry.get("properties") or ()
+    return next((item["value"] for item in properties if item["name"] == name), None)
 
 
 def _read_tile_layer(
@@ -235,14 +196,11 @@ def _read_tile_layer(
     rows, columns = shape
     if not isinstance(data, list) or len(data) != rows * columns:
         found = f"{len(data)} tiles" if isinstance(data, list) else "no list of tiles"
-        raise MapError(
-            f"{title} has {found}, a map of {rows} rows and {columns} columns needs "
-            f"{rows * columns}: save it again in Tiled"
-        )
+        raise MapError(f"{title} has {found}, a map of {rows}x{columns} needs {rows * columns}")
     kinds = np.full(rows * columns, _EMPTY, dtype=np.uint8)
     kind_of: dict[Any, int | None] = {0: _EMPTY}
     for cell, raw in enumerate(data):
-        is_id = isinstance(raw, int) and not isinstance(raw, bool) and raw >= 0
+        is_id = _is_whole(raw) and raw >= 0
         gid = raw & ~_FLIP_FLAGS if is_id else raw
         kind = kind_of.setdefault(gid, kind_of_gid(gid)) if is_id else None
         if kind is None:
@@ -263,48 +221,38 @@ def _read_objects(
     spawns = []
     try:
         for item in layer.get("objects", ()):
-            if SPAWN_NAME not in (item.get("type"), item.get("class")):
+            if "spawn" not in (item.get("type"), item.get("class")):
                 continue
-            # A tile object hangs from its bottom edge, all others from the top.
+            # The origin of a tile object is its bottom edge, of all others the top.
             y = item["y"] - (1 if "gid" in item else 0)
             row, column = int(y // board["tileheight"]), int(item["x"] // board["tilewidth"])
             spawns.append((_property(item, "seat"), row, column))
-    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+    except _UNREADABLE as error:
         raise MapError(f"{title} has an object that cannot be read ({error!r})") from error
     for _, row, column in spawns:
         if not (0 <= row < shape[0] and 0 <= column < shape[1]):
-            raise MapError(
-                f"{title} has a spawn at row {row}, column {column}, outside the map: move it in "
-                "Tiled"
-            )
+            raise MapError(f"{title} has a spawn at row {row}, column {column}, outside the map")
     return spawns
 
 
 def _place_spawns(
     name: str, tiles: NDArray[np.uint8], objects: list[tuple[Any, int, int]]
-) -> tuple[NDArray[np.uint8], tuple[tuple[int, int], ...]]:
-    from_tiles = [(int(row), int(column)) for row, column in np.argwhere(tiles == _SPAWN)]
+) -> Spawns:
+    """The spawns; `tiles` gets grass under them."""
+    spawns = [(int(row), int(column)) for row, column in np.argwhere(tiles == _SPAWN)]
     tiles[tiles == _SPAWN] = t.GRASS
-    if from_tiles and objects:
-        raise MapError(
-            f"map {name}: it has spawns as tiles and as objects: keep one of the two kinds"
-        )
+    if spawns and objects:
+        raise MapError(f"map {name}: it has spawns as tiles and as objects: keep one kind")
     seats = [seat for seat, _, _ in objects if seat is not None]
     if seats:
-        if any(type(seat) is not int for seat in seats) or sorted(seats) != [
-            *range(1, len(objects) + 1)
-        ]:
+        if not all(map(_is_whole, seats)) or sorted(seats) != [*range(1, len(objects) + 1)]:
             raise MapError(
                 f"map {name}: the property 'seat' of its spawns holds {seats}, it must number "
                 f"all of them from 1 to {len(objects)}, or none"
             )
         objects = sorted(objects, key=lambda spawn: spawn[0])
-    spawns = tuple(from_tiles or [(row, column) for _, row, column in objects])
+    spawns = spawns or [(row, column) for _, row, column in objects]
     for spawn in spawns:
         if tiles[spawn] in t.WALKABLE_TILES:
             tiles[spawn] = t.GRASS
-    return tiles, spawns
-
-
-def _name_of(layer: Any) -> str:
-    return str(layer.get("name", "")) if isinstance(layer, dict) else repr(layer)
+    return spawns

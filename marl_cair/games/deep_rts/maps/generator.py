@@ -4,120 +4,54 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 
 from marl_cair.games.deep_rts import tables as t
-from marl_cair.games.deep_rts.maps.maps import (
-    MAX_PLAYERS,
-    MAX_SIDE,
-    MIN_SIDE,
-    GameMap,
-    MapError,
-    make_map,
-    to_own,
-)
-from marl_cair.games.deep_rts.maps.plans import (
-    MAX_BASE_RADIUS,
-    MIN_BASE_RADIUS,
-    SYMMETRIES,
-    list_plans,
-    require_room,
-)
-from marl_cair.lookup import find_by_name
+from marl_cair.games.deep_rts.maps import maps
+from marl_cair.games.deep_rts.maps.formats import MapError
+from marl_cair.games.deep_rts.maps.maps import MAX_SIDE, MIN_SIDE, MIRROR_COLUMNS, MIRROR_ROWS, SWAP
 
 NUM_ATTEMPTS = 64
-
-Cell = tuple[int, int]
-_FREE, _BASE, _RESOURCE = range(3)  # who owns a cell while a map is made
-
-
-def _check_number(name: str, value: int, low: int, high: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise ValueError(
-            f"deep_rts map: {name} is {value!r}, it must be a whole number in {low}..{high}"
-        )
-
-
-@dataclass(frozen=True)
-class MapStyle:
-    """What a generated map is made of. Percentages are of all tiles, before ways are cleared.
-
-    Raises:
-        ValueError: a value is outside what is allowed; the message names field, value and range.
-    """
-
-    lumber_percent: int = 14
-    wall_percent: int = 6
-    water_percent: int = 6
-    desert_percent: int = 8
-    lava_percent: int = 2
-    gold_patches: int = 2  # contested ones, before symmetry multiplies them
-    symmetry: str = "auto"  # or "rotate", "mirror"; a single player's map has none
-
-    def __post_init__(self) -> None:
-        find_by_name("deep_rts map symmetry", self.symmetry, SYMMETRIES)
-        _check_number("gold_patches", self.gold_patches, 0, 16)
-        names = [field.name for field in fields(self) if field.name.endswith("_percent")]
-        for name in names:
-            _check_number(name, getattr(self, name), 0, 60)
-        total = sum(getattr(self, name) for name in names)
-        if total > 80:
-            raise ValueError(
-                f"deep_rts map: {', '.join(names)} sum to {total}, leave at least 20 percent of "
-                "the map to grass"
-            )
-
-
-@dataclass(frozen=True)
-class MapSet:
-    """Maps of one size, by seed. Train and test sets never share a seed."""
-
-    rows: int
-    columns: int
-    num_players: int
-    seeds: range
-    style: MapStyle = MapStyle()
-
-    def make(self, index: int) -> GameMap:
-        """Return map `index`; IndexError outside 0..len(seeds) - 1."""
-        return generate_map(
-            self.rows, self.columns, self.num_players, self.seeds[index], self.style
-        )
-
-
-TRAIN_SEEDS, TEST_SEEDS = range(100_000), range(1_000_000, 1_001_000)
+MIN_BASE_RADIUS, MAX_BASE_RADIUS = 2, 5  # tiles from a spawn to the resources around its base
+GOLD_PATCHES = 2  # contested ones, before symmetry multiplies them
+# Percent of all tiles before ways are cleared, size of a clump, how straight it is.
+TERRAIN = {
+    t.DESERT: (8, 14, 0),
+    t.WATER: (6, 12, 0),
+    t.LUMBER_TILE: (14, 12, 1),
+    t.WALL: (6, 6, 3),
+    t.LAVA: (2, 5, 1),
+}
+TRAIN_SEEDS, TEST_SEEDS = range(100_000), range(1_000_000, 1_001_000)  # never share a seed
+_SIZES = (
+    *((10, 10, 2), (15, 15, 1), (15, 15, 2), (21, 21, 2), (31, 31, 2)),
+    *((31, 31, 4), (31, 31, 6), (64, 64, 2), (64, 64, 8)),
+)
+# Sets of maps of one size: rows, columns, players, seeds.
 MAP_SETS = {
-    f"{split}-{rows}x{columns}-{players}p": MapSet(rows, columns, players, seeds)
-    for rows, columns, players in (
-        (10, 10, 2),
-        (15, 15, 1),
-        (15, 15, 2),
-        (21, 21, 2),
-        (31, 31, 2),
-        (31, 31, 4),
-        (31, 31, 6),
-        (64, 64, 2),
-        (64, 64, 8),
-    )
+    f"{split}-{rows}x{columns}-{players}p": (rows, columns, players, seeds)
+    for rows, columns, players in _SIZES
     for split, seeds in (("train", TRAIN_SEEDS), ("test", TEST_SEEDS))
 }
 
+HALF_TURN = MIRROR_ROWS | MIRROR_COLUMNS
+TURNS = (0, SWAP | MIRROR_COLUMNS, HALF_TURN, SWAP | MIRROR_ROWS)
+MIRRORS = (0, MIRROR_COLUMNS, MIRROR_ROWS, HALF_TURN)
 
-def map_set(name: str, count: int) -> tuple[GameMap, ...]:
-    """Return the first `count` maps of a set of MAP_SETS; the next ones are `MapSet.make`'s.
-
-    Raises UnknownNameError for an unknown set, ValueError where it holds fewer maps.
-    """
-    maps = find_by_name("deep_rts map set", name, MAP_SETS)
-    _check_number("count", count, 0, len(maps.seeds))
-    return tuple(maps.make(index) for index in range(count))
+Cell = tuple[int, int]
+_FREE, _BASE, _RESOURCE = range(3)  # the use of a cell while a map is made
 
 
-def generate_map(
-    rows: int, columns: int, num_players: int, seed: int, style: MapStyle | None = None
-) -> GameMap:
+def map_set(name: str, num_maps: int) -> tuple[maps.GameMap, ...]:
+    """Return the first maps of a set of MAP_SETS."""
+    rows, columns, players, seeds = MAP_SETS[name]
+    return tuple(generate_map(rows, columns, players, seed) for seed in seeds[:num_maps])
+
+
+def generate_map(rows: int, columns: int, num_players: int, seed: int) -> maps.GameMap:
     """Return the map of `seed`, the same on every machine.
 
     rows, columns: 8..128; num_players: 1..8; seed: 0..2**63 - 1.
@@ -126,87 +60,121 @@ def generate_map(
     leaves one base of a symmetric map free.
     Raises MapError where the players' bases do not fit, ValueError for a value out of range.
     """
-    _check_number("rows", rows, MIN_SIDE, MAX_SIDE)
-    _check_number("columns", columns, MIN_SIDE, MAX_SIDE)
-    _check_number("num_players", num_players, 1, MAX_PLAYERS)
-    _check_number("seed", seed, 0, 2**63 - 1)
-    style = style or MapStyle()
-    require_room(rows, columns, num_players, style.symmetry)
+    for option, value, low, high in (
+        ("rows", rows, MIN_SIDE, MAX_SIDE),
+        ("columns", columns, MIN_SIDE, MAX_SIDE),
+        ("num_players", num_players, 1, t.MAX_PLAYERS),
+        ("seed", seed, 0, 2**63 - 1),
+    ):
+        if not low <= value <= high:
+            raise ValueError(f"deep_rts map: {option} is {value}, it must be in {low}..{high}")
+    plans = list_plans(rows, columns, num_players)
     name = f"generated-{rows}x{columns}-{num_players}p-{seed}"
+    if not plans:
+        sides = range(MIN_SIDE, MAX_SIDE + 1)
+        side = next(side for side in sides if list_plans(side, side, num_players))
+        raise MapError(f"map {name}: too small for the bases: take {side}x{side} or more")
     for attempt in range(NUM_ATTEMPTS):
-        draws = _Draws((seed, rows, columns, num_players, attempt))
-        board = _Board(rows, columns, num_players, style, draws)
+        bits = np.random.PCG64(np.random.SeedSequence([seed, rows, columns, num_players, attempt]))
+        board = _Board(rows, columns, num_players, plans, bits)
         if board.is_connected:
-            return make_map(name, board.tiles, board.spawns)
+            return maps.make_map(name, board.tiles, board.spawns)
     raise MapError(
-        f"map {name}: no way between the bases was found in {NUM_ATTEMPTS} attempts: give another "
-        "seed, a larger map or fewer gold_patches"
+        f"map {name}: no way between the bases was found in {NUM_ATTEMPTS} attempts: take another "
+        "seed or a larger map"
     )
 
 
-# --- making one ----------------------------------------------------------------------------------
+# --- where bases may lie -------------------------------------------------------------------------
 
 
-class _Draws:
-    """Whole random numbers of a bit stream that NumPy keeps the same in all its versions."""
+@dataclass(frozen=True)
+class Plan:
+    """A division of a board: the images of the plots under the frames do not overlap."""
 
-    def __init__(self, words: Sequence[int]) -> None:
-        self._bits = np.random.PCG64(np.random.SeedSequence(list(words)))
-        self._buffer: list[int] = []
+    frames: tuple[int, ...]
+    plots: tuple[tuple[int, int, int, int], ...]  # first row, first column, rows, columns
 
-    def below(self, limit: int) -> int:
-        """A number in 0..limit - 1."""
-        if not self._buffer:
-            self._buffer = self._bits.random_raw(512).tolist()
-        return (self._buffer.pop() >> 16) % limit
+    @property
+    def base_radius(self) -> int:
+        """The largest that fits into every plot."""
+        side = min(min(plot[2:]) for plot in self.plots)
+        return min(MAX_BASE_RADIUS, (side - 1) // 2)
+
+
+def list_plans(rows: int, columns: int, num_players: int) -> list[Plan]:
+    """All ways to divide the board that leave room; an odd number of players gets a base more."""
+    if num_players == 1:
+        plans = [Plan((0,), ((0, 0, rows, columns),))]
+    elif num_players in (2, 5, 6):
+        parts = 1 if num_players == 2 else 3
+        halves = (((rows // 2, columns), MIRROR_ROWS), ((rows, columns // 2), MIRROR_COLUMNS))
+        plans = [
+            Plan((0, frame), _split(*half, parts))
+            for half, mirror in halves
+            for frame in (HALF_TURN, mirror)
+        ]
+    else:
+        plots = _split(rows // 2, columns // 2, 1 if num_players <= 4 else 2)
+        plans = [Plan(group, plots) for group in (MIRRORS, TURNS)[: 1 + (rows == columns)]]
+    return [plan for plan in plans if plan.base_radius >= MIN_BASE_RADIUS]
+
+
+def _split(rows: int, columns: int, parts: int) -> tuple[tuple[int, int, int, int], ...]:
+    """Cut the top left rectangle of the board into parts, across its longer side."""
+    cuts = [part * max(rows, columns) // parts for part in range(parts + 1)]
+    if rows > columns:
+        return tuple((cuts[k], 0, cuts[k + 1] - cuts[k], columns) for k in range(parts))
+    return tuple((0, cuts[k], rows, cuts[k + 1] - cuts[k]) for k in range(parts))
 
 
 class _Board:
     """A map in the making; every change is made to all images of a cell at once."""
 
     def __init__(
-        self, rows: int, columns: int, num_players: int, style: MapStyle, draws: _Draws
+        self,
+        rows: int,
+        columns: int,
+        num_players: int,
+        plans: Sequence[Plan],
+        bits: np.random.PCG64,
     ) -> None:
-        self.rows, self.columns, self.draws = rows, columns, draws
-        plans = list_plans(rows, columns, num_players, style.symmetry)
-        self.plan = plans[draws.below(len(plans))]
+        self.rows, self.columns = rows, columns
+        # The bits of a generator are the same in all versions of NumPy; its distributions are not.
+        self._bits = (bit for _ in count() for bit in reversed(bits.random_raw(512).tolist()))
+        self.plan = plans[self.below(len(plans))]
         self.tiles = np.full((rows, columns), t.GRASS, dtype=np.uint8)
         self.owners = np.full((rows, columns), _FREE, dtype=np.uint8)
-        self.radius = self._choose_radius()
+        largest = self.plan.base_radius
+        smallest = min(largest, 3 if largest < MAX_BASE_RADIUS else 4)
+        self.radius = smallest + self.below(largest - smallest + 1)
         self.bases = [self._place_base(*plot) for plot in self.plan.plots]
         self._stamp_bases()
         places = sorted(image for base in self.bases for image in self.images(*base))
-        self._place_contested(style, places)
-        for kind, percent, size, straight in (
-            (t.DESERT, style.desert_percent, 14, 0),
-            (t.WATER, style.water_percent, 12, 0),
-            (t.LUMBER_TILE, style.lumber_percent, 12, 1),
-            (t.WALL, style.wall_percent, 6, 3),
-            (t.LAVA, style.lava_percent, 5, 1),
-        ):
+        self._place_contested(places)
+        for kind, (percent, size, straight) in TERRAIN.items():
             self._scatter(kind, percent, size, straight)
         self.is_connected = self._clear_ways(places)
         while len(places) > num_players:
-            places.pop(draws.below(len(places)))
+            places.pop(self.below(len(places)))
         self.spawns = tuple(places)
 
-    def images(self, row: int, column: int) -> list[Cell]:
-        """Where the symmetries of the plan take a cell, itself first."""
-        shape = (self.rows, self.columns)
-        return [to_own(frame, row, column, *shape) for frame in self.plan.frames]
+    def below(self, limit: int) -> int:
+        """A random number in 0..limit - 1."""
+        return int(next(self._bits) >> 16) % limit
 
-    def _choose_radius(self) -> int:
-        largest = self.plan.base_radius
-        smallest = min(largest, 3 if largest < MAX_BASE_RADIUS else 4)
-        return smallest + self.draws.below(largest - smallest + 1)
+    def images(self, row: int, column: int) -> list[Cell]:
+        """The images of a cell under the symmetries of the plan, itself first."""
+        shape = (self.rows, self.columns)
+        return [maps.to_own(frame, row, column, *shape) for frame in self.plan.frames]
 
     def _place_base(self, first_row: int, first_column: int, rows: int, columns: int) -> Cell:
         """A spawn within its plot, in the outer two thirds of the room that it has there."""
         free_rows, free_columns = rows - 2 * self.radius, columns - 2 * self.radius
         row_slack, column_slack = -(-2 * free_rows // 3), -(-2 * free_columns // 3)
         return (
-            first_row + self.radius + self.draws.below(row_slack),
-            first_column + self.radius + self.draws.below(column_slack),
+            first_row + self.radius + self.below(row_slack),
+            first_column + self.radius + self.below(column_slack),
         )
 
     def _stamp_bases(self) -> None:
@@ -243,10 +211,10 @@ class _Board:
         gaps = len(side) - sum(length for _, length in clumps)
         resources, at = [], 0
         while clumps:
-            skipped = self.draws.below(gaps // len(clumps) + 1)
+            skipped = self.below(gaps // len(clumps) + 1)
             gaps -= skipped
             at += skipped
-            kind, length = clumps.pop(self.draws.below(len(clumps)))
+            kind, length = clumps.pop(self.below(len(clumps)))
             for row, column in side[at : at + length]:
                 resources.append((kind, row, column, True))
                 if kind in (t.GOLD_TILE, t.LUMBER_TILE):
@@ -263,9 +231,9 @@ class _Board:
             self.owners[image] = owner
         return len(images)
 
-    def _place_contested(self, style: MapStyle, places: Sequence[Cell]) -> None:
+    def _place_contested(self, places: Sequence[Cell]) -> None:
         """Clumps of resources where all bases are far."""
-        kinds = [t.GOLD_TILE] * style.gold_patches + [t.STONE_TILE, t.OIL_TILE]
+        kinds = [t.GOLD_TILE] * GOLD_PATCHES + [t.STONE_TILE, t.OIL_TILE]
         grid = np.indices(self.tiles.shape)
         away = np.full(self.tiles.shape, MAX_SIDE)
         for row, column in places:
@@ -274,7 +242,7 @@ class _Board:
         cells = [(int(row), int(column)) for row, column in np.argwhere(far)]
         size = 2 + min(self.rows, self.columns) // 16
         for kind in kinds if cells else ():
-            cell = cells[self.draws.below(len(cells))]
+            cell = cells[self.below(len(cells))]
             self._grow(cell, kind, 1 if kind == t.OIL_TILE else size, 0, _RESOURCE)
 
     def _scatter(self, kind: int, percent: int, size: int, straight: int) -> None:
@@ -284,14 +252,14 @@ class _Board:
         for _ in range(4 * missing):
             if missing <= 0:
                 return
-            cell = self.draws.below(self.rows), self.draws.below(self.columns)
-            length = min(missing, size * scale // 2 + self.draws.below(size * scale))
+            cell = self.below(self.rows), self.below(self.columns)
+            length = min(missing, size * scale // 2 + self.below(size * scale))
             missing -= self._grow(cell, kind, length, straight, _FREE)
 
     def _grow(self, cell: Cell, kind: int, size: int, straight: int, owner: int) -> int:
         """Paint along a random walk over free grass; returns how many cells are new.
 
-        straight: of each turn that the walk might take, so many times it goes on as before.
+        straight: the walk turns at one step in straight + 1.
         """
         row, column = cell
         step, painted = (0, 0), 0
@@ -300,8 +268,8 @@ class _Board:
                 break
             if self.owners[row, column] == _FREE and self.tiles[row, column] == t.GRASS:
                 painted += self.paint((row, column), kind, owner)
-            if step == (0, 0) or self.draws.below(straight + 1) == 0:
-                step = ((0, 1), (1, 0), (0, -1), (-1, 0))[self.draws.below(4)]
+            if step == (0, 0) or self.below(straight + 1) == 0:
+                step = ((0, 1), (1, 0), (0, -1), (-1, 0))[self.below(4)]
             row, column = row + step[0], column + step[1]
         return painted
 
@@ -356,12 +324,8 @@ class _Board:
             row, column = cell
             if is_end[row][column]:
                 continue
-            for near in (
-                (row + 1, column),
-                (row, column + 1),
-                (row - 1, column),
-                (row, column - 1),
-            ):
+            for down, right in ((1, 0), (0, 1), (-1, 0), (0, -1)):
+                near = row + down, column + right
                 if 0 <= near[0] < self.rows and 0 <= near[1] < self.columns and near not in parents:
                     waits = costlier if is_blocked[near[0]][near[1]] else queue
                     waits.append((near, cell))

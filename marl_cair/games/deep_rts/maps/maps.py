@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,42 +12,13 @@ from numpy.typing import NDArray
 
 from marl_cair.files import write_atomically
 from marl_cair.games.deep_rts import tables as t
-from marl_cair.games.deep_rts.maps.formats import (
-    COMMENT,
-    LEGEND,
-    MAX_PLAYERS,
-    MapError,
-    read_text_rows,
-    read_tiled_layers,
-)
+from marl_cair.games.deep_rts.maps import formats
+from marl_cair.games.deep_rts.maps.formats import MapError
 from marl_cair.lookup import find_by_name
-
-__all__ = [
-    "BUILT_IN_MAPS",
-    "MAX_PLAYERS",
-    "GameMap",
-    "MapError",
-    "check_map",
-    "compose_frames",
-    "from_own",
-    "load_map",
-    "make_map",
-    "read_map",
-    "read_text_map",
-    "read_tiled_map",
-    "resource_distances",
-    "seat_frames",
-    "symmetries",
-    "to_own",
-    "transform_tiles",
-    "walking_distances",
-    "write_text_map",
-]
 
 MIN_SIDE, MAX_SIDE = 8, 128
 MIN_SPAWN_DISTANCE = 4  # in tiles, the longer of both sides: two 3x3 halls with a way between them
 
-NUM_FRAMES = 8
 MIRROR_COLUMNS, MIRROR_ROWS, SWAP = 1, 2, 4  # the bits of a frame
 # Turns before mirrors: on a map that has both, the seats' frames then form a group.
 _FRAMES_BY_PREFERENCE = (0, 3, 5, 6, 1, 2, 4, 7)
@@ -55,10 +26,6 @@ _FRAMES_BY_PREFERENCE = (0, 3, 5, 6, 1, 2, 4, 7)
 BUILT_IN_MAPS = {
     path.stem: path for path in sorted((Path(__file__).parent / "files").glob("*.txt"))
 }
-
-_IS_WALKABLE = np.isin(np.arange(256), t.WALKABLE_TILES)
-_RESOURCE = np.full(256, t.NO_RESOURCE, dtype=np.int8)
-_RESOURCE[: t.NUM_TILE_KINDS] = t.TILE_RESOURCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,17 +37,12 @@ class GameMap:
     spawns: tuple[tuple[int, int], ...]  # (row, column) of each seat
     frames: tuple[int, ...]  # how each seat looks at the board, see `seat_frames`
 
-    @property
-    def num_players(self) -> int:
-        """Seats, 1..8."""
-        return len(self.spawns)
-
 
 # --- the eight ways to look at a board -----------------------------------------------------------
 
 
 def to_own(frame: int, row: int, column: int, rows: int, columns: int) -> tuple[int, int]:
-    """Where a cell of a world of `rows` x `columns` lies in the view of `frame`.
+    """Transform a cell of a world of `rows` x `columns` to the view of `frame`.
 
     A frame swaps rows and columns (bit 2), then mirrors rows (bit 1) and columns (bit 0). A view
     with a swap has `columns` rows, so that all seats share one shape only on square maps.
@@ -95,7 +57,7 @@ def to_own(frame: int, row: int, column: int, rows: int, columns: int) -> tuple[
 
 
 def from_own(frame: int, row: int, column: int, rows: int, columns: int) -> tuple[int, int]:
-    """Where a cell of the view of `frame` lies in its world of `rows` x `columns`."""
+    """Transform a cell of the view of `frame` to its world of `rows` x `columns`."""
     if frame & SWAP:
         rows, columns = columns, rows
     if frame & MIRROR_ROWS:
@@ -121,34 +83,6 @@ def compose_frames(first: int, second: int) -> int:
     return mirrors ^ (first & SWAP) ^ second
 
 
-def symmetries(game_map: GameMap) -> tuple[tuple[int, tuple[int, ...]], ...]:
-    """All (frame, seats) that leave the map as it is: `seats[k]` starts where seat k is moved to.
-
-    The first is always the identity; frames with a swap occur on square maps only.
-    """
-    seat_at = {spawn: seat for seat, spawn in enumerate(game_map.spawns)}
-    found = []
-    for frame in _find_invariant_frames(game_map.tiles):
-        moved = _move_spawns(frame, game_map.spawns, game_map.tiles.shape)
-        if seat_at.keys() == set(moved):
-            found.append((frame, tuple(seat_at[spawn] for spawn in moved)))
-    return tuple(sorted(found))
-
-
-def _find_invariant_frames(tiles: NDArray[np.uint8]) -> list[int]:
-    return [
-        frame
-        for frame in _FRAMES_BY_PREFERENCE
-        if np.array_equal(transform_tiles(tiles, frame), tiles)
-    ]
-
-
-def _move_spawns(
-    frame: int, spawns: Sequence[tuple[int, int]], shape: tuple[int, ...]
-) -> list[tuple[int, int]]:
-    return [to_own(frame, row, column, shape[0], shape[1]) for row, column in spawns]
-
-
 def seat_frames(tiles: NDArray[np.uint8], spawns: Sequence[tuple[int, int]]) -> tuple[int, ...]:
     """The frame of each seat, in which its base lies where seat 0's does.
 
@@ -157,10 +91,12 @@ def seat_frames(tiles: NDArray[np.uint8], spawns: Sequence[tuple[int, int]]) -> 
     same ground; others mirror their base into the same quadrant.
     """
     rows, columns = tiles.shape
-    by_frame = {
-        frame: _move_spawns(frame, spawns, tiles.shape) for frame in _find_invariant_frames(tiles)
+    moved = {
+        frame: [to_own(frame, *spawn, rows, columns) for spawn in spawns]
+        for frame in _FRAMES_BY_PREFERENCE
+        if np.array_equal(transform_tiles(tiles, frame), tiles)
     }
-    whole = [frame for frame, moved in by_frame.items() if set(moved) == set(spawns)]
+    whole = [frame for frame, places in moved.items() if set(places) == set(spawns)]
     mirrors = [
         (MIRROR_ROWS if 2 * row > rows - 1 else 0)
         | (MIRROR_COLUMNS if 2 * column > columns - 1 else 0)
@@ -168,7 +104,7 @@ def seat_frames(tiles: NDArray[np.uint8], spawns: Sequence[tuple[int, int]]) -> 
     ]
     frames = []
     for seat, mirror in enumerate(mirrors):
-        to_first = [frame for frame in (*whole, *by_frame) if by_frame[frame][seat] == spawns[0]]
+        to_first = [frame for frame in (*whole, *moved) if moved[frame][seat] == spawns[0]]
         frames.append(compose_frames(to_first[0], mirrors[0]) if to_first else mirror)
     return tuple(frames)
 
@@ -184,7 +120,7 @@ def walking_distances(tiles: NDArray[np.uint8], row: int, column: int) -> NDArra
     """
     rows, columns = tiles.shape
     free = np.zeros((rows + 2, columns + 2), dtype=np.bool_)
-    free[1:-1, 1:-1] = _IS_WALKABLE[tiles]
+    free[1:-1, 1:-1] = np.isin(tiles, t.WALKABLE_TILES)
     up, down, left, right = free[:-2, 1:-1], free[2:, 1:-1], free[1:-1, :-2], free[1:-1, 2:]
     corners = (up & left, up & right, down & left, down & right)
     distances = np.full((rows, columns), -1, dtype=np.int32)
@@ -206,24 +142,7 @@ def walking_distances(tiles: NDArray[np.uint8], row: int, column: int) -> NDArra
     return distances
 
 
-def resource_distances(tiles: NDArray[np.uint8], row: int, column: int) -> tuple[int, ...]:
-    """Steps from a cell to the nearest cell beside a tile of each of RESOURCE_NAMES; -1: no way."""
-    distances = walking_distances(tiles, row, column)
-    nearest = []
-    for resource in range(t.NUM_RESOURCES):
-        reached = distances[_is_beside(_RESOURCE[tiles] == resource) & (distances >= 0)]
-        nearest.append(int(reached.min()) if reached.size else -1)
-    return tuple(nearest)
-
-
-def _is_beside(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The cells of a mask [H, W] and all their eight neighbours."""
-    padded = np.pad(mask, 1)
-    tall = padded[:-2] | padded[1:-1] | padded[2:]
-    return tall[:, :-2] | tall[:, 1:-1] | tall[:, 2:]
-
-
-# --- what a map must be ----------------------------------------------------------------------
+# --- checks --------------------------------------------------------------------------------------
 
 
 def make_map(
@@ -231,119 +150,76 @@ def make_map(
     tiles: NDArray[np.uint8],
     spawns: Sequence[tuple[int, int]],
     file: str | None = None,
-    place: Callable[[int, int], str] | None = None,
+    lines: Sequence[int] | None = None,
 ) -> GameMap:
-    """Return a checked map with its seats' frames; `tiles` is copied.
+    """Return a checked map with its seats' frames; `tiles`, uint8 [H, W], is copied.
 
-    Raises MapError as `check_map` does, which calls the map `file` where that is given.
+    Raises MapError where no game can be played on it. The message calls the map `file` where that
+    is given, and a row by its number in `lines`.
     """
-    check_map(tiles, spawns, file or name, place=place)
-    own_tiles = tiles.copy()
-    own_tiles.flags.writeable = False
-    places = tuple((int(row), int(column)) for row, column in spawns)
-    return GameMap(name, own_tiles, places, seat_frames(own_tiles, places))
-
-
-def check_map(
-    tiles: NDArray[np.uint8],
-    spawns: Sequence[tuple[int, int]],
-    name: str,
-    min_players: int = 1,
-    place: Callable[[int, int], str] | None = None,
-) -> None:
-    """Raise MapError unless a game can be played on `tiles`, uint8 [H, W], from `spawns`.
-
-    name: the map or its file, for the message; place: how the message calls a (row, column), by
-    default both counted from 0.
-    """
-    if tiles.ndim != 2 or tiles.dtype != np.uint8:
-        raise MapError(
-            f"map {name}: its tiles are {tiles.dtype} of shape {tiles.shape}, they must be uint8 "
-            "in rows of one length"
-        )
+    title = f"map {file or name}"
     rows, columns = tiles.shape
     if not (MIN_SIDE <= rows <= MAX_SIDE and MIN_SIDE <= columns <= MAX_SIDE):
         raise MapError(
-            f"map {name}: it has {rows} rows and {columns} columns, allowed are "
+            f"{title}: it has {rows} rows and {columns} columns, allowed are "
             f"{MIN_SIDE}..{MAX_SIDE} each: crop or extend it"
         )
-    place = place or _describe_place
-    unknown = np.argwhere(tiles >= t.NUM_TILE_KINDS)
-    if len(unknown):
-        row, column = unknown[0].tolist()
+    if not 1 <= len(spawns) <= t.MAX_PLAYERS:
+        raise MapError(f"{title}: it has {len(spawns)} spawns, allowed are 1..{t.MAX_PLAYERS}")
+    places = [
+        f"{title}: the spawn of seat {seat} at "
+        + (f"line {lines[row]}, column {column + 1}" if lines else f"{row}, {column} (from 0)")
+        for seat, (row, column) in enumerate(spawns, 1)
+    ]
+    for seat, spawn in enumerate(spawns):
+        _check_spawn(tiles, spawns[:seat], spawn, places[seat])
+    distances = walking_distances(tiles, *spawns[0])
+    for place, spawn in zip(places, spawns, strict=True):
+        if distances[spawn] < 0:
+            raise MapError(
+                f"{place} cannot be reached from that of seat 1: open a way of grass, desert or "
+                "lava (a diagonal step needs both tiles beside it free)"
+            )
+    resources = np.array(t.TILE_RESOURCE)[tiles] != t.NO_RESOURCE
+    near = np.pad(distances >= 0, 1)
+    near = near[:-2] | near[1:-1] | near[2:]
+    if not (resources & (near[:, :-2] | near[:, 1:-1] | near[:, 2:])).any():
         raise MapError(
-            f"map {name}: {place(row, column)} holds tile {tiles[row, column]}, known "
-            f"are 0..{t.NUM_TILE_KINDS - 1}: {', '.join(t.TILE_NAMES)}"
-        )
-    _check_spawns(tiles, spawns, name, min_players, place)
-    _check_ways(tiles, spawns, name, place)
-
-
-def _describe_place(row: int, column: int) -> str:
-    return f"row {row}, column {column} (from 0)"
-
-
-def _check_spawns(
-    tiles: NDArray[np.uint8],
-    spawns: Sequence[tuple[int, int]],
-    name: str,
-    min_players: int,
-    place: Callable[[int, int], str],
-) -> None:
-    if not min_players <= len(spawns) <= MAX_PLAYERS or not spawns:
-        raise MapError(
-            f"map {name}: it has {len(spawns)} spawns, this takes {max(min_players, 1)}.."
-            f"{MAX_PLAYERS}: add or remove some"
-        )
-    rows, columns = tiles.shape
-    for seat, (row, column) in enumerate(spawns):
-        if not (1 <= row < rows - 1 and 1 <= column < columns - 1):
-            raise MapError(
-                f"map {name}: the spawn of seat {seat + 1} at {place(row, column)} is at "
-                "the edge or outside: move it at least one tile inside"
-            )
-        title = f"map {name}: the spawn of seat {seat + 1} at {place(row, column)}"
-        if tiles[row, column] != t.GRASS:
-            raise MapError(
-                f"{title} lies on {t.TILE_NAMES[tiles[row, column]]}: put it on grass, or turn "
-                "that tile into grass"
-            )
-        if not _IS_WALKABLE[tiles[row - 1 : row + 2, column - 1 : column + 2]].all():
-            raise MapError(
-                f"{title} has no room for a town hall: clear the eight tiles around it of all "
-                "but grass, desert and lava"
-            )
-        for other, (other_row, other_column) in enumerate(spawns[:seat]):
-            distance = max(abs(row - other_row), abs(column - other_column))
-            if distance < MIN_SPAWN_DISTANCE:
-                raise MapError(
-                    f"{title} is {distance} tiles from the one of seat {other + 1}: move them at "
-                    f"least {MIN_SPAWN_DISTANCE} apart"
-                )
-
-
-def _check_ways(
-    tiles: NDArray[np.uint8],
-    spawns: Sequence[tuple[int, int]],
-    name: str,
-    place: Callable[[int, int], str],
-) -> None:
-    reached = walking_distances(tiles, *spawns[0]) >= 0
-    for seat, (row, column) in enumerate(spawns):
-        if not reached[row, column]:
-            raise MapError(
-                f"map {name}: no way leads from the spawn of seat 1 to that of seat {seat + 1} at "
-                f"{place(row, column)}: open one of grass, desert or lava (a diagonal "
-                "step needs both tiles beside it free)"
-            )
-    if not (_is_beside(reached) & (_RESOURCE[tiles] != t.NO_RESOURCE)).any():
-        raise MapError(
-            f"map {name}: no resource can be reached from the spawn of seat 1: put gold, lumber, "
+            f"{title}: no resource can be reached from the spawn of seat 1: put gold, lumber, "
             "stone or oil beside ground that it can walk to"
         )
+    own_tiles = tiles.copy()
+    own_tiles.flags.writeable = False
+    own_spawns = tuple((int(row), int(column)) for row, column in spawns)
+    return GameMap(name, own_tiles, own_spawns, seat_frames(own_tiles, own_spawns))
 
 
-# --- files -------------------------------------------------------------------------------------
+def _check_spawn(
+    tiles: NDArray[np.uint8],
+    others: Sequence[tuple[int, int]],
+    spawn: tuple[int, int],
+    place: str,
+) -> None:
+    (row, column), (rows, columns) = spawn, tiles.shape
+    if not (1 <= row < rows - 1 and 1 <= column < columns - 1):
+        raise MapError(f"{place} is at the edge or outside: move it at least one tile inside")
+    if tiles[spawn] != t.GRASS:
+        raise MapError(f"{place} lies on {t.TILE_NAMES[tiles[spawn]]}: move it to grass")
+    if not np.isin(tiles[row - 1 : row + 2, column - 1 : column + 2], t.WALKABLE_TILES).all():
+        raise MapError(
+            f"{place} has no room for a town hall: the eight tiles around it must be grass, "
+            "desert or lava"
+        )
+    for other, (other_row, other_column) in enumerate(others, 1):
+        distance = max(abs(row - other_row), abs(column - other_column))
+        if distance < MIN_SPAWN_DISTANCE:
+            raise MapError(
+                f"{place} is {distance} tiles from the one of seat {other}: move them at least "
+                f"{MIN_SPAWN_DISTANCE} apart"
+            )
+
+
+# --- files and mixtures --------------------------------------------------------------------------
 
 
 def load_map(name: str) -> GameMap:
@@ -352,40 +228,51 @@ def load_map(name: str) -> GameMap:
 
 
 def read_map(path: str | os.PathLike[str]) -> GameMap:
-    """Read a map by its suffix: .txt as text, .json and .tmj as Tiled.
+    """Read a map by its suffix: .txt as text, .json and .tmj as Tiled; its name is the file's.
 
-    Raises MapError for what is no map that can be played, OSError where the file cannot be read.
+    Raises MapError for a file that is no map or that no game can be played on, OSError where the
+    file cannot be read.
     """
-    readers = {".txt": read_text_map, ".json": read_tiled_map, ".tmj": read_tiled_map}
-    suffix = Path(path).suffix.lower()
-    if suffix not in readers:
+    place, lines = Path(path), None
+    if place.suffix.lower() == ".txt":
+        tiles, spawns, lines = formats.read_text_rows(path)
+    elif place.suffix.lower() in (".json", ".tmj"):
+        tiles, spawns = formats.read_tiled_layers(path)
+    else:
         raise MapError(
-            f"map {path}: the suffix {suffix!r} is no known format: name text maps .txt and Tiled "
-            "maps .json or .tmj"
+            f"map {path}: unknown format {place.suffix!r}: name text maps .txt and Tiled maps "
+            ".json or .tmj"
         )
-    return readers[suffix](path)
-
-
-def read_tiled_map(path: str | os.PathLike[str]) -> GameMap:
-    """Read a map of the Tiled editor, see `read_tiled_layers`; its name is that of the file."""
-    tiles, spawns = read_tiled_layers(path)
-    return make_map(Path(path).stem, tiles, spawns, file=str(path))
-
-
-def read_text_map(path: str | os.PathLike[str]) -> GameMap:
-    """Read a map of rows of characters, see `read_text_rows`; its name is that of the file."""
-    tiles, spawns, lines = read_text_rows(path)
-
-    def place(row: int, column: int) -> str:
-        return f"line {lines[row]}, column {column + 1}"
-
-    return make_map(Path(path).stem, tiles, spawns, file=str(path), place=place)
+    return make_map(place.stem, tiles, spawns, file=str(path), lines=lines)
 
 
 def write_text_map(game_map: GameMap, path: str | os.PathLike[str]) -> None:
-    """Write a map as `read_text_map` reads it, whole or not at all."""
-    rows = [[LEGEND[kind] for kind in row] for row in game_map.tiles]
+    """Write a map as text, whole or not at all; `read_map` reads it from a file `*.txt`."""
+    rows = [[formats.LEGEND[kind] for kind in row] for row in game_map.tiles]
     for seat, (row, column) in enumerate(game_map.spawns):
         rows[row][column] = str(seat + 1)
-    lines = [f"{COMMENT} {game_map.name}", *("".join(row) for row in rows)]
+    lines = [f"{formats.COMMENT} {game_map.name}", *("".join(row) for row in rows)]
     write_atomically(path, "\n".join(lines) + "\n")
+
+
+def pad_maps(maps: Sequence[GameMap]) -> tuple[GameMap, ...]:
+    """The maps on boards of one size, the largest rows and columns among them: smaller ones stand
+    in the middle of walls. Raises MapError where one cannot stand in the very middle, which keeps
+    its symmetries.
+    """
+    rows = max(game_map.tiles.shape[0] for game_map in maps)
+    columns = max(game_map.tiles.shape[1] for game_map in maps)
+    padded = []
+    for game_map in maps:
+        height, width = game_map.tiles.shape
+        above, left = (rows - height) // 2, (columns - width) // 2
+        if (height + 2 * above, width + 2 * left) != (rows, columns):
+            raise MapError(
+                f"deep_rts: the map {game_map.name} has {height}x{width} cells, it cannot stand in "
+                f"the middle of {rows}x{columns}; mix sizes that are all odd or all even"
+            )
+        margins = ((above, above), (left, left))
+        tiles = np.pad(game_map.tiles, margins, constant_values=t.WALL)
+        spawns = [(row + above, column + left) for row, column in game_map.spawns]
+        padded.append(make_map(game_map.name, tiles, spawns))
+    return tuple(padded)

@@ -1,12 +1,14 @@
-"""How a unit looks in the planes, packed into one word: equal words are drawn alike.
+"""Packs the appearance of a unit in the planes into one word: equal words are drawn alike.
 
-A word says all that any seat sees of a unit but whose it is, which its slot says. 0 is a unit that
-does not stand on the board.
+A word holds all that any seat sees of a unit, except its owner, which follows from its slot. 0 is a
+unit that does not stand on the board.
 """
 
 from __future__ import annotations
 
 from typing import Any
+
+import numpy as np
 
 from marl_cair.games.compiled import compiled, compiled_copy
 from marl_cair.games.deep_rts import state as s
@@ -19,7 +21,12 @@ NOT_SHOWN = 0
 # First bits of a word's parts; bit 0 is set in all words of units on the board.
 CELL_BIT, KIND_BIT, HEALTH_BIT, ACTIVITY_BIT, RISING_BIT = 1, 16, 20, 28, 30
 ORDER_BIT, SELECTED_BIT, CARRY_BIT, CARRY_KIND_BIT, PROGRESS_BIT = 31, 32, 33, 41, 43
+# [state] -> 1 walks, 2 works, 3 fights, in the order of their planes; 0 has no plane.
+_ACTIVITY = np.zeros(s.PUMPING + 1, np.int64)
+_ACTIVITY[s.WALKING], _ACTIVITY[s.FIGHTING] = 1, 3
+_ACTIVITY[[s.GATHERING, s.REPAIRING, s.TRAINING, s.PUMPING]] = 2
 CELL_MASK, KIND_MASK, LEVEL_MASK, PAIR_MASK = 0x7FFF, 0xF, 0xFF, 0x3
+ALL_BUT_PROGRESS = (1 << PROGRESS_BIT) - 1
 
 
 @compiled_copy
@@ -30,7 +37,7 @@ def side_of(rules: Any, player: int, owner: int) -> int:
 
 @compiled
 def progress_level(world: Any, unit: int) -> int:
-    """How much of the unit's activity is done, 0..255."""
+    """Progress of the unit's activity, 0..255."""
     since, due = int(world.units[unit, s.UNIT_SINCE]), int(world.due[unit])
     if due == s.NEVER or due <= since:
         return 0
@@ -38,20 +45,8 @@ def progress_level(world: Any, unit: int) -> int:
 
 
 @compiled
-def activity_of(state: int) -> int:
-    """1 walks, 2 works, 3 fights, 0 nothing that has a plane."""
-    if state == s.WALKING:
-        return 1 + planes.IS_WALKING - planes.IS_WALKING
-    if state in (s.GATHERING, s.REPAIRING, s.TRAINING, s.PUMPING):
-        return 1 + planes.IS_WORKING - planes.IS_WALKING
-    if state == s.FIGHTING:
-        return 1 + planes.IS_FIGHTING - planes.IS_WALKING
-    return 0
-
-
-@compiled
 def carried_level(world: Any, rules: Any, unit: int) -> int:
-    """How full the hands of a worker are, 0..255; only what has a plane counts."""
+    """Load of a worker, 0..255; only resources with a plane count."""
     carry = int(world.units[unit, s.UNIT_CARRY])
     if carry <= 0 or world.units[unit, s.UNIT_CARRY_KIND] > t.STONE:
         return 0
@@ -65,14 +60,11 @@ def pack_appearance(world: Any, rules: Any, unit: int) -> int:
     if world.board[s.OCCUPANT, cell] != unit:
         return NOT_SHOWN  # inside a site
     kind, state = int(world.units[unit, s.UNIT_KIND]), int(world.units[unit, s.UNIT_STATE])
-    health = (
-        planes.FULL
-        * int(world.units[unit, s.UNIT_HEALTH])
-        // int(rules.kinds[kind, rb.KIND_HEALTH])
-    )
+    health = planes.FULL * int(world.units[unit, s.UNIT_HEALTH])
+    health //= int(rules.kinds[kind, rb.KIND_HEALTH])
     carried = carried_level(world, rules, unit)
     word = 1 | cell << CELL_BIT | kind << KIND_BIT | max(1, health) << HEALTH_BIT
-    word |= activity_of(state) << ACTIVITY_BIT | int(state == s.RISING) << RISING_BIT
+    word |= _ACTIVITY[state] << ACTIVITY_BIT | int(state == s.RISING) << RISING_BIT
     word |= int(world.units[unit, s.UNIT_ORDER] != s.NO_ORDER) << ORDER_BIT
     is_selected = world.players[owner_of(rules, unit), s.CURSOR] == unit
     word |= int(is_selected) << SELECTED_BIT
@@ -80,24 +72,6 @@ def pack_appearance(world: Any, rules: Any, unit: int) -> int:
         word |= carried << CARRY_BIT
         word |= int(world.units[unit, s.UNIT_CARRY_KIND]) << CARRY_KIND_BIT
     return int(word | progress_level(world, unit) << PROGRESS_BIT)
-
-
-@compiled_copy
-def cell_in(word: int) -> int:
-    """Where the unit stands, the centre of a building."""
-    return int(word >> CELL_BIT & CELL_MASK)
-
-
-@compiled_copy
-def half_size_in(rules: Any, word: int) -> int:
-    """Cells that the unit covers on each side of its centre."""
-    return int(rules.kinds[word >> KIND_BIT & KIND_MASK, rb.KIND_HALF_SIZE])
-
-
-@compiled_copy
-def differs_in_progress_alone(word: int, other: int) -> bool:
-    """True where nothing else has changed."""
-    return bool((word ^ other) >> PROGRESS_BIT << PROGRESS_BIT == word ^ other)
 
 
 @compiled

@@ -1,11 +1,11 @@
-"""What each player of Deep RTS sees, from its own side: a seat's view is turned or mirrored so that
-every base lies where the first seat's lies. Under fog only what is in sight, and remembered ground.
+"""Writes the planes that each player of Deep RTS observes, turned or mirrored to its own side.
 
-Hidden from an agent: others' stores, orders, queues and selections, and the random word.
+Under fog they hold only what is in sight, and remembered ground. Hidden from an agent are others'
+stores, orders, queues and selections, and the random word.
 
-Planes are written where they differ from what a memory says was written last: units that look
-different, ground and stores that changed, cells that came into sight. A blank memory makes a whole
-picture. So the planes are a function of the state alone, whatever happened to it in between.
+Only changes since the last observation are written: units that look different, ground and stores,
+cells that came into sight. A memory holds what the planes show; a blank memory makes all planes
+again. So the planes are a function of the state alone.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled, compiled_copy
+from marl_cair.games.compiled import compiled, compiled_copy, make_world_at
 from marl_cair.games.deep_rts import state as s
 from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.rules import rulebook as rb
@@ -30,7 +30,7 @@ NEVER_SHOWN = -1  # below every number of a store
 
 
 class Shown(NamedTuple):
-    """What the planes of B worlds show, or of one world (the same without B).
+    """The contents of the planes of B worlds, or of one world (the same without B).
 
     P players, U unit slots, N cells with the border.
     """
@@ -62,19 +62,7 @@ def make_memory(scenario: Scenario, num_worlds: int) -> Shown:
     )
 
 
-@compiled_copy
-def shown_at(shown: Any, index: int) -> Any:
-    """The memory of one world: views of its rows."""
-    return Shown(
-        shown.page[index],
-        shown.ground[index],
-        shown.units[index],
-        shown.looks[index],
-        shown.slots[index],
-        shown.numbers[index],
-        shown.sight[index],
-        shown.tiles[index],
-    )
+shown_at = make_world_at(Shown)  # the memory of one world: views of its rows
 
 
 @compiled
@@ -85,7 +73,7 @@ def log_level(amount: int) -> int:
 
 @compiled
 def blank(world: Any, rules: Any, shown: Any, out: Any) -> None:
-    """An empty board, of which the memory knows."""
+    """Make the board and its memory empty."""
     for player in range(rules.num_players):
         out[player, : planes.FIRST_UNIFORM] = 0
         if rules.fog == 0:
@@ -103,11 +91,8 @@ def blank(world: Any, rules: Any, shown: Any, out: Any) -> None:
 
 @compiled_copy
 def frame_of(world: Any, rules: Any, player: int) -> int:
-    """How the player's view is turned."""
+    """The frame of the player's view."""
     return int(rules.seats[world.clock[s.MAP_INDEX], player, rb.SEAT_FRAME])
-
-
-# --- units -----------------------------------------------------------------------------------
 
 
 @compiled
@@ -116,7 +101,9 @@ def mark_unit(
 ) -> None:
     """WIPE or DRAW a unit for all seats that see it, or write its NEW_PROGRESS alone."""
     owner = owner_of(rules, unit)
-    centre, half = appearance.cell_in(word), appearance.half_size_in(rules, word)
+    centre = int(word >> appearance.CELL_BIT & appearance.CELL_MASK)
+    kind = word >> appearance.KIND_BIT & appearance.KIND_MASK
+    half = int(rules.kinds[kind, rb.KIND_HALF_SIZE])
     for player in range(rules.num_players):
         frame, side = frame_of(world, rules, player), appearance.side_of(rules, player, owner)
         for rows in range(-half, half + 1):
@@ -133,7 +120,7 @@ def mark_unit(
 
 @compiled
 def wipe_changed_units(world: Any, rules: Any, shown: Any, out: Any) -> None:
-    """Take away those who look different now, before anybody is drawn where they stood."""
+    """Wipe units that look different now, before other units are drawn on their cells."""
     for place in range(shown.page[NUM_SHOWN]):
         unit = int(shown.slots[place])
         was = shown.units[unit]
@@ -143,7 +130,8 @@ def wipe_changed_units(world: Any, rules: Any, shown: Any, out: Any) -> None:
         shown.looks[unit] = look
         if look == was:
             continue
-        if look != appearance.NOT_SHOWN and appearance.differs_in_progress_alone(look, was):
+        is_alike = (look ^ was) & appearance.ALL_BUT_PROGRESS == 0
+        if look != appearance.NOT_SHOWN and is_alike:
             mark_unit(world, rules, shown, unit, look, NEW_PROGRESS, out)
             shown.units[unit] = look
             continue
@@ -154,7 +142,7 @@ def wipe_changed_units(world: Any, rules: Any, shown: Any, out: Any) -> None:
 
 @compiled
 def draw_changed_units(world: Any, rules: Any, shown: Any, out: Any) -> None:
-    """Draw those who are new or look different, and list all who are shown."""
+    """Draw units that are new or look different, and list all that are shown."""
     count = 0
     for owner in range(rules.num_players):
         for place in range(world.players[owner, s.NUM_UNITS]):
@@ -171,9 +159,6 @@ def draw_changed_units(world: Any, rules: Any, shown: Any, out: Any) -> None:
             shown.slots[count] = unit
             count += 1
     shown.page[NUM_SHOWN] = count
-
-
-# --- ground ------------------------------------------------------------------------------------
 
 
 @compiled
@@ -195,7 +180,7 @@ def mark_tile(tile: int, row: int, column: int, level: int, out: Any) -> None:
 
 @compiled
 def level_left(world: Any, rules: Any, tile: int, cell: int) -> int:
-    """How much is left of a resource in sight, 0..255."""
+    """Remaining amount of a resource in sight, 0..255."""
     if tile == s.UNKNOWN or rules.tiles[tile, rb.TILE_AMOUNT] == 0:
         return 0
     left = max(0, int(world.board[s.AMOUNT, cell]))
@@ -225,7 +210,7 @@ def renew_ground(world: Any, rules: Any, shown: Any, out: Any) -> None:
 
 @compiled
 def renew_foggy_ground(world: Any, rules: Any, shown: Any, player: int, out: Any) -> None:
-    """What a seat sees and remembers of the ground, and those who came into sight or left it.
+    """Update ground that a seat sees or remembers, and units that came into sight or left it.
 
     Units that look different have been wiped and will be drawn; they are left alone here.
     """
@@ -257,17 +242,13 @@ def renew_foggy_ground(world: Any, rules: Any, shown: Any, player: int, out: Any
                 appearance.mark(word, side, row, column, is_seen, out)
 
 
-# --- stores ------------------------------------------------------------------------------------
-
-
 @compiled
-def is_new_number(shown: Any, player: int, plane: int, number: int) -> bool:
-    """Remember what a uniform plane of a seat shows; True where it has changed."""
+def renew_number(shown: Any, player: int, plane: int, number: int, level: int, out: Any) -> None:
+    """Fill a uniform plane of a seat with a level where its number has changed."""
     index = plane - planes.FIRST_UNIFORM
-    if shown.numbers[player, index] == number:
-        return False
-    shown.numbers[player, index] = number
-    return True
+    if shown.numbers[player, index] != number:
+        shown.numbers[player, index] = number
+        out[plane] = min(planes.FULL, level)
 
 
 @compiled
@@ -275,23 +256,19 @@ def renew_numbers(world: Any, rules: Any, shown: Any, player: int, out: Any) -> 
     """The planes that hold one number over the whole board."""
     for resource in range(t.NUM_RESOURCES):
         store = int(world.players[player, s.RESOURCES + resource])
-        if is_new_number(shown, player, planes.FIRST_UNIFORM + resource, store):
-            out[planes.FIRST_UNIFORM + resource] = log_level(store)
+        if shown.numbers[player, resource] != store:  # a logarithm takes time
+            plane = planes.FIRST_UNIFORM + resource
+            renew_number(shown, player, plane, store, log_level(store), out)
     food = int(world.players[player, s.FOOD_USED])
-    if is_new_number(shown, player, planes.OWN_FOOD, food):
-        out[planes.OWN_FOOD] = min(planes.FULL, planes.FOOD_STEP * food)
+    renew_number(shown, player, planes.OWN_FOOD, food, planes.FOOD_STEP * food, out)
     limit = food_limit(world, rules, player)
-    if is_new_number(shown, player, planes.FOOD_LIMIT, limit):
-        out[planes.FOOD_LIMIT] = min(planes.FULL, planes.FOOD_STEP * limit)
+    renew_number(shown, player, planes.FOOD_LIMIT, limit, planes.FOOD_STEP * limit, out)
     for upgrade in range(t.NUM_UPGRADES):
         level = int(world.players[player, s.UPGRADES + upgrade])
-        if is_new_number(shown, player, planes.FIRST_UPGRADE_PLANE + upgrade, level):
-            out[planes.FIRST_UPGRADE_PLANE + upgrade] = min(
-                planes.FULL, planes.UPGRADE_STEP * level
-            )
+        plane = planes.FIRST_UPGRADE_PLANE + upgrade
+        renew_number(shown, player, plane, level, planes.UPGRADE_STEP * level, out)
     left = planes.FULL * (int(rules.max_ticks) - int(world.clock[s.TICK])) // int(rules.max_ticks)
-    if is_new_number(shown, player, planes.TIME_LEFT, left):
-        out[planes.TIME_LEFT] = left
+    renew_number(shown, player, planes.TIME_LEFT, left, left, out)
 
 
 @compiled
@@ -313,9 +290,6 @@ def renew_planes(world: Any, rules: Any, shown: Any, out: Any) -> None:
     draw_changed_units(world, rules, shown, out)
     for player in range(rules.num_players):
         renew_numbers(world, rules, shown, player, out[player])
-
-
-# --- slices of worlds ------------------------------------------------------------------------
 
 
 @compiled

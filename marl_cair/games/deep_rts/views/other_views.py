@@ -27,34 +27,18 @@ VECTOR_NAMES = (
     *(f"own {name}" for name in t.UPGRADE_NAMES),
     *(f"own {name}" for name in t.UNIT_NAMES),
     *(f"enemy {name} in sight" for name in t.UNIT_NAMES),
-    "own damage done",
-    "own damage taken",
-    "own score",
-    "ticks played",
-    "ticks left",
+    *("own damage done", "own damage taken", "own score", "ticks played", "ticks left"),
 )
 
 CLASSIC_NAMES = (
-    "tile",
-    "owner",
-    "building",
-    "mobile",
-    "kind",
-    "health",
-    "state",
-    "carried",
-    "attack",
-    "armour",
+    *("tile", "owner", "building", "mobile", "kind"),  # owner: 1 own, 2 ally, 3 enemy
+    *("health", "state", "carried", "attack", "armour"),
 )
-CLASSIC_SELF, CLASSIC_ALLY, CLASSIC_ENEMY = 1, 2, 3
-
-
-# --- the largest numbers -----------------------------------------------------------------------
 
 
 def vector_high(scenario: Scenario) -> tuple[float, ...]:
-    """The largest value of each entry of VECTOR_NAMES, as high as the rules and the ground let it
-    come; 1 where it is 0 in all of the scenario.
+    """The largest value of each entry of VECTOR_NAMES that rules and ground allow; 1 where it is
+    always 0 in the scenario.
     """
     preset = t.PRESETS[scenario.preset]
     start = (preset.start_gold, preset.start_lumber, preset.start_stone, preset.start_oil)
@@ -62,7 +46,8 @@ def vector_high(scenario: Scenario) -> tuple[float, ...]:
     stored = [min(t.MAX_RESOURCE, first + more) for first, more in zip(start, found, strict=True)]
     counted = [min(t.MAX_RESOURCE, more) for more in found]
     food = max(preset.food_limit, sum(map(mul, _starting_units(scenario), preset.food_consumed)))
-    num_enemies = _most_enemies(scenario)
+    teams = scenario.teams or tuple(range(scenario.num_players))
+    num_enemies = scenario.num_players - min(map(teams.count, teams))  # of the seat with most
     slots = scenario.slots_per_player
     units = [min(slots, food // eats) if eats else slots for eats in preset.food_consumed]
     units_in_sight = [num_enemies * most for most in units]
@@ -79,8 +64,8 @@ def vector_high(scenario: Scenario) -> tuple[float, ...]:
 
 
 def _most_found(scenario: Scenario) -> list[int]:
-    """All of each resource that lies on any of the maps, as workers bring it home. Of those who
-    stand around a tile each may take its last unit.
+    """All of each resource on any of the maps, as workers bring it home. Each of the workers around
+    a tile may take its last unit.
     """
     preset = t.PRESETS[scenario.preset]
     most = [0] * t.NUM_RESOURCES
@@ -93,7 +78,7 @@ def _most_found(scenario: Scenario) -> list[int]:
 
 
 def _starting_units(scenario: Scenario) -> tuple[int, ...]:
-    """How many of each kind a player has at the start."""
+    """Units of each kind that a player has at the start."""
     preset, num_buildings = t.PRESETS[scenario.preset], t.NUM_KINDS - t.NUM_MOBILE_KINDS
     if scenario.army:
         return (*scenario.army, *[0] * num_buildings)
@@ -102,16 +87,9 @@ def _starting_units(scenario: Scenario) -> tuple[int, ...]:
     return tuple(base)
 
 
-def _most_enemies(scenario: Scenario) -> int:
-    """The players against whom a seat plays, of that which has most."""
-    teams = scenario.teams or tuple(range(scenario.num_players))
-    return scenario.num_players - min(map(teams.count, teams))
-
-
 def _for_one_gold(preset: t.Preset) -> tuple[float, float]:
-    """How many units, and how many hit points, one gold brings at most; of these repairing brings
-    the most. A site that is hit and cancelled loses a tenth of its health and a quarter of its
-    price, so nobody gets hit points for less.
+    """The most units, and the most hit points, that one gold buys. Repairing buys the most hit
+    points: a site that is hit and cancelled loses a tenth of its health and a quarter of its price.
     """
     enabled = [kind for kind, is_enabled in enumerate(preset.is_enabled) if is_enabled]
     prices = [preset.cost_gold[kind] for kind in enabled]
@@ -122,16 +100,13 @@ def _for_one_gold(preset: t.Preset) -> tuple[float, float]:
 
 
 def _most_lost(scenario: Scenario, num_players: int, gold: int) -> float:
-    """Hit points that so many players can lose together: what they begin with, and what all the
-    gold brings that they begin with and find (`gold`).
+    """Hit points that so many players can lose together: those of the start, and those bought with
+    the gold of the start and the gold that they find (`gold`).
     """
     preset = t.PRESETS[scenario.preset]
     _, health = _for_one_gold(preset)
     first: int = sum(map(mul, _starting_units(scenario), preset.health))
     return num_players * (first + health * preset.start_gold) + health * gold
-
-
-# --- what is seen ------------------------------------------------------------------------------
 
 
 @compiled
@@ -181,7 +156,7 @@ def see_classic(world: Any, rules: Any, player: int, out: Any) -> None:
             if unit == s.NO_UNIT or not sees(world, rules, player, cell):
                 continue
             kind = int(world.units[unit, s.UNIT_KIND])
-            out[1, row, column] = CLASSIC_SELF + side_of(rules, player, owner_of(rules, unit))
+            out[1, row, column] = 1 + side_of(rules, player, owner_of(rules, unit))
             out[2, row, column] = int(is_building(world, unit))
             out[3, row, column] = int(kind < t.NUM_MOBILE_KINDS)
             out[4, row, column] = kind + 1
@@ -190,11 +165,8 @@ def see_classic(world: Any, rules: Any, player: int, out: Any) -> None:
             out[6, row, column] = world.units[unit, s.UNIT_STATE] + 1
             if world.units[unit, s.UNIT_CARRY_KIND] != t.NO_RESOURCE:
                 out[7, row, column] = min(planes.FULL, int(world.units[unit, s.UNIT_CARRY]))
-            attack = (
-                rules.kinds[kind, rb.KIND_DAMAGE_MIN]
-                + rules.kinds[kind, rb.KIND_DAMAGE_MAX]
-                + rules.kinds[kind, rb.KIND_PIERCING]
-            )
+            attack = rules.kinds[kind, rb.KIND_DAMAGE_MIN] + rules.kinds[kind, rb.KIND_DAMAGE_MAX]
+            attack += rules.kinds[kind, rb.KIND_PIERCING]
             out[8, row, column] = min(planes.FULL, int(attack))
             out[9, row, column] = min(planes.FULL, int(rules.kinds[kind, rb.KIND_ARMOUR]))
 

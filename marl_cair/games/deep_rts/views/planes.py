@@ -14,45 +14,19 @@ PLANE_NAMES = (
     *t.TILE_NAMES[1:],
     "resource left",
     *t.UNIT_NAMES,
-    "own",
-    "ally",
-    "enemy",
-    "health",
-    "walking",
-    "working",
-    "fighting",
-    "progress",
-    "under construction",
-    "own with an order",
-    "own carrying gold",
-    "own carrying lumber",
-    "own carrying stone",
-    "selected",
-    "visible",
-    "explored",
+    *("own", "ally", "enemy", "health", "walking", "working", "fighting", "progress"),
+    *("under construction", "own with an order"),
+    *("own carrying gold", "own carrying lumber", "own carrying stone"),
+    *("selected", "visible", "explored"),
     *UNIFORM_NAMES,
 )
 FIRST_TILE = 0  # minus grass, which has no plane
 RESOURCE_LEFT = t.NUM_TILE_KINDS - 1
 FIRST_KIND = RESOURCE_LEFT + 1
 OWN = FIRST_KIND + t.NUM_KINDS
-(
-    OWN,
-    ALLY,
-    ENEMY,
-    HEALTH,
-    IS_WALKING,
-    IS_WORKING,
-    IS_FIGHTING,
-    PROGRESS,
-    IS_RISING,
-    HAS_ORDER,
-    CARRIES,
-) = range(OWN, OWN + 11)
-SELECTED = CARRIES + 3
-VISIBLE = SELECTED + 1
-EXPLORED = VISIBLE + 1
-FIRST_UNIFORM = EXPLORED + 1
+ALLY, ENEMY, HEALTH, IS_WALKING, IS_WORKING, IS_FIGHTING = range(OWN + 1, OWN + 7)
+PROGRESS, IS_RISING, HAS_ORDER, CARRIES = range(OWN + 7, OWN + 11)
+SELECTED, VISIBLE, EXPLORED, FIRST_UNIFORM = range(CARRIES + 3, CARRIES + 7)
 OWN_FOOD = FIRST_UNIFORM + t.NUM_RESOURCES
 FOOD_LIMIT = OWN_FOOD + 1
 FIRST_UPGRADE_PLANE = FOOD_LIMIT + 1

@@ -98,9 +98,7 @@ class LeagueConfig:
 
 
 def run_league(
-    config: LeagueConfig,
-    load: Load = load_agent,
-    show_progress: bool = True,
+    config: LeagueConfig, load: Load = load_agent, show_progress: bool = True
 ) -> LeagueResult:
     """Play what is not yet stored in `<out>/league.sqlite`, rate all agents, write the report.
 
@@ -137,11 +135,7 @@ def run_league(
         return dataclasses.replace(result, ending=ending)
 
 
-def play_league(
-    config: LeagueConfig,
-    load: Load = load_agent,
-    show_progress: bool = True,
-) -> None:
+def play_league(config: LeagueConfig, load: Load = load_agent, show_progress: bool = True) -> None:
     """Play as `run_league` does, and rate nothing. Raises as that."""
     with _open_league(config, load) as (rules, entrants, store):
         _play(config, rules, entrants, store, load, show_progress, Clock(config.max_seconds))

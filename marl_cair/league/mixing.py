@@ -147,10 +147,7 @@ def read_scores(
 
 
 def _choose_members(
-    folder: Path,
-    agents: Mapping[int, AgentRecord],
-    called: Mapping[int, str],
-    names: Sequence[str],
+    folder: Path, agents: Mapping[int, AgentRecord], called: Mapping[int, str], names: Sequence[str]
 ) -> list[int]:
     """Ids of the agents that may be members."""
     if names:

@@ -179,11 +179,7 @@ def count_meetings(num_agents: int, line_ups: NDArray[np.int64]) -> NDArray[np.i
 
 
 def _find_open_pairs(
-    num_agents: int,
-    target: Target,
-    played: Played,
-    met: NDArray[np.int64],
-    ladder: frozenset[int],
+    num_agents: int, target: Target, played: Played, met: NDArray[np.int64], ladder: frozenset[int]
 ) -> NDArray[np.bool_]:
     """Pairs [n, n] below their number of games whose last block was not all repeats."""
     may_play = met < target.games_per_pair

@@ -51,12 +51,7 @@ def film_game(
 
 
 def save_film(
-    first: Agent,
-    second: Agent,
-    game: Game,
-    scenario: Any,
-    seed: int,
-    path: str | os.PathLike[str],
+    first: Agent, second: Agent, game: Game, scenario: Any, seed: int, path: str | os.PathLike[str]
 ) -> int:
     """Play the first game of `play_match`, `first` in seat 0, and write it as a GIF.
 

@@ -90,12 +90,7 @@ class SoloResult:
 
 
 def play_alone(
-    agent: Agent,
-    game: Game,
-    scenario: Any,
-    num_games: int,
-    seed: int,
-    identity: str | None = None,
+    agent: Agent, game: Game, scenario: Any, num_games: int, seed: int, identity: str | None = None
 ) -> SoloResult:
     """Play `num_games` games with the agent in all seats, with the rated reward.
 

@@ -175,10 +175,7 @@ def test_wins_have_an_interval_of_their_own():
 @pytest.mark.parametrize(
     ("scenario", "message"),
     [
-        (
-            "ffa-3",
-            "num_games is 4, it must be a multiple of 3: every map seed is",
-        ),
+        ("ffa-3", "num_games is 4, it must be a multiple of 3: every map seed is"),
         ("uneven", "a multiple of 3: every map seed is played once in each team"),
         ("alone", "this scenario has one team"),
     ],

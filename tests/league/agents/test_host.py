@@ -203,7 +203,7 @@ def make(scenario, spec):
     def test_code_that_changes_before_a_restart_forfeits(self, module, tmp_path):
         agent = load_agent(f"{module}:make_slow", "deep_line_wars", "11x11", answer_seconds=60.0)
         (tmp_path / "hosted_agents.py").write_text(f"{self.MODULE}# changed", "utf-8")
-        agent._agent._stop()
+        agent._agent._fail("")
         with pytest.raises(AgentFault, match="its code has changed"):
             agent._agent.act(*TWO_GAMES)
 

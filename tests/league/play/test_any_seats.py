@@ -24,7 +24,7 @@ from marl_cair.league.store.store import LeagueStore, LeagueStoreError
 from tests.games import last_standing
 from tests.games.last_standing import FINISH, GAME, NOOP
 
-MANY = ["ffa-3", "ffa-4", "ffa-8", "teams", "uneven"]
+MANY = ["duel", "ffa-3", "ffa-4", "ffa-8", "teams", "uneven"]
 
 
 def bot(name):
@@ -42,6 +42,7 @@ def play(first, second, scenario, num_games, seed=3, identities=None):
 @pytest.mark.parametrize(
     ("scenario", "first_seats"),
     [
+        ("duel", [0, 1]),
         ("ffa-3", [0, 1, 2]),
         ("ffa-4", [0, 1, 2, 3]),
         ("ffa-8", list(range(8))),
@@ -141,7 +142,7 @@ def test_equal_agents_have_the_fair_share(scenario):
 def make_match(wins, num_teams=4):
     """Blocks of `num_teams` games, of which the first agent has won `wins`."""
     games = [
-        GameResult(block, seat, seat if seat < number else (seat + 1) % num_teams, False, 1, "")
+        GameResult(block, seat, (seat + (seat >= number)) % num_teams, False, 1, "", seat < number)
         for block, number in enumerate(wins)
         for seat in range(num_teams)
     ]

@@ -33,7 +33,10 @@ def test_a_match_of_many_stands_beside_the_fair_share(capsys):
 
 def test_a_map_seed_that_shows_something_new_counts_with_all_its_games():
     def block(number, *fingerprints):
-        return [GameResult(number, seat, 0, False, 9, f) for seat, f in enumerate(fingerprints)]
+        return [
+            GameResult(number, seat, 0, False, 9, f, seat == 0)
+            for seat, f in enumerate(fingerprints)
+        ]
 
     played = [*block(0, "a", "b"), *block(1, "a", "b"), *block(2, "b", "a"), *block(3, "a", "c")]
     counted = MatchResult(tuple(played)).without_repeats()
@@ -157,7 +160,9 @@ def test_evaluate_counts_games_that_repeat_others_once(capsys):
 def test_evaluate_and_match_have_the_same_interval():
     """Also where both games of a map seed end alike, which games counted singly do not bear."""
     games = [
-        GameResult(block, seat, seat if block % 2 else 1 - seat, False, 9, f"{block} {seat}")
+        GameResult(
+            block, seat, seat if block % 2 else 1 - seat, False, 9, f"{block} {seat}", block % 2
+        )
         for block in range(20)
         for seat in range(2)
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -86,24 +87,6 @@ def latest(standings: Standings, options: SamplerOptions) -> Probabilities:
     return standings.spread(np.array([0]), np.ones(1))
 
 
-def bots(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """All bots, uniformly."""
-    chosen = standings.bots
-    return standings.spread(chosen, np.ones(len(chosen)))
-
-
-def pfsp_bots(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """Bots, weighted as `pfsp` weighs the pool."""
-    chosen = standings.bots
-    return standings.spread(chosen, (1.0 - standings.win_rate[chosen]) ** options.power)
-
-
-def uniform(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """The whole pool, uniformly: fictitious self-play (Heinrich, Lanctot and Silver 2015)."""
-    pool = standings.pool
-    return standings.spread(pool, np.ones(len(pool)))
-
-
 def delta_uniform(standings: Standings, options: SamplerOptions) -> Probabilities:
     """The newest 1 - delta of the pool, uniformly (Bansal et al. 2018, "Emergent complexity via
     multi-agent competition").
@@ -118,29 +101,6 @@ def recent(standings: Standings, options: SamplerOptions) -> Probabilities:
     pool = standings.pool
     ages = np.linspace(1.0, 0.0, len(pool)) if len(pool) > 1 else np.zeros(len(pool))
     return standings.spread(pool, np.exp(-options.recency * ages))
-
-
-def pfsp(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """Prioritised fictitious self-play, hard opponents: (1 - win rate) ** power (Vinyals et al.
-    2019, "Grandmaster level in StarCraft II", f_hard).
-    """
-    pool = standings.pool
-    return standings.spread(pool, (1.0 - standings.win_rate[pool]) ** options.power)
-
-
-def pfsp_variance(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """Prioritised fictitious self-play, equal opponents: win rate * (1 - win rate) (Vinyals et al.
-    2019, f_var).
-    """
-    pool = standings.pool
-    rate = standings.win_rate[pool]
-    return standings.spread(pool, rate * (1.0 - rate))
-
-
-def pfsp_easy(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """Prioritised fictitious self-play, easy opponents, for weak learners: win rate ** power."""
-    pool = standings.pool
-    return standings.spread(pool, standings.win_rate[pool] ** options.power)
 
 
 def nash(standings: Standings, options: SamplerOptions) -> Probabilities:
@@ -202,17 +162,34 @@ def _newest_or_past(
     return total
 
 
+def _weigh(
+    find: Callable[[Standings], NDArray[np.int64]],
+    weights: Callable[[Probabilities, SamplerOptions], Probabilities],
+) -> Sampler:
+    """A sampler with weights by the learner's win rates against the members that `find` returns."""
+
+    def sample(standings: Standings, options: SamplerOptions) -> Probabilities:
+        chosen = find(standings)
+        return standings.spread(chosen, weights(standings.win_rate[chosen], options))
+
+    return sample
+
+
+_BOTS, _POOL = attrgetter("bots"), attrgetter("pool")
 SAMPLERS: dict[str, Sampler] = {
     LATEST: latest,
-    "pfsp": pfsp,
-    "pfsp_variance": pfsp_variance,
-    "pfsp_easy": pfsp_easy,
-    "uniform": uniform,
+    # Prioritised fictitious self-play (Vinyals et al. 2019, "Grandmaster level in StarCraft II"):
+    # hard opponents (f_hard), equal opponents (f_var), and easy ones, for weak learners.
+    "pfsp": _weigh(_POOL, lambda rates, options: (1.0 - rates) ** options.power),
+    "pfsp_variance": _weigh(_POOL, lambda rates, options: rates * (1.0 - rates)),
+    "pfsp_easy": _weigh(_POOL, lambda rates, options: rates**options.power),
+    # Fictitious self-play (Heinrich, Lanctot and Silver 2015).
+    "uniform": _weigh(_POOL, lambda rates, options: np.ones(len(rates))),
     "delta_uniform": delta_uniform,
     "recent": recent,
     "nash": nash,
-    BOTS: bots,
-    PFSP_BOTS: pfsp_bots,
+    BOTS: _weigh(_BOTS, lambda rates, options: np.ones(len(rates))),
+    PFSP_BOTS: _weigh(_BOTS, lambda rates, options: (1.0 - rates) ** options.power),
     "main_self_play": main_self_play,
     "main_agents": main_agents,
     "forgotten": forgotten,

@@ -1,4 +1,4 @@
-"""Leagues for tests: made-up ones, and a short one of bots that is played."""
+"""Leagues for tests: made-up tables, and short games of bots."""
 
 import functools
 from contextlib import closing

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import json
 import os
@@ -175,25 +176,26 @@ class LeagueStore:
     def add_agent(self, agent: AgentRecord) -> int:
         """Add an agent, or update the one with this fingerprint; returns its id."""
         row = vars(agent)
-        columns, values = ", ".join(row), ", ".join(f":{name}" for name in row)
         changes = ", ".join(f"{name} = excluded.{name}" for name in row)
         with self._writing():
-            self._database.execute(
-                f"INSERT INTO agent ({columns}) VALUES ({values}) "  # noqa: S608  # field names
-                f"ON CONFLICT (fingerprint) DO UPDATE SET {changes}",
-                row,
-            )
+            self._insert("agent", row, f"ON CONFLICT (fingerprint) DO UPDATE SET {changes}")
             query = "SELECT id FROM agent WHERE fingerprint = ?"
             (number,) = self._database.execute(query, (agent.fingerprint,)).fetchone()
         return int(number)
 
+    def _insert(self, table: str, row: Mapping[str, Any], conflict: str = "") -> int | None:
+        """Add a row; returns its id, None if it conflicts with one that is there."""
+        values = ", ".join(f":{name}" for name in row)
+        statement = f"INSERT INTO {table} ({', '.join(row)}) VALUES ({values}) {conflict}"  # noqa: S608  # names of ours
+        cursor = self._database.execute(statement, row)
+        return cursor.lastrowid if cursor.rowcount else None
+
     def read_agents(self) -> dict[int, AgentRecord]:
         """All agents by id."""
         with self._reading():
-            rows = self._database.execute(
-                "SELECT id, fingerprint, name, kind, evaluation_policy, rules_version, "
-                "configuration FROM agent ORDER BY id"
-            ).fetchall()
+            columns = ", ".join(field.name for field in dataclasses.fields(AgentRecord))
+            query = f"SELECT id, {columns} FROM agent ORDER BY id"  # noqa: S608  # names of ours
+            rows = self._database.execute(query).fetchall()
             for *_, configuration in rows:
                 dict(json.loads(configuration))
         cleaned = ([one, *map(clean_text, map(str, shown)), last] for one, *shown, last in rows)
@@ -209,41 +211,29 @@ class LeagueStore:
         with self._writing():
             for game in games:
                 if game.block not in blocks:
-                    blocks[game.block] = self._add_block(key, game)
+                    row = {"line_up": key, "number": game.block, "map_seed": str(game.map_seed)}
+                    blocks[game.block] = self._insert("block", row, "ON CONFLICT DO NOTHING")
                 block = blocks[game.block]
                 if block is not None:
                     self._add_game(line_up, block, game)
 
-    def _add_block(self, line_up: str, game: PlayedGame) -> int | None:
-        cursor = self._database.execute(
-            "INSERT OR IGNORE INTO block (line_up, number, map_seed) VALUES (?, ?, ?)",
-            (line_up, game.block, str(game.map_seed)),
-        )
-        return cursor.lastrowid if cursor.rowcount else None
-
     def _add_game(self, line_up: Sequence[int], block: int, game: PlayedGame) -> None:
-        number = self._database.execute(
-            "INSERT INTO game (block, number, status, is_truncated, decisions, trajectory, reason) "
-            "VALUES (?, ?, ?, ?, ?, ?, ?)",
-            (
-                block,
-                game.number,
-                "forfeit" if any(game.forfeited) else "played",
-                game.is_truncated,
-                game.decisions,
-                game.trajectory,
-                game.reason,
-            ),
-        ).lastrowid
-        self._database.executemany(
-            "INSERT INTO team VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-            [
-                (number, team, entry, line_up[entry], points, rank, team == game.winner, gave_up)
-                for team, (entry, points, rank, gave_up) in enumerate(
-                    zip(game.entries, game.points, game.ranks, game.forfeited, strict=True)
-                )
-            ],
-        )
+        row = {
+            "block": block,
+            "number": game.number,
+            "status": "forfeit" if any(game.forfeited) else "played",
+            "is_truncated": game.is_truncated,
+            "decisions": game.decisions,
+            "trajectory": game.trajectory,
+            "reason": game.reason,
+        }
+        number = self._insert("game", row)
+        columns = zip(game.entries, game.points, game.ranks, game.forfeited, strict=True)
+        teams = [
+            (number, team, entry, line_up[entry], points, rank, team == game.winner, gave_up)
+            for team, (entry, points, rank, gave_up) in enumerate(columns)
+        ]
+        self._database.executemany("INSERT INTO team VALUES (?, ?, ?, ?, ?, ?, ?, ?)", teams)
 
     def read_blocks(self) -> dict[tuple[int, ...], set[int]]:
         """Numbers of the stored blocks of each line-up."""
@@ -299,17 +289,18 @@ class LeagueStore:
         rows: Iterable[tuple[Any, ...]],
     ) -> None:
         """Store a rating run, once for the same games and parameters; rows as table `rating`."""
-        now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        row = {
+            "created_at": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "parameters": json.dumps(parameters, sort_keys=True),
+            "games_hash": games_hash,
+            "num_games": num_games,
+        }
         with self._writing():
-            cursor = self._database.execute(
-                "INSERT OR IGNORE INTO rating_run (created_at, parameters, games_hash, num_games) "
-                "VALUES (?, ?, ?, ?)",
-                (now, json.dumps(parameters, sort_keys=True), games_hash, num_games),
-            )
-            if cursor.rowcount:
+            run = self._insert("rating_run", row, "ON CONFLICT DO NOTHING")
+            if run is not None:
                 self._database.executemany(
                     "INSERT INTO rating VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                    [(cursor.lastrowid, *row) for row in rows],
+                    [(run, *values) for values in rows],
                 )
 
     def close(self) -> None:

@@ -27,24 +27,19 @@ _LEAST = 0.02  # share of the largest weight; members with less are left out
 
 @dataclass(frozen=True)
 class SafestMixture:
-    """A mixture of a league's agents, best first, and its scores in the league's games.
+    """A mixture of K of a league's agents, best first, and its scores in the league's games.
 
-    Attributes:
-        names, sources, weights: of its K members.
-        worst, against: its lowest score (a share of points), and the agent that it has it against.
-            It is biased upwards, as these games have chosen the mixture: rate it by new games.
-        single, single_worst: the single agent with the highest lowest score, and that score.
-        num_agents: number of agents that it is measured against.
+    The scores are biased upwards, as these games have chosen the mixture: rate it by new games.
     """
 
     names: tuple[str, ...]
     sources: tuple[str, ...]
     weights: tuple[float, ...]
-    worst: float
-    against: str
-    single: str
-    single_worst: float
-    num_agents: int
+    worst: float  # the lowest score against an agent, a share of points
+    against: str  # that agent
+    single: str  # the single agent with the highest lowest score
+    single_worst: float  # that score
+    num_agents: int  # that the scores are against
 
 
 def mix_league(

@@ -23,23 +23,15 @@ Probabilities = NDArray[np.float64]
 
 
 class Standings(NamedTuple):
-    """K opponents to sample from: the learner itself, then the pool's members in order.
+    """K opponents to sample from: the learner itself, then the pool's members in order."""
 
-    Attributes:
-        numbers: int64 [K].
-        names, kinds: K each.
-        win_rate: float64 [K], the learner's expected score in 0..1.
-        payoff: float64 [K, K], the expected score of row against column; used for the pool only.
-        owners, roles: in a league, the learner of each opponent, and its role; else ().
-    """
-
-    numbers: NDArray[np.int64]
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
-    win_rate: NDArray[np.float64]
-    payoff: NDArray[np.float64]
-    owners: tuple[str, ...] = ()
-    roles: tuple[str, ...] = ()
+    numbers: NDArray[np.int64]  # [K]
+    names: tuple[str, ...]  # K
+    kinds: tuple[str, ...]  # K
+    win_rate: NDArray[np.float64]  # [K], the learner's expected score in 0..1
+    payoff: NDArray[np.float64]  # [K, K], row against column; used for the pool only
+    owners: tuple[str, ...] = ()  # in a league: the learner of each opponent
+    roles: tuple[str, ...] = ()  # in a league: that learner's role
 
     def find(self, kind: str, roles: tuple[str, ...]) -> NDArray[np.int64]:
         """Indices of the members of one kind whose learners have one of `roles`."""

@@ -71,8 +71,8 @@ for line in sys.stdin:
         sys.exit(3)
     if habit in ("hangs", "escapes", "hops", "forks") or habit.endswith(" its supervisor"):
         time.sleep(600)
-    elif habit == "prints":
-        write("my move is 1")
+    elif habit in ("prints", "nests"):
+        write("my move is 1" if habit == "prints" else "[" * 100_000)
     else:
         answers = {
             "paints": {"error": "\x1b[31mred\nline \u202egnp.exe\u200b \ud800"},

@@ -20,8 +20,6 @@ from tests.games import last_standing
 from tests.league.players import GAME, save_network
 from tests.refusals import assert_refused
 
-BOTS = ["random", "turtle", "--scenario", "11x11", "--games", "2", "--no-replays"]
-
 
 @pytest.mark.parametrize("command", [league, evaluate])
 def test_help_describes_each_option_with_its_default(command):
@@ -84,14 +82,6 @@ def test_solo_agents_are_rated_by_score_and_by_the_numbers_of_the_game(tmp_path,
 def test_a_field_that_the_scenario_does_not_have_is_refused(capsys):
     assert main(["evaluate", "deep_maze/oracle", "--set", "max_tick=8"]) == 2
     assert "nearest are 'max_ticks'" in capsys.readouterr().err
-
-
-def test_a_folder_of_another_league_is_refused(tmp_path, capsys):
-    out = ["--out", str(tmp_path / "league")]
-    assert main(["league", *BOTS, *out]) == 0
-    capsys.readouterr()
-    assert main(["league", *BOTS, *out, "--seed", "1"]) == 2
-    assert "seed is 0 there, 1 here" in capsys.readouterr().err
 
 
 def test_evaluate_plays_on_the_scenario_of_the_checkpoint(tmp_path, capsys):

@@ -20,7 +20,6 @@ from marl_cair.files import OutputFolderError
 from marl_cair.league.agents.load import find_fingerprint, find_scenario, load_agent
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.store.store import LeagueStoreError
-from marl_cair.lookup import UnknownNameError
 from tests.league import players
 from tests.league.players import GAME, FailingAgent, save_network
 
@@ -203,30 +202,6 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
         play(tmp_path)
 
 
-def test_a_damaged_league_file_is_named(tmp_path):
-    play(tmp_path / "a")
-    (tmp_path / "a" / "league.sqlite").write_bytes(b"no database" * 1_000)
-    for leftover in (tmp_path / "a").glob("league.sqlite-*"):
-        leftover.unlink()
-    with pytest.raises(LeagueStoreError, match="is no league file, or is damaged"):
-        play(tmp_path / "a")
-
-
-def test_a_league_file_that_cannot_be_written_is_named(tmp_path):
-    play(tmp_path / "a")
-    for file in (tmp_path / "a").glob("league.sqlite*"):
-        file.unlink()
-    (tmp_path / "a" / "league.sqlite").mkdir()
-    with pytest.raises(LeagueStoreError, match="league.sqlite is no regular file"):
-        play(tmp_path / "a")
-
-
-def test_an_unknown_agent_stops_the_league_before_any_game(tmp_path):
-    with pytest.raises(UnknownNameError, match="'rushr': nearest are 'rusher'"):
-        play(tmp_path / "a", agents=("random", "rushr"))
-    assert not (tmp_path / "a").exists()
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -286,11 +261,6 @@ class TestCheckpoints:
         one = save_network(tmp_path / "runs" / "random" / "latest")
         names = {r.name for r in play(tmp_path / "league", agents=(one, "turtle")).ratings}
         assert names == {"runs/random", "turtle"}
-
-    def test_a_checkpoint_of_another_game_is_refused(self, tmp_path):
-        one = save_network(tmp_path / "a", game="chess")
-        with pytest.raises(CheckpointError, match="was trained on chess, it cannot play deep_line"):
-            play(tmp_path / "league", agents=("random", one))
 
     def test_the_scenario_is_the_one_that_the_checkpoints_were_trained_on(self, tmp_path):
         one = save_network(tmp_path / "a", max_ticks=900, reward="shaped")

@@ -37,17 +37,13 @@ class Limits:
     """Limits of an agent in a process of its own. Raises ValueError for an invalid limit, or one
     that this system cannot enforce.
 
-    Attributes:
-        seconds: for each answer.
-        memory_bytes: address space of each of its processes (RLIMIT_AS); 0: no limit. Programs may
-            reserve much more than they use, above all on a GPU, in Java or in Go.
-        processes: most that are alive at once, checked every 50 ms; 0: no limit. (RLIMIT_NPROC
-            counts all processes of the user.)
+    The memory is the address space of each of its processes (RLIMIT_AS): programs may reserve much
+    more than they use, above all on a GPU, in Java or in Go.
     """
 
-    seconds: float = ANSWER_SECONDS
-    memory_bytes: int = 0
-    processes: int = 0
+    seconds: float = ANSWER_SECONDS  # for each answer
+    memory_bytes: int = 0  # 0: no limit
+    processes: int = 0  # at once, checked every 50 ms (RLIMIT_NPROC counts those of the user)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.seconds < math.inf:

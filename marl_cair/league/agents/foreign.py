@@ -60,8 +60,7 @@ class ForeignAgent:
         spec: of the scenario.
         fingerprint: of its code.
 
-    Raises:
-        UnknownNameError: the game has no such representation.
+    Raises UnknownNameError: the game has no such representation.
     """
 
     def __init__(self, agent: Any, source: str, spec: GameSpec, fingerprint: str) -> None:
@@ -146,8 +145,7 @@ def load_foreign(source: str, scenario: Any, spec: GameSpec) -> ForeignAgent:
     Modules are found as Python finds them, and in the current folder. The fingerprint is of the
     module's source and the name: changed code is another agent.
 
-    Raises:
-        ForeignAgentError: no such module or function, or the function has failed.
+    Raises ForeignAgentError: no such module or function, or the function has failed.
     """
     try:
         agent, code = make_foreign(source, scenario, spec)
@@ -170,10 +168,9 @@ def digest_code(source: str, *files: bytes) -> str:
 
 
 def make_foreign(source: str, scenario: Any, spec: GameSpec) -> tuple[Any, bytes]:
-    """What the function of `load_foreign` returns, and the source of its module.
+    """The object that the function of `load_foreign` returns, and the source of its module.
 
-    Raises:
-        AgentFault: no such module or function, or it returns no agent.
+    Raises AgentFault: no such module or function, or it returns no agent.
     """
     module_name, _, name = source.partition(":")
     here = str(Path.cwd())

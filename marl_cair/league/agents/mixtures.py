@@ -31,15 +31,10 @@ MOST_MEMBERS = 256  # all are loaded into memory before the first game
 
 @dataclass(frozen=True)
 class Mixture:
-    """Contents of `mixture.json`.
+    """Contents of `mixture.json`."""
 
-    Attributes:
-        sources: members: folders inside the mixture's, or bots as "game/bot".
-        weights: probabilities of the members, above 0, in sum 1.
-    """
-
-    sources: tuple[str, ...]
-    weights: tuple[float, ...]
+    sources: tuple[str, ...]  # members: folders inside the mixture's, or bots as "game/bot"
+    weights: tuple[float, ...]  # probabilities of the members, above 0, in sum 1
 
 
 def is_mixture(source: str | os.PathLike[str]) -> bool:

@@ -73,8 +73,7 @@ def load_process(source: str, game: Game, scenario: Any, limits: Limits) -> Fore
     """Start the command of `process:COMMAND`; returns its agent. The fingerprint is of the command
     and of the files that it names.
 
-    Raises:
-        ForeignAgentError: the command cannot be started, or does not follow the protocol.
+    Raises ForeignAgentError: the command cannot be started, or does not follow the protocol.
     """
     try:
         command = shlex.split(source.removeprefix(PREFIX))
@@ -144,8 +143,7 @@ class ProcessAgent:
         hello: the first message.
         limits: the seconds hold for each answer; the first one has START_SECONDS at least.
 
-    Raises:
-        AgentFault: the process cannot be started, or is not ready in time.
+    Raises AgentFault: the process cannot be started, or is not ready in time.
     """
 
     def __init__(

@@ -20,15 +20,10 @@ MOST_SNAPSHOTS = 8  # of a run: enough for a curve of ratings, and few enough ga
 
 
 class Expansion(NamedTuple):
-    """Agents of sources.
+    """Agents of sources."""
 
-    Attributes:
-        agents: agents by source; a source that is no run has itself.
-        notes: a line for each run.
-    """
-
-    agents: dict[str, tuple[str, ...]]
-    notes: tuple[str, ...]
+    agents: dict[str, tuple[str, ...]]  # by source; a source that is no run has itself
+    notes: tuple[str, ...]  # a line for each run
 
     def list_agents(self, sources: Sequence[str]) -> tuple[str, ...]:
         """The agents of these sources, in their order."""

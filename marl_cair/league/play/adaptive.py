@@ -28,27 +28,17 @@ Play = Callable[[Sequence[Job]], tuple[Games, NDArray[np.int64]]]
 
 @dataclass(frozen=True)
 class AdaptivePlan:
-    """Sizes and limits of an adaptive league.
-
-    Attributes:
-        num_agents, num_teams: of the league, and of a game.
-        blocks_per_chunk, games_per_chunk: of each line-up.
-        half_width_elo: of the widest 95 % interval of a rating that is allowed; 0: no limit.
-        games_per_pair: a pair that has met in so many games does not play on.
-        is_time_up: called before each round; `play` may call it too and leave jobs out.
-        measure: half-widths [n] in Elo of the reported intervals, 0 for agents without one.
-        ladder: agents that do not play each other.
-    """
+    """Sizes and limits of an adaptive league."""
 
     num_agents: int
-    num_teams: int
+    num_teams: int  # of a game
     blocks_per_chunk: int
     games_per_chunk: int
-    half_width_elo: float
-    games_per_pair: int
-    is_time_up: Callable[[], bool]
-    measure: Callable[[Games], NDArray[np.float64]]
-    ladder: frozenset[int] = frozenset()
+    half_width_elo: float  # widest 95 % interval of a rating that is allowed; 0: no limit
+    games_per_pair: int  # a pair that has met in so many games does not play on
+    is_time_up: Callable[[], bool]  # called before each round; `play` may call it and omit jobs
+    measure: Callable[[Games], NDArray[np.float64]]  # reported half-widths [n] in Elo; 0: none
+    ladder: frozenset[int] = frozenset()  # agents that do not play each other
 
 
 class Clock:

@@ -143,9 +143,8 @@ class Arena:
 
         is_time_up: called after each batch; true leaves the other batches out.
 
-        Raises:
-            OSError: a worker process has died, or has loaded another agent from a source than this
-                process; games that are stored stay.
+        Raises OSError: a worker process has died, or has loaded another agent from a source than
+        this process; games that are stored stay.
         """
         batches = list(self._find_missing(jobs))
         left = sum(len(batch.chunks) for batch in batches)

@@ -43,8 +43,7 @@ def make_design(num_teams: int, seating: str, seed: int) -> Design:
     for each block from (seed, block), one game for each team: every entry has every team once, and
     over many blocks every entry has every neighbour. With two teams both are the same.
 
-    Raises:
-        ValueError: unknown seating, or "all" with more than MAX_TEAMS_FOR_ALL teams.
+    Raises ValueError: unknown seating, or "all" with more than MAX_TEAMS_FOR_ALL teams.
     """
     if seating not in SEATINGS:
         raise ValueError(f"seating is {seating!r}, it must be one of {', '.join(SEATINGS)}")

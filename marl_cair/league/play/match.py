@@ -127,8 +127,7 @@ def play_match(
     A longer match begins with the games of a shorter one, and with two teams the match of `second`
     against `first` has the same games. `identities` as in `play_chunks`.
 
-    Raises:
-        ValueError: num_games is no multiple of the number of teams, or there is only one team.
+    Raises ValueError: num_games is no multiple of the number of teams, or there is only one team.
     """
     num_teams = require_rivals(game, scenario)
     if num_games < num_teams or num_games % num_teams:

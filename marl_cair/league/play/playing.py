@@ -36,17 +36,11 @@ class Places(NamedTuple):
 
 @dataclass(frozen=True)
 class Chunk:
-    """Seats of all agents in G games that are played together.
+    """Seats of all agents in G games that are played together."""
 
-    Attributes:
-        number: of the chunk in its match.
-        blocks: int64 [G], the block of the match that each game belongs to.
-        places: of each entry.
-    """
-
-    number: int
-    blocks: NDArray[np.int64]
-    places: tuple[Places, ...]
+    number: int  # of the chunk in its match
+    blocks: NDArray[np.int64]  # [G], number of each game's block
+    places: tuple[Places, ...]  # of each entry
 
 
 class Seating(NamedTuple):
@@ -90,7 +84,7 @@ def line_up_seed(seed: int, fingerprints: Sequence[str]) -> int:
     """The seed, 64 bits, of a line-up's maps in a league: each line-up has maps of its own.
 
     If all line-ups shared maps, a map that favours an agent would do so in all its games: their
-    results would be correlated, and tell less about its strength.
+    results would be correlated, and less informative.
     """
     text = "\0".join((f"{seed} maps", *fingerprints))
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "big")

@@ -73,18 +73,11 @@ class SequentialTest:
 
 @dataclass(frozen=True)
 class SequentialResult:
-    """Result of a test.
+    """Result of a test."""
 
-    Attributes:
-        verdict: the likelier difference; "undecided" after the most games; "repeats" if the agents
-            only repeat games.
-        ratio: the log-likelihood ratio at the end.
-        match: the games up to the decision, without blocks that repeat others.
-    """
-
-    verdict: Verdict
-    ratio: float
-    match: MatchResult
+    verdict: Verdict  # "undecided" after the most games; "repeats" if agents only repeat games
+    ratio: float  # the log-likelihood ratio at the end
+    match: MatchResult  # up to the decision, without blocks that repeat others
 
 
 def start_count(num_teams: int) -> Counter[float]:

@@ -31,37 +31,21 @@ class LeagueStoreError(ValueError):
 
 @dataclass(frozen=True)
 class StoredGames:
-    """N games of T teams, sorted by line-up, block and game.
+    """N games of T teams, sorted by line-up, block and game."""
 
-    Attributes:
-        agents: int64 [N, T], id of the agent that has played the team.
-        points, ranks: float64 [N, T], as in `PlayedGame`.
-        blocks: int64 [N], equal for games of one block and line-up.
-        numbers: int64 [N], number of the block within its line-up.
-        turns: int64 [N], number of the game within its block.
-        map_seeds: uint64 [N].
-        line_ups: int64 [N], equal for games of one line-up.
-        is_repeat: bool [N], whether an earlier game has the same moves, with the same agents as the
-            same teams.
-        is_truncated: bool [N], whether the time limit has ended the game.
-        decisions: int64 [N], steps of each seat that was in to the end.
-        reasons: N, of forfeits; "" without one.
-        trajectories: N hashes.
-    """
-
-    agents: NDArray[np.int64]
-    points: NDArray[np.float64]
-    ranks: NDArray[np.float64]
-    blocks: NDArray[np.int64]
-    numbers: NDArray[np.int64]
-    turns: NDArray[np.int64]
-    map_seeds: NDArray[np.uint64]
-    line_ups: NDArray[np.int64]
-    is_repeat: NDArray[np.bool_]
-    is_truncated: NDArray[np.bool_]
-    decisions: NDArray[np.int64]
-    reasons: tuple[str, ...]
-    trajectories: tuple[str, ...]
+    agents: NDArray[np.int64]  # [N, T], id of the agent that has played the team
+    points: NDArray[np.float64]  # [N, T], as in `PlayedGame`
+    ranks: NDArray[np.float64]  # [N, T], as in `PlayedGame`
+    blocks: NDArray[np.int64]  # [N], equal for games of one block and line-up
+    numbers: NDArray[np.int64]  # [N], number of the block within its line-up
+    turns: NDArray[np.int64]  # [N], number of the game within its block
+    map_seeds: NDArray[np.uint64]  # [N]
+    line_ups: NDArray[np.int64]  # [N], equal for games of one line-up
+    is_repeat: NDArray[np.bool_]  # [N], same moves and same agents as an earlier game
+    is_truncated: NDArray[np.bool_]  # [N], ended by the time limit
+    decisions: NDArray[np.int64]  # [N], steps of each seat that was in to the end
+    reasons: tuple[str, ...]  # N, of forfeits; "" without one
+    trajectories: tuple[str, ...]  # N hashes
 
     def select(self, which: NDArray[Any]) -> StoredGames:
         """The games of an index or a mask [N]; `is_repeat` stays as it is."""
@@ -83,9 +67,8 @@ class LeagueStore:
     seed, seating, team of each seat); a file with other settings is refused. None: the file must
     exist, and has any settings.
 
-    Raises:
-        LeagueStoreError: no league file, one of a newer version, a damaged one, or one with other
-            settings. Each method raises it if the file cannot be read or written.
+    Raises LeagueStoreError: no league file, one of a newer version, a damaged one, or one with
+    other settings. Each method raises it if the file cannot be read or written.
     """
 
     def __init__(self, path: Path, settings: Mapping[str, Any] | None = None) -> None:
@@ -111,8 +94,7 @@ class LeagueStore:
         if state != "ok":
             raise sqlite3.DatabaseError(state)
         with self._transaction():
-            with schema.parse_errors():
-                held = schema.read_meta(self._database)
+            held = schema.read_meta(self._database)
             if not held:
                 if settings is None:
                     raise schema.SchemaError("holds no league")
@@ -120,16 +102,16 @@ class LeagueStore:
                 return schema.read_meta(self._database)
             if settings is not None:
                 self._check_settings(held, settings)
-            with schema.parse_errors():
-                schema.migrate(self._database, settings or {})
-                held = schema.read_meta(self._database)
+            schema.migrate(self._database, settings or {})
+            held = schema.read_meta(self._database)
             schema.check_settings(held)
         return held
 
     @contextmanager
     def _explain_errors(self) -> Iterator[None]:
         try:
-            yield
+            with schema.parse_errors():
+                yield
         except schema.SchemaError as error:
             raise LeagueStoreError(f"{self._path} {error}") from error
         except sqlite3.OperationalError as error:
@@ -156,11 +138,6 @@ class LeagueStore:
     @contextmanager
     def _writing(self) -> Iterator[None]:
         with self._explain_errors(), self._transaction():
-            yield
-
-    @contextmanager
-    def _reading(self) -> Iterator[None]:
-        with self._explain_errors(), schema.parse_errors():
             yield
 
     def _check_settings(self, held: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
@@ -192,7 +169,7 @@ class LeagueStore:
 
     def read_agents(self) -> dict[int, AgentRecord]:
         """All agents by id."""
-        with self._reading():
+        with self._explain_errors():
             columns = ", ".join(field.name for field in dataclasses.fields(AgentRecord))
             query = f"SELECT id, {columns} FROM agent ORDER BY id"  # noqa: S608  # names of ours
             rows = self._database.execute(query).fetchall()
@@ -238,14 +215,14 @@ class LeagueStore:
     def read_blocks(self) -> dict[tuple[int, ...], set[int]]:
         """Numbers of the stored blocks of each line-up."""
         held: dict[tuple[int, ...], set[int]] = {}
-        with self._reading():
+        with self._explain_errors():
             for line_up, number in self._database.execute("SELECT line_up, number FROM block"):
                 held.setdefault(tuple(map(int, line_up.split())), set()).add(number)
         return held
 
     def read_games(self) -> StoredGames:
         """All games, sorted by the agents' fingerprints: the order does not depend on history."""
-        with self._reading():
+        with self._explain_errors():
             rows = self._database.execute(
                 "SELECT b.line_up, b.number, g.number, b.map_seed, g.is_truncated, g.decisions, "
                 "g.trajectory, g.reason, t.agent, t.points, t.rank, g.id, t.team "
@@ -266,7 +243,7 @@ class LeagueStore:
 
     def note(self, key: str, value: str) -> None:
         """Add `value` to the texts under `key`, once."""
-        with self._writing(), schema.parse_errors():
+        with self._writing():
             values = schema.read_meta(self._database).get(key, [])
             if value not in values:
                 self._database.execute(

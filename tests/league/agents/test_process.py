@@ -61,6 +61,7 @@ def test_a_process_plays():
     ("habit", "reason"),
     [
         ("prints", "wrote a line that is no JSON"),
+        ("nests", "wrote a line that is no JSON"),
         ("lists", f"wrote {[3] * 8}, and no JSON object"),
         ("forgets", f'wrote {{"moves": {[3] * 8}}}, without `actions`'),
         ("gives up", "out of ideas"),

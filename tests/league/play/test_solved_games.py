@@ -38,42 +38,6 @@ def run(folder, monkeypatch, *agents, games):
 # --- the game -----------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def engine():
-    started = BatchedEngine(GAME, GAME.scenario())
-    started.reset(0)
-    return started
-
-
-def test_one_seat_moves_and_the_other_waits(engine):
-    for tick, seat in enumerate((0, 1, 0)):
-        mask = engine.action_mask()[0]
-        legal = np.flatnonzero(mask[seat])
-        assert len(legal) == 9 - tick
-        assert WAIT not in legal
-        assert np.flatnonzero(mask[1 - seat]).tolist() == [WAIT]
-        actions = np.full((1, 2), WAIT)
-        actions[0, seat] = legal[0]
-        engine.step(actions)
-    assert engine.illegal_actions.sum() == 0
-
-
-def test_an_illegal_move_changes_nothing_and_is_counted(engine):
-    board = engine.observe("vector")
-    engine.step(np.array([[WAIT, 0]]))  # the first waits, the second moves out of turn
-    assert np.array_equal(engine.observe("vector"), board)
-    assert engine.illegal_actions.tolist() == [[1, 1]]
-
-
-def test_a_snapshot_is_of_the_board(engine):
-    engine.step(np.array([[0, WAIT]]))
-    kept, board = engine.snapshot(), engine.observe("vector")
-    engine.step(np.array([[WAIT, 1]]))
-    assert not np.array_equal(engine.observe("vector"), board)
-    engine.restore(kept)
-    assert np.array_equal(engine.observe("vector"), board)
-
-
 def play_all_lines(choose, seat):
     """Winners of the games of the first best move against every order of moves of the other."""
     lines = list(itertools.product(*map(range, (8, 6, 4, 2) if seat == 0 else (9, 7, 5, 3))))

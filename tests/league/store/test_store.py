@@ -135,7 +135,7 @@ def test_a_game_that_is_the_same_move_by_move_is_a_repeat(store):
     ids = add(store, games=())
     same = [played(block, n, trajectory="t") for block in (0, 1) for n in (0, 1)]
     store.add_games(ids, same)
-    # In other seats it is another game, whatever the hash.
+    # In other seats it is another game, even with the same hash.
     assert store.read_games().is_repeat.tolist() == [False, False, True, True]
 
 
@@ -226,6 +226,12 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(LeagueStoreError, match="is not there: give the folder of a league"):
         LeagueStore(tmp_path / "league.sqlite")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_in_place_of_the_file_is_refused(path):
+    path.mkdir()
+    with pytest.raises(LeagueStoreError, match="league.sqlite is no regular file"):
+        LeagueStore(path, SETTINGS)
 
 
 def test_a_file_that_may_not_be_written_is_read(store, path, tmp_path, monkeypatch):

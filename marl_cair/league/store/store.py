@@ -162,9 +162,9 @@ class LeagueStore:
 
     def _insert(self, table: str, row: Mapping[str, Any], conflict: str = "") -> int | None:
         """Add a row; returns its id, None if it conflicts with one that is there."""
-        values = ", ".join(f":{name}" for name in row)
+        values = ", ".join("?" * len(row))
         statement = f"INSERT INTO {table} ({', '.join(row)}) VALUES ({values}) {conflict}"  # noqa: S608  # names of ours
-        cursor = self._database.execute(statement, row)
+        cursor = self._database.execute(statement, tuple(row.values()))
         return cursor.lastrowid if cursor.rowcount else None
 
     def read_agents(self) -> dict[int, AgentRecord]:

@@ -52,7 +52,7 @@ def test_a_map_seed_that_shows_something_new_counts_with_all_its_games():
     [
         (["finisher", "idle"], "A is stronger than B."),
         (["idle", "finisher"], "A is weaker than B."),
-        (["idle", "idle"], "They cannot be text apart."),
+        (["idle", "idle"], "They cannot be told apart."),
     ],
 )
 def test_the_verdict_between_teams_is_in_plain_words(capsys, words, verdict):
@@ -66,7 +66,7 @@ def test_the_verdict_between_teams_is_in_plain_words(capsys, words, verdict):
     [
         (["scorer", "idle"], "A scores more than B."),
         (["idle", "scorer"], "A scores less than B."),
-        (["scorer", "scorer"], "They cannot be text apart."),
+        (["scorer", "scorer"], "They cannot be told apart."),
     ],
 )
 def test_solo_agents_are_compared_by_scores(capsys, words, verdict):
@@ -83,7 +83,7 @@ def test_variants_stand_below_each_other(capsys):
     lines = [line for line in text.splitlines() if "each alone" in line]
     assert [line.split()[0] for line in lines] == ["alone", "heldout"]
     assert text.count("mean score of A 0 [0, 0]") == 1
-    assert text.index("A scores more") < text.index("They cannot be text apart")
+    assert text.index("A scores more") < text.index("They cannot be told apart")
 
 
 def test_options_may_stand_anywhere(capsys):

@@ -16,8 +16,7 @@ from marl_cair.cli.compose import read_value
 from marl_cair.cli.parser import refuse_repeats
 from marl_cair.games import GAMES
 from marl_cair.games.game import Agent, Game, GameSpec
-from marl_cair.league.agents.allowed_code import is_foreign
-from marl_cair.league.agents.limits import ANSWER_SECONDS, FUNCTION_SECONDS
+from marl_cair.league.agents.allowed_code import ANSWER_SECONDS, FUNCTION_SECONDS, is_foreign
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.agents.run_folders import Expansion, expand_runs
 from marl_cair.league.play.arena import Load

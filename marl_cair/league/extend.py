@@ -1,9 +1,10 @@
-"""Adds agents to a league; all its settings are read from its file."""
+"""Adds agents to a league, with the settings in its file."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -26,22 +27,20 @@ def plan_extension(
     load: Load = load_agent,
     allow_code: AllowCode = False,
 ) -> LeagueConfig:
-    """What `run_league` is to play so that `agents` meet all that have played in `folder`.
+    """The configuration for `run_league` in which `agents` meet all agents of the league in
+    `folder`.
 
-    games_per_pair: None: as many as pairs of the league have met in, on the median. allow_code:
-    which code that the league file names may run; see `allowed_code`.
+    games_per_pair: default: the median over the pairs of the league. allow_code: code in the league
+    file that may run; see `allowed_code`.
 
     Raises:
         CodeNotAllowedError: the league has agents that are code, and they are not allowed.
-        LeagueStoreError: no league, one without games, or one of whose agents is not known where it
-            comes from, or is another by now.
-        CheckpointError, ForeignAgentError, UnknownNameError: one of them cannot be loaded.
+        LeagueStoreError: no league, one without games, or the source of an agent is unknown or has
+            another agent now.
+        CheckpointError, ForeignAgentError, UnknownNameError: an agent cannot be loaded.
     """
-    store = LeagueStore(folder / STORE_FILE)
-    try:
+    with closing(LeagueStore(folder / STORE_FILE)) as store:
         settings, stored, records = store.settings, store.read_games(), store.read_agents()
-    finally:
-        store.close()
     played = sorted(set(stored.agents.ravel().tolist()))
     if not played:
         raise LeagueStoreError(
@@ -75,40 +74,35 @@ def plan_extension(
 
 
 def list_fingerprints(folder: Path) -> set[str]:
-    """Of all agents of the league in `folder`. Raises LeagueStoreError where there is none."""
-    store = LeagueStore(folder / STORE_FILE)
-    try:
+    """Fingerprints of the agents of the league in `folder`. Raises LeagueStoreError without one."""
+    with closing(LeagueStore(folder / STORE_FILE)) as store:
         return {record.fingerprint for record in store.read_agents().values()}
-    finally:
-        store.close()
 
 
 def load_played(
     folder: Path, rules: Rules, record: AgentRecord, source: str, load: Load = load_agent
 ) -> Agent:
-    """The agent from `source` that has played in the league in `folder`.
+    """Load an agent of the league in `folder` from its source.
 
     Raises:
-        LeagueStoreError: what is there is another agent by now.
+        LeagueStoreError: another agent is there now.
         CheckpointError, ForeignAgentError, UnknownNameError: it cannot be loaded.
     """
     agent = load(source, game=rules.game.name, scenario=rules.scenario)
     if find_fingerprint(agent, rules.game) != record.fingerprint:
         raise LeagueStoreError(
-            f"{source} is no longer the agent that has played in {folder} as {record.name}: "
-            "bring that one back; or name all agents that are to be rated (`marl-cair league AGENT "
-            f"AGENT ... --out {folder}`), which takes what is there now as another agent"
+            f"{source} is no longer the agent that has played in {folder} as {record.name}: bring "
+            "that agent back; or name all agents to rate (`marl-cair league AGENT AGENT ... --out "
+            f"{folder}`), which adds the one that is there now as another agent"
         )
     return agent
 
 
 def find_source(folder: Path, record: AgentRecord) -> str:
-    """Where an agent of the league in `folder` is from. Raises LeagueStoreError where that is not
-    known.
-    """
+    """The source of an agent of the league in `folder`. Raises LeagueStoreError if unknown."""
     if not (source := read_source(record)):
         raise LeagueStoreError(
-            f"{folder} does not say where {record.name} is from, as it was played by an older "
-            "marl_cair: give the command that played it once more, with the new agents in it"
+            f"{folder} does not say where {record.name} is from, as an older marl_cair has played "
+            "it: give the command that played it again, with the new agents in it"
         )
     return source

@@ -18,28 +18,18 @@ from tqdm import tqdm
 from marl_cair.files import claim_output_folder
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game
+from marl_cair.league.agents import load as agents
 from marl_cair.league.agents.allowed_code import PREFIX, is_process
-from marl_cair.league.agents.load import (
-    describe_agent,
-    find_fingerprint,
-    is_checkpoint,
-    load_agent,
-    shorten_paths,
-)
-from marl_cair.league.play.adaptive import Played, Target, measure_ladder, play_adaptively
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.play import adaptive
 from marl_cair.league.play.arena import Arena, Load, Rules
 from marl_cair.league.play.blocks import Entrant
 from marl_cair.league.play.match import require_rivals
 from marl_cair.league.play.schedule import Job, schedule_meetings
-from marl_cair.league.play.stopping import Clock, describe_ending
 from marl_cair.league.ratings.rate import Games, rate
+from marl_cair.league.report import report
 from marl_cair.league.report.background import COMMANDS, VERSIONS, list_versions
-from marl_cair.league.report.report import (
-    LeagueResult,
-    ReportOptions,
-    number_agents,
-    rate_and_report,
-)
+from marl_cair.league.report.report import LeagueResult
 from marl_cair.league.store.store import STORE_FILE, LeagueStore, StoredGames
 from marl_cair.lookup import find_by_name
 from marl_cair.text import clean_text
@@ -47,115 +37,104 @@ from marl_cair.text import clean_text
 
 @dataclass(frozen=True)
 class LeagueConfig:
-    """A league.
+    """Settings of a league.
 
-    Raises:
-        ValueError: fewer than two agents, one named twice, or a number that is not allowed.
+    Raises ValueError for fewer than two agents, a repeated one, or a number that is out of range.
     """
 
     agents: tuple[str, ...]  # checkpoint folders, bots, module:function, process:COMMAND
     game: str = "deep_line_wars"
     scenario: str = "10x15"
     scenario_options: Mapping[str, Any] = field(default_factory=dict)  # fields of it to change
-    games_per_pair: int = 40  # even between two teams: each map seed is played in both seats
+    games_per_pair: int = 40  # even with two teams: each map seed is played in both seats
     seed: int = 0
     out: str = "runs/league"
-    ladder: tuple[str, ...] = ()  # further agents, that do not play each other again
-    seating: str = ""  # "ring" or "all", see `blocks.make_design`; "": all of up to three teams
+    ladder: tuple[str, ...] = ()  # further agents, which do not play each other again
+    seating: str = ""  # "ring" or "all", see `blocks.make_design`; "": all with up to three teams
     workers: int = 1  # processes that play; results do not depend on it
-    half_width_elo: float = 0.0  # above 0: play on until no 95 % interval is wider either way
+    half_width_elo: float = 0.0  # above 0: play until no 95 % interval is wider either way
     max_seconds: float = 0.0  # above 0: choose no further games then
     replays: bool = True  # whether the report shows a few games
     zero: str = ""  # the agent that is rated 0; "": the mean of those that are connected
-    command: str = ""  # what was typed, for the report
+    command: str = ""  # the command line, for the report
 
     def __post_init__(self) -> None:
-        everyone = self.sources
-        if len(everyone) < 2:
-            raise ValueError(f"agents are {list(everyone)}, a league needs two or more")
-        twice = sorted({name for name in everyone if everyone.count(name) > 1})
-        if twice:
+        sources = list(self.sources)
+        if len(sources) < 2:
+            raise ValueError(f"agents are {sources}, a league needs two or more")
+        if twice := sorted({name for name in sources if sources.count(name) > 1}):
             raise ValueError(f"{', '.join(twice)} is given twice: name each agent once")
-        for name, value in (
-            ("games_per_pair (--games)", self.games_per_pair),
-            ("workers", self.workers),
+        for name, value, least in (
+            ("games_per_pair (--games)", self.games_per_pair, 1),
+            ("workers", self.workers, 1),
+            ("seed", self.seed, 0),
         ):
-            if value < 1:
-                raise ValueError(f"{name} is {value}, it must be 1 or more")
-        if self.seed < 0:
-            raise ValueError(f"seed is {self.seed}, it must be 0 or more")
-        for name, limit in (
+            if value < least:
+                raise ValueError(f"{name} is {value}, it must be {least} or more")
+        limits = (
             ("half_width_elo (--ci)", self.half_width_elo),
             ("max_seconds (--time)", self.max_seconds),
-        ):
+        )
+        for name, limit in limits:
             if not 0.0 <= limit < math.inf:  # NaN too
                 raise ValueError(f"{name} is {limit}, it must be a finite number, 0 or more")
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Of all agents, those of the ladder last."""
+        """All agents, those of the ladder last."""
         return (*self.agents, *self.ladder)
+
+    @property
+    def is_adaptive(self) -> bool:
+        """Whether intervals or time end the league."""
+        return self.half_width_elo > 0.0 or self.max_seconds > 0.0
 
 
 def run_league(
-    config: LeagueConfig,
-    load: Load = load_agent,
-    show_progress: bool = True,
+    config: LeagueConfig, load: Load = load_agent, show_progress: bool = True
 ) -> LeagueResult:
-    """Play what is not yet stored in `<out>/league.sqlite`, rate all agents, write the report.
+    """Play the games that `<out>/league.sqlite` does not hold, rate all agents, write the report.
 
-    The same agents, seed and number of games give the same tables, in whatever order the agents are
-    given, with any number of workers, however often the league was interrupted, and whether it had
-    fewer games before. Between two teams it may have had other agents before, too.
+    The same agents, seed and number of games give the same tables, for any order of the agents and
+    any number of workers, however often the league was interrupted, and also if it had fewer games
+    before. With two teams it may have had other agents before, too.
 
     Raises:
         CheckpointError, ForeignAgentError, UnknownNameError: an agent cannot be loaded; before any
             game.
-        ValueError: two of the agents are one and the same, the scenario has but one team, or the
-            number of games does not fit.
-        OutputFolderError, LeagueStoreError: the folder holds something else, or a league of other
+        ValueError: two of the agents are the same, the scenario has only one team, or the number of
+            games does not fit.
+        OutputFolderError, LeagueStoreError: the folder holds something else, or a league with other
             settings; or its file cannot be written.
     """
-    with _open_league(config, load) as (rules, entrants, store):
-        clock = Clock(config.max_seconds)
-        id_of, jobs = _play(config, rules, entrants, store, load, show_progress, clock)
-        stored = _choose_rated(config, rules, list(id_of.values()), jobs, store.read_games())
-        result = rate_and_report(
-            store,
-            stored,
-            {id_of[entrant.fingerprint]: entrant.name for entrant in entrants},
-            Path(config.out),
-            ReportOptions(
-                config.replays,
-                load,
-                frozenset(config.sources),
-                show_progress=show_progress,
-                zero=config.zero,
-            ),
+    with _open_league(config, load, show_progress) as league:
+        stored = league.choose_rated(league.play())
+        options = report.ReportOptions(
+            config.replays,
+            load,
+            frozenset(config.sources),
+            show_progress=show_progress,
+            zero=config.zero,
         )
-        ending = describe_ending(config.half_width_elo, result.ratings, clock.has_ended)
+        names = dict(zip(league.ids, league.names, strict=True))
+        result = report.rate_and_report(league.store, stored, names, Path(config.out), options)
+        is_time_up = league.clock.has_ended
+        ending = adaptive.describe_ending(config.half_width_elo, result.ratings, is_time_up)
         return dataclasses.replace(result, ending=ending)
 
 
-def play_league(
-    config: LeagueConfig,
-    load: Load = load_agent,
-    show_progress: bool = True,
-) -> None:
-    """Play as `run_league` does, and rate nothing. Raises as that."""
-    with _open_league(config, load) as (rules, entrants, store):
-        _play(config, rules, entrants, store, load, show_progress, Clock(config.max_seconds))
+def play_league(config: LeagueConfig, load: Load = load_agent, show_progress: bool = True) -> None:
+    """Play as `run_league`, without rating. Raises as `run_league`."""
+    with _open_league(config, load, show_progress) as league:
+        league.play()
 
 
 @contextmanager
-def _open_league(
-    config: LeagueConfig, load: Load
-) -> Iterator[tuple[Rules, list[Entrant], LeagueStore]]:
+def _open_league(config: LeagueConfig, load: Load, show_progress: bool) -> Iterator[_League]:
     game = find_by_name("game", config.game, GAMES)
     options = {**config.scenario_options, "reward": game.rated_reward}
     rules = _find_rules(config, game, game.scenario(config.scenario, **options))
     entrants = _load_entrants(config, game, rules.scenario, load)
-    folder = Path(config.out)
     settings = {
         "game": game.name,
         "game_version": game.version,
@@ -164,11 +143,12 @@ def _open_league(
     }
     teams = game.make_spec(rules.scenario).team_of_seat.tolist()
     more = {**settings, "seating": rules.seating, "team_of_seat": teams}
+    folder = Path(config.out)
     with (
         claim_output_folder(folder, "league", settings, resume=True),
         closing(LeagueStore(folder / STORE_FILE, more)) as store,
     ):
-        yield rules, entrants, store
+        yield _League(config, rules, entrants, store, load, show_progress)
 
 
 def _find_rules(config: LeagueConfig, game: Game, scenario: Any) -> Rules:
@@ -184,15 +164,12 @@ def _find_rules(config: LeagueConfig, game: Game, scenario: Any) -> Rules:
 
 
 def _load_entrants(config: LeagueConfig, game: Game, scenario: Any, load: Load) -> list[Entrant]:
-    """All agents by short, unique names, in the order of their fingerprints: no number depends on
-    what they are called.
-    """
+    """All agents with short, unique names, sorted by fingerprint: names have no influence."""
     sources: dict[str, str] = {}
     entrants = []
-    everyone = config.sources
-    for source, name in zip(everyone, _short_names(everyone, game), strict=True):
+    for source, name in zip(config.sources, _short_names(config.sources, game), strict=True):
         agent = load(source, game=game.name, scenario=scenario)
-        fingerprint = find_fingerprint(agent, game)
+        fingerprint = agents.find_fingerprint(agent, game)
         if fingerprint in sources:
             raise ValueError(
                 f"{sources[fingerprint]} and {source} are the same agent: name it once"
@@ -203,13 +180,13 @@ def _load_entrants(config: LeagueConfig, game: Game, scenario: Any, load: Load) 
 
 
 def _short_names(sources: Sequence[str], game: Game) -> list[str]:
-    """Bots by their names, commands whole, folders by the fewest last parts of their paths that
-    distinguish them; nothing else has the name of a bot, or of another agent.
+    """Unique names: bots by their names, which no other agent has; commands whole; folders by the
+    fewest last parts of their paths.
     """
     code = {
         source: source.removeprefix(PREFIX) if is_process(source) else source.rpartition("/")[2]
         for source in sources
-        if not is_checkpoint(source)
+        if not agents.is_checkpoint(source)
     }
     count = Counter((*code.values(), *game.bots))
     code = {  # a bot keeps its own
@@ -217,110 +194,99 @@ def _short_names(sources: Sequence[str], game: Game) -> list[str]:
         for source, name in code.items()
     }
     folders = [source for source in sources if source not in code]
-    short = {**code, **shorten_paths(folders, {*game.bots, *code.values()})}
+    short = {**code, **agents.shorten_paths(folders, {*game.bots, *code.values()})}
     return [short[source] for source in sources]
 
 
-def _play(
-    config: LeagueConfig,
-    rules: Rules,
-    entrants: list[Entrant],
-    store: LeagueStore,
-    load: Load,
-    show_progress: bool,
-    clock: Clock,
-) -> tuple[dict[str, int], list[Job]]:
-    """Play what the schedule says; returns the agents' numbers in the store by fingerprint, and the
-    jobs.
-    """
-    ids = [
-        store.add_agent(describe_agent(one.name, one.agent, rules.game, one.source))
-        for one in entrants
-    ]
-    ladder = frozenset(n for n, one in enumerate(entrants) if one.source in config.ladder)
-    with closing(Arena(rules, entrants, ids, store, config.workers, load)) as arena:
-        jobs = _play_jobs(config, rules, arena, store, ladder, show_progress, clock)
-    for key, value in ((COMMANDS, config.command), (VERSIONS, list_versions())):
-        if value:
-            store.note(key, value)
-    return {one.fingerprint: number for one, number in zip(entrants, ids, strict=True)}, jobs
+class _League:
+    """An open league. Entrants are sorted by fingerprint; `ids` are theirs in the store."""
 
+    def __init__(
+        self,
+        config: LeagueConfig,
+        rules: Rules,
+        entrants: list[Entrant],
+        store: LeagueStore,
+        load: Load,
+        show_progress: bool,
+    ) -> None:
+        self.config, self.rules, self.entrants, self.store = config, rules, entrants, store
+        self.clock = adaptive.Clock(config.max_seconds)
+        self.names = [entrant.name for entrant in entrants]
+        self._load, self._show_progress = load, show_progress
+        self.ids = [
+            store.add_agent(agents.describe_agent(one.name, one.agent, rules.game, one.source))
+            for one in entrants
+        ]
 
-def _choose_rated(
-    config: LeagueConfig, rules: Rules, ids: list[int], jobs: list[Job], stored: StoredGames
-) -> StoredGames:
-    """The games that ratings are of."""
-    if config.ladder:  # what it has played before counts too
-        return stored.select(np.asarray(np.isin(stored.agents, ids).all(axis=1), np.bool_))
-    is_adaptive = config.half_width_elo > 0.0 or config.max_seconds > 0.0
-    exact = rules.num_teams == 2 and not is_adaptive
-    end = config.games_per_pair // rules.games_per_block if exact else None
-    return _choose_games(rules, ids, jobs, stored, end)
+    def play(self) -> list[Job]:
+        """Play the missing games of the schedule; returns its jobs."""
+        config, rules = self.config, self.rules
+        ladder = frozenset(n for n, one in enumerate(self.entrants) if one.source in config.ladder)
+        arena = Arena(rules, self.entrants, self.ids, self.store, config.workers, self._load)
+        with closing(arena), tqdm(unit=" games", disable=not self._show_progress) as bar:
+            if config.is_adaptive:
+                jobs = self._play_adaptively(arena, bar, ladder)
+            else:
+                size, num_agents = rules.games_per_chunk, len(self.ids)
+                per_pair = config.games_per_pair
+                jobs = schedule_meetings(num_agents, rules.num_teams, per_pair, size, ladder)
+                bar.total = len(jobs) * size
+                arena.play(jobs, bar)
+        for key, value in ((COMMANDS, config.command), (VERSIONS, list_versions())):
+            if value:
+                self.store.note(key, value)
+        return jobs
 
-
-def _play_jobs(
-    config: LeagueConfig,
-    rules: Rules,
-    arena: Arena,
-    store: LeagueStore,
-    ladder: frozenset[int],
-    show_progress: bool,
-    clock: Clock,
-) -> list[Job]:
-    """Play what the schedule says; returns its jobs."""
-    num_agents, size = len(arena.entrants), rules.games_per_chunk
-    with tqdm(unit=" games", disable=not show_progress) as bar:
-        if config.half_width_elo <= 0.0 and config.max_seconds <= 0.0:
-            jobs = schedule_meetings(
-                num_agents, rules.num_teams, config.games_per_pair, size, ladder
-            )
-            bar.total = len(jobs) * size
-            arena.play(jobs, bar)
-            return jobs
+    def _play_adaptively(self, arena: Arena, bar: tqdm[Any], ladder: frozenset[int]) -> list[Job]:
+        config, rules, clock = self.config, self.rules, self.clock
         clock.start()
         done = 0
 
-        def play(jobs: Sequence[Job]) -> Played:
+        def play(jobs: Sequence[Job]) -> tuple[Games, NDArray[np.int64]]:
             nonlocal done
             arena.play(jobs[done:], bar, clock.is_time_up)
             done = len(jobs)
-            return _as_played(_choose_games(rules, arena.ids, jobs, store.read_games()), arena.ids)
-
-        names = [entrant.name for entrant in arena.entrants]
+            stored = self._choose_games(jobs, self.store.read_games())
+            return report.number_agents(stored, self.ids), stored.numbers
 
         def measure(games: Games) -> NDArray[np.float64]:
-            return measure_ladder(rate(names, games, rules.seed, config.zero).ratings, names)
+            ratings = rate(self.names, games, rules.seed, config.zero).ratings
+            return adaptive.measure_ladder(ratings, self.names)
 
-        return play_adaptively(
-            num_agents,
+        plan = adaptive.AdaptivePlan(
+            len(self.ids),
             rules.num_teams,
             rules.blocks_per_chunk,
-            size,
-            Target(config.half_width_elo, config.games_per_pair, clock.is_time_up, measure),
-            play,
+            rules.games_per_chunk,
+            config.half_width_elo,
+            config.games_per_pair,
+            clock.is_time_up,
+            measure,
             ladder,
         )
+        return adaptive.play_adaptively(plan, play)
 
+    def choose_rated(self, jobs: Sequence[Job]) -> StoredGames:
+        """The stored games that are rated; with a ladder also its earlier games."""
+        stored = self.store.read_games()
+        if self.config.ladder:
+            both = np.isin(stored.agents, self.ids).all(axis=1)
+            return stored.select(np.asarray(both, np.bool_))
+        if self.rules.num_teams > 2 or self.config.is_adaptive:
+            return self._choose_games(jobs, stored)
+        end = self.config.games_per_pair // self.rules.games_per_block
+        return self._choose_games(jobs, stored, end)
 
-def _as_played(stored: StoredGames, ids: Sequence[int]) -> Played:
-    """The games with agents by their numbers in the league."""
-    games = number_agents(stored, ids)
-    return Played(games, np.sort(games.agents, axis=1), stored.numbers)
-
-
-def _choose_games(
-    rules: Rules,
-    ids: Sequence[int],
-    jobs: Sequence[Job],
-    games: StoredGames,
-    end: int | None = None,
-) -> StoredGames:
-    """The games of the jobs, of each line-up to the block `end`: chunks are played whole."""
-    ends: dict[tuple[int, ...], int] = {}
-    for line_up, chunk in jobs:
-        key = tuple(sorted(ids[number] for number in line_up))
-        last = (chunk + 1) * rules.blocks_per_chunk
-        ends[key] = max(ends.get(key, 0), last if end is None else min(end, last))
-    keys = map(tuple, np.sort(games.agents, axis=1).tolist())
-    limits = np.array([ends.get(key, 0) for key in keys], np.int64)
-    return games.select(games.numbers < limits)
+    def _choose_games(
+        self, jobs: Sequence[Job], games: StoredGames, end: int | None = None
+    ) -> StoredGames:
+        """The games of the jobs; of each line-up those before block `end` (chunks are whole)."""
+        ends: dict[tuple[int, ...], int] = {}
+        for line_up, chunk in jobs:
+            key = tuple(sorted(self.ids[number] for number in line_up))
+            last = (chunk + 1) * self.rules.blocks_per_chunk
+            ends[key] = max(ends.get(key, 0), last if end is None else min(end, last))
+        keys = map(tuple, np.sort(games.agents, axis=1).tolist())
+        limits = np.array([ends.get(key, 0) for key in keys], np.int64)
+        return games.select(games.numbers < limits)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,29 +22,24 @@ from marl_cair.league.store.records import AgentRecord
 from marl_cair.league.store.store import STORE_FILE, LeagueStore, LeagueStoreError, StoredGames
 from marl_cair.lookup import find_by_name
 
-_LEAST = 0.02  # of the largest weight; smaller ones are left out
+_LEAST = 0.02  # share of the largest weight; members with less are left out
 
 
 @dataclass(frozen=True)
 class SafestMixture:
-    """A mixture of agents of a league, best first, and what it scores on the league's games.
+    """A mixture of K of a league's agents, best first, and its scores in the league's games.
 
-    Attributes:
-        names, sources, weights: of its K members.
-        worst, against: its least score (a share of points) against an agent of the league, and who
-            that is. The games that chose the mixture are too kind to it: rate it by new ones.
-        single, single_worst: who has the highest least score alone, and that score.
-        num_agents: that it is measured against.
+    The scores are biased upwards, as these games have chosen the mixture: rate it by new games.
     """
 
     names: tuple[str, ...]
     sources: tuple[str, ...]
     weights: tuple[float, ...]
-    worst: float
-    against: str
-    single: str
-    single_worst: float
-    num_agents: int
+    worst: float  # the lowest score against an agent, a share of points
+    against: str  # that agent
+    single: str  # the single agent with the highest lowest score
+    single_worst: float  # that score
+    num_agents: int  # that the scores are against
 
 
 def mix_league(
@@ -53,26 +49,23 @@ def mix_league(
     load: Load = load_agent,
     among: Collection[str] = (),
 ) -> SafestMixture:
-    """Of the agents `names` of the league in `folder` (default: all its networks), the most even
-    mixture whose least score against any agent of the league is within `slack` of the highest.
+    """The most even mixture of the agents `names` of the league in `folder` (default: all networks)
+    whose lowest score against any agent of the league is within `slack` of the highest possible.
 
     among: fingerprints of the agents that count, as members and as opponents; default: all that
     have played.
 
     Raises:
-        LeagueStoreError: no league, one without games, agents that have not met, or a member that
-            is another by now.
-        CheckpointError: a member that cannot be loaded.
+        LeagueStoreError: no league, one without games, agents that have not met, or the source of a
+            member has another agent now.
+        CheckpointError: a member cannot be loaded.
         UnknownNameError: the league has no agent of that name.
-        ValueError: a slack that is not above 0, members that look at different representations, or
-            one that is neither a checkpoint nor a bot.
+        ValueError: a slack that is not above 0, members with different representations, or one that
+            is neither a checkpoint nor a bot.
         ArithmeticError: the solver found no weights.
     """
-    store = LeagueStore(folder / STORE_FILE)
-    try:
+    with closing(LeagueStore(folder / STORE_FILE)) as store:
         settings, stored, records = store.settings, store.read_games(), store.read_agents()
-    finally:
-        store.close()
     rules = Rules.read(settings)
     played = set(stored.agents.ravel().tolist())
     agents = {
@@ -97,7 +90,7 @@ def mix_league(
         load_played(folder, rules, agents[number], source, load)
         for number, source in zip(chosen, sources, strict=True)
     ]
-    MixedAgent(members, weights.tolist())  # raises where they cannot play as one agent
+    MixedAgent(members, weights.tolist())  # raises if they cannot play as one agent
     against = weights @ scores[kept]
     single = int(scores.min(1).argmax())
     return SafestMixture(
@@ -113,32 +106,29 @@ def mix_league(
 
 
 def describe_mixture(found: SafestMixture) -> str:
-    """Members, weights, and what it scores, in words."""
+    """Format members, weights and scores."""
     width = max(map(len, found.names))
     rows = zip(found.names, found.weights, strict=True)
     members = "".join(f"  {name:{width}}  {weight:6.1%}\n" for name, weight in rows)
     return (
         f"one of these, drawn before each game:\n{members}"
         f"In the league's games it scores {found.worst:.1%} or more against each of the "
-        f"{found.num_agents} agents (the least against {found.against}); alone {found.single} "
-        f"has the most, {found.single_worst:.1%}. Games that chose it are too kind to it: rate "
-        "it by new ones.\n"
+        f"{found.num_agents} agents (the least against {found.against}); the best single agent, "
+        f"{found.single}, scores {found.single_worst:.1%} or more. These games have chosen the "
+        "mixture, so its score is biased upwards: rate it by new games.\n"
     )
 
 
 def read_scores(
     folder: Path, fingerprints: Sequence[str], rows: Sequence[int]
 ) -> NDArray[np.float64]:
-    """What the agents at `rows` of N score against all N in the league in `folder`: float64
-    [K, N], shares of points; 0.5 against themselves.
+    """Scores of the agents at `rows` of N against all N in the league in `folder`: float64 [K, N],
+    shares of points; 0.5 against themselves.
 
     Raises LeagueStoreError: no league, an agent that is not in it, or two that have not met.
     """
-    store = LeagueStore(folder / STORE_FILE)
-    try:
+    with closing(LeagueStore(folder / STORE_FILE)) as store:
         stored, records = store.read_games(), store.read_agents()
-    finally:
-        store.close()
     ids = {record.fingerprint: number for number, record in records.items()}
     if missing := [one for one in fingerprints if one not in ids]:
         raise LeagueStoreError(f"{folder} has no agent of the fingerprint {missing[0]}")
@@ -147,21 +137,18 @@ def read_scores(
 
 
 def _choose_members(
-    folder: Path,
-    agents: Mapping[int, AgentRecord],
-    called: Mapping[int, str],
-    names: Sequence[str],
+    folder: Path, agents: Mapping[int, AgentRecord], called: Mapping[int, str], names: Sequence[str]
 ) -> list[int]:
     """Ids of the agents that may be members."""
     if names:
         ids = {name: number for number, name in called.items()}
         return sorted({find_by_name("agent of the league", name, ids) for name in names})
-    # Where a checkpoint was trained on under its name, the newest is what lies there.
+    # If a checkpoint was trained further in place, only its newest agent is still there.
     newest = {read_source(record) or number: number for number, record in agents.items()}
     networks = sorted(number for number in newest.values() if agents[number].kind == "network")
     if not networks:
         raise LeagueStoreError(
-            f"no network has played in {folder}: name the agents that are to be mixed, of "
+            f"no network has played in {folder}: name the agents to mix, of "
             f"{', '.join(called.values())}"
         )
     return networks
@@ -170,7 +157,7 @@ def _choose_members(
 def _find_scores(
     folder: Path, stored: StoredGames, called: Mapping[int, str], rows: Sequence[int]
 ) -> NDArray[np.float64]:
-    """What the agents at `rows` score against all, float64 [K, N]; 0.5 against themselves."""
+    """Scores of the agents at `rows` against all, float64 [K, N]; 0.5 against themselves."""
     ids, names = list(called), list(called.values())
     both = stored.select(np.asarray(np.isin(stored.agents, ids).all(axis=1), np.bool_))
     pairs = split_pairs(number_agents(both, ids).count_once())

@@ -1,7 +1,7 @@
-"""Rates a learner during training by openskill. It depends on the order of games.
+"""Rates a learner during training by openskill, for a curve in the log.
 
-For the curve alone: the same games in another order give other numbers. What compares agents is
-`marl-cair league`, whose ratings are fitted to all games at once.
+The rating depends on the order of games. Compare agents by `marl-cair league`, which fits ratings
+to all games at once.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from marl_cair.self_play.win_rates import OPPONENT
 class LiveRating:
     """Mean and uncertainty of the learner and of its opponents, by number (Weng and Lin 2011).
 
-    All begin at openskill's 25 +- 25/3; a snapshot begins with what the learner had then.
+    All start at openskill's 25 +- 25/3; a snapshot starts with the learner's rating.
     """
 
     def __init__(self) -> None:
@@ -27,7 +27,7 @@ class LiveRating:
         self._ratings: dict[int, tuple[float, float]] = {}
 
     def note(self, opponent: int, score: float) -> None:
-        """One game against `opponent`: above 1/2 won, below lost, else drawn."""
+        """Rate one game against `opponent`; score: above 1/2 won, below lost, else drawn."""
         own, other = (self._model.create_rating([*self.read(n)]) for n in (LATEST_ID, opponent))
         won, lost = float(score < 0.5), float(score > 0.5)  # ranks: the lower is ahead
         rated = self._model.rate([[own], [other]], ranks=[won, lost])
@@ -35,16 +35,16 @@ class LiveRating:
             self._ratings[number] = (float(team[0].mu), float(team[0].sigma))
 
     def freeze(self, number: int) -> None:
-        """A snapshot of the learner has come under `number`."""
+        """Start the snapshot `number` with the learner's rating."""
         self._ratings[number] = self.read(LATEST_ID)
 
     def read(self, number: int) -> tuple[float, float]:
-        """Mean and standard deviation of one."""
+        """Mean and standard deviation of `number`."""
         new = self._model.rating()
         return self._ratings.get(number, (float(new.mu), float(new.sigma)))
 
     def report(self) -> dict[str, float]:
-        """The learner's, by log name; nothing before its first game."""
+        """The learner's rating by log name; empty before its first game."""
         if LATEST_ID not in self._ratings:
             return {}
         mean, deviation = self._ratings[LATEST_ID]

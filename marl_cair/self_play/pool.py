@@ -10,13 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.checkpoint import (
-    PLAYERS,
-    AgentDescription,
-    CheckpointError,
-    load_network,
-    save_agent,
-)
+from marl_cair import checkpoint
+from marl_cair.checkpoint import AgentDescription, CheckpointError, save_agent
 from marl_cair.files import recover_folder, write_json
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents.load import find_fingerprint
@@ -40,51 +35,36 @@ _SUPPORT = 0.01  # least share of the Nash mixture of a snapshot that it needs
 
 @dataclass(frozen=True)
 class Member:
-    """One frozen opponent.
+    """One frozen opponent."""
 
-    Attributes:
-        number: by which games, records and the index know it.
-        name: of a bot, a foreign agent, or a snapshot's folder within the pool's.
-        kind: BOT, FOREIGN, LIVE (another learner's newest self) or SNAPSHOT.
-        frames: how long the learner had been trained when it was frozen; 0 of all others.
-        fingerprint: of a snapshot's network, `league.agents.load.find_fingerprint`; else empty.
-        met: what the learner had to show against each other member shortly before it was frozen.
-        is_retired: whether it is drawn no more.
-        owner, role: in a league, its learner, and that learner's role (`shared.ROLES`).
-    """
-
-    number: int
-    name: str
-    kind: str
-    frames: int = 0
-    fingerprint: str = ""
-    met: Mapping[int, Evidence] = field(default_factory=dict)
-    is_retired: bool = False
-    owner: str = ""
-    role: str = ""
+    number: int  # in games, records and the index
+    name: str  # of a bot, a foreign agent, or a snapshot's folder within the pool's
+    kind: str  # BOT, FOREIGN, LIVE (another learner's current policy) or SNAPSHOT
+    frames: int = 0  # the learner's when the snapshot was frozen; else 0
+    fingerprint: str = ""  # of a snapshot's network, `league.agents.load.find_fingerprint`
+    met: Mapping[int, Evidence] = field(default_factory=dict)  # the learner's results before
+    is_retired: bool = False  # whether it is no longer sampled
+    owner: str = ""  # in a league: its learner
+    role: str = ""  # in a league: the learner's, of `shared_folder.ROLES`
 
 
 class Pool:
-    """Frozen opponents; snapshots lie as agents in `folder`, beside the index `pool.json`.
+    """Frozen opponents; snapshots are agents in `folder`, beside the index `pool.json`.
 
-    A snapshot is written whole before the index names it, the index whole before it takes the place
-    of the old one: after a crash at any moment the folder holds the pool before or after the
-    change, and perhaps a snapshot that the index does not name yet. A network is read when it is
-    first asked for, and refused if it is not the one that was frozen.
+    A snapshot is written before the index that names it, both atomically: after a crash the folder
+    holds the pool before or after the change, and perhaps a snapshot that the index does not name.
+    A network is read when it is first needed, and refused if it is not the one that was frozen.
 
-    Where more than `capacity` snapshots play, one retires (`choose_retired`); its folder stays, as
-    an agent for leagues, and for a run that is continued. Bots and foreign agents stay.
+    With more than `capacity` snapshots in play, one retires (`choose_retired`); its folder stays,
+    as an agent for leagues, and for a resumed run. Bots and foreign agents stay.
 
     Args:
-        folder: made with the first snapshot.
-        game, scenario: that is played.
-        representation: what snapshots look at.
-        capacity: most snapshots in play.
-        prior_games: even games that each estimate of `payoff` starts from.
+        folder: created with the first snapshot.
+        game, scenario: of the run.
+        representation: of the snapshots.
+        capacity: most snapshots in play; 1 or more, else raises ValueError.
+        prior_games: even games that are added to each estimate of `payoff`.
         seat: in a league; snapshots are then players in its folder, and `folder` has the index.
-
-    Raises:
-        ValueError: no capacity.
     """
 
     def __init__(
@@ -99,44 +79,42 @@ class Pool:
     ) -> None:
         if capacity < 1:
             raise ValueError(f"the pool's capacity is {capacity}, it must be 1 or more")
-        self.folder = folder if seat is None else seat.folder / PLAYERS
+        self.folder = folder if seat is None else seat.folder / checkpoint.PLAYERS
         self.capacity, self.seat, self._index_folder = capacity, seat, folder
         self._game, self._prior_games = game, prior_games
         self._representation = representation
         self._groups = game.make_spec(scenario).action_groups
         self._members: dict[int, Member] = {}
         self._agents: dict[int, Agent] = {}  # bots, foreign agents, and the snapshots in use
-        self._unread: dict[int, Any] = {}  # random states of snapshots in use, not read yet
+        self._unread: dict[int, Any] = {}  # random states of snapshots that are not loaded yet
 
-    # --- who is in it ------------------------------------------------------------------------
+    # --- members -----------------------------------------------------------------------------
 
     @property
     def members(self) -> list[Member]:
-        """All that can be drawn: bots, foreign agents, snapshots, each in the order they came."""
+        """Members that can be sampled, in the order in which they were added."""
         return [member for member in self._members.values() if not member.is_retired]
 
     @property
     def snapshots(self) -> list[Member]:
-        """Those in play, oldest first."""
+        """Snapshots in play, oldest first."""
         return [member for member in self.members if member.kind == SNAPSHOT]
 
     def name(self, number: int) -> str:
-        """Of a member, retired or not. Raises ValueError where there is none of that number."""
+        """Name of a member, retired or not. Raises ValueError if there is none of that number."""
         return self._find(number).name
 
     def is_snapshot(self, number: int) -> bool:
-        """Whether `number` is a snapshot's, in play or retired."""
+        """Whether `number` is of a snapshot, in play or retired."""
         return number >= FIRST_NUMBERS[SNAPSHOT]
 
     def add(
         self, kind: str, agent: Agent, seed: int, met: Mapping[int, Evidence] | None = None
     ) -> int:
-        """Take in a bot or a foreign agent, its random generator seeded; returns its number.
+        """Add a bot or a foreign agent, and seed it; returns its number.
 
-        met: what it has to show against the members that are here already, by number.
-
-        Raises:
-            ValueError: a member has that name.
+        met: its results against earlier members, by number. Raises ValueError if a member has that
+        name.
         """
         if any(member.name == agent.name for member in self._members.values()):
             raise ValueError(f"the pool has a member {agent.name!r} already: give another name")
@@ -147,38 +125,30 @@ class Pool:
         return number
 
     def add_live(self, place: int, owner: str, agent: Agent) -> None:
-        """Take in another main agent's newest self, by its place among the league's."""
+        """Add another main agent's current policy, by its place among the league's."""
         number = FIRST_NUMBERS[LIVE] + place
         agent.name = owner
         self._members[number] = Member(number, owner, LIVE, owner=owner, role=MAIN)
         self._agents[number] = agent
 
     def adopt(self, player: Player) -> bool:
-        """Take in what another learner of the league has frozen; whether it was not here before."""
+        """Add a player that another learner has frozen; returns whether it is new."""
         numbers = {member.name: number for number, member in self._members.items()}
         if player.name in numbers:
             return False
         number = self._next_number(SNAPSHOT)
         met = {numbers[name]: kept for name, kept in player.met.items() if name in numbers}
-        self._members[number] = Member(
-            number,
-            player.name,
-            SNAPSHOT,
-            player.frames,
-            player.fingerprint,
-            met,
-            owner=player.owner,
-            role=player.role,
-        )
+        about = player.frames, player.fingerprint, met, False, player.owner, player.role
+        self._members[number] = Member(number, player.name, SNAPSHOT, *about)
         self._retire_one()
         return True
 
     def add_snapshot(
         self, network: QNetwork, about: AgentDescription, met: Mapping[int, Evidence]
     ) -> Member:
-        """Freeze `network` as it is now, and retire a snapshot where there are too many.
+        """Freeze a copy of `network`, and retire a snapshot if there are too many.
 
-        about: what it is; `about.frames` names the folder. met: the learner's evidence by number.
+        about: its description; `about.frames` names the folder. met: the learner's results.
         """
         number, seat = self._next_number(SNAPSHOT), self.seat
         kept = {other: evidence for other, evidence in met.items() if evidence.games > 0}
@@ -191,7 +161,7 @@ class Pool:
             named = {self._members[other].name: evidence for other, evidence in kept.items()}
             more = seat.describe(age, find_fingerprint(actor, self._game), named)
         save_agent(self.folder / name, network, about, more)
-        # Read back, so that nothing of the learner is shared, and what plays is what lies on disk.
+        # Read back, so that it shares nothing with the learner and is the agent on disk.
         agent = self._load(name)
         fingerprint = find_fingerprint(agent, self._game)
         member = Member(number, name, SNAPSHOT, age, fingerprint, kept, owner=owner, role=role)
@@ -206,7 +176,7 @@ class Pool:
             self._members[retiring.number] = replace(retiring, is_retired=True)
 
     def _choose_retired(self) -> Member:
-        """One of the learner that has most in play: no owner is crowded out by another."""
+        """A snapshot of the learner that has most in play, so that none loses all of its own."""
         snapshots = self.snapshots
         from marl_cair.league.ratings.equilibrium import maximum_entropy_nash
 
@@ -223,7 +193,7 @@ class Pool:
         return max(numbers, default=FIRST_NUMBERS[kind] - 1) + 1
 
     def require_members(self, numbers: Collection[int]) -> None:
-        """Raise ValueError where one of `numbers` is none of a member, retired or not."""
+        """Raise ValueError if one of `numbers` is not of a member, retired or not."""
         for number in numbers:
             self._find(number)
 
@@ -232,14 +202,13 @@ class Pool:
             raise ValueError(f"the pool has no member {number}, only {sorted(self._members)}")
         return self._members[number]
 
-    # --- how they play -----------------------------------------------------------------------
+    # --- agents ------------------------------------------------------------------------------
 
     def agent(self, number: int) -> Agent:
-        """The member's agent; of a snapshot the network is read from disk if it is not in use.
+        """The member's agent; a snapshot's network is read from disk if it is not in memory.
 
-        Raises:
-            ValueError: no member has that number.
-            CheckpointError: the snapshot cannot be read, or is not the one that was frozen.
+        Raises ValueError if no member has that number, and CheckpointError if the snapshot cannot
+        be read, or is not the one that was frozen.
         """
         if number not in self._agents:
             member = self._find(number)
@@ -257,14 +226,14 @@ class Pool:
         return self._agents[number]
 
     def release(self, in_use: Collection[int]) -> None:
-        """Forget the networks of snapshots other than `in_use`; they stay on disk."""
+        """Remove the networks of snapshots other than `in_use` from memory."""
         for number in self._agents.keys() - {*in_use}:
             if self._members[number].kind == SNAPSHOT:
                 del self._agents[number]
         self._unread = {n: state for n, state in self._unread.items() if n in in_use}
 
     def _load(self, name: str) -> PolicyActor:
-        network, about = load_network(self.folder / name)
+        network, about = checkpoint.load_network(self.folder / name)
         network.requires_grad_(False)
         return self._make_actor(network, about, name)
 
@@ -274,12 +243,12 @@ class Pool:
         exploration = PLAYS[about.plays](seed=about.frames, action_groups=self._groups)
         return PolicyActor(network, name, self._representation, exploration)
 
-    # --- how they compare --------------------------------------------------------------------
+    # --- payoffs -----------------------------------------------------------------------------
 
     def payoff(self, numbers: Sequence[int]) -> NDArray[np.float64]:
-        """Scores to expect in 0..1 of row against column, float64 [K, K]; 1/2 is even.
+        """Expected scores in 0..1 of row against column, float64 [K, K]; 1/2 is even.
 
-        Between a snapshot and earlier members, the learner's score shortly before it was frozen.
+        A snapshot has the learner's score against earlier members before it was frozen.
         """
         payoff = np.full((len(numbers), len(numbers)), EVEN)
         places = {number: place for place, number in enumerate(numbers)}
@@ -291,7 +260,7 @@ class Pool:
         return payoff
 
     def best_snapshot(self) -> Member | None:
-        """The one with the highest mean score against the others, the newest of equals."""
+        """The snapshot with the highest mean score against the others; of equals the newest."""
         snapshots = self.snapshots
         if not snapshots:
             return None
@@ -301,34 +270,21 @@ class Pool:
     # --- on disk -----------------------------------------------------------------------------
 
     def save_index(self) -> None:
-        """Write who is in the pool to `pool.json`, whole or not at all."""
+        """Write the index `pool.json` atomically."""
         path = self._index_folder / INDEX_FILE
         write_json(path, {"format_version": _FORMAT_VERSION, **self._index()})
 
     def _index(self) -> dict[str, Any]:
-        """All snapshots, as plain data; bots and foreign agents are given again by the caller."""
-        return {
-            "snapshots": [
-                {
-                    "number": member.number,
-                    "name": member.name,
-                    "frames": member.frames,
-                    "fingerprint": member.fingerprint,
-                    "met": {str(number): list(kept) for number, kept in member.met.items()},
-                    "is_retired": member.is_retired,
-                    "owner": member.owner,
-                    "role": member.role,
-                }
-                for member in self._members.values()
-                if member.kind == SNAPSHOT
-            ]
-        }
+        """All snapshots as plain data; the caller adds bots and foreign agents again."""
+        rows = [dict(vars(one)) for one in self._members.values() if one.kind == SNAPSHOT]
+        for row in rows:
+            del row["kind"]
+            row["met"] = {str(number): list(kept) for number, kept in row["met"].items()}
+        return {"snapshots": rows}
 
     def reopen(self) -> None:
-        """Take the snapshots from the index in `folder`, if there is one, in place of those here.
-
-        Raises:
-            CheckpointError: the index cannot be read.
+        """Replace the snapshots by those in the index on disk, if there is one. Raises
+        CheckpointError if the index cannot be read.
         """
         path = self._index_folder / INDEX_FILE
         if not path.is_file():
@@ -363,31 +319,29 @@ class Pool:
         self._members, self._unread = others | snapshots, {}
         self._agents = {n: agent for n, agent in self._agents.items() if n in others}
         for member in snapshots.values():
-            if self.seat is None or member.owner == self.seat.owner:  # others may be writing theirs
+            if self.seat is None or member.owner == self.seat.owner:  # others may be writing
                 recover_folder(self.folder / member.name)
 
     def state_dict(self) -> dict[str, Any]:
-        """The index, and the random generators of all who play, as plain data."""
+        """The index, and the states of all agents in play, as plain data."""
         states = {number: agent.state_dict() for number, agent in self._agents.items()}
         return {"index": self._index(), "agents": {**states, **self._unread}}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from `state_dict`; the index on disk stays as it is until `save_index`.
-
-        Raises:
-            KeyError: a bot or foreign agent of then is not here.
+        """Restore `state_dict`; the index on disk does not change until `save_index`. Raises
+        KeyError if a bot or foreign agent is missing.
         """
         saved = dict(state["agents"])
         for number in [number for number in saved if not self.is_snapshot(number)]:
             self._agents[number].load_state_dict(saved.pop(number))
         self._take_index(state["index"])
-        self._unread = saved  # a snapshot is read when it plays
+        self._unread = saved  # a snapshot is loaded when it plays
 
 
 def choose_retired(frames: Sequence[int], needed: Collection[int] = ()) -> int:
-    """The index of the snapshot that retires, of two or more; `frames` [K] rise.
+    """The index of the snapshot that retires, of two or more; `frames` [K] are sorted.
 
-    Never the oldest or the newest, and none of `needed` (the support of the Nash mixture) unless no
+    Not the oldest or the newest, nor one of `needed` (the support of the Nash mixture) unless no
     other is left. Of the others the one that leaves the smallest gap in training.
     """
     inner = range(1, len(frames) - 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -13,42 +14,29 @@ from marl_cair.self_play.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Pool
 from marl_cair.self_play.shared_folder import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER
 from marl_cair.self_play.win_rates import EVEN, WinRecords
 
-LATEST = "latest"  # the learner itself: its number is 0
+LATEST = "latest"  # the learner itself, with the number 0
 LATEST_ID = 0
-BOTS, PFSP_BOTS = "bots", "pfsp_bots"  # those that the pool has: all that can play the scenario
-LEARNER = "learner"  # its kind, beside BOT, FOREIGN and SNAPSHOT
+BOTS, PFSP_BOTS = "bots", "pfsp_bots"  # bots of the pool: all that can play the scenario
+LEARNER = "learner"  # a kind, beside BOT, FOREIGN, LIVE and SNAPSHOT
 
 Probabilities = NDArray[np.float64]
 
 
 class Standings(NamedTuple):
-    """K opponents to sample from: itself first, then the pool's members as they came.
+    """K opponents to sample from: the learner itself, then the pool's members in order."""
 
-    The pool that samplers speak of are the frozen policies, foreign agents and snapshots; bots have
-    a sampler of their own.
+    numbers: NDArray[np.int64]  # [K]
+    names: tuple[str, ...]  # K
+    kinds: tuple[str, ...]  # K
+    win_rate: NDArray[np.float64]  # [K], the learner's expected score in 0..1
+    payoff: NDArray[np.float64]  # [K, K], row against column; used for the pool only
+    owners: tuple[str, ...] = ()  # in a league: the learner of each opponent
+    roles: tuple[str, ...] = ()  # in a league: that learner's role
 
-    Attributes:
-        numbers: int64 [K].
-        names, kinds: K each.
-        win_rate: float64 [K], the score in 0..1 that the learner has to expect.
-        payoff: float64 [K, K], the same of row against column; read for the pool alone.
-        owners, roles: in a league, the learner that each is of, and its role; () elsewhere.
-    """
-
-    numbers: NDArray[np.int64]
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
-    win_rate: NDArray[np.float64]
-    payoff: NDArray[np.float64]
-    owners: tuple[str, ...] = ()
-    roles: tuple[str, ...] = ()
-
-    def find(self, *, kind: str, roles: tuple[str, ...]) -> NDArray[np.int64]:
+    def find(self, kind: str, roles: tuple[str, ...]) -> NDArray[np.int64]:
         """Indices of the members of one kind whose learners have one of `roles`."""
-        wanted = zip(self.kinds, self.roles, strict=False)
-        return np.array(
-            [i for i, (k, role) in enumerate(wanted) if k == kind and role in roles], int
-        )
+        of_role = [i for i, role in enumerate(self.roles) if role in roles]
+        return np.array([i for i in of_role if self.kinds[i] == kind], int)
 
     @property
     def bots(self) -> NDArray[np.int64]:
@@ -57,13 +45,12 @@ class Standings(NamedTuple):
 
     @property
     def pool(self) -> NDArray[np.int64]:
-        """Indices of the frozen policies, oldest first."""
-        return np.array(
-            [i for i, kind in enumerate(self.kinds) if kind in (FOREIGN, SNAPSHOT)], int
-        )
+        """Indices of the frozen policies (foreign agents and snapshots), oldest first."""
+        frozen = (FOREIGN, SNAPSHOT)
+        return np.array([i for i, kind in enumerate(self.kinds) if kind in frozen], int)
 
     def spread(self, chosen: NDArray[np.int64], weights: Probabilities) -> Probabilities:
-        """Probabilities [K] in proportion to the weights of `chosen`, evenly where all are 0.
+        """Probabilities [K] proportional to the weights of `chosen`; uniform if all weights are 0.
 
         If none is chosen the learner plays itself, as before the first snapshot.
         """
@@ -72,53 +59,28 @@ class Standings(NamedTuple):
             probabilities[0] = 1.0
             return probabilities
         total = weights.sum()
-        even = np.full(len(chosen), 1.0 / len(chosen))
-        probabilities[chosen] = weights / total if total > 0 else even
+        probabilities[chosen] = weights / total if total > 0 else 1.0 / len(chosen)
         return probabilities
 
 
 class SamplerOptions(NamedTuple):
-    """Numbers of the samplers that have some.
+    """Parameters of samplers."""
 
-    Attributes:
-        delta: `delta_uniform` leaves out this share of the pool, the oldest.
-        recency: `recent` weighs by exp(-recency * age), age from 0 (newest) to 1 (oldest).
-        power: of `pfsp`, `pfsp_easy` and `pfsp_bots`.
-    """
-
-    delta: float = 0.5
-    recency: float = 3.0
-    power: float = 2.0
+    delta: float = 0.5  # `delta_uniform` leaves out this share of the pool, the oldest
+    recency: float = 3.0  # `recent` weighs by exp(-recency * age), age 0 (newest) to 1 (oldest)
+    power: float = 2.0  # of `pfsp`, `pfsp_easy` and `pfsp_bots`
 
 
 Sampler = Callable[[Standings, SamplerOptions], Probabilities]
 
 
 def latest(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """The learner itself, as it is: plain self-play."""
+    """The learner itself: plain self-play."""
     return standings.spread(np.array([0]), np.ones(1))
 
 
-def bots(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """All bots evenly."""
-    chosen = standings.bots
-    return standings.spread(chosen, np.ones(len(chosen)))
-
-
-def pfsp_bots(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """Bots as `pfsp` weighs the pool: hard, those that are not beaten yet."""
-    chosen = standings.bots
-    return standings.spread(chosen, (1.0 - standings.win_rate[chosen]) ** options.power)
-
-
-def uniform(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """The whole pool evenly: fictitious self-play (Heinrich, Lanctot and Silver 2015)."""
-    pool = standings.pool
-    return standings.spread(pool, np.ones(len(pool)))
-
-
 def delta_uniform(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """The newest 1 - delta of the pool evenly (Bansal et al. 2018, "Emergent complexity via
+    """The newest 1 - delta of the pool, uniformly (Bansal et al. 2018, "Emergent complexity via
     multi-agent competition").
     """
     pool = standings.pool
@@ -127,40 +89,17 @@ def delta_uniform(standings: Standings, options: SamplerOptions) -> Probabilitie
 
 
 def recent(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """The pool, the newer the more often."""
+    """The pool; newer members have more weight."""
     pool = standings.pool
     ages = np.linspace(1.0, 0.0, len(pool)) if len(pool) > 1 else np.zeros(len(pool))
     return standings.spread(pool, np.exp(-options.recency * ages))
 
 
-def pfsp(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """Prioritised fictitious self-play, hard: (1 - win rate) ** power, who is not beaten yet
-    (Vinyals et al. 2019, "Grandmaster level in StarCraft II", f_hard).
-    """
-    pool = standings.pool
-    return standings.spread(pool, (1.0 - standings.win_rate[pool]) ** options.power)
-
-
-def pfsp_variance(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """Prioritised fictitious self-play, even: win rate * (1 - win rate), who is as strong
-    (Vinyals et al. 2019, f_var).
-    """
-    pool = standings.pool
-    rate = standings.win_rate[pool]
-    return standings.spread(pool, rate * (1.0 - rate))
-
-
-def pfsp_easy(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """Prioritised fictitious self-play, easy: win rate ** power, for who would win nothing else."""
-    pool = standings.pool
-    return standings.spread(pool, standings.win_rate[pool] ** options.power)
-
-
 def nash(standings: Standings, options: SamplerOptions) -> Probabilities:
     """The maximum-entropy Nash mixture of the pool's payoffs: PSRO (Lanctot et al. 2017).
 
-    Payoffs are the learner's own games, even where there were none: beside it `uniform` needs a
-    share, so that everybody is met.
+    Payoffs come from the learner's own games; unplayed pairs count as even. Give `uniform` a share
+    beside it, so that all members are played.
     """
     pool = standings.pool
     payoff = standings.payoff[np.ix_(pool, pool)] - EVEN
@@ -170,27 +109,27 @@ def nash(standings: Standings, options: SamplerOptions) -> Probabilities:
 
 
 def main_agents(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """The main agents of a league as they are, evenly; in place of one that is hardly ever beaten
-    (AlphaStar: a win rate up to 0.1), its past, even opponents first: of a main exploiter.
+    """For a main exploiter: the current main agents of a league, uniformly. A main agent that is
+    hardly ever beaten (AlphaStar: win rate up to 0.1) is replaced by its past, equal ones first.
     """
-    chosen = standings.find(kind=LIVE, roles=(MAIN,))
+    chosen = standings.find(LIVE, (MAIN,))
     return _newest_or_past(standings, chosen, options, bar=0.1)
 
 
 def main_self_play(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """Itself or another main agent of a league as it is, evenly; in place of one that is beaten too
-    seldom (AlphaStar: a win rate up to 0.3), its past, even opponents first: of a main agent.
+    """For a main agent: itself and the other current main agents of a league, uniformly. One that
+    is seldom beaten (AlphaStar: win rate up to 0.3) is replaced by its past, equal ones first.
     """
-    others = standings.find(kind=LIVE, roles=(MAIN,))
+    others = standings.find(LIVE, (MAIN,))
     return _newest_or_past(standings, np.array([0, *others.tolist()]), options, bar=0.3)
 
 
 def forgotten(standings: Standings, options: SamplerOptions) -> Probabilities:
-    """Exploiters of a league that still win (a win rate below 0.3), else past main agents that win
-    again (below 0.7), hard; else itself: AlphaStar's verification branch of a main agent.
+    """For a main agent: exploiters that still win (win rate below 0.3), else past main agents that
+    win again (below 0.7), weighted as by `pfsp`; else itself. AlphaStar's verification branch.
     """
     for roles, bar in (((MAIN_EXPLOITER, LEAGUE_EXPLOITER), 0.3), ((MAIN,), 0.7)):
-        past = standings.find(kind=SNAPSHOT, roles=roles)
+        past = standings.find(SNAPSHOT, roles)
         lost = past[standings.win_rate[past] < bar]
         if len(lost):
             return standings.spread(lost, (1.0 - standings.win_rate[lost]) ** options.power)
@@ -200,11 +139,11 @@ def forgotten(standings: Standings, options: SamplerOptions) -> Probabilities:
 def _newest_or_past(
     standings: Standings, chosen: NDArray[np.int64], options: SamplerOptions, bar: float
 ) -> Probabilities:
-    """Each of `chosen` alike, or in place of one whose win rate is not above `bar` its past."""
+    """`chosen`, uniformly; those with a win rate up to `bar` are replaced by their past."""
     if not len(chosen):
         return latest(standings, options)
     total = np.zeros(len(standings.numbers))
-    past = standings.find(kind=SNAPSHOT, roles=(MAIN,))
+    past = standings.find(SNAPSHOT, (MAIN,))
     for one in chosen.tolist():
         theirs = np.array([i for i in past if standings.owners[i] == standings.owners[one]], int)
         if standings.win_rate[one] > bar or not len(theirs):
@@ -215,17 +154,34 @@ def _newest_or_past(
     return total
 
 
+def _weigh(
+    find: Callable[[Standings], NDArray[np.int64]],
+    weights: Callable[[Probabilities, SamplerOptions], Probabilities],
+) -> Sampler:
+    """A sampler with weights by the learner's win rates against the members that `find` returns."""
+
+    def sample(standings: Standings, options: SamplerOptions) -> Probabilities:
+        chosen = find(standings)
+        return standings.spread(chosen, weights(standings.win_rate[chosen], options))
+
+    return sample
+
+
+_BOTS, _POOL = attrgetter("bots"), attrgetter("pool")
 SAMPLERS: dict[str, Sampler] = {
     LATEST: latest,
-    "pfsp": pfsp,
-    "pfsp_variance": pfsp_variance,
-    "pfsp_easy": pfsp_easy,
-    "uniform": uniform,
+    # Prioritised fictitious self-play (Vinyals et al. 2019, "Grandmaster level in StarCraft II"):
+    # hard opponents (f_hard), equal opponents (f_var), and easy ones, for weak learners.
+    "pfsp": _weigh(_POOL, lambda rates, options: (1.0 - rates) ** options.power),
+    "pfsp_variance": _weigh(_POOL, lambda rates, options: rates * (1.0 - rates)),
+    "pfsp_easy": _weigh(_POOL, lambda rates, options: rates**options.power),
+    # Fictitious self-play (Heinrich, Lanctot and Silver 2015).
+    "uniform": _weigh(_POOL, lambda rates, options: np.ones(len(rates))),
     "delta_uniform": delta_uniform,
     "recent": recent,
     "nash": nash,
-    BOTS: bots,
-    PFSP_BOTS: pfsp_bots,
+    BOTS: _weigh(_BOTS, lambda rates, options: np.ones(len(rates))),
+    PFSP_BOTS: _weigh(_BOTS, lambda rates, options: (1.0 - rates) ** options.power),
     "main_self_play": main_self_play,
     "main_agents": main_agents,
     "forgotten": forgotten,
@@ -240,7 +196,7 @@ def mix(
     """Probabilities [K] of a mixture: weights by name of a sampler, a bot or a foreign agent.
 
     Raises:
-        UnknownNameError: nothing has that name; names the nearest.
+        UnknownNameError: an unknown name; names the nearest.
         ValueError: no weight above 0, or one below.
     """
     weights = np.array(list(mixture.values()), np.float64)
@@ -269,7 +225,7 @@ def _find_source(name: str, standings: Standings) -> Sampler:
 
 
 def read_standings(pool: Pool, records: WinRecords, frames: int) -> Standings:
-    """Who can be met, and how the learner does against them at `frames`."""
+    """The opponents of the pool, and the learner's win rates against them at `frames`."""
     members = pool.members
     numbers = [LATEST_ID, *(member.number for member in members)]
     payoff = np.full((len(numbers), len(numbers)), EVEN)
@@ -288,9 +244,8 @@ def read_standings(pool: Pool, records: WinRecords, frames: int) -> Standings:
 def draw_evenly(
     rng: np.random.Generator, numbers: Sequence[int], probabilities: Probabilities, count: int
 ) -> list[int]:
-    """`count` of `numbers`, each as often as its probability says, up to one more or less.
-
-    Systematic sampling: one random offset, equal steps through the summed probabilities.
+    """Draw `count` of `numbers` by systematic sampling: each number's count differs from its
+    expectation by less than one (one random offset, equal steps through summed probabilities).
     """
     if not count:
         return []

@@ -1,11 +1,11 @@
 """The folder that the learners of a league share: players, newest checkpoints, win rates.
 
     <folder>/players/<owner>-<generation>-<frames>/   a frozen agent and its `player.json`
-    <folder>/live/<owner>/                            a learner as it was after its last slice
-    <folder>/records/<owner>.json                     its games against each of them, faded
+    <folder>/live/<owner>/                            the learner after its last slice
+    <folder>/records/<owner>.json                     its weighted games against each opponent
 
-Each file has one writer, is whole or not there, and a player never changes: learners may read while
-others write, in this process or in another.
+Each file has one writer and is written atomically, and players never change: learners may read
+while others write, in any process.
 """
 
 from __future__ import annotations
@@ -28,52 +28,35 @@ MAIN, MAIN_EXPLOITER, LEAGUE_EXPLOITER = ROLES = ("main", "main_exploiter", "lea
 
 
 class Player(NamedTuple):
-    """One frozen policy of any learner.
+    """A frozen policy of any learner of a league."""
 
-    Attributes:
-        name: of its folder in `players`.
-        owner, role: the learner, and which of ROLES it has.
-        generation: how often the learner had been reset.
-        frames: how long its owner had been trained then, in all its generations.
-        fingerprint: of its network, `league.agents.load.find_fingerprint`.
-        met: what its learner had to show shortly before, by name of a player, `live` or a bot.
-    """
-
-    name: str
-    owner: str
-    role: str
-    generation: int
-    frames: int
-    fingerprint: str
-    met: Mapping[str, Evidence]
+    name: str  # of its folder in `players`
+    owner: str  # its learner
+    role: str  # of the learner, one of ROLES
+    generation: int  # number of resets of the learner
+    frames: int  # of the learner's training, in all its generations
+    fingerprint: str  # of its network, `league.agents.load.find_fingerprint`
+    met: Mapping[str, Evidence]  # the learner's results before, by name of a player, live or a bot
 
 
 @dataclass(frozen=True)
 class LeagueSeat:
-    """A learner's place in a league.
+    """A learner's place in a league."""
 
-    Attributes:
-        folder: that all share.
-        owner, role, generation: of the learner.
-        mains: the names of all main agents, in the league's order.
-        reset_chance: that the learner is reset after it has frozen a player.
-        frames_before: of the learner's generations before this one, together.
-    """
-
-    folder: Path
-    owner: str
+    folder: Path  # shared by all learners
+    owner: str  # name of the learner
     role: str
     generation: int = 0
-    mains: tuple[str, ...] = ()
-    reset_chance: float = 0.0
-    frames_before: int = 0
+    mains: tuple[str, ...] = ()  # names of all main agents, in the league's order
+    reset_chance: float = 0.0  # probability of a reset after a player was frozen
+    frames_before: int = 0  # sum over the learner's earlier generations
 
     def name_player(self, frames: int) -> str:
-        """The folder of a player that is frozen now."""
+        """Name of the folder of a player that is frozen now."""
         return f"{self.owner}-{self.generation:03d}-{frames:010d}"
 
     def describe(self, age: int, fingerprint: str, met: Mapping[str, Evidence]) -> dict[str, str]:
-        """The text of `player.json` by its name. age: decisions of all generations."""
+        """The file `player.json`, text by name. age: frames of all generations."""
         about = {
             "owner": self.owner,
             "role": self.role,
@@ -85,7 +68,7 @@ class LeagueSeat:
         return {PLAYER_FILE: json.dumps(about, indent=1) + "\n"}
 
     def find_live_mains(self) -> dict[int, Path]:
-        """Folders of the other main agents' newest selves by their places in `mains`."""
+        """Folders of the other main agents' current policies by their places in `mains`."""
         places = {n: self.folder / LIVE_FOLDER / name for n, name in enumerate(self.mains)}
         return {
             n: path
@@ -94,13 +77,13 @@ class LeagueSeat:
         }
 
     def find_new_players(self) -> list[Player]:
-        """All but those that this generation of the learner froze, the oldest first."""
+        """All players but those of this generation of the learner, the oldest first."""
         own = (self.owner, self.generation)
         players = [one for one in read_players(self.folder) if (one.owner, one.generation) != own]
         return sorted(players, key=lambda player: (player.frames, player.name))
 
     def save_records(self, frames: int, met: Mapping[str, Evidence], counts: list[int]) -> None:
-        """Tell the league the learner's games: evidence faded to `frames`, and how many in all."""
+        """Write the learner's games: weighted evidence at `frames`, and numbers of all games."""
         against = {
             name: [kept.points, kept.games, count]
             for (name, kept), count in zip(met.items(), counts, strict=True)
@@ -111,11 +94,7 @@ class LeagueSeat:
 
 
 def read_players(folder: Path) -> list[Player]:
-    """All frozen players, by name.
-
-    Raises:
-        CheckpointError: a player's file cannot be read.
-    """
+    """All frozen players, by name. Raises CheckpointError if a player's file cannot be read."""
     # A folder that is being written has another name, `files.replaced_folder`.
     paths = sorted((folder / PLAYERS).glob(f"*/{PLAYER_FILE}"))
     return [_read_player(path) for path in paths if "." not in path.parent.name]
@@ -150,11 +129,10 @@ def _check_record(record: Any) -> dict[str, Any]:
 
 
 def read_records(folder: Path) -> dict[str, dict[str, Any]]:
-    """What each learner has to show: {owner: {generation, frames, against: {name: [points, games,
-    count]}}}; points and games are faded, count is of all games.
+    """Results of each learner: {owner: {generation, frames, against: {name: [points, games,
+    count]}}}; points and games are weighted, count is of all games.
 
-    Raises:
-        CheckpointError: a file cannot be read.
+    Raises CheckpointError if a file cannot be read.
     """
     found: dict[str, dict[str, Any]] = {}
     for path in sorted((folder / RECORDS).glob("*.json")):

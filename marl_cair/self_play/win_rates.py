@@ -1,4 +1,4 @@
-"""Win rates of a learner against each opponent, with older games weighing less."""
+"""Win rates of a learner against each opponent; older games have less weight."""
 
 from __future__ import annotations
 
@@ -10,42 +10,33 @@ from marl_cair.ranges import COUNT, WEIGHT, Range, check_number, read_number
 
 OPPONENT = Range(-(2**15), 2**15 - 1)  # numbers of opponents: int16 in replay
 _LOG_WEALTH = Range(-1e9, 1e9, float)
-EVEN = 0.5  # score of equals: a win counts 1, a draw 1/2
+EVEN = 0.5  # score between equal agents: a win counts 1, a draw 1/2
 MOST_STAKED = 0.75  # of a bettor's wealth, on one game
 
 
 class Evidence(NamedTuple):
-    """What is known of one pairing.
+    """Weighted results of one pairing."""
 
-    Attributes:
-        points: of the games, a win 1, a draw 1/2; faded, as the games are.
-        games: played, each weighing less the older it is.
-    """
-
-    points: float = 0.0
-    games: float = 0.0
+    points: float = 0.0  # a win 1, a draw 1/2
+    games: float = 0.0  # older games have less weight
 
     def estimate(self, prior_games: float) -> float:
-        """The score to expect, in 0..1: `prior_games` even games are added to those played."""
+        """Expected score in 0..1, with `prior_games` even games added."""
         total = self.games + prior_games
         return (self.points + EVEN * prior_games) / total if total else EVEN
 
 
 class BettingTest:
-    """Whether scores against opponents are above a bar, looked at after any game and as often as
-    wanted: with a chance of `error` at most it is ever said of one whose expected score is not.
+    """Anytime-valid test whether scores against opponents are above a bar: it may be checked after
+    every game, and its probability of ever being wrong about an opponent is at most `error`.
 
-    A bettor stakes a part of its wealth on each game's score being above the bar. While the
-    expected score is not, wealth is a supermartingale, which ever reaches 1 / error with the chance
-    `error` at most (Ville 1939; Waudby-Smith and Ramdas 2024, "Estimating means of bounded random
+    A bettor stakes a part of its wealth on each game's score being above the bar. If the expected
+    score is not, wealth is a supermartingale, which ever reaches 1 / error with a probability of at
+    most `error` (Ville 1939; Waudby-Smith and Ramdas 2024, "Estimating means of bounded random
     variables by betting"). The stake is Kelly's for the score that was expected before the game.
 
     Args:
-        bar: in 0..1, both excluded.
-        error: of saying so wrongly.
-
-    Raises:
-        ValueError: a bar or an error outside 0..1.
+        bar, error: above 0 and below 1, else raises ValueError.
     """
 
     def __init__(self, bar: float, error: float) -> None:
@@ -56,14 +47,14 @@ class BettingTest:
         self._log_wealth: dict[int, float] = {}
 
     def book(self, number: int, score: float, expected: float) -> None:
-        """A game against `number` had this score in 0..1; `expected` was known before it."""
+        """Add a game against `number` with this score in 0..1; expected: its estimate before it."""
         bar = self._bar
         stake = min(max(0.0, (expected - bar) / (bar * (1.0 - bar))), MOST_STAKED / bar)
         gain = math.log1p(stake * (score - bar))
         self._log_wealth[number] = self._log_wealth.get(number, 0.0) + gain
 
     def is_above(self, number: int) -> bool:
-        """Whether the score against `number` is surely above the bar."""
+        """Whether the score against `number` is significantly above the bar."""
         return self._log_wealth.get(number, 0.0) >= self._limit
 
     def clear(self) -> None:
@@ -75,7 +66,7 @@ class BettingTest:
         return {"log_wealth": dict(self._log_wealth)}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from `state_dict`. Raises ValueError for numbers that no games bring."""
+        """Restore `state_dict`. Raises ValueError for impossible numbers."""
         held = {_read_opponent(number): wealth for number, wealth in state["log_wealth"].items()}
         for number in held:
             read_number(held, number, _LOG_WEALTH)
@@ -85,16 +76,12 @@ class BettingTest:
 class WinRecords:
     """Games of the learner by the number of the opponent that played them.
 
-    A game's weight halves with every `half_life_frames` that the learner has trained since: an
-    opponent that has not been met for long is known no better than a new one, so that sampling by
-    win rate comes back to it.
+    A game's weight halves with every `half_life_frames` of training, so that estimates for
+    opponents that were not played for long return to even, and samplers return to them.
 
     Args:
-        half_life_frames: frames of training.
-        prior_games: even games that every estimate starts from.
-
-    Raises:
-        ValueError: a half-life or prior that is not above 0.
+        half_life_frames: frames of training; above 0, else raises ValueError.
+        prior_games: even games that are added to each estimate; above 0.
     """
 
     def __init__(self, half_life_frames: float, prior_games: float = 2.0) -> None:
@@ -106,10 +93,8 @@ class WinRecords:
         self._counts: dict[int, int] = {}
 
     def book(self, number: int, score: float, frames: int) -> None:
-        """One more game against `number`, which ended at `frames`: 1 won, 0 lost, 1/2 drawn.
-
-        Raises:
-            ValueError: a score outside 0..1.
+        """Add a game against `number` that ended at `frames`: 1 won, 0 lost, 1/2 drawn. Raises
+        ValueError for a score outside 0..1.
         """
         if not 0.0 <= score <= 1.0:
             raise ValueError(f"the score against opponent {number} is {score!r}, not in 0..1")
@@ -118,29 +103,29 @@ class WinRecords:
         self._counts[number] = self.count(number) + 1
 
     def evidence(self, number: int, frames: int) -> Evidence:
-        """Points and games against `number` as they weigh at `frames`; none for who was not met."""
+        """Points and games against `number`, as weighted at `frames`."""
         points, games, then = self._faded.get(number, (0.0, 0.0, frames))
         weight = 0.5 ** (max(0, frames - then) / self.half_life_frames)
         return Evidence(points * weight, games * weight)
 
     def estimate(self, number: int, frames: int) -> float:
-        """The score to expect against `number`, in 0..1."""
+        """Expected score against `number`, in 0..1."""
         return self.evidence(number, frames).estimate(self.prior_games)
 
     def count(self, number: int) -> int:
-        """Games against `number` in all, none faded."""
+        """Number of all games against `number`."""
         return self._counts.get(number, 0)
 
     def clear(self) -> None:
-        """Forget everything booked."""
+        """Forget all games."""
         self._faded, self._counts = {}, {}
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything booked, as plain data."""
+        """All games, as plain data."""
         return {"faded": dict(self._faded), "counts": dict(self._counts)}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from `state_dict`. Raises ValueError for numbers that no games bring."""
+        """Restore `state_dict`. Raises ValueError for impossible numbers."""
         faded, counts = {}, {}
         for number, (points, games, then) in state["faded"].items():
             kept = read_evidence({number: (points, games)})[number]
@@ -155,7 +140,7 @@ def _read_opponent(number: Any) -> int:
 
 
 def read_evidence(met: Mapping[Any, Any]) -> dict[Any, Evidence]:
-    """Evidence from plain data, by the same keys. Raises ValueError for what no games bring."""
+    """Evidence from plain data, by the same keys. Raises ValueError for impossible numbers."""
     found = {}
     for key, (points, games) in met.items():
         played = check_number(games, "games", WEIGHT)

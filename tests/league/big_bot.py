@@ -1,4 +1,4 @@
-"""A bot of the JSON-lines protocol that needs 3 GiB, and says so where it does not get them."""
+"""A bot of the JSON-lines protocol that needs 3 GiB, and reports a MemoryError."""
 
 import json
 import sys

@@ -1,12 +1,14 @@
-"""Leagues for tests: made-up ones, and a short one of bots that is played."""
+"""Leagues for tests: made-up tables, and short games of bots."""
 
 import functools
+from contextlib import closing
 
 import numpy as np
 
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.ratings.rate import Games
 from marl_cair.league.report.table import make_table
+from marl_cair.league.store.store import STORE_FILE, LeagueStore
 
 NAMES = ["turtle", "economist", "rusher", "random"]
 EDGES = {(0, 1): 25, (0, 2): 40, (0, 3): 40, (1, 2): 40, (1, 3): 40, (2, 3): 30}
@@ -50,8 +52,14 @@ def play_bots(folder, *bots):
     run_league(config, show_progress=False)
 
 
+def count_games(folder):
+    """Number of games in the league file of a folder."""
+    with closing(LeagueStore(folder / STORE_FILE)) as store:
+        return len(store.read_games().agents)
+
+
 def no_games(num_teams=2):
-    """Nothing was played."""
+    """An empty league."""
     shape = 0, num_teams
     empty = np.zeros(0, np.int64)
     return Games(

@@ -1,4 +1,4 @@
-"""Games that were never played, from agents of known strength."""
+"""Simulated games of agents of known strength."""
 
 import itertools
 
@@ -29,9 +29,9 @@ def from_rows(rows):
 def simulate(strengths, blocks_per_pair, seed, seat=0.0, map_spread=0.0, draws=0.0, surplus=None):
     """Bradley-Terry games in logits; each block is a map seed in both seatings.
 
-    seat: advantage of the first seat. map_spread: of each map's own liking for one of the two.
-    draws: share of games that are drawn instead. surplus: [n, n] of the row against the column,
-    beyond what strengths say.
+    seat: advantage of the first seat. map_spread: standard deviation of each map's advantage for
+    one of the two. draws: share of games that are drawn. surplus: [n, n] advantage of the row
+    against the column beyond strengths.
     """
     rng = np.random.default_rng(seed)
     rows = []
@@ -48,7 +48,7 @@ def simulate(strengths, blocks_per_pair, seed, seat=0.0, map_spread=0.0, draws=0
 
 
 def count_results(games):
-    """What two agents' ratings depend on: how often a block gave each pair of results."""
+    """Numbers of blocks of two agents by their pair of results, on which ratings depend."""
     points = games.points[:, 0].reshape(-1, 2)  # in the first seat, first of one, then of the other
     return tuple(np.bincount((2 * points[:, 0] + points[:, 1]).astype(int), minlength=4).tolist())
 

@@ -1,4 +1,4 @@
-"""Agents for the tests: a failing one, and checkpoints of untrained networks."""
+"""Agents for the tests: failing, foreign and changed ones, and untrained networks."""
 
 from multiprocessing import parent_process
 
@@ -11,18 +11,17 @@ GAME = GAMES["deep_line_wars"]
 
 
 class InterruptedLeagueError(Exception):
-    """Stands for a kill in the middle of a match."""
+    """In place of a kill in the middle of a match."""
 
 
 class FailingAgent:
-    """Plays as the agent it wraps until it has acted `calls` times."""
+    """Acts as its agent `calls` times, then raises."""
 
     def __init__(self, agent, calls):
         self.agent, self.left = agent, calls
-        self.name, self.representation = agent.name, agent.representation
 
-    def seed(self, seed):
-        self.agent.seed(seed)
+    def __getattr__(self, name):
+        return getattr(self.agent, name)
 
     def act(self, observation, action_mask):
         self.left -= 1
@@ -30,15 +29,9 @@ class FailingAgent:
             raise InterruptedLeagueError
         return self.agent.act(observation, action_mask)
 
-    def state_dict(self):
-        return self.agent.state_dict()
-
-    def load_state_dict(self, state):
-        self.agent.load_state_dict(state)
-
 
 class FirstLegal:
-    """Somebody's own agent: the first legal action."""
+    """A foreign agent that plays the first legal action."""
 
     representation = "vector"
 
@@ -47,7 +40,7 @@ class FirstLegal:
 
 
 def make_first_legal(scenario, spec):
-    """As `module:function` of a league."""
+    """For `module:function`."""
     return FirstLegal()
 
 

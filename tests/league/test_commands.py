@@ -1,8 +1,10 @@
-"""`marl-cair league` and `marl-cair evaluate`: what they tell, and what they refuse in one line."""
+"""`marl-cair league` and `marl-cair evaluate`: output, and refusals in one line."""
 
 import csv
 import dataclasses
 import json
+import sqlite3
+from contextlib import closing
 from types import SimpleNamespace
 
 import pytest
@@ -12,15 +14,15 @@ from marl_cair.cli import evaluate, league, main
 from marl_cair.games import GAMES
 from marl_cair.league.agents import load as agents
 from marl_cair.league.agents.load import find_scenario, load_agent
+from marl_cair.league.league import LeagueConfig, run_league
 from tests.damage import forget_checksums
+from tests.games import last_standing
 from tests.league.players import GAME, save_network
 from tests.refusals import assert_refused
 
-BOTS = ["random", "turtle", "--scenario", "11x11", "--games", "2", "--no-replays"]
-
 
 @pytest.mark.parametrize("command", [league, evaluate])
-def test_help_tells_each_option_with_its_default(command):
+def test_help_describes_each_option_with_its_default(command):
     parser = command.make_parser()
     text = " ".join(parser.format_help().split())
     assert "None" not in text
@@ -37,8 +39,9 @@ def test_help_tells_each_option_with_its_default(command):
         (["league", "random", "rushr"], "nearest are 'rusher'"),
         (["league", "random", "rusher", "--seed", "-1"], "seed is -1, it must be 0 or more"),
         (["league", "random", "rusher", "--time", "0s"], "--time is '0s', it must be a number"),
-        (["league", "random"], "a league needs two or more"),
-        (["league", "random", "random"], "random is given twice"),
+        (["league", "random", "rusher", "--time", "10"], "--time is '10', it must be a number"),
+        (["league", "random", "rusher", "--time", "m"], "--time is 'm', it must be a number"),
+        (["league", "random", "rusher", "--workers", "0"], "workers is 0, it must be 1 or more"),
         (["league", "random", "turtle", "--games", "5"], "games_per_pair (--games) is 5"),
         (["league", "random", "turtle", "--scenario", "9x9"], "unknown deep_line_wars scenario"),
         (["league", "random", "{net}"], "unknown game 'chess'"),
@@ -57,7 +60,7 @@ def test_bad_input_is_refused_in_one_line(tmp_path, capsys, words, message):
     assert not (tmp_path / "league").exists()
 
 
-def test_who_plays_alone_is_rated_by_score_and_by_the_numbers_of_the_game(tmp_path, capsys):
+def test_solo_agents_are_rated_by_score_and_by_the_numbers_of_the_game(tmp_path, capsys):
     table = tmp_path / "table.csv"
     words = ["deep_maze/oracle", "--against", "random", "--games", "12", "--out", str(table)]
     assert main(["evaluate", *words, "--set", "max_ticks=8"]) == 0
@@ -80,14 +83,6 @@ def test_a_field_that_the_scenario_does_not_have_is_refused(capsys):
     assert "nearest are 'max_ticks'" in capsys.readouterr().err
 
 
-def test_a_folder_of_another_league_is_refused(tmp_path, capsys):
-    out = ["--out", str(tmp_path / "league")]
-    assert main(["league", *BOTS, *out]) == 0
-    capsys.readouterr()
-    assert main(["league", *BOTS, *out, "--seed", "1"]) == 2
-    assert "seed is 0 there, 1 here" in capsys.readouterr().err
-
-
 def test_evaluate_plays_on_the_scenario_of_the_checkpoint(tmp_path, capsys):
     net = save_network(tmp_path / "net", max_ticks=300)
     table = tmp_path / "table.csv"
@@ -98,7 +93,7 @@ def test_evaluate_plays_on_the_scenario_of_the_checkpoint(tmp_path, capsys):
     assert float(row["low"]) <= float(row["win_rate"]) <= float(row["high"])
 
 
-def test_an_agent_of_a_scenario_that_nobody_knows_here_is_loaded_by_its_fields(tmp_path, capsys):
+def test_an_agent_of_an_unknown_scenario_is_loaded_by_its_fields(tmp_path, capsys):
     """Another process has registered it."""
     net = save_network(tmp_path / "net", max_ticks=300)
     about = tmp_path / "net" / DESCRIPTION_FILE
@@ -122,3 +117,34 @@ def test_fields_that_are_lists_in_the_file_are_tuples(tmp_path, monkeypatch):
     monkeypatch.setattr(agents, "read_description", lambda source: about)
     _, found, fields = find_scenario([str(tmp_path)])
     assert hash(game.scenario(found, **fields)) == hash(scenario)  # a list has none
+
+
+@pytest.fixture(scope="module")
+def bytes_league(tmp_path_factory):
+    """SQLite takes bytes as a name."""
+    out = tmp_path_factory.mktemp("league")
+    with pytest.MonkeyPatch.context() as patch:
+        last_standing.register(patch)
+        bots = ("last_standing/idle", "last_standing/scorer")
+        settings = {"scenario": "duel", "games_per_pair": 2, "replays": False, "out": str(out)}
+        run_league(LeagueConfig(bots, game="last_standing", **settings), show_progress=False)
+        with closing(sqlite3.connect(out / "league.sqlite")) as database, database:
+            database.execute("UPDATE agent SET name = x'ff0061' WHERE name = 'idle'")
+        yield out
+
+
+@pytest.mark.parametrize("command", ["report", "status"])
+def test_commands_show_names_that_are_bytes(bytes_league, command, capsys):
+    assert main(["league", command, str(bytes_league)]) == 0
+    shown = capsys.readouterr()
+    assert shown.err == ""
+    text = shown.out if command == "status" else (bytes_league / "report.md").read_text("utf-8")
+    assert "xff" in text
+
+
+@pytest.mark.parametrize("file_format", ["csv", "json", "parquet"])
+def test_exports_hold_names_that_are_bytes_as_text(bytes_league, file_format, capsys):
+    assert main(["league", "export", str(bytes_league), "--format", file_format]) == 0
+    if file_format == "json":
+        agents = json.loads((bytes_league / "export" / "agents.json").read_text("utf-8"))
+        assert r"b'\xff\x00a'" in {agent["name"] for agent in agents}

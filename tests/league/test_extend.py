@@ -1,8 +1,8 @@
-"""`marl-cair league add`: new agents meet those of a league, and nobody else plays anew."""
+"""`marl-cair league add`: new agents meet those of a league, which do not play each other again."""
 
 import dataclasses
-import json
 import sqlite3
+from contextlib import closing
 
 import pytest
 
@@ -10,8 +10,9 @@ from marl_cair.cli import main
 from marl_cair.cli.league_members import make_add_parser
 from marl_cair.league.extend import plan_extension
 from marl_cair.league.league import LeagueConfig, play_league
-from marl_cair.league.store.store import LeagueStore, LeagueStoreError
+from marl_cair.league.store.store import STORE_FILE, LeagueStore, LeagueStoreError
 from tests.games import last_standing
+from tests.league.leagues import count_games
 from tests.league.players import GAME, save_network
 
 
@@ -23,15 +24,12 @@ def league(tmp_path_factory):
     return folder
 
 
-def count_games(folder):
-    store = LeagueStore(folder / "league.sqlite")
-    try:
-        return len(store.read_games().agents), {a.name for a in store.read_agents().values()}
-    finally:
-        store.close()
+def list_names(folder):
+    with closing(LeagueStore(folder / STORE_FILE)) as store:
+        return sorted(agent.name for agent in store.read_agents().values())
 
 
-def test_the_file_says_all_that_is_needed(league):
+def test_the_file_has_all_settings(league):
     plan = plan_extension(league, ["rusher"])
     assert (plan.agents, set(plan.ladder)) == (("rusher",), {"random", "turtle"})
     assert (plan.seed, plan.games_per_pair, plan.seating) == (3, 8, "all")  # chunks are whole
@@ -39,7 +37,7 @@ def test_the_file_says_all_that_is_needed(league):
     assert plan.scenario_options == dataclasses.asdict(scenario)
 
 
-def test_of_many_teams_pairs_count_and_not_line_ups(tmp_path, monkeypatch):
+def test_games_per_pair_count_pairs_and_not_line_ups(tmp_path, monkeypatch):
     last_standing.register(monkeypatch)
     config = LeagueConfig(
         agents=("random", "finisher", "idle", "quitter"),
@@ -54,29 +52,28 @@ def test_of_many_teams_pairs_count_and_not_line_ups(tmp_path, monkeypatch):
     assert plan_extension(tmp_path, ["scorer"]).games_per_pair == 24
 
 
-def test_a_league_goes_on_with_another_limit(tmp_path):
-    """And so does one from before functions had a limit: it knows them by the same fingerprint."""
+def test_a_league_resumes_with_another_limit(tmp_path):
+    """A function has the same fingerprint with and without a limit."""
     source = "tests.league.players:make_first_legal"
     words = ["random", source, "--scenario", "11x11", "--games", "2", "--no-replays"]
     out = ["--out", str(tmp_path)]
     assert main(["league", *words, *out, "--answer-seconds", "0"]) == 0
-    before = count_games(tmp_path)
+    before = count_games(tmp_path), list_names(tmp_path)
     assert main(["league", *words, *out]) == 0
-    assert count_games(tmp_path) == before
+    assert (count_games(tmp_path), list_names(tmp_path)) == before
     allowed = frozenset({source})
     assert source in plan_extension(tmp_path, ["turtle"], allow_code=allowed).ladder
 
 
-def test_a_new_agent_meets_everybody(league, capsys):
-    before, _ = count_games(league)
+def test_a_new_agent_meets_all_others(league, capsys):
+    before = count_games(league)
     assert main(["league", "add", "economist", "--games", "4", "--out", str(league)]) == 0
-    games, names = count_games(league)
-    assert names == {"random", "turtle", "economist"}
-    assert games == before + 2 * 8
+    assert list_names(league) == ["economist", "random", "turtle"]
+    assert count_games(league) == before + 2 * 8
     assert "economist" in capsys.readouterr().out
 
 
-def test_who_is_in_the_league_already_is_refused(league, capsys):
+def test_an_agent_of_the_league_is_refused(league, capsys):
     assert main(["league", "add", "turtle", "--out", str(league)]) == 2
     assert "turtle is given twice" in capsys.readouterr().err
 
@@ -87,23 +84,19 @@ def test_an_agent_that_has_changed_is_refused(tmp_path):
     assert main(["league", *words]) == 0
     assert plan_extension(tmp_path / "league", ["turtle"]).ladder.count(net) == 1
     save_network(tmp_path / "net", seed=1)
-    with pytest.raises(LeagueStoreError, match="no longer the agent that has played") as told:
+    with pytest.raises(LeagueStoreError, match="no longer the agent that has played") as refused:
         plan_extension(tmp_path / "league", ["turtle"])
-    assert f"`marl-cair league AGENT AGENT ... --out {tmp_path / 'league'}`" in str(told.value)
-    # And that does: what is there now is another agent, of the same name.
+    assert f"`marl-cair league AGENT AGENT ... --out {tmp_path / 'league'}`" in str(refused.value)
+    # That adds the agent that is there now, with the same name.
     assert main(["league", "turtle", *words]) == 0
-    store = LeagueStore(tmp_path / "league" / "league.sqlite")
-    assert [one.name for one in store.read_agents().values()].count("net") == 2
-    store.close()
+    assert list_names(tmp_path / "league").count("net") == 2
 
 
-def test_a_league_of_before_says_what_to_do(league, tmp_path):
-    with sqlite3.connect(league / "league.sqlite") as old:
-        old.execute("VACUUM INTO ?", (str(tmp_path / "league.sqlite"),))
-    old.close()
-    with sqlite3.connect(tmp_path / "league.sqlite") as new:
-        new.execute("UPDATE agent SET configuration = ?", (json.dumps({}),))
-    new.close()
+def test_a_league_without_sources_is_refused(league, tmp_path):
+    with closing(sqlite3.connect(league / STORE_FILE)) as old:
+        old.execute("VACUUM INTO ?", (str(tmp_path / STORE_FILE),))
+    with closing(sqlite3.connect(tmp_path / STORE_FILE)) as new, new:
+        new.execute("UPDATE agent SET configuration = '{}'")
     with pytest.raises(LeagueStoreError, match="does not say where .* is from"):
         plan_extension(tmp_path, ["rusher"])
 
@@ -113,7 +106,7 @@ def test_no_league_is_refused(tmp_path, capsys):
     assert "is not there" in capsys.readouterr().err
 
 
-def test_help_tells_each_option_with_its_default():
+def test_help_describes_each_option_with_its_default():
     for action in make_add_parser()._actions:
         assert action.help
         if action.option_strings and action.dest != "help":

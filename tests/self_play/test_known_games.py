@@ -1,7 +1,7 @@
-"""Self-play where the answer is known: `latest` goes in circles, mixtures come to the equilibrium.
+"""Self-play in games with known equilibria: `latest` cycles, mixtures converge.
 
-The learner is the least there is: it tries each throw against whom the mixture draws, and freezes
-the one that earned most. The engine, the pool, the records and the samplers are the real ones.
+The learner is minimal: it tries each throw against the opponents of the mixture, and freezes the
+throw with the highest reward. The engine, the pool, the records and the samplers are the real ones.
 """
 
 import itertools
@@ -31,10 +31,10 @@ def play(engine, own, theirs, seed):
 
 
 def run(tmp_path, scenario_name, mixture, generations):
-    """Freeze the best answer to the mixture, generation after generation."""
+    """Freeze the best response to the mixture in each generation."""
     scenario = GAME.scenario(scenario_name)
     engine = BatchedEngine(GAME, scenario, WORLDS)
-    pool = Pool(tmp_path / mixture_name(mixture), GAME, scenario, "vector", capacity=1)
+    pool = Pool(tmp_path / "_".join(mixture), GAME, scenario, "vector", capacity=1)
     records = WinRecords(half_life_frames=4 * WORLDS)
     rng = np.random.default_rng(0)
     throws = [ROCK]
@@ -61,17 +61,13 @@ def run(tmp_path, scenario_name, mixture, generations):
     return SimpleNamespace(pool=pool, records=records, throws=throws[1:], scenario=scenario)
 
 
-def mixture_name(mixture):
-    return "_".join(mixture)
-
-
 def shares_of(throws):
     return np.bincount(throws, minlength=3) / len(throws)
 
 
 @pytest.mark.parametrize("scenario", ["fair", "biased"])
-def test_latest_goes_in_circles(tmp_path, scenario):
-    """Each generation throws what beats the one before, whatever came before that: for ever."""
+def test_latest_cycles(tmp_path, scenario):
+    """Each generation throws what beats the one before."""
     throws = run(tmp_path, scenario, {"latest": 1.0}, 60).throws
     assert all(new == (old + 1) % 3 for old, new in itertools.pairwise(throws))
 
@@ -82,14 +78,14 @@ def test_the_history_of_latest_is_no_equilibrium_where_throws_differ_in_worth(tm
 
 
 @pytest.mark.parametrize("scenario", ["fair", "biased"])
-@pytest.mark.parametrize("mixture", [{"uniform": 1.0}, {"pfsp": 1.0}], ids=mixture_name)
-def test_what_mixtures_leave_behind_comes_to_the_equilibrium(tmp_path, scenario, mixture):
+@pytest.mark.parametrize("mixture", [{"uniform": 1.0}, {"pfsp": 1.0}], ids="_".join)
+def test_the_history_of_mixtures_converges_to_the_equilibrium(tmp_path, scenario, mixture):
     done = run(tmp_path, scenario, mixture, 150)
     assert exploitability(payoff(done.scenario), shares_of(done.throws)) <= 0.12
 
 
-def test_half_latest_is_too_much_for_who_always_finds_the_best_answer(tmp_path):
-    """The default comes to the fair game's equilibrium, and nearly circles in the biased one."""
+def test_half_latest_is_too_much_for_exact_best_responses(tmp_path):
+    """The default converges in the fair game, and nearly cycles in the biased one."""
     fair = run(tmp_path / "fair", "fair", WITHOUT_BOTS, 150)
     assert exploitability(payoff(fair.scenario), shares_of(fair.throws)) <= 0.12
     biased = run(tmp_path / "biased", "biased", WITHOUT_BOTS, 150)
@@ -98,7 +94,7 @@ def test_half_latest_is_too_much_for_who_always_finds_the_best_answer(tmp_path):
 
 @pytest.mark.parametrize("scenario", ["fair", "biased"])
 def test_the_nash_mixture_of_the_pool_is_the_equilibrium(tmp_path, scenario):
-    """Of what the pool's own records say, so that everybody has to be met now and then."""
+    """Computed from the pool's own records, so that all members must be played now and then."""
     done = run(tmp_path, scenario, {"nash": 0.6, "uniform": 0.4}, 16)
     assert set(done.throws) == {ROCK, PAPER, SCISSORS}
     standings = read_standings(done.pool, done.records, 16 * WORLDS)
@@ -108,7 +104,7 @@ def test_the_nash_mixture_of_the_pool_is_the_equilibrium(tmp_path, scenario):
     assert exploitability(payoff(done.scenario), throws) <= 0.15
 
 
-def test_the_equilibrium_of_the_biased_game_is_what_its_rules_say():
-    """Each throw as often as the win of the one that it does not meet is worth."""
+def test_the_equilibrium_of_the_biased_game_follows_from_its_rules():
+    """The probability of each throw is proportional to the reward of the other two's game."""
     found = maximum_entropy_nash(payoff(GAME.scenario("biased")))
     assert found == pytest.approx([4 / 9, 4 / 9, 1 / 9])

@@ -1,7 +1,7 @@
-"""Kuhn poker of OpenSpiel: no greedy learner is below 1/6, mixtures of its past selves are.
+"""Kuhn poker of OpenSpiel: mixtures of a learner's past selves are less exploitable than 1/6.
 
-Exploitability is OpenSpiel's own: the mean over both seats of what a best answer wins. Of all 4,096
-pure strategies the best is exploitable by exactly 1/6, the equilibrium by 0.
+Exploitability is OpenSpiel's: the mean over both seats of the reward of a best response. The best
+of all 4,096 pure strategies is exploitable by exactly 1/6, the equilibrium by 0.
 """
 
 import itertools
@@ -27,7 +27,7 @@ class Tree(NamedTuple):
     """A small game of OpenSpiel as arrays over its S states and I information states."""
 
     player: np.ndarray  # [S], -1 chance, -4 ended
-    infoset: np.ndarray  # [S], -1 where nobody decides
+    infoset: np.ndarray  # [S], -1 at other states
     child: np.ndarray  # [S, A]
     chance: np.ndarray  # [S, A] summed
     returns: np.ndarray  # [S, 2]
@@ -71,7 +71,7 @@ def read_tree(game):
 
 
 class Table:
-    """An action in each information state, as an agent: it observes the state's number."""
+    """An agent with an action for each information state; it observes the state's number."""
 
     representation = "infoset"
 
@@ -88,7 +88,7 @@ class Table:
 def play(tree, choose, count, rng):
     """Walk `count` games to their ends: states and actions of each decision, and the last states.
 
-    choose: (places of those who decide, player, infoset) -> actions.
+    choose: (places of the games with a decision, player, infoset) -> actions.
     """
     state, steps = np.zeros(count, int), []
     while (running := tree.player[state] != -4).any():
@@ -105,7 +105,7 @@ def play(tree, choose, count, rng):
 
 
 def learn(tree, folder, mixture, seed):
-    """Tabular Q-learning of both seats against whom the mixture draws; returns pool and records."""
+    """Tabular Q-learning of both seats against the mixture's opponents; returns the pool."""
     rng = np.random.default_rng(seed)
     pool = Pool(folder, GAME, GAME.scenario(), "vector", capacity=1)
     records = WinRecords(half_life_frames=EPISODES / 10)
@@ -146,7 +146,7 @@ def learn(tree, folder, mixture, seed):
 
 
 def exploit(game, tree, tables, weights):
-    """OpenSpiel's exploitability of playing one of `tables`, drawn before each game."""
+    """OpenSpiel's exploitability of a mixture of `tables`."""
     from open_spiel.python import policy as policies
     from open_spiel.python.algorithms import exploitability
 

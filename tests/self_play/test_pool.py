@@ -1,4 +1,4 @@
-"""The pool on disk: frozen means frozen, crashes lose nothing, who retires."""
+"""The pool on disk: snapshots do not change, crashes lose nothing, and which snapshots retire."""
 
 import dataclasses
 import json
@@ -67,7 +67,7 @@ def frames_of(pool):
 # --- frozen ----------------------------------------------------------------------------------
 
 
-def test_a_snapshot_stays_what_it_was_while_the_learner_goes_on(tmp_path):
+def test_a_snapshot_does_not_change_while_the_learner_trains(tmp_path):
     pool, network = make_pool(tmp_path), make_network()
     member = pool.add_snapshot(network, about(network, 10), {})
     agent = pool.agent(member.number)
@@ -103,7 +103,7 @@ def test_a_network_that_is_not_the_frozen_one_is_refused(tmp_path):
 
 
 class Crash(BaseException):
-    """What no handler catches, as a killed process runs none."""
+    """Not caught by any handler, as in a killed process."""
 
 
 @pytest.mark.parametrize("moment", ["save_agent", "find_fingerprint", "write_json"])
@@ -144,9 +144,8 @@ def test_a_crash_while_a_snapshot_is_written_again_keeps_the_old_one(tmp_path):
     pool = make_pool(tmp_path)
     member = freeze(pool, 10)
     folder = tmp_path / "snapshots" / member.name
-    folder.rename(
-        folder.with_name(f".{folder.name}.marl_cair.old")
-    )  # killed between the two renames
+    # Killed between the two renames.
+    folder.rename(folder.with_name(f".{folder.name}.marl_cair.old"))
     pool = make_pool(tmp_path)
     pool.reopen()
     assert find_fingerprint(pool.agent(member.number), GAME) == member.fingerprint
@@ -165,8 +164,8 @@ def test_a_damaged_index_is_refused(tmp_path):
             make_pool(tmp_path).reopen()
 
 
-def test_an_earlier_state_takes_the_pool_back(tmp_path):
-    """Who retired since is back, who came since is not: nothing on disk is deleted."""
+def test_an_earlier_state_restores_the_pool(tmp_path):
+    """Later snapshots leave the pool and retired ones return; nothing on disk is deleted."""
     pool = make_pool(tmp_path, capacity=3)
     for frames in (10, 20, 30):
         freeze(pool, frames, seed=frames)
@@ -183,10 +182,10 @@ def test_an_earlier_state_takes_the_pool_back(tmp_path):
     assert freeze(pool, 40).number == 1_003
 
 
-# --- who stays -------------------------------------------------------------------------------
+# --- retiring --------------------------------------------------------------------------------
 
 
-def test_who_leaves_the_smallest_gap_retires_and_can_still_finish_its_games(tmp_path):
+def test_the_snapshot_with_the_smallest_gap_retires_and_can_finish_its_games(tmp_path):
     pool = make_pool(tmp_path)
     for frames in (10, 20, 30, 40):
         freeze(pool, frames)
@@ -207,12 +206,12 @@ def test_the_pool_covers_the_whole_run_evenly():
             assert max(np.diff(kept)) <= 2.5 * (kept[-1] - kept[0]) / 7
 
 
-def test_who_is_needed_for_the_nash_mixture_stays(tmp_path):
-    """Rock, paper, scissors, then a copy of scissors near in time to them."""
+def test_snapshots_of_the_nash_mixture_stay(tmp_path):
+    """Rock, paper and scissors close in time, and a later copy of scissors."""
     pool = make_pool(tmp_path, capacity=4)
     won, lost = Evidence(500.0, 500.0), Evidence(0.0, 500.0)
     freeze(pool, 100)
-    freeze(pool, 200, {1_000: lost})  # beaten by all: of no use
+    freeze(pool, 200, {1_000: lost})  # loses to all
     freeze(pool, 201, {1_000: lost, 1_001: won})
     freeze(pool, 202, {1_000: won, 1_001: won, 1_002: lost})
     freeze(pool, 900, {1_000: lost, 1_001: won, 1_002: lost, 1_003: lost})
@@ -223,7 +222,7 @@ def test_who_is_needed_for_the_nash_mixture_stays(tmp_path):
     assert choose_retired([100, 200]) == 0
 
 
-def test_payoffs_are_what_the_learner_had_to_show(tmp_path):
+def test_payoffs_are_the_results_of_the_learner(tmp_path):
     pool = make_pool(tmp_path)
     bot = pool.add(BOT, Bot("scorer", SCORE), 0)
     first = freeze(pool, 10, {bot: Evidence(3.0, 4.0)}).number
@@ -269,10 +268,8 @@ def test_players_of_other_learners_are_adopted_once_and_played_from_the_shared_f
     pool = make_member_pool(tmp_path, seat)
     assert [pool.adopt(player) for player in seat.find_new_players()] == [True, True]
     assert [pool.adopt(player) for player in seat.find_new_players()] == [False, False]
-    assert [kept.name for kept in pool.snapshots] == [
-        "main_0-000-0000000010",
-        "main_0-000-0000000020",
-    ]
+    names = [kept.name for kept in pool.snapshots]
+    assert names == ["main_0-000-0000000010", "main_0-000-0000000020"]
     assert {kept.role for kept in pool.snapshots} == {MAIN}
     older, newer = (kept.number for kept in pool.snapshots)
     assert pool.payoff([newer, older])[0, 1] == (6.0 + 1.0) / (8.0 + 2.0)
@@ -283,8 +280,8 @@ def test_players_of_other_learners_are_adopted_once_and_played_from_the_shared_f
     assert len(again.find_new_players()) == 2
 
 
-def test_generations_of_a_learner_follow_on_one_another(tmp_path):
-    """Frames began anew with each: the newest of one seemed younger than the first of the next."""
+def test_frames_of_generations_of_a_learner_add_up(tmp_path):
+    """A later generation is younger than the newest player of an earlier one."""
     for generation, before in ((0, 0), (1, 40)):
         other = make_seat(tmp_path, "main_exploiter_0", MAIN_EXPLOITER, generation=generation)
         other = dataclasses.replace(other, frames_before=before)
@@ -305,7 +302,7 @@ def test_generations_of_a_learner_follow_on_one_another(tmp_path):
     ]
 
 
-def test_the_learner_with_most_players_gives_one_up(tmp_path):
+def test_a_player_of_the_learner_with_most_players_retires(tmp_path):
     for owner, count in (("main_0", 4), ("league_exploiter_0", 1)):
         other = make_member_pool(tmp_path, make_seat(tmp_path, owner))
         for number in range(count):

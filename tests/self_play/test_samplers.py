@@ -1,4 +1,4 @@
-"""Samplers of opponents: probabilities for any record, the weightings of their papers, mixtures."""
+"""Opponent samplers: probabilities for any record, the weights of their papers, mixtures."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def of_pool(name, win_rates, options=OPTIONS, payoff=None):
     ids=str,
 )
 def test_every_sampler_gives_probabilities_for_any_record(name, num_bots, win_rates):
-    """All won and all lost among them, where a public framework divides 0 by 0."""
+    """Also with all games won or lost, where the weights of `pfsp` are all 0."""
     found = SAMPLERS[name](standings(win_rates, num_bots=num_bots), OPTIONS)
     assert found.shape == (1 + num_bots + len(win_rates),)
     assert np.isfinite(found).all()
@@ -52,16 +52,16 @@ def test_every_sampler_gives_probabilities_for_any_record(name, num_bots, win_ra
 
 
 @pytest.mark.parametrize("name", sorted(set(SAMPLERS) - {"bots", "pfsp_bots"}))
-def test_before_there_is_a_pool_the_learner_meets_itself(name):
+def test_without_a_pool_the_learner_plays_itself(name):
     assert SAMPLERS[name](standings([]), OPTIONS).tolist() == [1.0, 0.0, 0.0]
 
 
-def test_latest_and_bots_take_nobody_else():
+def test_latest_and_bots_take_no_other_opponent():
     assert SAMPLERS["latest"](standings([0.2, 0.9]), OPTIONS).tolist() == [1, 0, 0, 0, 0]
     assert SAMPLERS["bots"](standings([0.2, 0.9]), OPTIONS).tolist() == [0, 0.5, 0.5, 0, 0]
 
 
-def test_bots_that_are_not_beaten_yet_are_met_more_often():
+def test_bots_that_are_not_beaten_yet_are_played_more_often():
     met = standings([0.2])
     met.win_rate[1:3] = 0.5, 0.75
     expected = [0, 0.25 / 0.3125, 0.0625 / 0.3125, 0]
@@ -115,7 +115,7 @@ def test_nash_of_random_games_is_not_beaten(size):
     assert exploitability(payoff, mixture) <= 1e-6 * np.abs(payoff).max()
 
 
-def test_nash_refuses_what_is_no_zero_sum_game():
+def test_nash_refuses_payoffs_of_no_zero_sum_game():
     with pytest.raises(ValueError, match="payoffs are not antisymmetric"):
         maximum_entropy_nash(np.ones((2, 2)))
     with pytest.raises(ValueError, match=r"shape \[2, 3\], they must be \[K, K\]"):
@@ -130,7 +130,7 @@ def test_a_mixture_is_the_weighted_sum_of_its_samplers():
     assert found == pytest.approx([0.5, 0.0, 0.1, 0.35, 0.05])
 
 
-def test_a_mixture_of_nobody_is_refused():
+def test_invalid_mixtures_are_refused():
     with pytest.raises(UnknownNameError, match="unknown opponent 'pfps': nearest are 'pfsp'"):
         mix({"pfps": 1.0}, standings([]), OPTIONS)
     for wrong in ({"latest": 0.0}, {"latest": -1.0, "bots": 2.0}, {"latest": np.nan}, {}):
@@ -155,7 +155,7 @@ def test_even_draws_are_within_one_of_their_share():
 
 
 def in_a_league(win_rates, live=(0.5,)):
-    """The learner, main agents as they are, and the past by name: owners are before the dash."""
+    """The learner, current main agents, and the past by name: owners are before the dash."""
     others = [f"main_{n + 1}" for n in range(len(live))]
     owners = ["", *others, *(name.partition("-")[0] for name in win_rates)]
     size = len(owners)
@@ -175,16 +175,11 @@ def shares(name, found):
     return {who: pytest.approx(share) for who, share in named if share}
 
 
-def test_an_exploiter_meets_the_main_agents_and_the_past_of_those_that_it_cannot_beat():
+def test_an_exploiter_plays_the_main_agents_or_the_past_of_those_that_it_cannot_beat():
     past = {"main_1-a": 0.5, "main_1-b": 0.9, "main_2-a": 0.5, "league_exploiter_0-a": 0.5}
     found = shares("main_agents", in_a_league(past, live=(0.1, 0.11)))
-    even, easy = 0.25, 0.09
-    expected = {"main_2": 0.5, "main_1-a": even, "main_1-b": easy}
-    expected = {
-        name: share if name == "main_2" else 0.5 * share / (even + easy)
-        for name, share in expected.items()
-    }
-    assert found == expected
+    even, easy = 0.5 * 0.25 / 0.34, 0.5 * 0.09 / 0.34
+    assert found == {"main_2": 0.5, "main_1-a": even, "main_1-b": easy}
     assert shares("main_agents", in_a_league({}, live=(0.0,))) == {"main_1": 1.0}
     assert shares("main_agents", in_a_league({}, live=())) == {"latest": 1.0}
 
@@ -196,7 +191,7 @@ def test_a_main_agent_plays_itself_and_the_others_that_it_can_win_against():
     assert shares("main_self_play", in_a_league(past, ())) == {"latest": 1.0}
 
 
-def test_who_is_forgotten_comes_back_exploiters_first():
+def test_opponents_that_win_again_come_back_exploiters_first():
     past = {
         "main_1-a": 0.6,
         "main_1-b": 0.8,

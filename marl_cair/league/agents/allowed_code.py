@@ -1,29 +1,59 @@
-"""Decides which agents' code may run: code named in a file needs the user's permission.
+"""Permission and limits for agents that are code: `process:COMMAND` and `module:function`.
 
-Code is `process:COMMAND` and `module:function`. Who names it on the command line or in Python runs
-it. What a file names (a league's store, `config.yaml`, a plan) is passed through `require_allowed`
-where it is read. Mixtures hold no code at all. See SECURITY.md.
+Code that the user names on the command line or in Python runs. Code that a file names (a league
+file, `config.yaml`, a plan) needs permission: `require_allowed` is called where the file is read.
+Mixtures hold no code. See SECURITY.md.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 import os
+import sys
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from marl_cair.files import find_folder
 from marl_cair.text import clean_text
 
 PREFIX = "process:"
-# Agents that come with this package, so that naming them runs nothing new.
+# Agents of this package: naming them runs no foreign code.
 OWN_AGENTS = frozenset({"marl_cair.games.deep_rts.teacher:make_teacher"})
+ANSWER_SECONDS = 10.0
+FUNCTION_SECONDS = 60.0  # the commands' limit for functions: networks may run without a GPU
+IS_SUPERVISED = sys.platform == "linux"  # whether `supervisor` runs here
 
-# Code of files that may run: all of it, none, or these sources, which the user has named.
+# Code of files that may run: all, none, or these sources, which the user has named.
 AllowCode = bool | frozenset[str]
 
 
 class CodeNotAllowedError(ValueError):
     """A file names code that the user has neither named nor allowed."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of an agent in a process of its own. Raises ValueError for an invalid limit, or one
+    that this system cannot enforce.
+
+    The memory is the address space of each of its processes (RLIMIT_AS): programs may reserve much
+    more than they use, above all on a GPU, in Java or in Go.
+    """
+
+    seconds: float = ANSWER_SECONDS  # for each answer
+    memory_bytes: int = 0  # 0: no limit
+    processes: int = 0  # at once, checked every 50 ms (RLIMIT_NPROC counts those of the user)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.seconds < math.inf:
+            raise ValueError(f"answer_seconds is {self.seconds}, it must be above 0 and finite")
+        named = ("answer_memory", self.memory_bytes), ("answer_processes", self.processes)
+        for name, value in named:
+            if not 0 <= value < 2**63:
+                raise ValueError(f"{name} is {value}, it must be 0 or more")
+            if value and not IS_SUPERVISED:
+                raise ValueError(f"{name} is {value}: only Linux can limit it; leave it out here")
 
 
 def is_process(source: str | os.PathLike[str]) -> bool:
@@ -38,7 +68,7 @@ def is_foreign(source: str | os.PathLike[str]) -> bool:
 
 
 def is_code(source: str | os.PathLike[str]) -> bool:
-    """Whether loading the agent `source` runs code of others; a folder that exists is none."""
+    """Whether loading `source` runs foreign code; a folder that exists is no code."""
     if is_process(source):
         return True
     is_own = str(source) in OWN_AGENTS
@@ -48,8 +78,8 @@ def is_code(source: str | os.PathLike[str]) -> bool:
 def require_allowed(
     sources: Iterable[str], allow_code: AllowCode, place: str | os.PathLike[str]
 ) -> None:
-    """Raise CodeNotAllowedError where code among `sources`, which the file `place` names, is not
-    allowed. Logs what is allowed and will run without having been named.
+    """Raise CodeNotAllowedError if `sources`, named in the file `place`, hold code that is not
+    allowed. Logs code that is allowed although the user has not named it.
     """
     named = allow_code if isinstance(allow_code, frozenset) else frozenset()
     code = [one for one in dict.fromkeys(sources) if is_code(one) and one not in named]

@@ -1,12 +1,9 @@
 """Loads foreign agents: any object with `act`, named `package.module:function`.
 
-What they get wrong costs them the game and nothing else: a crash, a `sys.exit`, or an answer of a
-wrong shape forfeits the games that they were asked about, an illegal action the game that it was
-meant for.
-In training it ends the run (`require_answers`).
-In this process a function has no time limit, and one that kills the process kills all; in one of
-its own (`process.load_hosted`) both cost it the game alone. It plays the same either
-way.
+A crash, a `sys.exit` or an answer of a wrong shape forfeits the games of that call; an illegal
+action forfeits its own game. In training a forfeit ends the run (`require_answers`). In this
+process a function has no time limit, and one that kills the process ends everything; in a process
+of its own (`process.load_hosted`) it forfeits its games. It plays the same either way.
 """
 
 from __future__ import annotations
@@ -30,10 +27,17 @@ _MAX_NAME = 200  # characters
 FORFEIT = -1  # in place of an action: the game is lost
 
 
-class ForeignAgentError(ValueError):
-    """A foreign agent that cannot be found or made, or gives up where it must not.
+class AgentFault(Exception):  # noqa: N818  # the agent's, no error of this package
+    """A fault of an agent that did not answer, as the end of a sentence about the agent."""
 
-    failure: of one that gives up: what it has done, as the end of a sentence about it.
+    def __init__(self, text: str) -> None:
+        super().__init__(clean_text(text))
+
+
+class ForeignAgentError(ValueError):
+    """A foreign agent that cannot be found or made, or that forfeits where it must not.
+
+    failure: the reason of the forfeit, as the end of a sentence about the agent.
     """
 
     failure = ""
@@ -42,29 +46,21 @@ class ForeignAgentError(ValueError):
         super().__init__(clean_text(text))
 
 
-class AgentFault(Exception):  # noqa: N818  # it is the agent's, and no error of ours
-    """What an agent has done instead of answering, as the end of a sentence about it."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(clean_text(text))
-
-
 class ForeignAgent:
     """An object with `act(observation, action_mask)` as an agent that may forfeit.
 
-    `act` gives FORFEIT in each row that it loses, and `failure` says why. The object may have
-    `name`, `representation` (default: the game's first), and, to be repeatable where it draws at
-    random, `seed`, which is called with another number below 2**32 before each `act`. Decisions
-    know nothing of each other: the games of a call are not those of the last.
+    `act` returns FORFEIT in each row that is lost; `failure` has the reason. The object may have
+    `name`, `representation` (default: the game's first) and `seed`, which is called with another
+    number below 2**32 before each `act`, so that random agents are repeatable. Calls are
+    independent: the games of one call are not those of the last.
 
     Args:
         agent: the object.
-        source: what it is called where it has no `name`.
-        spec: of the scenario that it is to play.
+        source: its name where it has none.
+        spec: of the scenario.
         fingerprint: of its code.
 
-    Raises:
-        UnknownNameError: the game has no such representation.
+    Raises UnknownNameError: the game has no such representation.
     """
 
     def __init__(self, agent: Any, source: str, spec: GameSpec, fingerprint: str) -> None:
@@ -85,7 +81,7 @@ class ForeignAgent:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         self._broken = state["broken"]
-        # Runs of before kept the agent's own state in their place.
+        # Runs of older versions stored the agent's own state in their place.
         self._seed, self._step = state.get("seed", 0), state.get("step", 0)
 
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -104,8 +100,7 @@ class ForeignAgent:
                 f"of shape {list(lost.shape)}"
             )
             return lost
-        num_actions = action_mask.shape[-1]
-        is_known = (actions >= 0) & (actions < num_actions)
+        is_known = (actions >= 0) & (actions < action_mask.shape[-1])
         chosen = np.where(is_known, actions, 0).astype(np.int64)
         is_legal = is_known & np.take_along_axis(action_mask, chosen[..., None], -1)[..., 0]
         if not is_legal.all():
@@ -128,12 +123,12 @@ class ForeignAgent:
 
 
 def describe_crash(error: BaseException) -> str:
-    """What an agent has done that raised `error`, as the end of a sentence about it."""
+    """The fault of an agent that raised `error`."""
     return f"crashed in act: {type(error).__name__}: {clean_text(str(error))[:200]}"
 
 
 def require_answers(agent: Agent, actions: NDArray[np.int64]) -> None:
-    """Raise ForeignAgentError where the agent has forfeited one of `actions` [N, ...]."""
+    """Raise ForeignAgentError if the agent has forfeited one of `actions` [N, ...]."""
     if (actions == FORFEIT).any():
         failure = getattr(agent, "failure", "gave up")
         error = ForeignAgentError(
@@ -145,20 +140,18 @@ def require_answers(agent: Agent, actions: NDArray[np.int64]) -> None:
 
 
 def load_foreign(source: str, scenario: Any, spec: GameSpec) -> ForeignAgent:
-    """The agent that `package.module:function` makes when called with (scenario, spec), in this
-    process.
+    """The agent that `package.module:function` returns for (scenario, spec), in this process.
 
-    The module is looked for where Python looks, and in the current folder. The fingerprint is of
-    the source of the module and the name: of another version the games are another agent's.
+    Modules are found as Python finds them, and in the current folder. The fingerprint is of the
+    module's source and the name: changed code is another agent.
 
-    Raises:
-        ForeignAgentError: no such module or function, or making the agent has failed.
+    Raises ForeignAgentError: no such module or function, or the function has failed.
     """
     try:
         agent, code = make_foreign(source, scenario, spec)
     except AgentFault as fault:
         raise refuse_function(source, fault) from fault
-    return ForeignAgent(agent, source, spec, name_code(digest_code(source, code)))
+    return ForeignAgent(agent, source, spec, f"foreign {digest_code(source, code)}")
 
 
 def refuse_function(source: str, fault: AgentFault) -> ForeignAgentError:
@@ -169,21 +162,15 @@ def refuse_function(source: str, fault: AgentFault) -> ForeignAgentError:
     )
 
 
-def name_code(digest: str) -> str:
-    """The fingerprint of a function's agent, in whatever process it runs."""
-    return f"foreign {digest}"
-
-
 def digest_code(source: str, *files: bytes) -> str:
-    """32 hexadecimal digits of what an agent is called and of the files that it is made of."""
+    """32 hexadecimal digits of an agent's name and of the files of its code."""
     return hashlib.blake2b(b"\0".join((source.encode(), *files)), digest_size=16).hexdigest()
 
 
 def make_foreign(source: str, scenario: Any, spec: GameSpec) -> tuple[Any, bytes]:
-    """What the function of `load_foreign` makes, as it is, and the source of its module.
+    """The object that the function of `load_foreign` returns, and the source of its module.
 
-    Raises:
-        AgentFault: no such module or function, or what it makes is no agent.
+    Raises AgentFault: no such module or function, or it returns no agent.
     """
     module_name, _, name = source.partition(":")
     here = str(Path.cwd())

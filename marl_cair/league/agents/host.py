@@ -1,7 +1,7 @@
-"""`python -m marl_cair.league.agents.host MODULE:FUNCTION`: serves an agent as a process.
+"""`python -m marl_cair.league.agents.host MODULE:FUNCTION`: serves a function's agent as a process.
 
-It speaks that protocol from the other side, so that a function of Python can have a time limit.
-What the agent prints goes to standard error, and there is nothing for it to read.
+It speaks the protocol of `process`, so that a Python function can have a time limit. What the
+agent prints goes to standard error; its standard input is empty.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from marl_cair.league.agents.foreign import AgentFault, describe_crash, digest_c
 from marl_cair.league.agents.process import BASE64
 
 
-def serve(source: str, asked: IO[str], output: IO[str]) -> None:
-    """Answer the lines of `asked` until they end. What an agent raises is its answer."""
+def serve(source: str, questions: IO[str], answers: IO[str]) -> None:
+    """Answer each line until they end. An agent's exception is its answer."""
     agent: Any = None
     observed: dict[str, Any] = {}
     masked: dict[str, Any] = {}
-    for line in asked:
+    for line in questions:
         message = json.loads(line)
         answer: dict[str, Any]
         try:
@@ -34,17 +34,12 @@ def serve(source: str, asked: IO[str], output: IO[str]) -> None:
                 agent, digest = _make(source, message)
                 known = message["representations"]
                 seen = str(getattr(agent, "representation", next(iter(known))))
-                # The caller refuses an unknown name.
-                observed = known.get(seen, {})
+                observed = known.get(seen, {})  # the caller refuses an unknown name
                 shape = [*message["action_shape"], len(message["actions"])]
                 masked = {"dtype": "bool", "shape": shape}
-                answer = {
-                    "type": "ready",
-                    "name": str(getattr(agent, "name", source)),
-                    "representation": seen,
-                    "digest": digest,
-                    "arrays": BASE64,
-                }
+                name = str(getattr(agent, "name", source))
+                answer = {"type": "ready", "name": name, "representation": seen}
+                answer |= {"digest": digest, "arrays": BASE64}
             else:
                 if hasattr(agent, "seed"):
                     agent.seed(message["seed"])
@@ -56,14 +51,14 @@ def serve(source: str, asked: IO[str], output: IO[str]) -> None:
             answer = {"error": str(fault)}
         except (Exception, SystemExit) as error:  # noqa: BLE001  # whatever foreign code raises
             answer = {"error": describe_crash(error)}
-        output.write(json.dumps(answer) + "\n")
-        output.flush()
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
 
 
 def _read(text: str, num: int, about: dict[str, Any]) -> NDArray[Any]:
-    """The array [num, *shape] that was written as text."""
+    """Decode an array [num, *shape]; it can be written to."""
     flat: NDArray[Any] = np.frombuffer(base64.b64decode(text), about["dtype"])
-    return flat.reshape(num, *about["shape"]).copy()  # its own, to write to
+    return flat.reshape(num, *about["shape"]).copy()
 
 
 def _make(source: str, hello: dict[str, Any]) -> tuple[Any, str]:
@@ -76,9 +71,8 @@ def _make(source: str, hello: dict[str, Any]) -> tuple[Any, str]:
 
 
 if __name__ == "__main__":
-    # By number: libraries and programs that the agent starts know nothing of `sys.stdout`.
-    questions, answers = os.fdopen(os.dup(0)), os.fdopen(os.dup(1), "w")
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
+    # By number: libraries, and programs that the agent starts, do not use `sys.stdout`.
+    stdin, stdout = os.fdopen(os.dup(0)), os.fdopen(os.dup(1), "w")
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
-    serve(sys.argv[1], questions, answers)
+    serve(sys.argv[1], stdin, stdout)

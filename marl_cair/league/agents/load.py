@@ -11,25 +11,16 @@ from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from marl_cair.checkpoint import (
-    LATEST_FOLDER,
-    LIVE_FOLDER,
-    PLAYERS,
-    SNAPSHOT_FOLDER,
-    AgentDescription,
-    CheckpointError,
-    find_agent,
-    load_network,
-    read_description,
-)
+from marl_cair import checkpoint
+from marl_cair.checkpoint import AgentDescription, CheckpointError, find_agent, read_description
 from marl_cair.files import find_folder
 from marl_cair.games import GAMES
 from marl_cair.games.checks.scenario import restore_fields
 from marl_cair.games.game import Agent, Game
 from marl_cair.games.players.mixed_agent import MixedAgent
+from marl_cair.league.agents import allowed_code
 from marl_cair.league.agents.allowed_code import is_foreign, is_process
 from marl_cair.league.agents.foreign import ForeignAgent, load_foreign
-from marl_cair.league.agents.limits import ANSWER_SECONDS, FUNCTION_SECONDS, Limits
 from marl_cair.league.agents.mixtures import is_mixture, read_mixture
 from marl_cair.league.agents.process import load_hosted, load_process
 from marl_cair.league.store.records import AgentRecord
@@ -40,7 +31,7 @@ if TYPE_CHECKING:
     from marl_cair.policies.actor import PolicyActor
 
 # Folders of a run, or a league, that hold checkpoints.
-SHELVES = (SNAPSHOT_FOLDER, PLAYERS, LIVE_FOLDER)
+_SHELVES = (checkpoint.SNAPSHOT_FOLDER, checkpoint.PLAYERS, checkpoint.LIVE_FOLDER)
 
 
 def load_agent(
@@ -52,29 +43,29 @@ def load_agent(
     answer_memory: int = 0,
     answer_processes: int = 0,
 ) -> Agent:
-    """An agent by name or path; `agent.act(observations, action_mask)` gives actions.
+    """Load an agent by name or path; `agent.act(observations, action_mask)` returns actions.
+
+    A source that a file names must pass `league.agents.allowed_code.require_allowed` before.
 
     Args:
-        source: the folder of a checkpoint, of a training run (its newest agent) or of a mixture, or
-            a bot as "deep_line_wars/rusher" (just "rusher" where `game` is given), or
-            "module:function" of anybody's (see `foreign`), or "process:COMMAND" (see
-            `process`). A folder that exists is taken before a bot's name.
-        game: the game that it is to play; a checkpoint of another game is refused.
-        scenario: a scenario (or its name) that it is to play; None: the one that it was trained
-            on, or the game's default.
-        epsilon: chance of a random legal action.
-        answer_seconds: limit for each answer of anybody's code, which then runs in a process of its
-            own; None, without the two below: commands have `limits.ANSWER_SECONDS`, and
-            functions run in this process without limit, so that one that hangs, or ends the
-            process, ends the caller. (The commands of `marl-cair` give functions a limit.)
-        answer_memory: limit for the bytes of each process of that code; 0: none (`limits`).
-        answer_processes: limit for its processes at once; 0: none.
-
-    A source that a file names is to pass `league.agents.allowed_code.require_allowed` before.
+        source: the folder of a checkpoint, of a training run (its newest agent) or of a mixture; a
+            bot as "deep_line_wars/rusher" ("rusher" if `game` is given); a foreign agent as
+            "module:function" (see `foreign`) or "process:COMMAND" (see `process`). A folder that
+            exists is taken before a bot of that name.
+        game: the game to play; a checkpoint of another game is refused.
+        scenario: a scenario or its name; default: the one that the checkpoint was trained on, or
+            the game's default.
+        epsilon: probability of a random legal action.
+        answer_seconds: limit for each answer of a foreign agent, which then runs in a process of
+            its own. None, without the two limits below: commands have
+            `allowed_code.ANSWER_SECONDS`; functions run in this process without a limit, so that
+            one that hangs or exits ends the caller. (The `marl-cair` commands set a limit.)
+        answer_memory: limit in bytes for each process of a foreign agent; 0: none.
+        answer_processes: limit for the number of its processes; 0: none.
 
     Raises:
-        CheckpointError: no checkpoint, a broken one, or one that does not fit game or scenario.
-        ForeignAgentError: foreign code that cannot be found or fails.
+        CheckpointError: no checkpoint, a damaged one, or one that does not fit game or scenario.
+        ForeignAgentError: a foreign agent that cannot be found or fails.
         UnknownNameError: no such bot or game; names the nearest.
     """
     path = Path(source)
@@ -86,24 +77,25 @@ def load_agent(
         return _load_checkpoint(path, game, scenario, epsilon)
     if is_process(source) or is_foreign(source):
         owning = find_by_name("game", game or next(iter(GAMES)), GAMES)
-        chosen = _find_played(owning, scenario)
-        if is_process(source) or answer_seconds is not None or answer_memory or answer_processes:
-            usual, load = (
-                (ANSWER_SECONDS, load_process)
-                if is_process(source)
-                else (FUNCTION_SECONDS, load_hosted)
-            )
-            seconds = usual if answer_seconds is None else answer_seconds
-            limits = Limits(seconds, answer_memory, answer_processes)
-            return load(str(source), owning, chosen, limits)
-        return load_foreign(str(source), chosen, owning.make_spec(chosen))
+        chosen = _make_scenario(owning, scenario)
+        if is_process(source):
+            usual, load = allowed_code.ANSWER_SECONDS, load_process
+        elif answer_seconds is None and not answer_memory and not answer_processes:
+            return load_foreign(str(source), chosen, owning.make_spec(chosen))
+        else:
+            usual, load = allowed_code.FUNCTION_SECONDS, load_hosted
+        seconds = usual if answer_seconds is None else answer_seconds
+        limits = allowed_code.Limits(seconds, answer_memory, answer_processes)
+        return load(str(source), owning, chosen, limits)
     named_game, _, bot = str(source).rpartition("/")
     owner = named_game or game
     if owner is not None and owner in GAMES:
         if game is not None and owner != game:
             raise CheckpointError(f"{source} is a bot of {owner}, it cannot play {game}")
         kind = f"{owner} bot or checkpoint folder"
-        return _make_bot(find_by_name(kind, bot, GAMES[owner].bots), GAMES[owner], scenario)
+        make = find_by_name(kind, bot, GAMES[owner].bots)
+        chosen = _make_scenario(GAMES[owner], scenario)
+        return make(chosen, GAMES[owner].make_spec(chosen))
     if path.is_file():
         raise CheckpointError(f"{source} is a file: give the folder of the checkpoint")
     raise CheckpointError(
@@ -114,12 +106,12 @@ def load_agent(
 
 
 def is_checkpoint(source: str | os.PathLike[str]) -> bool:
-    """Whether `source` is a folder, and so no bot."""
+    """Whether `source` is a folder."""
     return not is_process(source) and find_folder(source).is_dir()
 
 
 def describe_agent(name: str, agent: Agent, game: Game, source: str = "") -> AgentRecord:
-    """What a league file keeps of an agent that it calls `name` and that `source` has given."""
+    """The league file's record of an agent, with the name in the league and the agent's source."""
     kind, policy = "bot", "scripted"
     configuration: dict[str, Any] = {"representation": agent.representation}
     if source:
@@ -138,20 +130,15 @@ def describe_agent(name: str, agent: Agent, game: Game, source: str = "") -> Age
         kind, policy = "foreign", "its own"
     elif isinstance(agent, MixedAgent):
         kind, policy = "mixture", f"one of {len(agent.members)}, drawn before each game"
-        configuration["members"] = {
-            find_fingerprint(member, game): weight
-            for member, weight in zip(agent.members, agent.weights.tolist(), strict=True)
-        }
+        prints = [find_fingerprint(member, game) for member in agent.members]
+        configuration["members"] = dict(zip(prints, agent.weights.tolist(), strict=True))
     fingerprint = find_fingerprint(agent, game)
     about = json.dumps(configuration, sort_keys=True)
     return AgentRecord(fingerprint, name, kind, policy, game.version, about)
 
 
 def find_distinct(sources: Iterable[str], game: Game, scenario: Any) -> dict[str, str]:
-    """The agents at `sources` by fingerprint, each once: the first of those that are the same.
-
-    Raises as `load_agent`.
-    """
+    """Sources by fingerprint; of identical agents the first. Raises as `load_agent`."""
     found: dict[str, str] = {}
     for source in sources:
         agent = load_agent(source, game.name, scenario)
@@ -160,13 +147,13 @@ def find_distinct(sources: Iterable[str], game: Game, scenario: Any) -> dict[str
 
 
 def read_source(record: AgentRecord) -> str:
-    """Where an agent of a league is from, as `load_agent` takes it; "" where that is not known."""
+    """The source of a league's agent, as for `load_agent`; "" if unknown."""
     return str(json.loads(record.configuration).get("source") or "")
 
 
 def describe_training(folder: Path) -> dict[str, Any]:
-    """Of which run the checkpoint in `folder` is, and how long that had trained then: what tells
-    the snapshots of a run from those of another; empty where it cannot be read any more.
+    """The run of the checkpoint in `folder`, its seed and its frames of training, which distinguish
+    the snapshots of different runs; empty if the checkpoint cannot be read any more.
     """
     try:
         about = read_description(folder)
@@ -174,18 +161,18 @@ def describe_training(folder: Path) -> dict[str, Any]:
         return {}
     place = find_agent(folder.absolute())
     run, name = place.parent, about.name.partition("@")[0]  # snapshots are called run@frames
-    if run.name == PLAYERS:  # of a league: learner-generation-frames
+    if run.name == checkpoint.PLAYERS:  # of a league: learner-generation-frames
         name = place.name.rpartition("-")[0]
-    if run.name in SHELVES:
+    if run.name in _SHELVES:
         run = run.parent
     training = {"run": str(run), "name": name, "seed": about.seed, "frames": about.frames}
     return {**training, "frames_total": about.frames_total}
 
 
 def shorten_paths(paths: Sequence[str], taken: Collection[str] = ()) -> dict[str, str]:
-    """Each path by the fewest last parts that distinguish all, and from the names `taken`.
+    """Short names by path: the fewest last parts that make all names unique, also among `taken`.
 
-    A folder's `latest` is left out, as it says nothing; a run's snapshots keep the run's name.
+    The last part `latest` is left out; snapshots keep the name of their run.
     """
     parts = {path: _split_path(path) for path in paths}
     for depth in range(1, max((len(run) for run, _ in parts.values()), default=0) + 1):
@@ -196,16 +183,15 @@ def shorten_paths(paths: Sequence[str], taken: Collection[str] = ()) -> dict[str
 
 
 def _split_path(path: str) -> tuple[list[str], list[str]]:
-    """The parts that identify it: of an agent or its run, and of a snapshot of the run."""
-    parts = [part for part in Path(path).absolute().parts if part not in ("/", LATEST_FOLDER)]
-    is_snapshot = len(parts) > 2 and parts[-2] == SNAPSHOT_FOLDER
+    """The parts of the path of an agent or its run, and of a snapshot of the run."""
+    parts = [p for p in Path(path).absolute().parts if p not in ("/", checkpoint.LATEST_FOLDER)]
+    is_snapshot = len(parts) > 2 and parts[-2] == checkpoint.SNAPSHOT_FOLDER
     return (parts[:-2], parts[-1:]) if is_snapshot else (parts, [])
 
 
 def find_fingerprint(agent: Agent, game: Game) -> str:
-    """Identity of an agent, independent of name and path: its rules, or its network's weights.
-
-    Of a network all that its actions depend on is hashed, as it was loaded.
+    """Identity of an agent, independent of name and path: a bot's rules version, or a hash of
+    everything that a network's actions depend on, as it was loaded.
     """
     if isinstance(agent, ForeignAgent):
         return agent.fingerprint
@@ -232,17 +218,21 @@ def find_fingerprint(agent: Agent, game: Game) -> str:
 def find_scenario(
     agents: Sequence[str], game_name: str | None = None, scenario: str | None = None
 ) -> tuple[Game, str, dict[str, Any]]:
-    """What agents play by default: the game, the scenario's name, and its fields.
+    """The game that agents play by default, the scenario's name, and its fields.
 
     The named game, else the one that a checkpoint was trained on, else a bot's ("game/bot"), else
     the first. The named scenario; else the one that the game's checkpoints were trained on, with
     all its fields and the rated reward; else the game's default.
 
     Raises:
-        CheckpointError: a broken checkpoint; or no scenario is named and two checkpoints differ.
+        CheckpointError: a damaged checkpoint; or no scenario is named and two checkpoints differ.
         UnknownNameError: no such game.
     """
-    agents = [source for agent in agents for source in _list_members(agent)]
+    agents = [
+        member
+        for source in agents
+        for member in (read_mixture(source).sources if is_mixture(source) else (source,))
+    ]
     trained = [(name, read_description(name)) for name in agents if is_checkpoint(name)]
     prefixes = [name.rpartition("/")[0] for name in agents]
     named = [about.game for _, about in trained] + [name for name in prefixes if name in GAMES]
@@ -267,8 +257,8 @@ def find_scenario(
 def _find_trained(game: Game, about: AgentDescription) -> dict[str, Any]:
     """The scenario that a checkpoint was trained on: its name under "scenario", and its fields.
 
-    A scenario of the user's own (`register_scenario`) is not known in another process: then the
-    fields alone, of which a checkpoint has all, change the game's default.
+    A scenario that a user has registered (`register_scenario`) is unknown in another process. Then
+    the fields, which a checkpoint has all, change the game's default.
     """
     fields, name = restore_fields(about.scenario_options), about.scenario
     needed = {field.name for field in dataclasses.fields(game.scenario())}
@@ -277,27 +267,17 @@ def _find_trained(game: Game, about: AgentDescription) -> dict[str, Any]:
     return {"scenario": name, **fields}
 
 
-def _list_members(source: str) -> tuple[str, ...]:
-    return read_mixture(source).sources if is_mixture(source) else (source,)
-
-
 def _format_difference(own: dict[str, Any], other: dict[str, Any]) -> str:
     return ", ".join(f"{name} = {v}" for name, v in own.items() if other.get(name) != v)
 
 
-def _make_bot(factory: Any, game: Game, scenario: Any) -> Agent:
-    chosen = _find_played(game, scenario)
-    bot: Agent = factory(chosen, game.make_spec(chosen))
-    return bot
-
-
-def _find_played(game: Game, scenario: Any) -> Any:
+def _make_scenario(game: Game, scenario: Any) -> Any:
     is_named = scenario is None or isinstance(scenario, str)
     return game.scenario(scenario) if is_named else scenario
 
 
 def _find_actor(agent: Agent) -> PolicyActor | None:
-    """The agent, if it is a network; of a bot torch is not imported to know that."""
+    """The agent if it is a network; does not import torch."""
     module = sys.modules.get("marl_cair.policies.actor")
     return agent if module and isinstance(agent, module.PolicyActor) else None
 
@@ -305,30 +285,26 @@ def _find_actor(agent: Agent) -> PolicyActor | None:
 def _load_checkpoint(path: Path, game: str | None, scenario: Any, epsilon: float) -> Agent:
     from marl_cair.policies.actor import PolicyActor
 
-    network, about = load_network(path)
+    network, about = checkpoint.load_network(path)
     if game is not None and about.game != game:
         raise CheckpointError(
             f"{path} was trained on {about.game}, it cannot play {game}: give one of {game}"
         )
     chosen = find_by_name("game", about.game, GAMES)
-    _check_version(path, about, chosen)
+    if about.game_version not in (chosen.version, *chosen.agents_of):
+        raise CheckpointError(
+            f"{path} was trained on version {about.game_version} of {about.game}'s rules, this is "
+            f"version {chosen.version}: train it again, or install the marl_cair of that version"
+        )
     if scenario is None:
         trained = _find_trained(chosen, about)
         played = chosen.scenario(trained.pop("scenario"), **trained)
     else:
-        played = chosen.scenario(scenario) if isinstance(scenario, str) else scenario
+        played = _make_scenario(chosen, scenario)
     spec = chosen.make_spec(played)
     _check_fit(path, about, spec)
     exploration = PLAYS[about.plays](seed=0, action_groups=spec.action_groups)
     return PolicyActor(network, about.name, about.representation, exploration, epsilon)
-
-
-def _check_version(path: Path, about: AgentDescription, game: Game) -> None:
-    if about.game_version not in (game.version, *game.agents_of):
-        raise CheckpointError(
-            f"{path} was trained on version {about.game_version} of {about.game}'s rules, this is "
-            f"version {game.version}: train it again, or install the marl_cair of that version"
-        )
 
 
 def _check_fit(path: Path, about: AgentDescription, spec: Any) -> None:

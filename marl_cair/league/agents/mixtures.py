@@ -1,7 +1,7 @@
 """Reads and writes mixtures: a folder with `mixture.json` and copies of its members' checkpoints.
 
-The folder is an agent as a checkpoint is: see `games.players.mixed_agent`. Its members are
-checkpoints in it and bots, so that loading it runs nothing that its files say.
+The folder is an agent, as a checkpoint is: see `games.players.mixed_agent`. Its members are
+checkpoints inside the folder and bots, so that loading it runs no code.
 """
 
 from __future__ import annotations
@@ -21,32 +21,26 @@ from marl_cair.games.game import Game
 from marl_cair.league.agents.allowed_code import is_process
 from marl_cair.stored import read_json
 
-SLACK = 0.02  # of a score, that evenness of a mixture may cost
+SLACK = 0.02  # of a score, which a more even mixture may cost
 MIXTURE_FILE = "mixture.json"
 FORMAT = "marl_cair mixture"
 FORMAT_VERSION = 1
 _MEMBERS = "members"
-MOST_MEMBERS = 256  # each is loaded, and kept in memory, before the first game
+MOST_MEMBERS = 256  # all are loaded into memory before the first game
 
 
 @dataclass(frozen=True)
 class Mixture:
-    """What `mixture.json` says.
+    """Contents of `mixture.json`."""
 
-    Attributes:
-        sources: of the members: folders in the mixture's, or bots as "game/bot".
-        weights: chances of the members, above 0, in sum 1.
-    """
-
-    sources: tuple[str, ...]
-    weights: tuple[float, ...]
+    sources: tuple[str, ...]  # members: folders inside the mixture's, or bots as "game/bot"
+    weights: tuple[float, ...]  # probabilities of the members, above 0, in sum 1
 
 
 def is_mixture(source: str | os.PathLike[str]) -> bool:
     """Whether `source` is the folder of a mixture, or of a run that stands for one.
 
-    Raises:
-        CheckpointError: as `find_agent`.
+    Raises CheckpointError as `find_agent`.
     """
     return not is_process(source) and _holds_mixture(find_agent(source))
 
@@ -56,12 +50,12 @@ def _holds_mixture(folder: Path) -> bool:
 
 
 def qualify_bot(source: str, game: Game) -> str:
-    """`source`, as "game/bot" where it is a bot's bare name."""
+    """`source`; "game/bot" if it is a bot's name."""
     return f"{game.name}/{source}" if source in game.bots else source
 
 
 def require_data(sources: Sequence[str]) -> None:
-    """Raise ValueError where a member is neither a folder nor a bot as "game/bot"."""
+    """Raise ValueError if a member is neither a folder nor a bot as "game/bot"."""
     for source in sources:
         if is_process(source) or (":" in source and not find_folder(source).is_dir()):
             raise ValueError(
@@ -74,15 +68,15 @@ def require_data(sources: Sequence[str]) -> None:
 def save_mixture(
     folder: str | os.PathLike[str], sources: Sequence[str], weights: Sequence[float]
 ) -> None:
-    """Write a mixture to `folder`, in place of one that is there, whole or not at all.
+    """Write a mixture to `folder`, atomically; replaces a mixture that is there.
 
-    sources: of the members: folders of checkpoints, of which it keeps copies, or of mixtures, whose
-    members take their place, and bots as "game/bot". weights: chances in proportion, all above 0.
+    sources: members: folders of checkpoints, which are copied, or of mixtures, whose members are
+    taken, and bots as "game/bot". weights: above 0, proportional to the probabilities.
 
     Raises:
         FileExistsError: `folder` holds something else.
         CheckpointError: a mixture among the members cannot be read.
-        ValueError: a member that is foreign code, or no folder and no bot.
+        ValueError: a member is foreign code, or neither folder nor bot; or there are too many.
     """
     target = Path(folder)
     if target.exists() and not _holds_mixture(target):
@@ -113,22 +107,16 @@ def save_mixture(
 
 
 def read_mixture(folder: str | os.PathLike[str]) -> Mixture:
-    """What the mixture in `folder` is of.
-
-    Raises:
-        CheckpointError: it is no mixture, a broken one, or one of a newer format.
+    """Read the mixture in `folder`. Raises CheckpointError: no mixture, a damaged one, or one of a
+    newer format.
     """
     place = find_folder(find_agent(folder))
     path = place / MIXTURE_FILE
     try:
         record = read_json(path)
-        if record["format"] != FORMAT:
-            raise ValueError("it is of another program")
-        if record["format_version"] != FORMAT_VERSION:
-            raise ValueError(
-                f"its format version is {record['format_version']}, this program reads "
-                f"{FORMAT_VERSION}"
-            )
+        found = record["format"], record["format_version"]
+        if found != (FORMAT, FORMAT_VERSION):
+            raise ValueError(f"its format is {found}, it must be {(FORMAT, FORMAT_VERSION)}")
         members = record["members"]
         if not 1 <= len(members) <= MOST_MEMBERS:
             raise ValueError(f"it has {len(members)} members, it must have 1 to {MOST_MEMBERS}")
@@ -142,10 +130,10 @@ def read_mixture(folder: str | os.PathLike[str]) -> Mixture:
 
 
 def _read_member(place: Path, member: Mapping[str, Any]) -> str:
-    """The source of a member of the mixture in `place`: a folder of a checkpoint in it, or a bot.
+    """The source of a member of the mixture in `place`: a checkpoint folder inside it, or a bot.
 
-    Raises ValueError for code, a folder elsewhere (which a copy of the mixture would take along),
-    or another mixture.
+    Raises ValueError for code, for a folder elsewhere (which copies of the mixture would include),
+    and for another mixture.
     """
     if "folder" not in member:
         source = str(member["agent"])

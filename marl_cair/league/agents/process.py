@@ -1,34 +1,33 @@
 """Runs agents as processes, in any language, by JSON lines on standard input and output.
 
-Named `process:COMMAND`, for example `process:python bots/mine.py`. Each line is one JSON object. At
-the start the league sends
+An agent is named `process:COMMAND`, for example `process:python bots/mine.py`. Each line is one
+JSON object. The league sends
 
     {"type": "hello", "protocol": 1, "game": "deep_line_wars", "game_version": "...",
      "scenario": {...}, "actions": ["noop", ...], "action_shape": [],
      "representations": {"vector": {"shape": [12], "dtype": "float32"}, ...}}
 
-which is answered by {"type": "ready"}, with "name" and "representation" if wanted (else the first),
-or by {"error": "why"}.
-Then, for each decision of N games,
+The answer is {"type": "ready"}, optionally with "name" and "representation" (default: the first),
+or {"error": "why"}. Then, for each step of N games, the league sends
 
     {"type": "act", "seed": 123, "num": 2, "observations": [...], "masks": [...]}
 
-observations are N nested lists of the representation's shape, masks N lists (of `action_shape`) of
-true for each legal action; seed is another number for each decision, to draw from. The answer is
-{"actions": [3, 0, ...]}, N numbers (lists of `action_shape`), or {"error": "why"} to give the games
-up. Decisions know nothing of each other: the games of a message are not those of the last. The
-process is to end when its input ends.
+`observations` are N nested lists of the representation's shape, `masks` N lists (of `action_shape`)
+of true for each legal action; `seed` is another number in each message, for random draws. The
+answer is {"actions": [3, 0, ...]}, N numbers (lists of `action_shape`), or {"error": "why"}, which
+forfeits the games. Messages are independent: the games of one are not those of the last. The
+process must end when its input ends.
 
-Pictures are long lists. Who is ready with "arrays": "base64" gets both arrays as the Base64 of
-their bytes, row by row: of observations in the representation's dtype and this machine's byte
-order, of masks a byte each.
+A process that answers `hello` with "arrays": "base64" receives both arrays as the Base64 of their
+bytes, in C order: observations in the representation's dtype and this machine's byte order, masks
+as one byte for each action. This is much faster for pictures.
 
 Every answer has a time limit. A process that misses it, ends, or writes anything else is killed,
-and its agent forfeits the games it was asked about (see `foreign`). On Linux all that it has
-started is killed with it, also what has left its session (`supervisor`), and memory and the
-number of processes can be limited; on macOS what stays in its process group is killed, on Windows
-the process alone. The protocol needs no network, but nothing keeps a process from using one, as
-little as from reading files: run what you trust.
+and its agent forfeits the games of that message (see `foreign`). On Linux all processes that it
+has started are killed too, also those that have left its session (`supervisor`), and memory and
+the number of processes can be limited; on macOS those in its process group are killed, on Windows
+the process alone. The protocol needs no network, but a process can use one, and can read files:
+run only code that you trust.
 """
 
 from __future__ import annotations
@@ -54,16 +53,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import Game, GameSpec
-from marl_cair.league.agents.allowed_code import PREFIX
-from marl_cair.league.agents.foreign import (
-    AgentFault,
-    ForeignAgent,
-    ForeignAgentError,
-    digest_code,
-    name_code,
-    refuse_function,
-)
-from marl_cair.league.agents.limits import IS_SUPERVISED, Limits
+from marl_cair.league.agents import foreign
+from marl_cair.league.agents.allowed_code import IS_SUPERVISED, PREFIX, Limits
+from marl_cair.league.agents.foreign import AgentFault, ForeignAgent, ForeignAgentError
 from marl_cair.text import clean_text
 
 PROTOCOL = 1
@@ -71,21 +63,17 @@ LISTS, BASE64 = "lists", "base64"  # how arrays are sent
 START_SECONDS = 60.0
 MAX_LINE_BYTES = 1 << 24
 TOO_MANY_PROCESSES = 250  # exit code of `supervisor`
-_SHOWN = 200  # characters of what a process has written instead
-_END_SECONDS = 2.0  # for a supervisor to end what it has started
+_SHOWN = 200  # characters of a wrong answer in an error
+_END_SECONDS = 5.0  # for a supervisor to end the processes below it
+_EXIT_SECONDS = 10.0  # for a process that has closed its output to end
 _SUPERVISOR = str(Path(__file__).with_name("supervisor.py"))
 
 
-def load_process(
-    source: str, game: Game, scenario: Any, limits: Limits | None = None
-) -> ForeignAgent:
-    """The agent of `process:COMMAND`; starts the command.
+def load_process(source: str, game: Game, scenario: Any, limits: Limits) -> ForeignAgent:
+    """Start the command of `process:COMMAND`; returns its agent. The fingerprint is of the command
+    and of the files that it names.
 
-    limits: None: ANSWER_SECONDS for each answer. The fingerprint is of the command and of the files
-    that it names.
-
-    Raises:
-        ForeignAgentError: the command cannot be started, or does not answer as it should.
+    Raises ForeignAgentError: the command cannot be started, or does not follow the protocol.
     """
     try:
         command = shlex.split(source.removeprefix(PREFIX))
@@ -94,9 +82,9 @@ def load_process(
     if not command:
         raise ForeignAgentError(f"{source} names no command: give process:COMMAND")
     files = [Path(word).read_bytes() for word in command if Path(word).is_file()]
-    fingerprint = f"process {digest_code(source, *files)}"
+    fingerprint = f"process {foreign.digest_code(source, *files)}"
     try:
-        agent, spec = _start(source, command, game, scenario, limits or Limits())
+        agent, spec = _start(source, command, game, scenario, limits)
     except AgentFault as fault:
         raise ForeignAgentError(
             f"{source} {fault}: it must answer a line as marl_cair.league.agents.process says"
@@ -107,28 +95,28 @@ def load_process(
 def load_hosted(source: str, game: Game, scenario: Any, limits: Limits) -> ForeignAgent:
     """As `foreign.load_foreign`, in a process of its own (`host`) with limits.
 
-    It is the same agent, and plays the same: the fingerprint is of the source of the module, which
-    only that process imports.
+    It is the same agent with the same fingerprint, and plays the same; only the other process
+    imports the module.
 
-    Raises: as `load_process`; ForeignAgentError too where the module has no source.
+    Raises: as `load_process`; ForeignAgentError also if the module has no source file.
     """
     command = [sys.executable, "-m", "marl_cair.league.agents.host", source]
     try:
         agent, spec = _start(source, command, game, scenario, limits)
     except AgentFault as fault:
-        raise refuse_function(source, fault) from fault
+        raise foreign.refuse_function(source, fault) from fault
     if not agent.digest:
         raise ForeignAgentError(
             f"{source}: its module has no file, so its version is unknown; give a function of a "
             "module that is a file"
         )
-    return ForeignAgent(agent, source, spec, name_code(agent.digest))
+    return ForeignAgent(agent, source, spec, f"foreign {agent.digest}")
 
 
 def _start(
     source: str, command: Sequence[str], game: Game, scenario: Any, limits: Limits
 ) -> tuple[ProcessAgent, GameSpec]:
-    """Raises AgentFault: it does not start."""
+    """Raises AgentFault if it does not start."""
     spec = game.make_spec(scenario)
     hello = {
         "type": "hello",
@@ -147,16 +135,15 @@ def _start(
 
 
 class ProcessAgent:
-    """What `ForeignAgent` wraps: an object with `act` that asks a process.
+    """The object for `ForeignAgent` whose `act` asks a process.
 
     Args:
         command: words.
-        source: what the agent is called where the process gives no name.
+        source: the agent's name, unless the process gives another.
         hello: the first message.
-        limits: that of seconds for each answer but the first, which has START_SECONDS.
+        limits: the seconds hold for each answer; the first one has START_SECONDS at least.
 
-    Raises:
-        AgentFault: the process cannot be started, or is not ready in time.
+    Raises AgentFault: the process cannot be started, or is not ready in time.
     """
 
     def __init__(
@@ -165,48 +152,46 @@ class ProcessAgent:
         self.name, self.digest, self.arrays = source, "", LISTS
         self._command, self._hello, self._limits = list(command), dict(hello), limits
         self._seed = 0
-        self._line: _Line | None = None
+        self._connection: _Connection | None = None
         self._start()
 
-    def _start(self) -> _Line:
-        line = _Line(self._command, self._limits)
-        self._line = line
-        ready = self._ask(line, self._hello, max(START_SECONDS, self._limits.seconds))
+    def _start(self) -> _Connection:
+        self._connection = connection = _Connection(self._command, self._limits)
+        ready = self._ask(connection, self._hello, max(START_SECONDS, self._limits.seconds))
         if ready.get("type") != "ready":
-            self._stop()
-            if "error" in ready:
-                raise AgentFault(_shorten(str(ready["error"])))
-            raise AgentFault(f"wrote {_shorten(json.dumps(ready))}, and not that it is ready")
+            other = f"wrote {_shorten(json.dumps(ready))}, and not that it is ready"
+            raise self._fail(_shorten(str(ready["error"])) if "error" in ready else other)
         if self.digest and ready.get("digest") != self.digest:
-            self._stop()
-            raise AgentFault("is no longer the agent that has begun: its code has changed")
+            raise self._fail("is no longer the agent that has begun: its code has changed")
         for attribute in ("name", "representation", "digest", "arrays"):
             if attribute in ready:
                 setattr(self, attribute, str(ready[attribute]))
         if self.arrays not in (LISTS, BASE64):
-            self._stop()
-            raise AgentFault(f"wants arrays as {self.arrays!r}: there are {LISTS} and {BASE64}")
-        return line
+            raise self._fail(f"wants arrays as {self.arrays!r}: there are {LISTS} and {BASE64}")
+        return connection
 
-    def _stop(self) -> None:
-        if self._line is not None:
-            self._line.close()
-        self._line = None
+    def _fail(self, text: str) -> AgentFault:
+        """Kill the process, whose next answers may belong to earlier questions."""
+        if self._connection is not None:
+            self._connection.close()
+        self._connection = None
+        return AgentFault(text)
 
-    def _ask(self, line: _Line, message: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+    def _ask(
+        self, connection: _Connection, message: Mapping[str, Any], seconds: float
+    ) -> dict[str, Any]:
         try:
-            answer = json.loads(line.ask(json.dumps(message), seconds))
-            if isinstance(answer, dict):
-                return answer
-            raise AgentFault(f"wrote {_shorten(json.dumps(answer))}, and no JSON object")
-        except (AgentFault, ValueError) as error:  # a process that was out of step once may stay so
-            self._stop()
-            if isinstance(error, AgentFault):
-                raise
-            raise AgentFault("wrote a line that is no JSON") from error
+            answer = json.loads(connection.ask(json.dumps(message), seconds))
+        except AgentFault as fault:
+            raise self._fail(str(fault)) from fault
+        except (ValueError, RecursionError) as error:
+            raise self._fail("wrote a line that is no JSON") from error
+        if not isinstance(answer, dict):
+            raise self._fail(f"wrote {_shorten(json.dumps(answer))}, and no JSON object")
+        return answer
 
     def seed(self, seed: int) -> None:
-        """What the next decision is to draw from."""
+        """Set the seed of the next message."""
         self._seed = seed
 
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> Any:
@@ -214,27 +199,27 @@ class ProcessAgent:
             "type": "act",
             "seed": self._seed,
             "num": len(action_mask),
-            "observations": self._write(observation),
-            "masks": self._write(action_mask),
+            "observations": self._encode(observation),
+            "masks": self._encode(action_mask),
         }
-        answer = self._ask(self._line or self._start(), message, self._limits.seconds)
+        answer = self._ask(self._connection or self._start(), message, self._limits.seconds)
         if "error" in answer:
             raise AgentFault(_shorten(str(answer["error"])))
         if "actions" not in answer:
-            self._stop()
-            raise AgentFault(f"wrote {_shorten(json.dumps(answer))}, without `actions`")
+            raise self._fail(f"wrote {_shorten(json.dumps(answer))}, without `actions`")
         return answer["actions"]
 
-    def _write(self, array: NDArray[Any]) -> Any:
+    def _encode(self, array: NDArray[Any]) -> Any:
         is_packed = self.arrays == BASE64
         return base64.b64encode(array.tobytes()).decode() if is_packed else array.tolist()
 
 
-class _Line:
-    """A process and the lines to and from it; killed with all that it has started when forgotten.
+class _Connection:
+    """A process and the lines to and from it; all its processes are killed by `close`, when it is
+    garbage-collected, and when this program ends.
 
-    Threads read and write: a process that reads nothing would else block who writes to it. Nobody
-    waits for these threads, as a pipe is open for as long as any process holds its other end.
+    Threads read and write, since a process that does not read would block a writer. They are not
+    joined, as a pipe stays open while any process holds its other end.
     """
 
     def __init__(self, command: Sequence[str], limits: Limits) -> None:
@@ -245,29 +230,29 @@ class _Line:
             raise AgentFault(f"cannot be started ({error})") from error
         assert self._process.stdin is not None  # noqa: S101  # for mypy
         assert self._process.stdout is not None  # noqa: S101
-        asked: queue.Queue[str | None] = queue.Queue()
-        self._asked, self._told, ended = asked, queue.Queue[bytes](maxsize=8), threading.Event()
+        questions: queue.Queue[str | None] = queue.Queue()
+        self._questions, self._answers = questions, queue.Queue[bytes](maxsize=8)
+        ended = threading.Event()
         for work, *about in (
-            (_write, self._process.stdin, asked),
-            (_read, self._process.stdout, self._told, ended),
+            (_write, self._process.stdin, questions),
+            (_read, self._process.stdout, self._answers, ended),
         ):
             threading.Thread(target=work, args=about, daemon=True).start()
-        # Also at the end of the program.
-        self.close = weakref.finalize(self, _end, self._process, control, asked, ended)
+        self.close = weakref.finalize(self, _end, self._process, control, questions, ended)
 
     def ask(self, text: str, seconds: float) -> str:
-        """The line that answers `text`. Raises AgentFault: none came, or one that is too long."""
-        if not self._told.empty():
-            line = self._told.get()
+        """Send a line, and return its answer. Raises AgentFault: none came, or one too long."""
+        if not self._answers.empty():
+            line = self._answers.get()
             raise AgentFault(
                 f"wrote {_shorten(line.decode(errors='replace'))} without being asked"
                 if line
                 else self._describe_end()
             )
         end = time.monotonic() + seconds
-        self._asked.put(text + "\n")
+        self._questions.put(text + "\n")
         try:
-            line = self._told.get(timeout=max(0.0, end - time.monotonic()))
+            line = self._answers.get(timeout=max(0.0, end - time.monotonic()))
         except queue.Empty:
             raise AgentFault(f"gave no answer within {seconds:g} s") from None
         if not line:
@@ -281,7 +266,7 @@ class _Line:
 
     def _describe_end(self) -> str:
         try:
-            code = self._process.wait(timeout=1.0)
+            code = self._process.wait(_EXIT_SECONDS)
         except subprocess.TimeoutExpired:
             return "closed its output"
         if code == TOO_MANY_PROCESSES and self._limits.processes:
@@ -292,11 +277,11 @@ class _Line:
 def _start_process(
     command: Sequence[str], limits: Limits
 ) -> tuple[subprocess.Popen[bytes], int | None]:
-    """The process, and on Linux the end of the pipe whose closing ends it."""
+    """The process, and on Linux the end of a pipe that ends the process when it is closed."""
     pipe: list[int] = list(os.pipe()) if IS_SUPERVISED else []
     if pipe:
         words = [pipe[0], limits.memory_bytes, limits.processes]
-        # Nothing is imported but the standard library, whatever lies in the current folder.
+        # Only the standard library is imported, whatever lies in the current folder.
         command = [sys.executable, "-I", "-S", _SUPERVISOR, *map(str, words), *command]
     try:
         process = subprocess.Popen(
@@ -316,21 +301,21 @@ def _start_process(
     return process, pipe[1]
 
 
-def _read(stream: IO[bytes], lines: queue.Queue[bytes], ended: threading.Event) -> None:
+def _read(stream: IO[bytes], answers: queue.Queue[bytes], ended: threading.Event) -> None:
     while not ended.is_set():
         line = stream.readline(MAX_LINE_BYTES)
         while not ended.is_set():
             with contextlib.suppress(queue.Full):
-                lines.put(line, timeout=1.0)
+                answers.put(line, timeout=1.0)
                 break
         if not line:
             break
     stream.close()
 
 
-def _write(stream: IO[bytes], asked: queue.Queue[str | None]) -> None:
-    with contextlib.suppress(OSError):  # it has ended: who reads finds out
-        while (text := asked.get()) is not None:
+def _write(stream: IO[bytes], questions: queue.Queue[str | None]) -> None:
+    with contextlib.suppress(OSError):  # the process has ended: the reader notices
+        while (text := questions.get()) is not None:
             stream.write(text.encode())
             stream.flush()
     with contextlib.suppress(OSError):
@@ -340,24 +325,24 @@ def _write(stream: IO[bytes], asked: queue.Queue[str | None]) -> None:
 def _end(
     process: subprocess.Popen[bytes],
     control: int | None,
-    asked: queue.Queue[str | None],
+    questions: queue.Queue[str | None],
     ended: threading.Event,
 ) -> None:
-    """Kill the process and what it has started, and let both threads end."""
+    """Kill the process and all below it, and let both threads end."""
     ended.set()
-    asked.put(None)
+    questions.put(None)
     if control is not None:
         os.close(control)
         try:
             process.wait(_END_SECONDS)
         except subprocess.TimeoutExpired:  # the agent has stopped its supervisor
-            from marl_cair.league.agents.supervisor import kill_below  # of Linux alone
+            from marl_cair.league.agents.supervisor import kill_below  # only on Linux
 
             kill_below(process.pid)
             process.send_signal(signal.SIGCONT)  # it kills what a list of children has missed
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(_END_SECONDS)
-    # A supervisor that ended by itself has killed everything; one that was killed could not.
+    # A supervisor that has ended by itself has killed everything; a killed one has not.
     if process.returncode is None or process.returncode < 0:
         with contextlib.suppress(OSError):
             if os.name == "nt":

@@ -8,36 +8,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from marl_cair.checkpoint import (
-    DESCRIPTION_FILE,
-    LATEST_FOLDER,
-    LEAGUE_TRAINING,
-    LIVE_FOLDER,
-    SHARED,
-    SNAPSHOT_FOLDER,
-    TRAINING,
-    CheckpointError,
-    read_description,
-)
+from marl_cair import checkpoint
+from marl_cair.checkpoint import LEAGUE_TRAINING, TRAINING, CheckpointError
 from marl_cair.files import find_folder, read_run_kind
 from marl_cair.games import GAMES
 from marl_cair.league.agents.load import find_fingerprint, is_checkpoint, load_agent
 from marl_cair.league.agents.mixtures import is_mixture
 from marl_cair.lookup import find_by_name
 
-MOST_SNAPSHOTS = 8  # of a run: enough to see its rating rise, in games that end some day
+MOST_SNAPSHOTS = 8  # of a run: enough for a curve of ratings, and few enough games
 
 
 class Expansion(NamedTuple):
-    """What sources stand for.
+    """Agents of sources."""
 
-    Attributes:
-        agents: by source; of what is no run, the source alone.
-        notes: a line for each run.
-    """
-
-    agents: dict[str, tuple[str, ...]]
-    notes: tuple[str, ...]
+    agents: dict[str, tuple[str, ...]]  # by source; a source that is no run has itself
+    notes: tuple[str, ...]  # a line for each run
 
     def list_agents(self, sources: Sequence[str]) -> tuple[str, ...]:
         """The agents of these sources, in their order."""
@@ -45,20 +31,17 @@ class Expansion(NamedTuple):
 
 
 def expand_runs(sources: Sequence[str], known: Collection[str] = ()) -> Expansion:
-    """The agents of each source. A run of training stands for its newest agent and a few of its
-    snapshots, a league's training for the newest agent of each learner; other sources stand for
-    themselves (runs of best responses for the agent that `checkpoint.find_agent` finds).
+    """Agents of each source: of a training run its newest agent and some of its snapshots, of a
+    league's training the newest agent of each learner. Other sources stay as they are (a run of
+    best responses is the agent that `checkpoint.find_agent` finds).
 
-    Of a run's agents that are the same, or as one of the other sources, the first is taken; those
-    with a fingerprint in `known` are not.
+    Identical agents are taken once; a run's agents give way to the other sources, and to agents
+    with a fingerprint in `known`.
 
-    Raises:
-        CheckpointError: a run holds no agent yet, or a broken one.
+    Raises CheckpointError: a run holds no agent yet, or a damaged one.
     """
     runs = {source: found for source in sources if (found := _list_agents(source)) is not None}
-    if not runs:
-        return Expansion({source: (source,) for source in sources}, ())
-    alone = (one for one in sources if one not in runs and is_checkpoint(one))
+    alone = [one for one in sources if runs and one not in runs and is_checkpoint(one)]
     taken = {*known, *(_identify(one) for one in alone if not is_mixture(one))}
     agents: dict[str, tuple[str, ...]] = {}
     notes = []
@@ -78,18 +61,19 @@ def expand_runs(sources: Sequence[str], known: Collection[str] = ()) -> Expansio
 
 
 def _list_agents(source: str) -> tuple[int, list[str]] | None:
-    """How many snapshots a run has, and the folders of its agents, the newest first; None of what
-    is no run.
+    """The number of a run's snapshots, and the folders of its agents, the newest first; None if
+    `source` is no run.
     """
     kind = read_run_kind(source) if is_checkpoint(source) else ""
     if kind not in (TRAINING, LEAGUE_TRAINING):
         return None
     folder = Path(source)
     if kind == LEAGUE_TRAINING:
-        num_snapshots, places = 0, list_checkpoints(folder / SHARED / LIVE_FOLDER)
+        live = folder / checkpoint.SHARED / checkpoint.LIVE_FOLDER
+        num_snapshots, places = 0, list_checkpoints(live)
     else:
-        snapshots = list_checkpoints(folder / SNAPSHOT_FOLDER)
-        num_snapshots, newest = len(snapshots), folder / LATEST_FOLDER
+        snapshots = list_checkpoints(folder / checkpoint.SNAPSHOT_FOLDER)
+        num_snapshots, newest = len(snapshots), folder / checkpoint.LATEST_FOLDER
         places = [newest] if _holds_agent(newest) else []
         places += _choose_evenly(snapshots)
     if not places:
@@ -98,23 +82,23 @@ def _list_agents(source: str) -> tuple[int, list[str]] | None:
 
 
 def list_checkpoints(folder: Path) -> list[Path]:
-    """By name, which is by age for snapshots; without what a killed process has left."""
+    """Checkpoints in `folder` by name (snapshots: by age), without those of killed processes."""
     entries = folder.iterdir() if folder.is_dir() else ()
     return sorted(one for one in entries if one.name[0] != "." and _holds_agent(one))
 
 
 def _holds_agent(folder: Path) -> bool:
-    return (find_folder(folder) / DESCRIPTION_FILE).is_file()
+    return (find_folder(folder) / checkpoint.DESCRIPTION_FILE).is_file()
 
 
 def _choose_evenly(places: list[Path]) -> list[Path]:
-    """The first, the last and what is between, at most MOST_SNAPSHOTS; the newest first."""
+    """The first, the last and evenly spaced others, at most MOST_SNAPSHOTS; the newest first."""
     at = np.linspace(len(places) - 1, 0, min(MOST_SNAPSHOTS, len(places))).round().astype(int)
     return [places[place] for place in at.tolist()]
 
 
 def _identify(source: str) -> str:
-    game = find_by_name("game", read_description(source).game, GAMES)
+    game = find_by_name("game", checkpoint.read_description(source).game, GAMES)
     return find_fingerprint(load_agent(source), game)
 
 

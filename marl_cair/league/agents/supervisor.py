@@ -2,10 +2,9 @@
 
     python -I -S supervisor.py CONTROL MEMORY_BYTES NUM_PROCESSES COMMAND...
 
-`process` starts it by its path, on Linux: it needs nothing but the standard library. It is a
-subreaper: a process that leaves its session and its parent stays below the supervisor, where it is
-found. The command has the supervisor's input and output. The end of file CONTROL, a pipe that the
-user holds, ends everything; limits of 0 are none.
+`process` starts it by its path, on Linux; it needs only the standard library. It is a subreaper: a
+process that leaves its session and its parent stays below the supervisor. The command has the
+supervisor's input and output. The end of the pipe CONTROL ends everything. A limit of 0 is none.
 """
 
 from __future__ import annotations
@@ -28,13 +27,13 @@ _SET_CHILD_SUBREAPER = 36  # of prctl(2)
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the command until it or its user ends; returns the exit code, 128 + n after signal n."""
+    """Run the command until it or `control` ends; returns the exit code, 128 + n after signal n."""
     control, memory_bytes, num_processes = map(int, arguments[:3])
     os.set_inheritable(control, False)
     if ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0):
-        raise OSError("the kernel refuses to make a subreaper")
+        raise OSError("the kernel cannot make this process a subreaper")
     if memory_bytes:
-        # Before this process needs more: the command inherits it, and cannot raise it.
+        # Before this process needs more. The command inherits the limit and cannot raise it.
         resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     try:
         child = subprocess.Popen(arguments[3:])
@@ -42,7 +41,7 @@ def main(arguments: Sequence[str]) -> int:
         sys.stdout.write(json.dumps({"error": f"cannot be started ({error})"}) + "\n")
         return 127
     nothing = os.open(os.devnull, os.O_RDWR)
-    for stream in (0, 1):  # else the user would wait for this process to close them
+    for stream in (0, 1):  # else these would stay open until this process ends
         os.dup2(nothing, stream)
     code = _wait(child.pid, control, num_processes)
     kill_below(os.getpid())
@@ -63,7 +62,7 @@ def _wait(child: int, control: int, num_processes: int) -> int:
 
 
 def _reap() -> list[tuple[int, int]]:
-    """Numbers and statuses of the children that have ended."""
+    """Collect the children that have ended; returns their numbers and statuses."""
     ended: list[tuple[int, int]] = []
     with contextlib.suppress(ChildProcessError):
         while (found := os.waitpid(-1, os.WNOHANG))[0]:
@@ -72,10 +71,10 @@ def _reap() -> list[tuple[int, int]]:
 
 
 def kill_below(root: int) -> None:
-    """Kill all that the process `root` has started, and what that starts meanwhile.
+    """Kill all processes below `root`, also those that start meanwhile.
 
-    A list of children may miss one that moves on while it is read. Only the kernel knows that none
-    is left, and only of this process, whose children all orphans below it become.
+    A list of children may miss a process that is moving while the list is read. Only the kernel
+    knows that none is left, and only for this process, which adopts all orphans below it.
     """
     is_own = root == os.getpid()
     while (found := find_below(root)) or (is_own and _has_children()):
@@ -95,14 +94,12 @@ def _has_children() -> bool:
 
 
 def find_below(root: int) -> list[int]:
-    """Numbers of all processes that `root` has started, and that these have; without those that
-    have ended.
-    """
+    """Numbers of all running processes below `root`."""
     found: list[int] = []
     waiting = [root]
     while waiting:
         below = _list_children(waiting.pop())
-        found += filter(_is_running, below)
+        found += filter(is_running, below)
         waiting += below
     return found
 
@@ -115,7 +112,8 @@ def _list_children(parent: int) -> list[int]:
     return children
 
 
-def _is_running(number: int) -> bool:
+def is_running(number: int) -> bool:
+    """Whether the process exists and has not ended."""
     try:
         text = Path(f"/proc/{number}/stat").read_text("utf-8", "replace")
     except OSError:

@@ -1,13 +1,13 @@
-"""Plays the jobs of a league, here or in worker processes, and stores each batch as it is done."""
+"""Plays the jobs of a league, here or in worker processes, and stores each batch when it ends."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache
 from multiprocessing import get_context
 from typing import Any, NamedTuple
 
@@ -17,14 +17,8 @@ from marl_cair.games import GAMES
 from marl_cair.games.checks.scenario import restore_fields
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents.load import find_fingerprint
-from marl_cair.league.play.blocks import (
-    Design,
-    Entrant,
-    count_blocks_per_chunk,
-    make_design,
-    play_blocks,
-    seat_line_up,
-)
+from marl_cair.league.play import blocks
+from marl_cair.league.play.blocks import Entrant
 from marl_cair.league.play.playing import CHUNKS_AT_ONCE, line_up_seed
 from marl_cair.league.play.schedule import Job
 from marl_cair.league.store.records import PlayedGame
@@ -35,15 +29,30 @@ Load = Callable[..., Agent]
 
 
 class Batch(NamedTuple):
-    """Chunks of one line-up that are played, and stored, at once."""
+    """Chunks of one line-up that are played and stored together."""
 
     line_up: tuple[int, ...]
     chunks: tuple[int, ...]
 
 
+@contextmanager
+def one_torch_thread() -> Iterator[None]:
+    """Compute networks on one thread: the number of threads changes how sums are rounded, and so,
+    rarely, a game. Worker processes share the cores anyway.
+    """
+    import torch  # seconds
+
+    usual = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(usual)
+
+
 @dataclass(frozen=True)
 class Rules:
-    """What all games of a league share."""
+    """Settings that all games of a league share."""
 
     game: Game
     scenario: Any
@@ -52,62 +61,66 @@ class Rules:
 
     @property
     def num_teams(self) -> int:
-        """T."""
         return self.game.make_spec(self.scenario).num_teams
 
     @property
-    def design(self) -> Design:
-        """Who plays which team."""
-        return make_design(self.num_teams, self.seating, self.seed)
+    def design(self) -> blocks.Design:
+        """Which entry plays which team; see `blocks.make_design`."""
+        return blocks.make_design(self.num_teams, self.seating, self.seed)
 
     @property
     def games_per_block(self) -> int:
-        """Of every block."""
         return len(self.design(0))
 
     @property
     def blocks_per_chunk(self) -> int:
-        """Of every chunk."""
-        return count_blocks_per_chunk(self.games_per_block)
+        return max(1, blocks.GAMES_PER_CHUNK // self.games_per_block)
 
     @property
     def games_per_chunk(self) -> int:
-        """Of every chunk."""
         return self.games_per_block * self.blocks_per_chunk
 
     @classmethod
     def read(cls, settings: Mapping[str, Any]) -> Rules:
-        """As a league file keeps them (`LeagueStore.settings`). Raises ValueError where it is of a
-        game or a scenario that there is not.
-        """
+        """Read the settings of a league file. Raises ValueError for an unknown game or scenario."""
         game = find_by_name("game", str(settings["game"]), GAMES)
         scenario = game.scenario(None, **restore_fields(settings["scenario"]))
         return cls(game, scenario, int(settings["seed"]), str(settings["seating"]))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For workers: a game is pickled by its name."""
+        return _restore_rules, (self.game.name, self.scenario, self.seed, self.seating)
+
     def play(self, line_up: Sequence[Entrant], chunks: Sequence[int]) -> list[PlayedGame]:
         """Games of whole chunks; see `blocks.play_blocks`."""
-        return play_blocks(
-            seat_line_up(line_up),
-            self.game,
-            self.scenario,
-            self.seed,
-            chunks,
-            self.design,
-            self.blocks_per_chunk,
-            line_up_seed(self.seed, [entrant.fingerprint for entrant in line_up]),
-        )
+        prints = [entrant.fingerprint for entrant in line_up]
+        with one_torch_thread():
+            return blocks.play_blocks(
+                blocks.seat_line_up(line_up),
+                self.game,
+                self.scenario,
+                self.seed,
+                chunks,
+                self.design,
+                self.blocks_per_chunk,
+                line_up_seed(self.seed, prints),
+            )
+
+
+def _restore_rules(game: str, scenario: Any, seed: int, seating: str) -> Rules:
+    return Rules(GAMES[game], scenario, seed, seating)
 
 
 class Arena:
-    """Plays and stores what the league file does not hold yet; to be closed in the end.
+    """Plays and stores the games that the league file does not hold yet; must be closed.
 
     Args:
         rules: of the league.
-        entrants: by number: in the order of their fingerprints.
+        entrants: sorted by fingerprint; jobs name them by their places.
         ids: of the entrants in the store.
         store: of the league; this process alone writes to it.
-        num_workers: processes that play; with 1 this one does. Results do not depend on it.
-        load: how a worker gets the entrants: `load(source, game=..., scenario=...)`.
+        num_workers: processes that play; with 1 this one plays. Results do not depend on it.
+        load: loads the entrants in a worker: `load(source, game=..., scenario=...)`.
     """
 
     def __init__(
@@ -120,23 +133,18 @@ class Arena:
         load: Load,
     ) -> None:
         self.rules, self.entrants, self.ids = rules, entrants, ids
-        self._store, self._num_workers = store, num_workers
+        self._store, self._num_workers, self._load = store, num_workers, load
         self._pool: ProcessPoolExecutor | None = None
-        prints = {entrant.source: entrant.fingerprint for entrant in entrants}
-        self._workshop = _Workshop(
-            rules.game.name, rules.scenario, rules.seed, rules.seating, prints, load
-        )
 
     def play(
         self, jobs: Sequence[Job], bar: tqdm[Any], is_time_up: Callable[[], bool] = lambda: False
     ) -> None:
-        """Play those jobs whose blocks are not stored; `bar` counts the games of all.
+        """Play the jobs whose blocks are not stored; `bar` counts the games of all jobs.
 
-        is_time_up: asked after each batch; where it is, the others are left out.
+        is_time_up: called after each batch; true leaves the other batches out.
 
-        Raises:
-            OSError: a worker process has died, or has found another agent where one of these was
-                loaded from; what was stored before stays.
+        Raises OSError: a worker process has died, or has loaded another agent from a source than
+        this process; games that are stored stay.
         """
         batches = list(self._find_missing(jobs))
         left = sum(len(batch.chunks) for batch in batches)
@@ -167,99 +175,60 @@ class Arena:
         if self._num_workers == 1 or len(batches) < 2:
             for batch in batches:
                 line_up = [self.entrants[number] for number in batch.line_up]
-                with one_torch_thread():
-                    games = self.rules.play(line_up, batch.chunks)
-                yield batch, games
+                yield batch, self.rules.play(line_up, batch.chunks)
             return
         if self._pool is None:  # kept for later jobs: a worker takes seconds to start
-            # Spawned, not forked: torch and numba hold threads.
-            context = get_context("spawn")
+            prints = {entrant.source: entrant.fingerprint for entrant in self.entrants}
             self._pool = ProcessPoolExecutor(
-                self._num_workers, context, _start_worker, (self._workshop,)
+                self._num_workers,
+                get_context("spawn"),  # not forked: torch and numba hold threads
+                _start_worker,
+                (self.rules, prints, self._load),
             )
+        futures = {self._pool.submit(_play_in_worker, batch): batch for batch in batches}
         try:
-            yield from _collect(self._pool, batches)
+            for future in as_completed(futures):
+                yield futures[future], future.result()
         except BrokenProcessPool as error:
             raise OSError(
                 f"a worker process has died ({error}): see whether memory is short, or give "
                 "--workers 1; the same command resumes it"
             ) from error
+        finally:  # time may be up
+            for future in futures:
+                future.cancel()
 
     def close(self) -> None:
-        """End the worker processes, after the batches that they are at."""
+        """End the worker processes after their current batches."""
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
 
-@contextmanager
-def one_torch_thread() -> Iterator[None]:
-    """Networks compute on one thread inside: how many there are changes how sums are rounded, and
-    so, now and then, a game.
-    """
-    import torch  # seconds
-
-    usual = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(usual)
+# Of a worker process: rules, fingerprints by source in the order of the entrants, and `load`.
+_context: list[Any] = []
 
 
-def _collect(
-    pool: ProcessPoolExecutor, batches: Sequence[Batch]
-) -> Iterator[tuple[Batch, list[PlayedGame]]]:
-    futures: dict[Future[list[PlayedGame]], Batch] = {
-        pool.submit(_play_in_worker, batch): batch for batch in batches
-    }
-    try:
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    finally:  # time may be up
-        for future in futures:
-            future.cancel()
-
-
-@dataclass(frozen=True)
-class _Workshop:
-    """What a worker process plays with: agents are loaded at the first batch."""
-
-    game_name: str
-    scenario: Any
-    seed: int
-    seating: str
-    prints: Mapping[str, str]  # fingerprints by source, in the order of the entrants' numbers
-    load: Load
-
-    @cached_property
-    def rules(self) -> Rules:
-        return Rules(GAMES[self.game_name], self.scenario, self.seed, self.seating)
-
-    @cached_property
-    def entrants(self) -> list[Entrant]:
-        entrants = []
-        for source, fingerprint in self.prints.items():
-            agent = self.load(source, game=self.game_name, scenario=self.scenario)
-            if find_fingerprint(agent, self.rules.game) != fingerprint:
-                raise OSError(
-                    f"{source} changed while the league was starting its workers: name no "
-                    "checkpoint that is being trained, or give --workers 1; the same command goes "
-                    "on"
-                )
-            entrants.append(Entrant("", fingerprint, agent, source))
-        return entrants
-
-
-_workshops: list[_Workshop] = []  # of this worker: it can be handed one only when it starts
-
-
-def _start_worker(workshop: _Workshop) -> None:
-    _workshops[:] = [workshop]
+def _start_worker(*context: Any) -> None:
+    _context[:] = context
 
 
 def _play_in_worker(batch: Batch) -> list[PlayedGame]:
-    workshop = _workshops[0]
-    line_up = [workshop.entrants[number] for number in batch.line_up]
-    # Workers share the cores: torch would give each as many threads as there are cores.
-    with one_torch_thread():
-        return workshop.rules.play(line_up, batch.chunks)
+    line_up = [_load_entrants()[number] for number in batch.line_up]
+    rules: Rules = _context[0]
+    return rules.play(line_up, batch.chunks)
+
+
+@cache
+def _load_entrants() -> list[Entrant]:
+    """Load all agents, at the first batch: an error in `_start_worker` would have no message."""
+    rules, prints, load = _context
+    entrants = []
+    for source, fingerprint in prints.items():
+        agent = load(source, game=rules.game.name, scenario=rules.scenario)
+        if find_fingerprint(agent, rules.game) != fingerprint:
+            raise OSError(
+                f"{source} changed while the league was starting its workers: name no checkpoint "
+                "that is being trained, or give --workers 1; the same command resumes the league"
+            )
+        entrants.append(Entrant("", fingerprint, agent, source))
+    return entrants

@@ -17,11 +17,11 @@ from marl_cair.league.play.match import record_game
 from marl_cair.league.play.playing import map_seeds
 
 LAST_FRAME_MILLISECONDS = 2_500
-MOST_HIGH = 2  # times the width of a film: a board that is higher is shown narrower
+MOST_HIGH = 2  # times the width of a film: a higher board is shown narrower
 
 
 class Size(NamedTuple):
-    """How large a film is: of longer games only every second, third, ... frame is kept."""
+    """Limits of a film; longer games keep every second, third, ... frame."""
 
     max_frames: int
     width: int  # pixels
@@ -30,15 +30,13 @@ class Size(NamedTuple):
 
 
 FULL = Size(300, 480, 160, 80)
-SMALL = Size(120, 320, 96, 100)  # some hundred KiB: several of them fit into a report
+SMALL = Size(120, 320, 96, 100)  # some hundred KiB: a report holds several
 
 
 def film_game(
     game: Game, scenario: Any, map_seed: int, actions: NDArray[np.int32], size: Size
 ) -> list[Image.Image]:
-    """Pictures of the start, of as many of the decisions, actions [T, P, ...], as `size` keeps, and
-    of the end.
-    """
+    """Pictures of the start, the steps (actions [T, P, ...]) that `size` keeps, and the end."""
     engine = BatchedEngine(game, scenario)
     engine.reset(np.array([map_seed], np.uint64))
     every = -(-(len(actions) + 1) // size.max_frames)
@@ -51,12 +49,7 @@ def film_game(
 
 
 def save_film(
-    first: Agent,
-    second: Agent,
-    game: Game,
-    scenario: Any,
-    seed: int,
-    path: str | os.PathLike[str],
+    first: Agent, second: Agent, game: Game, scenario: Any, seed: int, path: str | os.PathLike[str]
 ) -> int:
     """Play the first game of `play_match`, `first` in seat 0, and write it as a GIF.
 
@@ -71,7 +64,7 @@ def save_film(
 
 def write_film(path: str | os.PathLike[str], images: Sequence[Image.Image], size: Size) -> None:
     """Write pictures as a GIF that loops, with the colours and pace of `size`."""
-    # One palette for all frames, from the busiest: colours then do not flicker.
+    # One palette for all frames, so that colours do not flicker, from a late frame.
     palette = images[len(images) * 3 // 4].quantize(size.num_colours)
     films = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     durations = [size.frame_milliseconds] * (len(films) - 1) + [LAST_FRAME_MILLISECONDS]
@@ -83,12 +76,12 @@ def write_film(path: str | os.PathLike[str], images: Sequence[Image.Image], size
             append_images=films[1:],
             duration=durations,
             loop=0,
-            optimize=True,  # pixels that stay are not written again: a third of the size
+            optimize=True,  # unchanged pixels are written once: a third of the size
         )
 
 
 def shrink(frame: NDArray[np.uint8], width: int) -> Image.Image:
-    """A picture uint8 [h, w, 3], `width` pixels wide; narrower where it would be too high."""
+    """Scale a picture uint8 [h, w, 3] to `width` pixels; to fewer if it would be too high."""
     image = Image.fromarray(frame)
     width = min(width, max(1, round(MOST_HIGH * width * image.width / image.height)))
     height = max(1, round(image.height * width / image.width))

@@ -1,8 +1,8 @@
-"""Matches between two agents: seat-balanced games on one batched engine, the same for a seed.
+"""Plays matches between two agents: seat-balanced games on one batched engine, repeatable by seed.
 
-The first agent plays one team (one seat, where everybody plays for itself), the second all others.
-A block is one map seed, played once with the first agent in each team: two games of two teams, four
-of a free-for-all of four. See `playing` for how games are batched.
+The first agent plays one team (in a free-for-all one seat), the second all others. A block is one
+map seed, played once with the first agent in each team: two games with two teams, four in a
+free-for-all of four. See `playing` for batches.
 """
 
 from __future__ import annotations
@@ -24,28 +24,25 @@ BLOCKS_PER_CHUNK = 4
 
 @dataclass(frozen=True)
 class GameResult:
-    """One game. A block is the games of a map seed, with the first agent in each team once."""
+    """One game, seen from the first agent."""
 
     block: int
     first_seat: int  # the first seat of the first agent's team
     winner: int  # first seat of the winning team, or NO_WINNER for a draw or the time limit
     is_truncated: bool
     decisions: int
-    fingerprint: str  # `PlayedGame.trajectory`: games that are the same have equal ones
-    draw_score: float = 0.5  # of the first agent of a draw: see `standings`
-    forfeit: str = ""  # why an agent has lost it without playing on
+    fingerprint: str  # `PlayedGame.trajectory`
+    score: float  # 1 win, 0 loss; of a draw its share, see `standings.share_points`
+    forfeit: str = ""  # reason of a forfeit
 
     @property
-    def score(self) -> float:
-        """Of the first agent: 1 win, 0 loss, of a draw its share (0.5 between two teams)."""
-        if self.winner == NO_WINNER:
-            return self.draw_score
-        return float(self.winner == self.first_seat)
+    def is_won(self) -> bool:
+        return self.winner == self.first_seat
 
 
 @dataclass(frozen=True)
 class MatchResult:
-    """All games of a match, seen from its first agent."""
+    """All games of a match, seen from the first agent."""
 
     results: tuple[GameResult, ...]
     num_teams: int = 2
@@ -56,12 +53,12 @@ class MatchResult:
 
     @property
     def wins(self) -> int:
-        return sum(result.winner == result.first_seat for result in self.results)
+        return sum(result.is_won for result in self.results)
 
     @property
     def draws(self) -> int:
-        """Games without a winner that the first agent had not lost before."""
-        return sum(r.winner == NO_WINNER and r.draw_score > 0.0 for r in self.results)
+        """Number of games without a winner in which the first agent was in to the end."""
+        return sum(r.winner == NO_WINNER and r.score > 0.0 for r in self.results)
 
     @property
     def losses(self) -> int:
@@ -74,29 +71,26 @@ class MatchResult:
 
     @property
     def fair_share(self) -> float:
-        """The score of an agent that is as strong as the others: 1 / teams."""
+        """The expected score between equal agents: 1 / teams."""
         return 1.0 / self.num_teams
 
     def interval(self, wins_only: bool = False) -> tuple[float, float]:
         """95 % interval of the score (of the share of wins) from the spread between map seeds."""
-        values = [
-            float(result.winner == result.first_seat) if wins_only else result.score
-            for result in self.results
-        ]
+        values = [float(r.is_won) if wins_only else r.score for r in self.results]
         blocks = [result.block for result in self.results]
         _, places, sizes = np.unique(blocks, return_inverse=True, return_counts=True)
         return block_interval(np.bincount(places, values) / sizes, self.num_teams)
 
     @property
     def distinct_games(self) -> int:
-        """Games that differ in a board, an action or who has which seat: agents without randomness
-        repeat theirs.
+        """Number of games that differ in a board, an action or the agents' seats; deterministic
+        agents repeat games.
         """
         return len({(result.first_seat, result.fingerprint) for result in self.results})
 
     def without_repeats(self) -> MatchResult:
-        """The blocks that show something new (see `shows_new`): as leagues, which count repeats
-        once, but both seats of a map seed or none.
+        """The match without blocks that repeat others (see `shows_new`). Leagues count repeated
+        games once; here a block counts whole or not at all.
         """
         blocks: dict[int, list[GameResult]] = {}
         for result in self.results:
@@ -107,14 +101,12 @@ class MatchResult:
 
     @property
     def forfeits(self) -> tuple[str, ...]:
-        """Why games were forfeited, one reason for each."""
+        """The reason of each forfeit."""
         return tuple(result.forfeit for result in self.results if result.forfeit)
 
 
 def shows_new(block: Sequence[GameResult], seen: set[tuple[int, str]]) -> bool:
-    """Whether a game of the block is not in `seen`, to which they are added: the same, move by
-    move, with the agents in the same seats.
-    """
+    """Whether a game of the block differs from all in `seen` (moves and seats); adds them to it."""
     shown = {(result.first_seat, result.fingerprint) for result in block}
     is_new = not shown <= seen
     seen |= shown
@@ -132,11 +124,10 @@ def play_match(
 ) -> MatchResult:
     """Play `num_games` games, equally many with `first` in each team, with the rated reward.
 
-    A longer match begins with the games of a shorter one, and between two teams the match of
-    `second` against `first` holds the same games. `identities` as in `play_chunks`.
+    A longer match begins with the games of a shorter one, and with two teams the match of `second`
+    against `first` has the same games. `identities` as in `play_chunks`.
 
-    Raises:
-        ValueError: num_games is no multiple of the number of teams, or there is but one team.
+    Raises ValueError: num_games is no multiple of the number of teams, or there is only one team.
     """
     num_teams = require_rivals(game, scenario)
     if num_games < num_teams or num_games % num_teams:
@@ -159,14 +150,13 @@ def play_chunks(
     chunks: Sequence[int],
     identities: tuple[str, str] | None = None,
 ) -> MatchResult:
-    """Play whole chunks; which of them are played together changes no game.
+    """Play whole chunks; games do not depend on which chunks are played together.
 
-    Chunk c holds the blocks c * BLOCKS_PER_CHUNK onwards. Block k has the map seed of (seed, k),
-    whoever plays: all pairs meet the same maps. Each agent has its own random stream in each chunk,
-    from the seed, the chunk, its identity and the rival's; identities default to the agents' names.
+    Chunk c holds the blocks c * BLOCKS_PER_CHUNK onwards. Block k has the map seed of (seed, k) for
+    all pairs of agents. Each agent has its own random stream in each chunk, from the seed, the
+    chunk and both identities, which default to the agents' names.
 
-    Raises:
-        ValueError: no chunk, or a scenario with but one team.
+    Raises ValueError if there is no chunk, or only one team.
     """
     num_teams = require_rivals(game, scenario)
     teams = game.make_spec(scenario).team_of_seat
@@ -180,22 +170,20 @@ def play_chunks(
         _one_against_all(num_teams),
         BLOCKS_PER_CHUNK,
     )
-    return MatchResult(
-        tuple(
-            GameResult(
-                block=one.block,
-                first_seat=int(first_seats[one.number]),
-                winner=NO_WINNER if one.winner < 0 else int(first_seats[one.winner]),
-                is_truncated=one.is_truncated,
-                decisions=one.decisions,
-                fingerprint=one.trajectory,
-                draw_score=one.points[one.number] if one.winner < 0 else 0.5,
-                forfeit=one.reason,
-            )
-            for one in played
-        ),
-        num_teams,
+    results = (
+        GameResult(
+            one.block,
+            int(first_seats[one.number]),
+            NO_WINNER if one.winner < 0 else int(first_seats[one.winner]),
+            one.is_truncated,
+            one.decisions,
+            one.trajectory,
+            one.points[one.number],
+            one.reason,
+        )
+        for one in played
     )
+    return MatchResult(tuple(results), num_teams)
 
 
 def record_game(
@@ -203,10 +191,8 @@ def record_game(
 ) -> NDArray[np.int32]:
     """Actions [T, P, *action_shape] of the first game of `play_match`, `first` in the first seat.
 
-    With the map seed of block 0 they are the whole game.
-
-    Raises:
-        ValueError: a scenario with but one team.
+    They are the whole game with the map seed of block 0. Raises ValueError if there is only one
+    team.
     """
     num_teams = require_rivals(game, scenario)
     teams = game.make_spec(scenario).team_of_seat
@@ -217,7 +203,7 @@ def record_game(
 
 
 def require_rivals(game: Game, scenario: Any) -> int:
-    """The number of teams. Raises ValueError where there is but one."""
+    """The number of teams. Raises ValueError if there is only one."""
     num_teams = game.make_spec(scenario).num_teams
     if num_teams == 1:
         raise ValueError(
@@ -228,11 +214,11 @@ def require_rivals(game: Game, scenario: Any) -> int:
 
 
 def _one_against_all(num_teams: int) -> Design:
-    """Game g of a block has the first agent in team g, the second in all others."""
+    """In game g of a block the first agent plays team g, the second all others."""
     entries = 1 - np.eye(num_teams, dtype=np.int64)
     return lambda block: entries
 
 
 def _seat(agents: tuple[Agent, Agent], identities: tuple[str, str] | None) -> tuple[Seating, ...]:
-    own, rival = identities or (agents[0].name, agents[1].name)
-    return seat_line_up([Entrant(own, own, agents[0]), Entrant(rival, rival, agents[1])])
+    names = identities or (agents[0].name, agents[1].name)
+    return seat_line_up([Entrant(n, n, agent) for n, agent in zip(names, agents, strict=True)])

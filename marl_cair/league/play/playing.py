@@ -1,8 +1,8 @@
 """Plays agents in the seats of many games on one engine, each with its own random stream.
 
-Games come in blocks (one map seed) and blocks in chunks of a fixed size, which are always played
-whole: agents draw, and networks round, differently in batches of another size, so that a chunk is
-the smallest unit whose games depend on nothing but the seed, the agents and its number.
+Games come in blocks (one map seed), and blocks in chunks of a fixed size. Chunks are always played
+whole: random draws and rounding in networks depend on the batch size, so that a chunk is the
+smallest unit whose games depend only on the seed, the agents and the chunk's number.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from marl_cair.league.play.standings import STILL_IN, rank_teams, share_points
 if TYPE_CHECKING:
     from marl_cair.games.engine import BatchedEngine
 
-CHUNKS_AT_ONCE = 16  # on one engine, for speed alone: the worlds of an engine are independent
+CHUNKS_AT_ONCE = 16  # on one engine, for speed: its worlds are independent
 
 
 class Places(NamedTuple):
-    """Seats of an agent within a chunk, in the order in which it is shown them; int64 [N] both."""
+    """Seats of an agent within a chunk, in the order of its observations; int64 [N] both."""
 
     game: NDArray[np.int64]  # of the chunk
     seat: NDArray[np.int64]
@@ -36,26 +36,15 @@ class Places(NamedTuple):
 
 @dataclass(frozen=True)
 class Chunk:
-    """Who plays where in G games that are played together.
+    """Seats of all agents in G games that are played together."""
 
-    Attributes:
-        number: of the chunk in its match.
-        blocks: int64 [G], the block of the match that each game belongs to.
-        places: of each entry.
-    """
-
-    number: int
-    blocks: NDArray[np.int64]
-    places: tuple[Places, ...]
-
-    @property
-    def num_games(self) -> int:
-        """G."""
-        return len(self.blocks)
+    number: int  # of the chunk in its match
+    blocks: NDArray[np.int64]  # [G], number of each game's block
+    places: tuple[Places, ...]  # of each entry
 
 
 class Seating(NamedTuple):
-    """An agent, and the names that its draws depend on: its own first."""
+    """An agent, and the names that seed its draws, its own first."""
 
     agent: Agent
     names: tuple[str, ...]
@@ -70,18 +59,18 @@ class Ended(NamedTuple):
     ranks: NDArray[np.float64]  # [G, T], see `standings.rank_teams`
     returns: NDArray[np.float64]  # [G, P] sums of rewards
     decisions: NDArray[np.int64]  # [G]
-    trajectories: tuple[str, ...]  # equal for games that are the same from first to last board
+    trajectories: tuple[str, ...]  # hashes of the first board, all actions and the last board
     forfeited: NDArray[np.bool_]  # [G, T]
-    reasons: tuple[str, ...]  # why a team has forfeited, "" where none has
+    reasons: tuple[str, ...]  # of a forfeit, "" without one
 
 
 class Step(NamedTuple):
-    """One decision of G games; no array is changed later."""
+    """One step of G games; no array is changed later."""
 
     actions: NDArray[np.int32]  # [G, P]
-    running: NDArray[np.bool_]  # [G], before the decision, of games that no seat forfeits in it
-    out: NDArray[np.bool_]  # [G, P], before the decision
-    forfeits: dict[tuple[int, int], str]  # (game, seat) -> why it forfeits in this decision
+    running: NDArray[np.bool_]  # [G], before the step; false for games with a forfeit in it
+    out: NDArray[np.bool_]  # [G, P], before the step
+    forfeits: dict[tuple[int, int], str]  # (game, seat) -> reason
 
 
 def map_seeds(seed: int, blocks: NDArray[np.int64]) -> NDArray[np.uint64]:
@@ -94,8 +83,8 @@ def map_seeds(seed: int, blocks: NDArray[np.int64]) -> NDArray[np.uint64]:
 def line_up_seed(seed: int, fingerprints: Sequence[str]) -> int:
     """The seed, 64 bits, of a line-up's maps in a league: each line-up has maps of its own.
 
-    On a map that all line-ups share, one that favours an agent would do so in all its games: their
-    results would vary together, and say less about its strength.
+    If all line-ups shared maps, a map that favours an agent would do so in all its games: their
+    results would be correlated, and less informative.
     """
     text = "\0".join((f"{seed} maps", *fingerprints))
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "big")
@@ -104,7 +93,7 @@ def line_up_seed(seed: int, fingerprints: Sequence[str]) -> int:
 def start_engine(
     game: Game, scenario: Any, map_seed: int, chunks: Sequence[Chunk]
 ) -> BatchedEngine:
-    """The games of `chunks`, with the rated reward, at their start; see `map_seeds`."""
+    """An engine with the games of `chunks` at their start, with the rated reward."""
     blocks = np.concatenate([chunk.blocks for chunk in chunks])
     rated = dataclasses.replace(scenario, reward=game.rated_reward)
     from marl_cair.games.engine import BatchedEngine
@@ -123,8 +112,8 @@ def play_out(
 ) -> Ended:
     """Play all games of `chunks` to their ends, on the engine of `start_engine`.
 
-    A seat that forfeits ends its game: its team has lost, all teams that have not are left.
-    `watch` is called after each step.
+    A seat that forfeits ends its game: its team has lost, the other teams are left. `watch` is
+    called after each step.
     """
     teams = engine.spec.team_of_seat
     shape = engine.num_worlds, engine.num_players
@@ -139,9 +128,9 @@ def play_out(
             watch(step)
         actions, running, out, given_up = step
         ended_now = [world for world, _ in given_up]
-        is_told = running.copy()  # also to games that end here by a forfeit
-        is_told[ended_now] = True
-        newly_out = is_told[:, None] & out & (out_since == STILL_IN)
+        is_counted = running.copy()
+        is_counted[ended_now] = True  # games that end here by a forfeit
+        newly_out = is_counted[:, None] & out & (out_since == STILL_IN)
         out_since[newly_out] = np.broadcast_to(decisions[:, None], shape)[newly_out]
         decisions += running
         returns[running] += engine.rewards[running]
@@ -156,7 +145,7 @@ def play_out(
         reasons[world] = reasons[world] or reason
         digests[world].update(f"forfeit {seat}".encode())
     is_whole = np.asarray(~forfeited.any(axis=1), np.bool_)
-    # After a forfeit the world has gone on for as long as others have: its state is not used.
+    # After a forfeit the engine steps a world until all others end: its last board is not used.
     _add_boards(digests, engine, is_whole)
     _end_forfeited(winner, out_since, forfeited, teams)
     return Ended(
@@ -177,8 +166,8 @@ def play(
 ) -> Iterator[Step]:
     """Step until all games have ended; yields after each step.
 
-    An agent is shown the running games of one chunk at a time, the seats that are still in, in the
-    order of its places. Of a mixture one member plays all seats of a team in a game.
+    An agent acts for one chunk at a time, in the running games and the seats that are still in, in
+    the order of its places. One member of a mixture plays all seats of a team in a game.
     """
     streams = [_start_streams(seating, seed, chunks) for seating in seatings]
     members = [
@@ -189,7 +178,7 @@ def play(
         for entry, (seating, states) in enumerate(zip(seatings, streams, strict=True))
     ]
     names = {seating.agent.representation for seating in seatings}
-    starts = np.cumsum([0, *(chunk.num_games for chunk in chunks)])
+    starts = np.cumsum([0, *(len(chunk.blocks) for chunk in chunks)])
     stopped = np.zeros(engine.num_worlds, np.bool_)  # by a forfeit
     while (running := ~(engine.terminated | engine.truncated | stopped)).any():
         masks = engine.action_mask()
@@ -235,15 +224,15 @@ def _end_forfeited(
         winner[world] = NO_WINNER
         still_in = np.unique(teams[out_since[world] == STILL_IN])
         left = still_in[~forfeited[world, still_in]]
-        if len(left) == 0:  # all who were left gave up at once: a draw between them
+        if len(left) == 0:  # all remaining teams forfeit at once: a draw between them
             continue
-        out_since[world, forfeited[world, teams]] = -1  # below whoever went out by the rules
+        out_since[world, forfeited[world, teams]] = -1  # below seats that went out by the rules
         if len(left) == 1:
             winner[world] = np.flatnonzero(teams == left[0])[0]
 
 
 def _add_boards(digests: Sequence[Any], engine: BatchedEngine, which: NDArray[np.bool_]) -> None:
-    """Add what all seats of worlds `which` [G] see: games on maps that look different differ."""
+    """Add the observations of all seats of the worlds `which` [G]."""
     boards = engine.observe(next(iter(engine.spec.representations)))
     for world in np.flatnonzero(which).tolist():
         digests[world].update(np.ascontiguousarray(boards[world]).tobytes())
@@ -263,8 +252,8 @@ def _start_streams(seating: Seating, seed: int, chunks: Sequence[Chunk]) -> list
 def _draw_members(
     agent: Agent, state: dict[str, Any], places: Places, teams: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Who of a mixture plays at each of `places` [N]: int64 [N], drawn for each team and game, in
-    the order of the places: a match between two teams is the same from both sides.
+    """The member of a mixture that plays each of `places` [N]: int64 [N], drawn for each team and
+    game in the order of the places, so that a match between two teams is the same from both sides.
     """
     if not isinstance(agent, MixedAgent):
         return np.zeros(len(places.game), np.int64)

@@ -1,7 +1,6 @@
 """Round-robin schedules of line-ups: all pairs of agents meet equally often.
 
-Agents are numbered in the order of their fingerprints, so that no schedule depends on what they are
-called or on the order in which they were named.
+Agents are numbered by fingerprint, so that schedules do not depend on names or on their order.
 """
 
 from __future__ import annotations
@@ -29,16 +28,15 @@ def schedule_meetings(
     games_per_chunk: int,
     ladder: frozenset[int] = frozenset(),
 ) -> list[Job]:
-    """Jobs after which all pairs have met in `meetings` games or more; a longer list begins so too.
+    """Jobs after which all pairs have met in `meetings` games or more; a longer list starts with
+    the shorter one.
 
-    Between two teams this is a round-robin. With more, each job starts from the pair that has met
-    least and adds who has met those in it least, so that a group of agents is as new as it can be.
-    Where there are fewer agents than teams, those who have played least are in a line-up twice.
+    With two teams this is a round-robin. With more, each job starts from the pair that has met
+    least and adds the agents that have met those in it least. With fewer agents than teams, the
+    agents that have played least are in a line-up twice.
 
     ladder: agents that need not meet each other (a gauntlet: only the others' pairs are counted).
-
-    Raises:
-        ValueError: no two agents are to meet.
+    Raises ValueError if no two agents need to meet.
     """
     pairs = [
         pair for pair in itertools.combinations(range(num_agents), 2) if not ladder.issuperset(pair)
@@ -53,11 +51,11 @@ def schedule_meetings(
     met = np.zeros((num_agents, num_agents), np.int64)
     chunks: Counter[tuple[int, ...]] = Counter()
     jobs: list[Job] = []
-    waiting = [(0, place) for place in range(len(pairs))]  # a heap: games met in, as last seen
+    waiting = [(0, place) for place in range(len(pairs))]  # a heap: games when last checked
     while True:
         seen, place = waiting[0]
         pair = pairs[place]
-        if seen < met[pair]:  # it has met meanwhile: never less, so that the rest stays in order
+        if seen < met[pair]:  # numbers only grow, so that the other pairs stay in order
             heapq.heapreplace(waiting, (int(met[pair]), place))
             continue
         if seen >= meetings:
@@ -70,7 +68,7 @@ def schedule_meetings(
 
 
 def fill_line_up(pair: tuple[int, int], num_teams: int, met: NDArray[np.int64]) -> tuple[int, ...]:
-    """The pair and, one by one, who has met those chosen least; met int [agents, agents] games."""
+    """The pair, then repeatedly the agent that has met the chosen ones least; met int [n, n]."""
     chosen = list(pair)
     while len(chosen) < num_teams:
         copies = np.bincount(chosen, minlength=len(met))

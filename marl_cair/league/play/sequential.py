@@ -1,11 +1,10 @@
-"""Sequential matches: they stop once a sequential probability ratio test on blocks decides.
+"""Plays sequential matches: a sequential probability ratio test on blocks ends them.
 
 Wald's test (1945) between two differences in Elo, on the scores of whole blocks (a map seed, once
-with the first agent in each team): between two teams these are the pairs of chess engine testing,
-whose five outcomes make it "pentanomial". Games of one map seed are alike, so that counting them
-singly would be wrong. The likelihood ratio is the generalised one: each hypothesis takes the
-distribution of block scores that fits best among those with its mean (Van den Bergh 2020, "A
-practical introduction to the GSPRT").
+with the first agent in each team), as games of one map seed are correlated. With two teams blocks
+are the pairs of chess engine testing, whose five outcomes make the test "pentanomial". The
+likelihood ratio is the generalised one: each hypothesis takes the best-fitting distribution of
+block scores with its mean (Van den Bergh 2020, "A practical introduction to the GSPRT").
 """
 
 from __future__ import annotations
@@ -20,18 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import Agent, Game
-from marl_cair.league.play.match import (
-    BLOCKS_PER_CHUNK,
-    GameResult,
-    MatchResult,
-    play_chunks,
-    require_rivals,
-    shows_new,
-)
+from marl_cair.league.play import match
+from marl_cair.league.play.match import BLOCKS_PER_CHUNK, GameResult, MatchResult
 from marl_cair.league.play.playing import CHUNKS_AT_ONCE
 
-ERROR_RATE = 0.05  # of deciding for the wrong one of the two differences, either way
-PSEUDO_COUNT = 1e-3  # blocks of each outcome, so that none is impossible before it was seen
+ERROR_RATE = 0.05  # probability of deciding for the wrong difference, either way
+PSEUDO_COUNT = 1e-3  # blocks of each outcome, so that no outcome is impossible
 ELO_SCALE = 400.0
 MOST_ELO = 4_000.0  # of a hypothesis: a score of 1 - 1e-10
 
@@ -40,10 +33,9 @@ Verdict = Literal["higher", "lower", "undecided", "repeats"]
 
 @dataclass(frozen=True)
 class SequentialTest:
-    """Whether A is `higher` or `lower` Elo above B, whichever is likelier.
+    """A test whether A is `higher` or `lower` Elo above B.
 
-    Raises:
-        ValueError: the two are not in rising order, or beyond MOST_ELO.
+    Raises ValueError if the two are not in rising order, or beyond MOST_ELO.
     """
 
     lower: float
@@ -69,8 +61,8 @@ class SequentialTest:
         return math.log((1.0 - ERROR_RATE) / ERROR_RATE)
 
     def ratio(self, outcomes: Counter[float], num_teams: int = 2) -> float:
-        """Log-likelihood ratio of `higher` to `lower`, from how often each block score, in 0..1,
-        has occurred (see `start_count`).
+        """Log-likelihood ratio of `higher` to `lower`; outcomes: number of blocks by score, in 0..1
+        (see `start_count`).
         """
         values = np.array(sorted(outcomes))
         counts = np.array([outcomes[value] for value in values.tolist()]) + PSEUDO_COUNT
@@ -81,40 +73,29 @@ class SequentialTest:
 
 @dataclass(frozen=True)
 class SequentialResult:
-    """What a test has found.
+    """Result of a test."""
 
-    Attributes:
-        verdict: which difference is likelier; "undecided" where the games ran out; "repeats" where
-            the agents have nothing new to show.
-        ratio: the log-likelihood ratio at the end.
-        match: the games up to the decision, without blocks that repeat others move by move.
-    """
-
-    verdict: Verdict
-    ratio: float
-    match: MatchResult
+    verdict: Verdict  # "undecided" after the most games; "repeats" if agents only repeat games
+    ratio: float  # the log-likelihood ratio at the end
+    match: MatchResult  # up to the decision, without blocks that repeat others
 
 
 def start_count(num_teams: int) -> Counter[float]:
-    """Scores that a block of games without draws may have, each 0 times; of two also with draws."""
+    """Scores of a block without draws, each 0 times; with two teams also those with draws."""
     outcomes = Counter({share / num_teams: 0 for share in range(num_teams + 1)})
     if num_teams == 2:
         outcomes.update({0.25: 0, 0.75: 0})
     return outcomes
 
 
-def _round(score: float) -> float:
-    return round(score, 9)
-
-
 def find_score(elo: float, num_teams: int = 2) -> float:
-    """The expected share of points of an agent `elo` above all others, in 0..1."""
+    """Expected share of points, in 0..1, of an agent that is `elo` above all others."""
     odds = 10.0 ** (elo / ELO_SCALE)
     return float(odds / (odds + num_teams - 1))
 
 
 def find_elo(score: float, num_teams: int = 2) -> float | None:
-    """The Elo above all others that has this expected share of points; None for 0 and 1."""
+    """Inverse of `find_score`; None for 0 and 1."""
     if not 0.0 < score < 1.0:
         return None
     return ELO_SCALE * math.log10(score * (num_teams - 1) / (1.0 - score))
@@ -130,14 +111,13 @@ def play_sequentially(
     identities: tuple[str, str] | None = None,
     listen: Callable[[float, int], None] | None = None,
 ) -> SequentialResult:
-    """Play blocks of `play_match` in their order until the test is decided.
+    """Play the blocks of `play_match` in their order until the test decides.
 
     listen: called with the ratio and the number of games after each round.
 
-    Raises:
-        ValueError: a scenario with but one team, or max_games is less than a block.
+    Raises ValueError if there is only one team, or max_games is less than a block.
     """
-    num_teams = require_rivals(game, scenario)
+    num_teams = match.require_rivals(game, scenario)
     num_blocks = max_games // num_teams
     if num_blocks < 1:
         raise ValueError(f"max_games is {max_games}, a block has {num_teams} games: give more")
@@ -147,16 +127,16 @@ def play_sequentially(
     chunks = range(-(-num_blocks // BLOCKS_PER_CHUNK))
     for start in chunks[::CHUNKS_AT_ONCE]:
         part = chunks[start : start + CHUNKS_AT_ONCE]
-        played = play_chunks(*agents, game, scenario, seed, part, identities).results
+        played = match.play_chunks(*agents, game, scenario, seed, part, identities).results
         before = len(counted)
         for first in range(0, len(played), num_teams):
             block = played[first : first + num_teams]
             if block[0].block >= num_blocks:
                 break
-            if not shows_new(block, seen):
+            if not match.shows_new(block, seen):
                 continue
             counted += block
-            outcomes[_round(float(np.mean([result.score for result in block])))] += 1
+            outcomes[round(float(np.mean([result.score for result in block])), 9)] += 1
             ratio = test.ratio(outcomes, num_teams)
             if abs(ratio) >= test.limit:
                 verdict: Verdict = "higher" if ratio > 0.0 else "lower"
@@ -171,7 +151,7 @@ def play_sequentially(
 def _tilt(
     values: NDArray[np.float64], counts: NDArray[np.float64], mean: float
 ) -> NDArray[np.float64]:
-    """Log of how much less likely each value is than seen, in the best fit with this mean."""
+    """Log of observed over fitted probability of each value, in the best fit with this mean."""
     shares, gaps = counts / counts.sum(), values - mean
 
     def surplus(tilt: float) -> float:

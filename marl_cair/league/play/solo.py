@@ -1,47 +1,36 @@
 """Compares agents on scenarios without opponents by their scores on the same map seeds.
 
-The score of a game is its return: the sum of the rated reward (`Game.rated_reward`), which pays
-for the game's own goal (of several seats that play together, their mean).
+The score of a game is its return: the sum of the rated reward (`Game.rated_reward`), the mean over
+its seats.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import Agent, Game
-from marl_cair.league.play.playing import (
-    CHUNKS_AT_ONCE,
-    Chunk,
-    Places,
-    Seating,
-    play_out,
-    start_engine,
-)
+from marl_cair.league.play import playing
+from marl_cair.league.play.playing import CHUNKS_AT_ONCE, Chunk, Places, Seating
 from marl_cair.league.ratings.intervals import mean_interval
-
-if TYPE_CHECKING:
-    from marl_cair.games.engine import BatchedEngine
 
 GAMES_PER_CHUNK = 8
 
 
 @dataclass(frozen=True)
 class SoloGame:
-    """One game of one agent; its map seed is that of the block of this number."""
+    """One game of one agent; the block has the map seed."""
 
     block: int
     score: float  # sum of its rewards
     is_truncated: bool
     decisions: int
-    fingerprint: str  # of boards and actions: games that are the same have equal ones
-    numbers: Mapping[str, float] = field(
-        default_factory=dict
-    )  # `Game.info` at its end, seats' mean
+    fingerprint: str  # of boards and actions
+    numbers: Mapping[str, float]  # `Game.info` at its end, the mean over the seats
 
 
 class Estimate(NamedTuple):
@@ -64,7 +53,7 @@ class SoloResult:
 
     @property
     def scores(self) -> NDArray[np.float64]:
-        """Float64 [games]."""
+        """float64 [games]."""
         return np.array([result.score for result in self.results])
 
     @property
@@ -74,7 +63,7 @@ class SoloResult:
 
     @property
     def ended(self) -> int:
-        """Games that ended before their time."""
+        """Number of games that ended before the time limit."""
         return sum(not result.is_truncated for result in self.results)
 
     @property
@@ -85,25 +74,19 @@ class SoloResult:
 
     @property
     def distinct_games(self) -> int:
-        """Games that differ in a board or an action: agents without randomness repeat theirs."""
+        """Games that differ in a board or an action; deterministic agents repeat games."""
         return len({result.fingerprint for result in self.results})
 
 
 def play_alone(
-    agent: Agent,
-    game: Game,
-    scenario: Any,
-    num_games: int,
-    seed: int,
-    identity: str | None = None,
+    agent: Agent, game: Game, scenario: Any, num_games: int, seed: int, identity: str | None = None
 ) -> SoloResult:
     """Play `num_games` games with the agent in all seats, with the rated reward.
 
-    Game k has the map seed of (seed, k), whoever plays. A longer series begins with the games of a
-    shorter one. The agent draws by the seed and its identity (default: its name).
+    Game k has the map seed of (seed, k) for every agent. A longer series begins with the games of a
+    shorter one. The agent's draws are seeded by the seed and its identity (default: its name).
 
-    Raises:
-        ValueError: fewer games than one, or a scenario with rivals.
+    Raises ValueError for less than one game, or a scenario with opponents.
     """
     spec = game.make_spec(scenario)
     if spec.num_teams != 1:
@@ -121,40 +104,30 @@ def play_alone(
             _make_chunk(number, spec.num_players)
             for number in numbers[start : start + CHUNKS_AT_ONCE]
         ]
-        engine = start_engine(game, scenario, seed, part)
-        ended = play_out(engine, part, seatings, seed)
-        if any(ended.reasons):
-            raise ValueError(
-                f"{next(filter(None, ended.reasons))}: a solo game cannot be forfeited; "
-                "fix the agent"
-            )
+        engine = playing.start_engine(game, scenario, seed, part)
+        ended = playing.play_out(engine, part, seatings, seed)
+        if reason := next(filter(None, ended.reasons), ""):
+            raise ValueError(f"{reason}: a solo game cannot be forfeited; fix the agent")
+        info = {name: values.mean(1).tolist() for name, values in engine.info().items()}
         rows = zip(
             np.concatenate([chunk.blocks for chunk in part]).tolist(),
             ended.returns.mean(1).tolist(),
             ended.truncated.tolist(),
             ended.decisions.tolist(),
             ended.trajectories,
-            _read_numbers(engine),
             strict=True,
         )
-        results += [SoloGame(*row) for row in rows]
+        results += [
+            SoloGame(*row, {name: values[world] for name, values in info.items()})
+            for world, row in enumerate(rows)
+        ]
     return SoloResult(tuple(results[:num_games]))
 
 
-def _read_numbers(engine: BatchedEngine) -> list[dict[str, float]]:
-    """The game's own numbers of each world, means over its seats."""
-    means = {name: values.mean(1).tolist() for name, values in engine.info().items()}
-    return [
-        {name: values[world] for name, values in means.items()}
-        for world in range(engine.num_worlds)
-    ]
-
-
 def compare(first: SoloResult, second: SoloResult) -> Estimate:
-    """By how much `first` scores more, from the differences on each map seed.
+    """The score of `first` minus that of `second`, from the differences on each map seed.
 
-    Raises:
-        ValueError: the two did not play the same number of games.
+    Raises ValueError if the numbers of games differ.
     """
     if first.games != second.games:
         raise ValueError(

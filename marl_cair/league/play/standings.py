@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games.game import NO_WINNER
 
-STILL_IN = int(np.iinfo(np.int64).max)  # in `rank_teams`: a seat that has not gone out
+STILL_IN = int(np.iinfo(np.int64).max)  # in `rank_teams`: a seat that is not eliminated
 
 
 def rank_teams(
@@ -15,11 +15,11 @@ def rank_teams(
 ) -> NDArray[np.float64]:
     """The rank of each team in N finished games, float64 [N, teams]: 1 is the best.
 
-    The winning team comes first, then who was in when the last decision was made, then who was out,
-    the latest first (a team is out with its last seat). Equal teams share the mean of their ranks.
+    The winning team comes first, then the teams that were in before the last step, then the
+    others, the latest to go out first (with its last seat). Equal teams share the mean rank.
 
     winner: int8 [N], a seat of the winning team or NO_WINNER. out_since: int64 [N, P], the first
-    decision before which a seat was out, or STILL_IN. team_of_seat: int64 [P].
+    step before which a seat was out, or STILL_IN. team_of_seat: int64 [P].
     """
     num_teams = int(team_of_seat.max()) + 1
     lasted = np.stack(
@@ -40,11 +40,11 @@ def share_points(
 ) -> NDArray[np.float64]:
     """The points of each team in N finished games, float64 [N, teams]; each row's sum is 1.
 
-    The winning team has the point. Without a winner it is shared evenly by the teams that were
-    still in when the last decision was made: who had gone out before has lost.
+    The winning team has the point. Without a winner it is shared evenly by the teams that were in
+    before the last step; teams that had gone out have lost.
 
     winner: int8 [N], a seat of the winning team or NO_WINNER. was_out: bool [N, P], seats that
-    were out before the last decision. team_of_seat: int64 [P], as `GameSpec.team_of_seat`.
+    were out before the last step. team_of_seat: int64 [P], as `GameSpec.team_of_seat`.
     """
     num_teams = int(team_of_seat.max()) + 1
     members = team_of_seat[:, None] == np.arange(num_teams)

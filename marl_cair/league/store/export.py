@@ -14,7 +14,7 @@ from marl_cair.league.store.store import LeagueStore
 from marl_cair.lookup import find_by_name
 from marl_cair.text import clean_cell
 
-# name -> query; `games` has a row for each team of each game.
+# Queries by the name of the table; `games` has a row for each team of each game.
 QUERIES = {
     "agents": "SELECT id, fingerprint, name, kind, evaluation_policy, rules_version, configuration "
     "FROM agent ORDER BY id",
@@ -34,8 +34,7 @@ QUERIES = {
 def export_league(store: LeagueStore, folder: Path, file_format: str) -> list[Path]:
     """Write each table of `QUERIES` to `folder` as <name>.<format>; returns the paths.
 
-    Raises:
-        UnknownNameError: no such format. ValueError: Parquet without pyarrow.
+    Raises UnknownNameError for an unknown format, and ValueError for Parquet without pyarrow.
     """
     write = find_by_name("export format", file_format, FORMATS)
     paths = []

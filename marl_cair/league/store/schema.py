@@ -1,10 +1,16 @@
-"""The tables of a league file, their version, and migrations from older versions."""
+"""Tables of a league file: creation, migrations from older versions, and validation.
+
+Inconsistent contents raise `sqlite3.DatabaseError`, as SQLite does for a damaged file.
+"""
 
 from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -15,8 +21,8 @@ TABLES = """
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE agent (
     id INTEGER PRIMARY KEY,
-    fingerprint TEXT UNIQUE NOT NULL,    -- hash of what it is
-    name TEXT NOT NULL,                  -- what it was called last
+    fingerprint TEXT UNIQUE NOT NULL,    -- hash of the agent
+    name TEXT NOT NULL,                  -- its last one
     kind TEXT NOT NULL,                  -- bot, network or foreign
     evaluation_policy TEXT NOT NULL,     -- greedy, epsilon-greedy 0.05, scripted, ...
     rules_version TEXT NOT NULL,         -- of the game, when it joined
@@ -77,14 +83,13 @@ CREATE TABLE rating (
 
 
 class SchemaError(ValueError):
-    """A league file of a version that this program cannot read, or that is no league file."""
+    """No league file, or one of a version that this program cannot read."""
 
 
 def create_tables(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
-    """Make all tables in the open transaction; settings are plain data with `team_of_seat`."""
-    for statement in TABLES.split(";\n"):
-        if statement.strip():
-            database.execute(statement)
+    """Create all tables in the open transaction; settings are plain data with `team_of_seat`."""
+    for statement in TABLES.strip().split(";\n"):
+        database.execute(statement)
     rows = {"schema_version": SCHEMA_VERSION, **settings}
     database.executemany(
         "INSERT INTO meta VALUES (?, ?)",
@@ -96,10 +101,8 @@ def create_tables(database: sqlite3.Connection, settings: Mapping[str, Any]) -> 
 
 
 def read_meta(database: sqlite3.Connection) -> dict[str, Any]:
-    """What the file is about, by name; empty where the file has no tables yet.
-
-    Raises:
-        SchemaError: tables of something else.
+    """Settings and notes by name; empty if the file has no tables yet. Raises SchemaError for
+    tables of another program.
     """
     tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master")}
     if not tables:
@@ -111,12 +114,10 @@ def read_meta(database: sqlite3.Connection) -> dict[str, Any]:
 
 
 def migrate(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
-    """Bring the tables up to SCHEMA_VERSION in the open transaction.
+    """Migrate the tables to SCHEMA_VERSION in the open transaction.
 
-    settings: of the league that opens the file: older versions did not record all of them.
-
-    Raises:
-        SchemaError: a newer version, or one that was never released.
+    settings: of the league that opens the file; older versions did not store all of them. Raises
+    SchemaError for a newer version, or one that was never released.
     """
     version = read_meta(database).get("schema_version")
     if not isinstance(version, int) or version > SCHEMA_VERSION:
@@ -132,7 +133,7 @@ def migrate(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
 
 
 def _migrate_2(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
-    """Version 2 had two teams in a row of `game`, and knew neither kinds nor forfeits."""
+    """Version 2 had both teams in a row of `game`, no kinds of agents and no forfeits."""
     if "team_of_seat" not in settings:
         raise SchemaError(
             "has schema version 2, which does not say which seats play together: give the command "
@@ -182,9 +183,9 @@ def _migrate_2(database: sqlite3.Connection, settings: Mapping[str, Any]) -> Non
 
 
 def _migrate_3(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
-    """Version 3 took a function in a process of its own for another agent than in the league's.
+    """Version 3 had another fingerprint for a function that runs in a process of its own.
 
-    A file that knows both keeps both: they have played games of their own.
+    A file with both agents keeps both, as each has its games.
     """
     database.execute(
         "UPDATE OR IGNORE agent SET fingerprint = replace(fingerprint, 'hosted ', 'foreign ') "
@@ -193,8 +194,49 @@ def _migrate_3(database: sqlite3.Connection, settings: Mapping[str, Any]) -> Non
     database.execute("UPDATE meta SET value = '4' WHERE key = 'schema_version'")
 
 
-# Each brings the tables one version up.
+# By the version that each migrates to the next one.
 _MIGRATIONS: dict[int, Callable[[sqlite3.Connection, Mapping[str, Any]], None]] = {
     2: _migrate_2,
     3: _migrate_3,
 }
+
+_SETTINGS = {
+    "game": str,
+    "game_version": str,
+    "scenario": dict,
+    "seed": int,
+    "seating": str,
+    "team_of_seat": list,
+}
+
+
+@contextmanager
+def parse_errors() -> Iterator[None]:
+    """Turn errors of parsing a file into sqlite3.DatabaseError, but for this package's own."""
+    try:
+        yield
+    except (KeyError, TypeError, IndexError, OverflowError, ValueError) as error:
+        if type(error).__module__.startswith("marl_cair."):
+            raise
+        raise sqlite3.DatabaseError(f"{type(error).__name__}: {error}") from error
+
+
+def check_settings(held: Mapping[str, Any]) -> None:
+    """Raise sqlite3.DatabaseError if a setting is missing or of another type."""
+    for key, kind in _SETTINGS.items():
+        if not isinstance(held.get(key), kind):
+            raise sqlite3.DatabaseError(
+                f"its {key} is {json.dumps(held.get(key))}, it must be of type {kind.__name__}"
+            )
+
+
+def check_games(places: Iterable[tuple[Any, Any]], num_teams: int) -> None:
+    """Raise sqlite3.DatabaseError if a game has not each of the teams once.
+
+    places: pairs of a game and a team (None: a game without teams), sorted.
+    """
+    wanted = list(range(num_teams))
+    for game, group in groupby(places, itemgetter(0)):
+        teams = [team for _, team in group if team is not None]
+        if teams != wanted:
+            raise sqlite3.DatabaseError(f"game {game} has the teams {teams}, it must have {wanted}")

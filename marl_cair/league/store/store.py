@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import json
 import os
@@ -15,84 +16,63 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.league.store.integrity import check_games, check_settings, named_damage
+from marl_cair.league.store import schema
 from marl_cair.league.store.records import AgentRecord, PlayedGame
-from marl_cair.league.store.schema import SchemaError, create_tables, migrate, read_meta
 from marl_cair.text import clean_text
 
 STORE_FILE = "league.sqlite"
-BUSY_SECONDS = 60.0  # to wait for another program that holds the file
-_SAFE = "trusted_schema = OFF"  # a file's triggers call nothing unsafe
+BUSY_SECONDS = 60.0  # to wait while another program locks the file
+_SAFE = "trusted_schema = OFF"  # triggers in a file call no unsafe functions
 
 
 class LeagueStoreError(ValueError):
-    """A league file that is broken, cannot be written, or is of other settings."""
+    """A league file that is damaged, cannot be written, or has other settings."""
 
 
 @dataclass(frozen=True)
 class StoredGames:
-    """N games of T teams, by line-up, block and game; the same for the same games.
+    """N games of T teams, sorted by line-up, block and game."""
 
-    Attributes:
-        agents: int64 [N, T], the id of the agent that has played each team.
-        points, ranks: float64 [N, T], as in `PlayedGame`.
-        blocks: int64 [N], equal for games of one block and line-up.
-        numbers: int64 [N], the number of the block within its line-up.
-        turns: int64 [N], the number of the game within its block.
-        map_seeds: uint64 [N].
-        line_ups: int64 [N], equal for games of one line-up.
-        is_repeat: bool [N], whether the game is the same, move by move, as one before it in which
-            the same agents have played the same teams.
-        is_truncated: bool [N], whether the time limit has ended the game.
-        decisions: int64 [N], of each seat that was in to the end.
-        reasons: of forfeits, N, "" where there is none.
-        trajectories: N hashes.
-    """
-
-    agents: NDArray[np.int64]
-    points: NDArray[np.float64]
-    ranks: NDArray[np.float64]
-    blocks: NDArray[np.int64]
-    numbers: NDArray[np.int64]
-    turns: NDArray[np.int64]
-    map_seeds: NDArray[np.uint64]
-    line_ups: NDArray[np.int64]
-    is_repeat: NDArray[np.bool_]
-    is_truncated: NDArray[np.bool_]
-    decisions: NDArray[np.int64]
-    reasons: tuple[str, ...]
-    trajectories: tuple[str, ...]
+    agents: NDArray[np.int64]  # [N, T], id of the agent that has played the team
+    points: NDArray[np.float64]  # [N, T], as in `PlayedGame`
+    ranks: NDArray[np.float64]  # [N, T], as in `PlayedGame`
+    blocks: NDArray[np.int64]  # [N], equal for games of one block and line-up
+    numbers: NDArray[np.int64]  # [N], number of the block within its line-up
+    turns: NDArray[np.int64]  # [N], number of the game within its block
+    map_seeds: NDArray[np.uint64]  # [N]
+    line_ups: NDArray[np.int64]  # [N], equal for games of one line-up
+    is_repeat: NDArray[np.bool_]  # [N], same moves and same agents as an earlier game
+    is_truncated: NDArray[np.bool_]  # [N], ended by the time limit
+    decisions: NDArray[np.int64]  # [N], steps of each seat that was in to the end
+    reasons: tuple[str, ...]  # N, of forfeits; "" without one
+    trajectories: tuple[str, ...]  # N hashes
 
     def select(self, which: NDArray[Any]) -> StoredGames:
-        """The games of an index or a mask [N]; a repeat stays one."""
-        arrays = {
-            name: value[which]
-            for name, value in vars(self).items()
-            if isinstance(value, np.ndarray)
-        }
+        """The games of an index or a mask [N]; `is_repeat` stays as it is."""
         kept = np.arange(len(self.trajectories))[which].tolist()
-        return StoredGames(
-            **arrays,
-            reasons=tuple(self.reasons[at] for at in kept),
-            trajectories=tuple(self.trajectories[at] for at in kept),
-        )
+        columns: dict[str, Any] = {
+            name: column[which]
+            if isinstance(column, np.ndarray)
+            else tuple(column[place] for place in kept)
+            for name, column in vars(self).items()
+        }
+        return StoredGames(**columns)
 
 
 class LeagueStore:
-    """The league file at `path`, made if it is not there; a file of an older version is brought up.
-    One that may not be written can be read, unless a league that was killed left a log beside it.
+    """The league file at `path`, created if missing; a file of an older version is migrated. A file
+    that is read-only can be read, unless a killed league has left a log beside it.
 
-    settings: what results depend on beside the agents (game, rules version, scenario, seed,
-    seating, team of each seat) as plain data; a file of other settings is refused. None: whatever
-    the file holds, which must be there.
+    settings: plain data that results depend on, beside the agents (game, rules version, scenario,
+    seed, seating, team of each seat); a file with other settings is refused. None: the file must
+    exist, and has any settings.
 
-    Raises:
-        LeagueStoreError: no league file, one of a newer version, a damaged one, or one of other
-            settings; says which. Each method raises it where the file cannot be read or written.
+    Raises LeagueStoreError: no league file, one of a newer version, a damaged one, or one with
+    other settings. Each method raises it if the file cannot be read or written.
     """
 
     def __init__(self, path: Path, settings: Mapping[str, Any] | None = None) -> None:
-        if not path.is_file() and (settings is None or path.exists()):  # a pipe would be waited for
+        if not path.is_file() and (settings is None or path.exists()):  # a pipe would block
             problem = "no regular file" if path.exists() else "not there"
             raise LeagueStoreError(
                 f"{path} is {problem}: give the folder of a league (`marl-cair league ... --out`)"
@@ -101,7 +81,7 @@ class LeagueStore:
         self._path = path
         is_fixed = settings is None and not all(os.access(p, os.W_OK) for p in (path, path.parent))
         self._begin = "BEGIN" if is_fixed else "BEGIN IMMEDIATE"
-        with self._named_errors():
+        with self._explain_errors():
             self._database = _open_to_read(path) if is_fixed else _open_to_write(path)
             try:
                 self.settings = self._open(settings)
@@ -114,26 +94,25 @@ class LeagueStore:
         if state != "ok":
             raise sqlite3.DatabaseError(state)
         with self._transaction():
-            with named_damage():
-                held = read_meta(self._database)
+            held = schema.read_meta(self._database)
             if not held:
                 if settings is None:
-                    raise SchemaError("holds no league")
-                create_tables(self._database, settings)
-                return read_meta(self._database)
+                    raise schema.SchemaError("holds no league")
+                schema.create_tables(self._database, settings)
+                return schema.read_meta(self._database)
             if settings is not None:
                 self._check_settings(held, settings)
-            with named_damage():
-                migrate(self._database, settings or {})
-                held = read_meta(self._database)
-            check_settings(held)
+            schema.migrate(self._database, settings or {})
+            held = schema.read_meta(self._database)
+            schema.check_settings(held)
         return held
 
     @contextmanager
-    def _named_errors(self) -> Iterator[None]:
+    def _explain_errors(self) -> Iterator[None]:
         try:
-            yield
-        except SchemaError as error:
+            with schema.parse_errors():
+                yield
+        except schema.SchemaError as error:
             raise LeagueStoreError(f"{self._path} {error}") from error
         except sqlite3.OperationalError as error:
             raise LeagueStoreError(
@@ -147,7 +126,7 @@ class LeagueStore:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        """All or nothing; the lock is taken at the start, so that no other writer comes between."""
+        """Commit all or nothing; the lock is taken at the start."""
         self._database.execute(self._begin)
         try:
             yield
@@ -155,6 +134,11 @@ class LeagueStore:
             self._database.execute("ROLLBACK")
             raise
         self._database.execute("COMMIT")
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        with self._explain_errors(), self._transaction():
+            yield
 
     def _check_settings(self, held: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
         wanted = json.loads(json.dumps(settings))  # as JSON gives it back: tuples as lists
@@ -167,90 +151,78 @@ class LeagueStore:
                 )
 
     def add_agent(self, agent: AgentRecord) -> int:
-        """The id of the agent with this fingerprint; what else it says is only what holds now."""
+        """Add an agent, or update the one with this fingerprint; returns its id."""
         row = vars(agent)
-        columns, values = ", ".join(row), ", ".join(f":{name}" for name in row)
         changes = ", ".join(f"{name} = excluded.{name}" for name in row)
-        with self._named_errors(), self._transaction():
-            self._database.execute(
-                f"INSERT INTO agent ({columns}) VALUES ({values}) "  # noqa: S608  # field names
-                f"ON CONFLICT (fingerprint) DO UPDATE SET {changes}",
-                row,
-            )
+        with self._writing():
+            self._insert("agent", row, f"ON CONFLICT (fingerprint) DO UPDATE SET {changes}")
             query = "SELECT id FROM agent WHERE fingerprint = ?"
             (number,) = self._database.execute(query, (agent.fingerprint,)).fetchone()
         return int(number)
 
+    def _insert(self, table: str, row: Mapping[str, Any], conflict: str = "") -> int | None:
+        """Add a row; returns its id, None if it conflicts with one that is there."""
+        values = ", ".join("?" * len(row))
+        statement = f"INSERT INTO {table} ({', '.join(row)}) VALUES ({values}) {conflict}"  # noqa: S608  # names of ours
+        cursor = self._database.execute(statement, tuple(row.values()))
+        return cursor.lastrowid if cursor.rowcount else None
+
     def read_agents(self) -> dict[int, AgentRecord]:
         """All agents by id."""
-        with self._named_errors():
-            rows = self._database.execute(
-                "SELECT id, fingerprint, name, kind, evaluation_policy, rules_version, "
-                "configuration FROM agent ORDER BY id"
-            ).fetchall()
-            with named_damage():
-                for *_, configuration in rows:
-                    dict(json.loads(configuration))
+        with self._explain_errors():
+            columns = ", ".join(field.name for field in dataclasses.fields(AgentRecord))
+            query = f"SELECT id, {columns} FROM agent ORDER BY id"  # noqa: S608  # names of ours
+            rows = self._database.execute(query).fetchall()
+            for *_, configuration in rows:
+                dict(json.loads(configuration))
         cleaned = ([one, *map(clean_text, map(str, shown)), last] for one, *shown, last in rows)
         return {int(number): AgentRecord(*about) for number, *about in cleaned}
 
     def add_games(self, line_up: Sequence[int], games: Iterable[PlayedGame]) -> None:
-        """Keep games of whole blocks in one transaction; blocks that are there already stay.
+        """Store games of whole blocks in one transaction; blocks that are stored already stay.
 
         line_up: the agents' ids, by entry.
         """
         key = " ".join(map(str, line_up))
         blocks: dict[int, int | None] = {}
-        with self._named_errors(), self._transaction():
+        with self._writing():
             for game in games:
                 if game.block not in blocks:
-                    blocks[game.block] = self._add_block(key, game)
+                    row = {"line_up": key, "number": game.block, "map_seed": str(game.map_seed)}
+                    blocks[game.block] = self._insert("block", row, "ON CONFLICT DO NOTHING")
                 block = blocks[game.block]
                 if block is not None:
                     self._add_game(line_up, block, game)
 
-    def _add_block(self, line_up: str, game: PlayedGame) -> int | None:
-        cursor = self._database.execute(
-            "INSERT OR IGNORE INTO block (line_up, number, map_seed) VALUES (?, ?, ?)",
-            (line_up, game.block, str(game.map_seed)),
-        )
-        return cursor.lastrowid if cursor.rowcount else None
-
     def _add_game(self, line_up: Sequence[int], block: int, game: PlayedGame) -> None:
-        number = self._database.execute(
-            "INSERT INTO game (block, number, status, is_truncated, decisions, trajectory, reason) "
-            "VALUES (?, ?, ?, ?, ?, ?, ?)",
-            (
-                block,
-                game.number,
-                "forfeit" if any(game.forfeited) else "played",
-                game.is_truncated,
-                game.decisions,
-                game.trajectory,
-                game.reason,
-            ),
-        ).lastrowid
-        self._database.executemany(
-            "INSERT INTO team VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-            [
-                (number, team, entry, line_up[entry], points, rank, team == game.winner, gave_up)
-                for team, (entry, points, rank, gave_up) in enumerate(
-                    zip(game.entries, game.points, game.ranks, game.forfeited, strict=True)
-                )
-            ],
-        )
+        row = {
+            "block": block,
+            "number": game.number,
+            "status": "forfeit" if any(game.forfeited) else "played",
+            "is_truncated": game.is_truncated,
+            "decisions": game.decisions,
+            "trajectory": game.trajectory,
+            "reason": game.reason,
+        }
+        number = self._insert("game", row)
+        columns = zip(game.entries, game.points, game.ranks, game.forfeited, strict=True)
+        teams = [
+            (number, team, entry, line_up[entry], points, rank, team == game.winner, gave_up)
+            for team, (entry, points, rank, gave_up) in enumerate(columns)
+        ]
+        self._database.executemany("INSERT INTO team VALUES (?, ?, ?, ?, ?, ?, ?, ?)", teams)
 
     def read_blocks(self) -> dict[tuple[int, ...], set[int]]:
-        """The numbers of the stored blocks of each line-up."""
+        """Numbers of the stored blocks of each line-up."""
         held: dict[tuple[int, ...], set[int]] = {}
-        with self._named_errors(), named_damage():
+        with self._explain_errors():
             for line_up, number in self._database.execute("SELECT line_up, number FROM block"):
                 held.setdefault(tuple(map(int, line_up.split())), set()).add(number)
         return held
 
     def read_games(self) -> StoredGames:
-        """All games, sorted by the agents' fingerprints, so in an order without history."""
-        with self._named_errors(), named_damage():
+        """All games, sorted by the agents' fingerprints: the order does not depend on history."""
+        with self._explain_errors():
             rows = self._database.execute(
                 "SELECT b.line_up, b.number, g.number, b.map_seed, g.is_truncated, g.decisions, "
                 "g.trajectory, g.reason, t.agent, t.points, t.rank, g.id, t.team "
@@ -258,35 +230,32 @@ class LeagueStore:
                 "ORDER BY g.id, t.team"
             ).fetchall()
             num_teams = len(set(self.settings["team_of_seat"]))
-            check_games([row[11:] for row in rows], num_teams)
+            schema.check_games([row[11:] for row in rows], num_teams)
             prints = {number: agent.fingerprint for number, agent in self.read_agents().items()}
             return _parse_games(rows, prints, num_teams)
 
     def read_forfeits(self) -> list[tuple[str, int]]:
-        """Why games were forfeited, and how many for that reason."""
-        with self._named_errors():
+        """Reasons of forfeits, and the number of games for each."""
+        with self._explain_errors():
             query = "SELECT reason, count(*) FROM game WHERE status = 'forfeit' GROUP BY 1"
             rows = self._database.execute(f"{query} ORDER BY 1")
             return [(clean_text(str(reason)), int(count)) for reason, count in rows]
 
     def note(self, key: str, value: str) -> None:
-        """Add `value` to the texts that are kept under `key`; one that is there stays once."""
-        with self._named_errors(), self._transaction(), named_damage():
-            values = read_meta(self._database).get(key, [])
+        """Add `value` to the texts under `key`, once."""
+        with self._writing():
+            values = schema.read_meta(self._database).get(key, [])
             if value not in values:
                 self._database.execute(
                     "INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, json.dumps([*values, value]))
                 )
-            self.settings = read_meta(self._database)
+            self.settings = schema.read_meta(self._database)
 
     def read_rows(self, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """Names of the columns, and the rows; bytes, which damaged files may hold, as text."""
-        with self._named_errors():
+        """Names of columns, and rows; bytes, which damaged files may hold, become text."""
+        with self._explain_errors():
             cursor = self._database.execute(query)
-            rows = [
-                tuple(str(cell) if isinstance(cell, bytes) else cell for cell in row)
-                for row in cursor
-            ]
+            rows = [tuple(str(c) if isinstance(c, bytes) else c for c in row) for row in cursor]
             return [column[0] for column in cursor.description], rows
 
     def add_ratings(
@@ -296,22 +265,19 @@ class LeagueStore:
         num_games: int,
         rows: Iterable[tuple[Any, ...]],
     ) -> None:
-        """Keep a rating run, once for the same games and parameters; rows as table `rating`."""
-        with self._named_errors(), self._transaction():
-            cursor = self._database.execute(
-                "INSERT OR IGNORE INTO rating_run (created_at, parameters, games_hash, num_games) "
-                "VALUES (?, ?, ?, ?)",
-                (
-                    datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-                    json.dumps(parameters, sort_keys=True),
-                    games_hash,
-                    num_games,
-                ),
-            )
-            if cursor.rowcount:
+        """Store a rating run, once for the same games and parameters; rows as table `rating`."""
+        row = {
+            "created_at": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "parameters": json.dumps(parameters, sort_keys=True),
+            "games_hash": games_hash,
+            "num_games": num_games,
+        }
+        with self._writing():
+            run = self._insert("rating_run", row, "ON CONFLICT DO NOTHING")
+            if run is not None:
                 self._database.executemany(
                     "INSERT INTO rating VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                    [(cursor.lastrowid, *row) for row in rows],
+                    [(run, *values) for values in rows],
                 )
 
     def close(self) -> None:
@@ -322,8 +288,11 @@ class LeagueStore:
 def _parse_games(
     rows: Sequence[tuple[Any, ...]], prints: Mapping[int, str], num_teams: int
 ) -> StoredGames:
-    """Of rows as `read_games` asks for them, one for each team; prints: fingerprints by agent."""
-    firsts = rows[::num_teams]  # of each game
+    """Games from rows of the query in `read_games`, one for each team of a game.
+
+    prints: fingerprints by agent.
+    """
+    firsts = rows[::num_teams]  # one for each game
     names = {
         text: tuple(prints[int(word)] for word in text.split())
         for text in {row[0] for row in firsts}
@@ -370,7 +339,7 @@ def _open_to_write(path: Path) -> sqlite3.Connection:
 
 
 def _open_to_read(path: Path) -> sqlite3.Connection:
-    """Without the files that SQLite keeps beside the file, unless they are there."""
+    """Open read-only, without creating SQLite's files beside the file."""
     options = "mode=ro" if Path(f"{path}-wal").exists() else "mode=ro&immutable=1"
     uri = f"{path.absolute().as_uri()}?{options}"
     database = sqlite3.connect(uri, timeout=BUSY_SECONDS, isolation_level=None, uri=True)
@@ -379,14 +348,12 @@ def _open_to_read(path: Path) -> sqlite3.Connection:
 
 
 def _number(keys: Sequence[Any]) -> NDArray[np.int64]:
+    """Number equal keys alike, from 0 in the order in which they come."""
     numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
     return np.array([numbers[key] for key in keys], np.int64)
 
 
 def _find_repeats(agents: NDArray[np.int64], trajectories: Sequence[str]) -> NDArray[np.bool_]:
-    seen: set[tuple[tuple[int, ...], str]] = set()
-    is_repeat = np.zeros(len(trajectories), np.bool_)
-    for place, key in enumerate(zip(map(tuple, agents.tolist()), trajectories, strict=True)):
-        is_repeat[place] = key in seen
-        seen.add(key)
-    return is_repeat
+    first: dict[tuple[tuple[int, ...], str], int] = {}
+    keys = zip(map(tuple, agents.tolist()), trajectories, strict=True)
+    return np.array([first.setdefault(key, n) != n for n, key in enumerate(keys)], np.bool_)

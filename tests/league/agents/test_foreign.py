@@ -1,6 +1,7 @@
-"""Foreign agents: what they get wrong costs them the game, and is told."""
+"""Foreign agents: their faults forfeit the game, and are reported."""
 
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -35,16 +36,9 @@ def make_leaver(scenario, spec):
 """
 
 
-class Scripted:
-    """Does as `act` says; has nothing else of an agent."""
-
-    def __init__(self, act):
-        self.act = act
-
-
 def wrap(act, scenario="duel"):
     spec = GAME.make_spec(GAME.scenario(scenario))
-    return ForeignAgent(Scripted(act), "mine", spec, "print")
+    return ForeignAgent(SimpleNamespace(act=act), "mine", spec, "print")
 
 
 def play(act, scenario="duel", rival="idle", num_games=8):
@@ -105,14 +99,14 @@ def test_an_illegal_action_costs_the_one_game_that_it_was_meant_for():
     assert match.wins == 7
 
 
-def test_in_a_free_for_all_who_forfeits_is_last_and_the_others_share():
+def test_in_a_free_for_all_a_forfeit_is_last_and_the_others_share():
     match = play(crash, "ffa-4", num_games=4)
     assert (match.losses, match.score) == (4, 0.0)
     assert {result.winner for result in match.results} == {NO_WINNER}
 
 
-def test_who_was_out_by_the_rules_stands_above_who_forfeits():
-    """The quitter leaves with the first decision, the foreign agent forfeits in the second."""
+def test_a_seat_that_was_out_by_the_rules_ranks_above_one_that_forfeits():
+    """The quitter leaves in the first step, the foreign agent forfeits in the second."""
     scenario = GAME.scenario("ffa-4")
 
     def act(observation, mask):
@@ -138,7 +132,7 @@ def test_observations_cannot_be_changed_by_an_agent():
     assert play(act).forfeits == ()
 
 
-def test_a_run_of_before_goes_on_with_its_agents():
+def test_a_state_of_older_versions_is_restored():
     agent = wrap(lambda observation, mask: np.full(len(mask), FINISH))
     seen = np.zeros((2, 1)), np.ones((2, 4), np.bool_)
     for broken, action in (("", FINISH), ("crashed", -1)):
@@ -146,32 +140,28 @@ def test_a_run_of_before_goes_on_with_its_agents():
         assert agent.act(*seen).tolist() == [action] * 2
 
 
-def test_an_agent_that_crashed_once_stays_out_of_that_chunk_only():
+def crash_once(action):
+    """Plays `action` after a crash in the first call."""
     calls = []
 
     def act(observation, mask):
         calls.append(len(mask))
         if len(calls) == 1:
             raise ValueError("warming up")
-        return np.full(len(mask), FINISH)
+        return np.full(len(mask), action)
 
-    match = play(act, num_games=16)
+    return act
+
+
+def test_an_agent_that_crashed_once_forfeits_that_chunk_only():
+    match = play(crash_once(FINISH), num_games=16)
     assert (len(match.forfeits), match.wins) == (8, 8)
 
 
 def test_a_forfeited_game_is_the_same_beside_longer_ones():
-    """Chunk 0 ends with the crash; played together with others its worlds go on being stepped."""
-    calls = []
-
-    def act(observation, mask):
-        calls.append(len(mask))
-        if len(calls) == 1:
-            raise ValueError("warming up")
-        return np.full(len(mask), NOOP)
-
-    alone = play(act, num_games=8).results
-    calls.clear()
-    beside = play(act, num_games=16).results
+    """Chunk 0 ends with the crash; beside longer chunks its worlds are stepped to their end."""
+    alone = play(crash_once(NOOP), num_games=8).results
+    beside = play(crash_once(NOOP), num_games=16).results
     assert [result.decisions for result in beside[:8]] == [0] * 8
     assert max(result.decisions for result in beside[8:]) > 0
     assert not any(result.is_truncated for result in beside[:8])
@@ -214,12 +204,12 @@ class TestLoading:
             ("builtins:slice", "gave slice without `act"),
         ],
     )
-    def test_what_cannot_be_made_is_named(self, source, message):
+    def test_a_function_that_makes_no_agent_is_refused(self, source, message):
         with pytest.raises(ForeignAgentError, match=message):
             self.load(source)
 
-    def test_who_leaves_the_process_ends_neither_match_nor_league(self, capsys, tmp_path):
-        """Both ended without a word, and with the exit code of success."""
+    def test_an_agent_that_exits_ends_neither_match_nor_league(self, capsys, tmp_path):
+        """They must not end silently with exit code 0."""
         about = [f"--game={last_standing.NAME}", "--scenario=duel", "--games=8"]
         about.append("--answer-seconds=0")  # other processes do not know this game
         assert main(["match", "my_agents:make_leaver", "idle", *about]) == 0

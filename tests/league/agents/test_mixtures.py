@@ -22,12 +22,8 @@ from tests.league.players import GAME, save_network
 
 RPS = np.array([[0.5, 0.0, 1.0], [1.0, 0.5, 0.0], [0.0, 1.0, 0.5]])
 THROWS = ("rock", "paper", "scissors")
+FORMAT = {"format": "marl_cair mixture", "format_version": 1}
 SCENARIO = GAME.scenario("11x11", reward=GAME.rated_reward)
-
-
-@pytest.fixture
-def _know_the_game(monkeypatch):
-    monkeypatch.setitem(GAMES.modules, rock_paper_scissors.NAME, rock_paper_scissors)
 
 
 @pytest.mark.parametrize(
@@ -66,13 +62,15 @@ def test_the_safest_mixture_is_within_its_slack_and_more_even_with_more_of_it():
 @pytest.mark.parametrize(
     ("scores", "slack"), [(np.zeros((0, 2)), 0.1), (np.full((2, 2), np.nan), 0.1), (RPS, 0.0)]
 )
-def test_scores_that_are_none_are_refused(scores, slack):
+def test_invalid_scores_are_refused(scores, slack):
     with pytest.raises(ValueError, match="finite|above 0"):
         find_safest_mixture(scores, slack)
 
 
-@pytest.mark.usefixtures("_know_the_game")
-def test_one_member_is_drawn_for_each_game_in_whatever_company_it_is_played(tmp_path):
+def test_one_member_is_drawn_for_each_game_whichever_chunks_are_played_together(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setitem(GAMES.modules, rock_paper_scissors.NAME, rock_paper_scissors)
     save_mixture(tmp_path / "mix", [f"rock_paper_scissors/{name}" for name in THROWS], (2, 1, 1))
     game = GAMES[rock_paper_scissors.NAME]
     scenario = game.scenario("fair")
@@ -92,7 +90,7 @@ def nets(tmp_path_factory):
     return [save_network(folder / name, name, seed) for seed, name in enumerate("abc")]
 
 
-def test_a_mixture_holds_all_that_it_plays_with(tmp_path, nets):
+def test_a_mixture_holds_its_members(tmp_path, nets):
     folder = tmp_path / "mix"
     save_mixture(folder, [nets[0], nets[1], nets[2]], (1, 2, 1))
     mixture = read_mixture(folder)
@@ -103,17 +101,15 @@ def test_a_mixture_holds_all_that_it_plays_with(tmp_path, nets):
     prints = [find_fingerprint(member, GAME) for member in agent.members]
     assert prints[0] == find_fingerprint(load_agent(nets[0], GAME.name, SCENARIO), GAME)
     record = describe_agent("moved", agent, GAME, str(moved))
-    assert (record.kind, record.evaluation_policy) == (
-        "mixture",
-        "one of 3, drawn before each game",
-    )
+    assert record.kind == "mixture"
+    assert record.evaluation_policy == "one of 3, drawn before each game"
     assert json.loads(record.configuration)["members"] == dict(
         zip(prints, mixture.weights, strict=True)
     )
     assert find_scenario([str(moved)])[1] == "11x11"
 
 
-def test_weights_and_members_tell_mixtures_apart_and_their_order_does_not(tmp_path, nets):
+def test_a_fingerprint_is_of_members_and_weights_in_any_order(tmp_path, nets):
     def fingerprint(sources, weights):
         save_mixture(tmp_path / "mix", sources, weights)
         return find_fingerprint(load_agent(tmp_path / "mix", GAME.name, SCENARIO), GAME)
@@ -124,7 +120,7 @@ def test_weights_and_members_tell_mixtures_apart_and_their_order_does_not(tmp_pa
     assert fingerprint(nets[1:], (1, 2)) != usual
 
 
-def test_members_of_a_mixture_take_its_place(tmp_path, nets):
+def test_members_of_an_inner_mixture_become_members(tmp_path, nets):
     save_mixture(tmp_path / "inner", nets[:2], (1, 3))
     save_mixture(tmp_path / "outer", [str(tmp_path / "inner"), nets[2]], (1, 1))
     mixture = read_mixture(tmp_path / "outer")
@@ -139,8 +135,7 @@ def test_code_and_bots_of_no_game_are_no_members(tmp_path, source):
     ):
         save_mixture(tmp_path / "mix", [source], (1,))
     assert not (tmp_path / "mix").exists()
-    record = {"format": "marl_cair mixture", "format_version": 1}
-    record["members"] = [{"agent": source, "weight": 1}]
+    record = {**FORMAT, "members": [{"agent": source, "weight": 1}]}
     (tmp_path / "mixture.json").write_text(json.dumps(record), "utf-8")
     with pytest.raises(CheckpointError, match="cannot be read as a mixture"):
         load_agent(tmp_path, GAME.name, SCENARIO)
@@ -161,14 +156,10 @@ def test_a_folder_of_something_else_is_not_replaced(tmp_path, nets):
     [
         "nothing",
         {"format": "another"},
-        {"format": "marl_cair mixture", "format_version": 2},
-        {"format": "marl_cair mixture", "format_version": 1, "members": []},
-        {
-            "format": "marl_cair mixture",
-            "format_version": 1,
-            "members": [{"agent": "turtle", "weight": 0}],
-        },
-        {"format": "marl_cair mixture", "format_version": 1, "members": [{"weight": 1}]},
+        {**FORMAT, "format_version": 2, "members": [{"agent": "turtle", "weight": 1}]},
+        {**FORMAT, "members": []},
+        {**FORMAT, "members": [{"agent": "turtle", "weight": 0}]},
+        {**FORMAT, "members": [{"weight": 1}]},
     ],
 )
 def test_a_damaged_mixture_is_refused(tmp_path, record):
@@ -190,8 +181,7 @@ def league(tmp_path_factory, nets):
 def test_a_league_is_mixed_by_one_command(league, nets, tmp_path, capsys):
     names = ["a", "b", "c"]
     assert main(["league", "mix", str(league), "--out", str(tmp_path / "best"), *names]) == 0
-    told = capsys.readouterr().out
-    assert "each of the 5 agents" in told
+    assert "each of the 5 agents" in capsys.readouterr().out
     found = mix_league(league)
     assert set(found.sources) <= set(nets)
     assert read_mixture(tmp_path / "best").weights == pytest.approx(found.weights)
@@ -206,7 +196,7 @@ def test_bots_can_be_mixed_by_their_names(league):
     assert sum(found.weights) == pytest.approx(1.0)
 
 
-def test_only_who_is_among_the_agents_counts(league, nets):
+def test_only_the_given_agents_count(league, nets):
     agents = [load_agent(name, GAME.name, SCENARIO) for name in (nets[0], nets[1], "turtle")]
     found = mix_league(league, among={find_fingerprint(agent, GAME) for agent in agents})
     assert found.num_agents == 3
@@ -218,7 +208,7 @@ def test_many_equals_are_all_members(league, monkeypatch):
     assert mix_league(league).weights == pytest.approx((1 / 3,) * 3)
 
 
-def test_of_a_checkpoint_that_was_trained_on_the_newest_may_be_a_member(tmp_path, nets):
+def test_only_the_newest_agent_of_a_folder_may_be_a_member(tmp_path, nets):
     own, words = str(tmp_path / "net"), ["--games", "2", "--no-replays"]
     words += ["--out", str(tmp_path / "league")]
     for seed in (7, 8):
@@ -245,7 +235,7 @@ def test_agents_that_have_not_met_cannot_be_mixed(tmp_path, nets):
         mix_league(tmp_path / "league", ("turtle", "random"))
 
 
-def test_a_league_without_networks_says_so(tmp_path):
+def test_a_league_without_networks_is_refused(tmp_path):
     out = str(tmp_path / "league")
     words = ["random", "turtle", "--scenario", "11x11", "--games", "2", "--no-replays"]
     assert main(["league", *words, "--out", out]) == 0

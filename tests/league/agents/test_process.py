@@ -1,4 +1,4 @@
-"""Agents in processes of their own: they play, and what goes wrong there costs them the game."""
+"""Agents in processes of their own: they play, and their faults forfeit the game."""
 
 import os
 import signal
@@ -11,12 +11,11 @@ import pytest
 
 from marl_cair.cli import main
 from marl_cair.cli.match_options import read_size
-from marl_cair.league.agents.allowed_code import is_process
+from marl_cair.league.agents.allowed_code import Limits, is_process
 from marl_cair.league.agents.foreign import ForeignAgentError
-from marl_cair.league.agents.limits import Limits
 from marl_cair.league.agents.load import describe_agent, is_checkpoint, load_agent
 from marl_cair.league.agents.process import load_process
-from marl_cair.league.agents.supervisor import find_below
+from marl_cair.league.agents.supervisor import find_below, is_running
 from marl_cair.league.play.match import play_match
 from tests.games.last_standing import GAME
 from tests.league.players import GAME as LINES
@@ -35,12 +34,19 @@ def play(agent, num_games=4):
     return play_match(agent, GAME.bots["idle"](None, None), GAME, SCENARIO, num_games, 3)
 
 
-def is_alive(number):
-    try:
-        os.kill(number, 0)
-    except ProcessLookupError:
-        return False
-    return Path(f"/proc/{number}/stat").read_text().split()[2] != "Z"
+linux_only = pytest.mark.skipif(sys.platform != "linux", reason="agents have no supervisor")
+
+
+def wait_for(is_done, seconds=60.0):
+    """Whether it is done in time, on a loaded machine too."""
+    end = time.monotonic() + seconds
+    while not is_done() and time.monotonic() < end:
+        time.sleep(0.01)
+    return is_done()
+
+
+def is_gone(number):
+    return wait_for(lambda: not is_running(int(number)))
 
 
 def test_a_process_plays():
@@ -55,6 +61,7 @@ def test_a_process_plays():
     ("habit", "reason"),
     [
         ("prints", "wrote a line that is no JSON"),
+        ("nests", "wrote a line that is no JSON"),
         ("lists", f"wrote {[3] * 8}, and no JSON object"),
         ("forgets", f'wrote {{"moves": {[3] * 8}}}, without `actions`'),
         ("gives up", "out of ideas"),
@@ -64,56 +71,34 @@ def test_a_process_plays():
         ("talks", 'wrote {"actions": [0]} without being asked'),
     ],
 )
-def test_what_it_gets_wrong_forfeits_and_is_told(habit, reason):
+def test_a_wrong_answer_forfeits_and_is_reported(habit, reason):
     agent = load(habit)
-    time.sleep(0.5 if habit == "talks" else 0.0)
+    answers = agent._agent._connection._answers
+    assert habit != "talks" or wait_for(lambda: not answers.empty())
     match = play(agent, num_games=2)
     assert match.losses == 2
     assert set(match.forfeits) == {f"bot {habit} {reason}"}
 
 
-@pytest.mark.skipif(os.name == "nt", reason="processes are looked up in /proc")
-def test_a_process_that_hangs_is_killed_with_all_that_it_started(tmp_path):
-    agent = load("hangs", str(tmp_path / "ids"), seconds=3.0)
-    match = play(agent, num_games=2)
-    assert match.losses == 2
-    assert match.forfeits[0] == "bot hangs gave no answer within 3 s"
-    for number in map(int, (tmp_path / "ids").read_text().split()):
-        for _ in range(200):
-            if not is_alive(number):
-                break
-            time.sleep(0.05)
-        assert not is_alive(number)
-
-
-linux_only = pytest.mark.skipif(sys.platform != "linux", reason="agents have no supervisor")
-
-
-def is_gone(number, seconds=5.0):
-    end = time.monotonic() + seconds
-    while is_alive(number) and time.monotonic() < end:
-        time.sleep(0.05)
-    return not is_alive(number)
-
-
 @linux_only
-@pytest.mark.parametrize("habit", ["escapes", "stops its supervisor"])
-def test_what_leaves_its_session_dies_with_the_agent(tmp_path, habit):
+@pytest.mark.parametrize("habit", ["hangs", "escapes", "stops its supervisor"])
+def test_a_process_that_hangs_is_killed_with_all_that_it_started(tmp_path, habit):
     agent = load(habit, str(tmp_path / "ids"), seconds=2.0)
     begun = time.monotonic()
     match = play(agent, num_games=2)
-    assert time.monotonic() - begun < 10.0
+    assert time.monotonic() - begun < 60.0  # it sleeps for 600
+    assert match.losses == 2
     assert match.forfeits[0] == f"bot {habit} gave no answer within 2 s"
-    assert all(map(is_gone, map(int, (tmp_path / "ids").read_text().split())))
+    assert all(map(is_gone, (tmp_path / "ids").read_text().split()))
 
 
 @linux_only
 def test_a_process_that_always_moves_on_to_another_session_is_caught(tmp_path):
     agent = load("hops", str(tmp_path / "ids"), seconds=1.0)
-    supervisor = agent._agent._line._process.pid
+    supervisor = agent._agent._connection._process.pid
     begun = time.monotonic()
     play(agent, num_games=2)
-    assert time.monotonic() - begun < 10.0
+    assert time.monotonic() - begun < 60.0
     assert find_below(supervisor) == []
     assert is_gone(supervisor)
 
@@ -130,33 +115,32 @@ def test_a_process_that_a_list_of_children_misses_is_killed_too():
     )
     words = [sys.executable, "-c", script]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
-    number = int(done.stdout)
-    assert is_gone(number)
+    assert is_gone(done.stdout)
 
 
 @linux_only
-def test_nobody_waits_for_a_pipe_that_an_escaped_process_holds(tmp_path):
+def test_a_pipe_that_an_escaped_process_holds_is_not_waited_for(tmp_path):
     agent = load("kills its supervisor", str(tmp_path / "ids"), seconds=2.0)
     begun = time.monotonic()
     match = play(agent, num_games=2)
-    assert time.monotonic() - begun < 10.0
+    assert time.monotonic() - begun < 60.0
     assert match.losses == 2
-    child, escaped = map(int, (tmp_path / "ids").read_text().split())
+    child, escaped = (tmp_path / "ids").read_text().split()
     assert is_gone(child)
-    os.kill(escaped, signal.SIGKILL)  # an agent that attacks its supervisor is beyond it
+    os.kill(int(escaped), signal.SIGKILL)  # an agent that kills its supervisor escapes it
 
 
 @linux_only
 def test_agents_end_with_a_program_that_is_killed(tmp_path):
     script = (
         "import os, signal, sys; from tests.league.agents.test_process import load;"
-        "agent = load('good'); print(agent._agent._line._process.pid, flush=True);"
+        "agent = load('good'); print(agent._agent._connection._process.pid, flush=True);"
         "os.kill(os.getpid(), signal.SIGKILL)"
     )
     words = [sys.executable, "-c", script]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == -signal.SIGKILL, done.stderr
-    assert is_gone(int(done.stdout))
+    assert is_gone(done.stdout)
 
 
 @linux_only
@@ -173,22 +157,18 @@ def test_memory_and_processes_are_limited(habit, limits, reason):
 
 
 @linux_only
-def test_who_keeps_the_limits_plays():
+def test_an_agent_within_the_limits_plays():
     match = play(load(limits=Limits(20.0, memory_bytes=1 << 30, processes=4)))
     assert (match.wins, match.forfeits) == (4, ())
 
 
-def test_elsewhere_limits_that_cannot_be_kept_are_refused(monkeypatch):
-    monkeypatch.setattr("marl_cair.league.agents.limits.IS_SUPERVISED", False)
-    for changes in ({"memory_bytes": 1}, {"processes": 1}):
-        with pytest.raises(ValueError, match="only Linux can limit it"):
-            Limits(**changes)
-
-
-@pytest.mark.parametrize("changes", [{"memory_bytes": -1}, {"processes": -1}])
-def test_limits_are_not_negative(changes):
+@pytest.mark.parametrize("name", ["memory_bytes", "processes"])
+def test_invalid_limits_and_limits_that_cannot_be_enforced_are_refused(monkeypatch, name):
     with pytest.raises(ValueError, match="it must be 0 or more"):
-        Limits(**changes)
+        Limits(**{name: -1})
+    monkeypatch.setattr("marl_cair.league.agents.allowed_code.IS_SUPERVISED", False)
+    with pytest.raises(ValueError, match="only Linux can limit it"):
+        Limits(**{name: 1})
 
 
 def test_commands_take_the_limits(capsys):
@@ -215,14 +195,14 @@ def test_what_an_agent_writes_is_shown_without_control_characters():
     assert set(match.forfeits) == {shown}
 
 
-def test_an_agent_that_nobody_holds_is_ended():
+def test_an_agent_that_is_garbage_is_ended():
     agent = load()
-    process = agent._agent._line._process
+    process = agent._agent._connection._process
     del agent
     assert process.poll() is not None
 
 
-def test_who_draws_from_the_seeds_plays_the_same_games_again():
+def test_an_agent_that_draws_from_the_seeds_repeats_its_games():
     first, second = (play(load("draws"), 8).results for _ in range(2))
     assert first == second
 
@@ -238,9 +218,9 @@ def test_who_draws_from_the_seeds_plays_the_same_games_again():
         (f"process:{sys.executable} -S {BOT} 'wants gzip'", "wants arrays as 'gzip': there are"),
     ],
 )
-def test_who_does_not_start_is_refused_before_any_game(source, message):
+def test_an_agent_that_does_not_start_is_refused_before_any_game(source, message):
     with pytest.raises(ForeignAgentError, match=message):
-        load_process(source, GAME, SCENARIO)
+        load_process(source, GAME, SCENARIO, Limits())
 
 
 @pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])
@@ -254,7 +234,7 @@ def test_another_program_is_another_agent(tmp_path):
     for text in ("", "# changed"):
         (tmp_path / "bot.py").write_text(BOT.read_text("utf-8") + text, "utf-8")
         source = f"process:{sys.executable} -S {tmp_path / 'bot.py'} good"
-        prints.append(load_process(source, GAME, SCENARIO).fingerprint)
+        prints.append(load_process(source, GAME, SCENARIO, Limits()).fingerprint)
     assert prints[0] != prints[1]
 
 

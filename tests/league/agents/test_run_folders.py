@@ -1,6 +1,7 @@
-"""The folder of a run where agents are named: a league takes its agents, others its newest."""
+"""The folder of a run as an agent: leagues take its agents, other commands its newest."""
 
 import shutil
+from contextlib import closing
 
 import pytest
 
@@ -50,13 +51,12 @@ def test_a_league_of_runs_rates_what_they_have_saved(runs, capsys, monkeypatch):
     shutil.copytree(runs, runs.parent / "runs", dirs_exist_ok=True)
     words = ["league", "runs/a", "runs/b", "rusher", "random", "--games", "2", "--no-replays"]
     assert main([*words, "--out", "ladder"]) == 0
-    told = capsys.readouterr()
-    (first, second) = (line for line in told.err.splitlines() if " is a run" in line)
+    text = capsys.readouterr()
+    (first, second) = (line for line in text.err.splitlines() if " is a run" in line)
     assert first.startswith("runs/a is a run, of which the league takes latest, snapshots/frames_")
     assert second.startswith("runs/b is a run, of which the league takes latest")
-    store = LeagueStore(runs.parent / "ladder" / "league.sqlite")
-    names = {record.name for record in store.read_agents().values()}
-    store.close()
+    with closing(LeagueStore(runs.parent / "ladder" / "league.sqlite")) as store:
+        names = {record.name for record in store.read_agents().values()}
     assert {"a", "b", "rusher", "random"} < names
     others = names - {"a", "b", "rusher", "random"}
     assert others
@@ -65,7 +65,7 @@ def test_a_league_of_runs_rates_what_they_have_saved(runs, capsys, monkeypatch):
     assert curves.count("\n") == 1 + len(others) + 2  # a rating for each age of each run
 
 
-def test_of_many_snapshots_a_league_takes_few_from_first_to_last(tmp_path):
+def test_a_league_takes_few_of_many_snapshots_from_first_to_last(tmp_path):
     run = make_run(tmp_path / "a", range(1, 31))
     found = expand_runs([run, "random"])
     assert found.agents["random"] == ("random",)
@@ -83,14 +83,14 @@ def test_agents_that_are_the_same_are_taken_once(tmp_path):
     old = ["snapshots/frames_0000000001", "snapshots/frames_0000000000"]
     assert list_names(run, found) == ["latest", *old]
     assert "; 1 left out, as the same agents are there already" in found.notes[0]
-    named = f"{run}/snapshots/frames_0000000002"  # who is named himself stays
+    named = f"{run}/snapshots/frames_0000000002"  # an agent that is named stays
     found = expand_runs([run, named])
     assert (list_names(run, found), found.agents[named]) == (old, (named,))
     known = find_fingerprint(load_agent(f"{run}/{old[0]}"), GAME)
     assert list_names(run, expand_runs([run], {known})) == ["latest", old[1]]
 
 
-def test_of_a_league_that_trains_each_learner_is_taken(tmp_path):
+def test_each_learner_of_a_league_training_is_taken(tmp_path):
     folder = tmp_path / "league"
     with claim_output_folder(folder, "league training", {}):
         for seed, name in enumerate(("main_0", "main_1", ".main_0.marl_cair.old")):
@@ -107,7 +107,7 @@ def test_a_marker_that_cannot_be_read_is_none(tmp_path):
     assert read_run_kind(run) == ""
 
 
-def test_what_is_no_run_stays_as_it_is(tmp_path):
+def test_other_sources_stay_as_they_are(tmp_path):
     net = save_network(tmp_path / "net")
     sources = ["random", net, "process:python3 x.py", "a.b:make", str(tmp_path / "nowhere")]
     found = expand_runs(sources)
@@ -122,7 +122,7 @@ def test_a_run_without_an_agent_is_refused(tmp_path):
         load_agent(run)
 
 
-def test_a_run_is_one_agent_where_one_is_wanted(tmp_path, capsys):
+def test_a_run_is_its_newest_agent_in_other_commands(tmp_path, capsys):
     run = make_run(tmp_path / "a", (1,), latest=2)
     own, newest = load_agent(run), load_agent(f"{run}/latest")
     assert find_fingerprint(own, GAME) == find_fingerprint(newest, GAME)
@@ -135,7 +135,7 @@ def test_a_run_is_one_agent_where_one_is_wanted(tmp_path, capsys):
     assert main(["evaluate", run, "--games", "2", "--set", "max_ticks=100"]) == 0
 
 
-def test_of_a_league_that_trains_one_has_to_be_named(tmp_path, capsys):
+def test_a_learner_of_a_league_training_must_be_named(tmp_path, capsys):
     folder = tmp_path / "league"
     with claim_output_folder(folder, "league training", {}):
         for name in ("main", "exploiter"):
@@ -182,12 +182,10 @@ def test_best_responses_stand_for_their_mixture_or_for_the_best(tmp_path, capsys
     capsys.readouterr()
     words = ["league", str(mixed), str(response), "random", "--games", "2", "--no-replays"]
     assert main([*words, "--out", str(tmp_path / "ladder")]) == 0
-    told = capsys.readouterr().out
-    assert "psro" in told
-    assert "response" in told
+    assert {"psro", "response"} <= set(capsys.readouterr().out.split())
 
 
-def test_no_mixture_is_written_over_a_run_that_stands_for_one(mixed):
+def test_a_mixture_does_not_overwrite_a_run_that_stands_for_one(mixed):
     with pytest.raises(FileExistsError, match="is there and is no mixture"):
         save_mixture(mixed, ["deep_line_wars/rusher"], (1,))
     assert read_mixture(mixed).weights == pytest.approx((1 / 3, 2 / 3))
@@ -202,7 +200,7 @@ def test_best_responses_without_a_result_are_refused(mixed, response):
         load_agent(mixed)
 
 
-def test_a_mixture_keeps_of_a_run_its_newest_agent_alone(tmp_path):
+def test_a_mixture_copies_only_the_newest_agent_of_a_run(tmp_path):
     run = make_run(tmp_path / "a", (1,), latest=2)
     save_mixture(tmp_path / "mix", [run, "deep_line_wars/rusher"], (1, 1))
     kept, _ = read_mixture(tmp_path / "mix").sources
@@ -210,15 +208,15 @@ def test_a_mixture_keeps_of_a_run_its_newest_agent_alone(tmp_path):
     assert not (tmp_path / "mix" / "members" / "00" / "run.json").exists()
 
 
-def test_more_training_is_more_to_add(tmp_path, capsys):
+def test_new_agents_of_a_run_can_be_added(tmp_path, capsys):
     run = make_run(tmp_path / "a", (1, 2), latest=2)
     out = ["--out", str(tmp_path / "ladder"), "--games", "2", "--no-replays"]
     words = [f"{run}/snapshots/frames_0000000000", "random", "--scenario", "11x11"]
     assert main(["league", *words, *out]) == 0
     capsys.readouterr()
     assert main(["league", "add", run, *out]) == 0
-    (told,) = (line for line in capsys.readouterr().err.splitlines() if " is a run" in line)
-    assert told == (
+    (text,) = (line for line in capsys.readouterr().err.splitlines() if " is a run" in line)
+    assert text == (
         f"{run} is a run, of which the league takes latest; 2 left out, as the same "
         "agents are there already"
     )

@@ -9,22 +9,17 @@ import pytest
 from marl_cair.cli import main
 from marl_cair.games.game import NO_WINNER
 from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.play.match import (
-    GameResult,
-    MatchResult,
-    play_chunks,
-    play_match,
-    record_game,
-)
+from marl_cair.league.play import match as matches
+from marl_cair.league.play.match import GameResult, MatchResult, play_chunks, play_match
 from marl_cair.league.play.playing import map_seeds
 from marl_cair.league.play.solo import compare, play_alone
-from marl_cair.league.ratings.intervals import block_interval, mean_interval
+from marl_cair.league.ratings.intervals import block_interval, mean_interval, win_rate_interval
 from marl_cair.league.report.report import number_agents, report_stored
 from marl_cair.league.store.store import LeagueStore, LeagueStoreError
 from tests.games import last_standing
 from tests.games.last_standing import FINISH, GAME, NOOP
 
-MANY = ["ffa-3", "ffa-4", "ffa-8", "teams", "uneven"]
+MANY = ["duel", "ffa-3", "ffa-4", "ffa-8", "teams", "uneven"]
 
 
 def bot(name):
@@ -36,12 +31,13 @@ def play(first, second, scenario, num_games, seed=3, identities=None):
     return play_match(bot(first), bot(second), GAME, chosen, num_games, seed, identities)
 
 
-# --- who plays where ---------------------------------------------------------------------------
+# --- seats -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("scenario", "first_seats"),
     [
+        ("duel", [0, 1]),
         ("ffa-3", [0, 1, 2]),
         ("ffa-4", [0, 1, 2, 3]),
         ("ffa-8", list(range(8))),
@@ -58,7 +54,7 @@ def test_each_map_seed_is_played_once_with_the_first_agent_in_each_team(scenario
 
 @pytest.mark.parametrize("scenario", MANY)
 def test_the_first_agent_plays_its_whole_team_and_the_second_all_others(scenario):
-    """Who finishes at once wins for its team, wherever it sits; its rivals only wait."""
+    """The finisher wins for its team at once, in any seat; its opponents wait."""
     num_teams = GAME.make_spec(GAME.scenario(scenario)).num_teams
     match = play("finisher", "idle", scenario, 4 * num_teams)
     assert (match.wins, match.draws, match.losses) == (4 * num_teams, 0, 0)
@@ -112,14 +108,14 @@ def test_a_match_between_two_teams_is_the_same_from_both_sides():
 
 
 def test_a_recorded_game_of_many_is_the_first_of_the_match():
-    actions = record_game(bot("finisher"), bot("idle"), GAME, GAME.scenario("teams"), 3)
+    actions = matches.record_game(bot("finisher"), bot("idle"), GAME, GAME.scenario("teams"), 3)
     assert actions.tolist() == [[FINISH, NOOP, NOOP, FINISH]]
 
 
 # --- points and their interval -----------------------------------------------------------------
 
 
-def test_who_has_left_a_game_that_is_drawn_later_has_lost_it():
+def test_an_agent_that_has_left_a_game_has_lost_it_even_if_it_is_drawn():
     match = play("quitter", "idle", "ffa-4", 8)
     assert {r.winner for r in match.results} == {NO_WINNER}
     assert (match.wins, match.draws, match.losses, match.score) == (0, 0, 8, 0.0)
@@ -141,7 +137,7 @@ def test_equal_agents_have_the_fair_share(scenario):
 def make_match(wins, num_teams=4):
     """Blocks of `num_teams` games, of which the first agent has won `wins`."""
     games = [
-        GameResult(block, seat, seat if seat < number else (seat + 1) % num_teams, False, 1, "")
+        GameResult(block, seat, (seat + (seat >= number)) % num_teams, False, 1, "", seat < number)
         for block, number in enumerate(wins)
         for seat in range(num_teams)
     ]
@@ -149,7 +145,7 @@ def make_match(wins, num_teams=4):
 
 
 def test_the_interval_is_of_blocks_and_not_of_games():
-    """The same share of wins: spread evenly over the map seeds it is surer than in a few."""
+    """The same share of wins has a narrower interval if it is spread over the map seeds."""
     even, lumped = make_match([1] * 40), make_match([4, 0, 0, 0] * 10)
     assert even.score == lumped.score == 0.25
     widths = [high - low for low, high in (even.interval(), lumped.interval())]
@@ -158,9 +154,7 @@ def test_the_interval_is_of_blocks_and_not_of_games():
 
 
 @pytest.mark.parametrize("num_teams", [2, 3, 6])
-def test_who_won_all_games_has_the_interval_of_so_many_games(num_teams):
-    from marl_cair.league.ratings.intervals import win_rate_interval
-
+def test_an_agent_that_won_all_games_has_the_interval_of_single_games(num_teams):
     match = make_match([num_teams] * 12, num_teams)
     assert match.interval() == pytest.approx(win_rate_interval(12 * num_teams, 0, 12 * num_teams))
 
@@ -175,10 +169,7 @@ def test_wins_have_an_interval_of_their_own():
 @pytest.mark.parametrize(
     ("scenario", "message"),
     [
-        (
-            "ffa-3",
-            "num_games is 4, it must be a multiple of 3: every map seed is",
-        ),
+        ("ffa-3", "num_games is 4, it must be a multiple of 3: every map seed is"),
         ("uneven", "a multiple of 3: every map seed is played once in each team"),
         ("alone", "this scenario has one team"),
     ],
@@ -195,31 +186,25 @@ def play_solo(name, num_games, seed=3, scenario="alone", **options):
     return play_alone(bot(name), GAME, GAME.scenario(scenario, **options), num_games, seed)
 
 
-def test_the_score_of_a_solo_game_is_the_sum_of_its_rewards():
-    result = play_solo("scorer", 5)
-    engine_gains = np.array([game.score for game in result.results]) * 100 / 12
-    seeds = map_seeds(3, np.arange(5))
-    expected = [np.random.default_rng(int(seed)).integers(0, 10, 1)[0] for seed in seeds]
-    assert engine_gains == pytest.approx(expected)
+@pytest.mark.parametrize(("scenario", "num_seats"), [("alone", 1), ("together", 2)])
+def test_the_score_of_a_solo_game_is_the_sum_of_its_rewards_and_the_mean_over_seats(
+    scenario, num_seats
+):
+    result = play_solo("scorer", 5, scenario=scenario)
+    seeds = map_seeds(3, np.arange(5)).tolist()
+    gains = [np.random.default_rng(seed).integers(0, 10, num_seats).mean() for seed in seeds]
+    assert result.scores * 100 / 12 == pytest.approx(gains)
     assert [game.block for game in result.results] == list(range(5))
 
 
-def test_seats_that_play_together_are_all_the_agents_and_score_their_mean():
-    result = play_solo("scorer", 2, scenario="together")
-    seeds = map_seeds(3, np.arange(2))
-    gains = [np.random.default_rng(int(seed)).integers(0, 10, 2).mean() for seed in seeds]
-    assert result.scores * 100 / 12 == pytest.approx(gains)
-
-
 def test_agents_are_compared_on_the_same_map_seeds():
-    """Scores of all gain and of most of it vary much more than they differ."""
+    """Scores vary between map seeds much more than between these agents."""
     own, other = play_solo("scorer", 40), play_solo("random", 40)
     gain = compare(own, other)
     assert gain.mean == pytest.approx(own.scores.mean() - other.scores.mean())
     assert (gain.low, gain.high) == pytest.approx(mean_interval(own.scores - other.scores))
     assert 0.0 < gain.low < gain.mean < gain.high
-    same = compare(own, play_solo("scorer", 40))
-    assert tuple(same) == (0.0, 0.0, 0.0)
+    assert compare(own, play_solo("scorer", 40)) == (0.0, 0.0, 0.0)
 
 
 def test_a_longer_solo_series_begins_with_a_shorter_one():
@@ -242,7 +227,7 @@ def test_scores_of_different_seeds_are_not_compared():
     ("scenario", "num_games", "message"),
     [("duel", 2, "this scenario has 2 teams"), ("alone", 0, "num_games is 0")],
 )
-def test_what_cannot_be_played_alone_is_refused(scenario, num_games, message):
+def test_a_scenario_with_opponents_and_no_games_are_refused(scenario, num_games, message):
     with pytest.raises(ValueError, match=message):
         play_solo("idle", num_games, scenario=scenario)
 
@@ -257,23 +242,25 @@ def play_league(folder, *agents, scenario="ffa-4", **changes):
     return run_league(config, show_progress=False)
 
 
-@pytest.fixture
-def _known(monkeypatch):
-    last_standing.register(monkeypatch)
+def read_games(folder):
+    with closing(LeagueStore(folder / "league.sqlite")) as store:
+        return store.read_games()
 
 
-@pytest.mark.usefixtures("_known")
 class TestLeague:
-    def test_who_plays_alone_is_in_no_league(self, tmp_path):
+    @pytest.fixture(autouse=True)
+    def _known(self, monkeypatch):
+        last_standing.register(monkeypatch)
+
+    def test_a_solo_scenario_has_no_league(self, tmp_path):
         with pytest.raises(ValueError, match="this scenario has one team"):
             play_league(tmp_path / "a", "idle", "quitter", scenario="alone")
         assert not (tmp_path / "a").exists()
 
     def test_teams_are_rated(self, tmp_path):
-        result = play_league(
-            tmp_path, "idle", "quitter", "scorer", scenario="teams", games_per_pair=4
-        )
-        assert [rating.name for rating in result.ratings][-1] == "quitter"
+        names = ("idle", "quitter", "scorer")
+        result = play_league(tmp_path, *names, scenario="teams", games_per_pair=4)
+        assert result.ratings[-1].name == "quitter"
 
     def test_a_free_for_all_is_rated_by_the_order_in_which_agents_went_out(self, tmp_path):
         names = ("idle", "quitter", "scorer", "finisher", "random")
@@ -298,13 +285,12 @@ class TestLeague:
         fresh = play_league(tmp_path / "b", *names[::-1], scenario=scenario, games_per_pair=games)
         assert grown.text == fresh.text
 
-    def test_each_map_seed_is_played_by_everybody_in_every_seat(self, tmp_path):
+    def test_each_map_seed_is_played_by_all_agents_in_every_seat(self, tmp_path):
         for seating, games in (("ring", 4), ("all", 24)):
             folder = tmp_path / seating
-            play_league(
-                folder, "idle", "random", "scorer", "finisher", games_per_pair=4, seating=seating
-            )
-            stored = LeagueStore(folder / "league.sqlite").read_games()
+            names = ("idle", "random", "scorer", "finisher")
+            play_league(folder, *names, games_per_pair=4, seating=seating)
+            stored = read_games(folder)
             for block in np.unique(stored.blocks):
                 seated = stored.agents[stored.blocks == block]
                 assert len(seated) == games
@@ -313,27 +299,26 @@ class TestLeague:
 
     def test_each_line_up_has_map_seeds_of_its_own(self, tmp_path):
         play_league(tmp_path, "idle", "random", "scorer", scenario="duel", games_per_pair=8)
-        stored = LeagueStore(tmp_path / "league.sqlite").read_games()
+        stored = read_games(tmp_path)
         blocks, seeds = (len(np.unique(one)) for one in (stored.blocks, stored.map_seeds))
         assert blocks == seeds == 3 * 4
         games = number_agents(stored, sorted(set(stored.agents.ravel().tolist())))
         assert len(np.unique(games.blocks)) == blocks
 
     def test_games_of_leagues_that_shared_map_seeds_are_one_block(self, tmp_path):
-        """What plays on has map seeds of its own; what was played keeps those it had."""
-        play_league(tmp_path, "idle", "random", "scorer", scenario="duel", games_per_pair=8)
+        """New games have map seeds of their own; stored games keep theirs."""
+        names = ("idle", "random", "scorer")
+        play_league(tmp_path, *names, scenario="duel", games_per_pair=8)
         shared = map_seeds(0, np.arange(4))
         with closing(sqlite3.connect(tmp_path / "league.sqlite")) as database, database:
             for number, seed in enumerate(shared.tolist()):
                 database.execute(
                     "UPDATE block SET map_seed = ? WHERE number = ?", (str(seed), number)
                 )
-        result = play_league(
-            tmp_path, "idle", "random", "scorer", scenario="duel", games_per_pair=16
-        )
+        result = play_league(tmp_path, *names, scenario="duel", games_per_pair=16)
         # One game may repeat another move by move, and counts once.
         assert all(30 <= rating.games <= 32 for rating in result.ratings)
-        stored = LeagueStore(tmp_path / "league.sqlite").read_games()
+        stored = read_games(tmp_path)
         assert set(stored.map_seeds[stored.numbers < 4].tolist()) == set(shared.tolist())
         games = number_agents(stored, sorted(set(stored.agents.ravel().tolist())))
         sizes = np.bincount(games.blocks)
@@ -341,20 +326,14 @@ class TestLeague:
 
     def test_a_league_of_another_seating_is_refused(self, tmp_path):
         play_league(tmp_path, "idle", "random", games_per_pair=4)
-        with pytest.raises(
-            LeagueStoreError, match="a league with seating = .ring.*cannot be mixed"
-        ):
+        message = "a league with seating = .ring.*cannot be mixed"
+        with pytest.raises(LeagueStoreError, match=message):
             play_league(tmp_path, "idle", "random", games_per_pair=4, seating="all")
 
-    def test_newcomers_play_a_ladder_that_is_not_played_again(self, tmp_path):
-        play_league(tmp_path, "random", "idle", "scorer", scenario="duel", games_per_pair=8)
-        result = play_league(
-            tmp_path,
-            "finisher",
-            ladder=("random", "idle", "scorer"),
-            scenario="duel",
-            games_per_pair=16,
-        )
+    def test_new_agents_play_a_ladder_that_does_not_play_again(self, tmp_path):
+        ladder, duel = ("random", "idle", "scorer"), {"scenario": "duel"}
+        play_league(tmp_path, *ladder, games_per_pair=8, **duel)
+        result = play_league(tmp_path, "finisher", ladder=ladder, games_per_pair=16, **duel)
         games = {rating.name: rating.games for rating in result.ratings}
         assert games["finisher"] <= 48
         assert games["random"] <= 8 + 8 + 16
@@ -368,28 +347,21 @@ class TestLeague:
         assert {rating.games for rating in long.ratings} == {2}
         assert "78 of 80" in long.text
 
-    def test_the_command_tells_rates_and_exports_what_is_stored(self, tmp_path, capsys):
+    def test_commands_show_rate_and_export_stored_games(self, tmp_path, capsys):
         folder = str(tmp_path / "a")
         words = ["league", "random", "scorer", "idle", "--game", last_standing.NAME]
         assert main([*words, "--scenario", "ffa-3", "--games", "6", "--out", folder]) == 0
         ladder = capsys.readouterr().out.splitlines()[:5]
         assert main(["league", "status", folder]) == 0
-        told = capsys.readouterr().out
-        assert "3 agents, 6 games in 1 blocks" in told
-        assert "idle: 6 games; bot, scripted" in told
+        text = capsys.readouterr().out
+        assert "3 agents, 6 games in 1 blocks" in text
+        assert "idle: 6 games; bot, scripted" in text
         assert main(["league", "report", folder]) == 0
         assert capsys.readouterr().out.splitlines()[:5] == ladder
         assert main(["league", "export", folder, "--format", "json"]) == 0
         assert len(list((tmp_path / "a" / "export").glob("*.json"))) == 4
         assert main(["league", "status", str(tmp_path / "b")]) == 2
         assert "is not there: give the folder of a league" in capsys.readouterr().err
-
-    @pytest.mark.parametrize("words", [["--time", "10"], ["--time", "m"], ["--workers", "0"]])
-    def test_bad_words_are_refused_before_any_game(self, tmp_path, words):
-        folder = tmp_path / "a"
-        league = ["league", "random", "idle", "--game", last_standing.NAME, "--out", str(folder)]
-        assert main([*league, *words]) == 2
-        assert not folder.exists()
 
     def test_the_adaptive_command_stops(self, tmp_path, capsys):
         words = ["league", "random", "scorer", "--game", last_standing.NAME, "--scenario", "duel"]

@@ -38,28 +38,6 @@ def test_another_seed_gives_another_match(scenario):
     assert matches[0] != matches[1]
 
 
-def test_each_seed_is_played_once_in_each_seat(scenario):
-    match = play("random", "turtle", scenario, 6)
-    assert [(r.block, r.first_seat) for r in match.results] == [
-        (0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1),
-    ]  # fmt: skip
-    assert match.wins + match.draws + match.losses == match.games == 6
-
-
-@pytest.mark.parametrize("num_games", [2, 6, 8, 10])
-def test_a_longer_match_begins_with_a_shorter_one(scenario, num_games):
-    longer = play("random", "random", scenario, 24)
-    assert play("random", "random", scenario, num_games).results == longer.results[:num_games]
-
-
-def test_chunks_may_be_played_in_any_company(scenario):
-    agents = bot("random", scenario), bot("economist", scenario)
-    whole = play_chunks(*agents, GAME, scenario, 3, (0, 1, 2)).results
-    turned = play_chunks(*agents, GAME, scenario, 3, (2, 0)).results
-    alone = play_chunks(*agents, GAME, scenario, 3, (1,)).results
-    assert turned[GAMES_PER_CHUNK:] + alone + turned[:GAMES_PER_CHUNK] == whole
-
-
 def test_a_network_that_explores_plays_the_same_in_any_company(scenario, tmp_path):
     agent = load_agent(save_network(tmp_path / "net"), GAME.name, scenario, epsilon=0.5)
     rival = bot("random", scenario)

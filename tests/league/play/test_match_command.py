@@ -1,4 +1,4 @@
-"""`marl-cair match` and `evaluate` with any number of seats: what they tell and refuse."""
+"""`marl-cair match` and `evaluate` with any number of seats: output and refusals."""
 
 import re
 
@@ -15,15 +15,15 @@ def _known(monkeypatch):
     last_standing.register(monkeypatch)
 
 
-def tell(capsys, *words, code=0):
+def run(capsys, *words, code=0):
     assert main([*words, f"--game={NAME}"]) == code
-    told = capsys.readouterr()
-    return told.err if code else told.out
+    written = capsys.readouterr()
+    return written.err if code else written.out
 
 
 def test_a_match_of_many_stands_beside_the_fair_share(capsys):
-    told = tell(capsys, "match", "finisher", "idle", "scenario=ffa-3", "games=10", "gain=0")
-    assert told.splitlines() == [
+    text = run(capsys, "match", "finisher", "idle", "scenario=ffa-3", "games=10", "gain=0")
+    assert text.splitlines() == [
         "A = finisher, B = idle on last_standing ffa-3",
         "ffa-3  A in one seat, B in the other 2: 4 map seeds, once in each",
         "       A won 3, drew 0, lost 0: 100.0% [43.9%, 100.0%] of the points, 33.3% is fair",
@@ -33,15 +33,18 @@ def test_a_match_of_many_stands_beside_the_fair_share(capsys):
 
 def test_a_map_seed_that_shows_something_new_counts_with_all_its_games():
     def block(number, *fingerprints):
-        return [GameResult(number, seat, 0, False, 9, f) for seat, f in enumerate(fingerprints)]
+        return [
+            GameResult(number, seat, 0, False, 9, f, seat == 0)
+            for seat, f in enumerate(fingerprints)
+        ]
 
     played = [*block(0, "a", "b"), *block(1, "a", "b"), *block(2, "b", "a"), *block(3, "a", "c")]
     counted = MatchResult(tuple(played)).without_repeats()
     assert [result.block for result in counted.results] == [0, 0, 2, 2, 3, 3]
     assert counted.distinct_games == 5
-    told = " 2 of 8 games repeat others, move by move, and do not count."
+    text = " 2 of 8 games repeat others, move by move, and do not count."
     warned = " (only 5 of 6 games differ: the interval is too narrow)"
-    assert match.describe_doubts(8, counted) == told + warned
+    assert match.describe_doubts(8, counted) == text + warned
 
 
 @pytest.mark.parametrize(
@@ -53,9 +56,9 @@ def test_a_map_seed_that_shows_something_new_counts_with_all_its_games():
     ],
 )
 def test_the_verdict_between_teams_is_in_plain_words(capsys, words, verdict):
-    told = tell(capsys, "match", *words, "scenario=teams", "games=40")
-    assert "A in one team, B in the other: 20 map seeds, once in each" in told
-    assert verdict in told
+    text = run(capsys, "match", *words, "scenario=teams", "games=40")
+    assert "A in one team, B in the other: 20 map seeds, once in each" in text
+    assert verdict in text
 
 
 @pytest.mark.parametrize(
@@ -66,21 +69,21 @@ def test_the_verdict_between_teams_is_in_plain_words(capsys, words, verdict):
         (["scorer", "scorer"], "The difference is not significant."),
     ],
 )
-def test_who_plays_alone_is_compared_by_scores(capsys, words, verdict):
-    told = tell(capsys, "match", *words, "scenario=alone", "games=24")
-    assert "each alone on the same 24 map seeds; a score is the sum of a game's rewards" in told
+def test_solo_agents_are_compared_by_scores(capsys, words, verdict):
+    text = run(capsys, "match", *words, "scenario=alone", "games=24")
+    assert "each alone on the same 24 map seeds; a score is the sum of a game's rewards" in text
     number = r"-?[\d.]+ \[-?[\d.]+, -?[\d.]+\]"
-    assert re.search(f"mean score of A {number}, of B {number}; A less B {number}\n", told)
-    assert verdict in told
+    assert re.search(f"mean score of A {number}, of B {number}; A less B {number}\n", text)
+    assert verdict in text
 
 
 def test_variants_stand_below_each_other(capsys):
     words = ["scenario=alone", "games=8", "gain=5", "heldout.gain=0", "max_ticks=6"]
-    told = tell(capsys, "match", "scorer", "idle", *words)
-    lines = [line for line in told.splitlines() if "each alone" in line]
+    text = run(capsys, "match", "scorer", "idle", *words)
+    lines = [line for line in text.splitlines() if "each alone" in line]
     assert [line.split()[0] for line in lines] == ["alone", "heldout"]
-    assert told.count("mean score of A 0 [0, 0]") == 1
-    assert told.index("A scores more") < told.index("not significant")
+    assert text.count("mean score of A 0 [0, 0]") == 1
+    assert text.index("A scores more") < text.index("not significant")
 
 
 def test_options_may_stand_anywhere(capsys):
@@ -88,7 +91,7 @@ def test_options_may_stand_anywhere(capsys):
         ["match", "scorer", "idle", "scenario=alone", "gain=5", "games=8", "seed=2"],
         ["match", "--games", "8", "scorer", "idle", "gain=5", "--seed=2", "scenario=alone"],
     )
-    assert len({tell(capsys, *words) for words in orders}) == 1
+    assert len({run(capsys, *words) for words in orders}) == 1
 
 
 def test_heldout_map_is_short_for_the_heldout_variants_map():
@@ -108,28 +111,22 @@ def test_heldout_map_is_short_for_the_heldout_variants_map():
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("word", "message"),
     [
-        (
-            ["--scenario=ffa-3", "--set=gian=3"],
-            "unknown last_standing option 'gian': nearest are 'gain'",
-        ),
-        (
-            ["--scenario=ffa-3", "--sprt=0,200000"],
-            "between 0 and 200000 Elo: give numbers in -4000",
-        ),
-        (["--scenario=ffa-3", "--set=gain"], "write --set field=value"),
-        (["--scenario=ffa-3", "--set=reward=shaped"], "reward=shaped: leave it out"),
-        (["--scenario=ffa-3", "--set=far.gain=many"], "gain is 'many', it must be a whole number"),
+        ("--set=gian=3", "unknown last_standing option 'gian': nearest are 'gain'"),
+        ("--sprt=0,200000", "between 0 and 200000 Elo: give numbers in -4000"),
+        ("--set=gain", "write --set field=value"),
+        ("--set=reward=shaped", "reward=shaped: leave it out"),
+        ("--set=far.gain=many", "gain is 'many', it must be a whole number"),
     ],
 )
-def test_a_match_refuses_in_one_line(capsys, words, message):
-    told = tell(capsys, "match", "idle", "quitter", *words, code=2)
-    assert message in told
-    assert told.count("\n") == 1
+def test_a_match_refuses_in_one_line(capsys, word, message):
+    text = run(capsys, "match", "idle", "quitter", "--scenario=ffa-3", word, code=2)
+    assert message in text
+    assert text.count("\n") == 1
 
 
-def test_help_tells_each_option():
+def test_help_describes_each_option():
     text = " ".join(match.make_parser().format_help().split())
     assert "heldout_map=" in text
     for action in match.make_parser()._actions:
@@ -137,11 +134,11 @@ def test_help_tells_each_option():
 
 
 def test_evaluate_plays_games_of_many_in_whole_blocks(capsys):
-    told = tell(
+    text = run(
         capsys, "evaluate", "finisher", "--against", "idle", "--games", "10", "--scenario", "ffa-3"
     )
-    assert "share of games won (fair: 33.3%), draws are not wins" in told
-    row = told.splitlines()[2].split()
+    assert "share of games won (fair: 33.3%), draws are not wins" in text
+    row = text.splitlines()[2].split()
     assert row[0] == "idle"
     assert row[1] == row[2]
     assert row[5] == "100.0%"
@@ -149,15 +146,17 @@ def test_evaluate_plays_games_of_many_in_whole_blocks(capsys):
 
 def test_evaluate_counts_games_that_repeat_others_once(capsys):
     words = ["--against", "idle", "--games", "12", "--scenario", "ffa-3", "--set", "gain=0"]
-    told = tell(capsys, "evaluate", "finisher", *words)
-    assert "idle         3      3      0      0  100.0% [43.9%, 100.0%]" in told
-    assert "9 of 12 games repeat others, move by move, and do not count." in told
+    text = run(capsys, "evaluate", "finisher", *words)
+    assert "idle         3      3      0      0  100.0% [43.9%, 100.0%]" in text
+    assert "9 of 12 games repeat others, move by move, and do not count." in text
 
 
 def test_evaluate_and_match_have_the_same_interval():
-    """Also where both games of a map seed end alike, which games counted singly do not bear."""
+    """Also if both games of a map seed end alike: single games would be too narrow."""
     games = [
-        GameResult(block, seat, seat if block % 2 else 1 - seat, False, 9, f"{block} {seat}")
+        GameResult(
+            block, seat, seat if block % 2 else 1 - seat, False, 9, f"{block} {seat}", block % 2
+        )
         for block in range(20)
         for seat in range(2)
     ]
@@ -168,36 +167,36 @@ def test_evaluate_and_match_have_the_same_interval():
 
 
 def test_evaluate_needs_a_rival_where_there_are_rivals(capsys):
-    told = tell(capsys, "evaluate", "finisher", "--scenario", "duel", "--against", code=2)
-    assert "--against is empty: name one or more opponents" in told
-    assert "ended" in tell(capsys, "evaluate", "idle", "--scenario", "alone", "--against")
+    text = run(capsys, "evaluate", "finisher", "--scenario", "duel", "--against", code=2)
+    assert "--against is empty: name one or more opponents" in text
+    assert "ended" in run(capsys, "evaluate", "idle", "--scenario", "alone", "--against")
 
 
-def test_evaluate_rates_each_apart_where_one_plays_alone(capsys):
-    told = tell(capsys, "evaluate", "idle", "--scenario", "alone", "--games", "20")
-    assert "alone: 20 games, each alone" in told
-    assert "idle: 0.0% [0.0%, 16.1%] ended before their time" in told
-    assert "random: 100.0% [83.9%, 100.0%] ended before their time" in told
+def test_evaluate_rates_solo_agents_apart(capsys):
+    text = run(capsys, "evaluate", "idle", "--scenario", "alone", "--games", "20")
+    assert "alone: 20 games, each alone" in text
+    assert "idle: 0.0% [0.0%, 16.1%] ended before their time" in text
+    assert "random: 100.0% [83.9%, 100.0%] ended before their time" in text
 
 
-def test_more_games_than_were_asked_for_are_told(capsys):
+def test_more_games_than_were_asked_for_are_reported(capsys):
     played = "playing 6: each map seed once in each of 3 seats\n"
     words = ("finisher", "idle", "--scenario=ffa-3")
-    assert tell_errors(capsys, "match", *words, "--games=5") == f"games is 5, {played}"
-    assert tell_errors(capsys, "match", *words, "--games=6") == ""
+    assert run_with_notes(capsys, "match", *words, "--games=5") == f"games is 5, {played}"
+    assert run_with_notes(capsys, "match", *words, "--games=6") == ""
     words = ("finisher", "--against", "idle", "--scenario", "ffa-3", "--games")
-    assert tell_errors(capsys, "evaluate", *words, "4") == f"games is 4, {played}"
+    assert run_with_notes(capsys, "evaluate", *words, "4") == f"games is 4, {played}"
     words = ("finisher", "idle", "--scenario=teams", "--games=3")
-    told = "games is 3, playing 4: each map seed once in each of 2 teams\n"
-    assert tell_errors(capsys, "match", *words) == told
+    text = "games is 3, playing 4: each map seed once in each of 2 teams\n"
+    assert run_with_notes(capsys, "match", *words) == text
 
 
-def tell_errors(capsys, *words):
+def run_with_notes(capsys, *words):
     assert main([*words, f"--game={NAME}"]) == 0
     return capsys.readouterr().err
 
 
-def test_help_names_all_that_an_agent_may_be():
+def test_help_lists_all_kinds_of_agents():
     for command in (match, evaluate):
         text = " ".join(command.make_parser().format_help().split())
         for kind in ("runs/a/latest", "mixture", "module:function", "process:COMMAND"):

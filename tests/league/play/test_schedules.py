@@ -1,4 +1,4 @@
-"""Who plays whom: everybody meets everybody as often, and then where it tells most."""
+"""Schedules: round robins, seat designs, adaptive choice of games, and their ending."""
 
 import itertools
 from collections import Counter
@@ -6,10 +6,20 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from marl_cair.league.play.adaptive import Played, Target, measure_ladder, play_adaptively
+from marl_cair.cli import main
+from marl_cair.league.play.adaptive import (
+    AdaptivePlan,
+    Clock,
+    describe_ending,
+    measure_ladder,
+    play_adaptively,
+)
 from marl_cair.league.play.blocks import make_design
 from marl_cair.league.play.schedule import Job, schedule_meetings
 from marl_cair.league.ratings.rate import Games, rate
+from tests.league.leagues import EDGES, count_games, make
+
+AT_ONCE = 1e-9  # seconds: time is up after the first batch
 
 
 def count_meetings(jobs, games_per_chunk):
@@ -39,18 +49,7 @@ class TestMeetings:
         for job in schedule_meetings(3, 8, 40, 8):
             assert sorted(Counter(job.line_up).values()) == [2, 3, 3]
 
-    @pytest.mark.parametrize("num_teams", [2, 3, 4])
-    def test_a_longer_schedule_begins_with_a_shorter_one(self, num_teams):
-        short, long = (schedule_meetings(6, num_teams, games, 8) for games in (10, 60))
-        assert long[: len(short)] == short
-
-    def test_each_line_up_plays_its_chunks_in_order(self):
-        chunks = Counter()
-        for job in schedule_meetings(7, 3, 60, 6):
-            assert job.chunk == chunks[job.line_up]
-            chunks[job.line_up] += 1
-
-    def test_who_is_on_the_ladder_does_not_play_the_ladder(self):
+    def test_agents_of_the_ladder_do_not_play_each_other(self):
         jobs = schedule_meetings(4, 2, 8, 8, frozenset({0, 2}))
         assert sorted(job.line_up for job in jobs) == [(0, 1), (0, 3), (1, 2), (1, 3), (2, 3)]
         with pytest.raises(ValueError, match="all agents are on the ladder"):
@@ -104,7 +103,7 @@ class TestDesigns:
             for axis in (entries, entries.T):
                 assert all(sorted(row) == list(range(num_teams)) for row in axis.tolist())
 
-    def test_rings_are_drawn_anew_for_each_block_and_seed(self):
+    def test_rings_differ_between_blocks_and_seeds(self):
         rings = {
             tuple(make_design(6, "ring", seed)(block)[0].tolist())
             for seed in range(4)
@@ -127,7 +126,7 @@ class Simulation:
 
     def __call__(self, jobs):
         self.jobs = list(jobs)
-        agents, ranks, line_ups, blocks, is_repeat = [], [], [], [], []
+        agents, ranks, blocks, is_repeat = [], [], [], []
         for job in jobs:
             rng = np.random.default_rng([self.seed, *job.line_up, job.chunk])
             shape = 4, len(self.strengths)
@@ -137,16 +136,16 @@ class Simulation:
                 keys = on_map[game // 2, list(seated)] + rng.gumbel(size=len(seated))
                 agents.append(seated)
                 ranks.append(1.0 + np.argsort(np.argsort(-keys)))
-                line_ups.append(job.line_up)
                 blocks.append(4 * job.chunk + game // 2)
                 is_repeat.append(job.line_up in self.repeats and job.chunk > 0)
         ranks = np.array(ranks)
-        _, keys = np.unique(np.column_stack((line_ups, blocks)), axis=0, return_inverse=True)
+        keys = np.column_stack((np.sort(agents, axis=1), blocks))
+        _, keys = np.unique(keys, axis=0, return_inverse=True)
         games = Games(
             np.array(agents), 1.0 * (ranks == 1), ranks, keys.ravel(), np.array(is_repeat)
         )
         self.games = games
-        return Played(games, np.array(line_ups), np.array(blocks))
+        return games, np.array(blocks)
 
 
 def adapt(simulation, half_width, games=4_000, is_time_up=lambda: False, num_teams=2):
@@ -156,8 +155,8 @@ def adapt(simulation, half_width, games=4_000, is_time_up=lambda: False, num_tea
     def measure(played):
         return measure_ladder(rate(names, played).ratings, names)
 
-    target = Target(half_width, games, is_time_up, measure)
-    return play_adaptively(num_agents, num_teams, 4, 8, target, simulation)
+    limits = half_width, games, is_time_up, measure
+    return play_adaptively(AdaptivePlan(num_agents, num_teams, 4, 8, *limits), simulation)
 
 
 class TestAdaptive:
@@ -172,15 +171,15 @@ class TestAdaptive:
 
     @pytest.mark.parametrize("map_spread", [0.0, 1.5])
     def test_the_intervals_that_are_reported_end_it(self, map_spread):
-        """They were 5 to 40 % wider than what had ended it, the more so the more maps decide."""
+        """They are wider than the predicted ones, above all where maps decide games."""
         for seed in range(5):
             simulation = Simulation([0.0, 0.3, 0.6], map_spread=map_spread, seed=seed)
             adapt(simulation, 60.0)
             ladder = rate(list("abc"), simulation.games)
             assert max((r.high - r.low) / 2 for r in ladder.ratings) <= 60.0
 
-    def test_it_plays_where_games_tell_something(self):
-        """The strong lose to the weak so seldom that games between them say little."""
+    def test_it_plays_informative_games(self):
+        """Games between strong and weak agents say little."""
         simulation = Simulation([0.0, 0.2, 4.0, 4.2])
         adapt(simulation, 80.0)
         met = count_meetings(simulation.jobs, 8)
@@ -211,7 +210,62 @@ class TestAdaptive:
         assert max(count_meetings(simulation.jobs, 8).values()) <= 24 + 8 * 8
         assert len(adapt(simulation, 1.0, is_time_up=lambda: True)) == 3
 
-    def test_who_never_lost_does_not_hold_it_up(self):
+    def test_an_agent_that_never_lost_does_not_prevent_the_end(self):
         simulation = Simulation([0.0, 0.2, 60.0])
         jobs = adapt(simulation, 80.0)
         assert len(jobs) < 100
+
+
+# --- the end of a league ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_time_ends_the_first_round_too(tmp_path, capsys, monkeypatch, workers):
+    """With many agents the first round takes hours."""
+    monkeypatch.setattr("marl_cair.cli.match_options.read_seconds", lambda text: AT_ONCE)
+    words = ["league", "random", "turtle", "rusher", "--scenario", "11x11", "--no-replays"]
+    words += ["--workers", workers, "--out", str(tmp_path)]
+    assert main([*words, "--time", "1s"]) == 0
+    assert count_games(tmp_path) == 8
+    text = capsys.readouterr().out
+    assert "the time of --time is up" in text.splitlines()[-1]
+    assert main([*words, "--time", "1s", "--ci", "25"]) == 0
+    assert count_games(tmp_path) == 16  # stored games take no time
+    text = capsys.readouterr().out.splitlines()[-1]
+    assert text.startswith("Not reached: intervals within 25 Elo either way (--ci), there are non")
+    assert "the time of --time is up" in text
+
+
+def test_the_first_jobs_connect_all_agents():
+    plan = AdaptivePlan(5, 2, 4, 8, 1.0, 8, lambda: True, lambda games: np.zeros(5))
+    jobs = play_adaptively(plan, Simulation([0.0] * 5))
+    assert [job.line_up for job in jobs[:4]] == [(0, 1), (1, 2), (2, 3), (3, 4)]
+    assert len(jobs) == 10
+
+
+def test_a_clock_that_never_started_is_never_up():
+    clock = Clock(AT_ONCE)
+    assert not clock.is_time_up()
+    clock.start()
+    assert clock.is_time_up()
+    assert clock.has_ended
+    endless = Clock(0.0)
+    endless.start()
+    assert not endless.is_time_up()
+
+
+def test_the_ending_is_reported():
+    ratings = make(dict.fromkeys(EDGES, 22)).ratings
+    within = "intervals are within 500 Elo either way (--ci)"
+    assert describe_ending(500.0, ratings, is_time_up=True) == f"All {within}."
+    text = describe_ending(1.0, ratings, is_time_up=False)
+    assert text.startswith(
+        "Not reached: intervals within 1 Elo either way (--ci), 4 of 4 are wider"
+    )
+    assert "there are none: the time of --time is up" in describe_ending(1.0, (), is_time_up=True)
+    assert describe_ending(0.0, ratings, is_time_up=False) == ""
+
+
+def test_a_bound_is_no_interval():
+    text = describe_ending(500.0, make().ratings, is_time_up=False)
+    assert text.endswith("(--ci), but for 2 of 4 agents that have none.")

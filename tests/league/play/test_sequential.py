@@ -1,17 +1,13 @@
-"""The sequential test decides as often wrongly as it says, and on pairs, not games."""
+"""The sequential test: its error rate, and its use of pairs instead of games."""
 
 import math
 
 import numpy as np
 import pytest
 
-from marl_cair.league.play.sequential import (
-    SequentialTest,
-    find_elo,
-    find_score,
-    play_sequentially,
-    start_count,
-)
+from marl_cair.cli import main
+from marl_cair.league.play import sequential
+from marl_cair.league.play.sequential import SequentialTest, find_elo, find_score
 from tests.games import last_standing
 from tests.games.last_standing import GAME
 
@@ -19,7 +15,7 @@ TEST = SequentialTest(0.0, 60.0)
 
 
 def ratio_of(test, scores, num_teams=2):
-    counts = start_count(num_teams)
+    counts = sequential.start_count(num_teams)
     counts.update(round(float(score), 9) for score in scores)
     return test.ratio(counts, num_teams)
 
@@ -42,14 +38,14 @@ def run(test, elo, seed, draws=0.3, alike=0.0, max_pairs=4_000):
 
 @pytest.mark.parametrize("alike", [0.0, 0.6])
 def test_one_decision_in_twenty_is_wrong(alike):
-    """Also where the map decides both games of a pair, which single games would not bear."""
+    """Also if the map decides both games of a pair, where single games would be wrong."""
     for elo, right in ((0.0, -1), (60.0, 1)):
         verdicts = [run(TEST, elo, seed, alike=alike)[0] for seed in range(60)]
         assert 0 not in verdicts
         assert verdicts.count(-right) <= 8
 
 
-def test_what_is_clear_is_decided_soon():
+def test_a_clear_difference_is_decided_soon():
     clear = [run(TEST, 250.0, seed) for seed in range(10)]
     assert {verdict for verdict, _ in clear} == {1}
     close = np.mean([run(TEST, 60.0, seed)[1] for seed in range(10)])
@@ -89,7 +85,7 @@ def test_elo_and_score_are_inverse(num_teams):
         ((0, 200_000), r"between 0 and 200000 Elo: give numbers in -4000\.\.4000"),
     ],
 )
-def test_tests_that_cannot_be_are_refused(ends, message):
+def test_invalid_tests_are_refused(ends, message):
     with pytest.raises(ValueError, match=message):
         SequentialTest(*ends)
 
@@ -99,7 +95,7 @@ def test_the_widest_test_has_a_ratio():
 
 
 def test_blocks_are_counted_once(monkeypatch):
-    """Counting all again after each block takes the square of their number."""
+    """Counting all blocks again each time would take quadratic time."""
     counters, totals, ratio = [], [], SequentialTest.ratio
 
     def listen(test, outcomes, num_teams):
@@ -117,7 +113,7 @@ def test_blocks_are_counted_once(monkeypatch):
 
 def play(first, second, scenario, test=TEST, max_games=2_000, **options):
     agents = GAME.bots[first](None, None), GAME.bots[second](None, None)
-    return play_sequentially(
+    return sequential.play_sequentially(
         agents, GAME, GAME.scenario(scenario, **options), test, max_games, 3, ("a", "b")
     )
 
@@ -130,26 +126,24 @@ def test_a_match_stops_when_it_is_decided(scenario):
     assert play("quitter", "idle", scenario).verdict == "lower"
 
 
-def test_agents_that_repeat_themselves_are_not_played_for_ever():
+def test_agents_that_only_repeat_games_end_the_test():
     result = play("idle", "idle", "duel", gain=0)
     assert (result.verdict, result.match.games) == ("repeats", 2)
 
 
-def test_a_match_that_stays_open_says_so():
+def test_a_match_may_stay_undecided():
     result = play("random", "random", "duel", SequentialTest(-300, 300), max_games=4)
     assert (result.verdict, result.match.games) == ("undecided", 4)
     with pytest.raises(ValueError, match="max_games is 1, a block has 2 games"):
         play("random", "random", "duel", max_games=1)
 
 
-def test_the_command_tells_verdict_and_estimate(monkeypatch, capsys):
-    from marl_cair.cli import main
-
+def test_the_command_shows_verdict_and_estimate(monkeypatch, capsys):
     last_standing.register(monkeypatch)
     words = ["match", f"--game={last_standing.NAME}", "scenario=duel", "--sprt=0,60"]
     assert main([*words, "finisher", "idle"]) == 0
-    told = capsys.readouterr().out
-    assert "A is stronger than B: 60 Elo is likelier than 0" in told
+    text = capsys.readouterr().out
+    assert "A is stronger than B: 60 Elo is likelier than 0" in text
     assert main([*words[:-1], "--sprt=0;60", "finisher", "idle"]) == 2
     assert "--sprt is '0;60', it must be two numbers" in capsys.readouterr().err
     assert main([*words[:2], "scenario=alone", "--sprt=0,60", "finisher", "idle"]) == 2

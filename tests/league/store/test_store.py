@@ -1,4 +1,4 @@
-"""The league file: whole blocks or none, brought up from older versions, refused where unfit."""
+"""The league file: whole blocks or none, migrated from older versions, refused if unfit."""
 
 import contextlib
 import dataclasses
@@ -60,6 +60,11 @@ def played(block, number, points=(1.0, 0.0), **changes):
     return dataclasses.replace(game, **changes)
 
 
+def execute(path, *statements):
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        return [database.execute(statement).fetchall() for statement in statements]
+
+
 @pytest.fixture
 def path(tmp_path):
     return tmp_path / "league.sqlite"
@@ -113,7 +118,7 @@ def test_a_chunk_that_fails_half_way_leaves_nothing(store):
     assert len(store.read_games().agents) == 2
 
 
-def test_the_order_in_which_games_were_stored_is_forgotten(tmp_path):
+def test_the_order_of_games_does_not_depend_on_when_they_were_stored(tmp_path):
     read = []
     for number, (names, blocks) in enumerate(((("a", "b"), (0, 1)), (("b", "a"), (1, 0)))):
         store = LeagueStore(tmp_path / f"{number}.sqlite", SETTINGS)
@@ -130,7 +135,7 @@ def test_a_game_that_is_the_same_move_by_move_is_a_repeat(store):
     ids = add(store, games=())
     same = [played(block, n, trajectory="t") for block in (0, 1) for n in (0, 1)]
     store.add_games(ids, same)
-    # In other seats it is another game, whatever the hash.
+    # In other seats it is another game, even with the same hash.
     assert store.read_games().is_repeat.tolist() == [False, False, True, True]
 
 
@@ -159,15 +164,12 @@ def test_a_league_of_other_settings_is_refused(store, path):
     for key, value in (("game_version", "2"), ("seed", 6), ("seating", "ring")):
         with pytest.raises(LeagueStoreError, match=f"a league with {key} = .*cannot be mixed"):
             LeagueStore(path, {**SETTINGS, key: value})
-    LeagueStore(path).close()  # whatever it holds
+    LeagueStore(path).close()
 
 
 def test_a_file_of_a_newer_version_is_refused(store, path):
     store.close()
-    database = sqlite3.connect(path)
-    with database:
-        database.execute("UPDATE meta SET value = '9' WHERE key = 'schema_version'")
-    database.close()
+    execute(path, "UPDATE meta SET value = '9' WHERE key = 'schema_version'")
     message = f"schema version 9, this marl_cair reads versions up to {SCHEMA_VERSION}: update"
     with pytest.raises(LeagueStoreError, match=message):
         LeagueStore(path, SETTINGS)
@@ -186,7 +188,7 @@ def test_a_damaged_file_is_refused(store, path):
 
 
 @pytest.mark.parametrize(
-    ("damage", "told"),
+    ("damage", "reason"),
     [
         ("UPDATE meta SET value = '{seven' WHERE key = 'seed'", "JSONDecodeError: Expecting pro"),
         ("DELETE FROM meta WHERE key = 'team_of_seat'", "its team_of_seat is null, it must be of"),
@@ -202,14 +204,11 @@ def test_a_damaged_file_is_refused(store, path):
         ("UPDATE agent SET configuration = 'none'", "JSONDecodeError: Expecting value"),
     ],
 )
-def test_a_file_that_does_not_say_what_it_must_is_refused(store, path, damage, told):
+def test_a_file_with_inconsistent_contents_is_refused(store, path, damage, reason):
     add(store)
     store.close()
-    database = sqlite3.connect(path)
-    with database:
-        database.execute(damage)
-    database.close()
-    message = rf"league.sqlite is no league file, or is damaged \({told}.*\): give another folder"
+    execute(path, damage)
+    message = rf"league.sqlite is no league file, or is damaged \({reason}.*\): give another folder"
     with (
         pytest.raises(LeagueStoreError, match=message),
         contextlib.closing(LeagueStore(path)) as again,
@@ -218,9 +217,7 @@ def test_a_file_that_does_not_say_what_it_must_is_refused(store, path, damage, t
 
 
 def test_tables_of_something_else_are_refused(path):
-    database = sqlite3.connect(path)
-    database.execute("CREATE TABLE notes (text)")
-    database.close()
+    execute(path, "CREATE TABLE notes (text)")
     with pytest.raises(LeagueStoreError, match="holds tables of something else .notes"):
         LeagueStore(path, SETTINGS)
 
@@ -229,6 +226,12 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(LeagueStoreError, match="is not there: give the folder of a league"):
         LeagueStore(tmp_path / "league.sqlite")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_in_place_of_the_file_is_refused(path):
+    path.mkdir()
+    with pytest.raises(LeagueStoreError, match="league.sqlite is no regular file"):
+        LeagueStore(path, SETTINGS)
 
 
 def test_a_file_that_may_not_be_written_is_read(store, path, tmp_path, monkeypatch):
@@ -245,29 +248,26 @@ def test_a_file_that_may_not_be_written_is_read(store, path, tmp_path, monkeypat
 
 
 def make_version_2(path):
-    database = sqlite3.connect(path)
-    with database:
-        database.executescript(VERSION_2)
-        kept = ("game", "game_version", "scenario", "seed")
-        rows = {"schema_version": 2, **{key: SETTINGS[key] for key in kept}}
-        database.executemany(
-            "INSERT INTO meta VALUES (?, ?)", [(k, json.dumps(v)) for k, v in rows.items()]
-        )
-        database.executemany("INSERT INTO agent VALUES (?, ?, ?)", [(1, "p", "x"), (2, "q", "y")])
-        games = [
-            (1, 2, 3, 0, 0, 0, 9, "h0"),
-            (1, 2, 3, 1, 0, 0, 9, "h1"),
-            (1, 2, 4, 0, -1, 1, 9, "h"),
-        ]
-        database.executemany("INSERT INTO game VALUES (?, ?, ?, ?, ?, ?, ?, ?)", games)
-    database.close()
+    kept = ("game", "game_version", "scenario", "seed")
+    rows = {"schema_version": 2, **{key: SETTINGS[key] for key in kept}}
+    execute(
+        path,
+        *VERSION_2.strip().split(";\n"),
+        *(
+            f"INSERT INTO meta VALUES ('{key}', '{json.dumps(value)}')"  # noqa: S608
+            for key, value in rows.items()
+        ),
+        "INSERT INTO agent VALUES (1, 'p', 'x'), (2, 'q', 'y')",
+        "INSERT INTO game VALUES (1, 2, 3, 0, 0, 0, 9, 'h0'), (1, 2, 3, 1, 0, 0, 9, 'h1'), "
+        "(1, 2, 4, 0, -1, 1, 9, 'h')",
+    )
 
 
-def test_a_file_of_version_2_is_brought_up(path):
+def test_a_file_of_version_2_is_migrated(path):
     make_version_2(path)
     store = LeagueStore(path, SETTINGS)
     games = store.read_games()
-    # In its second game the first agent has had the second seat, and the first seat has won.
+    # In the second game the first agent had the second seat, and the first seat won.
     assert games.agents.tolist() == [[1, 2], [2, 1], [1, 2]]
     assert games.points.tolist() == [[1.0, 0.0], [1.0, 0.0], [0.5, 0.5]]
     assert games.ranks.tolist() == [[1.0, 2.0], [1.0, 2.0], [1.5, 1.5]]
@@ -279,16 +279,13 @@ def test_a_file_of_version_2_is_brought_up(path):
     LeagueStore(path, SETTINGS).close()
 
 
-def test_a_file_of_version_3_knows_functions_by_one_fingerprint(path):
-    """With a time limit they had another; a file that has played both ways keeps both."""
+def test_a_file_of_version_3_gets_one_fingerprint_for_functions(path):
+    """With a time limit they had another; a file with both keeps both."""
     store = LeagueStore(path, SETTINGS)
     prints = ("hosted one", "hosted two", "foreign two", "process three")
     ids = [store.add_agent(dataclasses.replace(agent("any"), fingerprint=one)) for one in prints]
     store.close()
-    database = sqlite3.connect(path)
-    with database:
-        database.execute("UPDATE meta SET value = '3' WHERE key = 'schema_version'")
-    database.close()
+    execute(path, "UPDATE meta SET value = '3' WHERE key = 'schema_version'")
     store = LeagueStore(path)
     assert store.settings["schema_version"] == SCHEMA_VERSION
     found = {number: one.fingerprint for number, one in store.read_agents().items()}
@@ -301,12 +298,8 @@ def test_a_migration_that_fails_leaves_the_old_file(path):
     make_version_2(path)
     with pytest.raises(LeagueStoreError, match="give the command that played it .* once more"):
         LeagueStore(path)
-    database = sqlite3.connect(path)
-    assert database.execute("SELECT count(*) FROM game").fetchone() == (3,)
-    assert database.execute("SELECT value FROM meta WHERE key = 'schema_version'").fetchone() == (
-        "2",
-    )
-    database.close()
+    version = "SELECT value FROM meta WHERE key = 'schema_version'"
+    assert execute(path, "SELECT count(*) FROM game", version) == [[(3,)], [("2",)]]
 
 
 @pytest.mark.parametrize("file_format", ["csv", "json", "parquet"])

@@ -1,4 +1,4 @@
-"""Win records: a prior, evidence that fades, counts, and the same after a resume."""
+"""Win records and the betting test: a prior, weights by age, counts, and resuming."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_records_survive_a_resume():
     assert [resumed.estimate(n, 70) for n in range(4)] == [whole.estimate(n, 70) for n in range(4)]
 
 
-def test_what_cannot_be_is_refused():
+def test_invalid_arguments_are_refused():
     with pytest.raises(ValueError, match="half_life_frames is 0, it must be above 0"):
         WinRecords(half_life_frames=0)
     with pytest.raises(ValueError, match="prior_games is -1, it must be above 0"):
@@ -58,8 +58,8 @@ def test_what_cannot_be_is_refused():
 
 
 def play_at(score, num_learners, num_games):
-    """Shares of learners of whom it is ever said that they are above 0.6, asked after each game;
-    by the test, and by Wilson's interval, as it was.
+    """Shares of learners that are ever found to be above 0.6, checked after each game: by the test,
+    and by Wilson's interval every ten games.
     """
     rng = np.random.default_rng(0)
     found = np.zeros((2, num_learners), bool)
@@ -75,14 +75,14 @@ def play_at(score, num_learners, num_games):
     return found.mean(1)
 
 
-def test_asking_after_each_game_deceives_one_in_40_at_most():
+def test_checking_after_each_game_is_wrong_for_one_in_40_at_most():
     by_test, by_interval = play_at(0.6, 400, 500)
-    assert by_test <= 0.035  # 0.025, and what 400 learners are off by chance
+    assert by_test <= 0.035  # 0.025, and the standard error of 400 learners
     assert by_interval > 0.07
     assert play_at(0.8, 50, 300)[0] == 1.0
 
 
-def test_a_bettor_resumes_and_begins_anew():
+def test_a_betting_test_resumes_and_is_cleared():
     test, resumed = BettingTest(0.6, 0.025), BettingTest(0.6, 0.025)
     for _ in range(30):
         test.book(1, 1.0, 0.95)

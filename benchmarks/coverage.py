@@ -23,9 +23,10 @@ from marl_cair.league.play.blocks import make_design
 from marl_cair.league.play.schedule import schedule_meetings
 from marl_cair.league.ratings import rate as ratings_module
 from marl_cair.league.ratings.fit import LEVEL, check_fit
+from marl_cair.league.ratings.games import Games
 from marl_cair.league.ratings.groups import ELO_PER_LOGIT
 from marl_cair.league.ratings.likelihood import Likelihood, Rankings
-from marl_cair.league.ratings.rate import Games, rate
+from marl_cair.league.ratings.rate import rate
 
 STRENGTHS = (-180.0, -60.0, 0.0, 60.0, 180.0)  # Elo
 NUM_RESAMPLES = 500  # fewer than reports have: on the mean over leagues their noise is nothing

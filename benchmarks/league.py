@@ -27,8 +27,9 @@ from marl_cair.league.play.schedule import schedule_meetings
 from marl_cair.league.ratings.averages import average_by_nash
 from marl_cair.league.ratings.cycles import find_cycles
 from marl_cair.league.ratings.fit import check_fit
+from marl_cair.league.ratings.games import Games
 from marl_cair.league.ratings.payoffs import find_payoffs
-from marl_cair.league.ratings.rate import Games, rate
+from marl_cair.league.ratings.rate import rate
 from marl_cair.league.report.report import report_stored
 from marl_cair.league.store.records import AgentRecord, PlayedGame
 from marl_cair.league.store.store import STORE_FILE, LeagueStore

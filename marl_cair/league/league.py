@@ -32,7 +32,8 @@ from marl_cair.league.play.blocks import Entrant
 from marl_cair.league.play.match import require_rivals
 from marl_cair.league.play.schedule import Job, schedule_meetings
 from marl_cair.league.play.stopping import Clock, describe_ending
-from marl_cair.league.ratings.rate import Games, rate
+from marl_cair.league.ratings.games import Games
+from marl_cair.league.ratings.rate import rate
 from marl_cair.league.report.background import COMMANDS, VERSIONS, list_versions
 from marl_cair.league.report.report import (
     LeagueResult,

@@ -5,7 +5,7 @@ import functools
 import numpy as np
 
 from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.ratings.rate import Games
+from marl_cair.league.ratings.games import Games
 from marl_cair.league.report.table import make_table
 
 NAMES = ["turtle", "economist", "rusher", "random"]

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.league.play.schedule import Job, fill_line_up, schedule_meetings
+from marl_cair.league.ratings.games import Games, count_points, split_pairs
 from marl_cair.league.ratings.groups import ELO_PER_LOGIT, find_groups
 from marl_cair.league.ratings.intervals import Z
 from marl_cair.league.ratings.likelihood import Likelihood, Rankings
-from marl_cair.league.ratings.rate import Games, Rating, count_pairs
+from marl_cair.league.ratings.rate import Rating
 
 # Jobs are chosen together, for the speed of several workers, and as ratings with intervals take
 # longer than a game: 8, or a share of those so far. Never by the number of workers.
@@ -98,7 +99,7 @@ def choose_round(
     met = count_meetings(num_agents, played.line_ups)
     may_play = _find_open_pairs(num_agents, target, played, met, ladder)
     games = played.games.count_once()
-    above, _ = count_pairs(num_agents, games)
+    above, _ = count_points(num_agents, split_pairs(games))
     model = Likelihood(num_agents, [Rankings(games.agents, games.ranks, games.blocks)])
     point = model.fit(np.ones(model.num_blocks))
     curvature = model.find_curvature(point)

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from marl_cair.league.ratings.fit import LEVEL
-from marl_cair.league.ratings.payoffs import count_points, find_shares, split_pairs
-from marl_cair.league.ratings.rate import Games
+from marl_cair.league.ratings.games import Games, count_points, find_shares, split_pairs
+from marl_cair.league.ratings.intervals import LEVEL
 
 
 @dataclass(frozen=True)
@@ -52,23 +51,23 @@ def find_uneven_pairs(
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Whether the row is significantly better than the column, and its score: [n, n] both."""
     pairs = split_pairs(games.count_once())
-    if not len(pairs.first):
-        return np.zeros((num_agents, num_agents), np.bool_), np.full((num_agents, num_agents), 0.5)
-    surplus = np.round(2.0 * pairs.scores).astype(np.int64) - 1  # twice the points above even
-    order = np.lexsort((pairs.blocks, pairs.second, pairs.first))
-    first, second, blocks = pairs.first[order], pairs.second[order], pairs.blocks[order]
-    sums, starts = _add_up(surplus[order], first, second, blocks)
-    first, second = first[starts], second[starts]
-    _, pair_starts = _add_up(sums, first, second)
-    found = [
-        (int(first[at]), int(second[at]), find_chance(part), int(part.sum()))
-        for at, part in zip(pair_starts, np.split(sums, pair_starts[1:]), strict=True)
-    ]
     beats = np.zeros((num_agents, num_agents), np.bool_)
-    for rank, (one, two, chance, total) in enumerate(sorted(found, key=lambda pair: pair[2])):
+    surplus = np.round(2.0 * pairs.scores).astype(np.int64) - 1  # twice the points above even
+    # The sum of each block of each pair, then the sums of each pair.
+    keys, part = np.unique(
+        np.column_stack((pairs.first, pairs.second, pairs.blocks)), axis=0, return_inverse=True
+    )
+    sums = np.zeros(len(keys), np.int64)
+    np.add.at(sums, part.ravel(), surplus)
+    met, starts = np.unique(keys[:, :2], axis=0, return_index=True)
+    found = [
+        (find_chance(blocks), one, two, blocks.sum() > 0)
+        for (one, two), blocks in zip(met.tolist(), np.split(sums, starts[1:]), strict=True)
+    ]
+    for rank, (chance, one, two, is_ahead) in enumerate(sorted(found)):
         if chance > LEVEL / (len(found) - rank):
             break
-        beats[(one, two) if total > 0 else (two, one)] = True
+        beats[(one, two) if is_ahead else (two, one)] = True
     return beats, find_shares(*count_points(num_agents, pairs))
 
 
@@ -93,12 +92,3 @@ def _find_chance(numbers: tuple[int, ...], distance: int) -> float:
     span = len(chances) // 2
     far = np.abs(np.arange(-span, span + 1)) >= distance
     return min(1.0, float(chances[far].sum()))
-
-
-def _add_up(
-    values: NDArray[np.int64], *keys: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sums of runs of equal keys, and where each run starts."""
-    differs = np.any([np.diff(key, prepend=-1) != 0 for key in keys], axis=0)
-    starts = np.flatnonzero(differs)
-    return np.add.reduceat(values, starts), starts

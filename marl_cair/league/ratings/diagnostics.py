@@ -5,13 +5,11 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from marl_cair.league.ratings.averages import Averages, average_by_alpha_rank, average_by_nash
+from marl_cair.league.ratings.averages import ALPHA_RANK, AVERAGES, Averages, average
 from marl_cair.league.ratings.cycles import Cycle, find_cycles
 from marl_cair.league.ratings.fit import FitTest, check_fit
+from marl_cair.league.ratings.games import Games
 from marl_cair.league.ratings.payoffs import Payoffs
-from marl_cair.league.ratings.rate import Games
-
-NASH, ALPHA_RANK = "Nash averaging", "alpha-Rank"
 
 
 @dataclass(frozen=True)
@@ -20,7 +18,7 @@ class Diagnostics:
 
     fit: FitTest | None  # None: too few pairs have met to show a cycle
     cycles: tuple[Cycle, ...]
-    averages: dict[str, Averages]  # by name
+    averages: dict[str, Averages]  # by title
 
 
 def diagnose(
@@ -35,7 +33,9 @@ def diagnose(
     with ThreadPoolExecutor(1) as pool:
         fit = pool.submit(check_fit, num_agents, games, seed)
         cycles = find_cycles(num_agents, games)
-        averages = {NASH: average_by_nash(payoffs)}
-        if with_alpha_rank:
-            averages[ALPHA_RANK] = average_by_alpha_rank(payoffs)
+        averages = {
+            title: average(payoffs, find)
+            for title, find in AVERAGES.items()
+            if title != ALPHA_RANK or with_alpha_rank
+        }
         return Diagnostics(fit.result(), cycles, averages)

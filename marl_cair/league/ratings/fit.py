@@ -16,18 +16,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.special import expit, xlogy
 from scipy.stats import chi2, ncx2
 
-from marl_cair.league.ratings.intervals import CONFIDENCE
-from marl_cair.league.ratings.likelihood import Likelihood, Rankings
-from marl_cair.league.ratings.payoffs import PairGames, split_pairs
-from marl_cair.league.ratings.rate import Games, sort_games
+from marl_cair.league.ratings.games import Games, PairGames, sort_games, split_pairs
+from marl_cair.league.ratings.intervals import LEVEL
+from marl_cair.league.ratings.likelihood import Likelihood, indicate, rank_pairs
 
 NUM_SIMULATIONS = 299
-LEVEL = 1.0 - CONFIDENCE
 NOTICED_SHARE = 0.1  # the deviation, in shares of points, for which `power` is computed
 _COIN = 0.25  # variance of one even game: keeps the dispersion of few games near 1
 _TOLERANCE = 1e-5  # logits, of fits to simulations
@@ -103,7 +100,7 @@ def check_fit(num_agents: int, games: Games, seed: int = 0) -> FitTest | None:
 def _count_free(num_agents: int, pairs: PairGames) -> int:
     """Pairs that met, beyond those that ratings can always fit."""
     met = np.unique(np.column_stack((pairs.first, pairs.second)), axis=0)
-    graph = csr_array((np.ones(len(met)), (met[:, 0], met[:, 1])), shape=(num_agents, num_agents))
+    graph = indicate(met[:, 0], met[:, 1], (num_agents, num_agents))
     num_parts, _ = connected_components(graph, directed=False)
     return len(met) - (num_agents - int(num_parts))
 
@@ -118,19 +115,29 @@ class _PairModel:
         self._cells, cell = np.unique(keys, axis=0, return_inverse=True)
         num_cells = len(self._cells)
         self._cells[:, 2:] += num_agents  # the places of seats among the parameters
-        self.cell_of_row = _indicate(rows, cell.ravel(), (num_rows, num_cells))
+        self.cell_of_row = indicate(rows, cell.ravel(), (num_rows, num_cells))
         self._counts = np.bincount(cell.ravel(), minlength=num_cells).astype(np.float64)
-        self._likelihood = Likelihood(num_agents, [_rank_cells(self._cells, num_agents, num_teams)])
+        # Two games of each cell, each a block: won by its first agent, then by its second.
+        one, two, *_ = self._cells.T
+        seats = self._cells[:, 2:] - num_agents
+        ranked = rank_pairs(
+            np.concatenate((one, two)),
+            np.concatenate((two, one)),
+            np.concatenate((seats, seats[:, ::-1])),
+            num_teams,
+            np.arange(2 * num_cells),
+        )
+        self._likelihood = Likelihood(num_agents, [ranked])
         met, pair_of_cell = np.unique(self._cells[:, :2], axis=0, return_inverse=True)
-        self._pair_of_cell = _indicate(
+        self._pair_of_cell = indicate(
             np.arange(num_cells), pair_of_cell.ravel(), (num_cells, len(met))
         )
         self._games = self._counts @ self._pair_of_cell
         pair = pair_of_cell.ravel()[cell.ravel()]
         # A block of a pair: what varies together.
         parts, part = np.unique(np.column_stack((pair, pairs.blocks)), axis=0, return_inverse=True)
-        self._part_of_row = _indicate(rows, part.ravel(), (num_rows, len(parts)))
-        self._pair_of_part = _indicate(np.arange(len(parts)), parts[:, 0], (len(parts), len(met)))
+        self._part_of_row = indicate(rows, part.ravel(), (num_rows, len(parts)))
+        self._pair_of_part = indicate(np.arange(len(parts)), parts[:, 0], (len(parts), len(met)))
         self._num_parts = np.bincount(parts[:, 0], minlength=len(met))
 
     def fit(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -186,24 +193,3 @@ class _PairModel:
         """Of the cells' first agents to come in above the second: [S, cells]."""
         first, second, seat, other_seat = points.T[self._cells.T]
         return np.asarray(expit(first - second + seat - other_seat).T, np.float64)
-
-
-def _rank_cells(cells: NDArray[np.int64], num_agents: int, num_teams: int) -> Rankings:
-    """Two games of each cell, each a block: won by its first agent, then by its second."""
-    places = np.arange(len(cells))
-    agents, ranks = (
-        np.zeros((2, len(cells), num_teams), np.int64),
-        np.zeros((2, len(cells), num_teams)),
-    )
-    for column, rank in ((0, (1.0, 2.0)), (1, (2.0, 1.0))):
-        seats = cells[:, 2 + column] - num_agents
-        agents[:, places, seats] = cells[:, column]
-        ranks[:, places, seats] = np.array(rank)[:, None]
-    blocks = np.arange(2 * len(cells))
-    return Rankings(agents.reshape(-1, num_teams), ranks.reshape(-1, num_teams), blocks)
-
-
-def _indicate(
-    rows: NDArray[np.int64], columns: NDArray[np.int64], shape: tuple[int, int]
-) -> csr_array:
-    return csr_array((np.ones(len(rows)), (rows, columns)), shape=shape)

@@ -14,8 +14,9 @@ import numpy as np
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.league.agents.load import shorten_paths
 from marl_cair.league.play.arena import Rules
-from marl_cair.league.ratings.rate import Games, Rating, describe_method
-from marl_cair.league.ratings.shares import Share, find_map_shares
+from marl_cair.league.ratings.games import Games
+from marl_cair.league.ratings.payoffs import Share, find_map_shares
+from marl_cair.league.ratings.rate import Rating, describe_method
 from marl_cair.league.report.replays import Replay
 from marl_cair.league.store.records import AgentRecord
 from marl_cair.league.store.store import LeagueStore, StoredGames

@@ -13,8 +13,8 @@ import numpy as np
 
 from marl_cair.files import write_atomically
 from marl_cair.league.ratings.fit import FitTest
+from marl_cair.league.ratings.payoffs import Share
 from marl_cair.league.ratings.rate import Rating
-from marl_cair.league.ratings.shares import Share
 from marl_cair.league.report.render import render_html, render_markdown, render_text
 from marl_cair.league.report.sections import Report
 from marl_cair.league.report.table import LeagueTable

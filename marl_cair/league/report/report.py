@@ -14,7 +14,8 @@ from marl_cair.files import locked_folder
 from marl_cair.league.agents.allowed_code import AllowCode
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.arena import Load, Rules
-from marl_cair.league.ratings.rate import Games, Ladder, Rating, describe_method
+from marl_cair.league.ratings.games import Games
+from marl_cair.league.ratings.rate import Ladder, Rating, describe_method
 from marl_cair.league.report.background import read_background
 from marl_cair.league.report.files import write_report
 from marl_cair.league.report.replays import FOLDER as REPLAYS

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from marl_cair.league.ratings.shares import Share
+from marl_cair.league.ratings.payoffs import Share
 from marl_cair.league.report.background import Background, Curve, describe_training, find_curves
 from marl_cair.league.report.replays import Replay
 from marl_cair.league.report.table import LeagueTable

@@ -9,7 +9,8 @@ import pytest
 from marl_cair.league.play.adaptive import Played, Target, measure_ladder, play_adaptively
 from marl_cair.league.play.blocks import make_design
 from marl_cair.league.play.schedule import Job, schedule_meetings
-from marl_cair.league.ratings.rate import Games, rate
+from marl_cair.league.ratings.games import Games
+from marl_cair.league.ratings.rate import rate
 
 
 def count_meetings(jobs, games_per_chunk):

@@ -7,11 +7,12 @@ import math
 import choix
 import numpy as np
 import pytest
+from marl_cair.league.ratings.resampling import find_pseudo_size, make_pseudo_blocks
 
 from marl_cair.league.ratings import rate as ratings_module
+from marl_cair.league.ratings.games import Games, count_points, split_pairs
 from marl_cair.league.ratings.likelihood import Likelihood, Rankings, split_ranking
-from marl_cair.league.ratings.rate import ELO_PER_LOGIT, Games, count_pairs, is_stronger, rate
-from marl_cair.league.ratings.resampling import find_pseudo_size, make_pseudo_blocks
+from marl_cair.league.ratings.rate import ELO_PER_LOGIT, is_stronger, rate
 from tests.league.paper_games import (
     count_results,
     from_rows,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from marl_cair.league.play.film import SMALL, shrink, write_film
-from marl_cair.league.ratings.shares import Share
+from marl_cair.league.ratings.payoffs import Share
 from marl_cair.league.report.background import Background
 from marl_cair.league.report.render import render_html
 from marl_cair.league.report.replays import Replay

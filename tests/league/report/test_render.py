@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 
-from marl_cair.league.ratings.rate import Games
-from marl_cair.league.ratings.shares import Share
+from marl_cair.league.ratings.games import Games
+from marl_cair.league.ratings.payoffs import Share
 from marl_cair.league.report.background import Background, find_curves
 from marl_cair.league.report.files import FILES, write_report
 from marl_cair.league.report.render import (

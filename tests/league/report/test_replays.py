@@ -17,7 +17,8 @@ from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.play.film import SMALL, film_game, shrink, write_film
 from marl_cair.league.play.match import record_game
 from marl_cair.league.play.playing import map_seeds
-from marl_cair.league.ratings.rate import Games, Rating
+from marl_cair.league.ratings.games import Games
+from marl_cair.league.ratings.rate import Rating
 from marl_cair.league.report import replays
 from marl_cair.league.report.background import read_background
 from marl_cair.league.report.replays import FOLDER, choose_games

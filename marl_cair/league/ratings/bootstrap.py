@@ -4,7 +4,7 @@ The plain bootstrap is overconfident: if four map seeds agree, all its resamples
 resample has pseudo-blocks too, won and lost alike, with random weights of half a block each on the
 mean: Jeffreys' prior (Firth 1993, "Bias reduction of maximum likelihood estimates"). A share of
 points has two, one won and one lost: between blocks that are whole wins and losses its resamples
-are the posterior. Ratings have one for each rating, shared out among pairs by their information: two
+are the posterior. Ratings have one for each rating, shared among pairs by their information: two
 agents have one between them, and each of a hundred has about one against all others together.
 The point estimates do not use them.
 """
@@ -30,7 +30,7 @@ from marl_cair.league.ratings.likelihood import (
     rank_pairs,
 )
 
-NUM_SAMPLES = 500  # of shares
+NUM_SAMPLES, NUM_SAMPLES_ALONE = 500, 4_000  # of many shares, and of one
 _JEFFREYS = 0.5  # blocks that each pseudo-block weighs on the mean
 _LEAST_SHARE = 1e-9  # of a pseudo-block, below which a pair of agents has none
 
@@ -41,6 +41,7 @@ def resample_shares(
     cells: NDArray[np.int64],
     num_cells: int,
     rng: np.random.Generator,
+    num_samples: int = NUM_SAMPLES,
 ) -> NDArray[np.float64]:
     """Mean scores of cells, [S, num_cells], each block with a random weight: exponential, Rubin's
     (1981, "The Bayesian Bootstrap"). Whole numbers, as `Resampler` draws them, leave out all games
@@ -54,10 +55,10 @@ def resample_shares(
     points = csr_array((scores, (blocks, cells)), shape=shape)
     met = np.bincount(counts.tocoo().col, minlength=num_cells)  # blocks of each cell
     size = np.where(met > 0, counts.sum(axis=0) / np.maximum(met, 1), 1.0)  # games of a block
-    samples = np.empty((NUM_SAMPLES, num_cells))
+    samples = np.empty((num_samples, num_cells))
     step = max(1, 2 * MAX_NUMBERS // max(1, num_blocks))
-    for start in range(0, NUM_SAMPLES, step):
-        part = slice(start, min(start + step, NUM_SAMPLES))
+    for start in range(0, num_samples, step):
+        part = slice(start, min(start + step, num_samples))
         weights = rng.standard_exponential((part.stop - start, num_blocks))
         won, lost = size * rng.gamma(_JEFFREYS, size=(2, part.stop - start, num_cells))
         samples[part] = (weights @ points + won) / (weights @ counts + won + lost)
@@ -68,7 +69,7 @@ def block_interval(scores: NDArray[np.float64], blocks: NDArray[np.int64]) -> tu
     """95 % interval of the mean score of N games, 0..1 each, in blocks of any number [N]."""
     _, numbers = np.unique(blocks, return_inverse=True)
     cells, rng = np.zeros(len(scores), np.int64), np.random.default_rng(0)
-    samples = resample_shares(scores, numbers.ravel(), cells, 1, rng)
+    samples = resample_shares(scores, numbers.ravel(), cells, 1, rng, NUM_SAMPLES_ALONE)
     low, high = find_ends(samples, scores.mean())
     return float(low[0]), float(high[0])
 
@@ -223,8 +224,8 @@ def _count_open(
 def _pair_blocks(num_agents: int, games: Games, num_blocks: int) -> csr_array:
     """How often the pair's first came in above its second, or level, [blocks, n * n]."""
     pairs = split_pairs(games)
-    sides = ((pairs.scores >= 0.5, pairs.first, pairs.second),)
-    sides += ((pairs.scores <= 0.5, pairs.second, pairs.first),)
-    rows = np.concatenate([pairs.blocks[took] for took, _, _ in sides])
-    columns = np.concatenate([(own * num_agents + other)[took] for took, own, other in sides])
+    first, second = pairs.scores >= 0.5, pairs.scores <= 0.5
+    rows = np.concatenate((pairs.blocks[first], pairs.blocks[second]))
+    ahead = pairs.first * num_agents + pairs.second, pairs.second * num_agents + pairs.first
+    columns = np.concatenate((ahead[0][first], ahead[1][second]))
     return indicate(rows, columns, (num_blocks, num_agents**2))

@@ -62,7 +62,7 @@ def find_uneven_pairs(
     met, starts = np.unique(keys[:, :2], axis=0, return_index=True)
     found = [
         (find_chance(blocks), one, two, blocks.sum() > 0)
-        for (one, two), blocks in zip(met.tolist(), np.split(sums, starts[1:]), strict=True)
+        for (one, two), blocks in zip(met.tolist(), np.split(sums, starts)[1:], strict=True)
     ]
     for rank, (chance, one, two, is_ahead) in enumerate(sorted(found)):
         if chance > LEVEL / (len(found) - rank):

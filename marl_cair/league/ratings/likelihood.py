@@ -105,12 +105,10 @@ class Likelihood:
         num_teams, num_blocks = rankings[0].num_teams, max(r.num_blocks for r in rankings)
         self.num_agents, self.num_parameters = num_agents, num_agents + num_teams
         self.num_blocks = num_blocks
-        parts = [part for some in rankings for part in self._split(some)]
-        chosen, listed = ([np.concatenate(c) for c in zip(*p, strict=True)] for p in zip(*parts))
+        parts = zip(*(part for some in rankings for part in self._split(some)), strict=True)
+        chosen, listed = ([np.concatenate(c) for c in zip(*p, strict=True)] for p in parts)
         amounts, *places = chosen
-        self._chosen = csr_array(
-            (amounts, tuple(places)), shape=(num_blocks, self.num_parameters)
-        )
+        self._chosen = csr_array((amounts, tuple(places)), shape=(num_blocks, self.num_parameters))
         weights, blocks, sets = listed
         # Equal sets of equal agents are one: their weights add up.
         unique, numbers = np.unique(sets, axis=0, return_inverse=True)

@@ -91,7 +91,9 @@ def find_payoffs(num_agents: int, games: Games, seed: int = 0) -> Payoffs:
 
 def find_team_shares(games: Games) -> dict[tuple[int, int], Share]:
     """Scores of each agent in each team's seats, by (agent, team); repeats are not counted."""
-    return _group_shares(games, np.broadcast_to(np.arange(games.agents.shape[1]), games.agents.shape))
+    return _group_shares(
+        games, np.broadcast_to(np.arange(games.agents.shape[1]), games.agents.shape)
+    )
 
 
 def find_map_shares(games: Games, maps: Sequence[str]) -> dict[tuple[int, str], Share]:

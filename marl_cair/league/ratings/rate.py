@@ -175,9 +175,7 @@ def rate(names: Sequence[str], games: Games, seed: int = 0, zero: str = "") -> L
                 *(bool(is_home and end) for end in is_open[:, n]),
             )
     order = sorted(ratings, key=lambda n: (ratings[n].group, -ratings[n].elo, names[n]))
-    seats, seat_samples = (
-        ELO_PER_LOGIT * found for found in (point[num_agents:], resamples.seats)
-    )
+    seats, seat_samples = (ELO_PER_LOGIT * found for found in (point[num_agents:], resamples.seats))
     seats, seat_samples = seats - seats.mean(), seat_samples - seat_samples.mean(1, keepdims=True)
     return Ladder(
         tuple(ratings[n] for n in order),
@@ -189,9 +187,7 @@ def rate(names: Sequence[str], games: Games, seed: int = 0, zero: str = "") -> L
     )
 
 
-def _estimate(
-    values: NDArray[np.float64], samples: NDArray[np.float64]
-) -> tuple[Estimate, ...]:
+def _estimate(values: NDArray[np.float64], samples: NDArray[np.float64]) -> tuple[Estimate, ...]:
     """Values [n] with their intervals, by their samples [S, n]."""
     columns = values, *find_ends(samples, values)
     return tuple(Estimate(*map(float, row)) for row in zip(*columns, strict=True))

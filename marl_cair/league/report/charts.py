@@ -16,8 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
 from marl_cair.files import atomic_path
+from marl_cair.league.ratings.rate import Rating
 from marl_cair.league.report.sections import Report
-from marl_cair.league.report.table import LeagueTable, find_elo_range
+from marl_cair.league.report.table import LeagueTable
 from marl_cair.text import clean_text
 
 DOT_COLOUR, BOUND_COLOUR = "#0072b2", "#d55e00"  # Okabe and Ito: safe for the colour-blind
@@ -117,7 +118,7 @@ def _shorten(names: Sequence[str]) -> list[str]:
 
 
 def _describe_marks(table: LeagueTable) -> str:
-    games = int(table.counts.max(initial=0))
+    games = int(table.payoffs.counts.max(initial=0))
     bold = "Bold scores: significantly different from 50 %"
     lines = [f"Bars: 95 % confidence intervals. {bold}; up to {games} games per pair."]
     ratings = table.ratings
@@ -134,7 +135,7 @@ def _describe_marks(table: LeagueTable) -> str:
 def draw_ladder(panel: Any, table: LeagueTable) -> None:
     """Ratings with intervals, best on top."""
     ratings = table.ratings
-    left, right = find_elo_range(ratings)
+    left, right = _find_range(ratings)
     for place, rating in enumerate(ratings):
         colour = BOUND_COLOUR if rating.is_bound else DOT_COLOUR
         low = left if rating.open_low else rating.low
@@ -159,14 +160,24 @@ def draw_ladder(panel: Any, table: LeagueTable) -> None:
     panel.tick_params(axis="y", which="both", length=0)
 
 
+def _find_range(ratings: Sequence[Rating]) -> tuple[float, float]:
+    """The ends of an axis that holds all intervals; open ends may lie beyond."""
+    lows = [r.elo if r.open_low else r.low for r in ratings]
+    highs = [r.elo if r.open_high else r.high for r in ratings]
+    low, high = min(lows, default=0.0), max(highs, default=0.0)
+    margin = 0.1 * (high - low) or 1.0
+    return low - margin, high + margin
+
+
 def draw_matrix(panel: Any, table: LeagueTable) -> None:
     """Score of each row's agent against each column's in percent, as colours and numbers."""
-    shares, size = table.shares, len(table.names)
+    payoffs, size = table.payoffs, len(table.names)
+    shares = np.ma.masked_where(payoffs.counts == 0, payoffs.shares)
     # Coloured before it is enlarged: the other order takes a second for every drawing.
-    colours = colormaps["PuOr"]((np.ma.masked_invalid(shares) + 0.15) / 1.3, bytes=True)
+    colours = colormaps["PuOr"]((shares + 0.15) / 1.3, bytes=True)
     panel.imshow(colours, aspect="auto", interpolation="none")
-    is_clear = (table.low > 0.5) | (table.high < 0.5)
-    for row, column in np.argwhere(table.counts > 0) if size <= MAX_LABELLED else ():
+    is_clear = (payoffs.low > 0.5) | (payoffs.high < 0.5)
+    for row, column in np.argwhere(payoffs.counts > 0) if size <= MAX_LABELLED else ():
         share = shares[row, column]
         panel.text(
             column,

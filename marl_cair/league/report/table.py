@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-import numpy as np
-
 from marl_cair.league.ratings.diagnostics import Diagnostics, diagnose
 from marl_cair.league.ratings.games import Games
 from marl_cair.league.ratings.payoffs import Payoffs, Share, find_payoffs, find_team_shares

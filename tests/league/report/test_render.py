@@ -107,9 +107,12 @@ def test_the_matrix_has_share_interval_and_games_of_every_pair():
             if place == column:
                 assert cell == ""
                 continue
-            share = 100 * table.points[place, column] / table.counts[place, column]
-            low, high = 100 * table.low[place, column], 100 * table.high[place, column]
-            assert cell == f"{share:.1f} {low:.0f}-{high:.0f} {table.counts[place, column]}"
+            share = 100 * table.payoffs.points[place, column] / table.payoffs.counts[place, column]
+            low, high = (
+                100 * table.payoffs.low[place, column],
+                100 * table.payoffs.high[place, column],
+            )
+            assert cell == f"{share:.1f} {low:.0f}-{high:.0f} {table.payoffs.counts[place, column]}"
 
 
 @pytest.mark.parametrize("key", ["ladder", "matrix"])

@@ -19,16 +19,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from marl_cair.league.ratings.games import Games, split_pairs
+from marl_cair.league.ratings.games import MAX_NUMBERS, Games, split_pairs, split_work
 from marl_cair.league.ratings.groups import split_core
 from marl_cair.league.ratings.intervals import find_ends
-from marl_cair.league.ratings.likelihood import (
-    MAX_NUMBERS,
-    Likelihood,
-    Rankings,
-    indicate,
-    rank_pairs,
-)
+from marl_cair.league.ratings.likelihood import Likelihood, Rankings, indicate, rank_pairs
 
 NUM_SAMPLES, NUM_SAMPLES_ALONE = 500, 4_000  # of many shares, and of one
 _JEFFREYS = 0.5  # blocks that each pseudo-block weighs on the mean
@@ -56,11 +50,10 @@ def resample_shares(
     met = np.bincount(counts.tocoo().col, minlength=num_cells)  # blocks of each cell
     size = np.where(met > 0, counts.sum(axis=0) / np.maximum(met, 1), 1.0)  # games of a block
     samples = np.empty((num_samples, num_cells))
-    step = max(1, 2 * MAX_NUMBERS // max(1, num_blocks))
-    for start in range(0, num_samples, step):
-        part = slice(start, min(start + step, num_samples))
-        weights = rng.standard_exponential((part.stop - start, num_blocks))
-        won, lost = size * rng.gamma(_JEFFREYS, size=(2, part.stop - start, num_cells))
+    for part in split_work(num_samples, num_blocks, 2 * MAX_NUMBERS):
+        drawn = part.stop - part.start
+        weights = rng.standard_exponential((drawn, num_blocks))
+        won, lost = size * rng.gamma(_JEFFREYS, size=(2, drawn, num_cells))
         samples[part] = (weights @ points + won) / (weights @ counts + won + lost)
     return samples
 
@@ -75,37 +68,20 @@ def block_interval(scores: NDArray[np.float64], blocks: NDArray[np.int64]) -> tu
 
 
 class Resamples(NamedTuple):
-    """S fits of n agents and T teams, in logits, and how often a group fell apart.
-
-    open_high, open_low: float64 [n], in how many the agent left its group's largest part upwards,
-    and downwards.
-    """
+    """S fits of n agents and T teams, in logits, and how often a group fell apart."""
 
     ratings: NDArray[np.float64]  # [S, n]
     seats: NDArray[np.float64]  # [S, T]
-    open_high: NDArray[np.float64]
-    open_low: NDArray[np.float64]
-
-    def join(self, more: Resamples) -> Resamples:
-        """These and more."""
-        return Resamples(
-            np.concatenate((self.ratings, more.ratings)),
-            np.concatenate((self.seats, more.seats)),
-            self.open_high + more.open_high,
-            self.open_low + more.open_low,
-        )
+    is_open: NDArray[np.float64]  # [2, n], shares in which the agent left its group's largest part
+    # downwards, and upwards
 
 
 class PseudoBlocks(NamedTuple):
-    """M pseudo-blocks, and how to draw their weights."""
+    """M pseudo-blocks, and the distribution of their weights."""
 
     rankings: Rankings
     shapes: NDArray[np.float64]  # [M] of the gamma distribution of the weight
     games: float  # of a block that was played, in those of a pseudo-block
-
-    def draw(self, num_samples: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Weights [num_samples, M]."""
-        return self.games * rng.gamma(self.shapes, size=(num_samples, len(self.shapes)))
 
 
 class Resampler:
@@ -130,26 +106,27 @@ class Resampler:
         self._factor = self._joint.factorise(self._centre, mean)
         self._pairs = _pair_blocks(num_agents, games, self.num_blocks)
         self._above = np.ones(self.num_blocks) @ self._pairs
+        self._points: list[NDArray[np.float64]] = []
+        self._num_open = np.zeros((2, num_agents))
         # The cost of a resample: its blocks, and an exponential for each place of each set, in
         # each of some ten steps of the fit.
         self.work = self.num_blocks + 10 * self._joint.num_places
 
     def draw(self, num_samples: int, rng: np.random.Generator) -> Resamples:
-        """Fits to `num_samples` resamples."""
-        num_agents, num_blocks = self._joint.num_agents, self.num_blocks
-        points = np.empty((num_samples, self._joint.num_parameters))
-        is_open = np.zeros((2, num_agents))
-        step = max(1, MAX_NUMBERS // self._joint.num_blocks)
-        for first in range(0, num_samples, step):
-            part = slice(first, min(first + step, num_samples))
-            size = part.stop - first
+        """All resamples so far, and `num_samples` more."""
+        num_agents, num_blocks, pseudo = self._joint.num_agents, self.num_blocks, self._pseudo
+        for part in split_work(num_samples, self._joint.num_blocks):
+            size = part.stop - part.start
             drawn = rng.integers(num_blocks, size=(size, num_blocks))
             drawn += num_blocks * np.arange(size)[:, None]
             weights = np.bincount(drawn.ravel(), minlength=drawn.size).reshape(drawn.shape)
-            both = np.hstack((weights.astype(np.float64), self._pseudo.draw(size, rng)))
-            points[part] = self._joint.refit(self._centre, both, self._factor)
-            is_open += _count_open(self._groups, self._above, weights @ self._pairs)
-        return Resamples(points[:, :num_agents], points[:, num_agents:], *is_open)
+            more = pseudo.games * rng.gamma(pseudo.shapes, size=(size, len(pseudo.shapes)))
+            both = np.hstack((weights.astype(np.float64), more))
+            self._points.append(self._joint.refit(self._centre, both, self._factor))
+            self._num_open += _count_open(self._groups, self._above, weights @ self._pairs)
+        points = np.concatenate(self._points)
+        is_open = self._num_open / len(points)
+        return Resamples(points[:, :num_agents], points[:, num_agents:], is_open)
 
 
 def make_pseudo_blocks(
@@ -197,8 +174,8 @@ def find_leverage(model: Likelihood, point: NDArray[np.float64]) -> NDArray[np.f
 def _count_open(
     groups: Sequence[Sequence[int]], above: NDArray[np.float64], samples: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The number of samples in which each agent left its group's largest part, upwards and
-    downwards: [2, n].
+    """The number of samples in which each agent left its group's largest part, downwards and
+    upwards: [2, n].
 
     above [n * n]: how often the row's agent was not below the column's; samples [S, n * n]: in each
     resample.
@@ -216,8 +193,7 @@ def _count_open(
             continue
         for group in groups:
             core, is_above = split_core(pairs[np.ix_(group, group)])
-            counts[0, group] += number * (~core & is_above)
-            counts[1, group] += number * (~core & ~is_above)
+            counts[:, group] += number * np.stack((~core & ~is_above, ~core & is_above))
     return counts
 
 

@@ -20,7 +20,14 @@ from scipy.sparse.csgraph import connected_components
 from scipy.special import expit, xlogy
 from scipy.stats import chi2, ncx2
 
-from marl_cair.league.ratings.games import Games, PairGames, sort_games, split_pairs
+from marl_cair.league.ratings.games import (
+    MAX_NUMBERS,
+    Games,
+    PairGames,
+    sort_games,
+    split_pairs,
+    split_work,
+)
 from marl_cair.league.ratings.intervals import LEVEL
 from marl_cair.league.ratings.likelihood import Likelihood, indicate, rank_pairs
 
@@ -28,7 +35,6 @@ NUM_SIMULATIONS = 299
 NOTICED_SHARE = 0.1  # the deviation, in shares of points, for which `power` is computed
 _COIN = 0.25  # variance of one even game: keeps the dispersion of few games near 1
 _TOLERANCE = 1e-5  # logits, of fits to simulations
-_MAX_NUMBERS = 4_000_000  # that are drawn at once
 # Relative difference below which two deviances are equal. Where all games went as the ratings say,
 # most simulations repeat the data, and only the tolerance of the fits decides which is larger.
 _TIE = 1e-3
@@ -74,12 +80,11 @@ def check_fit(num_agents: int, games: Games, seed: int = 0) -> FitTest | None:
     found = model.judge(pairs.scores[None], point[None], point)
     rng = np.random.default_rng(seed)
     strength = point[games.agents] + point[num_agents:]
-    step = max(1, _MAX_NUMBERS // max(1, strength.size))
     parts = []
-    for start in range(0, NUM_SIMULATIONS, step):
-        size = min(step, NUM_SIMULATIONS - start)
-        # Who is first in a race of exponential times is Plackett-Luce's choice.
-        times = rng.standard_exponential((size, *strength.shape)) * np.exp(-strength)
+    for part in split_work(NUM_SIMULATIONS, strength.size, 2 * MAX_NUMBERS):
+        # The first in a race of exponential times is Plackett-Luce's choice.
+        shape = part.stop - part.start, *strength.shape
+        times = rng.standard_exponential(shape) * np.exp(-strength)
         own, other = (times[:, pairs.games, pairs.teams[:, side]] for side in (0, 1))
         scores = (own < other).astype(np.float64)
         points = model.refit(scores @ model.cell_of_row, point)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+MAX_NUMBERS = 2_000_000  # in an array of resamples that are computed at once
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,13 @@ class PairGames(NamedTuple):
     games: NDArray[np.int64]
     blocks: NDArray[np.int64]
     scores: NDArray[np.float64]
+
+
+def split_work(num_parts: int, numbers_each: int, most: int = MAX_NUMBERS) -> Iterator[slice]:
+    """Slices of `num_parts`, so that arrays of some numbers for each hold no more than `most`."""
+    step = max(1, most // max(1, numbers_each))
+    for start in range(0, num_parts, step):
+        yield slice(start, min(start + step, num_parts))
 
 
 def sort_games(games: Games) -> Games:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
+from marl_cair.league.ratings.games import split_work
 from marl_cair.league.ratings.groups import ELO_PER_LOGIT
 
 PRIOR_ELO = 2_000.0  # standard deviation of ratings about the mean of their group
@@ -28,7 +29,6 @@ SEAT_PRIOR_ELO = 400.0  # of seat advantages about 0
 MAX_STEP = 2.0  # logits: Newton's steps are cut to this
 NEWTON_TOLERANCE, CHORD_TOLERANCE = 1e-8, 1e-3  # logits
 MAX_NEWTON_STEPS, MAX_CHORD_STEPS = 200, 15
-MAX_NUMBERS = 2_000_000  # in an array of resamples that are fitted at once
 
 
 @dataclass(frozen=True)
@@ -173,9 +173,7 @@ class Likelihood:
         over.
         """
         points = np.tile(start, (len(block_weights), 1))
-        size = max(1, MAX_NUMBERS // max(1, self._is_member.size))
-        for first in range(0, len(points), size):
-            part = slice(first, first + size)
+        for part in split_work(len(points), self._is_member.size):
             points[part] = self._refit_part(points[part], block_weights[part], factor, tolerance)
         return points
 
@@ -200,10 +198,9 @@ class Likelihood:
             if not len(left):
                 break
         left = np.union1d(left, np.flatnonzero(is_far))
-        size = max(1, MAX_NUMBERS // max(1, len(self._agents) * self.num_parameters))
-        for first in range(0, len(left), size):
-            part = left[first : first + size]
-            points[part] = self._fit_by_newton(chosen[part], weights[part], tolerance)
+        for part in split_work(len(left), len(self._agents) * self.num_parameters):
+            far = left[part]
+            points[far] = self._fit_by_newton(chosen[far], weights[far], tolerance)
         return points
 
     def _fit_by_newton(

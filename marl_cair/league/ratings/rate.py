@@ -155,7 +155,6 @@ def rate(names: Sequence[str], games: Games, seed: int = 0, zero: str = "") -> L
     placed = samples + moved
     is_first = placed >= placed.max(1, keepdims=True) - 1e-6  # equal agents share the first place
     first = (is_first / is_first.sum(1, keepdims=True)).mean(0)
-    is_open = np.stack((resamples.open_low, resamples.open_high)) > TAIL * len(samples)
     entries = np.bincount(games.agents.ravel(), minlength=num_agents)
     points = np.bincount(games.agents.ravel(), games.points.ravel(), num_agents)
     ratings: dict[int, Rating] = {}
@@ -172,7 +171,7 @@ def rate(names: Sequence[str], games: Games, seed: int = 0, zero: str = "") -> L
                 "lower" if place > home else "upper" if place < home else "",
                 len(groups) - 1 - place,
                 float(first[n]),
-                *(bool(is_home and end) for end in is_open[:, n]),
+                *(bool(is_home and share > TAIL) for share in resamples.is_open[:, n]),
             )
     order = sorted(ratings, key=lambda n: (ratings[n].group, -ratings[n].elo, names[n]))
     seats, seat_samples = (ELO_PER_LOGIT * found for found in (point[num_agents:], resamples.seats))
@@ -216,7 +215,7 @@ def _resample(resampler: Resampler, group: Sequence[int], rng: np.random.Generat
     needed = len(first.ratings) * (_find_move(first, group) / MOVE_ELO) ** 2
     most = min(MOST_RESAMPLES, MOST_WORK // resampler.work)
     more = min(math.ceil(needed), most) - LEAST_RESAMPLES
-    return first if more <= 0 else first.join(resampler.draw(more, rng))
+    return first if more <= 0 else resampler.draw(more, rng)
 
 
 def _centre(ratings: NDArray[np.float64], group: Sequence[int]) -> NDArray[np.float64]:
@@ -234,10 +233,9 @@ def _find_move(resamples: Resamples, group: Sequence[int]) -> float:
     """
     samples = _centre(resamples.ratings, group)
     moves = [0.0]
-    for end, is_open in ((TAIL, resamples.open_low), (1.0 - TAIL, resamples.open_high)):
+    for end, is_open in zip((TAIL, 1.0 - TAIL), resamples.is_open[:, group] > TAIL, strict=True):
         nearer, further = np.quantile(samples, (end - TAIL / 2.0, end + TAIL / 2.0), axis=0)
-        is_held = is_open[group] <= TAIL * len(samples)
-        moves += (further - nearer)[is_held].tolist()
+        moves += (further - nearer)[~is_open].tolist()
     return Z * math.sqrt(2.0 * TAIL * (1.0 - TAIL) / len(samples)) * max(moves) / TAIL
 
 

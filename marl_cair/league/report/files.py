@@ -49,7 +49,7 @@ def write_report(folder: Path, report: Report) -> str:
     write_atomically(folder / "ladder.txt", text)
     for name, rows in _list_rows(report).items():
         write_atomically(folder / f"{name}.csv", _format_csv(_COLUMNS[name], rows))
-    write_figures(folder, report.table)
+    write_figures(folder, report)
     write_atomically(folder / "report.md", render_markdown(report))
     write_atomically(folder / "report.html", render_html(report))
     return text

@@ -6,7 +6,7 @@ computed for resampled matrices too (see `payoffs`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +40,10 @@ class Averages:
     skills: NDArray[np.float64]
     skill_low: NDArray[np.float64]
     skill_high: NDArray[np.float64]
+
+    def reorder(self, order: Sequence[int]) -> Averages:
+        """The same with the agents in another order: the first, the second, ..."""
+        return Averages(**{name: column[list(order)] for name, column in vars(self).items()})
 
 
 def average(payoffs: Payoffs, find: Average) -> Averages:

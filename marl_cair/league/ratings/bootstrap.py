@@ -24,7 +24,8 @@ from marl_cair.league.ratings.groups import split_core
 from marl_cair.league.ratings.intervals import find_ends
 from marl_cair.league.ratings.likelihood import Likelihood, Rankings, indicate, rank_pairs
 
-NUM_SAMPLES, NUM_SAMPLES_ALONE = 500, 4_000  # of many shares, and of one
+# Resamples of the shares of many pairs, and of one or a few cells: up to MOST as time allows.
+NUM_SAMPLES, MOST_SAMPLES, MOST_WEIGHTS = 500, 4_000, 20_000_000
 _JEFFREYS = 0.5  # blocks that each pseudo-block weighs on the mean
 _LEAST_SHARE = 1e-9  # of a pseudo-block, below which a pair of agents has none
 
@@ -35,15 +36,18 @@ def resample_shares(
     cells: NDArray[np.int64],
     num_cells: int,
     rng: np.random.Generator,
-    num_samples: int = NUM_SAMPLES,
+    num_samples: int = 0,
 ) -> NDArray[np.float64]:
     """Mean scores of cells, [S, num_cells], each block with a random weight: exponential, Rubin's
     (1981, "The Bayesian Bootstrap"). Whole numbers, as `Resampler` draws them, leave out all games
     of a cell too often where it has few blocks.
 
     scores: of N games, 0..1. blocks, cells [N]: the number of the block and of the cell of each.
+    num_samples: S; 0: as many as time allows.
     """
     num_blocks = int(blocks.max()) + 1 if len(blocks) else 0
+    affordable = max(NUM_SAMPLES, min(MOST_SAMPLES, MOST_WEIGHTS // max(1, num_blocks)))
+    num_samples = num_samples or affordable
     shape = num_blocks, num_cells
     counts = indicate(blocks, cells, shape)
     points = csr_array((scores, (blocks, cells)), shape=shape)
@@ -62,7 +66,7 @@ def block_interval(scores: NDArray[np.float64], blocks: NDArray[np.int64]) -> tu
     """95 % interval of the mean score of N games, 0..1 each, in blocks of any number [N]."""
     _, numbers = np.unique(blocks, return_inverse=True)
     cells, rng = np.zeros(len(scores), np.int64), np.random.default_rng(0)
-    samples = resample_shares(scores, numbers.ravel(), cells, 1, rng, NUM_SAMPLES_ALONE)
+    samples = resample_shares(scores, numbers.ravel(), cells, 1, rng)
     low, high = find_ends(samples, scores.mean())
     return float(low[0]), float(high[0])
 

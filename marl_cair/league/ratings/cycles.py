@@ -10,7 +10,7 @@ is reported wrongly, however many there could be.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +20,11 @@ from marl_cair.league.ratings.games import Games, count_points, find_shares, spl
 from marl_cair.league.ratings.intervals import LEVEL
 
 
-@dataclass(frozen=True)
-class Cycle:
-    """Agents by number: the first beats the second, that beats the third, that beats the first.
+class Cycle(NamedTuple):
+    """Agents by number: the first beats the second, that beats the third, that beats the first."""
 
-    Attributes:
-        agents: the three; the smallest number is the first.
-        share: of the points that the winner of the closest of the three pairs has.
-    """
-
-    agents: tuple[int, int, int]
-    share: float
+    agents: tuple[int, int, int]  # the smallest number is the first
+    share: float  # of the points that the winner of the closest of the three pairs has
 
 
 def find_cycles(num_agents: int, games: Games) -> tuple[Cycle, ...]:

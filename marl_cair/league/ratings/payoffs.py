@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.league.ratings.bootstrap import resample_shares
+from marl_cair.league.ratings.bootstrap import NUM_SAMPLES, resample_shares
 from marl_cair.league.ratings.games import (
     Games,
     count_points,
@@ -81,7 +81,7 @@ def find_payoffs(num_agents: int, games: Games, seed: int = 0) -> Payoffs:
     number = np.zeros((num_agents, num_agents), np.int64)
     number[first, second] = np.arange(len(first))
     cells, rng = number[pairs.first, pairs.second], np.random.default_rng(seed)
-    resampled = resample_shares(pairs.scores, pairs.blocks, cells, len(first), rng)
+    resampled = resample_shares(pairs.scores, pairs.blocks, cells, len(first), rng, NUM_SAMPLES)
     samples = np.full((len(resampled), num_agents, num_agents), 0.5)
     samples[:, first, second] = resampled
     samples[:, second, first] = 1.0 - resampled

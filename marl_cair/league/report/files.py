@@ -57,9 +57,7 @@ def write_report(folder: Path, report: Report) -> str:
 
 def _list_rows(report: Report) -> dict[str, Rows | Sequence[tuple[Any, ...]]]:
     """Rows of each CSV file by its name."""
-    table, maps = report.table, report.background.map_shares
-    found = table.diagnostics
-    fit, cycles = (found.fit, found.cycles) if found else (None, ())
+    table, maps, fit = report.table, report.background.map_shares, report.table.fit
     return {
         "ladder": [
             (
@@ -79,13 +77,15 @@ def _list_rows(report: Report) -> dict[str, Rows | Sequence[tuple[Any, ...]]]:
             for curve in report.curves
             for steps, r in curve.points
         ],
-        "averages": _list_averages(table),
-        "cycles": [
-            (*(table.numbered_names[n] for n in cycle.agents), cycle.share) for cycle in cycles
+        "averages": [
+            (title, name, *map(float, row))
+            for title, found in table.averages.items()
+            for name, *row in zip(table.names, *vars(found).values(), strict=True)
         ],
+        "cycles": table.cycles,
         "fit": [
             (field.name, f"{getattr(fit, field.name):.6g}" if fit else "")
-            for field in (fields(FitTest) if found else ())
+            for field in (fields(FitTest) if table.num_games else ())
         ],
         "forfeits": table.forfeits,
     }
@@ -116,14 +116,6 @@ def _list_differences(table: LeagueTable) -> Rows:
             else:
                 bound = "lower" if own.group < other.group else "upper"
                 yield own.name, other.name, *_format_elo(own.elo - other.elo), "", "", bound
-
-
-def _list_averages(table: LeagueTable) -> Rows:
-    """Best agent first."""
-    for title, found in (table.diagnostics.averages if table.diagnostics else {}).items():
-        for name in table.names:
-            place = table.numbered_names.index(name)
-            yield title, name, *(float(column[place]) for column in vars(found).values())
 
 
 def _format_csv(header: Sequence[str], rows: Rows | Sequence[tuple[Any, ...]]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from marl_cair.league.ratings.payoffs import Share
@@ -20,8 +20,8 @@ class Table:
     numbers.
     """
 
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
     num_words: int = 1
     title: str = ""
 
@@ -91,12 +91,12 @@ def _make_ladder(table: LeagueTable) -> Section:
         f"Elo ({table.zero}) with 95 % confidence intervals about that zero; first: share of the "
         "resamples in which the agent ranks first. " + wording.describe_resampling(table.ladder)
     )
-    rows: list[tuple[str, ...]] = []
+    rows: list[Sequence[str]] = []
     for place, rating in enumerate(table.ratings):
         if place and rating.group != table.ratings[place - 1].group:
             rows.append(("", "--------", *[""] * 5))
         rows.append((str(place + 1), rating.name, *wording.format_rating(rating)))
-    shown = Table(("", "agent", "Elo", "95 %", "first", "score", "games"), tuple(rows), 2)
+    shown = Table(("", "agent", "Elo", "95 %", "first", "score", "games"), rows, 2)
     notes = wording.explain_bounds(table.ratings)
     return Section("ladder", "Ladder", (words,), "ladder", (shown,), notes=notes)
 
@@ -120,25 +120,12 @@ def _make_matrix(table: LeagueTable) -> Section:
         what = "how often the row's agent came in above the column's, ties count half"
     words = f"In %: {what}; 95 % confidence interval; number of games."
     places = range(len(table.names))
-    shown = _tabulate(
-        ("", "agent", *(str(place + 1) for place in places)),
-        (
-            (
-                *(str(row + 1), name),
-                *(_format_share(table.payoffs.pair(row, at), "\n") for at in places),
-            )
-            for row, name in enumerate(table.names)
-        ),
-        2,
-    )
+    cells = [[_format_share(table.payoffs.pair(row, at), "\n") for at in places] for row in places]
+    header = ["", "agent", *(str(place + 1) for place in places)]
+    rows = [[header[2 + row], table.names[row], *cells[row]] for row in places]
+    shown = Table(header, rows, 2)
     notes = wording.describe_repeats(table)
     return Section("matrix", title, (words,), "matrix", (shown,), notes=notes)
-
-
-def _tabulate(
-    header: Iterable[str], rows: Iterable[Sequence[str]], num_words: int = 1, title: str = ""
-) -> Table:
-    return Table(tuple(header), tuple(map(tuple, rows)), num_words, title)
 
 
 def _make_training(table: LeagueTable, curves: Sequence[Curve]) -> Section:
@@ -149,14 +136,12 @@ def _make_training(table: LeagueTable, curves: Sequence[Curve]) -> Section:
         f"Elo ({table.zero}) of each run's snapshots by environment steps of training, with 95 % "
         "confidence intervals. One run is one training seed."
     )
-    shown = _tabulate(
-        ("run", "steps", "agent", "Elo", "95 %"),
-        (
-            (curve.run, f"{steps:,}", rating.name, *wording.format_rating(rating)[:2])
-            for curve in curves
-            for steps, rating in curve.points
-        ),
-    )
+    rows = [
+        (curve.run, f"{steps:,}", rating.name, *wording.format_rating(rating)[:2])
+        for curve in curves
+        for steps, rating in curve.points
+    ]
+    shown = Table(("run", "steps", "agent", "Elo", "95 %"), rows)
     return Section("training", "Learning curves", (words,), "training", (shown,))
 
 
@@ -165,22 +150,16 @@ def _make_shares(table: LeagueTable, background: Background) -> Section:
     if not table.num_games:
         return Section("shares", title, NO_GAMES)
     seats, teams = "seat" if table.num_teams == 2 else "team", range(table.num_teams)
-    tables = [
-        _tabulate(
-            ("agent", *(f"{seats} {team + 1}" for team in teams)),
-            (
-                (name, *(_format_share(table.team_shares.get((name, team))) for team in teams))
-                for name in table.names
-            ),
-            title=f"By {seats}",
-        )
-    ]
-    if shares := background.map_shares:
-        rows = (
-            (played, *(_format_share(shares.get((name, played))) for name in table.names))
-            for played in sorted({played for _, played in shares})
-        )
-        tables.append(_tabulate(("map", *table.names), rows, title="By map"))
+    names, shares, by_map = table.names, table.team_shares, background.map_shares
+    header = ["agent", *(f"{seats} {team + 1}" for team in teams)]
+    rows = [[name, *(_format_share(shares.get((name, team))) for team in teams)] for name in names]
+    tables = [Table(header, rows, title=f"By {seats}")]
+    if by_map:
+        rows = [
+            [played, *(_format_share(by_map.get((name, played))) for name in names)]
+            for played in sorted({played for _, played in by_map})
+        ]
+        tables.append(Table(["map", *names], rows, title="By map"))
     words = ["Share of points in % (a draw is half), 95 % confidence interval, number of games."]
     if table.ladder is not None:
         words.append(wording.describe_seats(table))
@@ -196,24 +175,19 @@ def _format_share(share: Share | None, gap: str = " ") -> str:
 
 
 def _make_fit(table: LeagueTable) -> Section:
-    words: Sequence[str] = NO_GAMES
-    if (found := table.diagnostics) is not None:
-        words = wording.describe_fit(found.fit), wording.describe_cycles(table)
-    return Section("fit", "Is one number per agent enough?", words)
+    words = wording.describe_fit(table.fit), wording.describe_cycles(table)
+    return Section("fit", "Is one number per agent enough?", words if table.num_games else NO_GAMES)
 
 
 def _make_averages(table: LeagueTable) -> list[Section]:
+    words = ("Weight of each agent in the mixture, and its score against the mixture.",)
     sections = []
-    for title, found in (table.diagnostics.averages if table.diagnostics else {}).items():
+    for title, found in table.averages.items():
         rows = []
-        for name in table.names:
-            at = table.numbered_names.index(name)
-            weight, low, high, skill, skill_low, skill_high = (
-                f"{column[at]:.1%}" for column in vars(found).values()
-            )
+        for name, *numbers in zip(table.names, *vars(found).values(), strict=True):
+            weight, low, high, skill, skill_low, skill_high = (f"{one:.1%}" for one in numbers)
             rows.append((name, weight, f"[{low}, {high}]", skill, f"[{skill_low}, {skill_high}]"))
-        words = ("Weight of each agent in the mixture, and its score against the mixture.",)
-        shown = _tabulate(("agent", "weight", "95 %", "score", "95 %"), rows)
+        shown = Table(("agent", "weight", "95 %", "score", "95 %"), rows)
         sections.append(Section("averages", title, words, tables=(shown,)))
     return sections
 
@@ -222,7 +196,7 @@ def _make_errors(table: LeagueTable) -> Section:
     title = "Errors and forfeits"
     if not table.forfeits:
         return Section("errors", title, ("No game was forfeited.",), in_text=False)
-    shown = _tabulate(("reason", "games"), ((why, str(count)) for why, count in table.forfeits))
+    shown = Table(("reason", "games"), [(why, str(count)) for why, count in table.forfeits])
     return Section("errors", title, ("Forfeited games count as lost.",), tables=(shown,))
 
 
@@ -235,8 +209,8 @@ def _make_settings(table: LeagueTable, background: Background) -> Section:
     ]
     if rows:
         header = ("agent", "kind", "policy", "training", "fingerprint")
-        tables.append(_tabulate(header, rows, 5, "Agents"))
+        tables.append(Table(header, rows, 5, "Agents"))
     if background.settings:
-        tables.append(_tabulate(("setting", "value"), background.settings, 2, "League"))
+        tables.append(Table(("setting", "value"), background.settings, 2, "League"))
     words = () if tables else ("The settings of these games are unknown.",)
     return Section("settings", "Settings", words, tables=tables, in_text=False)

@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from marl_cair.league.ratings.diagnostics import Diagnostics, diagnose
+from marl_cair.league.ratings.averages import ALPHA_RANK, AVERAGES, Averages, average
+from marl_cair.league.ratings.cycles import find_cycles
+from marl_cair.league.ratings.fit import FitTest, check_fit
 from marl_cair.league.ratings.games import Games
 from marl_cair.league.ratings.payoffs import Payoffs, Share, find_payoffs, find_team_shares
 from marl_cair.league.ratings.rate import Ladder, Rating, is_stronger, rate
@@ -20,8 +22,9 @@ class LeagueTable:
     ladder: Ladder | None  # None: the games do not connect all agents
     why_unrated: str  # "" with a ladder
     payoffs: Payoffs
-    diagnostics: Diagnostics | None  # agents by their place in `numbered_names`; None: no games
-    numbered_names: tuple[str, ...]  # in the order in which `make_table` was given them
+    fit: FitTest | None  # None: too few pairs have met to show a cycle
+    cycles: tuple[tuple[str, str, str, float], ...]  # as `find_cycles`, by name
+    averages: Mapping[str, Averages]  # by title, of agents as in `names`
     team_shares: Mapping[tuple[str, int], Share]  # by name and team, where it has played
     num_games: int  # that are counted
     forfeits: tuple[tuple[str, int], ...]  # reasons, and in how many games
@@ -63,23 +66,28 @@ def make_table(
     Raises:
         ValueError: `with_alpha_rank`, and OpenSpiel is not installed.
     """
-    with ThreadPoolExecutor(1) as pool:  # compiled code does most of it: seconds of large leagues
+    num_games = int((~games.is_repeat).sum())
+    titles = [title for title in AVERAGES if title != ALPHA_RANK or with_alpha_rank]
+    with ThreadPoolExecutor(2) as pool:  # compiled code does most of it: seconds of large leagues
         rated = pool.submit(rate, names, games, seed, zero)
+        fit = pool.submit(check_fit, len(names), games, seed)
+        cycles = find_cycles(len(names), games)
         payoffs = find_payoffs(len(names), games, seed)
-        num_games = int((~games.is_repeat).sum())
-        diagnostics = diagnose(games, payoffs, seed, with_alpha_rank) if num_games else None
+        averages = {title: average(payoffs, AVERAGES[title]) for title in titles if num_games}
         try:
             ladder, why_unrated = rated.result(), ""
         except ValueError as error:
             ladder, why_unrated = None, str(error)
     ranked = [rating.name for rating in ladder.ratings] if ladder else list(names)
+    order = [list(names).index(name) for name in ranked]
     return LeagueTable(
         tuple(ranked),
         ladder,
         why_unrated,
-        payoffs.reorder([list(names).index(name) for name in ranked]),
-        diagnostics,
-        tuple(names),
+        payoffs.reorder(order),
+        fit.result(),
+        tuple((names[a], names[b], names[c], share) for (a, b, c), share in cycles),
+        {title: found.reorder(order) for title, found in averages.items()},
         {(names[agent], team): share for (agent, team), share in find_team_shares(games).items()},
         num_games,
         tuple(forfeits),

@@ -56,11 +56,8 @@ def write_summary(table: LeagueTable) -> list[str]:
     if len(table.ratings) == 1:
         return ["All games were played by one agent: a league needs two or more."]
     sentences = [_describe_best(table, table.ladder), _list_close_pairs(table)]
-    if (found := table.diagnostics) is not None:
-        sentences.append(f"Is one number per agent enough? {describe_fit(found.fit)}")
-        if found.cycles:
-            sentences.append(describe_cycles(table))
-    return sentences
+    sentences.append(f"Is one number per agent enough? {describe_fit(table.fit)}")
+    return [*sentences, describe_cycles(table)] if table.cycles else sentences
 
 
 def _describe_best(table: LeagueTable, ladder: Ladder) -> str:
@@ -206,16 +203,15 @@ def format_p_value(p_value: float) -> str:
 
 def describe_cycles(table: LeagueTable) -> str:
     """The clearest cycles of three agents."""
-    cycles = table.diagnostics.cycles if table.diagnostics else ()
+    cycles = table.cycles
     if not cycles:
         return "No significant cycle of three agents."
     verb = "beats" if table.num_teams == 2 else "comes in above"
     shown = []
-    for cycle in cycles[:SHOWN_CYCLES]:
-        one, two, three = (table.numbered_names[agent] for agent in cycle.agents)
+    for one, two, three, share in cycles[:SHOWN_CYCLES]:
         shown.append(
             f"{one} {verb} {two}, {two} {verb} {three}, and {three} {verb} {one} (with "
-            f"{cycle.share:.0%} of the points or more)"
+            f"{share:.0%} of the points or more)"
         )
     more = len(cycles) - len(shown)
     noun = "cycle" if len(cycles) == 1 else "cycles"

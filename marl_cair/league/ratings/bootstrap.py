@@ -138,9 +138,9 @@ def make_pseudo_blocks(
 ) -> PseudoBlocks:
     """Two for each pair, one won in both seatings by either; numbered after the blocks of games.
 
-    A pseudo-block counts for as many games as a block has for each of its ratings. A block of one
-    line-up counts whole. Of a map seed that several line-ups shared, a pseudo-block is the part
-    that one agent has in it, as its T - 1 opponents in a line-up of its own.
+    A pseudo-block counts for as many games as a block has for each of its ratings: a whole block if
+    it is of one line-up. If several line-ups shared its map seed, it is the part that one agent has
+    in it.
     """
     model, (num_games, num_teams) = Likelihood(num_agents, rankings), games.agents.shape
     cells = np.unique(np.repeat(games.blocks, num_teams) * num_agents + games.agents.ravel())

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.special import expit, xlogy
 from scipy.stats import chi2, ncx2
@@ -42,16 +43,15 @@ _TIE = 1e-3
 
 @dataclass(frozen=True)
 class FitTest:
-    """What the test found.
+    """The result of the test.
 
     Attributes:
         deviance: of the games, over their dispersion.
-        by_chance: the mean of the same, where one number per agent is the truth.
-        p_value: share of the simulations (the games themselves with them) whose deviance is no
-            smaller.
-        misfit: root mean square, over games, of a pair's share of points less what ratings say.
-        misfit_by_chance: its mean where one number per agent is the truth.
-        power: about the chance to find p <= 0.05 where every pair is NOTICED_SHARE off.
+        by_chance: its mean over the simulations, in which one number per agent is the truth.
+        p_value: share of the simulations, and the games themselves, with no smaller deviance.
+        misfit: root mean square, over games, of a pair's share of points less the expected one.
+        misfit_by_chance: its mean over the simulations.
+        power: the approximate chance of p <= 0.05 where every pair is NOTICED_SHARE off.
         dispersion: variance between blocks over that of independent games.
     """
 
@@ -104,46 +104,42 @@ def check_fit(num_agents: int, games: Games, seed: int = 0) -> FitTest | None:
 
 def _count_free(num_agents: int, pairs: PairGames) -> int:
     """Pairs that met, beyond those that ratings can always fit."""
-    met = np.unique(np.column_stack((pairs.first, pairs.second)), axis=0)
+    met, _ = _group(pairs.first, pairs.second)
     graph = indicate(met[:, 0], met[:, 1], (num_agents, num_agents))
     num_parts, _ = connected_components(graph, directed=False)
     return len(met) - (num_agents - int(num_parts))
+
+
+def _group(*keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], csr_array]:
+    """The different rows of keys [N, ...], sorted, and which of them each row is, [N, rows]."""
+    unique, place = np.unique(np.column_stack(keys), axis=0, return_inverse=True)
+    return unique, indicate(np.arange(place.size), place.ravel(), (place.size, len(unique)))
 
 
 class _PairModel:
     """The likelihood of pairs of teams. A cell is all games of a pair in the same two seats."""
 
     def __init__(self, num_agents: int, games: Games, pairs: PairGames) -> None:
-        num_rows, num_teams = len(pairs.first), games.agents.shape[1]
-        rows = np.arange(num_rows)
-        keys = np.column_stack((pairs.first, pairs.second, pairs.teams))
-        self._cells, cell = np.unique(keys, axis=0, return_inverse=True)
-        num_cells = len(self._cells)
-        self._cells[:, 2:] += num_agents  # the places of seats among the parameters
-        self.cell_of_row = indicate(rows, cell.ravel(), (num_rows, num_cells))
-        self._counts = np.bincount(cell.ravel(), minlength=num_cells).astype(np.float64)
+        self._cells, self.cell_of_row = _group(pairs.first, pairs.second, pairs.teams)
+        self._counts = np.asarray(self.cell_of_row.sum(0), np.float64)
         # Two games of each cell, each a block: won by its first agent, then by its second.
         one, two, *_ = self._cells.T
-        seats = self._cells[:, 2:] - num_agents
+        seats, num_cells = self._cells[:, 2:].copy(), len(self._cells)
         ranked = rank_pairs(
             np.concatenate((one, two)),
             np.concatenate((two, one)),
             np.concatenate((seats, seats[:, ::-1])),
-            num_teams,
+            games.agents.shape[1],
             np.arange(2 * num_cells),
         )
         self._likelihood = Likelihood(num_agents, [ranked])
-        met, pair_of_cell = np.unique(self._cells[:, :2], axis=0, return_inverse=True)
-        self._pair_of_cell = indicate(
-            np.arange(num_cells), pair_of_cell.ravel(), (num_cells, len(met))
-        )
+        self._cells[:, 2:] += num_agents  # the places of seats among the parameters
+        _, self._pair_of_cell = _group(one, two)
         self._games = self._counts @ self._pair_of_cell
-        pair = pair_of_cell.ravel()[cell.ravel()]
-        # A block of a pair: what varies together.
-        parts, part = np.unique(np.column_stack((pair, pairs.blocks)), axis=0, return_inverse=True)
-        self._part_of_row = indicate(rows, part.ravel(), (num_rows, len(parts)))
-        self._pair_of_part = indicate(np.arange(len(parts)), parts[:, 0], (len(parts), len(met)))
-        self._num_parts = np.bincount(parts[:, 0], minlength=len(met))
+        # The games of a pair in a block: what varies together.
+        parts, self._part_of_row = _group(pairs.first, pairs.second, pairs.blocks)
+        _, self._pair_of_part = _group(parts[:, :2])
+        self._num_parts = self._pair_of_part.sum(0)
 
     def fit(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """The parameters [n + T] of the largest posterior; points [cells] of their first agents."""
@@ -195,6 +191,6 @@ class _PairModel:
         return float(ncx2.sf(chi2.isf(LEVEL, num_free), num_free, shift))
 
     def _chances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of the cells' first agents to come in above the second: [S, cells]."""
+        """Chances that the cells' first agents come in above the second: [S, cells]."""
         first, second, seat, other_seat = points.T[self._cells.T]
         return np.asarray(expit(first - second + seat - other_seat).T, np.float64)

@@ -2,7 +2,7 @@
 
 A game of T teams is a sequence of choices: the best of all, the best of the rest, ... (Luce 1959;
 Plackett 1975, "The analysis of permutations"). The chance to be chosen from a set is in proportion
-to exp(rating of the agent + advantage of the team's seat). Of two teams this is Bradley-Terry.
+to exp(rating of the agent + advantage of the team's seat). With two teams this is Bradley-Terry.
 Teams that finish together count as the mean of the log-likelihoods of all their orders: a draw of
 two is half a win of each. With seat advantages there is no simple iteration as for Bradley-Terry:
 Newton's method finds the maximum. The tests compare it with choix's.
@@ -129,7 +129,7 @@ class Likelihood:
 
     @property
     def num_places(self) -> int:
-        """Of all sets together, T in each."""
+        """Places of all sets together, T in each."""
         return int(self._is_member.size)
 
     def _split(self, rankings: Rankings) -> Iterator[tuple[Any, Any]]:

@@ -127,7 +127,7 @@ def _find_longest(
 ) -> _Found:
     if not len(left):
         return None
-    why = "Of the games not shown above it has the most decisions."
+    why = "It has the most decisions of all games not shown above."
     return why, int(left[stored.decisions[left].argmax()])
 
 

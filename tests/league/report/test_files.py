@@ -68,8 +68,8 @@ def test_repeated_games_are_listed():
 
 
 def test_forfeits_are_listed_with_their_reasons():
-    told = describe_league(make(forfeits=(("mine crashed in act: KeyError: 3", 4),)))
-    assert "mine crashed in act: KeyError: 3 4" in told
+    text = describe_league(make(forfeits=(("mine crashed in act: KeyError: 3", 4),)))
+    assert "mine crashed in act: KeyError: 3 4" in text
     assert "forfeited" not in describe_league(make())
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -151,29 +151,9 @@ def rate(names: Sequence[str], games: Games, seed: int = 0, zero: str = "") -> L
     moved = draw_places(groups, home, fitted, meetings, len(samples), rng)
     reference = [place for place in groups[home] if names[place] == zero] or groups[home]
     elo -= elo[reference].mean()
-    low, high = find_ends(samples - samples[:, reference].mean(1, keepdims=True), elo)
-    placed = samples + moved
-    is_first = placed >= placed.max(1, keepdims=True) - 1e-6  # equal agents share the first place
-    first = (is_first / is_first.sum(1, keepdims=True)).mean(0)
-    entries = np.bincount(games.agents.ravel(), minlength=num_agents)
-    points = np.bincount(games.agents.ravel(), games.points.ravel(), num_agents)
-    ratings: dict[int, Rating] = {}
-    for place, group in enumerate(groups):
-        for n in group:
-            is_home = place == home
-            ratings[n] = Rating(
-                names[n],
-                float(elo[n]),
-                float(low[n] if is_home else elo[n]),
-                float(high[n] if is_home else elo[n]),
-                int((games.agents == n).any(axis=1).sum()),
-                float(points[n] / entries[n]),
-                "lower" if place > home else "upper" if place < home else "",
-                len(groups) - 1 - place,
-                float(first[n]),
-                *(bool(is_home and share > TAIL) for share in resamples.is_open[:, n]),
-            )
-    order = sorted(ratings, key=lambda n: (ratings[n].group, -ratings[n].elo, names[n]))
+    about_zero = samples - samples[:, reference].mean(1, keepdims=True)
+    ratings = _list_ratings(names, games, groups, elo, about_zero, samples + moved, resamples)
+    order = sorted(range(num_agents), key=lambda n: (ratings[n].group, -ratings[n].elo, names[n]))
     seats, seat_samples = (ELO_PER_LOGIT * found for found in (point[num_agents:], resamples.seats))
     seats, seat_samples = seats - seats.mean(), seat_samples - seat_samples.mean(1, keepdims=True)
     return Ladder(
@@ -186,6 +166,45 @@ def rate(names: Sequence[str], games: Games, seed: int = 0, zero: str = "") -> L
     )
 
 
+def _list_ratings(
+    names: Sequence[str],
+    games: Games,
+    groups: Sequence[Sequence[int]],
+    elo: NDArray[np.float64],
+    about_zero: NDArray[np.float64],
+    placed: NDArray[np.float64],
+    resamples: Resamples,
+) -> list[Rating]:
+    """Ratings in the order of `names`, by samples [S, n] against the zero and on the one scale of
+    all groups.
+    """
+    low, high = find_ends(about_zero, elo)
+    is_first = placed >= placed.max(1, keepdims=True) - 1e-6  # equal agents share the first place
+    first = (is_first / is_first.sum(1, keepdims=True)).mean(0)
+    entries = np.bincount(games.agents.ravel(), minlength=len(names))
+    points = np.bincount(games.agents.ravel(), games.points.ravel(), len(names))
+    home, ratings = find_home(groups), []
+    place_of = {n: place for place, group in enumerate(groups) for n in group}
+    for n, name in enumerate(names):
+        place = place_of[n]
+        is_home = place == home
+        ratings.append(
+            Rating(
+                name,
+                float(elo[n]),
+                float(low[n] if is_home else elo[n]),
+                float(high[n] if is_home else elo[n]),
+                int((games.agents == n).any(axis=1).sum()),
+                float(points[n] / entries[n]),
+                "lower" if place > home else "upper" if place < home else "",
+                len(groups) - 1 - place,
+                float(first[n]),
+                *(bool(is_home and share > TAIL) for share in resamples.is_open[:, n]),
+            )
+        )
+    return ratings
+
+
 def _estimate(values: NDArray[np.float64], samples: NDArray[np.float64]) -> tuple[Estimate, ...]:
     """Values [n] with their intervals, by their samples [S, n]."""
     columns = values, *find_ends(samples, values)
@@ -193,7 +212,7 @@ def _estimate(values: NDArray[np.float64], samples: NDArray[np.float64]) -> tupl
 
 
 def _compare(
-    ratings: Mapping[int, Rating], order: Sequence[int], samples: NDArray[np.float64]
+    ratings: Sequence[Rating], order: Sequence[int], samples: NDArray[np.float64]
 ) -> tuple[tuple[Estimate | None, ...], ...]:
     """Differences in Elo between agents in `order`, by samples [S, n] of each group."""
     rows = []

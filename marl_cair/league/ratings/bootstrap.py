@@ -25,7 +25,7 @@ from marl_cair.league.ratings.intervals import find_ends
 from marl_cair.league.ratings.likelihood import Likelihood, Rankings, indicate, rank_pairs
 
 # Resamples of the shares of many pairs, and of one or a few cells: up to MOST as time allows.
-NUM_SAMPLES, MOST_SAMPLES, MOST_WEIGHTS = 500, 4_000, 20_000_000
+NUM_SAMPLES, MOST_SAMPLES, MOST_WEIGHTS = 500, 4_000, 5_000_000
 _JEFFREYS = 0.5  # blocks that each pseudo-block weighs on the mean
 _LEAST_SHARE = 1e-9  # of a pseudo-block, below which a pair of agents has none
 

@@ -48,15 +48,14 @@ def find_uneven_pairs(
     beats = np.zeros((num_agents, num_agents), np.bool_)
     surplus = np.round(2.0 * pairs.scores).astype(np.int64) - 1  # twice the points above even
     # The sum of each block of each pair, then the sums of each pair.
-    keys, part = np.unique(
-        np.column_stack((pairs.first, pairs.second, pairs.blocks)), axis=0, return_inverse=True
-    )
+    num_blocks, pair = int(pairs.blocks.max(initial=0)) + 1, num_agents * pairs.first + pairs.second
+    keys, part = np.unique(num_blocks * pair + pairs.blocks, return_inverse=True)
     sums = np.zeros(len(keys), np.int64)
-    np.add.at(sums, part.ravel(), surplus)
-    met, starts = np.unique(keys[:, :2], axis=0, return_index=True)
+    np.add.at(sums, part, surplus)
+    met, starts = np.unique(keys // num_blocks, return_index=True)
     found = [
-        (find_chance(blocks), one, two, blocks.sum() > 0)
-        for (one, two), blocks in zip(met.tolist(), np.split(sums, starts)[1:], strict=True)
+        (find_chance(blocks), *divmod(number, num_agents), blocks.sum() > 0)
+        for number, blocks in zip(met.tolist(), np.split(sums, starts)[1:], strict=True)
     ]
     for rank, (chance, one, two, is_ahead) in enumerate(sorted(found)):
         if chance > LEVEL / (len(found) - rank):

@@ -157,7 +157,7 @@ def test_the_interval_is_of_blocks_and_not_of_games():
 
 
 def test_wins_have_an_interval_of_their_own():
-    match = play("idle", "idle", "ffa-3", 12)
+    match = play("idle", "idle", "ffa-3", 36)
     low, high = match.interval(wins_only=True)
     assert low == 0.0
     assert high < match.score

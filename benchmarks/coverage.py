@@ -1,12 +1,15 @@
-"""Measure how often 95 % intervals of ratings hold the truth, where maps favour agents.
+"""Measure how often 95 % intervals of ratings, and of scores, hold the truth.
 
 python -m benchmarks.coverage [--leagues 500] [--seed 0] [--effects 0 80 150] [--players 2 3 4]
-    [--blocks 8 20 40] [--seeds own shared]
+    [--blocks 8 20 40] [--seeds own shared] [--scores]
 Games are simulated, their schedule, seating, fit and resampling are the package's. An agent's
 rating on a map is its own plus a normal number of each agent and map seed, with the standard
 deviation `--effects` in Elo. Each line-up has map seeds of its own, as leagues have since these
 intervals, or shares them with all others, as before. The truth is the fit to a league of endless
 games: what more games of these agents would give. Prints a table in Markdown.
+
+--scores: intervals of the score of one agent against another in `--leagues` matches, of blocks of
+two games in which the map decides both games with some probability.
 """
 
 import argparse
@@ -22,15 +25,24 @@ from tqdm import tqdm
 from marl_cair.league.play.blocks import make_design
 from marl_cair.league.play.schedule import schedule_meetings
 from marl_cair.league.ratings import rate as ratings_module
-from marl_cair.league.ratings.fit import LEVEL, check_fit
+from marl_cair.league.ratings.bootstrap import block_interval
+from marl_cair.league.ratings.fit import check_fit
+from marl_cair.league.ratings.games import Games
 from marl_cair.league.ratings.groups import ELO_PER_LOGIT
+from marl_cair.league.ratings.intervals import LEVEL
 from marl_cair.league.ratings.likelihood import Likelihood, Rankings
-from marl_cair.league.ratings.rate import Games, rate
+from marl_cair.league.ratings.rate import rate
 
 STRENGTHS = (-180.0, -60.0, 0.0, 60.0, 180.0)  # Elo
 NUM_RESAMPLES = 500  # fewer than reports have: on the mean over leagues their noise is nothing
 TRUE_BLOCKS = 200_000  # of the league that gives the truth
 SEEDS = ("own", "shared")
+# Chances of loss, draw and win, and how often the map decides both games of a block.
+SCORES = (
+    *(((0.5, 0.0, 0.5), 0.0), ((0.2, 0.0, 0.8), 0.0), ((0.05, 0.0, 0.95), 0.0)),
+    *(((0.25, 0.5, 0.25), 0.0), ((0.0, 0.7, 0.3), 0.0)),
+    *(((0.5, 0.0, 0.5), 0.5), ((0.2, 0.0, 0.8), 0.5), ((0.2, 0.0, 0.8), 1.0)),
+)
 FIT_EVERY = 4  # leagues: one of so many is tested for fit
 
 
@@ -139,6 +151,28 @@ def measure(
     )
 
 
+def measure_scores(num_matches: int, blocks: list[int], seed: int) -> None:
+    """Print how often intervals of scores hold the true score, and their mean width."""
+    print(
+        "| blocks | win | draw | map decides both games | coverage | width |\n" + "|---" * 6 + "|"
+    )
+    for num_blocks, (chances, pairing) in itertools.product(blocks, SCORES):
+        rng = np.random.default_rng(seed)
+        truth, numbers = np.dot(chances, [0.0, 0.5, 1.0]), np.repeat(np.arange(num_blocks), 2)
+        ends = np.empty((num_matches, 2))
+        for match in range(num_matches):
+            games = rng.choice([0.0, 0.5, 1.0], size=(num_blocks, 2), p=chances)
+            same = rng.random(num_blocks) < pairing
+            games[same, 1] = games[same, 0]
+            ends[match] = block_interval(games.ravel(), numbers)
+        held = (ends[:, 0] <= truth + 1e-9) & (truth - 1e-9 <= ends[:, 1])
+        print(
+            f"| {num_blocks} | {chances[2]:g} | {chances[1]:g} | {pairing:g} | {held.mean():.3f} | "
+            f"{np.diff(ends).mean():.2f} |",
+            flush=True,
+        )
+
+
 def hash_seed(seed: int, league: int) -> int:
     """Another number for each league and seed."""
     return int(np.random.SeedSequence([seed, league]).generate_state(1)[0])
@@ -160,7 +194,11 @@ def main() -> None:
     parser.add_argument("--players", type=int, nargs="+", default=[2, 3, 4])
     parser.add_argument("--blocks", type=int, nargs="+", default=[8, 20, 40])
     parser.add_argument("--seeds", nargs="+", choices=SEEDS, default=["own"])
+    parser.add_argument("--scores", action="store_true", help="of matches in place of leagues")
     options = parser.parse_args()
+    if options.scores:
+        measure_scores(options.leagues, options.blocks, options.seed)
+        return
     ratings_module.LEAST_RESAMPLES = ratings_module.MOST_RESAMPLES = NUM_RESAMPLES
     cases = list(list_cases(options))
     start = time.process_time()

@@ -24,11 +24,12 @@ from marl_cair.league.agents.load import describe_agent, find_fingerprint, load_
 from marl_cair.league.play.arena import Arena, Rules
 from marl_cair.league.play.blocks import Entrant
 from marl_cair.league.play.schedule import schedule_meetings
-from marl_cair.league.ratings.averages import average_by_nash
+from marl_cair.league.ratings.averages import AVERAGES, NASH, average
 from marl_cair.league.ratings.cycles import find_cycles
 from marl_cair.league.ratings.fit import check_fit
+from marl_cair.league.ratings.games import Games
 from marl_cair.league.ratings.payoffs import find_payoffs
-from marl_cair.league.ratings.rate import Games, rate
+from marl_cair.league.ratings.rate import rate
 from marl_cair.league.report.report import report_stored
 from marl_cair.league.store.records import AgentRecord, PlayedGame
 from marl_cair.league.store.store import STORE_FILE, LeagueStore
@@ -62,7 +63,7 @@ def measure_ratings(num_agents: int, num_games: int) -> None:
         "payoffs with intervals": lambda: find_payoffs(num_agents, games),
         "test of fit": lambda: check_fit(num_agents, games),
         "circles": lambda: find_cycles(num_agents, games),
-        "Nash averaging": lambda: average_by_nash(payoffs),
+        "Nash averaging": lambda: average(payoffs, AVERAGES[NASH]),
     }
     print(f"{num_agents} agents, {len(games.agents)} games")
     for name, call in parts.items():

@@ -170,8 +170,11 @@ def cover(monkeypatch, case, num_leagues):
         return measure(case, truth, num_leagues, 0, bar)
 
 
-def test_intervals_hold_where_maps_favour_agents(monkeypatch):
-    found = cover(monkeypatch, Case("own", 150.0, 2, 8), 60)
+@pytest.mark.parametrize(
+    "case", [Case("own", 150.0, 2, 8), Case("own", 0.0, 2, 40), Case("own", 0.0, 4, 8)], ids=str
+)
+def test_intervals_hold_the_truth(monkeypatch, case):
+    found = cover(monkeypatch, case, 60)
     assert 0.90 <= found.ratings <= 0.99
     assert 0.90 <= found.differences <= 0.99
 

@@ -27,7 +27,7 @@ from marl_cair.games.game import Game
 from marl_cair.league.agents.load import find_fingerprint, find_scenario
 from marl_cair.league.play.match import MatchResult, play_match, require_rivals
 from marl_cair.league.play.solo import play_alone
-from marl_cair.league.ratings.intervals import mean_interval, median_interval, win_rate_interval
+from marl_cair.league.ratings.intervals import mean_interval, median_interval, share_interval
 from marl_cair.text import clean_cell
 
 COLUMNS = ("opponent", "games", "wins", "draws", "losses", "win_rate", "low", "high")
@@ -99,7 +99,7 @@ def _rate_alone(
     for source, agent in zip(sources, agents, strict=True):
         identity = find_fingerprint(agent, game)
         result = play_alone(agent, game, scenario, options.games, options.seed, identity)
-        low, high = win_rate_interval(result.ended, 0, result.games)
+        low, high = share_interval(result.ended, result.games)
         share = result.ended / result.games
         sys.stdout.write(f"{source}: {share:.1%} [{low:.1%}, {high:.1%}] ended before their time\n")
         rows.append((source, "ended", result.games, *_digits(share, low, high), "", "", ""))

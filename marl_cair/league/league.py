@@ -26,7 +26,8 @@ from marl_cair.league.play.arena import Arena, Load, Rules
 from marl_cair.league.play.blocks import Entrant
 from marl_cair.league.play.match import require_rivals
 from marl_cair.league.play.schedule import Job, schedule_meetings
-from marl_cair.league.ratings.rate import Games, rate
+from marl_cair.league.ratings.games import Games
+from marl_cair.league.ratings.rate import rate
 from marl_cair.league.report import report
 from marl_cair.league.report.background import COMMANDS, VERSIONS, list_versions
 from marl_cair.league.report.report import LeagueResult

@@ -16,7 +16,7 @@ from marl_cair.league.agents.mixtures import SLACK, qualify_bot, require_data
 from marl_cair.league.extend import find_source, load_played
 from marl_cair.league.play.arena import Load, Rules
 from marl_cair.league.ratings.equilibrium import find_safest_mixture
-from marl_cair.league.ratings.payoffs import count_points, find_shares, split_pairs
+from marl_cair.league.ratings.games import count_points, find_shares, split_pairs
 from marl_cair.league.report.report import name_agents, number_agents
 from marl_cair.league.store.records import AgentRecord
 from marl_cair.league.store.store import STORE_FILE, LeagueStore, LeagueStoreError, StoredGames

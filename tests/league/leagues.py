@@ -6,7 +6,7 @@ from contextlib import closing
 import numpy as np
 
 from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.ratings.rate import Games
+from marl_cair.league.ratings.games import Games
 from marl_cair.league.report.table import make_table
 from marl_cair.league.store.store import STORE_FILE, LeagueStore
 

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from marl_cair.league.ratings.rate import Games
+from marl_cair.league.ratings.games import Games
 
 
 def make_games(agents, ranks, blocks, is_repeat=None):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from marl_cair.league.ratings.intervals import win_rate_interval
+from marl_cair.league.ratings.intervals import share_interval
 from marl_cair.self_play.win_rates import BettingTest, Evidence, WinRecords
 
 
@@ -71,7 +71,7 @@ def play_at(score, num_learners, num_games):
             records.book(1, float(won[game - 1]), 0)
             found[0, learner] |= test.is_above(1)
             if game % 10 == 0:
-                found[1, learner] |= win_rate_interval(points, 0, game)[0] > 0.6
+                found[1, learner] |= share_interval(points, game)[0] > 0.6
     return found.mean(1)
 
 

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.league.play.schedule import Job, fill_line_up, schedule_meetings
+from marl_cair.league.ratings.games import Games, count_points, split_pairs
 from marl_cair.league.ratings.groups import ELO_PER_LOGIT, find_groups
 from marl_cair.league.ratings.intervals import Z
 from marl_cair.league.ratings.likelihood import Likelihood, Rankings
-from marl_cair.league.ratings.rate import Games, Rating, count_pairs
+from marl_cair.league.ratings.rate import Rating
 
 # Jobs of a round are chosen together, as ratings with intervals take longer than a game and several
 # workers play: 8, or a share of the jobs so far. The number of workers has no influence.
@@ -109,7 +110,7 @@ def _choose_round(plan: AdaptivePlan, games: Games, blocks: NDArray[np.int64]) -
     met = count_meetings(num_agents, line_ups)
     may_play = _find_open_pairs(plan, games, line_ups, blocks, met)
     counted = games.count_once()
-    above, _ = count_pairs(num_agents, counted)
+    above, _ = count_points(num_agents, split_pairs(counted))
     model = Likelihood(num_agents, [Rankings(counted.agents, counted.ranks, counted.blocks)])
     point = model.fit(np.ones(model.num_blocks))
     curvature = model.find_curvature(point)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from marl_cair.games.game import NO_WINNER, Agent, Game
 from marl_cair.league.play.blocks import Design, Entrant, make_chunk, play_blocks, seat_line_up
 from marl_cair.league.play.playing import Seating, play, start_engine
-from marl_cair.league.ratings.intervals import block_interval
+from marl_cair.league.ratings.bootstrap import block_interval
 
 BLOCKS_PER_CHUNK = 4
 
@@ -75,11 +75,9 @@ class MatchResult:
         return 1.0 / self.num_teams
 
     def interval(self, wins_only: bool = False) -> tuple[float, float]:
-        """95 % interval of the score (of the share of wins) from the spread between map seeds."""
+        """95 % interval of the score (of the share of wins) by the bootstrap over map seeds."""
         values = [float(r.is_won) if wins_only else r.score for r in self.results]
-        blocks = [result.block for result in self.results]
-        _, places, sizes = np.unique(blocks, return_inverse=True, return_counts=True)
-        return block_interval(np.bincount(places, values) / sizes, self.num_teams)
+        return block_interval(np.array(values), np.array([result.block for result in self.results]))
 
     @property
     def distinct_games(self) -> int:

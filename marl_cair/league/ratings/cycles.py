@@ -10,28 +10,21 @@ is reported wrongly, however many there could be.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from marl_cair.league.ratings.fit import LEVEL
-from marl_cair.league.ratings.payoffs import count_points, find_shares, split_pairs
-from marl_cair.league.ratings.rate import Games
+from marl_cair.league.ratings.games import Games, count_points, find_shares, split_pairs
+from marl_cair.league.ratings.intervals import LEVEL
 
 
-@dataclass(frozen=True)
-class Cycle:
-    """Agents by number: the first beats the second, that beats the third, that beats the first.
+class Cycle(NamedTuple):
+    """Agents by number: the first beats the second, that beats the third, that beats the first."""
 
-    Attributes:
-        agents: the three; the smallest number is the first.
-        share: of the points that the winner of the closest of the three pairs has.
-    """
-
-    agents: tuple[int, int, int]
-    share: float
+    agents: tuple[int, int, int]  # the smallest number is the first
+    share: float  # of the points that the winner of the closest of the three pairs has
 
 
 def find_cycles(num_agents: int, games: Games) -> tuple[Cycle, ...]:
@@ -52,23 +45,22 @@ def find_uneven_pairs(
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Whether the row is significantly better than the column, and its score: [n, n] both."""
     pairs = split_pairs(games.count_once())
-    if not len(pairs.first):
-        return np.zeros((num_agents, num_agents), np.bool_), np.full((num_agents, num_agents), 0.5)
-    surplus = np.round(2.0 * pairs.scores).astype(np.int64) - 1  # twice the points above even
-    order = np.lexsort((pairs.blocks, pairs.second, pairs.first))
-    first, second, blocks = pairs.first[order], pairs.second[order], pairs.blocks[order]
-    sums, starts = _add_up(surplus[order], first, second, blocks)
-    first, second = first[starts], second[starts]
-    _, pair_starts = _add_up(sums, first, second)
-    found = [
-        (int(first[at]), int(second[at]), find_chance(part), int(part.sum()))
-        for at, part in zip(pair_starts, np.split(sums, pair_starts[1:]), strict=True)
-    ]
     beats = np.zeros((num_agents, num_agents), np.bool_)
-    for rank, (one, two, chance, total) in enumerate(sorted(found, key=lambda pair: pair[2])):
+    surplus = np.round(2.0 * pairs.scores).astype(np.int64) - 1  # twice the points above even
+    # The sum of each block of each pair, then the sums of each pair.
+    num_blocks, pair = int(pairs.blocks.max(initial=0)) + 1, num_agents * pairs.first + pairs.second
+    keys, part = np.unique(num_blocks * pair + pairs.blocks, return_inverse=True)
+    sums = np.zeros(len(keys), np.int64)
+    np.add.at(sums, part, surplus)
+    met, starts = np.unique(keys // num_blocks, return_index=True)
+    found = [
+        (find_chance(blocks), *divmod(number, num_agents), blocks.sum() > 0)
+        for number, blocks in zip(met.tolist(), np.split(sums, starts)[1:], strict=True)
+    ]
+    for rank, (chance, one, two, is_ahead) in enumerate(sorted(found)):
         if chance > LEVEL / (len(found) - rank):
             break
-        beats[(one, two) if total > 0 else (two, one)] = True
+        beats[(one, two) if is_ahead else (two, one)] = True
     return beats, find_shares(*count_points(num_agents, pairs))
 
 
@@ -93,12 +85,3 @@ def _find_chance(numbers: tuple[int, ...], distance: int) -> float:
     span = len(chances) // 2
     far = np.abs(np.arange(-span, span + 1)) >= distance
     return min(1.0, float(chances[far].sum()))
-
-
-def _add_up(
-    values: NDArray[np.int64], *keys: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sums of runs of equal keys, and where each run starts."""
-    differs = np.any([np.diff(key, prepend=-1) != 0 for key in keys], axis=0)
-    starts = np.flatnonzero(differs)
-    return np.add.reduceat(values, starts), starts

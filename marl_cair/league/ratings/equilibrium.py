@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,22 +17,30 @@ _FEW = 12  # rows of a first, small program
 
 
 def exploitability(payoff: NDArray[np.float64], mixture: NDArray[np.float64]) -> float:
-    """What the best row gains against `mixture` [K] in the antisymmetric `payoff` [K, K]."""
+    """The best row's gain against `mixture` [K] in the antisymmetric `payoff` [K, K]."""
     return float((payoff @ mixture).max()) if len(mixture) else 0.0
 
 
 def maximum_entropy_nash(payoff: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The mixture [K] that no row beats, of all such the one of the highest entropy: it is unique.
+    """The unique equilibrium [K] of highest entropy (Balduzzi et al. 2018, "Re-evaluating
+    evaluation").
 
-    payoff: float64 [K, K], what row gains against column, antisymmetric (less what is given for an
-    even game). Balduzzi et al. 2018, "Re-evaluating evaluation". Linear programs find which rows
-    play in some equilibrium; the mixture of highest entropy then has the form
-    softmax(payoff @ multipliers) over them, and is found by minimising its dual.
+    payoff: float64 [K, K], the row's gain against the column, antisymmetric. Linear programs find
+    the rows that play in some equilibrium; over them the mixture of highest entropy is
+    softmax(payoff @ multipliers), which minimises its dual.
 
     Raises:
         ValueError: not square, not antisymmetric, or not finite.
     """
-    _check(payoff)
+    if payoff.ndim != 2 or payoff.shape[0] != payoff.shape[1]:
+        raise ValueError(f"payoffs have shape {list(payoff.shape)}, they must be [K, K]")
+    if not np.isfinite(payoff).all():
+        raise ValueError("payoffs must be finite numbers")
+    if not np.allclose(payoff, -payoff.T, atol=1e-8):
+        raise ValueError(
+            "payoffs are not antisymmetric (the row's gain is the column's loss): subtract the "
+            "payoff of an even game"
+        )
     scale = float(np.abs(payoff).max()) if len(payoff) else 0.0
     if scale == 0.0:
         return np.full(len(payoff), 1.0 / max(1, len(payoff)))
@@ -40,8 +49,11 @@ def maximum_entropy_nash(payoff: NDArray[np.float64]) -> NDArray[np.float64]:
     if (sole := _find_sole_equilibrium(matrix, near)) is not None:
         return sole
     inner = _find_inner_equilibrium(matrix, near)
-    support = np.flatnonzero(inner > _PLAYS)
-    spread = _spread_over(matrix, support)
+    # Highest entropy where the rows that play gain 0 and no other row gains.
+    plays = inner > _PLAYS
+    spread = np.zeros(len(matrix))
+    bounds = [(None if row else 0.0, None) for row in plays]
+    spread[plays] = _find_most_even(-matrix[:, plays].T, bounds)
     # Where the dual does not converge, the mean of the programs' corners is an equilibrium too.
     return spread if exploitability(matrix, spread) <= 1e-6 else inner
 
@@ -50,10 +62,9 @@ def find_safest_mixture(scores: NDArray[np.float64], slack: float) -> NDArray[np
     """The most even mixture [K] of rows whose least score against a column is within `slack` of the
     highest least score that any mixture has.
 
-    scores: float64 [K, N], what rows score against columns. A linear program gives the highest
-    least score; among the mixtures near it the one of highest entropy is
-    softmax(scores @ multipliers). Scores that come from games are not known better than some slack,
-    and the program's own answer leaves out rows for differences that are none.
+    scores: float64 [K, N] of rows against columns. A linear program gives the highest least score;
+    among the mixtures near it the one of highest entropy is softmax(scores @ multipliers). Without
+    slack, rows would be left out for differences that games cannot show.
 
     Raises:
         ValueError: no row or column, scores that are not finite, or a slack that is not above 0.
@@ -64,36 +75,27 @@ def find_safest_mixture(scores: NDArray[np.float64], slack: float) -> NDArray[np
     if not slack > 0.0:
         raise ValueError(f"slack is {slack}, it must be above 0")
     num_rows, num_columns = scores.shape
-    program = linprog(
+    found = _run_program(
         np.append(np.zeros(num_rows), -1.0),
         A_ub=np.column_stack([-scores.T, np.ones(num_columns)]),
         b_ub=np.zeros(num_columns),
         A_eq=[[1.0] * num_rows + [0.0]],
-        b_eq=[1.0],
         bounds=[(0.0, None)] * num_rows + [(None, None)],
-        method="highs",
     )
-    if program.status != 0:
-        raise ArithmeticError(f"the linear program of a mixture failed: {program.message}")
-    above = scores - (float(program.x[-1]) - slack)
-
+    above = scores - (float(found[-1]) - slack)
     mixture = _find_most_even(above, [(0.0, None)] * num_columns)
     if (mixture @ above).min() >= -1e-3 * slack:
         return mixture
-    corner = np.maximum(program.x[:-1], 0.0)
+    corner = np.maximum(found[:-1], 0.0)
     return np.asarray(corner / corner.sum(), np.float64)
 
 
-def _check(payoff: NDArray[np.float64]) -> None:
-    if payoff.ndim != 2 or payoff.shape[0] != payoff.shape[1]:
-        raise ValueError(f"payoffs have shape {list(payoff.shape)}, they must be [K, K]")
-    if not np.isfinite(payoff).all():
-        raise ValueError("payoffs must be finite numbers")
-    if not np.allclose(payoff, -payoff.T, atol=1e-8):
-        raise ValueError(
-            "payoffs are not antisymmetric (what row gains, column loses): subtract what is given "
-            "for an even game"
-        )
+def _run_program(costs: NDArray[np.float64], **limits: Any) -> NDArray[np.float64]:
+    """The solution of a linear program whose shares add up to 1."""
+    found = linprog(costs, b_eq=[1.0], method="highs", **limits)
+    if found.status != 0:
+        raise ArithmeticError(f"the linear program of a mixture failed: {found.message}")
+    return np.asarray(found.x, np.float64)
 
 
 def _find_sole_equilibrium(
@@ -122,8 +124,8 @@ def _find_sole_equilibrium(
 
 
 def _find_any_equilibrium(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of a program over the best rows, and those that gain against what it finds, until none does
-    (McMahan, Gordon, Blum 2003, double oracle): most rows of a league play in no equilibrium.
+    """The equilibrium of a program over the best rows, and those that gain against it, until none
+    gains (McMahan, Gordon, Blum 2003, double oracle): most rows of a league play in no equilibrium.
     """
     rows = np.argsort(-matrix.sum(1), kind="stable")[:_FEW]
     while True:
@@ -142,19 +144,9 @@ def _solve(matrix: NDArray[np.float64], aim: NDArray[np.float64]) -> NDArray[np.
     """Shares [N] of columns against which no row of `matrix` [K, N] gains, of the smallest product
     with `aim` [N].
     """
-    found = linprog(
-        aim,
-        A_ub=matrix,
-        b_ub=np.full(len(matrix), _TOLERANCE),
-        A_eq=np.ones((1, len(aim))),
-        b_eq=[1.0],
-        method="highs",
-    )
-    if found.status != 0:
-        raise ArithmeticError(f"the linear program of an equilibrium failed: {found.message}")
-    corner = np.maximum(found.x, 0.0)
-    mixture: NDArray[np.float64] = corner / corner.sum()
-    return mixture
+    limits = {"A_ub": matrix, "b_ub": np.full(len(matrix), _TOLERANCE)}
+    corner = np.maximum(_run_program(aim, A_eq=np.ones((1, len(aim))), **limits), 0.0)
+    return np.asarray(corner / corner.sum(), np.float64)
 
 
 def _find_inner_equilibrium(
@@ -163,41 +155,24 @@ def _find_inner_equilibrium(
     """An equilibrium [K] in which every row plays that plays in any: the mean of those in which
     each row in turn plays as much as it can. near: some equilibrium.
     """
-    # Who loses against one equilibrium plays in none. The programs stay over all columns: without
-    # the others' last tiny shares there may be no mixture within the tolerance.
+    # A row that loses against one equilibrium plays in none. The programs stay over all columns:
+    # without the others' last tiny shares there may be no mixture within the tolerance.
     seen = matrix @ near < -_LOSES
     corners = []
-    for place in range(len(matrix)):
-        if seen[place]:
-            continue
-        aim = np.zeros(len(matrix))
-        aim[place] = -1.0
-        corner = _solve(matrix, aim)
-        corners.append(corner)
-        seen |= corner > _PLAYS
-    inner: NDArray[np.float64] = np.mean(corners, axis=0)
-    inner /= inner.sum()
-    return inner
-
-
-def _spread_over(matrix: NDArray[np.float64], support: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Highest entropy over `support` where its rows gain 0 and no other row gains: the dual, whose
-    gradient is what the rows gain.
-    """
-    rows = set(support.tolist())
-    bounds = [(None if row in rows else 0.0, None) for row in range(len(matrix))]
-    mixture = np.zeros(len(matrix))
-    mixture[support] = _find_most_even(-matrix[:, support].T, bounds)
-    return mixture
+    for place, aim in enumerate(-np.eye(len(matrix))):
+        if not seen[place]:
+            corners.append(_solve(matrix, aim))
+            seen |= corners[-1] > _PLAYS
+    inner = np.mean(corners, axis=0)
+    return np.asarray(inner / inner.sum(), np.float64)
 
 
 def _find_most_even(
     above: NDArray[np.float64], bounds: Sequence[tuple[float | None, float | None]]
 ) -> NDArray[np.float64]:
     """The mixture [K] of highest entropy of which `mixture @ above` is 0 in each column [N] whose
-    multiplier is free, and 0 or more where it is bounded below by 0: above [K, N].
-
-    Where there is one and the dual converges; else another, which the caller must test.
+    multiplier is free, and 0 or more where it is bounded below by 0: above [K, N]. Another one, if
+    there is none or the dual does not converge: the caller must test it.
     """
 
     def dual(multipliers: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:

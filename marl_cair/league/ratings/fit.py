@@ -21,17 +21,21 @@ from scipy.sparse.csgraph import connected_components
 from scipy.special import expit, xlogy
 from scipy.stats import chi2, ncx2
 
-from marl_cair.league.ratings.intervals import CONFIDENCE
-from marl_cair.league.ratings.likelihood import Likelihood, Rankings
-from marl_cair.league.ratings.payoffs import PairGames, split_pairs
-from marl_cair.league.ratings.rate import Games, sort_games
+from marl_cair.league.ratings.games import (
+    MAX_NUMBERS,
+    Games,
+    PairGames,
+    sort_games,
+    split_pairs,
+    split_work,
+)
+from marl_cair.league.ratings.intervals import LEVEL
+from marl_cair.league.ratings.likelihood import Likelihood, indicate, rank_pairs
 
 NUM_SIMULATIONS = 299
-LEVEL = 1.0 - CONFIDENCE
 NOTICED_SHARE = 0.1  # the deviation, in shares of points, for which `power` is computed
 _COIN = 0.25  # variance of one even game: keeps the dispersion of few games near 1
 _TOLERANCE = 1e-5  # logits, of fits to simulations
-_MAX_NUMBERS = 4_000_000  # that are drawn at once
 # Relative difference below which two deviances are equal. Where all games went as the ratings say,
 # most simulations repeat the data, and only the tolerance of the fits decides which is larger.
 _TIE = 1e-3
@@ -39,16 +43,15 @@ _TIE = 1e-3
 
 @dataclass(frozen=True)
 class FitTest:
-    """What the test found.
+    """The result of the test.
 
     Attributes:
         deviance: of the games, over their dispersion.
-        by_chance: the mean of the same, where one number per agent is the truth.
-        p_value: share of the simulations (the games themselves with them) whose deviance is no
-            smaller.
-        misfit: root mean square, over games, of a pair's share of points less what ratings say.
-        misfit_by_chance: its mean where one number per agent is the truth.
-        power: about the chance to find p <= 0.05 where every pair is NOTICED_SHARE off.
+        by_chance: its mean over the simulations, in which one number per agent is the truth.
+        p_value: share of the simulations, and the games themselves, with no smaller deviance.
+        misfit: root mean square, over games, of a pair's share of points less the expected one.
+        misfit_by_chance: its mean over the simulations.
+        power: the approximate chance of p <= 0.05 where every pair is NOTICED_SHARE off.
         dispersion: variance between blocks over that of independent games.
     """
 
@@ -77,12 +80,11 @@ def check_fit(num_agents: int, games: Games, seed: int = 0) -> FitTest | None:
     found = model.judge(pairs.scores[None], point[None], point)
     rng = np.random.default_rng(seed)
     strength = point[games.agents] + point[num_agents:]
-    step = max(1, _MAX_NUMBERS // max(1, strength.size))
     parts = []
-    for start in range(0, NUM_SIMULATIONS, step):
-        size = min(step, NUM_SIMULATIONS - start)
-        # Who is first in a race of exponential times is Plackett-Luce's choice.
-        times = rng.standard_exponential((size, *strength.shape)) * np.exp(-strength)
+    for part in split_work(NUM_SIMULATIONS, strength.size, 2 * MAX_NUMBERS):
+        # The first in a race of exponential times is Plackett-Luce's choice.
+        shape = part.stop - part.start, *strength.shape
+        times = rng.standard_exponential(shape) * np.exp(-strength)
         own, other = (times[:, pairs.games, pairs.teams[:, side]] for side in (0, 1))
         scores = (own < other).astype(np.float64)
         points = model.refit(scores @ model.cell_of_row, point)
@@ -102,36 +104,42 @@ def check_fit(num_agents: int, games: Games, seed: int = 0) -> FitTest | None:
 
 def _count_free(num_agents: int, pairs: PairGames) -> int:
     """Pairs that met, beyond those that ratings can always fit."""
-    met = np.unique(np.column_stack((pairs.first, pairs.second)), axis=0)
-    graph = csr_array((np.ones(len(met)), (met[:, 0], met[:, 1])), shape=(num_agents, num_agents))
+    met, _ = _group(pairs.first, pairs.second)
+    graph = indicate(met[:, 0], met[:, 1], (num_agents, num_agents))
     num_parts, _ = connected_components(graph, directed=False)
     return len(met) - (num_agents - int(num_parts))
+
+
+def _group(*keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], csr_array]:
+    """The different rows of keys [N, ...], sorted, and which of them each row is, [N, rows]."""
+    unique, place = np.unique(np.column_stack(keys), axis=0, return_inverse=True)
+    return unique, indicate(np.arange(place.size), place.ravel(), (place.size, len(unique)))
 
 
 class _PairModel:
     """The likelihood of pairs of teams. A cell is all games of a pair in the same two seats."""
 
     def __init__(self, num_agents: int, games: Games, pairs: PairGames) -> None:
-        num_rows, num_teams = len(pairs.first), games.agents.shape[1]
-        rows = np.arange(num_rows)
-        keys = np.column_stack((pairs.first, pairs.second, pairs.teams))
-        self._cells, cell = np.unique(keys, axis=0, return_inverse=True)
-        num_cells = len(self._cells)
-        self._cells[:, 2:] += num_agents  # the places of seats among the parameters
-        self.cell_of_row = _indicate(rows, cell.ravel(), (num_rows, num_cells))
-        self._counts = np.bincount(cell.ravel(), minlength=num_cells).astype(np.float64)
-        self._likelihood = Likelihood(num_agents, [_rank_cells(self._cells, num_agents, num_teams)])
-        met, pair_of_cell = np.unique(self._cells[:, :2], axis=0, return_inverse=True)
-        self._pair_of_cell = _indicate(
-            np.arange(num_cells), pair_of_cell.ravel(), (num_cells, len(met))
+        self._cells, self.cell_of_row = _group(pairs.first, pairs.second, pairs.teams)
+        self._counts = np.asarray(self.cell_of_row.sum(0), np.float64)
+        # Two games of each cell, each a block: won by its first agent, then by its second.
+        one, two, *_ = self._cells.T
+        seats, num_cells = self._cells[:, 2:].copy(), len(self._cells)
+        ranked = rank_pairs(
+            np.concatenate((one, two)),
+            np.concatenate((two, one)),
+            np.concatenate((seats, seats[:, ::-1])),
+            games.agents.shape[1],
+            np.arange(2 * num_cells),
         )
+        self._likelihood = Likelihood(num_agents, [ranked])
+        self._cells[:, 2:] += num_agents  # the places of seats among the parameters
+        _, self._pair_of_cell = _group(one, two)
         self._games = self._counts @ self._pair_of_cell
-        pair = pair_of_cell.ravel()[cell.ravel()]
-        # A block of a pair: what varies together.
-        parts, part = np.unique(np.column_stack((pair, pairs.blocks)), axis=0, return_inverse=True)
-        self._part_of_row = _indicate(rows, part.ravel(), (num_rows, len(parts)))
-        self._pair_of_part = _indicate(np.arange(len(parts)), parts[:, 0], (len(parts), len(met)))
-        self._num_parts = np.bincount(parts[:, 0], minlength=len(met))
+        # The games of a pair in a block: what varies together.
+        parts, self._part_of_row = _group(pairs.first, pairs.second, pairs.blocks)
+        _, self._pair_of_part = _group(parts[:, :2])
+        self._num_parts = self._pair_of_part.sum(0)
 
     def fit(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """The parameters [n + T] of the largest posterior; points [cells] of their first agents."""
@@ -183,27 +191,6 @@ class _PairModel:
         return float(ncx2.sf(chi2.isf(LEVEL, num_free), num_free, shift))
 
     def _chances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of the cells' first agents to come in above the second: [S, cells]."""
+        """Chances that the cells' first agents come in above the second: [S, cells]."""
         first, second, seat, other_seat = points.T[self._cells.T]
         return np.asarray(expit(first - second + seat - other_seat).T, np.float64)
-
-
-def _rank_cells(cells: NDArray[np.int64], num_agents: int, num_teams: int) -> Rankings:
-    """Two games of each cell, each a block: won by its first agent, then by its second."""
-    places = np.arange(len(cells))
-    agents, ranks = (
-        np.zeros((2, len(cells), num_teams), np.int64),
-        np.zeros((2, len(cells), num_teams)),
-    )
-    for column, rank in ((0, (1.0, 2.0)), (1, (2.0, 1.0))):
-        seats = cells[:, 2 + column] - num_agents
-        agents[:, places, seats] = cells[:, column]
-        ranks[:, places, seats] = np.array(rank)[:, None]
-    blocks = np.arange(2 * len(cells))
-    return Rankings(agents.reshape(-1, num_teams), ranks.reshape(-1, num_teams), blocks)
-
-
-def _indicate(
-    rows: NDArray[np.int64], columns: NDArray[np.int64], shape: tuple[int, int]
-) -> csr_array:
-    return csr_array((np.ones(len(rows)), (rows, columns)), shape=shape)

@@ -1,4 +1,4 @@
-"""Groups of agents on one rating scale, and bounds on the distance between groups.
+"""Groups of agents that share a rating scale, and bounds on the distance between groups.
 
 Maximum-likelihood Bradley-Terry ratings exist only within a set of agents whose graph "has taken
 points off" is strongly connected (Ford 1957, "Solution of a ranking problem from binary
@@ -8,7 +8,7 @@ comparisons"). Between two such sets all points went one way: no result limits t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +29,12 @@ def find_groups(points: NDArray[np.float64]) -> list[list[int]]:
     members: dict[bytes, list[int]] = {}
     for agent, both_ways in enumerate(reach & reach.T):
         members.setdefault(both_ways.tobytes(), []).append(agent)
-    # Who has taken points off a group reaches all that the group reaches, and itself.
+    # An agent that took points off a group reaches all that the group reaches, and itself.
     return sorted(members.values(), key=lambda group: (int(reach[group[0]].sum()), group))
 
 
 def split_core(points: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """The largest strongly connected set, and who has taken points off it, bool [n] both."""
+    """The largest strongly connected set, and the agents that took points off it: bool [n] both."""
     num_groups, labels = connected_components(points > 0.0, directed=True, connection="strong")
     if num_groups == 1:
         everyone = np.ones(len(points), np.bool_)
@@ -59,17 +59,79 @@ def require_comparison(names: Sequence[str], points: NDArray[np.float64], refere
         )
 
 
+def find_home(groups: Sequence[Sequence[int]]) -> int:
+    """The group that has the zero of the scale: the largest, the best among equals."""
+    return max(range(len(groups)), key=lambda place: (len(groups[place]), place))
+
+
+def place_groups(
+    groups: Sequence[list[int]],
+    home: int,
+    fitted: NDArray[np.float64],
+    meetings: NDArray[np.float64],
+    probability: float = SWEEP_PROBABILITY,
+) -> NDArray[np.float64]:
+    """Elo [n]: the home group's mean is 0, the others are as far away as `find_gap` says.
+
+    fitted: Elo [n] within each group. meetings: games [n, n] of both.
+    """
+    elo = fitted.copy()
+    for group in groups:
+        elo[group] -= elo[group].mean()
+    for group, upper, lower, way in _go_outward(groups, home):
+        counts = meetings[np.ix_(upper, lower)]
+        elo[group] += way * find_gap(elo[upper], elo[lower], counts, probability)
+    return elo
+
+
+def draw_places(
+    groups: Sequence[list[int]],
+    home: int,
+    fitted: NDArray[np.float64],
+    meetings: NDArray[np.float64],
+    num_samples: int,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Possible means of each agent's group, Elo [samples, n], from the distances that the sweeps
+    between groups leave possible: after a few games a group may as well be below the next.
+    """
+    elo = place_groups(groups, home, fitted, meetings, 0.5)
+    moved = np.zeros((num_samples, len(elo)))
+    totals = {1.0: np.zeros(num_samples), -1.0: np.zeros(num_samples)}
+    for group, upper, lower, way in _go_outward(groups, home):
+        counts, chances = meetings[np.ix_(upper, lower)], rng.random(num_samples)
+        totals[way] = totals[way] + way * draw_gaps(elo[upper], elo[lower], counts, chances)
+        moved[:, group] = totals[way][:, None]
+    for group in groups:
+        moved[:, group] += elo[group].mean()
+    return moved
+
+
+def _go_outward(
+    groups: Sequence[list[int]], home: int
+) -> Iterator[tuple[list[int], list[int], list[int], float]]:
+    """Each group but `home`, from there up and then down: it, the upper and the lower of it and all
+    groups before, and 1 (up) or -1.
+    """
+    placed = list(groups[home])
+    for group in groups[home + 1 :]:
+        yield group, group, placed, 1.0
+        placed += group
+    for group in reversed(groups[:home]):
+        yield group, placed, group, -1.0
+        placed += group
+
+
 def find_gap(
     upper: NDArray[np.float64],
     lower: NDArray[np.float64],
     counts: NDArray[np.float64],
     probability: float = SWEEP_PROBABILITY,
 ) -> float:
-    """Elo to add to `upper` [n] to be as far above `lower` [m] as a clean sweep shows at least.
+    """Elo to add to `upper` [n]: at this distance from `lower` [m] a clean sweep of independent
+    games has the given probability. After few games it is negative.
 
-    counts [n, m]: games of each upper agent against each lower one, all won by the upper. With
-    that distance such a sweep of independent games has the probability SWEEP_PROBABILITY, or
-    another one. After few games it is negative: one lost game shows little.
+    counts [n, m]: games of each upper agent against each lower one, all won by the upper.
     """
     distances = upper[:, None] - lower
 

@@ -2,17 +2,17 @@
 
 A game of T teams is a sequence of choices: the best of all, the best of the rest, ... (Luce 1959;
 Plackett 1975, "The analysis of permutations"). The chance to be chosen from a set is in proportion
-to exp(rating of the agent + advantage of the team's seat). Of two teams this is Bradley-Terry.
+to exp(rating of the agent + advantage of the team's seat). With two teams this is Bradley-Terry.
 Teams that finish together count as the mean of the log-likelihoods of all their orders: a draw of
-two is half a win of each. What has a closed form for two (choix) has none with seat advantages: so
-Newton's method finds the maximum, and choix is what the tests compare it with.
+two is half a win of each. With seat advantages there is no simple iteration as for Bradley-Terry:
+Newton's method finds the maximum. The tests compare it with choix's.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
+from marl_cair.league.ratings.games import split_work
 from marl_cair.league.ratings.groups import ELO_PER_LOGIT
 
 PRIOR_ELO = 2_000.0  # standard deviation of ratings about the mean of their group
@@ -28,7 +29,6 @@ SEAT_PRIOR_ELO = 400.0  # of seat advantages about 0
 MAX_STEP = 2.0  # logits: Newton's steps are cut to this
 NEWTON_TOLERANCE, CHORD_TOLERANCE = 1e-8, 1e-3  # logits
 MAX_NEWTON_STEPS, MAX_CHORD_STEPS = 200, 15
-MAX_NUMBERS = 2_000_000  # in an array of resamples that are fitted at once
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Rankings:
     """N games of T teams.
 
     Attributes:
-        agents: int64 [N, T], the place in the list of agents of who has played each team.
+        agents: int64 [N, T], the agent that played each team, by place in the list of agents.
         ranks: float64 [N, T], 1 is the best, equal teams share the mean; 0: leave the team out.
         blocks: int64 [N], the block of each game, 0..K-1: blocks are resampled as wholes.
     """
@@ -54,6 +54,21 @@ class Rankings:
     def num_teams(self) -> int:
         """T."""
         return int(self.agents.shape[1])
+
+
+def rank_pairs(
+    winners: NDArray[np.int64],
+    losers: NDArray[np.int64],
+    seats: NDArray[np.int64],
+    num_teams: int,
+    blocks: NDArray[np.int64],
+) -> Rankings:
+    """Games of two agents in the seats [N, 2] of the winner and the loser; others take no part."""
+    rows, shape = np.arange(len(winners))[:, None], (len(winners), num_teams)
+    agents, ranks = np.zeros(shape, np.int64), np.zeros(shape)
+    agents[rows, seats] = np.column_stack((winners, losers))
+    ranks[rows, seats] = 1.0, 2.0
+    return Rankings(agents, ranks, blocks)
 
 
 def split_ranking(
@@ -90,16 +105,11 @@ class Likelihood:
         num_teams, num_blocks = rankings[0].num_teams, max(r.num_blocks for r in rankings)
         self.num_agents, self.num_parameters = num_agents, num_agents + num_teams
         self.num_blocks = num_blocks
-        parts = [part for some in rankings for part in self._split(some)]
-        blocks, columns, amounts = (
-            np.concatenate(c) for c in zip(*(p[0] for p in parts), strict=True)
-        )
-        self._chosen = csr_array(
-            (amounts, (blocks, columns)), shape=(num_blocks, self.num_parameters)
-        )
-        blocks, sets, weights = (
-            np.concatenate(c) for c in zip(*(p[1] for p in parts), strict=True)
-        )
+        parts = zip(*(part for some in rankings for part in self._split(some)), strict=True)
+        chosen, listed = ([np.concatenate(c) for c in zip(*p, strict=True)] for p in parts)
+        amounts, *places = chosen
+        self._chosen = csr_array((amounts, tuple(places)), shape=(num_blocks, self.num_parameters))
+        weights, blocks, sets = listed
         # Equal sets of equal agents are one: their weights add up.
         unique, numbers = np.unique(sets, axis=0, return_inverse=True)
         self._weights = csr_array(
@@ -108,43 +118,40 @@ class Likelihood:
         self._is_member = unique >= 0
         self._agents = np.maximum(unique, 0)
         # Rating and advantage of each place of each set: two ones in a row; and their products.
-        pairs = np.stack(
-            (self._agents, np.broadcast_to(num_agents + np.arange(num_teams), unique.shape)), 2
-        ).reshape(-1, 2)
-        self._design = _count_ones(pairs, self.num_parameters)
-        products = self.num_parameters * pairs[:, :, None] + pairs[:, None, :]
-        self._products = _count_ones(products.reshape(-1, 4), self.num_parameters**2)
-        precision = np.full(self.num_parameters, (ELO_PER_LOGIT / PRIOR_ELO) ** 2)
-        precision[num_agents:] = (ELO_PER_LOGIT / SEAT_PRIOR_ELO) ** 2
-        self._precision = precision
+        size, rows = self.num_parameters, np.arange(unique.size)
+        seats = np.broadcast_to(num_agents + np.arange(num_teams), unique.shape)
+        pairs = np.stack((self._agents, seats), 2).reshape(-1, 2)
+        products = size * pairs[:, :, None] + pairs[:, None, :]
+        self._design = indicate(np.repeat(rows, 2), pairs.ravel(), (len(rows), size))
+        self._products = indicate(np.repeat(rows, 4), products.ravel(), (len(rows), size**2))
+        self._precision = np.full(size, (ELO_PER_LOGIT / PRIOR_ELO) ** 2)
+        self._precision[num_agents:] = (ELO_PER_LOGIT / SEAT_PRIOR_ELO) ** 2
 
     @property
     def num_places(self) -> int:
-        """Of all sets together, T in each."""
+        """Places of all sets together, T in each."""
         return int(self._is_member.size)
 
-    def _split(self, rankings: Rankings) -> list[tuple[Any, Any]]:
-        """(block, parameter, times chosen) and (block, set [., T], weight) of each kind of game."""
+    def _split(self, rankings: Rankings) -> Iterator[tuple[Any, Any]]:
+        """(times chosen, block, parameter) and (weight, block, set [., T]) of each kind of game."""
         patterns, kinds = np.unique(rankings.ranks, axis=0, return_inverse=True)
-        parts = []
         for kind, pattern in enumerate(patterns.tolist()):
             here = np.flatnonzero(kinds.ravel() == kind)
             agents, blocks = rankings.agents[here], rankings.blocks[here]
             chosen, sets = split_ranking(pattern)
             teams = np.flatnonzero(chosen)
-            size = len(teams)
-            columns = np.concatenate(
-                (agents[:, teams], np.broadcast_to(self.num_agents + teams, (len(here), size))), 1
-            )
-            amounts = np.tile(np.array(chosen)[teams], (len(here), 2))
-            counted = np.repeat(blocks, 2 * size), columns.ravel(), amounts.ravel()
+            seats = np.broadcast_to(self.num_agents + teams, (len(here), len(teams)))
+            columns = np.concatenate((agents[:, teams], seats), 1).ravel()
+            amounts = np.tile(np.array(chosen)[teams], 2 * len(here))
             members = np.full((len(sets), len(here), rankings.num_teams), -1, np.int64)
             for number, (some, _) in enumerate(sets):
                 members[number][:, list(some)] = agents[:, list(some)]
             weights = np.repeat([weight for _, weight in sets], len(here))
             rows = members.reshape(-1, rankings.num_teams)
-            parts.append((counted, (np.tile(blocks, len(sets)), rows, weights)))
-        return parts
+            yield (
+                (amounts, np.repeat(blocks, 2 * len(teams)), columns),
+                (weights, np.tile(blocks, len(sets)), rows),
+            )
 
     def fit(self, block_weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """The parameters [n + T] of the largest posterior; block_weights float64 [K]."""
@@ -166,9 +173,7 @@ class Likelihood:
         over.
         """
         points = np.tile(start, (len(block_weights), 1))
-        size = max(1, MAX_NUMBERS // max(1, self._is_member.size))
-        for first in range(0, len(points), size):
-            part = slice(first, first + size)
+        for part in split_work(len(points), self._is_member.size):
             points[part] = self._refit_part(points[part], block_weights[part], factor, tolerance)
         return points
 
@@ -193,10 +198,9 @@ class Likelihood:
             if not len(left):
                 break
         left = np.union1d(left, np.flatnonzero(is_far))
-        size = max(1, MAX_NUMBERS // max(1, len(self._agents) * self.num_parameters))
-        for first in range(0, len(left), size):
-            part = left[first : first + size]
-            points[part] = self._fit_by_newton(chosen[part], weights[part], tolerance)
+        for part in split_work(len(left), len(self._agents) * self.num_parameters):
+            far = left[part]
+            points[far] = self._fit_by_newton(chosen[far], weights[far], tolerance)
         return points
 
     def _fit_by_newton(
@@ -264,8 +268,8 @@ class Likelihood:
         return np.asarray(own - both + np.diag(self._precision), np.float64)
 
 
-def _count_ones(columns: NDArray[np.int64], num_columns: int) -> csr_array:
-    """A sparse matrix of ones at `columns` [N, of each row]."""
-    starts = np.arange(0, columns.size + 1, columns.shape[1])
-    shape = (len(columns), num_columns)
-    return csr_array((np.ones(columns.size), columns.ravel(), starts), shape=shape)
+def indicate(
+    rows: NDArray[np.int64], columns: NDArray[np.int64], shape: tuple[int, int]
+) -> csr_array:
+    """A sparse matrix with ones at the given places, added up where one is given again."""
+    return csr_array((np.ones(len(rows)), (rows, columns)), shape=shape)

@@ -1,51 +1,37 @@
-"""The payoff matrix: scores of all pairs of agents, with counts and intervals.
-
-Intervals and resampled matrices are from the Bayesian bootstrap (Rubin 1981, "The Bayesian
-Bootstrap") over blocks: each block, the games of a map seed, has a random weight. Two pseudo-blocks
-in each pair, one won and one lost, weigh half a block each on the mean: between blocks that are
-whole wins and losses this is the posterior of Jeffreys' prior. So a clean sweep has an interval
-too, and a pair that never met has nearly all of 0..1.
-"""
+"""Scores of agents against each other, by seat and by map, with block-bootstrap intervals."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
-from marl_cair.league.ratings.rate import TAIL, Games, sort_games
+from marl_cair.league.ratings.bootstrap import NUM_SAMPLES, resample_shares
+from marl_cair.league.ratings.games import (
+    Games,
+    count_points,
+    find_shares,
+    sort_games,
+    split_pairs,
+)
+from marl_cair.league.ratings.intervals import find_ends
 
-NUM_SAMPLES = 500
-_JEFFREYS = 0.5  # blocks that each pseudo-block weighs on the mean
-_MAX_NUMBERS = 4_000_000  # weights that are drawn at once
 
+class Share(NamedTuple):
+    """A share of points with its 95 % interval, and the number of its games."""
 
-@dataclass(frozen=True)
-class PairGames:
-    """One row for each two teams of each game, of different agents; N rows.
-
-    Attributes:
-        first, second: int64 [N] agents, first < second.
-        teams: int64 [N, 2] that the two have played.
-        games, blocks: int64 [N].
-        scores: float64 [N] of the first: 1 it came in above the second, 0 below, 0.5 level.
-    """
-
-    first: NDArray[np.int64]
-    second: NDArray[np.int64]
-    teams: NDArray[np.int64]
-    games: NDArray[np.int64]
-    blocks: NDArray[np.int64]
-    scores: NDArray[np.float64]
+    share: float
+    low: float
+    high: float
+    games: int
 
 
 @dataclass(frozen=True)
 class Payoffs:
-    """What n agents score against each other.
+    """Scores of n agents against each other.
 
     Attributes:
         points: float64 [n, n], how often the row came in above the column; ties count half.
@@ -69,18 +55,18 @@ class Payoffs:
         """Float64 [n, n], as `find_shares`."""
         return find_shares(self.points, self.counts)
 
-    def reorder(self, order: NDArray[np.int64]) -> Payoffs:
-        """The same with the agents in another order: int64 [n], who comes first, second, ..."""
+    def reorder(self, order: Sequence[int]) -> Payoffs:
+        """The same with the agents in another order: the first, the second, ..."""
         grid = np.ix_(order, order)
-        return Payoffs(
-            self.points[grid],
-            self.counts[grid],
-            self.draws[grid],
-            self.repeats[grid],
-            self.low[grid],
-            self.high[grid],
-            self.samples[:, order][:, :, order],
-        )
+        return Payoffs(**{name: array[(..., *grid)] for name, array in vars(self).items()})
+
+    def pair(self, row: int, column: int) -> Share | None:
+        """Score of the row against the column; None without games."""
+        games = int(self.counts[row, column])
+        if not games:
+            return None
+        share = float(self.points[row, column]) / games
+        return Share(share, float(self.low[row, column]), float(self.high[row, column]), games)
 
 
 def find_payoffs(num_agents: int, games: Games, seed: int = 0) -> Payoffs:
@@ -91,73 +77,46 @@ def find_payoffs(num_agents: int, games: Games, seed: int = 0) -> Payoffs:
     draws = np.zeros_like(counts)
     level = pairs.scores == 0.5
     np.add.at(draws, (pairs.first[level], pairs.second[level]), 1)
-    samples = _resample(num_agents, pairs, np.random.default_rng(seed))
-    shares = find_shares(points, counts)
-    low, high = np.quantile(samples, (TAIL, 1.0 - TAIL), axis=0)
-    low, high = np.minimum(low, shares), np.maximum(high, shares)
-    return Payoffs(points, counts, draws + draws.T, repeated, low, high, samples)
-
-
-def split_pairs(games: Games) -> PairGames:
-    """All pairs of teams of all games, repeats too, in the order of the games."""
-    parts = []
-    numbers = np.arange(len(games.agents))
-    for one, two in combinations(range(games.agents.shape[1]), 2):
-        own, other = games.agents[:, one], games.agents[:, two]
-        score = (1.0 + np.sign(games.ranks[:, two] - games.ranks[:, one])) / 2.0
-        is_turned = own > other
-        teams = np.where(is_turned[:, None], (two, one), (one, two))
-        first, second = np.minimum(own, other), np.maximum(own, other)
-        scores = np.where(is_turned, 1.0 - score, score)
-        kept = own != other
-        columns: Any = first, second, teams, numbers, games.blocks, scores
-        parts.append([column[kept] for column in columns])
-    whole: Any = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    order = np.argsort(whole[3], kind="stable")
-    return PairGames(*(column[order] for column in whole))
-
-
-def count_points(
-    num_agents: int, pairs: PairGames
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Points and games of each pair, [n, n] both."""
-    points = np.zeros((num_agents, num_agents))
-    counts = np.zeros((num_agents, num_agents), np.int64)
-    np.add.at(points, (pairs.first, pairs.second), pairs.scores)
-    np.add.at(points, (pairs.second, pairs.first), 1.0 - pairs.scores)
-    np.add.at(counts, (pairs.first, pairs.second), 1)
-    np.add.at(counts, (pairs.second, pairs.first), 1)
-    return points, counts
-
-
-def find_shares(points: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Float64 [n, n] points / counts; 0.5 where nothing was played."""
-    return np.where(counts > 0, points / np.maximum(counts, 1), 0.5)
-
-
-def _resample(num_agents: int, pairs: PairGames, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Shares of points [S, n, n] with a random weight for each block: exponential, as normalised
-    ones are Rubin's.
-    """
     first, second = np.triu_indices(num_agents, 1)
     number = np.zeros((num_agents, num_agents), np.int64)
     number[first, second] = np.arange(len(first))
-    columns = number[pairs.first, pairs.second]
-    num_blocks = int(pairs.blocks.max()) + 1 if len(pairs.blocks) else 0
-    shape = num_blocks, len(first)
-    points = csr_array((pairs.scores, (pairs.blocks, columns)), shape=shape)
-    counts = csr_array((np.ones(len(columns)), (pairs.blocks, columns)), shape=shape)
-    met = np.diff(counts.tocsc().indptr)  # blocks in which the pair has met
-    size = counts.sum(axis=0) / np.maximum(met, 1)  # games of one of its blocks
-    size = np.where(met > 0, size, 1.0)
-    shares = np.empty((NUM_SAMPLES, len(first)))
-    step = max(1, _MAX_NUMBERS // max(1, num_blocks))
-    for start in range(0, NUM_SAMPLES, step):
-        part = slice(start, min(start + step, NUM_SAMPLES))
-        weights = rng.standard_exponential((part.stop - start, num_blocks))
-        won, lost = size * rng.gamma(_JEFFREYS, size=(2, part.stop - start, len(first)))
-        shares[part] = (weights @ points + won) / (weights @ counts + won + lost)
-    samples = np.full((NUM_SAMPLES, num_agents, num_agents), 0.5)
-    samples[:, first, second] = shares
-    samples[:, second, first] = 1.0 - shares
-    return samples
+    cells, rng = number[pairs.first, pairs.second], np.random.default_rng(seed)
+    resampled = resample_shares(pairs.scores, pairs.blocks, cells, len(first), rng, NUM_SAMPLES)
+    samples = np.full((len(resampled), num_agents, num_agents), 0.5)
+    samples[:, first, second] = resampled
+    samples[:, second, first] = 1.0 - resampled
+    low, high = find_ends(samples, find_shares(points, counts))
+    return Payoffs(points, counts, draws + draws.T, repeated, low, high, samples)
+
+
+def find_team_shares(games: Games) -> dict[tuple[int, int], Share]:
+    """Scores of each agent in each team's seats, by (agent, team); repeats are not counted."""
+    return _group_shares(
+        games, np.broadcast_to(np.arange(games.agents.shape[1]), games.agents.shape)
+    )
+
+
+def find_map_shares(games: Games, maps: Sequence[str]) -> dict[tuple[int, str], Share]:
+    """Scores of each agent on each map, by (agent, map); maps: of all N games."""
+    names, numbers = np.unique(np.array(maps, np.str_), return_inverse=True)
+    played = np.broadcast_to(numbers.ravel()[:, None], games.agents.shape)
+    found = _group_shares(games, played)
+    return {(agent, str(names[number])): share for (agent, number), share in found.items()}
+
+
+def _group_shares(games: Games, keys: NDArray[np.int64]) -> dict[tuple[int, int], Share]:
+    """Scores by agent and another key [N, T]."""
+    counted = games.count_once()
+    groups = np.stack((counted.agents, keys[~games.is_repeat]), 2).reshape(-1, 2)
+    unique, cells = np.unique(groups, axis=0, return_inverse=True)
+    cells, scores = cells.ravel(), counted.points.ravel()
+    blocks = np.repeat(counted.blocks, games.agents.shape[1])
+    rng = np.random.default_rng(0)
+    samples = resample_shares(scores, blocks, cells, len(unique), rng)
+    sizes = np.bincount(cells, minlength=len(unique))
+    shares = np.bincount(cells, scores, len(unique)) / sizes
+    columns = shares, *find_ends(samples, shares), sizes
+    return {
+        (agent, key): Share(*row)
+        for (agent, key), *row in zip(unique.tolist(), *(c.tolist() for c in columns), strict=True)
+    }

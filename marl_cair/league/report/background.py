@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
@@ -14,19 +15,20 @@ import numpy as np
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.league.agents.load import shorten_paths
 from marl_cair.league.play.arena import Rules
-from marl_cair.league.ratings.rate import Games, Rating, describe_method
-from marl_cair.league.ratings.shares import Share, find_map_shares
+from marl_cair.league.ratings.games import Games
+from marl_cair.league.ratings.payoffs import Share, find_map_shares
+from marl_cair.league.ratings.rate import Rating, describe_method
 from marl_cair.league.report.replays import Replay
 from marl_cair.league.store.records import AgentRecord
 from marl_cair.league.store.store import LeagueStore, StoredGames
 
-COMMANDS, VERSIONS = "commands", "versions"  # under which a league file notes them
+COMMANDS, VERSIONS = "commands", "versions"  # settings of a league file
 _LIBRARIES = ("marl_cair", "numpy", "scipy", "torch")
-_WORLDS = 256  # whose maps are looked up at once
+_WORLDS = 256  # that are reset at once to find their maps
 
 
 class Point(NamedTuple):
-    """A snapshot of a run: how long it had been trained, and its rating."""
+    """A snapshot of a run: its environment steps of training, and its rating."""
 
     frames: int
     rating: Rating
@@ -41,7 +43,7 @@ class Curve(NamedTuple):
 
 @dataclass(frozen=True)
 class Background:
-    """What a report shows beside ratings; the defaults are those of a report without a league file.
+    """Contents of a report beside ratings; by default those of a report without a league file.
 
     Attributes:
         title: of the game.
@@ -73,19 +75,16 @@ def read_background(
     replay_words: str,
 ) -> Background:
     """Read it for stored games; `names` by id, `games` has agents by place in `names`."""
-    rules = Rules.read(store.settings)
-    counted = ~games.is_repeat
-    by_place = list(names.values())
-    maps = _find_maps(rules, stored)
+    rules, records = Rules.read(store.settings), store.read_agents()
+    maps, by_place = _find_maps(rules, stored), list(names.values())
     shares = find_map_shares(games, maps) if len(set(maps)) > 1 else {}
-    records = store.read_agents()
     return Background(
         rules.game.title,
         _list_settings(store.settings, rules, stored, games),
         {name: records[number] for number, name in names.items()},
         {(by_place[agent], name): share for (agent, name), share in shares.items()},
         _describe_maps(rules, set(maps)),
-        int(stored.is_truncated[counted].sum()),
+        int(stored.is_truncated[~games.is_repeat].sum()),
         tuple(replays),
         replay_words,
     )
@@ -125,12 +124,19 @@ def find_curves(ratings: Sequence[Rating], records: Mapping[str, AgentRecord]) -
             key = str(about["run"]), str(about["name"]), int(about["seed"])
             frames = int(about["frames_total"])
             runs.setdefault(key, {})[frames] = Point(frames, rating)
-    several = {key: points for key, points in runs.items() if len(points) > 1}
-    places = {key: _find_place(*key[:2]) for key in several}
+    several = {key: points for key, points in sorted(runs.items()) if len(points) > 1}
+    places = {
+        (folder, name): folder if folder.endswith(f"/{name}") else f"{folder}/{name}"
+        for folder, name, _ in several
+    }
     short = shorten_paths(sorted(set(places.values())))
+    count = Counter(key[:2] for key in several)  # the seed is named where runs differ only by it
     return [
-        Curve(_name_run(key, short[places[key]], several), tuple(points[f] for f in sorted(points)))
-        for key, points in sorted(several.items())
+        Curve(
+            short[places[key[:2]]] + (f" (seed {key[2]})" if count[key[:2]] > 1 else ""),
+            tuple(points[frames] for frames in sorted(points)),
+        )
+        for key, points in several.items()
     ]
 
 
@@ -147,21 +153,9 @@ def describe_training(record: AgentRecord) -> str:
 
 
 def _read_training(record: AgentRecord) -> dict[str, Any]:
-    """As `agents.describe_training` has written it, in files of before without the total."""
+    """As `agents.describe_training` wrote it; older files do not have the total."""
     about = dict(json.loads(record.configuration).get("training", {}))
     return {"frames_total": about["frames"], **about} if about else {}
-
-
-def _find_place(folder: str, name: str) -> str:
-    return folder if folder.endswith(f"/{name}") else f"{folder}/{name}"
-
-
-def _name_run(
-    key: tuple[str, str, int], short: str, runs: Mapping[tuple[str, str, int], Any]
-) -> str:
-    """The name of a run, with its seed where another of that name and place has another."""
-    has_twin = sum(other[:2] == key[:2] for other in runs) > 1
-    return f"{short} (seed {key[2]})" if has_twin else short
 
 
 def list_versions() -> str:
@@ -179,25 +173,19 @@ def _list_settings(
     settings: Mapping[str, Any], rules: Rules, stored: StoredGames, games: Games
 ) -> tuple[tuple[str, str], ...]:
     method = describe_method(rules.seed)
-    num_blocks = len(set(stored.blocks.tolist()))
-    rows = [
+    num_blocks, num_repeats = len(np.unique(stored.blocks)), int(games.is_repeat.sum())
+    return (
         *(("Command", command) for command in settings.get(COMMANDS, [])),
         ("Game", f"{rules.game.name}, rules version {settings['game_version']}"),
         ("Scenario", ", ".join(f"{k} = {_format(v)}" for k, v in settings["scenario"].items())),
         ("League seed", str(rules.seed)),
-        (
-            "Games",
-            (
-                f"{len(stored.agents)} in {num_blocks} blocks (one map seed in all its seatings), "
-                f"{int(games.is_repeat.sum())} of them repeats that are not counted"
-            ),
-        ),
+        ("Games", f"{len(stored.agents)}, of which {num_repeats} repeat another and do not count"),
+        ("Blocks", f"{num_blocks}, each one map seed in all its seatings"),
         ("Seating", f"{rules.seating}, {rules.num_teams} teams"),
         ("Ratings", f"{method['method']}; prior of {method['prior_elo']:g} Elo"),
         ("Intervals", f"95 %, {method['bootstraps']} resamples of blocks, seed {method['seed']}"),
         *(("Played with", versions) for versions in settings.get(VERSIONS, [])),
-    ]
-    return tuple(rows)
+    )
 
 
 def _format(value: Any) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cycler import cycler
 from matplotlib import colormaps, rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
@@ -16,8 +17,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
 from marl_cair.files import atomic_path
+from marl_cair.league.ratings.rate import Rating
 from marl_cair.league.report.sections import Report
-from marl_cair.league.report.table import LeagueTable, find_elo_range
+from marl_cair.league.report.table import LeagueTable
 from marl_cair.text import clean_text
 
 DOT_COLOUR, BOUND_COLOUR = "#0072b2", "#d55e00"  # Okabe and Ito: safe for the colour-blind
@@ -44,6 +46,9 @@ STYLE: dict[Any, Any] = {  # matplotlib spells out all its keys as a type
     "grid.color": GRID_COLOUR,
     "grid.linewidth": 0.5,
     "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.prop_cycle": cycler(linestyle=("-", "--", ":")) * cycler(color=CURVE_COLOURS),
     "pdf.fonttype": 42,  # text stays text
     "svg.fonttype": "none",
 }
@@ -56,57 +61,55 @@ ARROW_SHARE = 0.08  # of the ladder's width
 _METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))  # none
 
 
-def write_figures(folder: Path, table: LeagueTable) -> None:
+def write_figures(folder: Path, report: Report) -> None:
     """Write ladder and matrix, both best first, as `league.png` and `league.pdf`."""
-    size = len(table.names)
+    table = report.table
     with rc_context(STYLE):
-        width = WIDTH_INCHES * max(1.0, min(size, MAX_LABELLED) / 14.0)
-        height = _find_height(table) + 0.45
+        width, height = _find_size(table)
+        height += 0.45
         figure = Figure(figsize=(width, height), layout="constrained")
         ladder, matrix = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 1.2))
-        if size:
-            draw_matrix(matrix, table)
-            draw_ladder(ladder, table)
+        if table.names:
+            draw_matrix(matrix, report)
+            draw_ladder(ladder, report)
         figure.supxlabel(_describe_marks(table), fontsize=6.5, color="0.35", x=0.01, ha="left")
         dots = min(DOTS_PER_INCH, MAX_PIXELS / max(width, height))
         figure.set_dpi(dots)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # the layout is fixed: computing it takes a second
         # Canvases draw once, `savefig` twice.
-        canvas: Any = FigureCanvasAgg(figure)
-        with atomic_path(folder / "league.png") as unfinished:
-            canvas.print_png(unfinished)
-        canvas = FigureCanvasPdf(figure)
-        with atomic_path(folder / "league.pdf") as unfinished:
-            canvas.print_pdf(unfinished, metadata={"CreationDate": None})
+        canvas: Any
+        for kind, canvas in (("png", FigureCanvasAgg(figure)), ("pdf", FigureCanvasPdf(figure))):
+            options = {"metadata": {"CreationDate": None}} if kind == "pdf" else {}
+            with atomic_path(folder / f"league.{kind}") as unfinished:
+                getattr(canvas, f"print_{kind}")(unfinished, **options)
 
 
 def make_svg(report: Report, name: str, label: str) -> str:
     """The chart `name` ("ladder", "matrix" or "training") as an SVG element for the page."""
-    table = report.table
     with rc_context({**STYLE, "svg.hashsalt": name}):
-        height = 3.4 if name == "training" else _find_height(table)
-        width = WIDTH_INCHES * max(1.0, min(len(table.names), MAX_LABELLED) / 14.0)
+        width, height = _find_size(report.table)
+        height = 3.4 if name == "training" else height
         figure = Figure(figsize=(width, height), layout="constrained", facecolor="none")
         panel = figure.subplots()
         panel.set_facecolor("none")
-        if name == "training":
-            draw_curves(panel, report)
-        else:
-            {"ladder": draw_ladder, "matrix": draw_matrix}[name](panel, table)
-        canvas: Any = FigureCanvasSVG(figure)
+        draw = {"ladder": draw_ladder, "matrix": draw_matrix, "training": draw_curves}[name]
+        draw(panel, report)
         written = io.StringIO()
+        canvas: Any = FigureCanvasSVG(figure)
         canvas.print_svg(written, metadata=_METADATA)
-    text = written.getvalue()
-    text = text[text.index("<svg ") :].replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)
+    _, text = written.getvalue().split("<svg ", 1)
+    text = f'<svg role="img" aria-label="{label}" {text}'
     for colour, variable in CSS_COLOURS.items():
         text = text.replace(colour, variable)
     return text
 
 
-def _find_height(table: LeagueTable) -> float:
+def _find_size(table: LeagueTable) -> tuple[float, float]:
+    """Width and height in inches."""
     size = len(table.names)
-    return 0.6 + (0.27 if size <= MAX_LABELLED else 0.12) * size
+    width = WIDTH_INCHES * max(1.0, min(size, MAX_LABELLED) / 14.0)
+    return width, 0.6 + (0.27 if size <= MAX_LABELLED else 0.12) * size
 
 
 def _shorten(names: Sequence[str]) -> list[str]:
@@ -117,7 +120,7 @@ def _shorten(names: Sequence[str]) -> list[str]:
 
 
 def _describe_marks(table: LeagueTable) -> str:
-    games = int(table.counts.max(initial=0))
+    games = int(table.payoffs.counts.max(initial=0))
     bold = "Bold scores: significantly different from 50 %"
     lines = [f"Bars: 95 % confidence intervals. {bold}; up to {games} games per pair."]
     ratings = table.ratings
@@ -131,10 +134,10 @@ def _describe_marks(table: LeagueTable) -> str:
     return "\n".join(lines)
 
 
-def draw_ladder(panel: Any, table: LeagueTable) -> None:
+def draw_ladder(panel: Any, report: Report) -> None:
     """Ratings with intervals, best on top."""
-    ratings = table.ratings
-    left, right = find_elo_range(ratings)
+    table, ratings = report.table, report.table.ratings
+    left, right = _find_range(ratings)
     for place, rating in enumerate(ratings):
         colour = BOUND_COLOUR if rating.is_bound else DOT_COLOUR
         low = left if rating.open_low else rating.low
@@ -148,25 +151,34 @@ def draw_ladder(panel: Any, table: LeagueTable) -> None:
             panel.annotate("", (end, place), (start, place), arrowprops=arrow)
         if place and rating.group != ratings[place - 1].group:
             panel.axhline(place - 0.5, color=QUIET_COLOUR, linewidth=0.7, linestyle=(0, (4, 3)))
-    size = len(table.names)
     _label_rows(panel, table)
     label = f"Elo ({table.zero})" if ratings else "no ladder: see the report"
-    panel.set(xlim=(left, right), xlabel=label)
-    panel.set_ylim(size - 0.5, -0.5)
+    panel.set(xlim=(left, right), xlabel=label, ylim=(len(table.names) - 0.5, -0.5))
     panel.axvline(0.0, color=QUIET_COLOUR, linewidth=0.6)
     panel.grid(axis="x")
-    panel.spines[["top", "right", "left"]].set_visible(False)
+    panel.spines["left"].set_visible(False)
     panel.tick_params(axis="y", which="both", length=0)
 
 
-def draw_matrix(panel: Any, table: LeagueTable) -> None:
+def _find_range(ratings: Sequence[Rating]) -> tuple[float, float]:
+    """The ends of an axis that holds all intervals; open ends may lie beyond."""
+    lows = [r.elo if r.open_low else r.low for r in ratings]
+    highs = [r.elo if r.open_high else r.high for r in ratings]
+    low, high = min(lows, default=0.0), max(highs, default=0.0)
+    margin = 0.1 * (high - low) or 1.0
+    return low - margin, high + margin
+
+
+def draw_matrix(panel: Any, report: Report) -> None:
     """Score of each row's agent against each column's in percent, as colours and numbers."""
-    shares, size = table.shares, len(table.names)
+    table = report.table
+    payoffs, size = table.payoffs, len(table.names)
+    shares = np.ma.masked_where(payoffs.counts == 0, payoffs.shares)
     # Coloured before it is enlarged: the other order takes a second for every drawing.
-    colours = colormaps["PuOr"]((np.ma.masked_invalid(shares) + 0.15) / 1.3, bytes=True)
+    colours = colormaps["PuOr"]((shares + 0.15) / 1.3, bytes=True)
     panel.imshow(colours, aspect="auto", interpolation="none")
-    is_clear = (table.low > 0.5) | (table.high < 0.5)
-    for row, column in np.argwhere(table.counts > 0) if size <= MAX_LABELLED else ():
+    is_clear = (payoffs.low > 0.5) | (payoffs.high < 0.5)
+    for row, column in np.argwhere(payoffs.counts > 0) if size <= MAX_LABELLED else ():
         share = shares[row, column]
         panel.text(
             column,
@@ -197,24 +209,14 @@ def _label_rows(panel: Any, table: LeagueTable) -> None:
 
 def draw_curves(panel: Any, report: Report) -> None:
     """Ratings with intervals by environment steps, one line for each run."""
-    for number, curve in enumerate(report.curves):
-        elo = np.array([point.rating.elo for point in curve.points])
-        low = elo - [point.rating.low for point in curve.points]
-        high = [point.rating.high for point in curve.points] - elo
-        panel.errorbar(
-            [point.frames for point in curve.points],
-            elo,
-            (low, high),
-            color=CURVE_COLOURS[number % len(CURVE_COLOURS)],
-            linestyle=("-", "--", ":")[number // len(CURVE_COLOURS) % 3],
-            marker="o",
-            markersize=4,
-            elinewidth=1.0,
-            label=_shorten([curve.run])[0],
-        )
+    for curve in report.curves:
+        steps, ratings = zip(*curve.points, strict=True)
+        elo = np.array([rating.elo for rating in ratings])
+        ends = elo - [r.low for r in ratings], [r.high for r in ratings] - elo
+        name = _shorten([curve.run])[0]
+        panel.errorbar(steps, elo, ends, marker="o", markersize=4, elinewidth=1.0, label=name)
     panel.set(xlabel="steps of training", ylabel=f"Elo ({report.table.zero})")
     panel.set_xlim(left=0.0)
     panel.xaxis.set_major_formatter(EngFormatter(sep=""))
     panel.grid(axis="y")
-    panel.spines[["top", "right"]].set_visible(False)
     panel.legend(frameon=False, labelcolor=TEXT_COLOUR)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Iterator, Sequence
+from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,29 +13,31 @@ import numpy as np
 
 from marl_cair.files import write_atomically
 from marl_cair.league.ratings.fit import FitTest
-from marl_cair.league.ratings.rate import Rating
-from marl_cair.league.ratings.shares import Share
 from marl_cair.league.report.render import render_html, render_markdown, render_text
 from marl_cair.league.report.sections import Report
 from marl_cair.league.report.table import LeagueTable
 from marl_cair.text import clean_cell
 
+Rows = Iterator[tuple[Any, ...]]
+
+_SHARE = ("score", "low", "high", "games")
+_AVERAGE = ("weight", "low", "high", "score", "score_low", "score_high")
+# Columns of each CSV file; a number with a fraction is written with 4 digits, Elo with 2.
+_COLUMNS = {
+    "ladder": ("agent", "elo", "low", "high", "open", "bound", "group", "first", "score", "games"),
+    "winrates": ("agent", "opponent", *_SHARE, "repeated_games", "wins", "draws", "losses"),
+    "differences": ("agent", "opponent", "elo", "low", "high", "bound"),
+    "seats": ("agent", "team", *_SHARE),
+    "maps": ("agent", "map", *_SHARE),
+    "training": ("run", "decisions", "agent", "elo", "low", "high"),
+    "averages": ("method", "agent", *_AVERAGE),
+    "cycles": ("first", "second", "third", "share"),
+    "fit": ("number", "value"),
+    "forfeits": ("reason", "games"),
+}
 FILES = (
-    "report.html",
-    "report.md",
-    "ladder.txt",
-    "league.png",
-    "league.pdf",
-    "ladder.csv",
-    "differences.csv",
-    "winrates.csv",
-    "seats.csv",
-    "maps.csv",
-    "training.csv",
-    "averages.csv",
-    "cycles.csv",
-    "fit.csv",
-    "forfeits.csv",
+    *("report.html", "report.md", "ladder.txt", "league.png", "league.pdf"),
+    *(f"{name}.csv" for name in _COLUMNS),
 )
 
 
@@ -45,134 +47,82 @@ def write_report(folder: Path, report: Report) -> str:
 
     text = render_text(report)
     write_atomically(folder / "ladder.txt", text)
-    for name, (header, rows) in _list_tables(report).items():
-        write_atomically(folder / f"{name}.csv", _as_csv(header, rows))
-    write_figures(folder, report.table)
+    for name, rows in _list_rows(report).items():
+        write_atomically(folder / f"{name}.csv", _format_csv(_COLUMNS[name], rows))
+    write_figures(folder, report)
     write_atomically(folder / "report.md", render_markdown(report))
     write_atomically(folder / "report.html", render_html(report))
     return text
 
 
-def _list_tables(report: Report) -> dict[str, tuple[Sequence[str], Sequence[Sequence[Any]]]]:
-    """Header and rows of each CSV file by its name."""
-    table = report.table
-    scores = ("weight", "low", "high", "score", "score_low", "score_high")
-    share = ("score", "low", "high", "games")
+def _list_rows(report: Report) -> dict[str, Rows | Sequence[tuple[Any, ...]]]:
+    """Rows of each CSV file by its name."""
+    table, maps, fit = report.table, report.background.map_shares, report.table.fit
     return {
-        "ladder": _list_ladder(table.ratings),
-        "winrates": _list_matrix(table),
+        "ladder": [
+            (
+                r.name,
+                *_format_elo(r.elo, r.low, r.high),
+                " ".join(end for end in ("low", "high") if getattr(r, f"open_{end}")),
+                *(r.bound, r.group, f"{r.probability_first:.3f}", r.score, r.games),
+            )
+            for r in table.ratings
+        ],
+        "winrates": _list_scores(table),
         "differences": _list_differences(table),
-        "seats": (
-            ("agent", "team", *share),
-            [(name, team + 1, *_format(found)) for (name, team), found in _sort(table.team_shares)],
-        ),
-        "maps": (
-            ("agent", "map", *share),
-            [(*key, *_format(found)) for key, found in _sort(report.background.map_shares)],
-        ),
-        "training": (
-            ("run", "decisions", "agent", "elo", "low", "high"),
-            [
-                (curve.run, frames, r.name, f"{r.elo:.2f}", f"{r.low:.2f}", f"{r.high:.2f}")
-                for curve in report.curves
-                for frames, r in curve.points
-            ],
-        ),
-        "averages": (("method", "agent", *scores), _list_averages(table)),
-        "cycles": (("first", "second", "third", "share"), _list_cycles(table)),
-        "fit": (("number", "value"), _list_fit(table)),
-        "forfeits": (("reason", "games"), table.forfeits),
+        "seats": [(n, team + 1, *share) for (n, team), share in sorted(table.team_shares.items())],
+        "maps": [(*key, *share) for key, share in sorted(maps.items())],
+        "training": [
+            (curve.run, steps, r.name, *_format_elo(r.elo, r.low, r.high))
+            for curve in report.curves
+            for steps, r in curve.points
+        ],
+        "averages": [
+            (title, name, *map(float, row))
+            for title, found in table.averages.items()
+            for name, *row in zip(table.names, *vars(found).values(), strict=True)
+        ],
+        "cycles": table.cycles,
+        "fit": [
+            (field.name, f"{getattr(fit, field.name):.6g}" if fit else "")
+            for field in (fields(FitTest) if table.num_games else ())
+        ],
+        "forfeits": table.forfeits,
     }
 
 
-def _sort(shares: Mapping[Any, Share]) -> list[tuple[Any, Share]]:
-    return sorted(shares.items())
+def _format_elo(*values: float) -> Iterator[str]:
+    return (f"{value:.2f}" for value in values)
 
 
-def _format(share: Share) -> tuple[str, str, str, int]:
-    return f"{share.share:.4f}", f"{share.low:.4f}", f"{share.high:.4f}", share.games
+def _list_scores(table: LeagueTable) -> Rows:
+    payoffs = table.payoffs
+    for row, column in np.ndindex(payoffs.counts.shape):
+        if (share := payoffs.pair(row, column)) is not None:
+            draws = int(payoffs.draws[row, column])
+            wins = round(float(payoffs.points[row, column]) - 0.5 * draws)
+            counts = payoffs.repeats[row, column], wins, draws, share.games - wins - draws
+            yield table.names[row], table.names[column], *share, *counts
 
 
-def _list_ladder(ratings: Sequence[Rating]) -> tuple[Sequence[str], list[tuple[Any, ...]]]:
-    return (
-        ("agent", "elo", "low", "high", "open", "bound", "group", "first", "score", "games"),
-        [
-            (
-                r.name,
-                f"{r.elo:.2f}",
-                f"{r.low:.2f}",
-                f"{r.high:.2f}",
-                " ".join(end for end in ("low", "high") if getattr(r, f"open_{end}")),
-                r.bound,
-                r.group,
-                f"{r.probability_first:.3f}",
-                f"{r.score:.4f}",
-                r.games,
-            )
-            for r in ratings
-        ],
-    )
+def _list_differences(table: LeagueTable) -> Rows:
+    for row, gaps in enumerate(table.ladder.differences if table.ladder else ()):
+        for column, gap in enumerate(gaps):
+            own, other = table.ratings[row], table.ratings[column]
+            if row == column:
+                continue
+            if gap is not None:
+                yield own.name, other.name, *_format_elo(*astuple(gap)), ""
+            else:
+                bound = "lower" if own.group < other.group else "upper"
+                yield own.name, other.name, *_format_elo(own.elo - other.elo), "", "", bound
 
 
-def _list_matrix(table: LeagueTable) -> tuple[Sequence[str], list[tuple[Any, ...]]]:
-    rows: list[tuple[Any, ...]] = []
-    for row, column in np.ndindex(table.counts.shape):
-        pair = table.pair(row, column)
-        if pair is not None:
-            names = table.names[row], table.names[column]
-            draws = int(table.draws[row, column])
-            wins = round(float(table.points[row, column]) - 0.5 * draws)
-            found = wins, draws, pair.games - wins - draws
-            rows.append((*names, *_format(pair), table.repeats[row, column], *found))
-    share = "score", "low", "high", "games", "repeated_games"
-    return ("agent", "opponent", *share, "wins", "draws", "losses"), rows
-
-
-def _list_differences(table: LeagueTable) -> tuple[Sequence[str], list[tuple[Any, ...]]]:
-    rows: list[tuple[Any, ...]] = []
-    header = ("agent", "opponent", "elo", "low", "high", "bound")
-    if table.ladder is None:
-        return header, rows
-    for row, column in np.argwhere(~np.eye(len(table.names), dtype=np.bool_)).tolist():
-        gap = table.ladder.differences[row][column]
-        own, other = table.ratings[row], table.ratings[column]
-        elo = own.elo - other.elo
-        ends = ("", "") if gap is None else (f"{gap.low:.2f}", f"{gap.high:.2f}")
-        bound = "" if gap else "lower" if own.group < other.group else "upper"
-        rows.append((own.name, other.name, f"{elo:.2f}", *ends, bound))
-    return header, rows
-
-
-def _list_fit(table: LeagueTable) -> list[tuple[str, str]]:
-    if table.diagnostics is None:
-        return []
-    fit = table.diagnostics.fit
-    names = [field.name for field in fields(FitTest)]
-    return [(name, "" if fit is None else f"{getattr(fit, name):.6g}") for name in names]
-
-
-def _list_cycles(table: LeagueTable) -> list[tuple[str, ...]]:
-    return [
-        (*(table.numbered_names[agent] for agent in cycle.agents), f"{cycle.share:.4f}")
-        for cycle in (table.diagnostics.cycles if table.diagnostics else ())
-    ]
-
-
-def _list_averages(table: LeagueTable) -> list[tuple[str, ...]]:
-    """Best agent first."""
-    place = {name: number for number, name in enumerate(table.numbered_names)}
-    rows = []
-    for title, found in (table.diagnostics.averages if table.diagnostics else {}).items():
-        columns = [getattr(found, field.name) for field in fields(found)]
-        rows += [
-            (title, name, *(f"{column[place[name]]:.4f}" for column in columns))
-            for name in table.names
-        ]
-    return rows
-
-
-def _as_csv(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+def _format_csv(header: Sequence[str], rows: Rows | Sequence[tuple[Any, ...]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerows(map(clean_cell, row) for row in (header, *rows))
+    writer.writerow(header)
+    for row in rows:
+        cells = (f"{cell:.4f}" if isinstance(cell, float) else cell for cell in row)
+        writer.writerow(map(clean_cell, cells))
     return text.getvalue()

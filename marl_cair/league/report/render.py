@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from itertools import zip_longest
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -23,13 +24,12 @@ def render_html(report: Report) -> str:
 
     environment = _make_environment(autoescape=True)
     environment.filters.update(breaks=allow_breaks, code=mark_code, sign=use_unicode_signs)
-    charts = {
-        section.chart: Markup(make_svg(report, section.chart, CHART_LABEL))  # noqa: S704
-        for section in report.sections
-        if section.chart
-    }
     page = environment.get_template("report.html.jinja")
-    return page.render(report=report, charts=charts, max_open_items=MAX_OPEN_ITEMS)
+    return page.render(
+        report=report,
+        draw=lambda chart: Markup(make_svg(report, chart, CHART_LABEL)),  # noqa: S704
+        max_open_items=MAX_OPEN_ITEMS,
+    )
 
 
 def render_markdown(report: Report) -> str:
@@ -104,19 +104,17 @@ def format_table(table: Table) -> str:
     """Columns of equal width, words from the left and numbers from the right; cells may have
     several lines. A table wider than LINE_WIDTH is replaced by a reference to `report.md`.
     """
-    rows: list[list[str]] = []
-    for row in (table.header, *table.rows):
-        cells = [cell.split("\n") for cell in row]
-        height = max(map(len, cells))
-        rows += [[cell[at] if at < len(cell) else "" for cell in cells] for at in range(height)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for line in rows:
-        padded = [
-            cell.ljust(width) if place < table.num_words else cell.rjust(width)
-            for place, (cell, width) in enumerate(zip(line, widths, strict=True))
-        ]
-        lines.append("  ".join(padded).rstrip())
+    rows = [
+        line
+        for row in (table.header, *table.rows)
+        for line in zip_longest(*(cell.split("\n") for cell in row), fillvalue="")
+    ]
+    sides = "<" * table.num_words + ">" * len(table.header)
+    pads = [
+        f"{{:{side}{max(map(len, column))}}}"
+        for side, column in zip(sides, zip(*rows, strict=True), strict=False)
+    ]
+    lines = ["  ".join(pads).format(*row).rstrip() for row in rows]
     if max(map(len, lines)) > LINE_WIDTH:
         return "Too wide for a terminal: see report.md."
     return "\n".join(lines)

@@ -9,18 +9,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from marl_cair.files import locked_folder
 from marl_cair.league.agents.allowed_code import AllowCode
 from marl_cair.league.agents.load import load_agent
-from marl_cair.league.play.arena import Load, Rules
-from marl_cair.league.ratings.rate import Games, Ladder, Rating, describe_method
+from marl_cair.league.play.arena import Load
+from marl_cair.league.ratings.games import Games
+from marl_cair.league.ratings.rate import Ladder, Rating, describe_method
 from marl_cair.league.report.background import read_background
 from marl_cair.league.report.files import write_report
 from marl_cair.league.report.replays import FOLDER as REPLAYS
-from marl_cair.league.report.replays import Replay, ReplayContext, choose_games, make_replays
+from marl_cair.league.report.replays import ReplayRenderer, choose_games
 from marl_cair.league.report.sections import make_report
-from marl_cair.league.report.table import LeagueTable, make_table
+from marl_cair.league.report.table import make_table
 from marl_cair.league.store.records import AgentRecord
 from marl_cair.league.store.store import STORE_FILE, LeagueStore, StoredGames
 
@@ -30,33 +32,28 @@ class LeagueResult:
     """Ratings and report of a league."""
 
     ratings: tuple[Rating, ...]  # best first
-    text: str  # ladder, matrix, other tables and plain words
+    text: str  # ladder, matrix, other tables and sentences
     folder: Path
-    ending: str = ""  # what ended games that were played until something was reached, in words
+    ending: str = ""  # how games ended that were played until a target was reached
 
 
 def number_agents(stored: StoredGames, ids: Sequence[int]) -> Games:
     """The games with agents by their places in `ids`, and games on one map seed as one block.
 
-    In leagues of before all line-ups had the same map seeds: what favours an agent on one of these
-    does so in all its games there. Raises KeyError for an agent that is not there.
+    In older leagues all line-ups had the same map seeds: a map that favours an agent does so in all
+    its games there. Raises KeyError for an agent that is not in `ids`.
     """
-    order = np.argsort(ids)
-    places = np.searchsorted(ids, stored.agents, sorter=order)
     if missing := set(stored.agents.ravel().tolist()) - set(ids):
         raise KeyError(f"agents {sorted(missing)} have played and are not among {list(ids)}")
-    return Games(
-        order[places],
-        stored.points,
-        stored.ranks,
-        np.unique(stored.map_seeds, return_inverse=True)[1].ravel(),
-        stored.is_repeat,
-    )
+    order = np.argsort(ids)
+    places = np.searchsorted(ids, stored.agents, sorter=order)
+    blocks = np.unique(stored.map_seeds, return_inverse=True)[1].ravel()
+    return Games(order[places], stored.points, stored.ranks, blocks, stored.is_repeat)
 
 
 def name_agents(agents: Mapping[int, AgentRecord]) -> dict[int, str]:
-    """Names by id, in the order of fingerprints. Agents of one name, as one that was trained on
-    under it, have their ids beside it; one that is the only bot of them keeps it.
+    """Names by id, in the order of fingerprints. Agents with the same name, such as two runs of one
+    name, get their ids beside it; a bot keeps its name if no other bot has it.
     """
     in_order = sorted(agents.items(), key=lambda item: item[1].fingerprint)
     names = {number: agent.name for number, agent in in_order}
@@ -77,7 +74,7 @@ class ReportOptions:
 
     Attributes:
         replays: whether to show a few games.
-        load: how to get their agents, as `load_agent`.
+        load: loads their agents, as `load_agent`.
         allow_code: which code of the league file may run for that; see `allowed_code`.
         show_progress: on the terminal.
         alpha_rank: whether to compute it.
@@ -99,85 +96,64 @@ def rate_and_report(
     folder: Path,
     options: ReportOptions,
 ) -> LeagueResult:
-    """Rate stored games of the agents `names` (by id), keep the ratings, write the report.
+    """Rate stored games of the agents `names` (by id), store the ratings, write the report.
 
-    names: in the order of fingerprints, so that no number depends on what agents are called.
-    Where no games compare everybody, the report says so and has all but the ladder.
+    names: in the order of fingerprints, so that no number depends on the names.
+    Where no games compare all agents, the report says so and has everything but the ladder.
 
     Raises:
         ValueError: alpha-Rank without OpenSpiel, or `options.zero` is none of the agents.
     """
-    if options.zero and options.zero not in names.values():
+    called = list(names.values())
+    if options.zero and options.zero not in called:
         raise ValueError(
             f"--zero is {options.zero!r}, the league has no such agent: give one of "
-            f"{', '.join(sorted(names.values()))}"
+            f"{', '.join(sorted(called))}"
         )
-    ids, called, seed = list(names), list(names.values()), int(store.settings["seed"])
-    games = number_agents(stored, ids)
+    games, seed = number_agents(stored, list(names)), int(store.settings["seed"])
     forfeits = sorted(Counter(reason for reason in stored.reasons if reason).items())
     table = make_table(called, games, forfeits, seed, options.alpha_rank, options.zero)
     if table.ladder is not None:
-        _keep_ratings(store, table.ladder, names, games, seed)
-    replays, why_none = _replay(store, stored, names, table, folder, options)
+        _store_ratings(store, table.ladder, names, games, seed)
+    replays, why_none = [], "Replays were left out (--no-replays)."
+    if options.replays:
+        renderer = ReplayRenderer(
+            store, stored, names, folder / REPLAYS, options.load, options.allow_code
+        )
+        choices = choose_games(stored, names, table.ratings)
+        shown = tqdm(choices, "replays", unit=" games", disable=not options.show_progress)
+        replays = [renderer.render(choice) for choice in shown]
+        why_none = "" if replays else "There is no finished game to show."
     background = read_background(store, stored, names, games, replays, why_none)
     text = write_report(folder, make_report(table, background))
     return LeagueResult(table.ratings, text, folder)
 
 
-def _keep_ratings(
+def _store_ratings(
     store: LeagueStore, ladder: Ladder, names: Mapping[int, str], games: Games, seed: int
 ) -> None:
-    called = list(names.values())
     id_of = {name: number for number, name in names.items()}
-    store.add_ratings(
-        describe_method(seed),
-        games.digest(called),
-        int((~games.is_repeat).sum()),
-        [
-            (
-                id_of[r.name],
-                *(r.elo, r.low, r.high, r.bound, r.group, r.probability_first, r.games, r.score),
-            )
-            for r in ladder.ratings
-        ],
-    )
-
-
-def _replay(
-    store: LeagueStore,
-    stored: StoredGames,
-    names: Mapping[int, str],
-    table: LeagueTable,
-    folder: Path,
-    options: ReportOptions,
-) -> tuple[tuple[Replay, ...], str]:
-    """Replays of a few games, and the reason if there are none."""
-    if not options.replays:
-        return (), "Replays were left out (--no-replays)."
-    choices = choose_games(stored, names, table.ratings)
-    context = ReplayContext(
-        Rules.read(store.settings),
-        str(store.settings["game_version"]),
-        store.read_agents(),
-        names,
-        folder / REPLAYS,
-        options.load,
-        options.allow_code,
-    )
-    replays = make_replays(context, stored, choices, options.show_progress)
-    return replays, "" if replays else "There is no finished game to show."
+    rows = [
+        (
+            id_of[r.name],
+            *(r.elo, r.low, r.high, r.bound, r.group, r.probability_first, r.games, r.score),
+        )
+        for r in ladder.ratings
+    ]
+    digest, num_games = games.digest(list(names.values())), int((~games.is_repeat).sum())
+    store.add_ratings(describe_method(seed), digest, num_games, rows)
 
 
 def report_stored(
     folder: Path, with_alpha_rank: bool = False, with_replays: bool = True, zero: str = ""
 ) -> LeagueResult:
-    """Rate all stored games of the league in `folder` and write its report; plays nothing but the
-    few games that it shows, and no foreign code. zero: the agent that is rated 0, see `rate`.
+    """Rate all stored games of the league in `folder` and write its report. It plays only the few
+    games that the report shows, and runs no foreign code. zero: the agent that is rated 0.
 
     Raises:
         LeagueStoreError: no league file, or one that cannot be read.
         OutputFolderError: another process plays that league, or writes its report.
-        ValueError: alpha-Rank without OpenSpiel.
+        ValueError: as `rate_and_report`.
     """
     with closing(LeagueStore(folder / STORE_FILE)) as store, locked_folder(folder):
         stored = store.read_games()

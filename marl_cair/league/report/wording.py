@@ -8,11 +8,11 @@ from itertools import combinations
 
 import numpy as np
 
-from marl_cair.league.ratings.cycles import Cycle
-from marl_cair.league.ratings.fit import LEVEL, NOTICED_SHARE, NUM_SIMULATIONS, FitTest
+from marl_cair.league.ratings.fit import NOTICED_SHARE, NUM_SIMULATIONS, FitTest
 from marl_cair.league.ratings.groups import SWEEP_PROBABILITY
+from marl_cair.league.ratings.intervals import LEVEL
 from marl_cair.league.ratings.likelihood import PRIOR_ELO
-from marl_cair.league.ratings.rate import Estimate, Ladder, Rating, is_stronger
+from marl_cair.league.ratings.rate import Ladder, Rating
 from marl_cair.league.report.table import LeagueTable
 
 ENOUGH_POWER = 0.8
@@ -39,8 +39,9 @@ def write_headline(table: LeagueTable) -> str:
     best = table.ratings[0].name
     if len(table.ratings) == 1:
         return f"{best} is the only agent"
-    places = range(1, len(table.ratings))
-    close = [table.names[place] for place in places if not table.differs(0, place)]
+    close = [
+        name for place, name in enumerate(table.names) if place and not table.differs(0, place)
+    ]
     if not close:
         return f"{best} is the strongest"
     if len(close) == 1:
@@ -55,12 +56,8 @@ def write_summary(table: LeagueTable) -> list[str]:
     if len(table.ratings) == 1:
         return ["All games were played by one agent: a league needs two or more."]
     sentences = [_describe_best(table, table.ladder), _list_close_pairs(table)]
-    found = table.diagnostics
-    if found is not None:
-        sentences.append(f"Is one number per agent enough? {describe_fit(found.fit)}")
-        if found.cycles:
-            sentences.append(describe_cycles(found.cycles, table.numbered_names, table.num_teams))
-    return sentences
+    sentences.append(f"Is one number per agent enough? {describe_fit(table.fit)}")
+    return [*sentences, describe_cycles(table)] if table.cycles else sentences
 
 
 def _describe_best(table: LeagueTable, ladder: Ladder) -> str:
@@ -98,13 +95,11 @@ def explain_no_ladder(table: LeagueTable) -> str:
 
 
 def format_rating(rating: Rating) -> tuple[str, str, str, str, str]:
-    """Elo, interval, chance to be first, score and games."""
+    """Elo, interval, share of first places, score and games."""
     elo = f"{BOUND_SIGNS[rating.bound]} {rating.elo:+.0f}".strip()
-    ends = (
-        f"{'<' if rating.open_low else ''}{rating.low:+.0f}",
-        f"{'>' if rating.open_high else ''}{rating.high:+.0f}",
-    )
-    interval = "" if rating.low == rating.high else f"[{', '.join(ends)}]"
+    low = f"{'<' * rating.open_low}{rating.low:+.0f}"
+    high = f"{'>' * rating.open_high}{rating.high:+.0f}"
+    interval = "" if rating.low == rating.high else f"[{low}, {high}]"
     first, score = f"{rating.probability_first:.0%}", f"{rating.score:.1%}"
     return elo, interval, first, score, str(rating.games)
 
@@ -140,25 +135,20 @@ def explain_bounds(ratings: Sequence[Rating]) -> list[str]:
 
 def compare_pairs(table: LeagueTable) -> list[str]:
     """A sentence for each pair of neighbours, and for other pairs that do not differ."""
-    if table.ladder is None:
-        return []
-    return [
-        compare_in_words(
-            table.ratings[above], table.ratings[below], table.ladder.differences[above][below]
-        )
-        for above, below in combinations(range(len(table.names)), 2)
-        if below == above + 1 or not table.differs(above, below)
-    ]
-
-
-def compare_in_words(above: Rating, below: Rating, gap: Estimate | None) -> str:
-    """Whether `above`, which has the higher rating, is stronger, and by how much."""
-    numbers = f"{above.elo - below.elo:+.0f} or more (no point went the other way)"
-    if gap is not None:
-        numbers = f"{gap.elo:+.0f} [{gap.low:+.0f}, {gap.high:+.0f}]"
-    if is_stronger(above, below, gap):
-        return f"{above.name} is stronger than {below.name}: {numbers}"
-    return f"{above.name} and {below.name} do not differ significantly: {numbers}"
+    sentences = []
+    for row, gaps in enumerate(table.ladder.differences if table.ladder else ()):
+        for column in range(row + 1, len(gaps)):
+            above, below, gap = table.ratings[row], table.ratings[column], gaps[column]
+            differs = table.differs(row, column)
+            numbers = f"{above.elo - below.elo:+.0f} or more (no point went the other way)"
+            if gap is not None:
+                numbers = f"{gap.elo:+.0f} [{gap.low:+.0f}, {gap.high:+.0f}]"
+            if not differs:
+                words = f"{above.name} and {below.name} do not differ significantly"
+                sentences.append(f"{words}: {numbers}")
+            elif column == row + 1:
+                sentences.append(f"{above.name} is stronger than {below.name}: {numbers}")
+    return sentences
 
 
 def describe_seats(table: LeagueTable) -> str:
@@ -173,15 +163,15 @@ def describe_seats(table: LeagueTable) -> str:
 
 def describe_repeats(table: LeagueTable) -> list[str]:
     """The pairs with repeated games; none without repeats."""
-    repeats = [
-        f"{table.names[row]} v {table.names[column]} {table.repeats[row, column]} of "
-        f"{table.repeats[row, column] + table.counts[row, column]}"
-        for row, column in np.argwhere(np.triu(table.repeats) > 0).tolist()
-    ]
-    if not repeats:
-        return []
-    listed = ", ".join(repeats)
-    return [f"Games that repeat another, in the same seats, are not counted: {listed}."]
+    repeats, counts = table.payoffs.repeats, table.payoffs.counts
+    listed = ", ".join(
+        f"{table.names[row]} v {table.names[column]} {repeats[row, column]} of "
+        f"{repeats[row, column] + counts[row, column]}"
+        for row, column in np.argwhere(np.triu(repeats)).tolist()
+    )
+    return [f"Games that repeat another, in the same seats, are not counted: {listed}."] * bool(
+        listed
+    )
 
 
 def describe_fit(fit: FitTest | None) -> str:
@@ -211,17 +201,17 @@ def format_p_value(p_value: float) -> str:
     return f"p = {p_value:.3f}"
 
 
-def describe_cycles(cycles: Sequence[Cycle], names: Sequence[str], num_teams: int) -> str:
+def describe_cycles(table: LeagueTable) -> str:
     """The clearest cycles of three agents."""
+    cycles = table.cycles
     if not cycles:
         return "No significant cycle of three agents."
-    verb = "beats" if num_teams == 2 else "comes in above"
+    verb = "beats" if table.num_teams == 2 else "comes in above"
     shown = []
-    for cycle in cycles[:SHOWN_CYCLES]:
-        one, two, three = (names[agent] for agent in cycle.agents)
+    for one, two, three, share in cycles[:SHOWN_CYCLES]:
         shown.append(
             f"{one} {verb} {two}, {two} {verb} {three}, and {three} {verb} {one} (with "
-            f"{cycle.share:.0%} of the points or more)"
+            f"{share:.0%} of the points or more)"
         )
     more = len(cycles) - len(shown)
     noun = "cycle" if len(cycles) == 1 else "cycles"

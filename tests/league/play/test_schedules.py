@@ -16,7 +16,8 @@ from marl_cair.league.play.adaptive import (
 )
 from marl_cair.league.play.blocks import make_design
 from marl_cair.league.play.schedule import Job, schedule_meetings
-from marl_cair.league.ratings.rate import Games, rate
+from marl_cair.league.ratings.games import Games
+from marl_cair.league.ratings.rate import rate
 from tests.league.leagues import EDGES, count_games, make
 
 AT_ONCE = 1e-9  # seconds: time is up after the first batch

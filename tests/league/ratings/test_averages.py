@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from marl_cair.league.ratings import averages as averages_module
-from marl_cair.league.ratings.averages import (
-    average_by_alpha_rank,
-    average_by_nash,
-    find_alpha_rank,
-)
+from marl_cair.league.ratings.averages import ALPHA_RANK, AVERAGES, NASH, average, find_alpha_rank
 from marl_cair.league.ratings.equilibrium import exploitability, maximum_entropy_nash
 from marl_cair.league.ratings.payoffs import find_payoffs
 from tests.league.leagues import make_games
@@ -22,6 +18,10 @@ TRANSITIVE = np.array([[0.0, -1.0, -1.0], [1.0, 0.0, -1.0], [1.0, 1.0, 0.0]])
 DOMINATED = np.array(
     [[0.0, 234, 34, -270], [-234, 0, -38, -464], [-34, 38, 0, -270], [270, 464, 270, 0]]
 )
+
+
+def by_nash(payoffs):
+    return average(payoffs, AVERAGES[NASH])
 
 
 def make_cyclic(one, two, three):
@@ -69,7 +69,7 @@ def test_many_agents_of_whom_only_neighbours_have_met():
     """Most payoffs are drawn from all that there can be: each draw is a game of its own, and some
     have equilibria whose rows lose by no more than a program's tolerance.
     """
-    found = average_by_nash(find_payoffs(20, make_games({(n, n + 1): 25 for n in range(19)})))
+    found = by_nash(find_payoffs(20, make_games({(n, n + 1): 25 for n in range(19)})))
     assert found.weights.sum() == pytest.approx(1.0)
     assert (found.low <= found.weights).all()
     assert (found.weights <= found.high).all()
@@ -78,7 +78,7 @@ def test_many_agents_of_whom_only_neighbours_have_met():
 def test_the_average_of_one_that_beats_all_is_that_one(monkeypatch):
     monkeypatch.setattr(averages_module, "NUM_SAMPLES", 50)
     games = from_rows([*sweep(0, 1), *sweep(0, 2), *sweep(1, 2)])
-    found = average_by_nash(find_payoffs(3, games))
+    found = by_nash(find_payoffs(3, games))
     assert found.weights == pytest.approx([1, 0, 0], abs=1e-6)
     assert found.skills == pytest.approx([0.5, 0, 0], abs=1e-6)
     assert found.low[0] > 0.9
@@ -88,7 +88,7 @@ def test_intervals_are_wide_where_games_are_few(monkeypatch):
     """Sect. 2.5 of the notes: the best of a transitive league is often not the estimate's."""
     monkeypatch.setattr(averages_module, "NUM_SAMPLES", 100)
     few, many = (
-        average_by_nash(find_payoffs(4, simulate([0.0, 0.1, 0.2, 0.3], blocks, seed=3)))
+        by_nash(find_payoffs(4, simulate([0.0, 0.1, 0.2, 0.3], blocks, seed=3)))
         for blocks in (3, 3_000)
     )
     assert (few.high - few.low).max() > 0.8
@@ -137,7 +137,7 @@ class TestAlphaRank:
     def test_it_has_intervals(self, monkeypatch):
         monkeypatch.setattr(averages_module, "NUM_SAMPLES", 20)
         games = from_rows([*sweep(0, 1), *sweep(1, 2), *sweep(2, 0)])
-        found = average_by_alpha_rank(find_payoffs(3, games))
+        found = average(find_payoffs(3, games), AVERAGES[ALPHA_RANK])
         assert found.weights == pytest.approx([1 / 3] * 3)
         assert (found.low <= found.weights).all()
         assert (found.high >= found.weights).all()

@@ -14,43 +14,32 @@ STRENGTHS = [-1.5, -0.5, 0.0, 0.4, 1.0]
 CIRCLE = [[0.0, 1.0, -1.0], [-1.0, 0.0, 1.0], [1.0, -1.0, 0.0]]  # rock, paper, scissors
 
 
-def find_rate(monkeypatch, simulations, **options):
+def find_rate(monkeypatch, simulations, make=simulate, blocks=8, **options):
     """How many of these simulated leagues are called cyclic, at p <= 0.05 exactly."""
     monkeypatch.setattr(fit_module, "NUM_SIMULATIONS", 99)
-    found = [
-        check_fit(len(STRENGTHS), simulate(STRENGTHS, 8, seed, **options), seed)
-        for seed in range(simulations)
-    ]
-    return sum(one.p_value <= 0.05 for one in found)
+    games = (make(STRENGTHS, blocks, seed=seed, **options) for seed in range(simulations))
+    return sum(check_fit(5, one, seed).p_value <= 0.05 for seed, one in enumerate(games))
 
 
-@pytest.mark.parametrize(
-    "options",
-    [{"seat": 0.7}, {"map_spread": 1.5}, {"draws": 0.5}],
-    ids=["seats", "maps", "draws"],
-)
-def test_what_is_transitive_is_seldom_called_cyclic(monkeypatch, options):
-    """In 5 % of the leagues: a rate that 120 leagues do not contradict."""
-    cyclic = find_rate(monkeypatch, 120, **options)
-    assert binomtest(cyclic, 120, 0.05).pvalue > 0.01
+TRANSITIVE = {
+    "seats": {"seat": 0.7},
+    "maps": {"map_spread": 1.5},
+    "draws": {"draws": 0.5},
+    "teams": {"make": simulate_orders, "blocks": 24, "num_teams": 4},
+}
+
+
+@pytest.mark.parametrize("case", TRANSITIVE)
+def test_transitive_leagues_are_seldom_called_cyclic(monkeypatch, case):
+    """In 5 % of the leagues: a rate that 100 leagues do not contradict."""
+    cyclic = find_rate(monkeypatch, 100, **TRANSITIVE[case])
+    assert binomtest(cyclic, 100, 0.05).pvalue > 0.01
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "options",
-    [{}, {"seat": 0.7}, {"map_spread": 1.5}, {"draws": 0.5}],
-    ids=["plain", "seats", "maps", "draws"],
-)
-def test_what_is_transitive_is_called_cyclic_at_the_stated_rate(monkeypatch, options):
-    assert 0.025 <= find_rate(monkeypatch, 1_000, **options) / 1_000 <= 0.065
-
-
-def test_free_for_alls_are_seldom_called_cyclic(monkeypatch):
-    monkeypatch.setattr(fit_module, "NUM_SIMULATIONS", 99)
-    found = [
-        check_fit(5, simulate_orders(STRENGTHS, 24, 4, seed), seed).p_value for seed in range(60)
-    ]
-    assert binomtest(sum(p <= 0.05 for p in found), 60, 0.05).pvalue > 0.01
+@pytest.mark.parametrize("case", [*TRANSITIVE, "plain"])
+def test_transitive_leagues_are_called_cyclic_at_the_stated_rate(monkeypatch, case):
+    assert 0.025 <= find_rate(monkeypatch, 1_000, **TRANSITIVE.get(case, {})) / 1_000 <= 0.065
 
 
 @pytest.mark.parametrize("power", [1.0, 9.0])
@@ -68,12 +57,10 @@ def test_a_circle_among_others_is_found():
     assert found.p_value <= 0.01
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_circle_of_a_free_for_all_is_found(seed):
+def test_a_circle_of_a_free_for_all_is_found():
     """Three play, and who is beaten by the one before comes in below it, in four games of five."""
-    rng = np.random.default_rng(seed)
-    order = [[0, 1, 2], [1, 2, 0], [2, 0, 1]]
-    agents = [[*who, 3] for who in order] * 60
+    rng = np.random.default_rng(0)
+    agents = [[0, 1, 2, 3], [1, 2, 0, 3], [2, 0, 1, 3]] * 60
     usual = np.array([1, 2, 4, 3])
     ranks = [usual if rng.random() < 0.8 else rng.permutation(usual) for _ in agents]
     found = check_fit(4, make_games(agents, ranks, np.repeat(np.arange(60), 3)))

@@ -53,10 +53,7 @@ def rate_there(num_agents, games):
 
 @pytest.mark.parametrize("draws", [0.0, 0.3])
 def test_simulated_games_have_the_same_ratings(draws):
-    """What is left is the prior, a normal about 0 of 2,000 Elo, of which OpenSpiel knows nothing.
-
-    It is weak: a pair has 80 games.
-    """
+    """But for the weak prior, a normal about 0 of 2,000 Elo, which OpenSpiel does not have."""
     games = simulate([0.0, 1.0, 2.0, 3.0], 40, 2, draws=draws)
     here, there = rate_here(4, games), rate_there(4, games)
     assert np.ptp(there) > 200.0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from marl_cair.league.play.film import SMALL, shrink, write_film
-from marl_cair.league.ratings.shares import Share
+from marl_cair.league.ratings.payoffs import Share
 from marl_cair.league.report.background import Background
 from marl_cair.league.report.render import render_html
 from marl_cair.league.report.replays import Replay
@@ -63,7 +63,7 @@ FIND_CONTRAST = """() => {
   }
   return worst;
 }"""
-# What reaches beyond the screen, but for what lies in a frame that scrolls by itself.
+# Elements that reach beyond the screen and are not in a frame that scrolls by itself.
 FIND_WIDE = """() => [...document.querySelectorAll("main *")]
   .filter(e => !e.closest(".scroll, .ladder thead, details:not([open])"))
   .filter(e => e.getBoundingClientRect().right > innerWidth + 0.5)
@@ -95,7 +95,7 @@ def page_file(tmp_path_factory):
         map_shares={(name, f"map {n}"): Share(0.5, 0, 1, 8) for name in NAMES for n in range(9)},
         replays=(
             Replay("The best two", "a v b", folder / "a.gif"),
-            Replay("The longest game", "a v b", None, "It went another way."),
+            Replay("The longest game", "a v b", None, "The replay differs."),
         ),
         replay_words="",
     )
@@ -116,28 +116,28 @@ def bare_file(tmp_path_factory):
 def open_page(browser, path, width=1280, scheme="light"):
     """The page, and what it has asked for or complained about."""
     page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
-    told = []
-    page.on("console", lambda message: told.append(message.text))
-    page.on("pageerror", lambda error: told.append(str(error)))
-    page.on("dialog", lambda dialog: told.append(f"dialog {dialog.message}"))
+    messages = []
+    page.on("console", lambda message: messages.append(message.text))
+    page.on("pageerror", lambda error: messages.append(str(error)))
+    page.on("dialog", lambda dialog: messages.append(f"dialog {dialog.message}"))
     page.on(
         "request",
         lambda request: (
             None
             if request.url == path.as_uri() or request.url.startswith("data:")
-            else told.append(request.url)
+            else messages.append(request.url)
         ),
     )
     page.goto(path.as_uri(), wait_until="load")
-    return page, told
+    return page, messages
 
 
 @pytest.mark.parametrize(("width", "scheme"), SCREENS)
 @pytest.mark.parametrize("file", ["page_file", "bare_file"])
 def test_the_page_fits_and_is_readable(browser, request, file, width, scheme):
-    page, told = open_page(browser, request.getfixturevalue(file), width, scheme)
+    page, messages = open_page(browser, request.getfixturevalue(file), width, scheme)
     try:
-        assert told == []
+        assert messages == []
         assert page.evaluate(FIND_WIDE) == []
         assert page.evaluate("document.documentElement.scrollWidth") == width
         contrast, text = page.evaluate(FIND_CONTRAST)
@@ -192,10 +192,10 @@ def test_the_checks_above_can_fail(browser, tmp_path):
         "<img src='http://127.0.0.1:9/a.png'><script>console.log('ran')</script></main>",
         "utf-8",
     )
-    page, told = open_page(browser, path, 360)
+    page, messages = open_page(browser, path, 360)
     try:
-        assert any("a.png" in line for line in told)
-        assert "ran" in told
+        assert any("a.png" in line for line in messages)
+        assert "ran" in messages
         assert page.evaluate(FIND_WIDE) != []
         assert page.evaluate(FIND_CONTRAST)[0] < READABLE
     finally:

@@ -1,17 +1,20 @@
 """Bounds, open intervals, repeats and forfeits are in the text and in the CSV files."""
 
 import csv
+import dataclasses
 import io
 
 import pytest
 from PIL import Image
 
+from marl_cair.league.ratings.fit import check_fit
 from marl_cair.league.report.files import write_report
 from marl_cair.league.report.render import render_text
 from marl_cair.league.report.sections import make_report
 from marl_cair.league.report.table import make_table
+from marl_cair.league.report.wording import describe_fit
 from tests.league.leagues import EDGES, make
-from tests.league.paper_games import from_rows
+from tests.league.paper_games import from_rows, simulate
 
 
 def describe_league(table):
@@ -34,12 +37,6 @@ def test_bounds_are_marked_in_the_text():
 
 def test_a_league_without_bounds_does_not_explain_them():
     assert "<=" not in describe_league(make(dict.fromkeys(EDGES, 25)))
-
-
-def test_bounds_are_marked_in_the_csv(tmp_path):
-    write_report(tmp_path, make_report(make()))
-    bounds = {row["agent"]: row["bound"] for row in read_cells(tmp_path, "ladder.csv")}
-    assert bounds == {"turtle": "", "economist": "", "rusher": "upper", "random": "upper"}
 
 
 def test_half_points_reach_the_intervals(tmp_path):
@@ -71,8 +68,8 @@ def test_repeated_games_are_listed():
 
 
 def test_forfeits_are_listed_with_their_reasons():
-    told = describe_league(make(forfeits=(("mine crashed in act: KeyError: 3", 4),)))
-    assert "mine crashed in act: KeyError: 3 4" in told
+    text = describe_league(make(forfeits=(("mine crashed in act: KeyError: 3", 4),)))
+    assert "mine crashed in act: KeyError: 3 4" in text
     assert "forfeited" not in describe_league(make())
 
 
@@ -80,6 +77,28 @@ def test_differences_are_described():
     text = describe_league(make({**dict.fromkeys(EDGES, 30), (0, 1): 20}))
     assert "do not differ significantly: +0 [-" in text
     assert "is stronger than rusher: +" in text
+
+
+def test_a_cycle_is_described():
+    surplus = [[0.0, 9.0, -2.0], [-9.0, 0.0, 9.0], [2.0, -9.0, 0.0]]
+    games = simulate([0.0] * 3, 20, seed=0, surplus=surplus)
+    table = make_table(["paper", "rock", "scissors"], games)
+    assert table.cycles == (("paper", "rock", "scissors", 0.825),)
+    assert table.fit.p_value == pytest.approx(1 / 300)
+    text = describe_league(table)
+    assert "p < 0.004" in text
+    assert "paper beats rock, rock beats scissors, and scissors beats paper" in text
+    assert "82%" in text
+    teams = dataclasses.replace(table, num_teams=4)
+    assert "paper comes in above rock" in describe_league(teams)
+
+
+def test_few_games_do_not_decide():
+    few = check_fit(4, simulate([0.0, 0.2, 0.5, 1.0], 2, seed=0))
+    assert "too few games" in describe_fit(few)
+    many = describe_fit(dataclasses.replace(few, p_value=0.4, power=0.95))
+    assert "p = 0.400" in many
+    assert "95%" in many
 
 
 def test_a_clean_sweep_of_one_map_seed_tells_nobody_apart(tmp_path):
@@ -92,8 +111,10 @@ def test_a_clean_sweep_of_one_map_seed_tells_nobody_apart(tmp_path):
     assert bounds == {"a": "lower", "b": "upper"}
 
 
-def test_differences_of_all_pairs_are_written(tmp_path):
+def test_bounds_and_differences_of_all_pairs_are_written(tmp_path):
     write_report(tmp_path, make_report(make()))
+    bounds = {row["agent"]: row["bound"] for row in read_cells(tmp_path, "ladder.csv")}
+    assert bounds == {"turtle": "", "economist": "", "rusher": "upper", "random": "upper"}
     rows = {(r["agent"], r["opponent"]): r for r in read_cells(tmp_path, "differences.csv")}
     assert len(rows) == 12
     assert rows["turtle", "random"]["bound"] == "lower"
@@ -108,18 +129,13 @@ def test_no_number_of_the_report_is_infinite():
     assert ">+" in text  # an end that only the prior holds
 
 
-@pytest.mark.parametrize("number", [2, 4])
-def test_the_pictures_of_agents_with_long_names_are_drawn(tmp_path, number):
-    names = ["process:" + "python3 bots/a.py " * 9, "b" * 60, "c", "random"]
-    pairs = {pair: 25 for pair in EDGES if max(pair) < number}
-    write_report(tmp_path, make_report(make(pairs, names[:number])))
-    with Image.open(tmp_path / "league.png") as picture:
-        assert picture.size[0] >= 2_000
+LONG = ["process:" + "python3 bots/a.py " * 9, "b" * 60, "c", "random"]
 
 
-@pytest.mark.parametrize("results", [EDGES, dict.fromkeys(EDGES, 40)])
-def test_the_pictures_are_drawn(tmp_path, results):
-    write_report(tmp_path, make_report(make(results)))
+@pytest.mark.parametrize(("number", "wins"), [(2, 25), (4, 25), (4, 40)])
+def test_the_pictures_of_agents_with_long_names_are_drawn(tmp_path, number, wins):
+    pairs = {pair: wins for pair in EDGES if max(pair) < number}
+    write_report(tmp_path, make_report(make(pairs, LONG[:number])))
     with Image.open(tmp_path / "league.png") as picture:
         assert picture.size[0] >= 2_000
     assert (tmp_path / "league.pdf").read_bytes().startswith(b"%PDF")

@@ -1,5 +1,6 @@
 """Games to watch: the right ones, played again, and shown only if they are the same."""
 
+import contextlib
 import dataclasses
 import itertools
 import shutil
@@ -17,7 +18,8 @@ from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.play.film import SMALL, film_game, shrink, write_film
 from marl_cair.league.play.match import record_game
 from marl_cair.league.play.playing import map_seeds
-from marl_cair.league.ratings.rate import Games, Rating
+from marl_cair.league.ratings.games import Games
+from marl_cair.league.ratings.rate import Rating
 from marl_cair.league.report import replays
 from marl_cair.league.report.background import read_background
 from marl_cair.league.report.replays import FOLDER, choose_games
@@ -83,6 +85,7 @@ RATINGS = [
 ]
 IDS = {7: "c", 8: "a", 9: "b"}
 WON, LOST, DRAWN = (1, 2), (2, 1), (1.5, 1.5)
+DIFFERS = "The replay differs from the game"
 
 
 def places(games, ratings=RATINGS):
@@ -120,7 +123,21 @@ def test_without_ratings_the_longest_game_is_shown():
     assert places(stored([(8, 9)], [WON], [5], ["crashed"]), []) == {}
 
 
-def test_the_report_of_a_league_has_films(league):
+def change_database(folder, *statements):
+    with contextlib.closing(sqlite3.connect(folder / "league.sqlite")) as database, database:
+        for statement in statements:
+            database.execute(statement)
+
+
+def film_again(folder):
+    """The page of a new report, for which no film is there."""
+    for path in films(folder):
+        path.unlink()
+    report_stored(folder)
+    return read_page(folder)
+
+
+def test_the_report_of_a_league_has_films_which_are_not_made_again(league):
     paths = films(league)
     assert 2 <= len(paths) <= 3
     page = read_page(league)
@@ -130,57 +147,38 @@ def test_the_report_of_a_league_has_films(league):
         assert film.n_frames > 5
     markdown = (league / "report.md").read_text("utf-8")
     assert all(f"({FOLDER}/{path.name})" in markdown for path in paths)
-
-
-def test_films_that_are_there_are_not_made_again(league):
-    before = [path.stat().st_mtime_ns for path in films(league)]
-    first = read_page(league)
+    before = [path.stat().st_mtime_ns for path in paths]
     report_stored(league)
     assert [path.stat().st_mtime_ns for path in films(league)] == before
-    assert read_page(league) == first
+    assert read_page(league) == page
 
 
-def test_a_game_that_goes_another_way_is_noted_and_not_shown(tmp_path):
+def test_a_replay_that_differs_from_the_game_is_noted_and_not_shown(tmp_path):
     play(tmp_path, "random", "turtle", replays=False)
     assert "were left out (--no-replays)" in read_page(tmp_path)
-    database = sqlite3.connect(tmp_path / "league.sqlite")
-    with database:
-        database.execute("UPDATE game SET trajectory = 'other ' || id")
-    database.close()
+    change_database(tmp_path, "UPDATE game SET trajectory = 'other ' || id")
     for _ in range(2):  # the second time it is not played
-        report_stored(tmp_path)
-        assert "Played again it went another way" in read_page(tmp_path)
+        assert DIFFERS in film_again(tmp_path)
         assert films(tmp_path) == []
     assert list((tmp_path / FOLDER).glob("*.differs"))
 
 
-def test_agents_that_are_gone_or_others_by_now_are_named(tmp_path):
-    net = save_network(tmp_path / "run" / "latest")
-    out = tmp_path / "league"
-    play(out, net, "turtle", replays=False)
+def test_a_network_is_filmed_while_it_is_the_same(tmp_path):
+    net, out = save_network(tmp_path / "run" / "latest"), tmp_path / "league"
+    play(out, net, "turtle")
+    assert films(out)
+    assert DIFFERS not in read_page(out)
     save_network(tmp_path / "run" / "latest", seed=1)
-    report_stored(out)
-    assert "run is no longer the agent that has played." in read_page(out)
+    assert "run is no longer the agent that has played." in film_again(out)
     (tmp_path / "run" / "latest" / "weights.pt").unlink()
-    report_stored(out)
-    assert "run cannot be loaded any more" in read_page(out)
+    assert "run cannot be loaded any more" in film_again(out)
     assert films(out) == []
-
-
-def test_a_network_is_filmed(tmp_path):
-    net = save_network(tmp_path / "run" / "latest")
-    play(tmp_path / "league", net, "turtle")
-    assert films(tmp_path / "league")
-    assert "went another way" not in read_page(tmp_path / "league")
 
 
 def test_foreign_code_runs_where_games_are_played_and_not_in_a_report(tmp_path):
     play(tmp_path, "tests.league.players:make_first_legal", "turtle")
     assert films(tmp_path)
-    for path in films(tmp_path):
-        path.unlink()
-    report_stored(tmp_path)
-    assert "is foreign code" in read_page(tmp_path)
+    assert "is foreign code" in film_again(tmp_path)
     assert films(tmp_path) == []
 
 
@@ -198,11 +196,7 @@ def test_the_command_leaves_replays_out_and_is_told_in_the_settings(tmp_path, ca
 
 def test_a_league_without_games_has_a_report(tmp_path):
     play(tmp_path, "random", "turtle", replays=False)
-    database = sqlite3.connect(tmp_path / "league.sqlite")
-    with database:
-        for statement in ("DELETE FROM team", "DELETE FROM game", "DELETE FROM block"):
-            database.execute(statement)
-    database.close()
+    change_database(tmp_path, "DELETE FROM team", "DELETE FROM game", "DELETE FROM block")
     result = report_stored(tmp_path)
     assert result.ratings == ()
     assert "there are no games to rate" in result.text
@@ -241,22 +235,16 @@ def test_a_film_of_a_high_board_is_no_larger():
 def test_a_film_is_written_again_until_it_is_small(league, tmp_path, monkeypatch):
     monkeypatch.setattr(replays, "MAX_BYTES", 20_000)
     shutil.copytree(league, tmp_path / "league")
-    for path in films(tmp_path / "league"):
-        path.unlink()
-    report_stored(tmp_path / "league")
+    film_again(tmp_path / "league")
     assert films(tmp_path / "league")
-    for path in films(tmp_path / "league"):
-        assert path.stat().st_size <= 20_000
+    assert all(path.stat().st_size <= 20_000 for path in films(tmp_path / "league"))
 
 
 def test_a_game_too_long_for_the_memory_is_not_shown(league, tmp_path, monkeypatch):
     monkeypatch.setattr(replays, "MAX_ACTION_BYTES", 64)
     shutil.copytree(league, tmp_path / "league")
-    for path in films(tmp_path / "league"):
-        path.unlink()
-    report_stored(tmp_path / "league")
+    assert "too long to be shown" in film_again(tmp_path / "league")
     assert films(tmp_path / "league") == []
-    assert "too long to be shown" in read_page(tmp_path / "league")
 
 
 def test_snapshots_know_their_run_and_their_age(tmp_path):

@@ -1,11 +1,10 @@
-"""From stored games to a report: agents of one name are told apart, and numbers know no names."""
+"""From stored games to a report: names, the zero, locks; numbers do not depend on names."""
 
 import contextlib
 import dataclasses
 import sqlite3
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -25,23 +24,20 @@ def name(*agents):
     return list(name_agents(dict(enumerate(records, start=1))).values())
 
 
-def test_only_names_that_are_there_twice_have_ids():
-    agents = [("a", "network"), ("random", "bot"), ("a", "network"), ("b", "bot")]
-    assert name(*agents) == ["a (1)", "random", "a (3)", "b"]
-    assert name(("a", "bot"), ("b", "bot")) == ["a", "b"]
-
-
-def test_a_bot_keeps_its_name():
-    agents = [("random", "network"), ("random", "bot"), ("random", "foreign")]
-    assert name(*agents) == ["random (1)", "random", "random (3)"]
+@pytest.mark.parametrize(
+    ("agents", "names"),
+    [
+        ("a network, random bot, a network, b bot", ["a (1)", "random", "a (3)", "b"]),
+        ("random network, random bot, random foreign", ["random (1)", "random", "random (3)"]),
+    ],
+)
+def test_agents_of_one_name_have_ids_beside_it_but_for_a_bot(agents, names):
+    assert name(*(agent.split() for agent in agents.split(", "))) == names
 
 
 def test_no_name_with_an_id_is_that_of_another():
-    assert name(("a", "bot"), ("a", "network"), ("a (2)", "network")) == [
-        "a",
-        "a (2) (2)",
-        "a (2) (3)",
-    ]
+    agents = [("a", "bot"), ("a", "network"), ("a (2)", "network")]
+    assert name(*agents) == ["a", "a (2) (2)", "a (2) (3)"]
 
 
 def test_no_number_depends_on_what_agents_are_called(tmp_path):
@@ -58,12 +54,13 @@ def test_no_number_depends_on_what_agents_are_called(tmp_path):
     renamed = report_stored(tmp_path, with_replays=False)
     rows = {new[r.name]: dataclasses.replace(r, name=new[r.name]) for r in played.ratings}
     assert rows == {r.name: r for r in renamed.ratings}
-    fit, averages = (f"{tmp_path}/{name}.csv" for name in ("fit", "averages"))
-    before = [Path(path).read_text("utf-8") for path in (fit, averages)]
+    files = [tmp_path / "fit.csv", tmp_path / "averages.csv"]
+    before = [path.read_text("utf-8") for path in files]
     run_league(config, show_progress=False)
-    assert before[0] == Path(fit).read_text("utf-8")
-    numbers = [[line.split(",")[2:] for line in text.split()] for text in (before[1],)]
-    assert numbers[0] == [line.split(",")[2:] for line in Path(averages).read_text("utf-8").split()]
+    after = [path.read_text("utf-8") for path in files]
+    assert before[0] == after[0]
+    numbers = [[line.split(",")[2:] for line in text.split()] for text in (before[1], after[1])]
+    assert numbers[0] == numbers[1]
 
 
 def test_a_bot_and_a_command_of_its_name_are_told_apart(tmp_path):

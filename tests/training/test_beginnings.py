@@ -23,7 +23,7 @@ from marl_cair.training.initial_network import can_begin_as
 from marl_cair.training.population.league_slice import MemberRecord, _begin, make_member
 from marl_cair.training.run import RESUME_FOLDER, TrainingRun
 from marl_cair.training.settings.config import GameSettings, GeneratorSettings, ReplaySettings
-from marl_cair.training.settings.nfsp import NfspSettings
+from marl_cair.training.settings.learner import NfspSettings
 from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
 from tests.training.runs import digest, make_batch, make_learner, tiny

@@ -15,7 +15,7 @@ from marl_cair.policies.q_network import QNetwork
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.reservoir import Reservoir
-from marl_cair.training.settings.nfsp import NfspSettings
+from marl_cair.training.settings.learner import NfspSettings
 
 
 class AveragePolicy:

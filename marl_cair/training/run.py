@@ -45,11 +45,10 @@ from marl_cair.self_play.pool import Pool
 from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.stored import DamagedFileError, read_json
 from marl_cair.training import generators, memory, state_file
-from marl_cair.training.collecting.average_policy import AveragePolicy
+from marl_cair.training.collecting.average_policy import AveragePolicy, OwnPolicies
 from marl_cair.training.collecting.demonstrations import Demonstrators
 from marl_cair.training.collecting.metrics import EpisodeStatistics, RunningMeans
 from marl_cair.training.collecting.opponents import OpponentBook
-from marl_cair.training.collecting.own_play import OwnPolicies
 from marl_cair.training.collecting.seats import SeatRouter
 from marl_cair.training.initial_network import count_training, fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
@@ -336,7 +335,7 @@ class TrainingRun:
             if self.config.checkpoint.include_replay:
                 self.replay.save(fresh / REPLAY_FOLDER)
             if self.average_policy:  # it is the mean of all time: nothing could bring it back
-                self.average_policy.save_rows(fresh / RESERVOIR_FOLDER)
+                self.average_policy.reservoir.save(fresh / RESERVOIR_FOLDER)
         if self.generator:
             generators.publish_generator(self.folder / RESUME_FOLDER, self.folder)
 
@@ -385,7 +384,7 @@ class TrainingRun:
         self.replay.generated_open = self.gate_is_open
         if self.average_policy:
             self.average_policy.load_state_dict(state["average_policy"])
-            self.average_policy.load_rows(folder / RESERVOIR_FOLDER)
+            self.average_policy.reservoir.load(folder / RESERVOIR_FOLDER)
             self.rated.load_state_dict(state["rated"])
         # TorchRL's collector does not save the running games: it would begin new ones.
         self.collector._carrier.update(self.env.current())

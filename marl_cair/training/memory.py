@@ -1,4 +1,4 @@
-"""What memory a training run needs, and how the C library keeps it between updates."""
+"""Checks that a training run fits into memory, and keeps freed memory between updates."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _NETWORK_COPIES = 6  # network, target, average, gradients, two moments
 
 
 def keep_freed_memory() -> None:
-    """Tell glibc to keep activations' memory between updates: giving pages back and taking them
-    again costs a fifth of an update.
+    """Let glibc keep the memory of activations: returning and requesting pages costs a fifth of an
+    update.
     """
     if sys.platform != "linux":
         return
@@ -33,7 +33,7 @@ def keep_freed_memory() -> None:
 
 
 def require_memory_of_games(config: TrainConfig, game: Game, scenario: Any) -> None:
-    """Raise NotEnoughMemoryError for more worlds, or longer batches of them, than memory takes."""
+    """Raise NotEnoughMemoryError for too many worlds or too long batches."""
     spec, collector = game.make_spec(scenario), config.collector
     worlds, seen = collector.num_worlds, spec.representations[config.game.representation]
     one = sum(field.nbytes for field in BatchedEngine(game, scenario, 1).state_dict().values())
@@ -47,7 +47,7 @@ def require_memory_of_games(config: TrainConfig, game: Game, scenario: Any) -> N
 def require_memory_of_learning(
     config: TrainConfig, policy: QNetworkConfig, seen: Representation, rows: TransitionSpec
 ) -> None:
-    """Raise NotEnoughMemoryError for replays, batches or networks that memory does not take."""
+    """Raise NotEnoughMemoryError for too large replay buffers, batches or networks."""
     replay, observation = config.replay, _observation_bytes(seen)
     in_ring = rows.mask_bytes + _ENTRY_BYTES
     in_ring += rows.row_bytes if replay.scratch_dir is None else 0

@@ -13,8 +13,7 @@ from marl_cair.training.collecting.demonstrations import NOBODY
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
 from marl_cair.training.settings.config import GeneratorSettings, ReplaySettings
-from marl_cair.training.settings.learner import LearnerSettings
-from marl_cair.training.settings.learner import NfspSettings
+from marl_cair.training.settings.learner import LearnerSettings, NfspSettings
 from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
 from tests.games import last_standing

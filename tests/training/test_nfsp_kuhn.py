@@ -26,8 +26,7 @@ from marl_cair.training.settings.config import (
     ReplaySettings,
     TrainConfig,
 )
-from marl_cair.training.settings.learner import LearnerSettings
-from marl_cair.training.settings.learner import NfspSettings
+from marl_cair.training.settings.learner import LearnerSettings, NfspSettings
 from marl_cair.training.trainer import Timers, iterate
 
 pyspiel = pytest.importorskip("pyspiel", reason="OpenSpiel is the extra `openspiel`")

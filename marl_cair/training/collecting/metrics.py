@@ -85,9 +85,7 @@ class EpisodeStatistics:
     ) -> None:
         seats = (num_worlds, spec.num_players)
         self._gamma, self._reward_scale, self._groups = gamma, reward_scale, spec.action_groups
-        self._running: dict[
-            str, NDArray[Any]
-        ] = {
+        self._running: dict[str, NDArray[Any]] = {
             "first_value": np.zeros(seats),
             "return": np.zeros(seats),
             "reward_sum": np.zeros(seats),

@@ -14,6 +14,7 @@ from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training import trainer
 from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.learner import Learner
+from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings import config as settings
 from marl_cair.training.settings.config import GameSettings, TrainConfig
 from marl_cair.training.settings.learner import LearnerSettings
@@ -115,6 +116,14 @@ def fill_replays(run):
     made["index"][:] = -1
     run.replay.generated.extend(made)
     return steps
+
+
+def make_agent(config):
+    """The folder of an agent that has learned nothing."""
+    run = TrainingRun(config)
+    run.save_agent()
+    run.close()
+    return str(run.folder / "latest")
 
 
 def collect(run, num_batches=6):

@@ -4,13 +4,9 @@ import pytest
 
 from marl_cair.self_play.shared_folder import ROLES
 from marl_cair.training.population.league_settings import LeagueSettings, RoleSettings
-from tests.games import last_standing
 from tests.training.leagues import TRAINING, make_league
 
-
-@pytest.fixture(autouse=True)
-def _known(monkeypatch):
-    last_standing.register(monkeypatch)
+pytestmark = pytest.mark.usefixtures("test_game")
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,8 @@ def train(
     if run.spec.num_teams == 1:
         text = f"{config.game.scenario} has no rivals, so opponent.* is not used"
         _announce(run, "opponents", text)
-    timers, goal = Timers(), min(config.total_frames, until_frames or config.total_frames)
+    timers, whole = Timers(), config.total_frames
+    goal = whole if until_frames is None else min(whole, until_frames)
     deadline = None if config.max_minutes is None else time.monotonic() + 60 * config.max_minutes
     bar = tqdm(
         total=goal if goal < ENDLESS_FRAMES else None,
@@ -83,8 +84,7 @@ def train(
             if interrupted.is_set() or (deadline is not None and time.monotonic() > deadline):
                 break
             before = next(steps)
-            row = _report(run, before, timers)
-            if row:
+            if row := _report(run, before, timers):
                 last_row = row
                 bar.set_postfix_str(_summarise(row))
                 if listen is not None:

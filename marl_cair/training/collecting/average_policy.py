@@ -79,19 +79,12 @@ class AveragePolicy:
 
 
 class OwnPolicies(NamedTuple):
-    """The learner's policies in its own seats.
+    """The learner's policies in its own seats."""
 
-    Attributes:
-        answer: the Q-network, greedy but for `exploration`.
-        exploration: the epsilon of each frame.
-        average: the average policy of NFSP; None: the Q-network always plays.
-        eta: share of games, drawn for each team, in which the Q-network plays.
-    """
-
-    answer: PolicyActor
+    answer: PolicyActor  # the Q-network, greedy but for `exploration`
     exploration: ExplorationSettings
-    average: PolicyActor | None = None
-    eta: float = 1.0
+    average: PolicyActor | None = None  # of NFSP; None: the Q-network always plays
+    eta: float = 1.0  # share of games, drawn for each team, in which the Q-network plays
 
     def draw_answering(
         self, rng: np.random.Generator, num_games: int, num_teams: int

@@ -29,44 +29,28 @@ MEMBER_FILE = "member.json"
 
 @dataclass(frozen=True)
 class MemberRecord:
-    """The contents of `member.json`.
-
-    Attributes:
-        name, role: of the learner.
-        mains: the names of all main agents.
-        reset_chance: that it is reset once it has frozen a player.
-        begins_as_main: whether it then has a main agent's network, and not a new one.
-        league_seed, place: seeds derive from them; place is in the order of turns.
-        generation: number of resets.
-        frames_before: steps of all earlier generations.
-    """
+    """The contents of `member.json`."""
 
     name: str
     role: str
-    mains: tuple[str, ...]
-    reset_chance: float
-    begins_as_main: bool
-    league_seed: int
-    place: int
-    generation: int = 0
-    frames_before: int = 0
+    mains: tuple[str, ...]  # names of all main agents
+    reset_chance: float  # that the learner is reset once it has frozen a player
+    begins_as_main: bool  # it then has a main agent's network, and not a new one
+    league_seed: int  # seeds derive from it, place and generation
+    place: int  # in the order of turns
+    generation: int = 0  # number of resets
+    frames_before: int = 0  # steps of all earlier generations
 
 
 @dataclass(frozen=True)
 class Budget:
-    """Where a slice ends.
-
-    Attributes:
-        frames: steps of the learner in all at the end of the slice, so that a slice that is run
-            again trains only what is missing.
-        total_frames: steps of the learner in all at the end of the league, over which a falling
-            learning rate is spread.
-        max_minutes: the slice is cut short after it; None: no limit.
+    """The end of a slice. Steps are the learner's in all, so a slice that is run again trains only
+    what is missing.
     """
 
-    frames: int
-    total_frames: int
-    max_minutes: float | None = None
+    frames: int  # steps at the end of the slice
+    total_frames: int  # steps at the end of the league, over which a learning rate falls
+    max_minutes: float | None = None  # the slice is cut short after it; None: no limit
 
 
 @dataclass(frozen=True)
@@ -113,15 +97,8 @@ def run_slice(
             total_frames=budget.total_frames - record.frames_before,
             max_minutes=budget.max_minutes,
         )
-        seat = LeagueSeat(
-            shared,
-            record.name,
-            record.role,
-            record.generation,
-            tuple(record.mains),
-            record.reset_chance,
-            record.frames_before,
-        )
+        about = record.name, record.role, record.generation, tuple(record.mains)
+        seat = LeagueSeat(shared, *about, record.reset_chance, record.frames_before)
         result = train(config, True, show_progress, seat=seat, until_frames=goal)
         last_row = result.last_row or last_row
         frames, cut = record.frames_before + result.frames, result.was_interrupted

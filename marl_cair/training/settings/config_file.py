@@ -28,7 +28,7 @@ ENDS = {"total_frames": int, "max_minutes": float | None, "stop_score": float | 
 
 
 def save_config(config: TrainConfig) -> None:
-    """Write the configuration to `<out>/config.yaml`, from which `resume` takes it."""
+    """Write the configuration to `<out>/config.yaml`, which `resume` reads."""
     write_settings(config, Path(config.out) / CONFIG_FILE)
 
 

@@ -17,7 +17,7 @@ from marl_cair.training.run_log import RunLog, read_log
 
 Rows = Sequence[Mapping[str, float]]
 
-# Okabe and Ito's palette, which colour-blind readers tell apart.
+# Okabe and Ito's palette, which colour-blind readers can distinguish.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
 _KINDS = ("real", "generated")
 STYLES = ("-", "--", ":", "-.")

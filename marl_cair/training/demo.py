@@ -27,7 +27,7 @@ RIVAL = "random"  # the bot that a network must beat before it is rated
 # More bots than in the default: in minutes they teach more than a pool of beginners.
 MIXTURE = {"random": 0.5, "bots": 0.3, "latest": 0.2}
 NEXT = """
-Look at   {out}/league/report.html  the ladder with 95 % intervals, who beats whom, games to watch
+Look at   {out}/league/report.html  the ladder with 95 % intervals, win rates of pairs, games
           {out}/league/league.png   the same as a picture
           {out}/curves.png          learning curves, generator, actions
           {out}/game.gif            a game that the conv network wins against the bot `random`

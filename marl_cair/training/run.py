@@ -106,7 +106,7 @@ class TrainingRun:
 
     @property
     def evaluation_seed(self) -> int:
-        """Of the games that rate the learner while it trains."""
+        """Seed of the games that rate the learner while it trains."""
         return self._seeds[8]
 
     def _make_game(self, load: Load) -> None:

@@ -18,7 +18,7 @@ def agent(finished_copy):
 
 
 class TestCheckpoints:
-    """What does not fit is named."""
+    """The error names what does not fit."""
 
     def test_an_agent_plays_what_it_was_trained_on(self, agent):
         network, about = load_network(agent)

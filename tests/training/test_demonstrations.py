@@ -71,9 +71,9 @@ def test_bots_that_advise_give_their_action_where_the_learner_plays(
     demonstration = shown_by("idle", share=0.4, turn_decisions=turn, advise=True)
     run = make_run(tmp_path, scenario, {opponent: 1.0}, demonstration)
     data = collect(run, 12)
-    told, learned = data["player", "expert_action"], data["player", "learned"]
-    assert (told[learned] == NOOP).all()  # all that `idle` says
-    assert (told[~learned] == NO_ACTION).all()
+    advice, learned = data["player", "expert_action"], data["player", "learned"]
+    assert (advice[learned] == NOOP).all()  # the advice of `idle`
+    assert (advice[~learned] == NO_ACTION).all()
     followed = (data["player", "action"][learned] == NOOP).float().mean().item()
     assert 0.25 < followed < 0.9  # it plays in its share of games alone
 
@@ -107,13 +107,13 @@ def test_bots_functions_and_checkpoints_take_turns_and_say_what_they_would_do(tm
     assert [agent.name for agent in run.demonstrators.agents] == ["idle", "scorer", "saved"]
     saved, seen = run.demonstrators.agents[2], set()
     for game in by_game(collect(run, 12)):
-        told, learned = game["player", "expert_action"], game["player", "learned"]
+        advice, learned = game["player", "expert_action"], game["player", "learned"]
         mask = game["player", "action_mask"][learned].numpy()
         answers = saved.act(game["player", "observation"][learned].numpy(), mask)
         expected = {"idle": np.full(len(mask), NOOP), "scorer": np.where(mask[:, SCORE], SCORE, 0)}
         expected["saved"] = answers
-        seen |= {name for name, said in expected.items() if (told[learned].numpy() == said).all()}
-        assert any((told[learned].numpy() == said).all() for said in expected.values())
+        seen |= {name for name, said in expected.items() if (advice[learned].numpy() == said).all()}
+        assert any((advice[learned].numpy() == said).all() for said in expected.values())
     assert {"idle", "scorer"} <= seen
 
 
@@ -139,7 +139,7 @@ def test_in_turns_bot_and_learner_play_the_same_games(tmp_path):
         changes = np.flatnonzero(np.diff(shown))
         lengths += np.diff(changes).tolist()
     assert mixed > 20
-    # Who plays changes after whole turns; a game's first turn is shorter, and not counted here.
+    # The player changes after whole turns; a game's first turn is shorter, and not counted here.
     assert {length % 4 for length in lengths} == {0}
     assert min(lengths) == 4
 

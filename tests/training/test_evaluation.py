@@ -162,7 +162,7 @@ def test_curves_show_what_was_rated(tmp_path, monkeypatch, scenario, expected):
     shown = []
     monkeypatch.setattr(
         "marl_cair.training.curves._add_legend",
-        lambda panel: shown.append(set(panel.get_legend_handles_labels()[1])),
+        lambda panel, **_: shown.append(set(panel.get_legend_handles_labels()[1])),
     )
     draw_curves({"run": tmp_path / "a"}, tmp_path / "curves.png")
     assert shown[0] == expected

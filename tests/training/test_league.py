@@ -294,7 +294,7 @@ def test_the_report_rates_what_learners_froze_last_too(tmp_path, final_past):
     owned = [[n for n in players if n.startswith(owner)] for owner in ("main_0", "main_1")]
     newest = {name for names in owned for name in names[-final_past:]}
     live = {name for name in rated if name in ("main_0", "main_1")}
-    # What is frozen at the end is the learner as it is now, and takes part once.
+    # A player frozen at the end equals the learner as it is now, and takes part once.
     assert rated - live - {"idle"} <= (newest if final_past else set())
     assert len(rated) == 1 + 2 + 2 * max(0, final_past - 1)
 

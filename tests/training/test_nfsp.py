@@ -41,9 +41,9 @@ def test_the_q_network_plays_whole_games_of_whole_teams_in_its_share_of_them(tmp
         for team in set(teams.tolist()):
             seats = torch.from_numpy(np.flatnonzero(teams == team))
             learned = game["player", "learned"][:, seats]
-            told = game["player", "answered"][:, seats][learned]
-            assert told.all() or not told.any()
-            answered.append(bool(told[0]))
+            by_q = game["player", "answered"][:, seats][learned]
+            assert by_q.all() or not by_q.any()
+            answered.append(bool(by_q[0]))
     share, sigma = np.mean(answered), (0.3 * 0.7 / len(answered)) ** 0.5
     assert len(answered) > 30
     assert abs(share - 0.3) < 4 * sigma

@@ -71,7 +71,7 @@ def run_stopped(monkeypatch, out, until, **changes):
 
 
 def find_throws(folder):
-    """What each member of the mixture throws, and how often it is drawn."""
+    """Shares of the throws of a mixture, float64 [3]."""
     mixture = read_mixture(folder)
     scenario = GAMES[NAME].scenario("fair")
     shares = np.zeros(3)

@@ -109,9 +109,9 @@ def _check_beginnings(settings: PsroSettings) -> None:
         config = settings.response_config(0, {}, source)
         seen[checkpoint.read_description(source).representation] = source
     if len(seen) > 1:
-        told = ", ".join(f"{source} at {name}" for name, source in seen.items())
+        found = ", ".join(f"{source} has {name}" for name, source in seen.items())
         raise ValueError(
-            f"agents of begin_with have different representations ({told}): members of a mixture "
+            f"agents of begin_with have different representations ({found}): members of a mixture "
             "must have the same"
         )
     check_generator(config)

@@ -274,7 +274,7 @@ class EvaluationSettings:
 
 @dataclass(frozen=True)
 class CheckpointSettings:
-    """What is kept on disk. `<out>/latest` is the agent at the last evaluation or state."""
+    """Files of a run. `<out>/latest` is the agent at the last evaluation or state."""
 
     every_frames: Count = 200_000  # frames between two resumable states
     include_replay: bool = True  # else a resumed run begins with an empty replay

@@ -55,8 +55,8 @@ def read_yaml(path: str | os.PathLike[str]) -> Any:
             raise ValueError("it holds aliases (*name): write out what they stand for")
         return OmegaConf.to_container(OmegaConf.load(io.StringIO(text)))
     except Exception as error:  # a damaged file can raise anything in the YAML reader
-        told = " ".join(f"{error}".split()) or type(error).__name__
-        raise DamagedFileError(f"{path} cannot be read: {told}") from error
+        reason = " ".join(f"{error}".split()) or type(error).__name__
+        raise DamagedFileError(f"{path} cannot be read: {reason}") from error
 
 
 def fixed_settings(config: TrainConfig) -> dict[str, Any]:

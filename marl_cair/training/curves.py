@@ -62,9 +62,9 @@ def _series(rows: Rows, name: str) -> tuple[Any, Any]:
     return tuple(np.array(points).T) if points else (np.array([]), np.array([]))
 
 
-def _names(logs: Mapping[str, Rows], prefix: str, depth: int = 1) -> list[str]:
+def _names(logs: Mapping[str, Rows], prefix: str) -> list[str]:
     found = (name for rows in logs.values() for row in rows for name in row)
-    return [n for n in dict.fromkeys(found) if n.startswith(prefix) and n.count("/") == depth]
+    return [n for n in dict.fromkeys(found) if n.startswith(prefix) and n.count("/") == 1]
 
 
 def _color(logs: Mapping[str, Rows]) -> zip[tuple[str, tuple[str, Rows]]]:
@@ -105,19 +105,24 @@ def _draw_overestimation(panel: Any, logs: Mapping[str, Rows]) -> None:
 
 
 def _draw_generator(panel: Any, logs: Mapping[str, Rows]) -> None:
-    name = "gate/cells/changed_f1"
-    logs = {label: rows for label, rows in logs.items() if _names({label: rows}, name, depth=2)}
-    _draw_pair(panel, logs, (name, "changed-cell F1"), ("batch/generated_share", "generated share"))
+    lines = (
+        ("gate/cells/changed_f1", "changed-cell F1"),
+        ("batch/generated_share", "generated share"),
+    )
+    _draw_pair(panel, logs, *lines)
     panel.set(title="Generator (CCDN)", ylim=(-0.03, 1.03))
 
 
 def _draw_pair(panel: Any, logs: Mapping[str, Rows], *lines: tuple[str, str]) -> None:
-    """A solid and a dotted line for each run, of two names in the log with their labels."""
+    """A solid and a dotted line, of two names in the log with their labels, for each run that has
+    logged the first.
+    """
     for colour, (label, rows) in _color(logs):
-        for style, (name, meaning) in zip("-:", lines, strict=True):
-            frames, values = _series(rows, name)
-            if len(frames):
-                panel.plot(frames, values, style, color=colour, label=f"{label}, {meaning}")
+        if any(lines[0][0] in row for row in rows):
+            for style, (name, meaning) in zip("-:", lines, strict=True):
+                values = _series(rows, name)
+                if len(values[0]):
+                    panel.plot(*values, style, color=colour, label=f"{label}, {meaning}")
     _add_legend(panel)
 
 

@@ -1,6 +1,6 @@
 """Settings of a training run: frozen dataclasses grouped by noun.
 
-Units stand in the names. A frame is one decision of one world.
+Units stand in the names. A frame is one step of one environment copy.
 """
 
 from __future__ import annotations

@@ -296,9 +296,8 @@ def _explain(words: Sequence[str], error: Exception) -> typing.NoReturn:
             for choice in value.split(","):
                 check_name(f"{name} (marl-cair train {name}=...)", choice, known)
             continue
-        group, _, last = name.rpartition(".")
-        if group == "opponent" and last in RENAMED_OPTIONS:
-            raise ValueError(f"{name} is called {group}.{RENAMED_OPTIONS[last]} now") from error
+        if name in RENAMED_OPTIONS:
+            raise ValueError(f"{name} is called {RENAMED_OPTIONS[name]} now") from error
         kinds = [path for path in options if name == path or name.startswith(f"{path}.")]
         check_name("option", kinds[0] if kinds else name, [*options, *SHORTHANDS, *GROUPS])
         if name in options:

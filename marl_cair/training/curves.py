@@ -17,43 +17,41 @@ from marl_cair.training.run_log import RunLog, read_log
 
 Rows = Sequence[Mapping[str, float]]
 
-# Okabe and Ito's palette, which colour-blind readers tell apart.
+# Okabe and Ito's palette, which colour-blind readers can distinguish.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
+_KINDS = ("real", "generated")
 STYLES = ("-", "--", ":", "-.")
 PANEL_INCHES = (4.6, 3.6)
 
 
 def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathLike[str]) -> None:
-    """Write a PNG of up to five panels: win rates (returns, where one plays alone), TD errors,
-    overestimation, generator, actions. One of which no run has logged anything, as of generators
-    that are switched off, is left out.
+    """Write a PNG of up to five panels: win rates (returns in scenarios of one team), TD errors,
+    overestimation, generator, actions. A panel without logged values is left out.
 
-    runs: label -> run folder (with log.csv). Raises ValueError where no run has logged anything.
+    runs: label -> run folder (with log.csv). Raises ValueError if no run has logged anything.
     """
     logs = {label: read_log(Path(folder) / RunLog.FILE) for label, folder in runs.items()}
     logs = {label: rows for label, rows in logs.items() if rows}
     if not logs:
-        raise ValueError(
-            f"no log.csv with rows in {', '.join(map(str, runs.values()))}: train first"
-        )
+        folders = ", ".join(map(str, runs.values()))
+        raise ValueError(f"no log.csv with rows in {folders}: train first")
     logged = {name for rows in logs.values() for row in rows for name in row}
-    drawn = [draw for draw, of in _PANELS if any(name.startswith(of) for name in logged)]
+    drawn = [draw for draw, starts in _PANELS if any(name.startswith(starts) for name in logged)]
     num_columns = -(-len(drawn) // 2)
     width, height = PANEL_INCHES
     figure = Figure(figsize=(num_columns * width, 2 * height), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(2, num_columns, squeeze=False)
-    for panel, draw in zip(panels.flat, drawn, strict=False):
-        draw(panel, logs)
-    for panel in panels.flat[len(drawn) :]:
+    panels = figure.subplots(2, num_columns, squeeze=False).flat
+    for panel in panels[len(drawn) :]:
         panel.remove()
-    for panel in panels.flat[: len(drawn)]:
+    for panel, draw in zip(panels, drawn, strict=False):
+        draw(panel, logs)
         panel.spines[["top", "right"]].set_visible(False)
         panel.grid(alpha=0.25)
         panel.set_xlabel("environment steps (thousands)")
         panel.title.set_fontsize(11)  # the longest is as wide as its panel
         for line in panel.lines:
-            if len(line.get_xdata()) == 1:  # of a run that was cut short: no line to be seen
+            if len(line.get_xdata()) == 1:  # one row makes no visible line
                 line.set_marker(".")
     with atomic_path(path) as unfinished:
         figure.savefig(unfinished, dpi=130)
@@ -64,46 +62,42 @@ def _series(rows: Rows, name: str) -> tuple[Any, Any]:
     return tuple(np.array(points).T) if points else (np.array([]), np.array([]))
 
 
-def _names(logs: Mapping[str, Rows], prefix: str, depth: int = 1) -> list[str]:
+def _names(logs: Mapping[str, Rows], prefix: str) -> list[str]:
     found = (name for rows in logs.values() for row in rows for name in row)
-    return [n for n in dict.fromkeys(found) if n.startswith(prefix) and n.count("/") == depth]
+    return [n for n in dict.fromkeys(found) if n.startswith(prefix) and n.count("/") == 1]
+
+
+def _color(logs: Mapping[str, Rows]) -> zip[tuple[str, tuple[str, Rows]]]:
+    return zip(cycle(COLOURS), logs.items(), strict=False)
 
 
 def _draw_win_rates(panel: Any, logs: Mapping[str, Rows]) -> None:
     kind, joint = ("win_rate", " v ") if _names(logs, "win_rate/") else ("return", ": ")
     rated = [name.partition("/")[2] for name in _names(logs, f"{kind}/")]
-    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
-        for style, who in zip(cycle(STYLES), rated, strict=False):
-            name = f"{kind}/{who}"
+    for colour, (label, rows) in _color(logs):
+        for style, player in zip(cycle(STYLES), rated, strict=False):
+            name, shown = f"{kind}/{player}", f"{label}{joint}{player}"
             frames, rates = _series(rows, name)
             low, high = _series(rows, f"{name}/low")[1], _series(rows, f"{name}/high")[1]
-            panel.plot(frames, rates, style, color=colour, label=f"{label}{joint}{who}", marker=".")
+            panel.plot(frames, rates, style, color=colour, label=shown, marker=".")
             if len(low) == len(rates):
                 panel.fill_between(frames, low, high, color=colour, alpha=0.12, linewidth=0)
     for name in _names(logs, "fair_share/"):
         share = next(row[name] for rows in logs.values() for row in rows if name in row)
         panel.axhline(share, color="black", linewidth=0.8, label="fair share")
-    panel.set(title="Greedy play, rated reward")
+    panel.set(title="Greedy play, rated reward", ylabel="return of a game")
     if kind == "win_rate":
         panel.set(ylabel="score (win 1, draws are shared)", ylim=(-0.03, 1.03))
-    else:
-        panel.set(ylabel="return of a game")
     _add_legend(panel)
 
 
 def _draw_td_errors(panel: Any, logs: Mapping[str, Rows]) -> None:
-    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
-        for style, kind in (("-", "real"), (":", "generated")):
-            frames, values = _series(rows, f"td_error/{kind}")
-            if len(frames):
-                panel.plot(frames, values, style, color=colour, label=f"{label}, {kind} rows")
-    panel.set(title="TD error (absolute)")
-    panel.set_yscale("log")
-    _add_legend(panel)
+    _draw_pair(panel, logs, *((f"td_error/{kind}", f"{kind} rows") for kind in _KINDS))
+    panel.set(title="TD error (absolute)", yscale="log")
 
 
 def _draw_overestimation(panel: Any, logs: Mapping[str, Rows]) -> None:
-    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
+    for colour, (label, rows) in _color(logs):
         panel.plot(*_series(rows, "q/overestimation"), color=colour, label=label)
     panel.axhline(0.0, color="black", linewidth=0.8)
     panel.set(title="Q overestimation", ylabel="first max Q less realised return")
@@ -111,15 +105,24 @@ def _draw_overestimation(panel: Any, logs: Mapping[str, Rows]) -> None:
 
 
 def _draw_generator(panel: Any, logs: Mapping[str, Rows]) -> None:
-    for colour, (label, rows) in zip(cycle(COLOURS), logs.items(), strict=False):
-        if not _names({label: rows}, "gate/cells/changed_f1", depth=2):
-            continue  # it has no generator
-        for style, name, told in (
-            ("-", "gate/cells/changed_f1", "changed-cell F1"),
-            (":", "batch/generated_share", "generated share"),
-        ):
-            panel.plot(*_series(rows, name), style, color=colour, label=f"{label}, {told}")
+    lines = (
+        ("gate/cells/changed_f1", "changed-cell F1"),
+        ("batch/generated_share", "generated share"),
+    )
+    _draw_pair(panel, logs, *lines)
     panel.set(title="Generator (CCDN)", ylim=(-0.03, 1.03))
+
+
+def _draw_pair(panel: Any, logs: Mapping[str, Rows], *lines: tuple[str, str]) -> None:
+    """A solid and a dotted line, of two names in the log with their labels, for each run that has
+    logged the first.
+    """
+    for colour, (label, rows) in _color(logs):
+        if any(lines[0][0] in row for row in rows):
+            for style, (name, meaning) in zip("-:", lines, strict=True):
+                values = _series(rows, name)
+                if len(values[0]):
+                    panel.plot(*values, style, color=colour, label=f"{label}, {meaning}")
     _add_legend(panel)
 
 
@@ -133,10 +136,11 @@ def _draw_actions(panel: Any, logs: Mapping[str, Rows]) -> None:
     kinds = [name.partition("/")[2].replace("_", " ") for name in names]
     panel.stackplot(frames, shares, labels=kinds, colors=COLOURS, alpha=0.85, linewidth=0)
     panel.set(title=f"Actions of {label}", ylabel="share of decisions", ylim=(0, 1))
-    _add_legend_below(panel, num_columns=3)
+    # Below the panel: many entries would hide the plot.
+    _add_legend(panel, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
 
 
-# What a panel shows, and what the names in the log begin with of which it shows something.
+# Panels, and the beginnings of the names in the log that each shows.
 _PANELS: tuple[tuple[Callable[[Any, Mapping[str, Rows]], None], tuple[str, ...]], ...] = (
     (_draw_win_rates, ("win_rate/", "return/")),
     (_draw_td_errors, ("td_error/",)),
@@ -146,12 +150,6 @@ _PANELS: tuple[tuple[Callable[[Any, Mapping[str, Rows]], None], tuple[str, ...]]
 )
 
 
-def _add_legend(panel: Any) -> None:
+def _add_legend(panel: Any, **place: Any) -> None:
     if panel.get_legend_handles_labels()[0]:
-        panel.legend(fontsize=8, framealpha=0.85)
-
-
-def _add_legend_below(panel: Any, num_columns: int) -> None:
-    """Of many entries, which would hide what is drawn."""
-    if panel.get_legend_handles_labels()[0]:
-        panel.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=num_columns)
+        panel.legend(fontsize=8, framealpha=0.85, **place)

@@ -1,4 +1,4 @@
-"""The demonstration: train a conv and a capsule network, rate them with the bots, show a game."""
+"""The demonstration: trains a conv and a capsule network, rates them with bots, films a game."""
 
 from __future__ import annotations
 
@@ -15,30 +15,19 @@ from marl_cair.league.agents.load import load_agent
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.play.film import save_film
 from marl_cair.league.play.match import play_match
-from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.training.curves import draw_curves
-from marl_cair.training.settings.config import (
-    CheckpointSettings,
-    CollectorSettings,
-    EvaluationSettings,
-    ExplorationSettings,
-    GameSettings,
-    GeneratorSettings,
-    OpponentSettings,
-    ReplaySettings,
-    TrainConfig,
-)
-from marl_cair.training.settings.learner import LearnerSettings
+from marl_cair.training.settings.config import TrainConfig
+from marl_cair.training.settings.config_file import build_config
 from marl_cair.training.trainer import train
 
-FINISHED_FILE = "finished.txt"  # in the folder of a run that a later call need not go on with
+FINISHED_FILE = "finished.txt"  # marks a run that a later call need not resume
 GAME, SCENARIO = "deep_line_wars", "11x11"
 NETWORKS = ("conv", "capsule")
 RIVAL = "random"  # the bot that a network must beat before it is rated
-# More of the bots than the default has: in minutes they teach more than a pool of beginners does.
+# More bots than in the default: in minutes they teach more than a pool of beginners.
 MIXTURE = {"random": 0.5, "bots": 0.3, "latest": 0.2}
 NEXT = """
-Look at   {out}/league/report.html  the ladder with 95 % intervals, who beats whom, games to watch
+Look at   {out}/league/report.html  the ladder with 95 % intervals, win rates of pairs, games
           {out}/league/league.png   the same as a picture
           {out}/curves.png          learning curves, generator, actions
           {out}/game.gif            a game that the conv network wins against the bot `random`
@@ -51,8 +40,8 @@ Try next  .venv/bin/marl-cair train policy=capsule opponent=self_play total_fram
 
 @dataclass(frozen=True)
 class DemoSettings:
-    """How long the demonstration is. With the defaults it ends within 10 minutes on 2 cores that
-    two other programs use too.
+    """Length of the demonstration: by default at most 10 minutes on 2 cores that two other programs
+    use too.
     """
 
     out: str = "runs/demo"  # output folder
@@ -60,57 +49,50 @@ class DemoSettings:
     frames: int = 100_000  # environment steps at which a network that has not learned fails
     evaluation_games: int = 100  # games of each evaluation against `random`
     league_games: int = 20  # games of each pair
-    num_worlds: int = 64  # games at one time in training
+    num_worlds: int = 64  # environment copies in training
     seed: int = 0  # of everything random
-
-
-@dataclass(frozen=True)
-class _Redraw:
-    """Draws the curves again at each logged row."""
-
-    runs: dict[str, str]
-    path: Path
-
-    def __call__(self, row: dict[str, float]) -> None:
-        draw_curves(self.runs, self.path)
 
 
 def make_config(settings: DemoSettings, network: str) -> TrainConfig:
     """The default recipe, shortened: 20 % generated transitions once the generator is good enough.
 
-    All networks after the first begin with what its generator has learned.
+    All networks after the first begin with the first one's generator.
     """
-    every = max(1, min(4_000, settings.frames // 4))
+    frames, every = settings.frames, max(1, min(4_000, settings.frames // 4))
     first = NETWORKS[0]
-    return TrainConfig(
-        out=f"{settings.out}/{network}",
-        seed=settings.seed,
-        total_frames=settings.frames,
-        stop_score=settings.score,
-        torch_threads=1,
-        initial_generator=None if network == first else f"{settings.out}/{first}",
-        game=GameSettings(GAME, SCENARIO),
-        policy=QNetworkConfig(body=network),
-        opponent=OpponentSettings(MIXTURE, snapshot_every_frames=settings.frames),
-        collector=CollectorSettings(num_worlds=settings.num_worlds),
-        exploration=ExplorationSettings(anneal_frames=min(10_000, settings.frames // 2)),
-        replay=ReplaySettings(
-            capacity_transitions=100_000, min_transitions=min(1_000, settings.frames // 4)
-        ),
-        learner=LearnerSettings(frames_per_update=32, average_decay=0.99),
-        generator=GeneratorSettings(evaluate_every_frames=every),
-        evaluation=EvaluationSettings(
-            every_frames=every, games=settings.evaluation_games, bots=(RIVAL,)
-        ),
-        checkpoint=CheckpointSettings(every_frames=settings.frames),
+    return build_config(
+        {
+            "out": f"{settings.out}/{network}",
+            "seed": settings.seed,
+            "total_frames": frames,
+            "stop_score": settings.score,
+            "torch_threads": 1,
+            "initial_generator": None if network == first else f"{settings.out}/{first}",
+            "game": {"name": GAME, "scenario": SCENARIO},
+            "policy": {"body": network},
+            "opponent": {"mixture": MIXTURE, "snapshot_every_frames": frames},
+            "collector": {"num_worlds": settings.num_worlds},
+            "exploration": {"anneal_frames": min(10_000, frames // 2)},
+            "replay": {
+                "capacity_transitions": 100_000,
+                "min_transitions": min(1_000, frames // 4),
+            },
+            "learner": {"frames_per_update": 32, "average_decay": 0.99},
+            "generator": {"evaluate_every_frames": every},
+            "evaluation": {
+                "every_frames": every,
+                "games": settings.evaluation_games,
+                "bots": [RIVAL],
+            },
+            "checkpoint": {"every_frames": frames},
+        }
     )
 
 
 def run_demo(settings: DemoSettings) -> Path:
     """Train, rate, draw and film; returns the output folder.
 
-    A stage that an earlier, interrupted call has finished is not repeated; a training run that was
-    interrupted goes on.
+    After an interrupt, finished stages are not repeated, and a training run is resumed.
 
     Raises:
         OutputFolderError: the folder holds other runs.
@@ -139,14 +121,14 @@ def run_demo(settings: DemoSettings) -> Path:
 
 
 def _train(settings: DemoSettings, network: str) -> None:
-    """Train until the network beats `random`. Raises ValueError where it does not."""
+    """Train until the network beats `random`. Raises ValueError if it does not."""
     config = make_config(settings, network)
     finished = Path(config.out) / FINISHED_FILE
     if finished.exists():
         return
     done = {name: f"{settings.out}/{name}" for name in NETWORKS[: NETWORKS.index(network) + 1]}
-    redraw = _Redraw(done, Path(settings.out) / "curves.png")
-    result = train(config, resume=True, listen=redraw)
+    curves = Path(settings.out) / "curves.png"
+    result = train(config, resume=True, listen=lambda row: draw_curves(done, curves))
     if result.was_interrupted:
         raise KeyboardInterrupt
     if not result.reached_score:
@@ -156,22 +138,22 @@ def _train(settings: DemoSettings, network: str) -> None:
             f"{result.frames:,} environment steps, it must have {settings.score:.0%}: train longer "
             f"with --frames {2 * settings.frames}, or take another --out and --seed"
         )
-    told = (
+    text = (
         f"{network}: {result.last_row['confirmed_score']:.0%} of the points in "
         f"{settings.evaluation_games} new games against {RIVAL} after {result.frames:,} "
         "environment steps"
     )
-    tqdm.write(told)
-    write_atomically(finished, f"{told}\n")
+    tqdm.write(text)
+    write_atomically(finished, f"{text}\n")
 
 
 def film_win(agent: str, opponent: str, game: str, scenario: str, seed: int, path: Path) -> None:
     """Write the first game that `agent` wins in seat 0, of seeds from `seed` on, as a GIF; the
-    first game where it wins none of 50.
+    first game if it wins none of 50.
     """
-    of = GAMES[game]
-    played = of.scenario(scenario)
+    rules = GAMES[game]
+    played = rules.scenario(scenario)
     agents = load_agent(agent, game, played), load_agent(opponent, game, played)
     seeds = range(seed, seed + 50)
-    won = (s for s in seeds if play_match(*agents, of, played, 2, s).results[0].winner == 0)
-    save_film(*agents, of, played, next(won, seed), path)
+    won = (s for s in seeds if play_match(*agents, rules, played, 2, s).results[0].winner == 0)
+    save_film(*agents, rules, played, next(won, seed), path)

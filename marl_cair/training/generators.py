@@ -1,4 +1,4 @@
-"""The generator of a training run, made for what its agents see."""
+"""Makes, saves and loads the generator of a training run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from marl_cair.checkpoint import CheckpointError, load_tensors, save_tensors
 from marl_cair.files import atomic_path
-from marl_cair.games import GAMES
 from marl_cair.games.game import GameSpec, Representation
 from marl_cair.generative import GENERATORS
 from marl_cair.generative.coded import CodedGenerator, FrameCodec
@@ -28,12 +27,12 @@ SHADES_TAKEN_FOR_EQUAL = 8  # of 255, in pictures
 def make_generator(
     config: TrainConfig, seen: Representation, spec: GameSpec, seed: int, source: str | None
 ) -> Generator | None:
-    """The generator that `config` names, or None where it wants no generated transitions. It
-    begins with what that of the run in folder `source` has learned, where one is given.
+    """The generator that `config` names, or None if it wants no generated transitions. It begins
+    with the weights of the generator of the run in folder `source`, if given.
 
     Raises:
-        ValueError: agents see neither planes nor a stack of frames nor a vector; the generator at
-            `source` is of other transitions or another size, or none is wanted here.
+        ValueError: the representation is neither planes nor a stack of frames nor a vector; the
+            generator at `source` has other transitions or another size, or none is wanted here.
         CheckpointError: there is none at `source`, or it cannot be read.
     """
     settings = config.generator
@@ -51,15 +50,13 @@ def make_generator(
 
 
 def check_generator(config: TrainConfig) -> None:
-    """Raises ValueError where a run of `config` could not have the generator that it names."""
-    about = config.game
-    game = GAMES[about.name]
-    spec = game.make_spec(game.scenario(about.scenario, **about.options))
-    make_generator(config, spec.representations[about.representation], spec, 0, None)
+    """Raise ValueError if a run of `config` cannot have the generator that it names."""
+    spec = config.game.spec
+    make_generator(config, spec.representations[config.game.representation], spec, 0, None)
 
 
 def save_generator(generator: Generator, folder: Path) -> dict[str, Any]:
-    """Write what it has learned to `folder`; returns the rest of its state."""
+    """Write its weights to `folder`; returns the rest of its state."""
     knowledge = generator.export_knowledge()
     save_tensors(knowledge, folder / GENERATOR_FILE)
     state = generator.state_dict()
@@ -67,18 +64,18 @@ def save_generator(generator: Generator, folder: Path) -> dict[str, Any]:
 
 
 def restore_generator(generator: Generator, folder: Path, rest: Mapping[str, Any]) -> None:
-    """Go on from what `save_generator` wrote to `folder` and returned."""
+    """Continue from the files and the state of `save_generator`."""
     generator.load_state_dict({**load_tensors(folder / GENERATOR_FILE), **rest})
 
 
 def publish_generator(source: Path, folder: Path) -> None:
-    """Give what `save_generator` wrote to `source` a second name in `folder`, for runs that begin
-    with it: it is large, and it stays when `source` goes.
+    """Link the file of `save_generator` in `source` from `folder`, for runs that begin with it: it
+    is large, and it stays when `source` is deleted.
     """
     with atomic_path(folder / GENERATOR_FILE) as unfinished:
         try:
             unfinished.hardlink_to(source / GENERATOR_FILE)
-        except OSError:  # not every file system has second names
+        except OSError:  # a file system without hard links
             shutil.copyfile(source / GENERATOR_FILE, unfinished)
 
 
@@ -93,7 +90,7 @@ def _load_knowledge(generator: Generator, source: str) -> None:
     path = Path(source) / GENERATOR_FILE
     if not path.is_file():
         raise CheckpointError(
-            f"initial_generator is {source}, where no {GENERATOR_FILE} is: give the folder of a "
+            f"initial_generator is {source}, which has no {GENERATOR_FILE}: give the folder of a "
             "run that had a generator, such as runs/train"
         )
     knowledge = load_tensors(path)
@@ -115,9 +112,7 @@ def _make(config: TrainConfig, seen: Representation, spec: GameSpec, seed: int) 
     model = dataclasses.replace(settings.model, seed=seed)
     bound = spec.reward_bound * config.learner.reward_scale
 
-    def specify(
-        shape: tuple[int, ...], num_uniform: int, num_frames: int = 1, tolerance: int = 0
-    ) -> GeneratorSpec:
+    def specify(shape: tuple[int, ...], num_uniform: int, **others: Any) -> GeneratorSpec:
         planes, rows, columns = shape
         return GeneratorSpec(
             observation_shape=(planes, rows, columns),
@@ -126,23 +121,23 @@ def _make(config: TrainConfig, seen: Representation, spec: GameSpec, seed: int) 
             noop_action=spec.noop_action,
             action_kinds=spec.action_groups.tolist(),
             reward_range=(-bound, bound),
-            num_frames=num_frames,
-            tolerance=tolerance,
+            **others,
         )
 
     if len(seen.shape) == 1:
         codec = VectorCodec(*(bounds.tolist() for bounds in seen.bounds()))
         return CodedGenerator(make(model, specify(codec.shape, codec.num_uniform)), codec)
     if seen.num_frames > 1:
-        of_frames = specify(seen.shape, 0, seen.num_frames, SHADES_TAKEN_FOR_EQUAL)
-        return CodedGenerator(make(model, of_frames), FrameCodec())
+        frames = {"num_frames": seen.num_frames, "tolerance": SHADES_TAKEN_FOR_EQUAL}
+        return CodedGenerator(make(model, specify(seen.shape, 0, **frames)), FrameCodec())
     if seen.dtype is not np.uint8 or seen.num_uniform == 0:
         raise ValueError(
             f"the generator {settings.name!r} works on `planes`, stacks of frames and vectors, "
             f"not on {seen.name!r}: set generator.name={NO_GENERATOR} or synthetic_fraction=0"
         )
-    of_planes = dataclasses.replace(
-        specify(seen.shape, seen.num_uniform),
+    of_planes = specify(
+        seen.shape,
+        seen.num_uniform,
         action_cells=spec.action_cells.tolist(),
         static_planes=spec.static_planes,
         exclusive_plane_groups=spec.exclusive_planes,

@@ -1,4 +1,4 @@
-"""The network that learning begins with: a new one, or that of an agent."""
+"""Makes the first network of a run: a new one, or that of an agent."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from marl_cair.policies import GREEDY
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
 from marl_cair.training.settings.config import TrainConfig
 
-# A learner that knows how to play loses it within minutes where it goes on as one that does not:
-# with large steps of an optimiser that has seen nothing yet, on the first few games alone.
+# A learner with a trained network unlearns within minutes at the usual settings: with large steps
+# of a new optimiser, on the first few games alone.
 KNOWING_EPSILON = 0.05  # exploration to begin with
 KNOWING_RATE = 0.3  # of the usual learning rate
 KNOWING_SHARE = 8  # one part in so many of the replay, or of a shorter run, comes before learning
@@ -21,10 +21,10 @@ Seen = tuple[str, str, tuple[int, ...], int]  # game, representation, its shape,
 
 
 def fit_policy(policy: QNetworkConfig, seen: Representation, spec: GameSpec) -> QNetworkConfig:
-    """The settings of a network with what only the game knows: bounds of a vector's entries, and
-    cells and kinds of the actions.
+    """Complete a network's settings by the game's numbers: bounds of a vector's entries, and cells
+    and kinds of the actions.
 
-    Raises ValueError where actions are to be valued by cells and `seen` does not show them.
+    Raises ValueError if actions are to be valued by cells and `seen` does not show them.
     """
     policy = policy.with_bounds(seen.low, seen.high)
     board = spec.representations.get("planes")
@@ -38,55 +38,47 @@ def fit_policy(policy: QNetworkConfig, seen: Representation, spec: GameSpec) -> 
 
 
 def can_begin_as(agent: str) -> bool:
-    """Whether `agent` is the folder of a network whose outputs are values of actions; those of an
-    average policy (NFSP) are logits.
-    """
+    """Whether `agent` is the folder of a Q-network; an average policy (NFSP) gives logits."""
     return is_checkpoint(agent) and read_description(agent).plays == GREEDY
 
 
 def begin_as(agent: str, config: TrainConfig) -> TrainConfig:
     """The settings of a run that begins with the network of the agent in folder `agent`, explores
-    little, learns in small steps and from many games at once, and meets its opponents from the
-    first game on.
+    little, learns in small steps and from many games at once, and has no warm-up opponents.
 
-    Raises CheckpointError where `agent` is no agent's folder.
+    Raises CheckpointError if `agent` is no agent's folder.
     """
-    about = read_description(agent)
+    about, change = read_description(agent), dataclasses.replace
     exploration, replay, learner = config.exploration, config.replay, config.learner
-    start = min(KNOWING_EPSILON, exploration.epsilon_start)
-    end = learner.learning_rate_end
-    first = min(
-        replay.capacity_transitions, config.total_frames, config.opponent.snapshot_every_frames
-    )
-    return dataclasses.replace(
+    start, end = min(KNOWING_EPSILON, exploration.epsilon_start), learner.learning_rate_end
+    snapshots = config.opponent.snapshot_every_frames
+    first = min(replay.capacity_transitions, config.total_frames, snapshots) // KNOWING_SHARE
+    low = min(start, exploration.epsilon_end)
+    return change(
         config,
         initial_agent=agent,
         policy=QNetworkConfig.from_dict(about.network),
-        game=dataclasses.replace(config.game, representation=about.representation),
-        opponent=dataclasses.replace(config.opponent, warmup_frames=0),
-        exploration=dataclasses.replace(
-            exploration, epsilon_start=start, epsilon_end=min(start, exploration.epsilon_end)
-        ),
-        learner=dataclasses.replace(
+        game=change(config.game, representation=about.representation),
+        opponent=change(config.opponent, warmup_frames=0),
+        exploration=change(exploration, epsilon_start=start, epsilon_end=low),
+        learner=change(
             learner,
             learning_rate=KNOWING_RATE * learner.learning_rate,
             learning_rate_end=None if end is None else KNOWING_RATE * end,
         ),
-        replay=dataclasses.replace(
-            replay, min_transitions=max(replay.min_transitions, first // KNOWING_SHARE)
-        ),
+        replay=change(replay, min_transitions=max(replay.min_transitions, first)),
     )
 
 
 def make_initial_network(
     source: str | None, policy: QNetworkConfig, seen: Seen, seed: int
 ) -> QNetwork:
-    """That of the agent in folder `source`, or a new one from `seed` where that is None.
+    """The network of the agent in folder `source`, or a new one from `seed` if that is None.
 
     Raises:
         CheckpointError: `source` is no agent's folder.
-        ValueError: the agent is of another game, sees or does something else, has another policy,
-            or plays an average policy.
+        ValueError: the agent has another game, representation, action space or policy, or is an
+            average policy.
     """
     _, _, shape, num_actions = seen
     if source is None:
@@ -94,40 +86,35 @@ def make_initial_network(
     network, about = load_network(source)
     if about.plays != GREEDY:
         raise ValueError(
-            f"initial_agent is {source}, which plays {about.plays}: what its network gives are "
-            "logits of an average policy and no values of actions; give a greedy agent"
+            f"initial_agent is {source}, which plays {about.plays}: its network gives logits of an "
+            "average policy and no values of actions; give a greedy agent"
         )
     names = ("game", "representation", "observation shape", "number of actions")
     there = (about.game, about.representation, about.observation_shape, len(about.action_names))
     compared = zip(names, there, seen, strict=True)
     differing: list[tuple[str, object, object]] = [it for it in compared if it[1] != it[2]]
     if network.config != policy:
-        differing.append(("policy", *_tell_differences(network.config, policy)))
+        its, own = network.config.to_dict(), policy.to_dict()
+        changed = [name for name in its if its[name] != own[name]]
+        words = [
+            ", ".join(f"{name}={tell_value(values[name])}" for name in changed)
+            for values in (its, own)
+        ]
+        differing.append(("policy", words[0], words[1]))
     if differing:
-        name, its, own = differing[0]
+        name, theirs, ours = differing[0]
         raise ValueError(
-            f"initial_agent is {source}, whose {name} is {its}, but this run's is {own}: give "
+            f"initial_agent is {source}, whose {name} is {theirs}, but this run's is {ours}: give "
             "an agent that was trained with the same, or change the run's"
         )
     return network.train()
 
 
 def count_training(source: str | None) -> tuple[int, int]:
-    """Frames and updates of the agent in folder `source` and of all that it went on from; none
-    where that is None. Raises CheckpointError where `source` is no agent's folder.
+    """Frames and updates of the agent in folder `source` and of all agents that it began as; 0 for
+    None. Raises CheckpointError if `source` is no agent's folder.
     """
     if source is None:
         return 0, 0
     about = read_description(source)
     return about.frames_total, about.updates_total
-
-
-def _tell_differences(its: QNetworkConfig, own: QNetworkConfig) -> tuple[str, str]:
-    """The settings in which two policies differ, in words for each."""
-    first, second = its.to_dict(), own.to_dict()
-    names = [name for name in first if first[name] != second[name]]
-    its_words, own_words = (
-        ", ".join(f"{name}={shorten_value(values[name])}" for name in names)
-        for values in (first, second)
-    )
-    return its_words, own_words

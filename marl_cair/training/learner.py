@@ -20,7 +20,7 @@ from marl_cair.replay.transition import NO_ACTION
 from marl_cair.training.settings.config import DemonstrationSettings
 from marl_cair.training.settings.learner import LearnerSettings
 
-# Of the averaged weights' warm-up: after n updates they average over no more than about n / 10.
+# Warm-up of the averaged weights: after n updates they average over at most about n / 10.
 _AVERAGE_WARMUP = 10
 
 
@@ -30,9 +30,9 @@ class Learner:
     Target of a row: R + gamma^k * (not terminated) * Q_target(s', argmax over legal a of Q(s', a)),
     R the discounted sum of k rewards (double Q-learning, van Hasselt et al. 2016).
 
-    Neighbouring actions differ little in value, so that a few updates turn the greedy policy round;
+    Neighbouring actions differ little in value, so a few updates can change the greedy policy;
     `average` is the exponential moving average of the weights (Polyak and Juditsky 1992), whose
-    policy is steady. Collecting goes on with the newest weights.
+    policy is steady. The newest weights collect.
     """
 
     def __init__(
@@ -99,20 +99,20 @@ class Learner:
         return values
 
     def _note_values(self, module: QNetwork, inputs: tuple[Tensor, ...], values: Tensor) -> None:
-        """Of all that the loss asks the network only Q(s, .) has gradients: the margin needs the
-        same, and a second pass would cost a third of an update.
+        """Keep Q(s, .) of the loss, its only values with gradients: another pass for the margin
+        would cost a third of an update.
         """
         if values.requires_grad:
             self._values = values
 
     def _find_margin_loss(self, batch: TensorDict) -> Tensor:
         """Mean over the batch of max over legal a of (Q(s, a) + margin where a is not the expert's
-        action) - Q(s, the expert's action), 0 for rows where nobody shows it.
+        action) - Q(s, the expert's action), 0 for rows without an expert's action.
         """
-        if not self.demonstration.is_given:
-            return torch.zeros(())
-        shown = batch["expert_action"] != NO_ACTION
-        if not shown.any():
+        if (
+            not self.demonstration.is_given
+            or not (shown := batch["expert_action"] != NO_ACTION).any()
+        ):
             return torch.zeros(())
         action = batch["expert_action"][shown, None]
         values = self._values[shown]

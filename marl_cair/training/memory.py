@@ -1,10 +1,11 @@
-"""What memory a training run needs, and how the C library keeps it between updates."""
+"""Checks that a training run fits into memory, and keeps freed memory between updates."""
 
 from __future__ import annotations
 
 import ctypes
 import math
 import sys
+from operator import attrgetter
 from typing import Any
 
 from marl_cair.checkpoint import count_weight_bytes
@@ -20,8 +21,8 @@ _NETWORK_COPIES = 6  # network, target, average, gradients, two moments
 
 
 def keep_freed_memory() -> None:
-    """Tell glibc to keep activations' memory between updates: giving pages back and taking them
-    again costs a fifth of an update.
+    """Let glibc keep the memory of activations: returning and requesting pages costs a fifth of an
+    update.
     """
     if sys.platform != "linux":
         return
@@ -33,34 +34,34 @@ def keep_freed_memory() -> None:
 
 
 def require_memory_of_games(config: TrainConfig, game: Game, scenario: Any) -> None:
-    """Raise NotEnoughMemoryError for more worlds, or longer batches of them, than memory takes."""
+    """Raise NotEnoughMemoryError for too many worlds or too long batches."""
     spec, collector = game.make_spec(scenario), config.collector
     worlds, seen = collector.num_worlds, spec.representations[config.game.representation]
     one = sum(field.nbytes for field in BatchedEngine(game, scenario, 1).state_dict().values())
     require_memory(f"collector.num_worlds = {worlds}", worlds * one)
     step = 2 * _observation_bytes(seen) + 2 * spec.num_actions + _ENTRY_BYTES
-    batch = worlds * spec.num_players * collector.steps_per_batch
-    name = f"collector.num_worlds * steps_per_batch = {worlds * collector.steps_per_batch}"
-    require_memory(name, batch * step)
+    steps = worlds * collector.steps_per_batch
+    name = f"collector.num_worlds * steps_per_batch = {steps}"
+    require_memory(name, steps * spec.num_players * step)
 
 
 def require_memory_of_learning(
     config: TrainConfig, policy: QNetworkConfig, seen: Representation, rows: TransitionSpec
 ) -> None:
-    """Raise NotEnoughMemoryError for replays, batches or networks that memory does not take."""
-    replay, observation = config.replay, _observation_bytes(seen)
+    """Raise NotEnoughMemoryError for too large replay buffers, batches or networks."""
     in_ring = rows.mask_bytes + _ENTRY_BYTES
-    in_ring += rows.row_bytes if replay.scratch_dir is None else 0
-    whole = 2 * (observation + rows.num_actions) + _ENTRY_BYTES
-    for name, count, num_bytes in (
-        ("replay.capacity_transitions", replay.capacity_transitions, in_ring),
-        ("replay.generated_capacity_transitions", replay.generated_capacity_transitions, whole),
-        ("nfsp.capacity_rows", config.nfsp.capacity_rows, rows.row_bytes + rows.mask_bytes),
-        ("learner.batch_size", config.learner.batch_size, 4 * whole),
-        ("nfsp.batch_size", config.nfsp.batch_size, 4 * whole),
-        ("generator.batch_size", config.generator.batch_size, 4 * whole),
-        ("generator.rows_per_refill", config.generator.rows_per_refill, whole),
+    in_ring += rows.row_bytes if config.replay.scratch_dir is None else 0
+    whole = 2 * (_observation_bytes(seen) + rows.num_actions) + _ENTRY_BYTES
+    for name, num_bytes in (
+        ("replay.capacity_transitions", in_ring),
+        ("replay.generated_capacity_transitions", whole),
+        ("nfsp.capacity_rows", rows.row_bytes + rows.mask_bytes),
+        ("learner.batch_size", 4 * whole),
+        ("nfsp.batch_size", 4 * whole),
+        ("generator.batch_size", 4 * whole),
+        ("generator.rows_per_refill", whole),
     ):
+        count = attrgetter(name)(config)
         require_memory(f"{name} = {count}", count * num_bytes)
     weights = count_weight_bytes(policy, seen.shape, rows.num_actions)
     require_memory(f"the network (policy.*) of {weights:,} bytes", _NETWORK_COPIES * weights)

@@ -1,4 +1,4 @@
-"""`TrainingRun`: the parts of a run, made from its configuration, and their saved state."""
+"""Builds a training run from its configuration, and saves and restores its state."""
 
 from __future__ import annotations
 
@@ -12,22 +12,8 @@ import numpy as np
 import torch
 from torchrl.collectors import Collector
 
-from marl_cair.checkpoint import (
-    LATEST_FOLDER,
-    SNAPSHOT_FOLDER,
-    TRAINING,
-    AgentDescription,
-    CheckpointError,
-    save_agent,
-)
-from marl_cair.files import (
-    RUN_MARKER,
-    claim_output_folder,
-    find_folder,
-    recover_folder,
-    replaced_folder,
-    write_json,
-)
+from marl_cair import checkpoint, files
+from marl_cair.checkpoint import AgentDescription, CheckpointError
 from marl_cair.games import GAMES
 from marl_cair.games.torchrl_env import BatchedGameEnv
 from marl_cair.league.agents.load import load_agent
@@ -45,18 +31,16 @@ from marl_cair.self_play.pool import Pool
 from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.stored import DamagedFileError, read_json
 from marl_cair.training import generators, memory, state_file
-from marl_cair.training.collecting.average_policy import AveragePolicy
+from marl_cair.training.collecting.average_policy import AveragePolicy, OwnPolicies
 from marl_cair.training.collecting.demonstrations import Demonstrators
 from marl_cair.training.collecting.metrics import EpisodeStatistics, RunningMeans
 from marl_cair.training.collecting.opponents import OpponentBook
-from marl_cair.training.collecting.own_play import OwnPolicies
 from marl_cair.training.collecting.seats import SeatRouter
 from marl_cair.training.initial_network import count_training, fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import CONFIG_FILE, fixed_settings, save_config
-from marl_cair.training.state_file import require_space, to_arrays, to_tensors
 
 BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
@@ -70,7 +54,7 @@ class TrainingRun:
 
     Args:
         config: all settings.
-        resume: go on from the state in `config.out`; without one there, begin.
+        resume: resume from the state in `config.out`; begin if there is none.
         seat: the learner's place in a league.
         load: how to get the agents of `config.opponent`, as `load_agent`.
 
@@ -90,23 +74,22 @@ class TrainingRun:
     ) -> None:
         self.config, self.seat = config, seat
         self.folder = Path(config.out)
-        self._resumes = resume and find_folder(self.folder / RESUME_FOLDER).is_dir()
+        self._resumes = resume and files.find_folder(self.folder / RESUME_FOLDER).is_dir()
         if config.torch_threads is not None:
             torch.set_num_threads(config.torch_threads)
         memory.keep_freed_memory()
         self._claim = ExitStack()
-        self._seeds = [
-            int(n) for n in np.random.SeedSequence(config.seed).generate_state(_NUM_SEEDS)
-        ]
-        if resume and (self.folder / RUN_MARKER).is_file():
+        words = np.random.SeedSequence(config.seed).generate_state(_NUM_SEEDS)
+        self._seeds: list[int] = words.tolist()
+        if resume and (self.folder / files.RUN_MARKER).is_file():
             with self._claim_folder(resume):
                 pass  # other settings are refused before their agents are loaded
         self._make_game(load)
         self._make_replay()
         self._make_learner()
         self._make_collector()
-        # Whatever was wrong with the settings has been found by now.
-        require_space(self.folder, config, self.replay.real, self.transition_spec)
+        # The settings are valid from here on.
+        state_file.require_space(self.folder, config, self.replay.real, self.transition_spec)
         self._claim.enter_context(self._claim_folder(resume))
         save_config(config)
         self.frames = 0
@@ -114,8 +97,8 @@ class TrainingRun:
         self.best_score = -math.inf  # of all evaluations
         self.has_reached_score = False  # `config.stop_score`, in two evaluations
         self.gate_is_open = False
-        recover_folder(self.folder / RESUME_FOLDER)
-        # Asked again: another process may have saved its first state here since.
+        files.recover_folder(self.folder / RESUME_FOLDER)
+        # Checked again: another process may have saved its first state here since.
         if resume and (self.folder / RESUME_FOLDER).is_dir():
             self.restore()
         self.book.join_league()
@@ -123,26 +106,23 @@ class TrainingRun:
 
     @property
     def evaluation_seed(self) -> int:
-        """Of the games that rate the learner while it trains."""
+        """Seed of the games that rate the learner while it trains."""
         return self._seeds[8]
 
     def _make_game(self, load: Load) -> None:
-        game = self.config.game
-        self.game = GAMES[game.name]
-        self.scenario = self.game.scenario(game.scenario, **game.options)
+        game, opponent = self.config.game, self.config.opponent
+        worlds, folder = self.config.collector.num_worlds, self.folder / checkpoint.SNAPSHOT_FOLDER
+        self.game, self.scenario = GAMES[game.name], game.played_scenario
         for rated in self.config.evaluated_scenarios().values():
             for bot in self.config.evaluation.bots:
-                self.game.bot(bot, rated)  # one that cannot play there says so now
-        demonstration, worlds = self.config.demonstration, self.config.collector.num_worlds
-        self.demonstrators = Demonstrators(
-            demonstration, self.game, self.scenario, worlds, self._seeds[9]
-        )
-        opponent, folder = self.config.opponent, self.folder / SNAPSHOT_FOLDER
-        played, kept = (self.game, self.scenario), (opponent.pool_capacity, opponent.prior_games)
+                self.game.bot(bot, rated)  # raises now for one that cannot play there
+        played, demonstration = (self.game, self.scenario), self.config.demonstration
+        self.demonstrators = Demonstrators(demonstration, *played, worlds, self._seeds[9])
+        kept = opponent.pool_capacity, opponent.prior_games
         pool = Pool(folder, *played, game.representation, *kept, self.seat)
         self.book = OpponentBook(opponent, *played, pool, self._seeds[6], self.seat, load)
-        others_look_at = self.demonstrators.representations | self.book.representations
-        memory.require_memory_of_games(self.config, self.game, self.scenario)
+        others = self.demonstrators.representations | self.book.representations
+        memory.require_memory_of_games(self.config, *played)
         options = dataclasses.asdict(self.scenario)
         options["reward"] = game.learned_reward
         if "shaping_discount" in options:
@@ -150,9 +130,9 @@ class TrainingRun:
         self.env = BatchedGameEnv(
             game.name,
             game.scenario,
-            self.config.collector.num_worlds,
+            worlds,
             representation=game.representation,
-            extra_representations=tuple(sorted(others_look_at - {game.representation})),
+            extra_representations=tuple(sorted(others - {game.representation})),
             num_threads=self.config.collector.num_threads,
             seed=self._seeds[0],
             **options,
@@ -162,90 +142,65 @@ class TrainingRun:
         self.policy = fit_policy(self.config.policy, self.seen, self.spec)
 
     def _make_replay(self) -> None:
-        config = self.config
-        dtype = torch.uint8 if self.seen.dtype is np.uint8 else torch.float32
-        self.transition_spec = TransitionSpec(
-            self.seen.shape, self.spec.num_actions, self.seen.num_uniform, dtype
-        )
-        memory.require_memory_of_learning(config, self.policy, self.seen, self.transition_spec)
+        config, seen = self.config, self.seen
+        dtype = torch.uint8 if seen.dtype is np.uint8 else torch.float32
+        spec = TransitionSpec(seen.shape, self.spec.num_actions, seen.num_uniform, dtype)
+        self.transition_spec = spec
+        memory.require_memory_of_learning(config, self.policy, seen, spec)
+        replay, learner = config.replay, config.learner
         settings = ReplayConfig(
-            capacity_transitions=config.replay.capacity_transitions,
-            batch_size=config.learner.batch_size,
-            n_steps=config.learner.n_steps,
-            gamma=config.learner.gamma,
-            scratch_dir=config.replay.scratch_dir,
-            priority_alpha=config.replay.priority_alpha,
-            priority_beta=config.replay.priority_beta,
+            capacity_transitions=replay.capacity_transitions,
+            batch_size=learner.batch_size,
+            n_steps=learner.n_steps,
+            gamma=learner.gamma,
+            scratch_dir=replay.scratch_dir,
+            priority_alpha=replay.priority_alpha,
+            priority_beta=replay.priority_beta,
             seed=self._seeds[1],
         )
-        real = make_replay_buffer(settings, self.transition_spec)
-        generated = GeneratedReplay(
-            self.transition_spec, config.replay.generated_capacity_transitions, self._seeds[2]
-        )
-        self.replay = MixedReplay(
-            real,
-            generated,
-            config.synthetic_fraction,
-            config.learner.batch_size,
-            generated_open=False,
-        )
+        real = make_replay_buffer(settings, spec)
+        generated = GeneratedReplay(spec, replay.generated_capacity_transitions, self._seeds[2])
+        share, batch_size = config.synthetic_fraction, learner.batch_size
+        self.replay = MixedReplay(real, generated, share, batch_size, generated_open=False)
         source = None if self._resumes else config.initial_generator
-        self.generator = generators.make_generator(
-            config, self.seen, self.spec, self._seeds[3], source
-        )
+        make = generators.make_generator
+        self.generator = make(config, seen, self.spec, self._seeds[3], source)
 
     def _claim_folder(self, resume: bool) -> AbstractContextManager[bool]:
-        advice = f"go on with `marl-cair train resume={self.folder}`"
-        fixed = fixed_settings(self.config)
-        return claim_output_folder(self.folder, TRAINING, fixed, resume, advice, CONFIG_FILE)
+        advice = f"resume it with `marl-cair train resume={self.folder}`"
+        fixed, kind = fixed_settings(self.config), checkpoint.TRAINING
+        return files.claim_output_folder(self.folder, kind, fixed, resume, advice, CONFIG_FILE)
 
     def _make_learner(self) -> None:
-        config = self.config
+        config, seeds = self.config, self._seeds
+        seen, shape, num_actions = self.seen.name, self.seen.shape, self.spec.num_actions
         source = None if self._resumes else config.initial_agent
         self._trained_before = count_training(source)  # frames and updates
-        network = make_initial_network(
-            source,
-            self.policy,
-            (self.game.name, self.seen.name, self.seen.shape, self.spec.num_actions),
-            seed=self._seeds[4],
-        )
+        wanted = (self.game.name, seen, shape, num_actions)
+        network = make_initial_network(source, self.policy, wanted, seed=seeds[4])
         self.learner = Learner(network, config.learner, config.demonstration)
-        exploration = MaskedEpsilonGreedy(self._seeds[5], self.spec.action_groups)
-        self.actor = PolicyActor(network, "learner", self.seen.name, exploration)
-        self.rated = PolicyActor(self.learner.average, "learner", self.seen.name)
-        self.average_policy = self._make_average_policy() if config.nfsp.enabled else None
-        self.statistics = EpisodeStatistics(
-            config.collector.num_worlds,
-            self.spec,
-            config.learner.gamma,
-            config.learner.reward_scale,
-        )
+        exploration = MaskedEpsilonGreedy(seeds[5], self.spec.action_groups)
+        self.actor = PolicyActor(network, "learner", seen, exploration)
+        self.rated = PolicyActor(self.learner.average, "learner", seen)
+        self.own, self.average_policy = OwnPolicies(self.actor, config.exploration), None
+        if config.nfsp.enabled:
+            network = make_q_network(self.policy, shape, num_actions, seed=seeds[10])
+            rows = Reservoir(self.transition_spec, config.nfsp.capacity_rows, seeds[11])
+            self.average_policy = AveragePolicy(network, config.nfsp, rows)
+            if config.nfsp.plays_average:
+                self.rated = PolicyActor(network, "learner", seen, MaskedSampling(seeds[12]))
+            sampling = MaskedSampling(seeds[13], self.spec.action_groups)
+            average = PolicyActor(network, "average", seen, sampling)
+            self.own = self.own._replace(average=average, eta=config.nfsp.eta)
+        learner, worlds = config.learner, config.collector.num_worlds
+        self.statistics = EpisodeStatistics(worlds, self.spec, learner.gamma, learner.reward_scale)
         self.means = RunningMeans()
-
-    def _make_average_policy(self) -> AveragePolicy:
-        config = self.config
-        network = make_q_network(
-            self.policy, self.seen.shape, self.spec.num_actions, seed=self._seeds[10]
-        )
-        rows = Reservoir(self.transition_spec, config.nfsp.capacity_rows, self._seeds[11])
-        if config.nfsp.plays_average:
-            sampling = MaskedSampling(self._seeds[12])
-            self.rated = PolicyActor(network, "learner", self.seen.name, sampling)
-        return AveragePolicy(network, config.nfsp, rows)
-
-    def _make_own_policies(self) -> OwnPolicies:
-        settings, policy = self.config.nfsp, self.average_policy
-        if policy is None:
-            return OwnPolicies(self.actor, self.config.exploration)
-        sampling = MaskedSampling(self._seeds[13], self.spec.action_groups)
-        average = PolicyActor(policy.network, "average", self.seen.name, sampling)
-        return OwnPolicies(self.actor, self.config.exploration, average, settings.eta)
 
     def _make_collector(self) -> None:
         config = self.config
         self.router = SeatRouter(
             self.env,
-            self._make_own_policies(),
+            self.own,
             self.book,
             self.demonstrators,
             self.statistics,
@@ -260,14 +215,12 @@ class TrainingRun:
             track_traj_ids=False,
             auto_register_policy_transforms=False,  # SeatRouter finds new games by itself
         )
-        # The collector tries its policy once when it is made: no draw of that may count.
+        # The collector calls its policy once when it is made: those draws must not count.
         self.router.import_state(untouched[0])
         self.book.load_state_dict(untouched[1])
 
-    # --- on disk -----------------------------------------------------------------------------
-
     def describe_agent(self) -> AgentDescription:
-        """What the learner is now, for a checkpoint."""
+        """The learner as it is now, for a checkpoint."""
         game = self.config.game
         return AgentDescription(
             name=f"{self.folder.name}",
@@ -289,19 +242,19 @@ class TrainingRun:
 
     @property
     def rated_network(self) -> QNetwork:
-        """What is rated, kept and frozen: averaged weights, or with NFSP the average policy."""
+        """The network that is rated, kept and frozen: averaged weights, or the average policy."""
         return self.rated.network
 
-    def save_agent(self, folder: str = LATEST_FOLDER) -> None:
+    def save_agent(self, folder: str = checkpoint.LATEST_FOLDER) -> None:
         """Write the agent as it is now to `<out>/<folder>`."""
-        save_agent(self.folder / folder, self.rated_network, self.describe_agent())
+        checkpoint.save_agent(self.folder / folder, self.rated_network, self.describe_agent())
 
     def note_score(self, score: float) -> None:
-        """Keep the agent in `<out>/best` where its evaluation is none below the best before."""
+        """Keep the agent in `<out>/best` if its score is not below the best so far."""
         if score >= self.best_score:
             self.best_score = score
             self.save_agent(BEST_FOLDER)
-            write_json(self.folder / BEST_SCORE_FILE, {"score": score})
+            files.write_json(self.folder / BEST_SCORE_FILE, {"score": score})
 
     def add_snapshot(self) -> None:
         """Freeze the learner for the pool, as an agent on disk."""
@@ -309,9 +262,9 @@ class TrainingRun:
         self.book.add_snapshot(self.rated_network, about)
 
     def save_state(self) -> None:
-        """Write all that a resumed run needs to `<out>/resume`, whole or not at all.
+        """Write the complete state to `<out>/resume`, whole or not at all.
 
-        What the generator has learned is written to the run's folder too, for other runs.
+        The generator's weights are written to the run's folder too, for other runs.
         """
         state = {
             "frames": self.frames,
@@ -323,20 +276,20 @@ class TrainingRun:
             "router": self.router.export_state(),
             "statistics": self.statistics.export_state(),
             "means": self.means.export_state(),
-            "env": to_tensors(self.env.game_state()),
+            "env": state_file.to_tensors(self.env.game_state()),
             "torch_rng": torch.get_rng_state(),
         }
         if self.average_policy:
             state["average_policy"] = self.average_policy.state_dict()
             state["rated"] = self.rated.state_dict()
-        with replaced_folder(self.folder / RESUME_FOLDER) as fresh:
+        with files.replaced_folder(self.folder / RESUME_FOLDER) as fresh:
             if self.generator:
                 state["generator"] = generators.save_generator(self.generator, fresh)
             state_file.save_state(state, fresh)
             if self.config.checkpoint.include_replay:
                 self.replay.save(fresh / REPLAY_FOLDER)
-            if self.average_policy:  # it is the mean of all time: nothing could bring it back
-                self.average_policy.save_rows(fresh / RESERVOIR_FOLDER)
+            if self.average_policy:  # a sample of the whole run: it cannot be collected again
+                self.average_policy.reservoir.save(fresh / RESERVOIR_FOLDER)
         if self.generator:
             generators.publish_generator(self.folder / RESUME_FOLDER, self.folder)
 
@@ -352,7 +305,7 @@ class TrainingRun:
             self._import_state(state, folder)
         except DamagedFileError as error:  # it names the file
             raise CheckpointError(f"{error}") from error
-        except Exception as error:  # whatever a damaged state makes its owners raise
+        except Exception as error:  # a damaged state can raise anything
             raise CheckpointError(
                 f"{folder} does not fit this run's settings, or is damaged: {error!r}"
             ) from error
@@ -360,24 +313,24 @@ class TrainingRun:
     def _import_state(self, state: Any, folder: Path) -> None:
         self.frames = read_number(state, "frames", COUNT)
         self.best_score = read_number(state, "best_score", _SCORES)
-        before = state.get("trained_before", (0, 0))  # states of older versions do not say
+        before = state.get("trained_before", (0, 0))  # missing in states of older versions
         frames, updates = read_numbers(before, "trained_before", COUNT)
         self._trained_before = frames, updates
         # An agent that is better than any before the state was saved is on disk all the same.
         kept = self.folder / BEST_SCORE_FILE
         if kept.is_file():
-            told = read_json(kept)  # of older versions a number alone
-            told = told if isinstance(told, dict) else {"score": told}
-            self.best_score = max(self.best_score, float(read_number(told, "score", _SCORES)))
+            best = read_json(kept)  # older versions wrote a number alone
+            best = best if isinstance(best, dict) else {"score": best}
+            self.best_score = max(self.best_score, float(read_number(best, "score", _SCORES)))
         self.gate_is_open = read_number(state, "gate_is_open", FLAG)
         self.learner.load_state_dict(state["learner"])
         self.book.load_state_dict(state["book"])
-        # Snapshots that the run had taken after this state was saved are none yet.
+        # Snapshots from after this state was saved do not count.
         self.book.pool.save_index()
         self.router.import_state(state["router"])
         self.statistics.import_state(state["statistics"])
         self.means.import_state(state["means"])
-        self.env.load_game_state(to_arrays(state["env"]))
+        self.env.load_game_state(state_file.to_arrays(state["env"]))
         if self.generator:
             generators.restore_generator(self.generator, folder, state["generator"])
         if (folder / REPLAY_FOLDER).is_dir():
@@ -385,14 +338,14 @@ class TrainingRun:
         self.replay.generated_open = self.gate_is_open
         if self.average_policy:
             self.average_policy.load_state_dict(state["average_policy"])
-            self.average_policy.load_rows(folder / RESERVOIR_FOLDER)
+            self.average_policy.reservoir.load(folder / RESERVOIR_FOLDER)
             self.rated.load_state_dict(state["rated"])
-        # TorchRL's collector does not save the running games: it would begin new ones.
+        # TorchRL's collector does not save the running games: it would start new ones.
         self.collector._carrier.update(self.env.current())
         torch.set_rng_state(state["torch_rng"])
 
     def close(self) -> None:
-        """Shut the collector and the log, and let other processes into the folder."""
+        """Shut the collector and the log, and release the folder."""
         self.collector.shutdown()
         self.log.close()
         self._claim.close()

@@ -1,4 +1,4 @@
-"""The log of a run: one table as CSV, and the same for TensorBoard."""
+"""Writes the log of a run: one table as CSV, and the same for TensorBoard."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class RunLog:
 
     Args:
         folder: of the run.
-        frames: rows of an earlier sitting after this frame are dropped: it resumes from there.
+        frames: the resumed step; rows after it are dropped.
     """
 
     FILE = "log.csv"
@@ -25,7 +25,7 @@ class RunLog:
     def __init__(self, folder: Path, frames: int = 0) -> None:
         self._path = folder / self.FILE
         self.rows = [row for row in read_log(self._path) if row["frames"] <= frames]
-        self.frames = frames  # up to which the rows tell
+        self.frames = frames  # of the last row
         from torch.utils.tensorboard import SummaryWriter
 
         self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=frames + 1)
@@ -59,7 +59,7 @@ def format_rows(rows: list[dict[str, float]]) -> str:
 
 
 def read_log(path: Path) -> list[dict[str, float]]:
-    """Rows of a `log.csv`; none where there is no file. Raises DamagedFileError."""
+    """Rows of a `log.csv`; none without a file. Raises DamagedFileError."""
     if not path.is_file():
         return []
     rows = csv.DictReader(io.StringIO(read_text(path, LOG)), strict=True)

@@ -1,4 +1,4 @@
-"""The file of a resumable state: its version, and arrays as tensors, which load as data only."""
+"""The file of a resumable state: a version, and arrays as tensors, which load as data only."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from marl_cair.training.settings.config import TrainConfig
 
 STATE_FILE = "state.pt"
 _SPARE_BYTES = 64 << 20  # logs, agents, pictures
-STATE_VERSION = 1  # of what `TrainingRun.save_state` puts into it; raise it when that changes
+STATE_VERSION = 1  # of the contents that `TrainingRun.save_state` writes; raise it on a change
 
 
 def save_state(state: dict[str, Any], folder: Path) -> None:
@@ -31,11 +31,11 @@ def load_state(folder: Path) -> dict[str, Any]:
         CheckpointError: it cannot be read, or another version of marl_cair wrote it.
     """
     state = dict(load_tensors(folder / STATE_FILE))
-    version = state.get("version", 0)  # 0: before they were numbered
+    version = state.get("version", 0)  # 0: before states had versions
     if version != STATE_VERSION:
         raise CheckpointError(
             f"{folder / STATE_FILE} has version {version}, this marl_cair resumes {STATE_VERSION}: "
-            "go on with the marl_cair that wrote it, or begin a new run as its agent with "
+            "resume with the marl_cair that wrote it, or begin a new run as its agent with "
             f"initial_agent={folder.parent / 'latest'}"
         )
     return state

@@ -1,4 +1,4 @@
-"""`train`: collect, store, learn from 80 % real and 20 % generated rows, snapshot, evaluate."""
+"""The training loop: collect, store, learn, generate, snapshot, evaluate, save."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tensordict import TensorDictBase
-from torch import Tensor
 from tqdm import tqdm
 
 from marl_cair.generative.generator import Generator
@@ -29,14 +28,14 @@ LOG_EVERY_FRAMES = 10_000
 
 @dataclass(frozen=True)
 class TrainResult:
-    """Where a run stands."""
+    """The state of a run."""
 
     folder: Path
     frames: int
     updates: int
     was_interrupted: bool
     last_row: dict[str, float]
-    is_over: bool = False  # in a league: the learner has frozen a player and begins anew
+    is_over: bool = False  # in a league: the learner has frozen a player and is reset
     reached_score: bool = False  # `stop_score` has ended it
 
 
@@ -49,27 +48,26 @@ def train(
     until_frames: int | None = None,
     load: Load = load_agent,
 ) -> TrainResult:
-    """Train until `config.total_frames` decisions, `config.max_minutes`, `config.stop_score`, or an
-    interrupt; in a league, at `seat`, also until the learner is to begin anew.
+    """Train until `config.total_frames` steps, `config.max_minutes`, `config.stop_score`, or an
+    interrupt; in a league, at `seat`, also until the learner is to be reset.
 
-    With `until_frames` it ends there if that is sooner, to go on another time: what changes in the
-    course of a run, as the learning rate may, is still spread over `config.total_frames`.
+    `until_frames` ends this call sooner; schedules, such as that of the learning rate, are still
+    spread over `config.total_frames`.
 
     An interrupt (`interrupts.SIGNALS`) ends the current iteration, saves everything and returns; a
-    second one stops at once. `listen` hears each logged row. The configuration is written to the
-    run's folder, from which a later call can go on. `load` gets the agents of `config.opponent`:
-    without another one, code among them runs in this process, without a limit.
+    second one stops at once. `listen` gets each logged row. The configuration is written to the
+    run's folder, from which a later call can resume. `load` gets the agents of `config.opponent`:
+    by default, code among them runs in this process, without a time limit.
 
     Raises: as `TrainingRun`.
     """
     run = TrainingRun(config, resume, seat, load)
     run.shows_progress = show_progress
     if run.spec.num_teams == 1:
-        _tell(run, "opponents", f"{config.game.scenario} has no rivals, so opponent.* is not used")
-    timers = Timers()
-    goal = config.total_frames
-    if until_frames is not None:
-        goal = min(goal, until_frames)
+        text = f"{config.game.scenario} has no rivals, so opponent.* is not used"
+        _announce(run, "opponents", text)
+    timers, whole = Timers(), config.total_frames
+    goal = whole if until_frames is None else min(whole, until_frames)
     deadline = None if config.max_minutes is None else time.monotonic() + 60 * config.max_minutes
     bar = tqdm(
         total=goal if goal < ENDLESS_FRAMES else None,
@@ -86,8 +84,7 @@ def train(
             if interrupted.is_set() or (deadline is not None and time.monotonic() > deadline):
                 break
             before = next(steps)
-            row = _report(run, before, timers)
-            if row:
+            if row := _report(run, before, timers):
                 last_row = row
                 bar.set_postfix_str(_summarise(row))
                 if listen is not None:
@@ -97,7 +94,7 @@ def train(
                 with timers.measure("save"):
                     run.save_agent()
                     run.save_state()
-        # The frames since the last row would else be missing from the log of this sitting.
+        # Else the frames since the last row would be missing from the log.
         if run.frames > run.log.frames:
             last_row = _write_row(run, {}, timers)
         run.save_agent()
@@ -105,16 +102,14 @@ def train(
     bar.close()
     run.close()
     is_over = run.book.is_over
-    if is_over or run.frames >= goal:  # not in the middle of a slice
+    if is_over or run.frames >= goal:  # not within a slice
         run.book.publish(run.rated_network, run.describe_agent())
     ends = interrupted.is_set(), last_row, is_over, run.has_reached_score
     return TrainResult(run.folder, run.frames, run.learner.updates, *ends)
 
 
 def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
-    """One round of collecting, storing, learning and generating for each `next`; yields the number
-    of frames before the round.
-    """
+    """Collect, store, learn and generate once per `next`; yields the frames before the round."""
     batches = iter(run.collector)
     while True:
         before = run.frames
@@ -138,7 +133,7 @@ def _is_due(before: int, after: int, every: int) -> bool:
 
 
 def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
-    """Put the learner's steps into replay; show the generator those whose next state is known."""
+    """Store the learner's steps; pass those with a known next state to the generator."""
     with timers.measure("store"):
         slots = run.replay.real.extend_rollout(make_rollout(data, run.config.learner.reward_scale))
         run.frames += data.numel()
@@ -166,7 +161,7 @@ def _learn(run: TrainingRun, before: int) -> None:
 
 
 def _generate(run: TrainingRun, before: int) -> None:
-    """Train the generator; at intervals measure it on held-out rows, and refill while it passes."""
+    """Train the generator; at intervals evaluate it on held-out rows, and refill if it passes."""
     settings, generator = run.config.generator, run.generator
     if generator is None or not _has_enough(run):
         return
@@ -186,8 +181,8 @@ def _generate(run: TrainingRun, before: int) -> None:
 
 
 def _has_enough(run: TrainingRun) -> bool:
-    """Whether there is enough to learn from; a replay that is full holds all it ever will, though
-    the newest steps start no transition yet.
+    """Whether learning can start; a full replay suffices, though its newest steps start no
+    transition yet.
     """
     real, settings = run.replay.real, run.config.replay
     is_full = len(real) >= settings.capacity_transitions and real.num_sampleable > 0
@@ -202,23 +197,19 @@ def _measure_generator(run: TrainingRun, generator: Generator) -> None:
     run.means.add({"gate/passed": float(report.passed), **values})
     reasons = "; ".join(report.reasons)
     text = "open" if report.passed else f"shut, batches are all real: {reasons}"
-    _tell(run, "gate", f"the generator's gate is {text}")
+    _announce(run, "gate", f"the generator's gate is {text}")
 
 
 def _refill(run: TrainingRun, generator: Generator, num_refills: int) -> None:
-    """Generate new transitions while the gate is open, for as many intervals as are over."""
+    """Generate transitions for `num_refills` intervals if the gate is open."""
     if not run.gate_is_open:
         return
     settings, learned = run.config.generator, run.config.learner
     actor = PolicyActor(run.learner.average, "learner", run.config.game.representation)
     num_generated = min(settings.rollout_steps, learned.n_steps)
-
-    def choose(observation: Tensor, mask: Tensor) -> Tensor:
-        return masked_argmax(actor.compute_values(observation), mask)
-
     rollouts = Rollouts(
         generator,
-        choose,
+        lambda observation, mask: masked_argmax(actor.compute_values(observation), mask),
         num_real=learned.n_steps - num_generated,
         num_generated=num_generated,
         gamma=learned.gamma,
@@ -231,8 +222,8 @@ def _refill(run: TrainingRun, generator: Generator, num_refills: int) -> None:
     run.means.add({"generator/generated_rows": float(len(made))})
 
 
-def _tell(run: TrainingRun, tag: str, text: str) -> None:
-    """A line for TensorBoard, and for who watches."""
+def _announce(run: TrainingRun, tag: str, text: str) -> None:
+    """Write a line to TensorBoard, and to the terminal if progress is shown."""
     run.log.note(run.frames, tag, text)
     if run.shows_progress:
         tqdm.write(f"frame {run.frames}: {text}")
@@ -242,8 +233,8 @@ def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
     """Snapshot and evaluate when due, and write a row of the log; empty between rows."""
     config = run.config
     row: dict[str, float] = {}
-    is_due = _is_due(before, run.frames, config.opponent.snapshot_every_frames)
-    if is_due or run.book.beats_the_best(run.frames):
+    every = config.opponent.snapshot_every_frames
+    if _is_due(before, run.frames, every) or run.book.beats_the_best(run.frames):
         run.add_snapshot()
     if _is_due(before, run.frames, config.evaluation.every_frames):
         with timers.measure("evaluate"):
@@ -254,7 +245,7 @@ def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
 
 
 def _write_row(run: TrainingRun, row: dict[str, float], timers: Timers) -> dict[str, float]:
-    """Add what was measured since the last row, and log it."""
+    """Add all measurements since the last row, and log them."""
     row |= run.statistics.report(run.book.name, run.spec.action_group_names)
     row |= run.book.report(run.frames)
     row |= run.means.report() | timers.report(run.frames - run.log.frames)
@@ -272,7 +263,7 @@ def _evaluate(run: TrainingRun) -> dict[str, float]:
         score = sum(scores) / len(scores)
         run.note_score(score)
         if _may_stop(run, score):
-            # Once more in other games: the best of many evaluations is partly luck.
+            # Again in other games: the best of many evaluations is partly luck.
             fresh, _ = evaluate(run.rated, run.game, run.config, run.evaluation_seed + run.frames)
             row["confirmed_score"] = sum(fresh) / len(fresh)
             run.has_reached_score = _may_stop(run, row["confirmed_score"])
@@ -280,23 +271,18 @@ def _evaluate(run: TrainingRun) -> dict[str, float]:
 
 
 def _may_stop(run: TrainingRun, score: float) -> bool:
-    """Whether a score is enough to end the run: while exploration falls, an agent that has hardly
-    learned can win for a while.
-    """
+    """Whether a score ends the run; not while exploration falls, as early scores vary widely."""
     goal, is_exploring = run.config.stop_score, run.frames < run.config.exploration.anneal_frames
     return goal is not None and score >= goal and not is_exploring
 
 
 def _summarise(row: dict[str, float]) -> str:
     shown = [f"loss {row['loss/all']:.4f}"] if "loss/all" in row else []
-    shown += [
-        f"{name.partition('/')[2]} {value:.0%}"
-        for name, value in row.items()
-        if name.startswith(("win_rate/", "collect_win_rate/")) and name.count("/") == 1
-    ]
-    shown += [
-        f"{name.replace('/', ' of ')} {value:.3g}"
-        for name, value in row.items()
-        if name.startswith("return/") and name.count("/") == 1
-    ]
+    for name, value in row.items():
+        kind, _, player = name.partition("/")
+        if kind in ("win_rate", "collect_win_rate") and "/" not in player:
+            shown.append(f"{player} {value:.0%}")
+    for name, value in row.items():
+        if name.startswith("return/") and name.count("/") == 1:
+            shown.append(f"{name.replace('/', ' of ')} {value:.3g}")
     return ", ".join(shown)

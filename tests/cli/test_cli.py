@@ -245,7 +245,7 @@ def test_train_resume_evaluate_and_league_from_end_to_end(tmp_path, capsys):
     out = str(tmp_path / "run")
     assert main(["train", *SMALL, f"out={out}", "total_frames=1024"]) == 0
     assert main(["train", *SMALL, f"out={out}", "total_frames=1024"]) == 2
-    assert f"go on with `marl-cair train resume={out}`" in capsys.readouterr().err
+    assert f"resume it with `marl-cair train resume={out}`" in capsys.readouterr().err
     assert main(["train", f"resume={out}", "total_frames=1.28e3", "max_minutes=null"]) == 0
     assert main(["train", f"resume={out}", "seed=2"]) == 2
     assert "unknown option of a resumed run 'seed'" in capsys.readouterr().err

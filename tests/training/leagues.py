@@ -14,11 +14,7 @@ TRAINING = {
         "representation": "vector",
     },
     "collector": {"num_worlds": 32, "steps_per_batch": 2},
-    "replay": {
-        "capacity_transitions": 1_000,
-        "generated_capacity_transitions": 10,
-        "min_transitions": 64,
-    },
+    "replay": {"capacity_transitions": 1_000, "min_transitions": 64},
     "learner": {"batch_size": 16, "n_steps": 2},
     "generator": {"name": "none"},
     "evaluation": {"bots": []},

@@ -1,4 +1,4 @@
-"""What a run begins with, and what it draws: networks of others, prioritised rows."""
+"""First networks and generators of a run, taken over from others; prioritised rows."""
 
 import dataclasses
 import json
@@ -15,7 +15,6 @@ from marl_cair.checkpoint import (
     read_description,
     save_tensors,
 )
-from marl_cair.cli import main
 from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.training.generators import GENERATOR_FILE
@@ -23,35 +22,34 @@ from marl_cair.training.initial_network import can_begin_as
 from marl_cair.training.population.league_slice import MemberRecord, _begin, make_member
 from marl_cair.training.run import RESUME_FOLDER, TrainingRun
 from marl_cair.training.settings.config import GameSettings, GeneratorSettings, ReplaySettings
-from marl_cair.training.settings.nfsp import NfspSettings
-from marl_cair.training.trainer import train
+from marl_cair.training.settings.learner import NfspSettings
 from tests.damage import forget_checksums
-from tests.training.runs import digest, make_batch, make_learner, tiny
+from tests.training import runs
+from tests.training.runs import digest, make_batch, make_learner, tiny, train
+
+GRAY = GameSettings(scenario="11x11", representation="gray")
+NO_GENERATOR = {"synthetic_fraction": 0.0}
 
 
 def test_a_resumed_run_with_priorities_equals_one_that_was_never_stopped(tmp_path):
     replay = ReplaySettings(2_000, 300, min_transitions=300, priority_alpha=0.6)
-    train(tiny(tmp_path / "whole", 1_280, replay=replay), show_progress=False)
-    train(tiny(tmp_path / "parts", 1_280, replay=replay), show_progress=False, until_frames=640)
-    train(tiny(tmp_path / "parts", 1_280, replay=replay), resume=True, show_progress=False)
-    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
-    train(tiny(tmp_path / "even", 1_280), show_progress=False)
-    assert digest(tmp_path / "whole") != digest(tmp_path / "even")
+    changes = {"frames": 768, "replay": replay, **NO_GENERATOR}
+    whole, _ = runs.train_whole_and_in_parts(tmp_path, lambda to: tiny(to, **changes), until=512)
+    changes["replay"] = dataclasses.replace(replay, priority_alpha=0.0)
+    train(tiny(tmp_path / "even", **changes))
+    assert digest(whole) != digest(tmp_path / "even")
 
 
-def test_a_run_begins_with_the_network_of_an_agent(tmp_path):
-    train(tiny(tmp_path / "first", 640), show_progress=False)
-    agent = tmp_path / "first" / "latest"
-    kept, _ = load_network(agent)
-    run = TrainingRun(tiny(tmp_path / "next", initial_agent=str(agent), seed=5))
+def test_a_run_begins_with_the_network_of_an_agent(finished, tmp_path):
+    kept, _ = load_network(finished / "latest")
+    run = TrainingRun(tiny(tmp_path / "next", initial_agent=str(finished / "latest"), seed=5))
     loss = dict(run.learner.state_dict()["loss"])
     new = TrainingRun(tiny(tmp_path / "new", seed=5))
     for name, weights in kept.state_dict().items():
         for network in (run.learner.network, run.learner.average):
             assert torch.equal(network.state_dict()[name], weights), name
-    assert sum(torch.equal(a, b) for a in kept.parameters() for b in loss.values()) >= 2 * len(
-        list(kept.parameters())
-    )  # online and target
+    equal = sum(torch.equal(a, b) for a in kept.parameters() for b in loss.values())
+    assert equal >= 2 * len(list(kept.parameters()))  # online and target
     pairs = zip(new.learner.network.parameters(), kept.parameters(), strict=True)
     assert any(not torch.equal(a, b) for a, b in pairs)
     run.close()
@@ -63,20 +61,12 @@ def test_a_run_begins_with_the_network_of_an_agent(tmp_path):
     [
         ({"policy": QNetworkConfig(hidden_width=33)}, "whose policy is .*hidden_width=32"),
         ({"game": GameSettings(scenario="10x15")}, r"observation shape is \(28, 11, 11\), but"),
-        (
-            {
-                "game": GameSettings(scenario="11x11", representation="gray"),
-                "synthetic_fraction": 0.0,
-            },
-            "whose representation is planes, but this run's is gray",
-        ),
+        ({"game": GRAY, **NO_GENERATOR}, "representation is planes, but this run's is gray"),
     ],
 )
-def test_an_initial_agent_of_something_else_is_refused(tmp_path, changes, message):
-    train(tiny(tmp_path / "first", 128), show_progress=False)
-    agent = str(tmp_path / "first" / "latest")
+def test_an_initial_agent_of_something_else_is_refused(finished, tmp_path, changes, message):
     with pytest.raises(ValueError, match=message):
-        TrainingRun(tiny(tmp_path / "next", initial_agent=agent, **changes))
+        TrainingRun(tiny(tmp_path / "next", initial_agent=str(finished / "latest"), **changes))
     assert not (tmp_path / "next").exists()
     with pytest.raises(CheckpointError, match="is no agent checkpoint"):
         TrainingRun(tiny(tmp_path / "next", initial_agent=str(tmp_path)))
@@ -93,9 +83,8 @@ def test_rows_count_in_the_loss_by_their_weights():
 
 
 def test_logits_of_an_average_policy_are_no_values_to_begin_with(tmp_path):
-    nfsp = NfspSettings(enabled=True, min_rows=50, batch_size=16)
-    train(tiny(tmp_path / "first", 640, nfsp=nfsp), show_progress=False)
-    agent = str(tmp_path / "first" / "latest")
+    nfsp = NfspSettings(enabled=True)
+    agent = str(train(tiny(tmp_path / "first", 128, nfsp=nfsp)).folder / "latest")
     assert not can_begin_as(agent)
     with pytest.raises(ValueError, match="logits of an average policy"):
         TrainingRun(tiny(tmp_path / "next", initial_agent=agent))
@@ -106,22 +95,26 @@ def test_a_state_that_another_process_saved_while_this_one_began_is_taken_up(tmp
 
     def make_late(run):
         monkeypatch.setattr(TrainingRun, "_make_collector", make)
-        train(tiny(tmp_path / "run", 640), show_progress=False)
+        train(tiny(tmp_path / "run", 128))
         make(run)
 
     monkeypatch.setattr(TrainingRun, "_make_collector", make_late)
-    run = TrainingRun(tiny(tmp_path / "run", 640), resume=True)
-    assert run.frames == 640
+    run = TrainingRun(tiny(tmp_path / "run", 128), resume=True)
+    assert run.frames == 128
     run.close()
 
 
-def test_a_run_begins_with_what_the_generator_of_another_has_learned(tmp_path):
-    train(tiny(tmp_path / "first", 1_280), show_progress=False)
-    source = str(tmp_path / "first")
-    saved = load_tensors(tmp_path / "first" / GENERATOR_FILE)["ensemble"]
-    run = TrainingRun(tiny(tmp_path / "next", initial_generator=source, seed=5))
+def test_a_run_begins_with_the_generator_of_another_and_trains_it_on(finished, tmp_path):
+    """A resumed run does not read it again."""
+    source = Path(shutil.copytree(finished, tmp_path / "first"))
+    saved = load_tensors(source / GENERATOR_FILE)["ensemble"]
+
+    def make(folder):
+        return tiny(folder, 768, initial_generator=str(source), seed=5)
+
+    run = TrainingRun(make(tmp_path / "next"))
     own = run.generator.state_dict()
-    assert own["ensemble"]["num_updates"] == saved["num_updates"] >= 7
+    assert own["ensemble"]["num_updates"] == saved["num_updates"] >= 2
     for name in ("members", "averages"):
         for ours, theirs in zip(own["ensemble"][name], saved[name], strict=True):
             assert all(torch.equal(ours[key], theirs[key]) for key in theirs)
@@ -130,40 +123,32 @@ def test_a_run_begins_with_what_the_generator_of_another_has_learned(tmp_path):
     assert own["heldout"]["num_rows"] == 0
     assert not run.gate_is_open
     run.close()
-    train(tiny(tmp_path / "next", initial_generator=source, seed=5), True, show_progress=False)
-    learned = load_tensors(tmp_path / "next" / GENERATOR_FILE)["ensemble"]
-    assert learned["num_updates"] > saved["num_updates"]
-
-
-def test_a_resumed_run_needs_no_initial_generator_any_more(tmp_path):
-    train(tiny(tmp_path / "first", 512), show_progress=False)
-    config = tiny(tmp_path / "parts", initial_generator=str(tmp_path / "first"))
-    whole = dataclasses.replace(config, out=str(tmp_path / "whole"))
-    train(whole, show_progress=False)
-    train(config, show_progress=False, until_frames=1_280)
-    (tmp_path / "first" / GENERATOR_FILE).unlink()
-    train(config, resume=True, show_progress=False)
+    train(make(tmp_path / "whole"))
+    train(make(tmp_path / "parts"), until_frames=512)
+    (source / GENERATOR_FILE).unlink()
+    train(make(tmp_path / "parts"), resume=True)
     assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
-    knowledge = [load_tensors(tmp_path / run / GENERATOR_FILE) for run in ("whole", "parts")]
-    assert repr(knowledge[0]) == repr(knowledge[1])
+    learned = [load_tensors(tmp_path / run / GENERATOR_FILE) for run in ("whole", "parts")]
+    assert repr(learned[0]) == repr(learned[1])
+    assert learned[0]["ensemble"]["num_updates"] > saved["num_updates"]
 
 
-def test_what_the_generator_has_learned_is_on_disk_once_and_stays_when_the_state_goes(
-    tmp_path, monkeypatch
+def test_the_generators_file_is_on_disk_once_and_stays_when_the_state_is_deleted(
+    finished_copy, tmp_path, monkeypatch
 ):
-    train(tiny(tmp_path / "run", 512), show_progress=False)
-    published, kept = tmp_path / "run" / GENERATOR_FILE, tmp_path / "run" / RESUME_FOLDER
+    train(tiny(finished_copy, 641), resume=True)
+    published, kept = finished_copy / GENERATOR_FILE, finished_copy / RESUME_FOLDER
     assert published.samefile(kept / GENERATOR_FILE)
 
     def refuse(self, target):
-        raise OSError("no second names")
+        raise OSError("no hard links")
 
     monkeypatch.setattr(Path, "hardlink_to", refuse)
-    train(tiny(tmp_path / "run", 640), resume=True, show_progress=False)
+    train(tiny(finished_copy, 769), resume=True)
     assert not published.samefile(kept / GENERATOR_FILE)
     assert published.read_bytes() == (kept / GENERATOR_FILE).read_bytes()
     shutil.rmtree(kept)
-    run = TrainingRun(tiny(tmp_path / "next", initial_generator=str(tmp_path / "run")))
+    run = TrainingRun(tiny(tmp_path / "next", initial_generator=str(finished_copy)))
     assert run.generator.state_dict()["ensemble"]["num_updates"] > 0
     run.close()
 
@@ -171,43 +156,39 @@ def test_what_the_generator_has_learned_is_on_disk_once_and_stays_when_the_state
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        (
-            {"game": GameSettings(scenario="10x15")},
-            ValueError,
-            r"observation_shape is \[28, 11, 11",
-        ),
+        ({"game": GameSettings(scenario="10x15")}, ValueError, r"shape is \[28, 11, 11"),
         (
             {"generator": GeneratorSettings(model=GeneratorConfig(num_members=3))},
             ValueError,
             "its num_members is 2, but this run's is 3",
         ),
-        ({"synthetic_fraction": 0.0}, ValueError, "this run has no generator: leave it out, or"),
-        ({"initial_generator": "nowhere"}, CheckpointError, "nowhere, where no generator.pt is"),
+        (NO_GENERATOR, ValueError, "this run has no generator: leave it out, or"),
+        ({"initial_generator": "nowhere"}, CheckpointError, "nowhere, which has no generator.pt"),
     ],
 )
-def test_an_initial_generator_of_something_else_is_refused(tmp_path, changes, error, message):
-    train(tiny(tmp_path / "first", 128), show_progress=False)
-    config = tiny(tmp_path / "next", initial_generator=str(tmp_path / "first"))
+def test_an_initial_generator_of_something_else_is_refused(
+    finished, tmp_path, changes, error, message
+):
+    config = tiny(tmp_path / "next", initial_generator=str(finished))
     with pytest.raises(error, match=message):
         TrainingRun(dataclasses.replace(config, **changes))
     assert not (tmp_path / "next").exists()
 
 
-def test_a_learner_of_a_league_that_begins_anew_keeps_its_generator(tmp_path):
+def test_a_learner_of_a_league_that_is_reset_keeps_its_generator(finished, tmp_path):
     member, shared = tmp_path / "member", tmp_path / "shared"
     record = MemberRecord("main_exploiter_0", "main_exploiter", ("main_0",), 1.0, False, 0, 0)
     make_member(member, record, tiny(member))
     assert _begin(member, shared, record, False).initial_generator is None
-    train(tiny(member / "000", 128), show_progress=False)
-    anew = _begin(member, shared, dataclasses.replace(record, generation=1), False)
-    assert anew.initial_generator == str(member / "000")
-    assert anew.initial_agent is None
+    shutil.copytree(finished, member / "000")
+    reset = _begin(member, shared, dataclasses.replace(record, generation=1), False)
+    assert reset.initial_generator == str(member / "000")
+    assert reset.initial_agent is None
 
 
-def test_a_damaged_generator_is_named(tmp_path):
-    train(tiny(tmp_path / "first", 128), show_progress=False)
-    path = tmp_path / "first" / GENERATOR_FILE
-    config = tiny(tmp_path / "next", initial_generator=str(tmp_path / "first"))
+def test_a_damaged_generator_is_named(finished_copy, tmp_path):
+    path = finished_copy / GENERATOR_FILE
+    config = tiny(tmp_path / "next", initial_generator=str(finished_copy))
     knowledge = dict(load_tensors(path))
     del knowledge["ensemble"]["steps"]
     save_tensors(knowledge, path)
@@ -218,22 +199,18 @@ def test_a_damaged_generator_is_named(tmp_path):
         TrainingRun(config)
 
 
-def test_agents_carry_the_sum_of_their_training(tmp_path):
-    words = ["scenario=11x11", "collector.num_worlds=16", "collector.steps_per_batch=8"]
-    words += ["policy.hidden_width=16", "replay.min_transitions=200", "learner.batch_size=16"]
-    first, second = tmp_path / "first", tmp_path / "second"
-    assert main(["train", *words, "total_frames=512", f"out={first}"]) == 0
-    more = [f"initial_agent={first / 'latest'}", "total_frames=256", f"out={second}"]
-    assert main(["train", *words, *more]) == 0
-    one, two = (read_description(folder / "latest") for folder in (first, second))
-    assert (one.frames, one.frames_total) == (512, 512)
-    assert (two.frames, two.frames_total) == (256, 768)
+def test_agents_carry_the_sum_of_their_training(finished_copy, tmp_path):
+    first = finished_copy / "latest"
+    second = tiny(tmp_path / "second", 256, initial_agent=str(first), **NO_GENERATOR)
+    train(second)
+    one, two = read_description(first), read_description(tmp_path / "second" / "latest")
+    assert (one.frames, one.frames_total) == (640, 640)
+    assert (two.frames, two.frames_total) == (256, 896)
     assert two.updates_total == one.updates + two.updates
-    assert main(["train", f"resume={second}", "total_frames=512"]) == 0
-    assert read_description(second / "latest").frames_total == 1_024
-    file = first / "latest" / "agent.json"
-    old = json.loads(file.read_text("utf-8"))
+    train(dataclasses.replace(second, total_frames=384), resume=True)
+    assert read_description(tmp_path / "second" / "latest").frames_total == 1_024
+    old = json.loads((first / "agent.json").read_text("utf-8"))
     del old["frames_total"], old["updates_total"]
-    file.write_text(json.dumps(old), "utf-8")
-    forget_checksums(first)
-    assert read_description(first / "latest").frames_total == 512
+    (first / "agent.json").write_text(json.dumps(old), "utf-8")
+    forget_checksums(finished_copy)
+    assert read_description(first).frames_total == 640

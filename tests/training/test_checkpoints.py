@@ -1,8 +1,6 @@
 """Agent checkpoints: what does not fit, is cut short or holds code is refused by name."""
 
-import dataclasses
 import json
-import shutil
 
 import pytest
 import torch
@@ -10,26 +8,17 @@ import torch
 from marl_cair.checkpoint import CheckpointError, load_network, load_tensors, save_tensors
 from marl_cair.league.agents.load import load_agent
 from marl_cair.training.state_file import STATE_FILE
-from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
-from tests.training.runs import GAME, tiny
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("trained")
-    train(tiny(folder / "a", 256), show_progress=False)
-    return folder / "a" / "latest"
+from tests.training.runs import GAME, tiny, train
 
 
 @pytest.fixture
-def agent(trained, tmp_path):
-    shutil.copytree(trained, tmp_path / "agent")
-    return tmp_path / "agent"
+def agent(finished_copy):
+    return finished_copy / "latest"
 
 
 class TestCheckpoints:
-    """What does not fit is named."""
+    """The error names what does not fit."""
 
     def test_an_agent_plays_what_it_was_trained_on(self, agent):
         network, about = load_network(agent)
@@ -98,28 +87,20 @@ class TestCheckpoints:
 
 
 class TestStates:
-    """What a run goes on from."""
+    """The states of interrupted runs."""
 
     @pytest.mark.parametrize(
         ("change", "message"),
         [
-            (
-                {"version": 2},
-                r"state.pt has version 2, this marl_cair resumes 1: .*[\\/]a[\\/]latest",
-            ),
-            ({"version": None}, "state.pt has version 0"),  # from before they had one
-            (
-                {"frames": None},
-                "does not fit this run's settings, or is damaged: .*frames is missing",
-            ),
+            ({"version": 2}, r"has version 2, this marl_cair resumes 1: .*[\\/]first[\\/]latest"),
+            ({"version": None}, "state.pt has version 0"),  # states had no versions at first
+            ({"frames": None}, "does not fit .*settings, or is damaged: .*frames is missing"),
         ],
     )
-    def test_state_of_something_else(self, tmp_path, change, message):
-        config = tiny(tmp_path / "a", 256)
-        train(dataclasses.replace(config, total_frames=128), show_progress=False)
-        path = tmp_path / "a" / "resume" / STATE_FILE
+    def test_state_of_something_else(self, finished_copy, change, message):
+        path = finished_copy / "resume" / STATE_FILE
         state = {**load_tensors(path), **change}
         forget_checksums(path.parent)
         save_tensors({name: value for name, value in state.items() if value is not None}, path)
         with pytest.raises(CheckpointError, match=message):
-            train(config, resume=True, show_progress=False)
+            train(tiny(finished_copy, 768), resume=True)

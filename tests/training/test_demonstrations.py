@@ -7,26 +7,19 @@ import pytest
 import torch
 
 from marl_cair.league.agents.mixtures import save_mixture
-from marl_cair.policies.q_network import QNetworkConfig, make_q_network
-from marl_cair.replay.transition import NO_ACTION, TransitionSpec
+from marl_cair.policies.q_network import QNetworkConfig
+from marl_cair.replay.transition import NO_ACTION
 from marl_cair.training.collecting.demonstrations import Demonstrators
 from marl_cair.training.collecting.rollout import make_rollout
-from marl_cair.training.learner import Learner
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
 from marl_cair.training.settings.config import DemonstrationSettings, TrainConfig
-from marl_cair.training.settings.learner import LearnerSettings
-from marl_cair.training.trainer import train
 from tests.games import last_standing
 from tests.games.last_standing import NOOP, SCORE
-from tests.replay.streams import make_transitions
-from tests.training.runs import digest, small, tiny
-from tests.training.test_seats import by_game, collect, count_by_hand, was_out
+from tests.training import runs
+from tests.training.runs import by_game, collect, count_by_hand, small, tiny, was_out
 
-
-@pytest.fixture(autouse=True)
-def _known(monkeypatch):
-    last_standing.register(monkeypatch)
+pytestmark = pytest.mark.usefixtures("test_game")
 
 
 def shown_by(*bots, **settings):
@@ -34,7 +27,7 @@ def shown_by(*bots, **settings):
 
 
 def shown_in(data):
-    """Where a bot plays, bool [..., P]; or, with `advise`, where one tells what it would do."""
+    """Where a demonstrator plays, bool [..., P]; or, with `advise`, where one advises."""
     return data["player", "expert_action"] != NO_ACTION
 
 
@@ -45,7 +38,7 @@ def make_run(tmp_path, scenario, mixture, demonstration):
 # --- who plays -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scenario", ["ffa-3", "duel", "teams", "alone"])
+@pytest.mark.parametrize("scenario", ["ffa-3", "teams", "alone"])
 def test_the_bot_plays_the_learners_team_for_whole_games_in_its_share_of_them(tmp_path, scenario):
     run = make_run(tmp_path, scenario, {"random": 1.0}, shown_by("idle", share=0.4))
     shares = []
@@ -68,18 +61,19 @@ def test_against_itself_one_team_is_shown_and_the_other_plays_on(tmp_path):
         assert torch.equal(game["player", "learned"], ~was_out(game))
 
 
-@pytest.mark.parametrize("scenario", ["teams", "alone"])
-@pytest.mark.parametrize("turn", [None, 5])
-@pytest.mark.parametrize("opponent", ["random", "latest"])
-def test_bots_that_advise_tell_what_to_do_where_the_learner_plays(
+@pytest.mark.parametrize(
+    ("scenario", "turn", "opponent"),
+    [("teams", None, "random"), ("alone", 5, "latest"), ("teams", 5, "latest")],
+)
+def test_bots_that_advise_give_their_action_where_the_learner_plays(
     tmp_path, scenario, turn, opponent
 ):
     demonstration = shown_by("idle", share=0.4, turn_decisions=turn, advise=True)
     run = make_run(tmp_path, scenario, {opponent: 1.0}, demonstration)
     data = collect(run, 12)
-    told, learned = data["player", "expert_action"], data["player", "learned"]
-    assert (told[learned] == NOOP).all()  # all that `idle` says
-    assert (told[~learned] == NO_ACTION).all()
+    advice, learned = data["player", "expert_action"], data["player", "learned"]
+    assert (advice[learned] == NOOP).all()  # the advice of `idle`
+    assert (advice[~learned] == NO_ACTION).all()
     followed = (data["player", "action"][learned] == NOOP).float().mean().item()
     assert 0.25 < followed < 0.9  # it plays in its share of games alone
 
@@ -94,7 +88,7 @@ def test_several_bots_take_turns(tmp_path):
 
 def make_scorer(scenario, spec):
     """For `demonstration.agents`: an agent from outside of the package."""
-    return last_standing.Bot("named by the settings instead", SCORE)
+    return last_standing.Bot("named by the settings", SCORE)
 
 
 def make_drawer(scenario, spec):
@@ -102,27 +96,24 @@ def make_drawer(scenario, spec):
     return last_standing.Bot("drawer")
 
 
-def save_network(folder):
-    run = TrainingRun(small(folder, "duel", {"random": 1.0}))
-    run.save_agent()
-    run.close()
-    return str(folder / "latest")
+def make_saved(tmp_path):
+    return runs.make_agent(small(tmp_path / "saved", "duel", {"random": 1.0}))
 
 
 def test_bots_functions_and_checkpoints_take_turns_and_say_what_they_would_do(tmp_path):
-    agents = {"scorer": f"{__name__}:make_scorer", "saved": save_network(tmp_path / "saved")}
+    agents = {"scorer": f"{__name__}:make_scorer", "saved": make_saved(tmp_path)}
     demonstration = shown_by("idle", agents=agents, share=1.0, advise=True)
     run = make_run(tmp_path, "duel", {"random": 1.0}, demonstration)
     assert [agent.name for agent in run.demonstrators.agents] == ["idle", "scorer", "saved"]
     saved, seen = run.demonstrators.agents[2], set()
     for game in by_game(collect(run, 12)):
-        told, learned = game["player", "expert_action"], game["player", "learned"]
+        advice, learned = game["player", "expert_action"], game["player", "learned"]
         mask = game["player", "action_mask"][learned].numpy()
         answers = saved.act(game["player", "observation"][learned].numpy(), mask)
         expected = {"idle": np.full(len(mask), NOOP), "scorer": np.where(mask[:, SCORE], SCORE, 0)}
         expected["saved"] = answers
-        seen |= {name for name, said in expected.items() if (told[learned].numpy() == said).all()}
-        assert any((told[learned].numpy() == said).all() for said in expected.values())
+        seen |= {name for name, said in expected.items() if (advice[learned].numpy() == said).all()}
+        assert any((advice[learned].numpy() == said).all() for said in expected.values())
     assert {"idle", "scorer"} <= seen
 
 
@@ -148,7 +139,7 @@ def test_in_turns_bot_and_learner_play_the_same_games(tmp_path):
         changes = np.flatnonzero(np.diff(shown))
         lengths += np.diff(changes).tolist()
     assert mixed > 20
-    # Who plays changes after whole turns; a game's first turn is shorter, and not counted here.
+    # The player changes after whole turns; a game's first turn is shorter, and not counted here.
     assert {length % 4 for length in lengths} == {0}
     assert min(lengths) == 4
 
@@ -168,19 +159,6 @@ def test_turns_are_drawn_in_their_share_and_not_by_all_worlds_at_once(tmp_path):
     changes = (shown[1:] != shown[:-1]).sum(1)
     assert changes.min() > 0
     assert changes.max() < 40
-
-
-def test_games_that_a_bot_has_helped_in_are_nobodys(tmp_path):
-    demonstration = shown_by("idle", share=0.3, turn_decisions=3)
-    run = make_run(tmp_path, "duel", {"random": 1.0}, demonstration)
-    data = collect(run, 12)
-    run.router(data[:, -1]["next"])
-    own = [game for game in by_game(data) if not shown_in(game).any()]
-    row = run.statistics.report(run.book.name, run.spec.action_group_names)
-    points, returns = zip(*(_count(game, run) for game in own), strict=True)
-    assert row["episodes/finished"] == len(own) > 5
-    assert row["collect_win_rate/random"] == pytest.approx(np.mean(points))
-    assert row["episodes/return"] == pytest.approx(np.mean(returns), abs=1e-6)
 
 
 # --- what is stored and counted --------------------------------------------------------------
@@ -204,50 +182,48 @@ def test_replay_knows_which_actions_were_shown(tmp_path):
     run.close()
 
 
-def test_shown_games_count_neither_as_the_learners_wins_nor_as_its_actions(tmp_path):
-    run = make_run(tmp_path, "duel", {"random": 1.0}, shown_by("scorer", share=0.5))
+@pytest.mark.parametrize(
+    ("bot", "turns"), [("scorer", {"share": 0.5}), ("idle", {"share": 0.3, "turn_decisions": 3})]
+)
+def test_games_with_a_demonstrator_count_neither_as_wins_nor_as_actions(tmp_path, bot, turns):
+    run = make_run(tmp_path, "duel", {"random": 1.0}, shown_by(bot, **turns))
     data = collect(run, 12)
-    run.router(data[:, -1]["next"])
-    whole = list(by_game(data))
-    own = [game for game in whole if not shown_in(game).any()]
-    shown = [game for game in whole if shown_in(game).any()]
+    own = [game for game in by_game(data) if not shown_in(game).any()]
+    shown = [game for game in by_game(data) if shown_in(game).any()]
     row = run.statistics.report(run.book.name, run.spec.action_group_names)
-    points, returns = zip(*(_count(game, run) for game in own), strict=True)
-    assert row["episodes/finished"] == len(own) > 10
-    assert row["collect_win_rate/random"] == pytest.approx(np.mean(points))
-    assert row["episodes/return"] == pytest.approx(np.mean(returns), abs=1e-6)
-    seen = [_count(game, run)[1] for game in shown]
-    assert row["demonstrations/return"] == pytest.approx(np.mean(seen), abs=1e-6)
+
+    def count(games):
+        counted = [count_by_hand(game.unsqueeze(0), run.spec.team_of_seat) for game in games]
+        return [np.mean([values[n][0] for values in counted]) for n in range(2)]
+
+    points, returns = count(own)
+    assert row["episodes/finished"] == len(own) > 5
+    assert row["collect_win_rate/random"] == pytest.approx(points)
+    assert row["episodes/return"] == pytest.approx(returns, abs=1e-6)
+    assert row["demonstrations/return"] == pytest.approx(count(shown)[1], abs=1e-6)
     chosen = data["player", "learned"] & ~shown_in(data)
     share = (data["player", "action"][chosen] == NOOP).float().mean().item()
     assert row["actions/" + run.spec.action_group_names[NOOP]] == pytest.approx(share)
-
-
-def _count(game, run):
-    points, returns = count_by_hand(game.unsqueeze(0), run.spec.team_of_seat)
-    return points[0], returns[0]
 
 
 # --- the loss --------------------------------------------------------------------------------
 
 
 def make_learner(**settings):
-    network = make_q_network(QNetworkConfig(hidden_width=8), (2, 8, 8), 3, seed=0)
-    optimiser = LearnerSettings(batch_size=4, learning_rate=0.01, average_decay=0.0)
-    return Learner(network, optimiser, shown_by("random", **settings))
+    return runs.make_learner(shown_by("random", **settings), 0.01, average_decay=0.0)
 
 
-def make_batch(num_shown):
-    rows = make_transitions(np.random.default_rng(0), 4, TransitionSpec((2, 8, 8), 3))
-    rows["steps_to_next_obs"] = torch.ones(4, 1, dtype=torch.int64)
-    rows["is_generated"] = torch.zeros(4, 1, dtype=torch.bool)
-    rows["expert_action"] = torch.where(torch.arange(4) < num_shown, rows["action"], NO_ACTION)
+def make_batch(actions, expert_actions):
+    rows = runs.make_batch()
+    rows["action_mask"][:] = True
+    rows["action"][:] = torch.tensor(actions)
+    rows["expert_action"] = torch.tensor(expert_actions)
     return rows
 
 
 def test_the_margin_loss_is_the_formula_over_legal_actions():
-    learner = make_learner(margin=0.3)
-    batch = make_batch(3)
+    learner, batch = make_learner(margin=0.3), runs.make_batch()
+    batch["expert_action"] = torch.where(torch.arange(4) < 3, batch["action"], NO_ACTION)
     values = learner.network(batch["observation"]).detach()
     wanted = 0.0
     for row in range(3):
@@ -260,39 +236,22 @@ def test_the_margin_loss_is_the_formula_over_legal_actions():
     assert float(learner.update(batch)["loss/margin"]) == pytest.approx(wanted / 4, abs=1e-6)
 
 
-def test_the_margin_is_the_experts_where_the_learner_did_something_else():
+def test_the_margin_is_the_experts_and_of_rows_with_an_experts_action_alone():
     learner = make_learner(margin=0.5, margin_weight=10.0)
-    batch = make_batch(0)
-    batch["action_mask"][:] = True
-    batch["action"][:] = 0
-    batch["expert_action"][:] = torch.tensor([1, 2, 1, 2])
+    batch = make_batch([0, 0, 0, 2], [1, 2, NO_ACTION, NO_ACTION])
     for _ in range(300):
         learner.update(batch)
     values = learner.network(batch["observation"]).detach()
-    assert values.argmax(-1).tolist() == [1, 2, 1, 2]
-
-
-def test_the_margin_is_learned_for_shown_rows_and_only_for_them():
-    learner = make_learner(margin=0.5, margin_weight=10.0)
-    batch = make_batch(2)
-    batch["action_mask"][:] = True
-    batch["action"][:] = torch.tensor([0, 2, 0, 2])
-    batch["expert_action"][:] = torch.tensor([0, 2, NO_ACTION, NO_ACTION])
-    for _ in range(300):
-        learner.update(batch)
-    values = learner.network(batch["observation"]).detach()
-    for row, action in ((0, 0), (1, 2)):
+    for row, action in ((0, 1), (1, 2)):
         others = [value for index, value in enumerate(values[row]) if index != action]
         assert values[row, action] > max(others) + 0.4
 
 
-def test_without_demonstrators_flagged_rows_change_nothing():
-    plain, flagged = make_batch(0), make_batch(4)
+def test_without_demonstrators_an_experts_action_changes_nothing():
     losses = []
-    for batch in (plain, flagged):
-        learner = make_learner()
-        learner.demonstration = DemonstrationSettings()
-        losses.append(float(learner.update(batch)["loss/all"]))
+    for expert in (NO_ACTION, 0):
+        learner = runs.make_learner()
+        losses.append(float(learner.update(make_batch([0] * 4, [expert] * 4))["loss/all"]))
         assert not learner.demonstration.is_given
     assert losses[0] == losses[1]
 
@@ -300,7 +259,7 @@ def test_without_demonstrators_flagged_rows_change_nothing():
 # --- whole runs ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("scenario", "turn"), [("teams", None), ("alone", None), ("alone", 5)])
+@pytest.mark.parametrize(("scenario", "turn"), [("teams", None), ("alone", 5)])
 def test_a_resumed_run_with_demonstrations_equals_one_that_was_never_stopped(
     tmp_path, scenario, turn
 ):
@@ -313,19 +272,16 @@ def test_a_resumed_run_with_demonstrations_equals_one_that_was_never_stopped(
         turn_decisions=turn,
         advise=scenario == "teams",
     )
-    whole = small(tmp_path / "whole", scenario, demonstration=demonstration)
-    train(whole, show_progress=False)
-    parts = dataclasses.replace(whole, out=str(tmp_path / "parts"))
-    train(dataclasses.replace(parts, total_frames=384), show_progress=False)
-    train(parts, resume=True, show_progress=False)
-    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
-    logs = [read_log(tmp_path / name / "log.csv") for name in ("whole", "parts")]
+    folders = runs.train_whole_and_in_parts(
+        tmp_path, lambda to: small(to, scenario, demonstration=demonstration), until=256
+    )
+    logs = [read_log(folder / "log.csv") for folder in folders]
     assert any("loss/margin" in row for row in logs[0])
     assert logs[0][-1]["updates"] == logs[1][-1]["updates"] > 0
 
 
 def test_bots_that_look_at_other_planes_than_the_learner_can_show(tmp_path):
-    """Deep Line Wars's bots look at planes, whatever the learner sees."""
+    """Bots of Deep Line Wars need planes, whatever the learner's representation."""
     config = tiny(tmp_path / "a", 512, demonstration=shown_by("counter", share=1.0))
     game = dataclasses.replace(config.game, representation="vector")
     policy = QNetworkConfig(body="mlp", hidden_width=16)
@@ -340,11 +296,8 @@ def test_bots_that_look_at_other_planes_than_the_learner_can_show(tmp_path):
     ("changes", "message"),
     [
         ({"bots": ("rushre",)}, "rushre"),
-        (
-            {"advise": True},
-            "demonstration.advise is True, it must be false where demonstration.bots",
-        ),
-        ({"bots": ("counter",), "share": 1.5}, "demonstration.share is 1.5, it must be a share"),
+        ({"advise": True}, "demonstration.advise is True, it must be false where"),
+        ({"bots": ("counter",), "share": 1.5}, "demonstration.share is 1.5, it must be in 0..1"),
         ({"bots": ("counter",), "margin": -0.1}, "demonstration.margin is -0.1, it must be 0 or"),
         ({"until_frames": -1}, "demonstration.until_frames is -1, it must be 0 or more"),
     ],
@@ -355,7 +308,7 @@ def test_settings_that_cannot_be_are_refused(changes, message):
 
 
 def test_a_mixture_that_is_to_show_is_refused_before_any_work(tmp_path):
-    member = save_network(tmp_path / "saved")
+    member = make_saved(tmp_path)
     save_mixture(tmp_path / "mixed", [member, "last_standing/idle"], [0.5, 0.5])
     demonstration = DemonstrationSettings(agents={"mixed": str(tmp_path / "mixed")})
     with pytest.raises(ValueError, match="demonstration.agents.mixed is .*no mixture"):

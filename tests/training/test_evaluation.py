@@ -1,4 +1,4 @@
-"""Evaluation while training: fair shares, returns of who plays alone, held-out scenarios."""
+"""Evaluation while training: fair shares, returns in scenarios of one team, held-out scenarios."""
 
 import dataclasses
 
@@ -9,15 +9,10 @@ from marl_cair.training.evaluation import evaluate, rate_on
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
 from marl_cair.training.settings.config import EvaluationSettings, ExplorationSettings, TrainConfig
-from marl_cair.training.trainer import train
-from tests.games import last_standing
 from tests.games.last_standing import GAME
-from tests.training.runs import small
+from tests.training.runs import small, train
 
-
-@pytest.fixture(autouse=True)
-def _known(monkeypatch):
-    last_standing.register(monkeypatch)
+pytestmark = pytest.mark.usefixtures("test_game")
 
 
 def agent(name):
@@ -46,7 +41,7 @@ def test_alone_the_return_stands_beside_those_of_bots():
 
 
 def test_held_out_scenarios_are_rated_beside_the_training_one(tmp_path):
-    """Held out: nobody gains there, so the scores tell the two apart."""
+    """In the held-out scenario all returns are 0, unlike in training."""
     settings = EvaluationSettings(
         games=4, bots=("idle",), scenarios={"heldout": {"gain": 0}, "short": {"max_ticks": 2}}
     )
@@ -74,7 +69,7 @@ def test_the_best_agent_is_chosen_by_the_training_scenario(tmp_path):
         every_frames=128, games=4, bots=("idle",), scenarios={"heldout": {"gain": 0}}
     )
     config = small(tmp_path / "a", "alone", frames=256, evaluation=settings)
-    train(config, show_progress=False)
+    train(config)
     rows = read_log(tmp_path / "a" / "log.csv")
     run = TrainingRun(config, resume=True)
     assert run.best_score == max(row["return/learner"] for row in rows)
@@ -84,7 +79,7 @@ def test_the_best_agent_is_chosen_by_the_training_scenario(tmp_path):
 
 def stopping(folder, stop_score, anneal_frames=1):
     settings = EvaluationSettings(every_frames=128, games=4, bots=("idle",))
-    config = small(folder, "alone", frames=640, evaluation=settings)
+    config = small(folder, "alone", frames=384, evaluation=settings)
     exploration = ExplorationSettings(anneal_frames=anneal_frames)
     return dataclasses.replace(config, stop_score=stop_score, exploration=exploration)
 
@@ -93,19 +88,19 @@ def stopping(folder, stop_score, anneal_frames=1):
     ("stop_score", "anneal_frames", "frames", "reached"),
     [
         (-1e9, 1, 128, True),
-        (-1e9, 300, 384, True),  # not while it explores
-        (1e9, 1, 640, False),
-        (None, 1, 640, False),
+        (-1e9, 200, 256, True),  # not while it explores
+        (1e9, 1, 384, False),
+        (None, 1, 384, False),
     ],
 )
 def test_a_run_ends_at_its_stop_score(tmp_path, stop_score, anneal_frames, frames, reached):
     config = stopping(tmp_path / "a", stop_score, anneal_frames)
-    result = train(config, show_progress=False)
+    result = train(config)
     assert (result.frames, result.reached_score) == (frames, reached)
     rows = read_log(tmp_path / "a" / "log.csv")
     assert ["confirmed_score" in row for row in rows] == [False] * (len(rows) - 1) + [reached]
     later = dataclasses.replace(config, stop_score=None)
-    assert train(later, resume=True, show_progress=False).frames == 640
+    assert train(later, resume=True).frames == 384
 
 
 def test_a_score_that_new_games_do_not_confirm_does_not_end_a_run(tmp_path, monkeypatch):
@@ -116,10 +111,10 @@ def test_a_score_that_new_games_do_not_confirm_does_not_end_a_run(tmp_path, monk
         return [1.0 if seed == seen[0] else 0.0], {}
 
     monkeypatch.setattr("marl_cair.training.trainer.evaluate", rate)
-    result = train(stopping(tmp_path / "a", 0.5), show_progress=False)
-    assert (result.frames, result.reached_score) == (640, False)
-    assert len(seen) == 10
-    assert len(set(seen)) == 6  # the confirming games are others each time
+    result = train(stopping(tmp_path / "a", 0.5))
+    assert (result.frames, result.reached_score) == (384, False)
+    assert len(seen) == 6
+    assert len(set(seen)) == 4  # the confirming games are others each time
 
 
 @pytest.mark.parametrize("score", [float("nan"), float("inf")])
@@ -163,11 +158,11 @@ def test_curves_show_what_was_rated(tmp_path, monkeypatch, scenario, expected):
     settings = EvaluationSettings(
         every_frames=128, games=2, bots=("idle",), scenarios={"heldout": {"gain": 0}}
     )
-    train(small(tmp_path / "a", scenario, frames=256, evaluation=settings), show_progress=False)
+    train(small(tmp_path / "a", scenario, frames=128, evaluation=settings))
     shown = []
     monkeypatch.setattr(
         "marl_cair.training.curves._add_legend",
-        lambda panel: shown.append(set(panel.get_legend_handles_labels()[1])),
+        lambda panel, **_: shown.append(set(panel.get_legend_handles_labels()[1])),
     )
     draw_curves({"run": tmp_path / "a"}, tmp_path / "curves.png")
     assert shown[0] == expected

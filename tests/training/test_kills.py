@@ -1,4 +1,4 @@
-"""Runs that are killed, or whose terminal goes, can be gone on with by the same command."""
+"""Runs that are killed, or whose terminal closes, are resumed by the same command."""
 
 import dataclasses
 import os
@@ -15,21 +15,17 @@ from marl_cair.files import OutputFolderError
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.training.population.league_run import train_league
 from marl_cair.training.settings.config_file import load_config
-from marl_cair.training.trainer import train
-from tests.games import last_standing
 from tests.training.leagues import make_league
-from tests.training.runs import small
+from tests.training.runs import small, train
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="kills a forked process")
-
-
-@pytest.fixture(autouse=True)
-def game(monkeypatch):
-    last_standing.register(monkeypatch)
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="kills a forked process"),
+    pytest.mark.usefixtures("test_game"),
+]
 
 
 def run_killed(act, number):
-    """Do `act` in a process that is killed before its `number`-th rename; whether it was."""
+    """Call `act` in a process that is killed before its rename `number`; whether it was."""
     child = os.fork()
     if child == 0:
         left = [number]
@@ -51,45 +47,38 @@ def run_killed(act, number):
     return os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
 
-def go_on(folder):
-    """What a user does after a kill: the same command, or what it then advises."""
-    config = small(folder, "duel", frames=256)
+def resume(folder):
+    """The user's next command after a kill: the same, or the one that its error advises."""
+    config = small(folder, "duel", frames=128)
     try:
-        return train(config, show_progress=False)
+        return train(config)
     except OutputFolderError:  # it advises resume=
-        again = dataclasses.replace(load_config(folder), total_frames=256)
-        return train(again, resume=True, show_progress=False)
+        return train(dataclasses.replace(load_config(folder), total_frames=128), resume=True)
 
 
-def test_training_killed_at_any_write_can_be_gone_on_with(tmp_path):
+def test_training_killed_at_any_write_can_be_resumed(tmp_path):
     number, was_killed = 0, True
     while was_killed:
         folder = tmp_path / f"{number}"
-        was_killed = run_killed(
-            lambda to=folder: train(small(to, "duel", frames=256), show_progress=False), number
-        )
-        assert go_on(folder).frames == 256, f"killed before write {number}"
+        config = small(folder, "duel", frames=128)
+        was_killed = run_killed(lambda config=config: train(config), number)
+        if number == 1:  # between the marker and the configuration
+            assert (folder / "run.json").exists()
+            assert not (folder / "config.yaml").exists()
+        assert resume(folder).frames == 128, f"killed before write {number}"
         number += 1 if number < 4 else 4  # the first writes make the folder a run
     assert number > 5
 
 
-def test_between_marker_and_configuration_the_same_command_begins(tmp_path):
-    config = small(tmp_path / "a", "duel", frames=128)
-    assert run_killed(lambda: train(config, show_progress=False), 1)
-    assert (tmp_path / "a" / "run.json").exists()
-    assert not (tmp_path / "a" / "config.yaml").exists()
-    assert train(config, show_progress=False).frames == 128
-
-
-@pytest.mark.parametrize("number", range(6))
-def test_a_league_in_training_goes_on(tmp_path, number):
-    settings = make_league(tmp_path / "a", total_frames=128, slice_frames=128)
+@pytest.mark.parametrize("number", [0, 1, 3, 5])
+def test_a_league_in_training_is_resumed(tmp_path, number):
+    settings = make_league(tmp_path / "a", total_frames=64, slice_frames=64)
     run_killed(lambda: train_league(settings, show_progress=False), number)
     assert train_league(settings, show_progress=False).is_done
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_a_league_goes_on(tmp_path, number):
+def test_a_league_is_resumed(tmp_path, number):
     config = LeagueConfig(
         ("last_standing/idle", "last_standing/random"),
         game="last_standing",

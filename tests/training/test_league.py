@@ -1,4 +1,4 @@
-"""A league of learners: whom each role meets, when it begins anew; a kill changes nothing."""
+"""A league of learners: opponents and resets of each role; a kill changes nothing."""
 
 import dataclasses
 import json
@@ -43,7 +43,7 @@ def league(tmp_path_factory):
 
 
 def read_all(folder):
-    """All that a league has come to: weights of players and newest selves, records, learners."""
+    """The state of a league: weights of players and newest policies, records, learners."""
     shared = folder / "shared"
     found = {player.name: player for player in read_players(shared)}
     for path in sorted([*(shared / "players").iterdir(), *(shared / "live").iterdir()]):
@@ -70,7 +70,7 @@ def test_all_learners_train_to_the_end_each_with_its_own_replay(league):
         assert (run / "resume" / "replay").is_dir() == run.is_dir()
 
 
-def test_a_main_exploiter_begins_anew_with_each_player_and_a_main_agent_never(league):
+def test_a_main_exploiter_is_reset_with_each_player_and_a_main_agent_never(league):
     exploiter = league / "members" / "main_exploiter_0"
     generation = read_member(exploiter).generation
     mine = [p for p in read_players(league / "shared") if p.owner == "main_exploiter_0"]
@@ -97,25 +97,15 @@ def test_a_main_exploiter_begins_as_the_main_agents_in_turn(league):
 
 def test_a_new_generation_begins_with_the_weights_of_the_main_agent(tmp_path):
     settings = make_league(tmp_path, total_frames=384, slice_frames=384)
-    fresh = train_league(
-        dataclasses.replace(
-            settings,
-            out=str(tmp_path / "fresh"),
-            main_exploiter=dataclasses.replace(settings.main_exploiter, begins_as_main=False),
-        ),
-        show_progress=False,
-    )
-    begun = train_league(
-        dataclasses.replace(
-            settings,
-            out=str(tmp_path / "begun"),
-            # Nothing is learned, so that the first player is what it began with.
-            main_exploiter=dataclasses.replace(
-                settings.main_exploiter, training={"learner": {"learning_rate": 1e-12}}
-            ),
-        ),
-        show_progress=False,
-    )
+
+    def run(name, **changes):
+        exploiter = dataclasses.replace(settings.main_exploiter, **changes)
+        own = dataclasses.replace(settings, out=str(tmp_path / name), main_exploiter=exploiter)
+        return train_league(own, show_progress=False)
+
+    fresh = run("fresh", begins_as_main=False)
+    # Nothing is learned, so the first player still is the agent that it began as.
+    begun = run("begun", training={"learner": {"learning_rate": 1e-12}})
     for result, is_main in ((begun, True), (fresh, False)):
         shared = result.folder / "shared"
         first = next(p for p in read_players(shared) if p.owner == "main_exploiter_0")
@@ -125,21 +115,20 @@ def test_a_new_generation_begins_with_the_weights_of_the_main_agent(tmp_path):
         assert same == is_main
 
 
-def test_a_league_of_learners_that_begin_with_an_agent_goes_on(tmp_path):
-    """Each turn decided anew, and wrongly, whether a learner had begun as a main agent."""
-    settings = make_league(tmp_path / "first", total_frames=128, slice_frames=128)
+def test_a_league_of_learners_that_begin_with_an_agent_is_resumed(tmp_path):
+    """Whether a learner began as a main agent is decided once, not at each turn."""
+    settings = make_league(tmp_path / "first", total_frames=64, slice_frames=64)
     agent = train_league(settings, show_progress=False).folder / "shared" / "live" / "main_0"
     training = {**TRAINING, "initial_agent": str(agent)}
-    settings = make_league(
-        tmp_path / "second", total_frames=256, slice_frames=128, training=training
-    )
+    frames = {"total_frames": 128, "slice_frames": 64}
+    settings = make_league(tmp_path / "second", training=training, **frames)
     train_league(settings, show_progress=False)
     for name, start in (("main_0", 1.0), ("main_exploiter_0", 0.05), ("league_exploiter_0", 1.0)):
         config = load_config(tmp_path / "second" / "members" / name / "000")
         assert config.exploration.epsilon_start == start
 
 
-def test_each_role_meets_whom_it_should(league):
+def test_opponents_of_each_role(league):
     met = {
         owner: {name for name, (_, _, count) in record["against"].items() if count}
         for owner, record in read_records(league / "shared").items()
@@ -151,10 +140,10 @@ def test_each_role_meets_whom_it_should(league):
     assert "main_1" in met["main_0"]
     assert {name.partition("-")[0] for name in met["main_0"] & past} >= {"main_0", "main_1"}
     exploiters = {name for name in met["main_0"] & past if "exploiter" in name}
-    assert exploiters, "main agents meet the players of exploiters"
+    assert exploiters, "main agents play the players of exploiters"
 
 
-def test_a_player_tells_what_its_learner_had_to_show(league):
+def test_a_player_holds_the_records_of_its_learner(league):
     players = read_players(league / "shared")
     later = [player for player in players if player.owner == "main_0"][-1]
     assert later.met
@@ -186,7 +175,7 @@ def kill_at(patch, number):
 
 def test_a_league_that_was_stopped_and_killed_at_any_write_comes_to_the_same(league, tmp_path):
     """First with fewer frames, then with no time, then each attempt is cut at a later rename than
-    the one before, and the next goes on from it.
+    the one before, and the next one resumes it.
     """
     settings = make_league(tmp_path / "league")
     assert train_league(make_league(settings.out, total_frames=384), show_progress=False).is_done
@@ -242,7 +231,7 @@ def test_a_slice_that_is_done_does_nothing_when_it_is_run_again(league):
 
 
 def test_slices_need_only_their_folders(tmp_path):
-    """The league hands each slice two folders and a budget, from which any process could do it."""
+    """A slice needs two folders and a budget, so it can run in any process."""
     seen = []
 
     def play(member, shared, budget, show_progress):
@@ -277,7 +266,7 @@ def test_leagues_of_many_seats_and_of_average_policies_train_too(tmp_path, scena
 # --- the end, and what is refused ------------------------------------------------------------
 
 
-def test_the_report_rates_the_learners_as_they_are_and_tells_their_payoffs(tmp_path):
+def test_the_report_rates_the_learners_and_shows_their_payoffs(tmp_path):
     values = {"total_frames": 64, "final_games": 2, "final_bots": ["idle"]}
     result = train_league(make_league(tmp_path / "league", **values), show_progress=False)
     for words in ("league_exploiter_0", "Ladder", "idle", "Won in training", "frozen players"):
@@ -294,22 +283,18 @@ def test_the_report_rates_the_learners_as_they_are_and_tells_their_payoffs(tmp_p
 
 @pytest.mark.parametrize("final_past", [0, 2])
 def test_the_report_rates_what_learners_froze_last_too(tmp_path, final_past):
-    values = {"total_frames": 768, "final_games": 2, "final_past": final_past}
+    values = {"total_frames": 384, "final_games": 2, "final_past": final_past}
+    values["main"] = {"learners": 2, "snapshot_every_frames": 96}
     alone = {"main_exploiter": {"learners": 0}, "league_exploiter": {"learners": 0}}
     settings = make_league(tmp_path / "league", **values, **alone, final_bots=["idle"])
     train_league(settings, show_progress=False)
     ladder = next((tmp_path / "league" / "evaluation").glob("*/ladder.csv"))
     rated = {line.partition(",")[0] for line in ladder.read_text("utf-8").splitlines()[1:]}
     players = [player.name for player in read_players(tmp_path / "league" / "shared")]
-    past = {name for owner in ("main_0", "main_1") for name in players if name.startswith(owner)}
-    newest = {
-        name
-        for owner in ("main_0", "main_1")
-        for name in [name for name in players if name.startswith(owner)][-final_past:]
-    }
-    assert len(past) > 4
+    owned = [[n for n in players if n.startswith(owner)] for owner in ("main_0", "main_1")]
+    newest = {name for names in owned for name in names[-final_past:]}
     live = {name for name in rated if name in ("main_0", "main_1")}
-    # What is frozen at the end is the learner as it is now, and takes part once.
+    # A player frozen at the end equals the learner as it is now, and takes part once.
     assert rated - live - {"idle"} <= (newest if final_past else set())
     assert len(rated) == 1 + 2 + 2 * max(0, final_past - 1)
 

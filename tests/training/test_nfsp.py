@@ -9,23 +9,19 @@ import torch
 from marl_cair.checkpoint import read_description
 from marl_cair.league.agents.load import describe_agent, find_fingerprint, load_agent
 from marl_cair.replay.transition import NO_ACTION
+from marl_cair.training import trainer
 from marl_cair.training.collecting.demonstrations import NOBODY
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
-from marl_cair.training.settings.config import GeneratorSettings, ReplaySettings
-from marl_cair.training.settings.learner import LearnerSettings
-from marl_cair.training.settings.nfsp import NfspSettings
-from marl_cair.training.trainer import train
+from marl_cair.training.settings.config import ReplaySettings
+from marl_cair.training.settings.learner import LearnerSettings, NfspSettings
 from tests.damage import forget_checksums
-from tests.games import last_standing
-from tests.training.runs import by_game, digest, fill_replays, small, tiny
+from tests.games.last_standing import SCORE
+from tests.training import runs
+from tests.training.runs import small, tiny
 
+pytestmark = pytest.mark.usefixtures("test_game")
 NFSP = NfspSettings(enabled=True, eta=0.3, capacity_rows=400, min_rows=50, batch_size=16)
-
-
-@pytest.fixture
-def _test_game(monkeypatch):
-    last_standing.register(monkeypatch)
 
 
 def average_digest(folder):
@@ -33,30 +29,26 @@ def average_digest(folder):
     weights = state["average_policy"]["network"].values()
     rows = (folder / "resume" / "reservoir" / "reservoir").glob("*.npy")
     parts = [value.numpy().tobytes() for value in weights]
-    return digest(folder), parts, [path.read_bytes() for path in sorted(rows)]
+    return parts, [path.read_bytes() for path in sorted(rows)]
 
 
-@pytest.mark.usefixtures("_test_game")
 def test_the_q_network_plays_whole_games_of_whole_teams_in_its_share_of_them(tmp_path):
     run = TrainingRun(small(tmp_path / "a", "teams", {"latest": 1.0}, nfsp=NFSP))
-    batches = iter(run.collector)
-    data = torch.cat([next(batches) for _ in range(12)], 1)
-    run.close()
+    data = runs.collect(run, 12)
     teams = run.spec.team_of_seat
     answered = []
-    for game in by_game(data):
+    for game in runs.by_game(data):
         for team in set(teams.tolist()):
             seats = torch.from_numpy(np.flatnonzero(teams == team))
             learned = game["player", "learned"][:, seats]
-            told = game["player", "answered"][:, seats][learned]
-            assert told.all() or not told.any()
-            answered.append(bool(told[0]))
+            by_q = game["player", "answered"][:, seats][learned]
+            assert by_q.all() or not by_q.any()
+            answered.append(bool(by_q[0]))
     share, sigma = np.mean(answered), (0.3 * 0.7 / len(answered)) ** 0.5
     assert len(answered) > 30
     assert abs(share - 0.3) < 4 * sigma
 
 
-@pytest.mark.usefixtures("_test_game")
 def test_only_own_real_decisions_of_the_q_network_with_a_choice_are_remembered(tmp_path):
     config = small(tmp_path / "a", "ffa-4", nfsp=NFSP)
     shown = dataclasses.replace(config.demonstration, bots=("idle",), share=0.5)
@@ -79,7 +71,7 @@ def test_generated_rows_are_a_fifth_of_what_q_learns_from_and_none_of_the_averag
     run = TrainingRun(config)
     remembered = []
     run.average_policy.reservoir.extend = lambda *rows: remembered.append(rows)
-    steps = fill_replays(run)
+    steps = runs.fill_replays(run)
     run.replay.generated_open = True
     batch = run.replay.sample()
     assert int(batch["is_generated"].sum()) == round(0.2 * len(batch))
@@ -91,16 +83,17 @@ def test_generated_rows_are_a_fifth_of_what_q_learns_from_and_none_of_the_averag
 
 def test_a_resumed_run_equals_one_that_was_never_stopped(tmp_path):
     """With snapshots that draw their actions too."""
-    changes = {"nfsp": NFSP, "generator": GeneratorSettings("none"), "synthetic_fraction": 0.0}
-    train(tiny(tmp_path / "whole", 2_560, **changes), show_progress=False)
-    train(tiny(tmp_path / "parts", 1_408, **changes), show_progress=False)
-    train(tiny(tmp_path / "parts", 2_560, **changes), resume=True, show_progress=False)
-    assert average_digest(tmp_path / "whole") == average_digest(tmp_path / "parts")
-    names = [sorted(p.name for p in (tmp_path / n / "snapshots").iterdir()) for n in ("whole",)]
-    assert len(names[0]) > 2
+    folders = runs.train_whole_and_in_parts(
+        tmp_path, lambda to: small(to, "teams", nfsp=NFSP), until=256
+    )
+    averages = [average_digest(folder) for folder in folders]
+    assert averages[0] == averages[1]
+    assert len(list((folders[0] / "snapshots").glob("frames_*"))) > 2
+    row = read_log(folders[0] / "log.csv")[-1]
+    assert row["average/loss"] > 0
+    assert 0 < row["average/rows"] <= 400
 
 
-@pytest.mark.usefixtures("_test_game")
 @pytest.mark.parametrize("played", ["average", "greedy"])
 def test_what_is_asked_for_is_rated_kept_and_frozen(tmp_path, played):
     settings = dataclasses.replace(NFSP, played=played)
@@ -121,7 +114,6 @@ def test_what_is_asked_for_is_rated_kept_and_frozen(tmp_path, played):
     run.close()
 
 
-@pytest.mark.usefixtures("_test_game")
 def test_the_same_weights_are_another_agent_where_they_are_sampled(tmp_path):
     run = TrainingRun(small(tmp_path / "a", "duel", nfsp=NFSP))
     run.save_agent()
@@ -137,9 +129,8 @@ def test_the_same_weights_are_another_agent_where_they_are_sampled(tmp_path):
     run.close()
 
 
-@pytest.mark.usefixtures("_test_game")
 def test_the_average_learns_what_the_q_network_does(tmp_path):
-    """A Q-network that is told to score always: the average policy comes to score."""
+    """The Q-network always scores: the average policy learns to score."""
     config = small(
         tmp_path / "a",
         "duel",
@@ -155,30 +146,16 @@ def test_the_average_learns_what_the_q_network_does(tmp_path):
         for name, value in run.learner.network.named_parameters():
             value.zero_()
             if name.endswith("bias") and value.shape == (run.spec.num_actions,):
-                value[last_standing.SCORE] = 1.0
-    assert (
-        run.actor.compute_values(run.env.current()["player", "observation"].flatten(0, 1)).argmax(
-            -1
-        )
-        == last_standing.SCORE
-    ).all()
-    from marl_cair.training import trainer
-
+                value[SCORE] = 1.0
+    seen = run.env.current()["player", "observation"].flatten(0, 1)
+    assert (run.actor.compute_values(seen).argmax(-1) == SCORE).all()
     steps = trainer.iterate(run, trainer.Timers())
     while run.frames < 2_000:
         next(steps)
     seen = run.env.current()["player", "observation"].flatten(0, 1)
     chances = run.average_policy.network(seen).softmax(-1)
-    assert chances[:, last_standing.SCORE].min() > 0.9
+    assert chances[:, SCORE].min() > 0.9
     run.close()
-
-
-@pytest.mark.usefixtures("_test_game")
-def test_the_log_tells_of_the_average_policy(tmp_path):
-    train(small(tmp_path / "a", "duel", nfsp=NFSP), show_progress=False)
-    row = read_log(tmp_path / "a" / "log.csv")[-1]
-    assert row["average/loss"] > 0
-    assert 0 < row["average/rows"] <= 400
 
 
 @pytest.mark.parametrize(

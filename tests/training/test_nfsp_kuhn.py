@@ -15,19 +15,9 @@ from marl_cair.replay.reservoir import Reservoir
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.collecting.average_policy import AveragePolicy
 from marl_cair.training.run import TrainingRun
-from marl_cair.training.settings.config import (
-    CheckpointSettings,
-    CollectorSettings,
-    EvaluationSettings,
-    ExplorationSettings,
-    GameSettings,
-    GeneratorSettings,
-    OpponentSettings,
-    ReplaySettings,
-    TrainConfig,
-)
-from marl_cair.training.settings.learner import LearnerSettings
-from marl_cair.training.settings.nfsp import NfspSettings
+from marl_cair.training.settings import config as settings_of
+from marl_cair.training.settings.config import GameSettings, OpponentSettings, TrainConfig
+from marl_cair.training.settings.learner import LearnerSettings, NfspSettings
 from marl_cair.training.trainer import Timers, iterate
 
 pyspiel = pytest.importorskip("pyspiel", reason="OpenSpiel is the extra `openspiel`")
@@ -128,9 +118,9 @@ def test_a_training_run_comes_near_the_equilibrium(tmp_path, monkeypatch):
         opponent=OpponentSettings(
             {"latest": 1.0}, snapshot_every_frames=NEVER, snapshot_margin=None
         ),
-        collector=CollectorSettings(num_worlds=512, steps_per_batch=4),
-        exploration=ExplorationSettings(0.05, 0.02, frames),
-        replay=ReplaySettings(60_000, 1, min_transitions=2_000),
+        collector=settings_of.CollectorSettings(num_worlds=512, steps_per_batch=4),
+        exploration=settings_of.ExplorationSettings(0.05, 0.02, frames),
+        replay=settings_of.ReplaySettings(60_000, 1, min_transitions=2_000),
         # One step, as most games go on with the average policy, and the mean of what is paid, not
         # near the median, as of smooth_l1: with either the answers are no best ones.
         learner=LearnerSettings(
@@ -142,9 +132,9 @@ def test_a_training_run_comes_near_the_equilibrium(tmp_path, monkeypatch):
             target_tau=0.05,
         ),
         nfsp=NfspSettings(True, 0.2, capacity_rows=200_000, batch_size=256, learning_rate=3e-3),
-        generator=GeneratorSettings("none"),
-        evaluation=EvaluationSettings(every_frames=NEVER, bots=()),
-        checkpoint=CheckpointSettings(every_frames=NEVER),
+        generator=settings_of.GeneratorSettings("none"),
+        evaluation=settings_of.EvaluationSettings(every_frames=NEVER, bots=()),
+        checkpoint=settings_of.CheckpointSettings(every_frames=NEVER),
     )
     run = TrainingRun(config)
     steps = iterate(run, Timers())

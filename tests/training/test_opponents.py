@@ -1,4 +1,4 @@
-"""Opponents in training: changed between games only, outcomes booked to who played, the pool."""
+"""Opponents in training: drawn between games, results recorded to the right one, the pool."""
 
 import json
 import sys
@@ -6,8 +6,8 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-import torch
 
+from marl_cair.games.torchrl_env import LastStep
 from marl_cair.league.agents.foreign import ForeignAgentError
 from marl_cair.league.agents.load import find_fingerprint
 from marl_cair.league.agents.mixtures import save_mixture
@@ -19,18 +19,16 @@ from marl_cair.training.collecting.opponents import Meeting
 from marl_cair.training.collecting.seats import find_met
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import OpponentSettings
-from marl_cair.training.trainer import train
-from tests.games import last_standing
 from tests.games.last_standing import FINISH, LEAVE
-from tests.training.runs import digest, small
+from tests.training import runs
+from tests.training.runs import collect, digest, small, train
 
 FIRST = FIRST_NUMBERS[SNAPSHOT]
 IDLE = "last_standing/idle"
 
 
 @pytest.fixture(autouse=True)
-def _known(monkeypatch):
-    last_standing.register(monkeypatch)
+def _module_of_a_user(test_game, monkeypatch):
     monkeypatch.setitem(sys.modules, "users_module", sys.modules[__name__])
 
 
@@ -39,45 +37,32 @@ def make_run(tmp_path, scenario, mixture, **settings):
     return TrainingRun(small(tmp_path / "run", scenario, opponent=opponent))
 
 
-def collect(run, num_batches=6):
-    batches = iter(run.collector)
-    data = torch.cat([next(batches) for _ in range(num_batches)], 1)
-    run.router(data[:, -1]["next"])  # books of a step with the next
-    run.close()
-    return data
-
-
 # --- outcomes --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scenario", ["duel", "ffa-4", "teams"])
-def test_every_outcome_is_booked_to_the_opponent_that_played_it(tmp_path, scenario):
-    """Each opponent does one thing only, so that its actions tell in the data who it is."""
+def test_every_result_is_recorded_to_the_opponent_that_played(tmp_path, scenario):
+    """Each opponent does one thing only, so that its actions identify it in the data."""
     run = make_run(tmp_path, scenario, {"idle": 1.0, "quitter": 1.0, "finisher": 1.0})
     names = {member.name: member.number for member in run.book.pool.members}
     says = {0: names["idle"], LEAVE: names["quitter"], FINISH: names["finisher"]}
     teams = run.spec.team_of_seat
     data = collect(run)
     played, scores = defaultdict(int), defaultdict(float)
-    ended = data["next", "done"].squeeze(-1)
-    for world in range(len(data)):
-        start = 0
-        for end in ended[world].nonzero().flatten().tolist():
-            game = data[world, start : end + 1]
-            start = end + 1
-            own = game["player", "learned"][0].numpy()
-            first = game["player", "action"][0].numpy()
-            paid = game["next", "player", "reward"][-1, :, 0].numpy()
-            left = set(teams[~game["player", "done"][-1, :, 0].numpy()].tolist())
-            winners = set(teams[paid >= 1.0].tolist())
-            points = {team: float(team in winners) for team in range(teams.max() + 1)}
-            if not winners:
-                points = {team: (team in left) / len(left) for team in points}
-            (mine,) = set(teams[own].tolist())
-            for team in set(points) - {mine}:
-                (action,) = set(first[teams == team].tolist())  # a team is one opponent
-                played[says[action]] += 1
-                scores[says[action]] += (1 + points[mine] - points[team]) / 2
+    for game in runs.by_game(data):
+        own = game["player", "learned"][0].numpy()
+        first = game["player", "action"][0].numpy()
+        paid = game["next", "player", "reward"][-1, :, 0].numpy()
+        left = set(teams[~game["player", "done"][-1, :, 0].numpy()].tolist())
+        winners = set(teams[paid >= 1.0].tolist())
+        points = {team: float(team in winners) for team in range(teams.max() + 1)}
+        if not winners:
+            points = {team: (team in left) / len(left) for team in points}
+        (mine,) = set(teams[own].tolist())
+        for team in set(points) - {mine}:
+            (action,) = set(first[teams == team].tolist())  # a team is one opponent
+            played[says[action]] += 1
+            scores[says[action]] += (1 + points[mine] - points[team]) / 2
     assert len(played) == 3
     for number, count in played.items():
         assert run.book.records.count(number) == count
@@ -99,7 +84,8 @@ def test_opponents_are_drawn_for_each_rival_team_and_stay_for_the_game(tmp_path,
 
     def note(tensordict):
         done = forward(tensordict)
-        seen.append((router._episode.copy(), router.opponent.copy(), router._team.copy()))
+        taken = router.taken
+        seen.append((router._episode.copy(), taken.opponent.copy(), taken.team.copy()))
         return done
 
     router.forward = note
@@ -122,9 +108,7 @@ def test_rows_name_their_opponent_where_it_is_one():
     assert find_met(np.array([[NO_OPPONENT]], np.int16), np.array([0])).tolist() == [NO_OPPONENT]
 
 
-def test_teams_of_the_learner_are_no_rivals_and_demonstrations_count_for_nobody():
-    from marl_cair.games.torchrl_env import LastStep
-
+def test_teams_of_the_learner_are_no_rivals_and_games_with_demonstrations_do_not_count():
     taken = Decisions(
         actions=np.zeros((3, 3), np.int64),
         owned=np.array([[True, True, False]] * 3),
@@ -134,9 +118,8 @@ def test_teams_of_the_learner_are_no_rivals_and_demonstrations_count_for_nobody(
         team=np.zeros(3, np.int64),
         opponent=np.array([[0, 0, 9]] * 3, np.int16),
     )
-    last = LastStep(
-        np.zeros((3, 3), np.float32), np.array([True, True, False]), np.array([2, 2, 2], np.int8)
-    )
+    ended = np.array([True, True, False])
+    last = LastStep(np.zeros((3, 3), np.float32), ended, np.array([2, 2, 2], np.int8))
     assert find_meetings(taken, last, np.arange(3)) == [Meeting(9, 0.0, 0.0)]
 
 
@@ -144,11 +127,11 @@ def test_teams_of_the_learner_are_no_rivals_and_demonstrations_count_for_nobody(
 
 
 def test_a_snapshot_is_of_the_averaged_weights_and_outlasts_further_updates(tmp_path):
-    config = small(tmp_path / "run", "duel", {"latest": 0.5, "uniform": 0.5}, frames=1_024)
-    train(config, show_progress=False)
+    config = small(tmp_path / "run", "duel", {"latest": 0.5, "uniform": 0.5})
+    train(config)
     run = TrainingRun(config, resume=True)
     members = run.book.pool.snapshots
-    assert [member.frames for member in members] == [256, 512, 768, 1_024]
+    assert [member.frames for member in members] == [128, 256, 384, 512]
     for member in members:
         assert find_fingerprint(run.book.pool.agent(member.number), run.game) == member.fingerprint
     assert len({member.fingerprint for member in members}) == 4
@@ -158,7 +141,7 @@ def test_a_snapshot_is_of_the_averaged_weights_and_outlasts_further_updates(tmp_
     run.close()
 
 
-def test_who_surely_beats_the_best_is_frozen_before_its_time(tmp_path):
+def test_a_learner_that_surely_beats_the_best_is_frozen_early(tmp_path):
     run = make_run(tmp_path, "duel", {"uniform": 1.0}, snapshot_every_frames=400)
     book = run.book
     run.add_snapshot()
@@ -171,7 +154,7 @@ def test_who_surely_beats_the_best_is_frozen_before_its_time(tmp_path):
     run.frames = 100
     run.add_snapshot()
     assert book.pool.best_snapshot().number == FIRST + 1
-    assert not book.beats_the_best(10_000)  # it has not been met
+    assert not book.beats_the_best(10_000)  # no games against it yet
     run.close()
 
 
@@ -183,10 +166,10 @@ def test_without_a_margin_only_the_clock_freezes(tmp_path):
     run.close()
 
 
-def test_the_line_up_is_drawn_anew_with_time_and_with_each_snapshot(tmp_path):
+def test_the_line_up_is_drawn_again_with_time_and_with_each_snapshot(tmp_path):
     run = make_run(tmp_path, "duel", {"uniform": 1.0}, pool_active=2, redraw_every_frames=1_000)
     book = run.book
-    assert set(book.draw(20, 0).tolist()) == {LATEST_ID}  # nobody is in the pool
+    assert set(book.draw(20, 0).tolist()) == {LATEST_ID}  # the pool is empty
     for frames in range(1, 9):
         run.frames = frames
         run.add_snapshot()
@@ -203,7 +186,7 @@ def test_the_line_up_is_drawn_anew_with_time_and_with_each_snapshot(tmp_path):
 
 
 class Quitter:
-    """A user's own: leaves at once."""
+    """An agent of a user: leaves at once."""
 
     def act(self, observation, action_mask):
         return np.where(action_mask[:, LEAVE], LEAVE, 0)
@@ -226,7 +209,7 @@ def test_agents_of_others_play_by_their_names(tmp_path):
 
 
 class Cheater:
-    """A user's own that plays what the mask forbids."""
+    """An agent of a user that plays an illegal action."""
 
     def act(self, observation, action_mask):
         return np.full(len(action_mask), 99)
@@ -239,22 +222,23 @@ def make_cheater(scenario, spec):
 def test_an_agent_of_others_that_cannot_play_ends_the_run_with_its_reason(tmp_path):
     agents = {"mine": "users_module:make_cheater"}
     with pytest.raises(ForeignAgentError, match="^opponent mine played the illegal action 99"):
-        make_run(tmp_path, "duel", {"mine": 1.0}, agents=agents)  # the collector tries it at once
+        make_run(tmp_path, "duel", {"mine": 1.0}, agents=agents)  # the collector calls it at once
 
 
-def test_a_checkpoint_is_an_opponent_by_its_name(tmp_path):
-    train(small(tmp_path / "run", "duel", {"random": 1.0}, frames=256), show_progress=False)
-    agents = {"older": str(tmp_path / "run" / "latest")}
+@pytest.fixture
+def agent(tmp_path):
+    return runs.make_agent(small(tmp_path / "run", "duel", {"random": 1.0}))
+
+
+def test_a_checkpoint_is_an_opponent_by_its_name(tmp_path, agent):
+    agents = {"older": agent}
     again = make_run(tmp_path / "again", "duel", {"older": 1.0}, agents=agents)
     assert (collect(again, 2)["player", "opponent"] == FIRST_NUMBERS[FOREIGN]).all()
     assert again.book.pool.name(FIRST_NUMBERS[FOREIGN]) == "older"
 
 
-def test_each_member_of_a_mixture_is_met_as_often_as_it_plays_there_and_by_a_name_of_its_own(
-    tmp_path,
-):
-    train(small(tmp_path / "run", "duel", {"random": 1.0}, frames=256), show_progress=False)
-    save_mixture(tmp_path / "mix", [str(tmp_path / "run" / "latest"), IDLE], (1, 3))
+def test_each_member_of_a_mixture_is_an_opponent_by_a_name_and_a_share_of_its_own(tmp_path, agent):
+    save_mixture(tmp_path / "mix", [agent, IDLE], (1, 3))
     agents = {"mixed": str(tmp_path / "mix"), "mine": "users_module:make_quitter"}
     met = {"mixed": 4.0, "mine": 1.0, "random": 1.0}
     book = make_run(tmp_path / "again", "duel", met, agents=agents).book
@@ -273,48 +257,34 @@ def test_each_member_of_a_mixture_is_met_as_often_as_it_plays_there_and_by_a_nam
 
 
 def test_a_run_with_every_sampler_resumes_bit_for_bit(tmp_path):
-    samplers = (
-        "pfsp",
-        "pfsp_variance",
-        "pfsp_easy",
-        "delta_uniform",
-        "recent",
-        "nash",
-        "pfsp_bots",
-    )
+    names = ("pfsp", "pfsp_variance", "pfsp_easy", "delta_uniform", "recent", "nash", "pfsp_bots")
     opponent = OpponentSettings(
-        {"latest": 1.0, "mine": 1.0, **dict.fromkeys(samplers, 1.0)},
+        dict.fromkeys(("latest", "mine", *names), 1.0),
         agents={"mine": "users_module:make_quitter"},
         snapshot_every_frames=128,
         redraw_every_frames=128,
         pool_capacity=3,
     )
-
-    def config(name, frames):
-        return small(tmp_path / name, "ffa-4", frames=frames, opponent=opponent)
-
-    train(config("whole", 1_152), show_progress=False)
-    train(config("parts", 640), show_progress=False)
-    train(config("parts", 1_152), resume=True, show_progress=False)
-    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
+    runs.train_whole_and_in_parts(
+        tmp_path, lambda to: small(to, "ffa-4", frames=768, opponent=opponent), until=512
+    )
 
 
 def test_snapshots_after_the_saved_state_are_written_again_the_same(tmp_path):
-    """A crash after them, before the next state was saved."""
-    mixture = {"latest": 0.4, "pfsp": 0.6}
-    train(small(tmp_path / "run", "duel", mixture, frames=512), show_progress=False)
-    run = TrainingRun(small(tmp_path / "run", "duel", mixture, frames=1_024), resume=True)
-    run.frames = 768
-    run.learner.average.load_state_dict(
-        {name: value + 1 for name, value in run.learner.average.state_dict().items()}
-    )
+    """After a crash between them and the next state."""
+
+    def make(name):
+        return small(tmp_path / name, "duel", {"latest": 0.4, "pfsp": 0.6})
+
+    train(make("run"), until_frames=256)
+    run = TrainingRun(make("run"), resume=True)
+    run.frames = 384
+    with_noise = {name: value + 1 for name, value in run.learner.average.state_dict().items()}
+    run.learner.average.load_state_dict(with_noise)
     run.add_snapshot()
     run.close()
-    train(small(tmp_path / "run", "duel", mixture, frames=1_024), resume=True, show_progress=False)
-    train(small(tmp_path / "whole", "duel", mixture, frames=1_024), show_progress=False)
+    train(make("run"), resume=True)
+    train(make("whole"))
     assert digest(tmp_path / "run") == digest(tmp_path / "whole")
-    indices = [
-        json.loads((tmp_path / name / "snapshots" / "pool.json").read_text("utf-8"))
-        for name in ("run", "whole")
-    ]
-    assert indices[0] == indices[1]
+    indices = [tmp_path / name / "snapshots" / "pool.json" for name in ("run", "whole")]
+    assert len({path.read_text("utf-8") for path in indices}) == 1

@@ -7,15 +7,8 @@ from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.match import play_match
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.training.population.exploit import ExploitConfig, exploit
-from marl_cair.training.settings.config import (
-    CheckpointSettings,
-    CollectorSettings,
-    ExplorationSettings,
-    GameSettings,
-    GeneratorSettings,
-    ReplaySettings,
-    TrainConfig,
-)
+from marl_cair.training.settings import config as settings
+from marl_cair.training.settings.config import GameSettings, TrainConfig
 from marl_cair.training.settings.learner import LearnerSettings
 from tests.league.players import GAME
 
@@ -52,13 +45,13 @@ def look_for_a_weakness(folder, make):
         torch_threads=1,
         policy=QNetworkConfig(body="mlp"),
         game=GameSettings(scenario="11x11", representation="vector"),
-        collector=CollectorSettings(num_worlds=32),
-        exploration=ExplorationSettings(anneal_frames=FRAMES // 2),
-        replay=ReplaySettings(FRAMES, 100, min_transitions=1_000),
+        collector=settings.CollectorSettings(num_worlds=32),
+        exploration=settings.ExplorationSettings(anneal_frames=FRAMES // 2),
+        replay=settings.ReplaySettings(FRAMES, 100, min_transitions=1_000),
         learner=LearnerSettings(frames_per_update=16),
-        generator=GeneratorSettings(name="none"),
+        generator=settings.GeneratorSettings(name="none"),
         synthetic_fraction=0.0,
-        checkpoint=CheckpointSettings(include_replay=False),
+        checkpoint=settings.CheckpointSettings(include_replay=False),
     )
     agent = f"{__name__}:{make.__name__}"
     config = ExploitConfig(agent, learner, FRAMES, seeds=2, games=128, out=str(folder))
@@ -67,7 +60,7 @@ def look_for_a_weakness(folder, make):
 
 @pytest.mark.slow
 def test_the_same_budget_exploits_the_bot_with_the_weakness_and_not_the_sound_one(tmp_path):
-    """By learning: who plays at random wins next to nothing against either."""
+    """By learning: a random policy rarely wins against either."""
     rated = GAME.scenario("11x11", reward=GAME.rated_reward)
     idle = load_agent("random", GAME.name, rated)
     blind = load_agent(f"{__name__}:make_blind", GAME.name, rated)

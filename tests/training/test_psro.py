@@ -1,4 +1,4 @@
-"""Best responses come to the known equilibria; a stop changes nothing; bad files are refused."""
+"""Best responses approach the known equilibria; a stop changes nothing; bad files are refused."""
 
 import json
 import re
@@ -13,16 +13,17 @@ from marl_cair.files import OutputFolderError, write_json
 from marl_cair.games import GAMES
 from marl_cair.league.agents.load import find_fingerprint, load_agent
 from marl_cair.league.agents.mixtures import read_mixture, save_mixture
+from marl_cair.training import trainer
 from marl_cair.training.population import psro
 from marl_cair.training.population.psro import train_psro, weigh_opponents
 from marl_cair.training.population.psro_settings import build_psro
 from marl_cair.training.settings.config import GameSettings
-from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
 from tests.games import rock_paper_scissors
-from tests.training.runs import tiny
+from tests.training.runs import make_agent, tiny
 
 NAME = rock_paper_scissors.NAME
+LEARNER = {"batch_size": 64, "frames_per_update": 8, "n_steps": 1, "average_decay": 0.0}
 TRAINING = {
     "torch_threads": 1,
     "synthetic_fraction": 0.0,
@@ -31,24 +32,10 @@ TRAINING = {
     "opponent": {"warmup_frames": 0},
     "collector": {"num_worlds": 32, "steps_per_batch": 4},
     "exploration": {"epsilon_end": 0.2, "anneal_frames": 256},
-    "replay": {
-        "capacity_transitions": 2_000,
-        "generated_capacity_transitions": 10,
-        "min_transitions": 64,
-    },
-    "learner": {
-        "batch_size": 64,
-        "frames_per_update": 8,
-        "n_steps": 1,
-        "learning_rate": 0.05,
-        "average_decay": 0.0,
-    },
+    "replay": {"capacity_transitions": 2_000, "min_transitions": 64},
+    "learner": {**LEARNER, "learning_rate": 0.05},
     "generator": {"name": "none"},
     "evaluation": {"bots": []},
-}
-PICTURES = {
-    "game": GameSettings(scenario="11x11", representation="gray"),
-    "synthetic_fraction": 0.0,
 }
 
 
@@ -76,8 +63,15 @@ def run(out, **changes):
     return train_psro(make(out, **changes), show_progress=False)
 
 
+def run_stopped(monkeypatch, out, until, **changes):
+    """Stop the first response that is trained after `until` steps."""
+    with monkeypatch.context() as patched:
+        patched.setattr(psro, "train", lambda *words: trainer.train(*words, until_frames=until))
+        return run(out, **changes)
+
+
 def find_throws(folder):
-    """What each member of the mixture throws, and how often it is drawn."""
+    """Shares of the throws of a mixture, float64 [3]."""
     mixture = read_mixture(folder)
     scenario = GAMES[NAME].scenario("fair")
     shares = np.zeros(3)
@@ -91,8 +85,8 @@ def test_rounds_find_every_throw_and_mix_them_as_the_equilibrium_does(tmp_path):
     result = run(tmp_path / "out", rounds=4)
     assert (result.rounds, result.is_done, result.was_interrupted) == (4, True, False)
     assert find_throws(tmp_path / "out" / "mixture") == pytest.approx([1 / 3] * 3, abs=0.05)
-    assert "player_000 100.0%; it begins anew, against all bots alike" in result.text
-    # Against paper all but always, and now and then the bot's rock.
+    assert "player_000 100.0%; it begins with a new network, against all bots alike" in result.text
+    # Mostly against paper, sometimes against the bot's rock.
     answer = r"player_001 9\d\.\d% \(5\d\.\d%\); it begins as player_000, against player_000 9\d%"
     assert re.search(answer, result.text)
     assert (tmp_path / "out" / "report.txt").read_text("utf-8") == result.text
@@ -100,7 +94,7 @@ def test_rounds_find_every_throw_and_mix_them_as_the_equilibrium_does(tmp_path):
     assert run(tmp_path / "out", rounds=4) == result
 
 
-def test_half_the_games_are_against_the_own_mixture_half_against_who_is_hardest_for_it():
+def test_half_the_games_are_against_the_own_mixture_half_against_the_hardest_one():
     # Networks throw paper and scissors, the third agent, a bot, rock.
     scores = np.array([[0.5, 0.0, 1.0], [1.0, 0.5, 0.0], [0.0, 1.0, 0.5]])
     weights = weigh_opponents(scores[:2], [0, 1], slack=0.001, even_share=0.0)
@@ -111,13 +105,11 @@ def test_half_the_games_are_against_the_own_mixture_half_against_who_is_hardest_
     assert weigh_opponents(scores, [0, 1, 2], 0.001, 0.0) == pytest.approx([1 / 3] * 3, abs=1e-3)
 
 
-def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path, monkeypatch):
+def test_a_run_that_was_stopped_resumes_to_the_same_bits(tmp_path, monkeypatch):
     shorter = {"round_frames": 1_024}
     whole = run(tmp_path / "whole", **shorter)
     assert run(tmp_path / "parts", rounds=1, **shorter).is_done  # and then one round more
-    with monkeypatch.context() as patched:
-        patched.setattr(psro, "train", lambda *words: train(*words, until_frames=640))
-        stopped = run(tmp_path / "parts", **shorter)
+    stopped = run_stopped(monkeypatch, tmp_path / "parts", 640, **shorter)
     assert (stopped.rounds, stopped.is_done) == (1, False)
     assert (tmp_path / "parts" / "rounds" / "001" / "run" / "resume").is_dir()
     stopped = run(tmp_path / "parts", max_minutes=1e-6, **shorter)
@@ -130,8 +122,8 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path, monkeypatch):
             for part in ("whole", "parts")
         ]
         assert len({find_fingerprint(agent, GAMES[NAME]) for agent in agents}) == 1
-    told = [one.text.replace(str(one.folder), "") for one in (whole, parts)]
-    assert told[0] == told[1]
+    texts = [one.text.replace(str(one.folder), "") for one in (whole, parts)]
+    assert texts[0] == texts[1]
 
 
 def test_each_response_begins_with_what_the_generator_before_it_has_learned(tmp_path, monkeypatch):
@@ -141,7 +133,7 @@ def test_each_response_begins_with_what_the_generator_before_it_has_learned(tmp_
 
     def note(config, *words):
         begun_with.append(config.initial_generator)
-        return train(config, *words)
+        return trainer.train(config, *words)
 
     monkeypatch.setattr(psro, "train", note)
     run(tmp_path / "out", round_frames=512, training=training)
@@ -160,14 +152,12 @@ def begun(tmp_path_factory):
     return folder / "players" / "player_000"
 
 
-def test_who_is_there_from_the_start_is_met_and_begun_as_even_if_it_is_gone_later(
+def test_begin_with_is_an_opponent_and_a_first_network_even_if_deleted_later(
     tmp_path, monkeypatch, begun
 ):
     player = str(shutil.copytree(begun, tmp_path / "first" / "player_000"))
     again = {"rounds": 1, "begin_with": [player]}
-    with monkeypatch.context() as patched:
-        patched.setattr(psro, "train", lambda *words: train(*words, until_frames=640))
-        assert not run(tmp_path / "next", **again).is_done
+    assert not run_stopped(monkeypatch, tmp_path / "next", 640, **again).is_done
     plan = json.loads((tmp_path / "next" / "rounds" / "000" / "plan.json").read_text("utf-8"))
     assert plan["start"] == "begin_0"
     assert set(plan["met"]) == {"begin_0", "rock"}
@@ -177,37 +167,30 @@ def test_who_is_there_from_the_start_is_met_and_begun_as_even_if_it_is_gone_late
     assert run("next", **again).is_done  # the same folder, spelled otherwise
 
 
-def test_what_a_kill_between_freezing_and_clearing_leaves_is_cleared_by_the_next_call(tmp_path):
+def test_a_state_left_by_a_kill_is_deleted_and_other_settings_are_refused(tmp_path):
     run(tmp_path / "out", rounds=1)
     left = tmp_path / "out" / "rounds" / "000" / "run" / "resume"
     left.mkdir()
     run(tmp_path / "out", rounds=1)
     assert not left.exists()
-
-
-def test_a_folder_of_other_settings_is_refused(tmp_path):
-    run(tmp_path / "out", rounds=1)
     with pytest.raises(OutputFolderError, match="even_share"):
         run(tmp_path / "out", rounds=1, even_share=0.2)
 
 
-def test_a_damaged_plan_is_named(tmp_path):
+def test_damaged_plans_are_refused(tmp_path):
     run(tmp_path / "out", max_minutes=1e-9)
     path = tmp_path / "out" / "rounds" / "000" / "plan.json"
     path.write_text("{", "utf-8")
     with pytest.raises(ValueError, match=r"plan.json cannot be read .* delete it"):
         run(tmp_path / "out")
-
-
-def test_a_plan_with_unknown_agents_is_refused(tmp_path):
-    run(tmp_path / "out", max_minutes=1e-9)
-    path = tmp_path / "out" / "rounds" / "000" / "plan.json"
     write_json(path, {"met": {"rock": 0.5, "well": 0.5}, "start": None})
     with pytest.raises(ValueError, match=r"plan.json .*unknown agents well; known are .*rock"):
         run(tmp_path / "out")
 
 
-def test_whom_responses_cannot_begin_as_is_refused_before_anything_is_written(tmp_path, begun):
+def test_agents_that_no_response_can_begin_as_are_refused_before_anything_is_written(
+    tmp_path, begun
+):
     out, player = tmp_path / "out", str(begun)
     save_mixture(tmp_path / "mix", [player], [1.0])
     for given in ("nowhere", "mix"):
@@ -222,11 +205,12 @@ def test_whom_responses_cannot_begin_as_is_refused_before_anything_is_written(tm
     (other / "agent.json").write_text(json.dumps({**about, "representation": "planes"}), "utf-8")
     with pytest.raises(ValueError, match=r"representation"):
         run(out, begin_with=[player, str(other)])
-    train(tiny(tmp_path / "picture", 128, **PICTURES), show_progress=False)
+    game = GameSettings(scenario="11x11", representation="gray")
+    picture = make_agent(tiny(tmp_path / "picture", game=game, synthetic_fraction=0.0))
     with pytest.raises(ValueError, match=r"generator 'ccdn' works on `planes`.*not on 'gray'"):
         run(
             out,
-            begin_with=[str(tmp_path / "picture" / "latest")],
+            begin_with=[picture],
             bots=["random"],
             training={"game": {"name": "deep_line_wars", "scenario": "11x11"}},
             round_frames=20_000,
@@ -242,7 +226,7 @@ def test_whom_responses_cannot_begin_as_is_refused_before_anything_is_written(tm
         ({"round_frames": 100}, "round_frames is 100, it must be 128 or more, twice training.rep"),
         ({"training": {**TRAINING, "nfsp": {"enabled": True}}}, "training.nfsp.enabled is True"),
         ({"games_per_pair": 3}, "games_per_pair is 3, it must be even and 2 or more"),
-        ({"even_share": 1.5}, "even_share is 1.5, it must be 0..1"),
+        ({"even_share": 1.5}, "even_share is 1.5, it must be in 0..1"),
         ({"slack": 0}, "slack is 0.0, it must be above 0, below 1"),
         ({"bots": []}, r"bots is \[\], it must be one or more"),
         ({"bots": ["rock", "rock"]}, "bots has 'rock' twice"),
@@ -252,7 +236,7 @@ def test_whom_responses_cannot_begin_as_is_refused_before_anything_is_written(tm
         ({"training": {**TRAINING, "seed": 3}}, "training.seed is given: each response has its"),
         (
             {"training": {**TRAINING, "opponent": {"mixture": {"rock": 1}}}},
-            "training.opponent.mixture is given: responses meet bots",
+            "training.opponent.mixture is given: opponents are bots",
         ),
         ({"training": {**TRAINING, "learner": {"gama": 1}}}, "unknown option 'gama'"),
         (

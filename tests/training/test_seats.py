@@ -1,4 +1,4 @@
-"""Seats in training: teams, seats that are out, nobody to meet; on the test game and its bots."""
+"""Seats in training: teams, seats that are out, scenarios of one team; on the test game."""
 
 import dataclasses
 
@@ -14,59 +14,58 @@ from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
 from marl_cair.training.settings.config import ReplaySettings
 from marl_cair.training.settings.learner import LearnerSettings
-from marl_cair.training.trainer import train
-from tests.games import last_standing
+from marl_cair.training.trainer import train as train_aloud
 from tests.games.last_standing import GAME, LEAVE, NOOP
-from tests.training.runs import by_game, digest, small
+from tests.training import runs
+from tests.training.runs import by_game, collect, count_by_hand, small, was_out
 
-SCENARIOS = ["ffa-3", "ffa-4", "ffa-8", "duel", "teams", "uneven", "alone", "together"]
-
-
-@pytest.fixture(autouse=True)
-def _known(monkeypatch):
-    last_standing.register(monkeypatch)
+pytestmark = pytest.mark.usefixtures("test_game")
 
 
 def make_run(tmp_path, scenario, mixture=None, **changes):
     return TrainingRun(small(tmp_path / "run", scenario, mixture, **changes))
 
 
-def collect(run, num_batches=6):
-    batches = iter(run.collector)
-    data = torch.cat([next(batches) for _ in range(num_batches)], 1)
-    run.close()
-    return data
-
-
-def was_out(game):
-    """Seats [T, P] that were out when the decision was made."""
-    return game["player", "done"].squeeze(-1)
+def report(run):
+    return run.statistics.report(run.book.name, run.spec.action_group_names)
 
 
 # --- who plays which seats -------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scenario", ["ffa-3", "ffa-4", "duel", "teams", "uneven"])
-def test_the_learner_plays_the_seats_of_one_team_which_changes_with_the_games(tmp_path, scenario):
-    run = make_run(tmp_path, scenario, {"idle": 1.0})
-    teams = run.spec.team_of_seat
+@pytest.mark.parametrize("scenario", ["ffa-4", "duel", "teams", "uneven"])
+def test_the_learner_plays_one_team_whose_points_returns_and_actions_are_reported(
+    tmp_path, scenario
+):
+    """The team changes with the games; actions of seats that are out do not count."""
+    run = make_run(tmp_path, scenario, {"random": 1.0})
+    teams, data = run.spec.team_of_seat, collect(run)
     played = set()
-    for game in by_game(collect(run)):
+    for game in by_game(data):
         owned = game["player", "learned"][0].numpy()
-        assert len(set(teams[owned])) == 1
         (team,) = set(teams[owned])
         assert (owned == (teams == team)).all()
         assert torch.equal(game["player", "learned"], torch.from_numpy(owned) & ~was_out(game))
         played.add(team)
     assert played == set(range(run.spec.num_teams))
+    points, returns = count_by_hand(data, teams)
+    row = report(run)
+    assert row["episodes/finished"] == len(points) > 30
+    assert row["collect_win_rate/random"] == pytest.approx(np.mean(points))
+    assert row["episodes/return"] == pytest.approx(np.mean(returns), abs=1e-6)
+    chosen = data["player", "action"][data["player", "learned"]]
+    for action, name in enumerate(run.spec.action_group_names):
+        assert row[f"actions/{name}"] == pytest.approx((chosen == action).float().mean().item())
 
 
-@pytest.mark.parametrize("scenario", SCENARIOS)
+@pytest.mark.parametrize("scenario", ["ffa-8", "teams", "uneven", "alone"])
 def test_against_itself_the_learner_plays_every_seat_that_is_in(tmp_path, scenario):
     data = collect(make_run(tmp_path, scenario, {"latest": 1.0}))
     out = data["player", "done"].squeeze(-1)
     assert torch.equal(data["player", "learned"], ~out)
-    assert out.any() == (scenario in ("ffa-3", "ffa-4", "ffa-8", "uneven"))
+    assert out.any() == (scenario in ("ffa-8", "uneven"))
+    opponent = NO_OPPONENT if scenario in ("alone", "together") else LATEST_ID
+    assert (data["player", "opponent"] == opponent).all()
 
 
 def test_a_seat_that_is_out_plays_the_no_op_and_nobody_is_asked_for_it(tmp_path):
@@ -88,11 +87,15 @@ def test_without_rivals_the_learner_plays_alone_whatever_the_mixture(tmp_path, s
     data = collect(run)
     assert data["player", "learned"].all()
     assert (data["player", "opponent"] == NO_OPPONENT).all()
-    train(small(tmp_path / "told", scenario, frames=128))
+    row = report(run)
+    _, returns = count_by_hand(data, run.spec.team_of_seat)
+    assert row["episodes/return"] == pytest.approx(np.mean(returns), abs=1e-6)
+    assert not any(name.startswith("collect_win_rate") for name in row)
+    train_aloud(small(tmp_path / "aloud", scenario, frames=128))
     assert f"{scenario} has no rivals, so opponent.* is not used" in capsys.readouterr().out
 
 
-def test_bots_that_are_not_met_need_not_fit_the_scenario(tmp_path, monkeypatch):
+def test_bots_that_are_no_opponents_need_not_fit_the_scenario(tmp_path, monkeypatch):
     """Deep RTS's bots refuse some action spaces: that is no reason to refuse self-play."""
 
     def refuse(scenario, spec):
@@ -138,7 +141,7 @@ def test_the_step_at_which_a_seat_goes_out_is_terminal_and_its_last(tmp_path, sc
 
 @pytest.mark.parametrize("n_steps", [1, 4])
 def test_returns_of_a_seat_that_goes_out_end_with_its_last_reward(tmp_path, n_steps):
-    """Seats score 0.01 to 0.09 a step; who leaves is paid -1 once, and nothing of it follows."""
+    """Seats score 0.01 to 0.09 a step; a seat that leaves is paid -1 once, and ends."""
     learner = LearnerSettings(batch_size=16, n_steps=n_steps, gamma=0.5)
     replay = ReplaySettings(6_000, 300, min_transitions=64)  # holds all steps and ends
     run = make_run(tmp_path, "ffa-4", {"latest": 1.0}, learner=learner, replay=replay)
@@ -188,73 +191,11 @@ def test_the_generator_learns_nothing_of_seats_that_are_out(tmp_path):
     run.close()
 
 
-# --- what is counted -------------------------------------------------------------------------
-
-
-def count_by_hand(data, teams):
-    """Points of the learner's team in each game, and the plain returns of its seats."""
-    points, returns = [], []
-    for game in by_game(data):
-        owned = game["player", "learned"][0].numpy()
-        rewards = game["next", "player", "reward"].squeeze(-1).numpy()
-        returns += rewards[:, owned].sum(0).tolist()
-        winners = set(teams[rewards[-1] >= 1.0])
-        left = set(teams[~was_out(game)[-1].numpy()])
-        own = teams[owned][0]
-        if winners:
-            points.append(float(own in winners))
-        else:
-            points.append(float(own in left) / len(left))
-    return points, returns
-
-
-@pytest.mark.parametrize("scenario", ["ffa-3", "duel", "teams", "uneven"])
-def test_win_rates_are_the_points_of_the_learners_team(tmp_path, scenario):
-    run = make_run(tmp_path, scenario, {"random": 1.0})
-    teams = run.spec.team_of_seat
-    data = collect(run)
-    run.router(data[:, -1]["next"])  # the statistics hear of a step with the next
-    points, returns = count_by_hand(data, teams)
-    row = run.statistics.report(run.book.name, run.spec.action_group_names)
-    assert row["episodes/finished"] == len(points) > 30
-    assert row["collect_win_rate/random"] == pytest.approx(np.mean(points))
-    assert row["episodes/return"] == pytest.approx(np.mean(returns), abs=1e-6)
-
-
-def test_only_decisions_of_the_learners_seats_that_are_in_count_as_actions(tmp_path):
-    run = make_run(tmp_path, "ffa-4", {"scorer": 1.0})
-    data = collect(run)
-    run.router(data[:, -1]["next"])
-    row = run.statistics.report(run.book.name, run.spec.action_group_names)
-    chosen = data["player", "action"][data["player", "learned"]]
-    for action, name in enumerate(GAME.make_spec(run.scenario).action_group_names):
-        expected = (chosen == action).float().mean().item()
-        assert row[f"actions/{name}"] == pytest.approx(expected)
-
-
-def test_without_rivals_returns_are_reported_and_no_win_rates(tmp_path):
-    run = make_run(tmp_path, "alone")
-    data = collect(run)
-    run.router(data[:, -1]["next"])
-    _, returns = count_by_hand(data, run.spec.team_of_seat)
-    row = run.statistics.report(run.book.name, run.spec.action_group_names)
-    assert row["episodes/return"] == pytest.approx(np.mean(returns), abs=1e-6)
-    assert not any(name.startswith("collect_win_rate") for name in row)
-
-
 # --- whole runs ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scenario", SCENARIOS)
+@pytest.mark.parametrize("scenario", ["ffa-4", "duel", "uneven", "together"])
 def test_a_resumed_run_of_any_seats_equals_one_that_was_never_stopped(tmp_path, scenario):
-    train(small(tmp_path / "whole", scenario), show_progress=False)
-    train(small(tmp_path / "parts", scenario, frames=384), show_progress=False)
-    train(small(tmp_path / "parts", scenario), resume=True, show_progress=False)
-    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
-    logs = [read_log(tmp_path / name / "log.csv")[-1] for name in ("whole", "parts")]
+    folders = runs.train_whole_and_in_parts(tmp_path, lambda to: small(to, scenario), until=256)
+    logs = [read_log(folder / "log.csv")[-1] for folder in folders]
     assert logs[0]["updates"] == logs[1]["updates"] > 0
-
-
-def test_a_run_against_itself_keeps_the_learners_number(tmp_path):
-    data = collect(make_run(tmp_path, "teams", {"latest": 1.0}))
-    assert (data["player", "opponent"] == LATEST_ID).all()

@@ -3,18 +3,19 @@
 import dataclasses
 import os
 import shutil
-import subprocess
 import sys
 
 import pytest
 import torch
 
 from marl_cair.checkpoint import CheckpointError, load_network
+from marl_cair.cli import main
 from marl_cair.files import OutputFolderError
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.match import play_match
 from marl_cair.policies.q_network import QNetworkConfig
-from marl_cair.training.evaluation import evaluate_against_bots
+from marl_cair.training.collecting.rollout import make_rollout
+from marl_cair.training.evaluation import rate_on
 from marl_cair.training.learner import Learner
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
@@ -31,62 +32,48 @@ from marl_cair.training.settings.config import (
 )
 from marl_cair.training.settings.config_file import build_config, load_config
 from marl_cair.training.settings.learner import LearnerSettings
-from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
-from tests.training.runs import (
-    GAME,
-    NEVER,
-    digest,
-    fill_replays,
-    make_batch,
-    make_learner,
-    tiny,
-)
+from tests.training import runs
+from tests.training.runs import GAME, NEVER, digest, make_batch, make_learner, tiny, train
 
 
 @pytest.mark.parametrize("body", ["conv", pytest.param("capsule", marks=pytest.mark.slow)])
-def test_a_resumed_run_equals_one_that_was_never_stopped(tmp_path, body):
+def test_a_resumed_run_equals_one_that_was_never_stopped_and_one_of_another_seed_differs(
+    tmp_path, body
+):
+    """The learning rate falls over the whole run, also where that is trained in parts."""
     policy = QNetworkConfig(body=body, hidden_width=32, cell_values=body == "capsule")
-    train(tiny(tmp_path / "whole", policy=policy), show_progress=False)
-    train(tiny(tmp_path / "parts", 1_280, policy=policy), show_progress=False)
-    train(tiny(tmp_path / "parts", policy=policy), resume=True, show_progress=False)
-    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
+
+    def make(folder):
+        config = tiny(folder, 768, policy=policy)
+        learner = dataclasses.replace(config.learner, learning_rate_end=0.0)
+        return dataclasses.replace(config, learner=learner)
+
+    whole, _ = runs.train_whole_and_in_parts(tmp_path, make, until=512)
+    train(dataclasses.replace(make(tmp_path / "other"), seed=1))
+    assert digest(whole) != digest(tmp_path / "other")
 
 
-def test_the_same_seed_gives_the_same_run_and_another_does_not(tmp_path):
-    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
-        train(tiny(tmp_path / name, 768, seed=seed), show_progress=False)
-    assert digest(tmp_path / "a") == digest(tmp_path / "b") != digest(tmp_path / "c")
+def test_a_folder_of_another_run_is_refused_and_left_alone(finished_copy):
+    before = digest(finished_copy)
+    with pytest.raises(OutputFolderError, match="already holds this .* `marl-cair train resume="):
+        train(tiny(finished_copy, 640))
+    with pytest.raises(OutputFolderError, match=r"other settings \(seed is 0 there, 4 here\)"):
+        train(tiny(finished_copy, 640, seed=4), resume=True)
+    assert digest(finished_copy) == before
 
 
-def test_a_folder_of_another_run_is_refused_and_left_alone(tmp_path):
-    train(tiny(tmp_path / "a", 256), show_progress=False)
-    before = digest(tmp_path / "a")
-    with pytest.raises(
-        OutputFolderError,
-        match="already holds this training run: go on with `marl-cair train resume=",
-    ):
-        train(tiny(tmp_path / "a", 256), show_progress=False)
-    with pytest.raises(
-        OutputFolderError,
-        match=r"holds a training run with other settings \(seed is 0 there, 4 here\)",
-    ):
-        train(tiny(tmp_path / "a", 256, seed=4), resume=True, show_progress=False)
-    assert digest(tmp_path / "a") == before
-
-
-def test_a_cut_state_is_refused(tmp_path):
-    train(tiny(tmp_path / "a", 256), show_progress=False)
-    state = tmp_path / "a" / "resume" / "state.pt"
+def test_a_cut_state_is_refused(finished_copy):
+    state = finished_copy / "resume" / "state.pt"
     forget_checksums(state.parent)
     state.write_bytes(state.read_bytes()[: state.stat().st_size // 2])
     with pytest.raises(CheckpointError, match="is cut short"):
-        train(tiny(tmp_path / "a", 512), resume=True, show_progress=False)
+        train(tiny(finished_copy, 768), resume=True)
 
 
 def test_generated_rows_are_a_fifth_of_each_batch_only_while_the_gate_is_open(tmp_path):
     run = TrainingRun(tiny(tmp_path / "a"))
-    fill_replays(run)
+    runs.fill_replays(run)
     assert not run.replay.sample()["is_generated"].any()
     run.replay.generated_open = True
     for _ in range(5):
@@ -111,8 +98,7 @@ def test_only_the_learners_seats_are_stored_and_both_against_itself(tmp_path):
 def test_an_opponent_stays_for_the_whole_game(tmp_path):
     opponent = OpponentSettings({"random": 0.5, "counter": 0.5})
     run = TrainingRun(tiny(tmp_path / "a", opponent=opponent, synthetic_fraction=0.0))
-    batches = iter(run.collector)
-    data = torch.cat([next(batches) for _ in range(10)], 1)
+    data = runs.collect(run, 10)
     met, seat = data["player", "opponent"][..., 0], data["player", "learned"].int().argmax(-1)
     going_on = ~data["next", "done"].squeeze(-1)[:, :-1]
     assert (met[:, 1:] == met[:, :-1])[going_on].all()
@@ -120,15 +106,12 @@ def test_an_opponent_stays_for_the_whole_game(tmp_path):
     assert (~going_on).any()
     assert len(met.unique()) == 2
     assert len(seat.unique()) == 2
-    run.close()
 
 
 def test_gradients_reach_every_parameter_of_both_networks(tmp_path):
     for body in ("conv", "capsule"):
         run = TrainingRun(tiny(tmp_path / body, policy=QNetworkConfig(body=body)))
         batches = iter(run.collector)
-        from marl_cair.training.collecting.rollout import make_rollout
-
         for _ in range(3):
             run.replay.real.extend_rollout(make_rollout(next(batches), 1.0))
         learner = Learner(run.learner.network, LearnerSettings())
@@ -165,7 +148,7 @@ def test_without_decay_the_average_is_the_newest_network():
 
 @pytest.mark.parametrize("is_on", [False, True])
 def test_with_autocast_the_body_learns_in_bfloat16_and_weights_stay_float32(is_on):
-    """Who plays with them, as in evaluations, computes in float32."""
+    """Acting, as in evaluations, computes in float32."""
     learner, dtypes = make_learner(autocast=is_on), []
     for network in (learner.network, learner.average):
         network.body.dense.register_forward_hook(lambda _, inputs, out: dtypes.append(out.dtype))
@@ -194,28 +177,13 @@ def test_the_learning_rate_falls_in_a_straight_line_to_its_end():
         assert torch.equal(old, new)
 
 
-def test_a_run_in_parts_spreads_its_learning_rate_over_all_of_them(tmp_path):
-    def config(name):
-        whole = tiny(tmp_path / name, 1_024)
-        return dataclasses.replace(
-            whole, learner=dataclasses.replace(whole.learner, learning_rate_end=0.0)
-        )
-
-    train(config("whole"), show_progress=False)
-    assert train(config("parts"), show_progress=False, until_frames=512).frames == 512
-    train(config("parts"), resume=True, show_progress=False)
-    assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
-
-
-def test_the_best_agent_is_kept_and_the_bound_survives_a_resume(tmp_path):
-    config = tiny(tmp_path / "a", 256)
-    train(config, show_progress=False)
+def test_the_best_agent_is_kept_and_the_bound_survives_a_resume(finished_copy):
+    config = tiny(finished_copy, 640)
     run = TrainingRun(config, resume=True)
-    best = tmp_path / "a" / "best"
     for score, is_kept in ((0.5, True), (0.4, False), (0.5, True)):
         run.frames += 1
         run.note_score(score)
-        assert (load_network(best)[1].frames == run.frames) == is_kept
+        assert (load_network(finished_copy / "best")[1].frames == run.frames) == is_kept
     run.save_state()
     run.close()
     again = TrainingRun(config, resume=True)
@@ -227,7 +195,7 @@ def test_evaluation_rates_the_averaged_weights_and_leaves_exploration_alone(tmp_
     run = TrainingRun(tiny(tmp_path / "a"))
     assert run.rated.network is run.learner.average
     before = run.actor.state_dict()["generator"].clone()
-    evaluate_against_bots(run.rated, run.game, run.scenario, ("random",), 2, 0)
+    rate_on(run.rated, run.game, run.scenario, ("random",), 2, 0)
     assert torch.equal(run.actor.state_dict()["generator"], before)
     run.save_agent()
     saved, _ = load_network(tmp_path / "a" / "latest")
@@ -239,34 +207,38 @@ def test_evaluation_rates_the_averaged_weights_and_leaves_exploration_alone(tmp_
 def test_the_learner_beats_random_on_a_small_board(tmp_path):
     config = TrainConfig(
         out=str(tmp_path / "a"),
-        total_frames=24_576,
+        total_frames=8_192,
         torch_threads=1,
         synthetic_fraction=0.0,
-        policy=QNetworkConfig(hidden_width=64),
-        game=GameSettings(options={"rows": 8, "columns": 9}),
+        policy=QNetworkConfig(body="mlp", hidden_width=64),
+        game=GameSettings(representation="vector", options={"rows": 8, "columns": 9}),
         opponent=OpponentSettings({"random": 1.0}),
         collector=CollectorSettings(num_worlds=32, steps_per_batch=16),
-        exploration=ExplorationSettings(anneal_frames=12_000),
+        exploration=ExplorationSettings(anneal_frames=4_000),
+        replay=ReplaySettings(min_transitions=1_000),
         learner=LearnerSettings(batch_size=64, frames_per_update=16, learning_rate=1e-3),
         evaluation=EvaluationSettings(every_frames=NEVER, bots=()),
         checkpoint=CheckpointSettings(every_frames=NEVER, include_replay=False),
     )
-    train(config, show_progress=False)
+    train(config)
     agent = load_agent(tmp_path / "a" / "latest")
     scenario = GAME.scenario("10x15", **config.game.options)
     match = play_match(agent, GAME.bot("random", scenario), GAME, scenario, 60, 0)
     assert match.score >= 0.8
 
 
-def test_the_log_holds_both_kinds_of_loss_and_the_action_shares(tmp_path, monkeypatch):
-    monkeypatch.setattr("marl_cair.training.trainer.LOG_EVERY_FRAMES", 2_000)
-    train(tiny(tmp_path / "a", 2_048), show_progress=False)
-    row = read_log(tmp_path / "a" / "log.csv")[-1]
-    assert row["frames"] == 2_048
-    assert {"td_error/real", "loss/all", "frames_per_second", "gate/passed"} <= set(row)
-    shares = [value for name, value in row.items() if name.startswith("actions/")]
+def test_the_log_holds_losses_action_shares_and_the_speed_of_each_sitting(finished_copy):
+    """The gate was evaluated once, at 512 steps."""
+    train(tiny(finished_copy, 768), resume=True)
+    rows = read_log(finished_copy / "log.csv")
+    assert [row["frames"] for row in rows] == [640, 768]
+    assert {"td_error/real", "loss/all", "gate/passed"} <= set(rows[0])
+    shares = [value for name, value in rows[0].items() if name.startswith("actions/")]
     assert sum(shares) == pytest.approx(1.0)
-    assert (tmp_path / "a" / "snapshots" / "frames_0000000512" / "agent.json").is_file()
+    for row, frames in zip(rows, (640, 128), strict=True):
+        seconds = sum(value for name, value in row.items() if name.startswith("seconds/"))
+        assert row["frames_per_second"] == pytest.approx(frames / seconds)
+    assert (finished_copy / "snapshots" / "frames_0000000384" / "agent.json").is_file()
 
 
 @pytest.mark.parametrize(
@@ -280,18 +252,12 @@ def test_the_log_holds_both_kinds_of_loss_and_the_action_shares(tmp_path, monkey
         (lambda: OpponentSettings({}), "one or more weights"),
         (lambda: OpponentSettings({"random": -1.0}), "it must be 0 or more"),
         (lambda: TrainConfig(opponent=OpponentSettings({"conter": 1.0})), "nearest are 'counter'"),
+        (lambda: opposed(mixture={"pool": 1.0}), "opponent.mixture is 'pool', .* 'uniform' now"),
         (
-            lambda: TrainConfig(opponent=OpponentSettings({"pool": 1.0})),
-            "opponent.mixture is 'pool', it must be called 'uniform' now",
+            lambda: opposed(warmup_mixture={"scripted": 1}),
+            "is 'scripted', .* 'bots' now",
         ),
-        (
-            lambda: TrainConfig(opponent=OpponentSettings(warmup_mixture={"scripted": 1.0})),
-            "opponent.warmup_mixture is 'scripted', it must be called 'bots' now",
-        ),
-        (
-            lambda: build_config({"opponent": {"pool_recency": 3.0}}),
-            "opponent.pool_recency is called opponent.recency now; a run of a marl_cair from bef",
-        ),
+        (lambda: build_config({"opponent": {"pool_recency": 3.0}}), "called opponent.recency now"),
         (lambda: LearnerSettings(gamma=1.5), "learner.gamma is 1.5"),
         (lambda: LearnerSettings(target="sof"), "nearest are 'soft'"),
         (lambda: ReplaySettings(10, min_transitions=20), "it must be 20 or more"),
@@ -305,21 +271,22 @@ def test_the_log_holds_both_kinds_of_loss_and_the_action_shares(tmp_path, monkey
         (lambda: OpponentSettings(snapshot_margin=0.5), "opponent.snapshot_margin is 0.5"),
         (lambda: OpponentSettings(prior_games=0), "opponent.prior_games is 0"),
         (lambda: OpponentSettings(agents={"pfsp": "a:b"}), "opponent.agents is 'pfsp'"),
-        (
-            lambda: TrainConfig(opponent=OpponentSettings(agents={"counter": "a:b"})),
-            "opponent.agents is 'counter', it must be another name than the game's bots have",
-        ),
+        (lambda: opposed(agents={"counter": "a:b"}), "agents is 'counter', .* bots have"),
         (lambda: GameSettings(options={"reward": "sparse"}), "left out: set game.reward"),
         (lambda: GameSettings(options={"shaping_discount": 0.9}), "left out: set learner.gamma"),
         (
             lambda: GameSettings("deep_rts", "1v1-15x15", options={"actions": "grid"}),
-            r"game.options.actions is 'grid', .* one action in each decision: set it to 'unit'",
+            r"game.options.actions is 'grid', .* one action per step: set it to 'unit'",
         ),
     ],
 )
 def test_bad_settings_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def opposed(**changes):
+    return TrainConfig(opponent=OpponentSettings(**changes))
 
 
 def test_the_generator_needs_planes_frames_or_a_vector(tmp_path):
@@ -330,64 +297,56 @@ def test_the_generator_needs_planes_frames_or_a_vector(tmp_path):
         TrainingRun(tiny(tmp_path / "a", game=settings))
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no limit on the size of files")
-def test_a_full_disk_ends_the_run_with_a_clear_error_and_keeps_what_was_saved(tmp_path):
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="limits the files of a forked process")
+def test_a_full_disk_ends_the_run_with_a_clear_error_and_keeps_what_was_saved(finished_copy, capfd):
     """The operating system refuses the write, as it does on a full disk."""
-    folder = tmp_path / "a"
-    train(tiny(folder, 256), show_progress=False)
-    before = digest(folder)
-    script = (
-        "import resource, sys\n"
-        "from marl_cair.cli import main\n"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))\n"
-        "sys.exit(main(['train', *sys.argv[1:]]))"
-    )
-    command = [sys.executable, "-c", script, f"resume={folder}", "total_frames=512"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2, done.stderr
-    assert "could not be written, the disk is full" in done.stderr
-    assert "Traceback" not in done.stderr
-    assert digest(folder) == before
-    assert not list(folder.rglob("*unfinished*"))
-    train(tiny(folder, 512), resume=True, show_progress=False)
+    import resource
+
+    before = digest(finished_copy)
+    child = os.fork()
+    if child == 0:
+        code = 99
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+            code = main(["train", f"resume={finished_copy}", "total_frames=768"])
+            sys.stderr.flush()
+        finally:
+            os._exit(code)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 2
+    error = capfd.readouterr().err
+    assert "could not be written, the disk is full" in error
+    assert "Traceback" not in error
+    assert digest(finished_copy) == before
+    assert not list(finished_copy.rglob("*unfinished*"))
+    train(tiny(finished_copy, 768), resume=True)
 
 
-def test_settings_that_no_run_can_have_leave_the_folder_free(tmp_path):
-    """A network that cannot read the observation is found before the folder is claimed."""
-    settings = GameSettings(scenario="11x11", representation="vector")
-    generator = GeneratorSettings(name="none")
-    with pytest.raises(ValueError, match="use body='mlp'"):
-        train(tiny(tmp_path / "a", game=settings, generator=generator), show_progress=False)
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        # A network that cannot read the observation.
+        ({"game": GameSettings(scenario="11x11", representation="vector")}, "use body='mlp'"),
+        (
+            {
+                "game": GameSettings("deep_rts", "1v1-15x15", options={"actions": "classic"}),
+                "evaluation": EvaluationSettings(bots=("random", "mixed")),
+            },
+            "actions",
+        ),
+    ],
+)
+def test_settings_that_no_run_can_have_leave_the_folder_free(tmp_path, changes, message):
+    changes |= {"generator": GeneratorSettings("none"), "opponent": OpponentSettings({"random": 1})}
+    with pytest.raises(ValueError, match=message):
+        train(tiny(tmp_path / "a", **changes))
     assert not (tmp_path / "a").exists()
 
 
-def test_bots_that_cannot_play_what_is_rated_are_refused_before_anything_is_played(tmp_path):
-    game = GameSettings(name="deep_rts", scenario="1v1-15x15", options={"actions": "classic"})
-    rated = EvaluationSettings(bots=("random", "mixed"))
-    config = tiny(
-        tmp_path / "a", game=game, evaluation=rated, opponent=OpponentSettings({"random": 1.0})
-    )
-    with pytest.raises(ValueError, match="actions"):
-        train(config, show_progress=False)
-    assert not (tmp_path / "a").exists()
-
-
-def test_a_moved_run_goes_on_where_it_lies_now(tmp_path):
-    train(tiny(tmp_path / "a", 256), show_progress=False)
-    shutil.copytree(tmp_path / "a", tmp_path / "b")
-    before = digest(tmp_path / "a")
-    config = dataclasses.replace(load_config(tmp_path / "b"), total_frames=512)
+def test_a_moved_run_resumes_where_it_lies_now(finished, tmp_path):
+    shutil.copytree(finished, tmp_path / "b")
+    before = digest(finished)
+    config = dataclasses.replace(load_config(tmp_path / "b"), total_frames=768)
     assert config.out == str(tmp_path / "b")
-    train(config, resume=True, show_progress=False)
-    assert digest(tmp_path / "a") == before != digest(tmp_path / "b")
-    assert load_config(tmp_path / "b").total_frames == 512
-
-
-def test_speed_in_the_log_counts_the_frames_of_its_own_sitting(tmp_path):
-    for frames in (256, 512):
-        train(tiny(tmp_path / "a", frames), resume=True, show_progress=False)
-    rows = read_log(tmp_path / "a" / "log.csv")
-    assert [row["frames"] for row in rows] == [256, 512]
-    for row in rows:
-        seconds = sum(value for name, value in row.items() if name.startswith("seconds/"))
-        assert row["frames_per_second"] == pytest.approx(256 / seconds)
+    train(config, resume=True)
+    assert digest(finished) == before != digest(tmp_path / "b")
+    assert load_config(tmp_path / "b").total_frames == 768

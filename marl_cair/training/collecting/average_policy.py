@@ -1,28 +1,31 @@
-"""`AveragePolicy`: a network that learns what the Q-network has answered since the beginning."""
+"""Neural fictitious self-play: the average policy, and which policy plays a game."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from marl_cair.games.torchrl_env import GROUP
+from marl_cair.policies.actor import PolicyActor
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.reservoir import Reservoir
-from marl_cair.training.settings.nfsp import NfspSettings
+from marl_cair.training.settings.config import ExplorationSettings
+from marl_cair.training.settings.learner import NfspSettings
 
 
 class AveragePolicy:
     """The supervised half of neural fictitious self-play (Heinrich and Silver 2016, algorithm 1).
 
-    Its rows are the learner's own decisions in games that its Q-network plays: real ones alone, and
-    none of a demonstrator. Decisions with one legal action say nothing and are left out.
+    Its rows are the learner's own decisions in games that its Q-network plays: no generated ones,
+    and none of a demonstrator. Decisions with one legal action are left out.
 
     Args:
         network: its outputs are the logits of the actions, softmax over the legal ones.
@@ -36,14 +39,14 @@ class AveragePolicy:
         self.updates = 0
 
     def remember(self, data: TensorDictBase) -> None:
-        """Take in what the collector brought, TensorDict [B, T] with "answered" bool [B, T, P]."""
+        """Add rows from a collected TensorDict [B, T] with "answered" bool [B, T, P]."""
         group = data[GROUP]
         mask = group["action_mask"]
         rows = group["answered"] & (mask.sum(-1) > 1)
         self.reservoir.extend(group["observation"][rows], mask[rows], group["action"][rows])
 
     def learn(self, num_updates: int) -> list[dict[str, Tensor | float]]:
-        """That many gradient steps, none while the reservoir is too empty; scalars of each."""
+        """Take gradient steps, none while the reservoir is too empty; returns scalars of each."""
         if len(self.reservoir) < self.settings.min_rows:
             return []
         batch_size = self.settings.batch_size
@@ -74,10 +77,30 @@ class AveragePolicy:
         restore_optimizer(self._optimizer, state["optimizer"], "average_policy.optimizer")
         self.updates = read_number(state, "updates", COUNT)
 
-    def save_rows(self, folder: Path) -> None:
-        """Write the reservoir to `folder`."""
-        self.reservoir.save(folder)
 
-    def load_rows(self, folder: Path) -> None:
-        """Read what `save_rows` wrote. Raises ValueError where the layout differs."""
-        self.reservoir.load(folder)
+class OwnPolicies(NamedTuple):
+    """The learner's policies in its own seats."""
+
+    answer: PolicyActor  # the Q-network, greedy but for `exploration`
+    exploration: ExplorationSettings
+    average: PolicyActor | None = None  # of NFSP; None: the Q-network always plays
+    eta: float = 1.0  # share of games, drawn for each team, in which the Q-network plays
+
+    def draw_answering(
+        self, rng: np.random.Generator, num_games: int, num_teams: int
+    ) -> NDArray[np.bool_]:
+        """Whether the Q-network plays, bool [num_games, num_teams]; no draw without an average."""
+        if self.average is None:
+            return np.ones((num_games, num_teams), np.bool_)
+        return rng.random((num_games, num_teams)) < self.eta
+
+    def state_dict(self) -> dict[str, Any]:
+        """The random generators of both."""
+        average = None if self.average is None else self.average.state_dict()
+        return {"answer": self.answer.state_dict(), "average": average}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from `state_dict`."""
+        self.answer.load_state_dict(state["answer"])
+        if self.average is not None:
+            self.average.load_state_dict(state["average"])

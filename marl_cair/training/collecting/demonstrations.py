@@ -1,4 +1,4 @@
-"""Who plays the learner's seats in a share of the games, for the learner to learn from."""
+"""Demonstrators: bots and agents that play the learner's seats in a share of the games."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ NOBODY = -1
 
 
 class Demonstrators:
-    """Who plays the learner's team in each world, drawn anew when its game begins.
+    """Draws the demonstrator of each world when its game begins.
 
-    With `turn_decisions` also within games: one then shows what to do where the learner has come
-    to, and the learner goes on from where that one has led. With `advise` one tells what it would
-    do wherever none plays (as in DAgger, Ross et al. 2011).
+    With `turn_decisions` it also draws within games: a demonstrator then continues from states that
+    the learner has reached, and the learner from the demonstrator's. With `advise` a demonstrator
+    gives its own action wherever none plays (as in DAgger, Ross et al. 2011).
 
     Args:
         settings: bots and other agents, and their share of the games.
@@ -46,33 +46,38 @@ class Demonstrators:
         self.settings = settings
         self.agents: list[Agent] = [game.bot(name, scenario) for name in settings.bots]
         for name, source in settings.agents.items():
-            agent = load_agent(source, game.name, scenario)
+            agent, place = load_agent(source, game.name, scenario), f"demonstration.agents.{name}"
             allowed = "an agent that is no mixture: give one of its members"
-            require(
-                not isinstance(agent, MixedAgent), f"demonstration.agents.{name}", source, allowed
-            )
+            require(not isinstance(agent, MixedAgent), place, source, allowed)
             agent.name = name
             self.agents.append(agent)
         for number, agent in enumerate(self.agents, start=1):
             agent.seed(seed + number)
         self._rng = np.random.default_rng(seed)
         self.playing = np.full(num_worlds, NOBODY, np.int8)  # [B], index into `agents`
-        self.telling = self.playing.copy()  # [B], the same: who plays, or may advise
+        self.telling = self.playing.copy()  # [B], the same: the one that plays or may advise
         self._decisions_left = np.zeros(num_worlds, np.int64)  # of the turn under way
 
     @property
     def representations(self) -> set[str]:
-        """What they look at."""
+        """Their representations."""
         return {agent.representation for agent in self.agents}
 
     def draw(self, starting: NDArray[np.bool_], frames: int) -> None:
-        """Choose for the worlds [B] whose game begins now, or whose turn is over.
+        """Draw for the worlds [B] whose game begins now, or whose turn is over.
 
-        To be called before each decision.
+        To be called before each step.
         """
         if not self.agents:
             return
-        starting = self._begin_turns(starting)
+        turn, left = self.settings.turn_decisions, self._decisions_left
+        if turn is not None:
+            beginning = starting | (left == 0)
+            left[beginning] = turn
+            # A game's first turn has any length: else all worlds would change at the same step.
+            left[starting] = self._rng.integers(1, turn + 1, int(starting.sum()))
+            left -= 1
+            starting = beginning
         count, until = int(starting.sum()), self.settings.until_frames
         if count == 0:
             return
@@ -84,21 +89,8 @@ class Demonstrators:
         self.telling[starting] = chosen
         self.playing[starting] = np.where(shown, chosen, NOBODY)
 
-    def _begin_turns(self, starting: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """The worlds [B] in which a turn begins. A game's first turn is of any length up to the
-        whole one: else all worlds would change hands at once.
-        """
-        turn = self.settings.turn_decisions
-        if turn is None:
-            return starting
-        beginning: NDArray[np.bool_] = starting | (self._decisions_left == 0)
-        self._decisions_left[beginning] = turn
-        self._decisions_left[starting] = self._rng.integers(1, turn + 1, int(starting.sum()))
-        self._decisions_left -= 1
-        return beginning
-
     def state_dict(self) -> dict[str, Any]:
-        """Draws, games under way and the demonstrators' generators, as plain data."""
+        """Draws, games in progress and the demonstrators' generators, as plain data."""
         return {
             "rng": export_rng(self._rng),
             "playing": self.playing.tolist(),
@@ -108,7 +100,7 @@ class Demonstrators:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from `state_dict`. Raises ValueError for what no games can be."""
+        """Continue from `state_dict`. Raises ValueError for a state that no games can have."""
         import_rng(self._rng, state["rng"])
         agents = Range(NOBODY, len(self.agents) - 1)
         for name, own, allowed in (

@@ -1,4 +1,4 @@
-"""What a run measures of itself: episode statistics, means, timers."""
+"""Metrics of a training run: episode statistics, running means and timers."""
 
 from __future__ import annotations
 
@@ -12,19 +12,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from marl_cair import ranges
 from marl_cair.games.game import NO_WINNER, GameSpec
 from marl_cair.games.torchrl_env import LastStep
 from marl_cair.league.play.standings import share_points
-from marl_cair.ranges import (
-    COUNT,
-    MOST,
-    SCORE,
-    Range,
-    check_number,
-    read_number,
-    read_numbers,
-    take_arrays,
-)
+from marl_cair.ranges import COUNT, MOST, SCORE, Range
 from marl_cair.self_play.win_rates import OPPONENT
 from marl_cair.training.collecting.opponents import Meeting
 
@@ -40,7 +32,7 @@ _RANGES = {  # of saved arrays
 
 
 class Decisions(NamedTuple):
-    """What all seats of all worlds did at one decision."""
+    """One step of all seats of all worlds; the arrays are overwritten at the next step."""
 
     actions: NDArray[np.int64]  # [B, P]
     owned: NDArray[np.bool_]  # [B, P] seats of the learner
@@ -48,16 +40,16 @@ class Decisions(NamedTuple):
     assisted: NDArray[np.bool_]  # [B, P] those that a demonstrator has played in this game
     out: NDArray[np.bool_]  # [B, P] seats that were out by then
     team: NDArray[np.int64]  # [B] the learner's
-    opponent: NDArray[np.int16]  # [B, P] who plays the seat; of the learner's team LATEST_ID
+    opponent: NDArray[np.int16]  # [B, P] number of the seat's policy; of the learner's LATEST_ID
 
 
 def find_meetings(
     taken: Decisions, last: LastStep, team_of_seat: NDArray[np.int64]
 ) -> list[Meeting]:
-    """The learner beside each rival team of the games that have just ended.
+    """The learner's result against each rival team of the games that have just ended.
 
     Teams that the learner plays too are no rivals, and games in which a demonstrator played for it
-    are not its own.
+    do not count.
     """
     meetings = []
     ended = np.flatnonzero(last.ended & ~taken.assisted.any(1))
@@ -92,13 +84,15 @@ class EpisodeStatistics:
         self, num_worlds: int, spec: GameSpec, gamma: float, reward_scale: float = 1.0
     ) -> None:
         seats = (num_worlds, spec.num_players)
-        self._gamma, self._reward_scale = gamma, reward_scale
-        self._groups = spec.action_groups
-        self._first_value = np.zeros(seats)
-        self._return = np.zeros(seats)
-        self._reward_sum = np.zeros(seats)
-        self._discount = np.ones(seats)
-        self._decisions = np.zeros(num_worlds, np.int64)
+        self._gamma, self._reward_scale, self._groups = gamma, reward_scale, spec.action_groups
+        self._running: dict[str, NDArray[Any]] = {
+            "first_value": np.zeros(seats),
+            "return": np.zeros(seats),
+            "reward_sum": np.zeros(seats),
+            "discount": np.ones(seats),
+            "decisions": np.zeros(num_worlds, np.int64),
+            "actions": np.zeros(int(self._groups.max()) + 1, np.int64),
+        }
         self._clear()
 
     def _clear(self) -> None:
@@ -108,45 +102,45 @@ class EpisodeStatistics:
         self._shown_sums: list[float] = []
         self._lengths: list[int] = []
         self._num_drawn = 0
-        self._actions = np.zeros(int(self._groups.max()) + 1, np.int64)
+        self._running["actions"][:] = 0
 
     def note_first_values(
         self, starting: NDArray[np.bool_], learned: NDArray[np.bool_], best: NDArray[np.float32]
     ) -> None:
         """Games [B] that begin: best legal values of the learned seats, in `learned` order."""
-        values = np.zeros(learned.shape)
+        values, running = np.zeros(learned.shape), self._running
         values[learned] = best
-        self._first_value[starting] = values[starting]
-        self._return[starting] = 0.0
-        self._reward_sum[starting] = 0.0
-        self._discount[starting] = 1.0
-        self._decisions[starting] = 0
+        running["first_value"][starting] = values[starting]
+        for name in ("return", "reward_sum", "decisions"):
+            running[name][starting] = 0
+        running["discount"][starting] = 1.0
 
     def note_step(self, taken: Decisions, last: LastStep, meetings: Iterable[Meeting]) -> None:
-        """One decision of all worlds, and what it brought; `meetings` as `find_meetings` tells."""
-        self._return += self._discount * self._reward_scale * last.rewards
-        self._reward_sum += last.rewards
-        self._discount *= self._gamma
-        self._decisions += 1
+        """Add one step of all worlds with its outcome; `meetings` from `find_meetings`."""
+        running = self._running
+        running["return"] += running["discount"] * self._reward_scale * last.rewards
+        running["reward_sum"] += last.rewards
+        running["discount"] *= self._gamma
+        running["decisions"] += 1
         own = taken.owned & ~taken.shown
         kinds = self._groups[taken.actions[own & ~taken.out]]
-        self._actions += np.bincount(kinds, minlength=len(self._actions))
+        running["actions"] += np.bincount(kinds, minlength=len(running["actions"]))
         for met in meetings:
             self._results.setdefault(met.opponent, []).append(met.points)
         for world in np.flatnonzero(last.ended).tolist():
-            assisted = taken.assisted[world]
-            self._shown_sums += self._reward_sum[world, assisted].tolist()
+            assisted, sums = taken.assisted[world], running["reward_sum"][world]
+            self._shown_sums += sums[assisted].tolist()
             seats = np.flatnonzero(taken.owned[world] & ~assisted)
             if not len(seats):
                 continue
-            excess = self._first_value[world, seats] - self._return[world, seats]
+            excess = running["first_value"][world, seats] - running["return"][world, seats]
             self._excess += excess.tolist()
-            self._reward_sums += self._reward_sum[world, seats].tolist()
-            self._lengths.append(int(self._decisions[world]))
+            self._reward_sums += sums[seats].tolist()
+            self._lengths.append(int(running["decisions"][world]))
             self._num_drawn += int(last.winner[world] == NO_WINNER)
 
     def report(self, name: Callable[[int], str], group_names: tuple[str, ...]) -> dict[str, float]:
-        """Means since the last report, by log name; forgets them. `name` is of a number."""
+        """Means since the last report, by log name. `name`: from an opponent's number."""
         row: dict[str, float] = {"episodes/finished": len(self._lengths)}
         if self._lengths:
             row["episodes/decisions"] = float(np.mean(self._lengths))
@@ -160,27 +154,17 @@ class EpisodeStatistics:
             by_name.setdefault(name(number), []).extend(results)
         for opponent, results in by_name.items():
             row[f"collect_win_rate/{opponent}"] = float(np.mean(results))
-        total = max(1, int(self._actions.sum()))
-        for kind, count in zip(group_names, self._actions.tolist(), strict=True):
+        actions = self._running["actions"]
+        total = max(1, int(actions.sum()))
+        for kind, count in zip(group_names, actions.tolist(), strict=True):
             row[f"actions/{kind}"] = count / total
         self._clear()
         return row
 
-    def _arrays(self) -> dict[str, NDArray[Any]]:
-        return {
-            "first_value": self._first_value,
-            "return": self._return,
-            "reward_sum": self._reward_sum,
-            "discount": self._discount,
-            "decisions": self._decisions,
-            "actions": self._actions,
-        }
-
     def export_state(self) -> dict[str, Any]:
         """Running games and unreported ones as tensors and plain data."""
-        arrays = self._arrays()
         return {
-            "arrays": {name: torch.from_numpy(value.copy()) for name, value in arrays.items()},
+            "arrays": {name: torch.tensor(value) for name, value in self._running.items()},
             "results": {number: list(values) for number, values in self._results.items()},
             "excess": list(self._excess),
             "reward_sums": list(self._reward_sums),
@@ -191,25 +175,22 @@ class EpisodeStatistics:
 
     def import_state(self, state: Mapping[str, Any]) -> None:
         """Continue from `export_state`."""
-        arrays = take_arrays(state["arrays"], self._arrays(), _RANGES)
-        self._first_value, self._return = arrays["first_value"], arrays["return"]
-        self._discount, self._decisions = arrays["discount"], arrays["decisions"]
-        self._reward_sum, self._actions = arrays["reward_sum"], arrays["actions"]
+        self._running = ranges.take_arrays(state["arrays"], self._running, _RANGES)
         self._results = {
-            check_number(number, "the number of an opponent", OPPONENT): read_numbers(
+            ranges.check_number(number, "the number of an opponent", OPPONENT): ranges.read_numbers(
                 points, "results", SCORE
             )
             for number, points in state["results"].items()
         }
-        self._excess = read_numbers(state["excess"], "excess", _VALUE)
-        self._lengths = read_numbers(state["lengths"], "lengths", COUNT)
-        self._reward_sums = read_numbers(state["reward_sums"], "reward_sums", _VALUE)
-        self._shown_sums = read_numbers(state["shown_sums"], "shown_sums", _VALUE)
-        self._num_drawn = read_number(state, "num_drawn", COUNT)
+        self._excess = ranges.read_numbers(state["excess"], "excess", _VALUE)
+        self._lengths = ranges.read_numbers(state["lengths"], "lengths", COUNT)
+        self._reward_sums = ranges.read_numbers(state["reward_sums"], "reward_sums", _VALUE)
+        self._shown_sums = ranges.read_numbers(state["shown_sums"], "shown_sums", _VALUE)
+        self._num_drawn = ranges.read_number(state, "num_drawn", COUNT)
 
 
 class RunningMeans:
-    """Means of scalars by name; tensors are read only when reported, which spares the loop."""
+    """Means of scalars by name; tensors are read only when reported, to avoid waiting for them."""
 
     def __init__(self) -> None:
         self._sums: dict[str, Tensor | float] = {}
@@ -222,7 +203,7 @@ class RunningMeans:
             self._counts[name] = self._counts.get(name, 0) + 1
 
     def report(self) -> dict[str, float]:
-        """Means since the last report; forgets them."""
+        """Means since the last report."""
         means = {name: float(total) / self._counts[name] for name, total in self._sums.items()}
         self._sums, self._counts = {}, {}
         return means
@@ -233,9 +214,8 @@ class RunningMeans:
 
     def import_state(self, state: Mapping[str, Any]) -> None:
         """Continue from `export_state`."""
-        counts = {
-            name: read_number(state["counts"], name, Range(1, MOST)) for name in state["sums"]
-        }
+        least = Range(1, MOST)
+        counts = {n: ranges.read_number(state["counts"], n, least) for n in state["sums"]}
         for name, total in state["sums"].items():
             if not isinstance(name, str) or not _is_single(total):
                 raise ValueError(f"the sum {name!r:.80} is no number by name")
@@ -261,8 +241,7 @@ class Timers:
         try:
             yield
         finally:
-            elapsed = time.perf_counter() - start
-            self._seconds[part] = self._seconds.get(part, 0.0) + elapsed
+            self._seconds[part] = self._seconds.get(part, 0.0) + time.perf_counter() - start
 
     def report(self, frames: int) -> dict[str, float]:
         """Seconds by part and frames per second of the whole since the last report."""

@@ -1,4 +1,4 @@
-"""Who plays the other teams: opponents of each world, drawn anew when its game begins."""
+"""Opponents of a training run: draws one for each game, and records the win rates."""
 
 from __future__ import annotations
 
@@ -18,47 +18,36 @@ from marl_cair.league.play.arena import Load
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.ranges import COUNT, FLAG, MOST, WEIGHT, Range, read_number, read_numbers
 from marl_cair.replay.transition import NO_OPPONENT
+from marl_cair.self_play import samplers
 from marl_cair.self_play.live_rating import LiveRating
 from marl_cair.self_play.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Member, Pool
-from marl_cair.self_play.samplers import (
-    BOTS,
-    LATEST_ID,
-    LEAGUE_SAMPLERS,
-    PFSP_BOTS,
-    SamplerOptions,
-    draw_evenly,
-    mix,
-    read_standings,
-)
+from marl_cair.self_play.samplers import BOTS, LATEST_ID, PFSP_BOTS, SamplerOptions
 from marl_cair.self_play.shared_folder import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, LeagueSeat
 from marl_cair.self_play.win_rates import EVEN, OPPONENT, BettingTest, WinRecords
 from marl_cair.training.settings.checks import require
 from marl_cair.training.settings.config import OpponentSettings
 
-SNAPSHOTS = "pool"  # how the log calls all of them together
-# A margin that is kept up earns no more snapshots than this share of those by the clock allows.
-_SOONEST_SNAPSHOT = 0.25
-# Of freezing a learner before its time that does not beat the pool's best by the margin.
-SNAPSHOT_ERROR = 0.025
+SNAPSHOTS = "pool"  # the name of all snapshots together in the log
+_SOONEST_SNAPSHOT = 0.25  # of snapshot_every_frames, after which a win rate may earn a snapshot
+SNAPSHOT_ERROR = 0.025  # chance of an early snapshot of a learner that is not better by the margin
 
 
 class Meeting(NamedTuple):
-    """One opponent's team in a finished game of the learner."""
+    """The result of the learner's team against one opponent's in a finished game."""
 
     opponent: int
-    score: float  # the learner's team beside that one: 1 ahead, 0 behind, 1/2 level
+    score: float  # 1 if the learner's team is ahead of that one, 0 behind, 1/2 level
     points: float  # of the learner's team in the whole game
 
 
 class OpponentBook:
-    """All opponents of a run by number, what the learner has won against each, and the draws.
+    """All opponents of a run by number, the learner's win rates against them, and the draws.
 
     `latest`, bots and foreign agents are drawn game by game. Of the snapshots a line-up plays for
-    a while (`pool_active` draws, as each forward pass costs the same however few games it serves),
-    drawn anew every `redraw_every_frames` and with each snapshot, when the win rates are read too.
+    a while (`pool_active` draws, as each forward pass costs the same for any number of games),
+    drawn again every `redraw_every_frames` and with each snapshot, when the win rates are read too.
 
-    Where all seats are of one team (one-player scenarios) there is nobody to meet: every draw is
-    NO_OPPONENT, whatever the settings say.
+    In scenarios of one team there are no opponents: every draw is NO_OPPONENT.
 
     Args:
         settings: mixture, samplers and pool.
@@ -85,12 +74,12 @@ class OpponentBook:
         self.seat, self._seed = seat, seed
         for name in settings.find_names() if seat is None else ():
             allowed = "another sampler outside a league (`marl-cair league train`)"
-            require(name not in LEAGUE_SAMPLERS, "opponent.mixture", name, allowed)
-        self.is_over = False  # in a league: a player was frozen, and the learner begins anew
+            require(name not in samplers.LEAGUE_SAMPLERS, "opponent.mixture", name, allowed)
+        self.is_over = False  # in a league: a player was frozen, and the learner is reset
         self.is_alone = game.make_spec(scenario).num_teams == 1
         self.live_rating = LiveRating()
         self.records = WinRecords(settings.half_life_frames, settings.prior_games)
-        # Of a snapshot only what it played itself, nearly: older games are those of other policies.
+        # Of the newest policy alone, nearly: older games are those of other policies.
         self._since_snapshot = WinRecords(settings.half_life_frames, settings.prior_games)
         bar = EVEN + (settings.snapshot_margin or 0.0)
         self._bets = BettingTest(bar, SNAPSHOT_ERROR)
@@ -108,28 +97,21 @@ class OpponentBook:
                     live = load_agent(path, game.name, scenario)
                     live.seed(seed + place)
                     self.pool.add_live(place, seat.mains[place], live)
-        self._numbers: list[int] = []  # who is drawn now, and how often
+        self._numbers: list[int] = []  # of the opponents that are drawn now
         self._probabilities: list[float] = []
-        self._drawn_for = (-1, -1)  # period and phase that the line-up is of
+        self._drawn_for = (-1, -1)  # period and phase of the line-up
         self._last_snapshot_frames = 0
         self._rng = np.random.default_rng(seed)
 
     @property
     def representations(self) -> set[str]:
-        """What bots and foreign agents look at."""
+        """Representations of bots and foreign agents."""
         members = (kept for kept in self.pool.members if kept.kind != SNAPSHOT)
         return {self.pool.agent(member.number).representation for member in members}
 
-    @property
-    def line_up(self) -> list[int]:
-        """Numbers that are drawn now."""
-        return sorted(set(self._numbers))
-
     def name(self, number: int) -> str:
-        """How the log calls a member of the pool: snapshots have one name together."""
+        """The name of a member of the pool in the log: snapshots share one."""
         return SNAPSHOTS if self.pool.is_snapshot(number) else self.pool.name(number)
-
-    # --- draws -------------------------------------------------------------------------------
 
     def draw(self, count: int, frames: int) -> NDArray[np.int16]:
         """Opponents for `count` teams whose games begin now, int16 [count]."""
@@ -146,8 +128,8 @@ class OpponentBook:
     def _draw_line_up(self, frames: int) -> None:
         is_warm = frames >= self.settings.warmup_frames
         mixture = self.settings.mixture if is_warm else self.settings.warmup_mixture
-        standings = read_standings(self.pool, self.records, frames)
-        probabilities = mix(mixture, standings, self._options)
+        standings = samplers.read_standings(self.pool, self.records, frames)
+        probabilities = samplers.mix(mixture, standings, self._options)
         snapshots = np.array([self.pool.is_snapshot(int(n)) for n in standings.numbers])
         direct = np.flatnonzero(~snapshots & (probabilities > 0))
         self._numbers = standings.numbers[direct].tolist()
@@ -156,13 +138,11 @@ class OpponentBook:
         if share > 0:
             numbers, weights = standings.numbers[snapshots].tolist(), probabilities[snapshots]
             slots = self.settings.pool_active
-            self._numbers += draw_evenly(self._rng, numbers, weights, slots)
+            self._numbers += samplers.draw_evenly(self._rng, numbers, weights, slots)
             self._probabilities += [share / slots] * slots
 
-    # --- outcomes ----------------------------------------------------------------------------
-
     def note(self, meetings: Iterable[Meeting], frames: int) -> None:
-        """Book the outcomes of games that ended at `frames` to those who played them."""
+        """Record the results of games that ended at `frames`."""
         for opponent, score, _ in meetings:
             self._bets.book(opponent, score, self.records.estimate(opponent, frames))
             self.records.book(opponent, score, frames)
@@ -171,9 +151,9 @@ class OpponentBook:
 
     def beats_the_best(self, frames: int) -> bool:
         """Whether the learner's win rate against the pool's best snapshot is above 1/2 by the
-        margin, and the last snapshot is not of just now. However often this is asked between two
-        snapshots, with SNAPSHOT_ERROR at most it is said of a learner that is not. A main exploiter
-        has to beat every main agent so, a league exploiter every player in the pool.
+        margin, and the last snapshot is not recent. SNAPSHOT_ERROR bounds the chance of a wrong
+        yes between two snapshots, however often this is called. A main exploiter has to beat every
+        main agent so, a league exploiter every player in the pool.
         """
         margin, rivals = self.settings.snapshot_margin, self._find_bar()
         soonest = _SOONEST_SNAPSHOT * self.settings.snapshot_every_frames
@@ -182,7 +162,7 @@ class OpponentBook:
         return all(self._bets.is_above(rival.number) for rival in rivals)
 
     def _find_bar(self) -> list[Member]:
-        """Whom the learner has to beat for a snapshot before its time."""
+        """Opponents that the learner has to beat for an early snapshot."""
         role = self.seat.role if self.seat else MAIN
         if role == MAIN_EXPLOITER:
             return [kept for kept in self.pool.members if kept.kind == LIVE]
@@ -191,10 +171,8 @@ class OpponentBook:
         best = self.pool.best_snapshot()
         return [best] if best else []
 
-    # --- the league --------------------------------------------------------------------------
-
     def join_league(self) -> None:
-        """Take in what the other learners have frozen since; without a league, nothing."""
+        """Adopt players that other learners of the league have frozen since."""
         if self.seat is None or self.is_alone:
             return
         new = [player for player in self.seat.find_new_players() if self.pool.adopt(player)]
@@ -203,7 +181,7 @@ class OpponentBook:
             self._drawn_for = (-1, -1)
 
     def publish(self, network: QNetwork, about: AgentDescription) -> None:
-        """Show the league the learner as it is, and what it has to show against everybody."""
+        """Write the learner's newest policy and its records for the league."""
         if self.seat is None:
             return
         met = {kept.number: kept.name for kept in self.pool.members}
@@ -213,10 +191,8 @@ class OpponentBook:
         folder = self.seat.folder / LIVE_FOLDER / self.seat.owner
         save_agent(folder, network, replace(about, name=self.seat.owner))
 
-    # --- the pool ----------------------------------------------------------------------------
-
     def add_snapshot(self, network: QNetwork, about: AgentDescription) -> Member:
-        """Freeze a copy of the learner, and draw who plays from now on."""
+        """Freeze a copy of the learner, and draw the line-up again."""
         frames = about.frames
         met = {
             kept.number: self._since_snapshot.evidence(kept.number, frames)
@@ -229,13 +205,13 @@ class OpponentBook:
         self._last_snapshot_frames = frames
         self._drawn_for = (-1, -1)
         if self.seat is not None:
-            # Of the run's seed and this moment, so that it is the same however often it is drawn.
+            # From the run's seed and this moment: the same in a resumed run.
             luck = np.random.default_rng([self._seed, frames]).random()
             self.is_over = bool(luck < self.seat.reset_chance)
         return member
 
     def forget_unused(self, in_play: NDArray[np.int16]) -> None:
-        """Let go of the networks of snapshots that neither play nor can be drawn."""
+        """Release the networks of snapshots that neither play nor can be drawn."""
         self.pool.release({*self._numbers, *np.unique(in_play).tolist()})
 
     def report(self, frames: int) -> dict[str, float]:
@@ -279,7 +255,7 @@ class OpponentBook:
             raise ValueError(f"{len(numbers)} opponents have the probabilities {shares!r:.80}")
         self._numbers, self._probabilities = numbers, shares
         period, phase = read_numbers(state["drawn_for"], "drawn_for", Range(-1, MOST))
-        # Who is drawn for no time, or nobody, is drawn anew.
+        # Without numbers the line-up is drawn again.
         self._drawn_for = (-1, -1) if is_none else (period, phase)
         self._last_snapshot_frames = read_number(state, "last_snapshot_frames", COUNT)
         self.is_over = read_number(state, "is_over", FLAG)
@@ -287,8 +263,8 @@ class OpponentBook:
 
 
 def expand_mixtures(settings: OpponentSettings) -> OpponentSettings:
-    """The same opponents with the members of mixtures in the mixtures' places, called name_00,
-    name_01, ...: one is drawn for each game, and what it plays is booked to it.
+    """Replace mixtures by their members, called name_00, name_01, ...: one is drawn for each game,
+    and has its own win rate.
 
     Raises:
         CheckpointError: a mixture that cannot be read.
@@ -307,22 +283,18 @@ def expand_mixtures(settings: OpponentSettings) -> OpponentSettings:
         shares[name] = dict(zip(members, mixture.weights, strict=True))
 
     def expand(weights: Mapping[str, float]) -> dict[str, float]:
-        met: dict[str, float] = {}
+        expanded: dict[str, float] = {}
         for name, weight in weights.items():
             for member, share in shares.get(name, {name: 1.0}).items():
-                met[member] = met.get(member, 0.0) + share * weight
-        return met
+                expanded[member] = expanded.get(member, 0.0) + share * weight
+        return expanded
 
-    return replace(
-        settings,
-        agents=agents,
-        mixture=expand(settings.mixture),
-        warmup_mixture=expand(settings.warmup_mixture),
-    )
+    first, then = expand(settings.warmup_mixture), expand(settings.mixture)
+    return replace(settings, agents=agents, mixture=then, warmup_mixture=first)
 
 
 def make_bots(names: Collection[str], game: Game, scenario: Any) -> list[Agent]:
-    """The bots among `names`; where `bots` or `pfsp_bots` is one of them, all that can play the
+    """The bots among `names`; if `bots` or `pfsp_bots` is one of them, all that can play the
     scenario.
 
     Raises:
@@ -330,20 +302,16 @@ def make_bots(names: Collection[str], game: Game, scenario: Any) -> list[Agent]:
     """
     made: list[Agent] = []
     refused: ValueError | None = None
-    samplers = [name for name in (BOTS, PFSP_BOTS) if name in names]
-    for name in game.bots:
-        if name not in names and not samplers:
-            continue
+    all_of = [name for name in (BOTS, PFSP_BOTS) if name in names]
+    for name in game.bots if all_of else (name for name in game.bots if name in names):
         try:
             made.append(game.bot(name, scenario))
         except ValueError as error:
+            refused = error
             if name in names:
                 raise ValueError(f"{error}; or leave {name!r} out of opponent.mixture") from error
-            refused = error
     if refused and not made:
-        raise ValueError(
-            f"{refused}; or leave {samplers[0]!r} out of opponent.mixture"
-        ) from refused
+        raise ValueError(f"{refused}; or leave {all_of[0]!r} out of opponent.mixture") from refused
     return made
 
 
@@ -353,7 +321,7 @@ def export_rng(rng: np.random.Generator) -> str:
 
 
 def import_rng(rng: np.random.Generator, state: str) -> None:
-    """Continue where `export_rng` was called. Raises ValueError for what is no such text."""
+    """Continue where `export_rng` was called. Raises ValueError for another text."""
     try:
         rng.bit_generator.state = json.loads(state)
     except (KeyError, TypeError, ArithmeticError, RecursionError) as error:

@@ -1,4 +1,4 @@
-"""From the collector's TensorDict [B, T] to the replay's rollout [T, S]."""
+"""Converts collected steps into a replay `Rollout`."""
 
 from __future__ import annotations
 
@@ -15,25 +15,20 @@ def make_rollout(data: TensorDictBase, reward_scale: float) -> Rollout:
     The step at which a seat goes out is terminated for that seat, and no later one is learned.
     """
     group, following = data[GROUP], data["next", GROUP]
+    names = ("observation", "action_mask", "action", "learned", "expert_action", "opponent")
+    steps = {name: _by_time(group[name]) for name in names}
     terminated = _by_time(following["terminated"]).squeeze(-1)
     truncated = _by_time(following["truncated"]).squeeze(-1) & ~terminated
-    # What terminated steps lead to is of no value to Q-learning, but the generator learns ends.
-    learned = _by_time(group["learned"])
-    final_step = ((terminated | truncated) & learned).flatten().nonzero().squeeze(1)
-    num_streams = learned.shape[1]
+    # Q-learning does not use the state after a terminated step, but the generator learns ends.
+    final_step = ((terminated | truncated) & steps["learned"]).flatten().nonzero().squeeze(1)
+    num_streams, players = steps["learned"].shape[1], group["action"].shape[-1]
     time, stream = final_step // num_streams, final_step % num_streams
-    players = group["action"].shape[-1]
     final = (stream // players, time, stream % players)
     return Rollout(
-        observation=_by_time(group["observation"]),
-        action_mask=_by_time(group["action_mask"]),
-        action=_by_time(group["action"]),
+        **steps,
         reward=_by_time(following["reward"]).squeeze(-1) * reward_scale,
         terminated=terminated,
         truncated=truncated,
-        learned=learned,
-        expert_action=_by_time(group["expert_action"]),
-        opponent=_by_time(group["opponent"]),
         final_step=final_step,
         final_observation=following["observation"][final],
         final_action_mask=following["action_mask"][final],

@@ -1,4 +1,4 @@
-"""`SeatRouter`, the one policy of the collector: learner and opponents share the seats."""
+"""Assigns the seats of all worlds to the learner, its opponents and demonstrators."""
 
 from __future__ import annotations
 
@@ -19,28 +19,27 @@ from marl_cair.ranges import COUNT, MOST, Range, read_number, take_arrays
 from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT
 from marl_cair.self_play.samplers import LATEST_ID
 from marl_cair.self_play.win_rates import OPPONENT
+from marl_cair.training.collecting.average_policy import OwnPolicies
 from marl_cair.training.collecting.demonstrations import NOBODY, Demonstrators
 from marl_cair.training.collecting.metrics import Decisions, EpisodeStatistics, find_meetings
 from marl_cair.training.collecting.opponents import OpponentBook, export_rng, import_rng
-from marl_cair.training.collecting.own_play import OwnPolicies
 
 
 class SeatRouter(TensorDictModuleBase):
-    """Chooses the actions of all seats [B, P].
+    """The policy of the collector: chooses the actions of all seats [B, P].
 
     When a game begins the learner's team is drawn evenly, and an opponent from the book for each
-    rival team: a team acts as one, and where everybody plays for itself that is one draw for each
-    seat. All hold until the game ends. The learner plays all seats of its team and those of
-    `latest`, and learns from them; where there is but one team it plays every seat. A seat that is
-    out is nobody's: its action is the no-op. With NFSP it is drawn too, for each team, whether the
-    learner's Q-network plays it, or its average policy.
+    rival team: a team acts as one, and in a free-for-all that is one draw for each seat. All hold
+    until the game ends. The learner plays all seats of its team and those of `latest`, and learns
+    from them; if there is one team, it plays every seat. A seat that is out plays the no-op. With
+    NFSP each team of the learner also draws whether its Q-network or its average policy plays.
 
     Args:
-        env: the worlds; its episode counts tell when a game begins.
-        own: how the learner plays.
+        env: the worlds; its episode counts show when a game begins.
+        own: the learner's policies.
         book: the opponents.
-        demonstrators: who play the learner's team in a share of the games.
-        statistics: hears the learner's first value of each game.
+        demonstrators: play the learner's team in a share of the games.
+        statistics: gets the learner's first value of each game.
         seed: of the teams.
     """
 
@@ -55,34 +54,30 @@ class SeatRouter(TensorDictModuleBase):
     ) -> None:
         super().__init__()
         self.in_keys = [(GROUP, "observation"), (GROUP, "action_mask"), (GROUP, "done")]
-        self.out_keys = [
-            (GROUP, "action"),
-            (GROUP, "learned"),
-            (GROUP, "expert_action"),
-            (GROUP, "opponent"),
-        ]
-        if own.average is not None:
-            self.out_keys.append((GROUP, "answered"))
+        written = ["action", "learned", "expert_action", "opponent"]
+        written += ["answered"] if own.average is not None else []
+        self.out_keys = [(GROUP, name) for name in written]
         worlds, self._players = env.engine.num_worlds, env.engine.num_players
         self._teams, self._noop = env.engine.spec.team_of_seat, env.engine.spec.noop_action
         self._env, self._book = env, book
-        self._demonstrators = demonstrators
-        self._statistics = statistics
-        # Out of the module's parameters: the collector must not copy or count them.
+        self._demonstrators, self._statistics = demonstrators, statistics
+        # Not as an attribute of the module: the collector must not copy or count its parameters.
         self.__dict__["own"] = own
         self._rng = np.random.default_rng(seed)
         self.frames = 0
-        self.opponent = np.full((worlds, self._players), LATEST_ID, np.int16)  # who plays the seat
+        seats, num_teams = (worlds, self._players), int(self._teams.max()) + 1
+        self.taken = Decisions(
+            actions=np.zeros(seats, np.int64),
+            owned=np.zeros(seats, np.bool_),
+            shown=np.zeros(seats, np.bool_),
+            assisted=np.zeros(seats, np.bool_),
+            out=np.zeros(seats, np.bool_),
+            team=np.zeros(worlds, np.int64),
+            opponent=np.full(seats, LATEST_ID, np.int16),
+        )
         self._met = np.full(worlds, NO_OPPONENT, np.int16)
-        self._team = np.zeros(worlds, np.int64)
-        num_teams = int(self._teams.max()) + 1
         self._answering = np.ones((worlds, num_teams), np.bool_)  # the Q-network plays the team
         self._episode = np.full(worlds, -1, np.int64)
-        self._owned = np.zeros((worlds, self._players), np.bool_)
-        self._out = np.zeros((worlds, self._players), np.bool_)
-        self._shown = np.zeros((worlds, self._players), np.bool_)
-        self._assisted = np.zeros((worlds, self._players), np.bool_)  # at any time of the game
-        self._actions = np.zeros((worlds, self._players), np.int64)
         self._ranges = {  # of saved arrays; those of bools need none
             "opponent": OPPONENT,
             "met": OPPONENT,
@@ -101,32 +96,35 @@ class SeatRouter(TensorDictModuleBase):
         """Write ("player", "action") int64, "learned" bool, "expert_action" int64 and "opponent"
         int16, each [B, P]; with NFSP "answered" bool too, the decisions of the Q-network.
 
-        "expert_action" is what a demonstrator does or would do, NO_ACTION elsewhere. "opponent" is
-        the one that is met, NO_OPPONENT where there are several or none.
+        "expert_action" is the action of a demonstrator, or its advice, NO_ACTION elsewhere.
+        "opponent" is the only one of the game, NO_OPPONENT if there are several or none.
         """
-        group = tensordict.get(GROUP)
+        group, taken = tensordict.get(GROUP), self.taken
         if self.frames:
-            self._note_step()
+            meetings = find_meetings(taken, self._env.last, self._teams)
+            self._statistics.note_step(taken, self._env.last, meetings)
+            self._book.note(meetings, self.frames)
         starting = self._start_new_games()
-        self._owned = self.opponent == LATEST_ID
-        self._out = group.get("done").squeeze(-1).numpy().copy()
+        taken.owned[:] = taken.opponent == LATEST_ID
+        taken.out[:] = group.get("done").squeeze(-1).numpy()
         self._demonstrators.draw(starting, self.frames)
-        self._shown = self._find_shown()
-        self._assisted[starting] = False
-        self._assisted |= self._shown
-        learned = self._owned & ~self._out
+        # Against `latest` a demonstrator plays the seats of one team.
+        shown = self._demonstrators.playing != NOBODY
+        taken.shown[:] = shown[:, None] & (taken.team[:, None] == self._teams)
+        taken.assisted[starting] = False
+        taken.assisted[:] |= taken.shown
+        learned = taken.owned & ~taken.out
         actions = torch.full(learned.shape, self._noop, dtype=torch.int64)
-        self._play_own(learned & ~self._shown, starting, group, actions)
-        mask = group.get("action_mask")
-        self._play_opponents(group, mask, actions)
-        expert_actions = self._demonstrate(group, mask, actions)
-        self._actions = actions.numpy().copy()
+        self._play_own(learned & ~taken.shown, starting, group, actions)
+        self._play_opponents(group, actions)
+        expert_actions = self._demonstrate(group, actions)
+        taken.actions[:] = actions.numpy()
         group.set("action", actions)
         group.set("learned", torch.from_numpy(learned))
         group.set("expert_action", expert_actions)
         met = torch.from_numpy(self._met).unsqueeze(1).expand(-1, self._players)
         group.set("opponent", met.contiguous())
-        self.frames += len(self.opponent)
+        self.frames += len(learned)
         return tensordict
 
     def _play_own(
@@ -136,8 +134,8 @@ class SeatRouter(TensorDictModuleBase):
         group: TensorDictBase,
         actions: Tensor,
     ) -> None:
-        """Choose the actions of the seats `chosen` [B, P], and note the values of first decisions,
-        which are the Q-network's whoever plays.
+        """Choose the actions of the seats `chosen` [B, P], and note the Q-network's values of first
+        steps, even if the average policy plays.
         """
         own: OwnPolicies = self.__dict__["own"]
         observation, mask = group.get("observation"), group.get("action_mask")
@@ -154,90 +152,56 @@ class SeatRouter(TensorDictModuleBase):
             actions[rows] = own.average.select_actions(observation[rows], mask[rows])
             group.set("answered", torch.from_numpy(chosen & answering))
 
-    def _note_step(self) -> None:
-        """Tell what the last decision brought, and book games that it ended to who played them."""
-        taken = Decisions(
-            self._actions,
-            self._owned,
-            self._shown,
-            self._assisted,
-            self._out,
-            self._team,
-            self.opponent,
-        )
-        meetings = find_meetings(taken, self._env.last, self._teams)
-        self._statistics.note_step(taken, self._env.last, meetings)
-        self._book.note(meetings, self.frames)
-
     def _start_new_games(self) -> NDArray[np.bool_]:
-        """Draw opponent and team of the worlds [B] whose game has just begun; returns which."""
+        """Draw opponents and team of the worlds [B] whose game has just begun; returns which."""
         starting: NDArray[np.bool_] = self._env.seeds.episodes != self._episode
         count = int(starting.sum())
         if count:
             num_teams = self._answering.shape[1]
             teams = self._rng.integers(0, num_teams, count)
             drawn = self._book.draw(count * num_teams, self.frames).reshape(count, num_teams)
-            self._team[starting] = teams
+            self.taken.team[starting] = teams
             self._met[starting] = find_met(drawn, teams)
             drawn[np.arange(count), teams] = LATEST_ID
-            self.opponent[starting] = drawn[:, self._teams]
-            self._episode = self._env.seeds.episodes.copy()
-            self._book.forget_unused(self.opponent)
+            self.taken.opponent[starting] = drawn[:, self._teams]
+            self._episode[:] = self._env.seeds.episodes
+            self._book.forget_unused(self.taken.opponent)
             own: OwnPolicies = self.__dict__["own"]
             self._answering[starting] = own.draw_answering(self._rng, count, num_teams)
         return starting
 
-    def _find_shown(self) -> NDArray[np.bool_]:
-        """The seats [B, P] that a demonstrator plays: against `latest`, those of one team."""
-        shown = self._demonstrators.playing != NOBODY
-        found: NDArray[np.bool_] = shown[:, None] & (self._team[:, None] == self._teams)
-        return found
-
-    def _demonstrate(self, group: TensorDictBase, mask: Tensor, actions: Tensor) -> Tensor:
-        """Let demonstrators choose where they play; returns what they do, or would do, [B, P]."""
-        expert_actions = torch.full_like(actions, NO_ACTION)
+    def _demonstrate(self, group: TensorDictBase, actions: Tensor) -> Tensor:
+        """Let demonstrators choose where they play; returns their actions and advice, [B, P]."""
+        expert_actions, taken = torch.full_like(actions, NO_ACTION), self.taken
         advise = self._demonstrators.settings.advise
-        helped = (self._owned if advise else self._shown) & ~self._out
+        helped = (taken.owned if advise else taken.shown) & ~taken.out
         for number, agent in enumerate(self._demonstrators.agents):
-            told = helped & (self._demonstrators.telling == number)[:, None]
-            if told.any():
-                self._act(agent, torch.from_numpy(told), group, mask, expert_actions)
-        played = torch.from_numpy(self._shown & ~self._out)
+            advised = helped & (self._demonstrators.telling == number)[:, None]
+            if advised.any():
+                self._act(agent, torch.from_numpy(advised), group, expert_actions)
+        played = torch.from_numpy(taken.shown & ~taken.out)
         actions[played] = expert_actions[played]
         return expert_actions
 
-    def _act(
-        self, agent: Agent, rows: Tensor, group: TensorDictBase, mask: Tensor, actions: Tensor
-    ) -> None:
+    def _act(self, agent: Agent, rows: Tensor, group: TensorDictBase, actions: Tensor) -> None:
         """Let `agent` choose the actions of `rows` bool [B, P].
 
-        Raises ForeignAgentError where it cannot.
+        Raises ForeignAgentError if it cannot.
         """
-        seen = group.get(self._env.key_of(agent.representation))
+        seen, mask = group.get(self._env.key_of(agent.representation)), group.get("action_mask")
         chosen = np.asarray(agent.act(seen[rows].numpy(), mask[rows].numpy()), np.int64)
         require_answers(agent, chosen)
         actions[rows] = torch.from_numpy(chosen)
 
-    def _play_opponents(self, group: TensorDictBase, mask: Tensor, actions: Tensor) -> None:
-        theirs = ~self._owned & ~self._out
-        for number in np.unique(self.opponent[theirs]).tolist():
-            agent = self._book.pool.agent(number)
-            rows = torch.from_numpy(theirs & (self.opponent == number))
-            self._act(agent, rows, group, mask, actions)
+    def _play_opponents(self, group: TensorDictBase, actions: Tensor) -> None:
+        theirs = ~self.taken.owned & ~self.taken.out
+        for number in np.unique(self.taken.opponent[theirs]).tolist():
+            rows = torch.from_numpy(theirs & (self.taken.opponent == number))
+            self._act(self._book.pool.agent(number), rows, group, actions)
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
-        return {
-            "opponent": self.opponent,
-            "met": self._met,
-            "team": self._team,
-            "episode": self._episode,
-            "owned": self._owned,
-            "out": self._out,
-            "shown": self._shown,
-            "assisted": self._assisted,
-            "actions": self._actions,
-            "answering": self._answering,
-        }
+        others = {"met": self._met, "episode": self._episode, "answering": self._answering}
+        return {**self.taken._asdict(), **others}
 
     def export_state(self) -> dict[str, Any]:
         """Teams, opponents and random states as tensors and plain data."""
@@ -251,16 +215,14 @@ class SeatRouter(TensorDictModuleBase):
         }
 
     def import_state(self, state: Mapping[str, Any]) -> None:
-        """Continue from `export_state`. Raises ValueError for what no games can be."""
+        """Continue from `export_state`. Raises ValueError for a state that no games can have."""
         self.frames = read_number(state, "frames", COUNT)
-        arrays = take_arrays(state, self._arrays(), self._ranges)
+        held = self._arrays()
+        arrays = take_arrays(state, held, self._ranges)
         members = {*arrays["opponent"].ravel().tolist(), *arrays["met"].tolist()}
         self._book.pool.require_members(members - {LATEST_ID, NO_OPPONENT})
-        self.opponent, self._met = arrays["opponent"], arrays["met"]
-        self._team, self._episode = arrays["team"], arrays["episode"]
-        self._owned, self._out = arrays["owned"], arrays["out"]
-        self._shown, self._assisted = arrays["shown"], arrays["assisted"]
-        self._actions, self._answering = arrays["actions"], arrays["answering"]
+        for name, array in arrays.items():
+            held[name][:] = array
         self._demonstrators.load_state_dict(state["demonstrators"])
         import_rng(self._rng, state["rng"])
         own: OwnPolicies = self.__dict__["own"]
@@ -268,9 +230,9 @@ class SeatRouter(TensorDictModuleBase):
 
 
 def find_met(drawn: NDArray[np.int16], teams: NDArray[np.int64]) -> NDArray[np.int16]:
-    """The one opponent of all rival teams, int16 [N], NO_OPPONENT where there are several or none.
+    """The one opponent of all rival teams, int16 [N], NO_OPPONENT if there are several or none.
 
-    drawn: int16 [N, teams], who was drawn for each. teams: int64 [N], the learner's.
+    drawn: int16 [N, teams], the opponent of each. teams: int64 [N], the learner's.
     """
     num_teams = drawn.shape[1]
     if num_teams == 1:

@@ -1,15 +1,12 @@
-"""Leagues to begin with, by name: `--example` of `marl-cair league train` and of `marl-cair league
-psro` writes them as YAML.
-"""
+"""Examples of leagues and of PSRO by name, as `--example` of their commands writes them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
-# The bots are what the league is rated against and what nobody in it plays by itself, so a main
-# agent meets those often that it does not beat yet. Two cores have time for one kind of exploiter
-# in an evening, and for a generator that learns half as often as usual.
+# The league is rated against the bots, and no learner plays like them: main agents play those bots
+# often that they do not beat yet. In an evening two cores have time for one kind of exploiter, and
+# for a generator that learns half as often as usual.
 _DEEP_LINE_WARS: dict[str, Any] = {
     "out": "runs/league_deep_line_wars",
     "total_frames": 500_000,
@@ -34,8 +31,8 @@ _DEEP_LINE_WARS: dict[str, Any] = {
     },
 }
 
-# As the recipe deep_rts_duel: games are long, and bots show how they are won at all. A main agent
-# meets bots more often than elsewhere, without whom it learns little to begin with.
+# As the recipe deep_rts_duel: games are long, and bots demonstrate how to win. A main agent plays
+# bots more often than elsewhere, as it learns little without them at first.
 _DEEP_RTS: dict[str, Any] = {
     "out": "runs/league_deep_rts",
     "total_frames": 600_000,
@@ -58,7 +55,7 @@ _DEEP_RTS: dict[str, Any] = {
     },
 }
 
-# Ends within a minute, so that the whole way can be seen; it learns nothing.
+# Ends within a minute, to try the commands; it learns nothing.
 _TINY: dict[str, Any] = {
     "out": "runs/league_tiny",
     "total_frames": 1_024,
@@ -84,46 +81,36 @@ _TINY: dict[str, Any] = {
     },
 }
 
-# Rates fall to 0 in each round: what is frozen at a constant rate is one of a wide scatter. To
-# generate rows takes as long as to learn from them: half as many, each learned from twice as often.
-_PSRO_DEEP_LINE_WARS: dict[str, Any] = {
-    "out": "runs/psro_deep_line_wars",
-    "bots": ["random", "rusher", "turtle", "economist", "zigzag", "counter"],
-    "training": {
-        "game": {"name": "deep_line_wars", "scenario": "10x15"},
-        "learner": {"learning_rate_end": 0.0},
-        "generator": {"refill_every_frames": 8_000},
-        "evaluation": {"every_frames": 100_000, "bots": ["random", "counter", "economist"]},
+EXAMPLES = {"deep_line_wars": _DEEP_LINE_WARS, "deep_rts": _DEEP_RTS, "tiny": _TINY}
+
+# Learning rates fall to 0 in each round: agents frozen at a constant rate scatter widely. A row
+# takes as long to generate as to learn from: half as many, each used twice as often.
+PSRO_EXAMPLES: dict[str, dict[str, Any]] = {
+    "deep_line_wars": {
+        "out": "runs/psro_deep_line_wars",
+        "bots": _DEEP_LINE_WARS["final_bots"],
+        "training": {
+            "game": _DEEP_LINE_WARS["training"]["game"],
+            "learner": {"learning_rate_end": 0.0},
+            "generator": {"refill_every_frames": 8_000},
+            "evaluation": {"every_frames": 100_000, "bots": ["random", "counter", "economist"]},
+        },
     },
-}
-
-_PSRO_DEEP_RTS: dict[str, Any] = {
-    "out": "runs/psro_deep_rts",
-    "bots": _DEEP_RTS["final_bots"],
-    "training": {
-        **_DEEP_RTS["training"],
-        "learner": {**_DEEP_RTS["training"]["learner"], "learning_rate_end": 0.0},
-        "evaluation": {"every_frames": 100_000, "bots": ["random", "mixed"]},
+    "deep_rts": {
+        "out": "runs/psro_deep_rts",
+        "bots": _DEEP_RTS["final_bots"],
+        "training": {
+            **_DEEP_RTS["training"],
+            "learner": {**_DEEP_RTS["training"]["learner"], "learning_rate_end": 0.0},
+            "evaluation": {"every_frames": 100_000, "bots": ["random", "mixed"]},
+        },
     },
-}
-
-_PSRO_TINY: dict[str, Any] = {
-    "out": "runs/psro_tiny",
-    "rounds": 2,
-    "round_frames": 512,
-    "first_round_frames": 512,
-    "games_per_pair": 2,
-    "training": _TINY["training"],
-}
-
-EXAMPLES: Mapping[str, dict[str, Any]] = {
-    "deep_line_wars": _DEEP_LINE_WARS,
-    "deep_rts": _DEEP_RTS,
-    "tiny": _TINY,
-}
-
-PSRO_EXAMPLES: Mapping[str, dict[str, Any]] = {
-    "deep_line_wars": _PSRO_DEEP_LINE_WARS,
-    "deep_rts": _PSRO_DEEP_RTS,
-    "tiny": _PSRO_TINY,
+    "tiny": {
+        "out": "runs/psro_tiny",
+        "rounds": 2,
+        "round_frames": 512,
+        "first_round_frames": 512,
+        "games_per_pair": 2,
+        "training": _TINY["training"],
+    },
 }

@@ -1,12 +1,12 @@
-"""`train_league`: main agents and exploiters that train against one another, in turns."""
+"""Trains a league: main agents and exploiters that take turns and play one another."""
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +22,15 @@ from marl_cair.league.mixing import describe_mixture, mix_league
 from marl_cair.ranges import COUNT, read_number
 from marl_cair.self_play.shared_folder import MAIN, read_players, read_records
 from marl_cair.stored import read_json
+from marl_cair.training.population import league_slice
 from marl_cair.training.population.league_settings import LeagueSettings, derive_seed
-from marl_cair.training.population.league_slice import (
-    Budget,
-    MemberRecord,
-    SliceResult,
-    make_member,
-    read_member,
-    run_slice,
-)
+from marl_cair.training.population.league_slice import Budget, SliceResult, run_slice
+from marl_cair.training.settings.config import GameSettings
 from marl_cair.training.settings.config_file import write_settings
 
 SETTINGS_FILE, PROGRESS_FILE, REPORT_FILE = "league.yaml", "progress.json", "report.txt"
 MEMBERS, EVALUATION, MIXTURE = "members", "evaluation", MIXTURE_FOLDER
-# What the same league may be continued with.
+# Settings that may change when a league is continued.
 FREE = ("out", "total_frames", "max_minutes", "final_games", "final_bots", "final_past")
 
 Slice = Callable[[Path, Path, Budget, bool], SliceResult]
@@ -43,7 +38,7 @@ Slice = Callable[[Path, Path, Budget, bool], SliceResult]
 
 @dataclass(frozen=True)
 class LeagueTraining:
-    """Where a league stands."""
+    """The state of a league."""
 
     folder: Path
     slices: int  # done so far
@@ -57,12 +52,12 @@ def train_league(
 ) -> LeagueTraining:
     """Train all learners to `total_frames`, turn by turn, evaluate them, write the report.
 
-    The same call again goes on where an interrupt or a kill stopped it, and with more
-    `total_frames` from where it had ended; the bits are those of a league that was never stopped.
+    The same call again resumes after an interrupt or a kill, and continues with more
+    `total_frames` from the end; the bits are those of a league that was never stopped.
 
-    play_slice: how a slice is run; None: `run_slice` here. That needs no more than its arguments,
-    so that it may run in another process or on another machine that sees the folders. Code of the
-    learners' files may run where `settings` names it too.
+    play_slice: runs a slice; None: `run_slice` here. It needs no more than its arguments, so it may
+    run in another process or on another machine that sees the folders. Code that the learners'
+    files name may run if `settings` names it too.
 
     Raises:
         OutputFolderError: the folder holds something else, or a league of other settings.
@@ -73,7 +68,7 @@ def train_league(
     with claim_output_folder(folder, LEAGUE_TRAINING, fixed, resume=True):
         write_settings(settings, folder / SETTINGS_FILE)
         _make_members(settings, folder)
-        own = functools.partial(run_slice, allow_code=frozenset(settings.list_sources()))
+        own = partial(run_slice, allow_code=frozenset(settings.list_sources()))
         stopped = _take_turns(settings, folder, play_slice or own, show_progress)
         done = read_progress(folder)
         if stopped is not None:
@@ -85,27 +80,24 @@ def train_league(
 def _make_members(settings: LeagueSettings, folder: Path) -> None:
     mains = tuple(name for name, role in settings.learners if role == MAIN)
     for place, (name, role) in enumerate(settings.learners):
-        own = settings.role(role)
-        record = MemberRecord(
+        own, seed = settings.role(role), derive_seed(settings.seed, place, 0)
+        record = league_slice.MemberRecord(
             name, role, mains, own.reset_chance, own.begins_as_main, settings.seed, place
         )
-        seed = derive_seed(settings.seed, place, 0)
-        make_member(folder / MEMBERS / name, record, settings.learner_config(role, seed=seed))
+        config = settings.learner_config(role, seed=seed)
+        league_slice.make_member(folder / MEMBERS / name, record, config)
 
 
 def _take_turns(
     settings: LeagueSettings, folder: Path, play_slice: Slice, show_progress: bool
 ) -> SliceResult | None:
-    """Slice after slice; returns the one that was cut short, None where all are done."""
+    """Run slice after slice; returns the one that was cut short, None if all are done."""
     learners = [name for name, _ in settings.learners]
-    rounds = -(-settings.total_frames // settings.slice_frames)
-    begun, minutes = time.monotonic(), settings.max_minutes
+    num_slices = -(-settings.total_frames // settings.slice_frames) * len(learners)
+    begun, minutes, shared = time.monotonic(), settings.max_minutes, folder / SHARED
     first = read_progress(folder)
-    bar = tqdm(
-        total=rounds * len(learners), initial=first, unit=" slices", disable=not show_progress
-    )
-    with bar:
-        for number in range(first, rounds * len(learners)):
+    with tqdm(total=num_slices, initial=first, unit=" slices", disable=not show_progress) as bar:
+        for number in range(first, num_slices):
             turn, place = divmod(number, len(learners))
             name = learners[place]
             left = None if minutes is None else minutes - (time.monotonic() - begun) / 60
@@ -113,30 +105,29 @@ def _take_turns(
                 return SliceResult(0, 0, False, False, {})
             goal = min((turn + 1) * settings.slice_frames, settings.total_frames)
             bar.set_description(name)
-            member, shared = folder / MEMBERS / name, folder / SHARED
             budget = Budget(goal, settings.total_frames, left)
-            result = play_slice(member, shared, budget, False)
+            result = play_slice(folder / MEMBERS / name, shared, budget, False)
             if not result.is_done or result.was_interrupted:
                 return result
             write_json(folder / PROGRESS_FILE, {"slices": number + 1})
             if show_progress:
-                tqdm.write(_tell_slice(name, result, shared))
+                tqdm.write(_describe_slice(name, result, shared))
             bar.update()
     return None
 
 
-def _tell_slice(name: str, result: SliceResult, shared: Path) -> str:
+def _describe_slice(name: str, result: SliceResult, shared: Path) -> str:
     rates = [
         f"{key.partition('/')[2]} {value:.0%}"
         for key, value in result.last_row.items()
         if key.startswith("collect_win_rate/")
     ]
-    told = f"{name}: {result.frames:,} decisions, generation {result.generation}"
-    return f"{told}, {len(read_players(shared))} players frozen; wins {', '.join(rates) or '-'}"
+    text = f"{name}: {result.frames:,} steps, generation {result.generation}"
+    return f"{text}, {len(read_players(shared))} players frozen; wins {', '.join(rates) or '-'}"
 
 
 def read_progress(folder: Path) -> int:
-    """How many slices are done. Raises ValueError for a damaged file."""
+    """Number of finished slices. Raises ValueError for a damaged file."""
     path = folder / PROGRESS_FILE
     if not path.is_file():
         return 0
@@ -149,28 +140,26 @@ def read_progress(folder: Path) -> int:
 
 
 def _write_report(settings: LeagueSettings, folder: Path, show_progress: bool) -> str:
-    """Rate the learners as they are now, by the games of `marl-cair league`, and tell the rest."""
+    """Rate the learners' newest policies in games of `marl-cair league`, and write the report."""
     text = _describe_learners(settings, folder) + _describe_records(folder / SHARED)
     if settings.final_games:
-        config = settings.learner_config(MAIN)
-        agents = _find_agents(settings, folder)
-        # Others took part before the league was continued: they stay in the folder of then.
+        about = settings.learner_config(MAIN).game
+        agents = _find_agents(settings, folder, about)
+        # A league that was continued has a folder for each end: other agents took part before.
         out = folder / EVALUATION / f"{read_progress(folder):05d}"
-        result = run_league(
-            LeagueConfig(
-                agents=tuple(agents.values()),
-                game=config.game.name,
-                scenario=config.game.scenario,
-                scenario_options=config.game.options,
-                games_per_pair=settings.final_games,
-                seed=settings.seed,
-                out=str(out),
-            ),
-            show_progress=show_progress,
+        config = LeagueConfig(
+            agents=tuple(agents.values()),
+            game=about.name,
+            scenario=about.scenario,
+            scenario_options=about.options,
+            games_per_pair=settings.final_games,
+            seed=settings.seed,
+            out=str(out),
         )
+        result = run_league(config, show_progress=show_progress)
         text += f"\nThe learners as they are now, {out}:\n\n{result.text}\n"
         write_atomically(folder / REPORT_FILE, text)
-        # The folder may hold games of others, who took part with other settings.
+        # The folder may hold games of other agents, which took part with other settings.
         mixed = mix_league(out, among=set(agents))
         save_mixture(folder / MIXTURE, mixed.sources, mixed.weights)
         text += f"\nThe league as one agent, {folder / MIXTURE}: {describe_mixture(mixed)}"
@@ -178,44 +167,41 @@ def _write_report(settings: LeagueSettings, folder: Path, show_progress: bool) -
     return text
 
 
-def _find_agents(settings: LeagueSettings, folder: Path) -> dict[str, str]:
-    """Who takes part in the evaluation, by fingerprint: the learners as they are now, what they
-    froze last, and bots. Each agent once: some learners are still what they began as.
+def _find_agents(settings: LeagueSettings, folder: Path, about: GameSettings) -> dict[str, str]:
+    """Agents in the evaluation by fingerprint, each once: the learners' newest policies, the
+    players that they froze last, and bots. Some learners still are the agent that they began as.
     """
-    about = settings.learner_config(MAIN).game
-    game, scenario = GAMES[about.name], GAMES[about.name].scenario(about.scenario, **about.options)
     players = read_players(folder / SHARED)
     sources: list[str] = []
     for name, _ in settings.learners:
         own = [player.name for player in players if player.owner == name]
         newest = reversed(own[max(0, len(own) - settings.final_past) :])
-        paths = (
-            folder / SHARED / LIVE_FOLDER / name,
-            *(folder / SHARED / PLAYERS / n for n in newest),
-        )
-        sources += [str(path) for path in paths if find_folder(path).is_dir()]
-    return find_distinct((*sources, *settings.final_bots), game, scenario)
+        paths = [Path(LIVE_FOLDER) / name, *(Path(PLAYERS) / one for one in newest)]
+        found = (folder / SHARED / path for path in paths)
+        sources += [str(path) for path in found if find_folder(path).is_dir()]
+    sources += settings.final_bots
+    return find_distinct(sources, GAMES[about.name], about.played_scenario)
 
 
 def _describe_learners(settings: LeagueSettings, folder: Path) -> str:
     players = read_players(folder / SHARED)
-    lines = [f"{len(players)} frozen players in {folder / SHARED / PLAYERS}:"]
+    text = f"{len(players)} frozen players in {folder / SHARED / PLAYERS}:\n"
     for name, role in settings.learners:
-        record = read_member(folder / MEMBERS / name)
+        generation = league_slice.read_member(folder / MEMBERS / name).generation
         frozen = sum(player.owner == name for player in players)
-        lines.append(f"  {name} ({role}): {frozen} players, generation {record.generation}")
-    return "\n".join(lines) + "\n"
+        text += f"  {name} ({role}): {frozen} players, generation {generation}\n"
+    return text
 
 
 def _describe_records(shared: Path) -> str:
-    """The learners' own games while they trained: exploration included, newer ones count more."""
-    lines = ["\nWon in training, with exploration, newer games counting more (games in all):"]
+    """The learners' own games in training: exploration included, newer games count more."""
+    text = "\nWon in training, with exploration, newer games counting more (games in all):\n"
     for owner, record in read_records(shared).items():
         against: dict[str, Any] = record["against"]
-        told = [
+        rates = [
             f"{name} {points / games:.0%} ({count})"
             for name, (points, games, count) in against.items()
             if games > 0.5
         ]
-        lines.append(f"  {owner} against {', '.join(told) or 'nobody yet'}")
-    return "\n".join(lines) + "\n"
+        text += f"  {owner} against {', '.join(rates) or 'no opponent yet'}\n"
+    return text

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import typing
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +13,26 @@ import numpy as np
 
 from marl_cair.games import GAMES
 from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
-from marl_cair.lookup import find_by_name
+from marl_cair.lookup import check_name
 from marl_cair.self_play.shared_folder import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, ROLES
-from marl_cair.training.settings.checks import require, require_once
+from marl_cair.training.settings import checks, config_file
+from marl_cair.training.settings.checks import Count, Natural, Positive, Seed, Share, require
 from marl_cair.training.settings.config import OpponentSettings, TrainConfig
-from marl_cair.training.settings.config_file import (
-    build_config,
-    build_value,
-    list_sources,
-    read_yaml,
-    to_plain,
-)
 
-# What the league says for its learners.
+# Options that the league sets for its learners.
 _TAKEN = ("out", "seed", "total_frames", "max_minutes", "stop_score")
 _TAKEN_OPPONENT = ("mixture", "warmup_mixture", "snapshot_every_frames", "snapshot_margin")
+_ROLE_DEFAULTS: dict[str, dict[str, Any]] = {
+    # AlphaStar: 35 % self-play, 50 % PFSP over all past players, 15 % forgotten ones. A twentieth
+    # of bots keeps it from losing to strategies that no league member plays.
+    MAIN: {
+        "mixture": {"main_self_play": 0.33, "pfsp": 0.48, "forgotten": 0.14, "bots": 0.05},
+        "snapshot_margin": 0.1,
+    },
+    # A new network loses every game against a main agent of some age, and learns nothing from it.
+    MAIN_EXPLOITER: {"mixture": {"main_agents": 1.0}, "reset_chance": 1.0, "begins_as_main": True},
+    LEAGUE_EXPLOITER: {"mixture": {"pfsp": 1.0}, "reset_chance": 0.25},
+}
 
 
 @dataclass(frozen=True)
@@ -36,36 +41,14 @@ class RoleSettings:
     StarCraft II using multi-agent reinforcement learning", methods, and its pseudocode).
     """
 
-    learners: int = 1  # how many learners of this role
-    mixture: dict[str, float] = field(  # weights by name of who is met, as opponent.mixture
-        default_factory=lambda: {"pfsp": 1.0}
-    )
-    warmup_mixture: dict[str, float] = field(  # weights by name in opponent.warmup_frames
-        default_factory=lambda: {"random": 1.0}
-    )
+    learners: Natural = 1  # how many learners of this role
+    mixture: dict[str, float] = field(default_factory={"pfsp": 1.0}.copy)  # as opponent.mixture
+    warmup_mixture: dict[str, float] = field(default_factory={"random": 1.0}.copy)  # as opponent's
     snapshot_every_frames: int = 100_000  # frames after which a player is frozen in any case
     snapshot_margin: float | None = 0.2  # sooner if a win rate surely above 1/2 by it; null: never
-    reset_chance: float = 0.0  # that the learner begins anew once it has frozen a player
-    begins_as_main: bool = False  # anew means with a main agent's network then, not with a new one
-    training: dict[str, Any] = field(  # options of `marl-cair train` for this role alone, by group
-        default_factory=dict
-    )
-
-
-def _main() -> RoleSettings:
-    # AlphaStar: 35 % self-play, 50 % PFSP over all past players, 15 % who is forgotten; a twentieth
-    # of bots keeps it from losing to what nobody in the league plays.
-    mixture = {"main_self_play": 0.33, "pfsp": 0.48, "forgotten": 0.14, "bots": 0.05}
-    return RoleSettings(mixture=mixture, snapshot_margin=0.1)
-
-
-def _main_exploiter() -> RoleSettings:
-    # A new network loses every game against a main agent of some age, and learns nothing by it.
-    return RoleSettings(mixture={"main_agents": 1.0}, reset_chance=1.0, begins_as_main=True)
-
-
-def _league_exploiter() -> RoleSettings:
-    return RoleSettings(mixture={"pfsp": 1.0}, reset_chance=0.25)
+    reset_chance: Share = 0.0  # that the learner is reset once it has frozen a player
+    begins_as_main: bool = False  # a reset learner has a main agent's network, not a new one
+    training: dict[str, Any] = field(default_factory=dict)  # options of `marl-cair train`, by group
 
 
 @dataclass(frozen=True)
@@ -73,37 +56,27 @@ class LeagueSettings:
     """A league of learners."""
 
     out: str = "runs/league_train"  # output folder
-    seed: int = 0  # of everything random in the league
-    total_frames: int = 1_000_000  # decisions of one world, of each learner; the league ends there
-    slice_frames: int = 50_000  # decisions of a learner before the next one's turn
-    max_minutes: float | None = None  # of this sitting; null: no limit
-    final_games: int = 40  # games of each pair in the evaluation at the end; 0: none
+    seed: Seed = 0  # of everything random in the league
+    total_frames: Count = 1_000_000  # environment steps of each learner; the league ends there
+    slice_frames: Count = 50_000  # environment steps of a learner before the next one's turn
+    max_minutes: Positive | None = None  # of this call; null: no limit
+    final_games: Natural = 40  # games of each pair in the evaluation at the end; 0: none
     final_bots: tuple[str, ...] = ("random",)  # bots that take part in it
-    final_past: int = 4  # players that each learner froze last, which take part in it too
-    main: RoleSettings = field(default_factory=_main)
-    main_exploiter: RoleSettings = field(default_factory=_main_exploiter)
-    league_exploiter: RoleSettings = field(default_factory=_league_exploiter)
-    training: dict[str, Any] = field(  # options of `marl-cair train` for all learners, by group
-        default_factory=dict
+    final_past: Natural = 4  # players that each learner froze last, which take part in it too
+    main: RoleSettings = field(default_factory=partial(RoleSettings, **_ROLE_DEFAULTS[MAIN]))
+    main_exploiter: RoleSettings = field(
+        default_factory=partial(RoleSettings, **_ROLE_DEFAULTS[MAIN_EXPLOITER])
     )
+    league_exploiter: RoleSettings = field(
+        default_factory=partial(RoleSettings, **_ROLE_DEFAULTS[LEAGUE_EXPLOITER])
+    )
+    training: dict[str, Any] = field(default_factory=dict)  # options of `marl-cair train`, by group
 
     def __post_init__(self) -> None:
-        for name in ("total_frames", "slice_frames"):
-            require(getattr(self, name) >= 1, name, getattr(self, name), "1 or more")
-        require(0 <= self.seed < 2**63, "seed", self.seed, "0 or more")
-        minutes, games = self.max_minutes, self.final_games
-        require(minutes is None or minutes > 0, "max_minutes", minutes, "above 0, or null")
-        require(games >= 0, "final_games", games, "0 or more")
-        require(self.final_past >= 0, "final_past", self.final_past, "0 or more")
+        checks.check_fields(self)
         for name in ROLES:
-            role = self.role(name)
-            require(role.learners >= 0, f"{name}.learners", role.learners, "0 or more")
-            chance = role.reset_chance
-            require(0 <= chance <= 1, f"{name}.reset_chance", chance, "a chance in 0..1")
+            checks.check_fields(self.role(name), f"{name}.")
         require(self.main.learners >= 1, "main.learners", self.main.learners, "1 or more")
-        self._check_learners()
-
-    def _check_learners(self) -> None:
         main = self.learner_config(MAIN).game
         for name in (MAIN_EXPLOITER, LEAGUE_EXPLOITER):
             if self.role(name).learners:
@@ -111,19 +84,17 @@ class LeagueSettings:
                 played = (other.name, other.scenario, other.options)
                 if played != (main.name, main.scenario, main.options):
                     raise ValueError(f"{name}.training.game is another than main's: all play one")
-                allowed = f"{main.representation!r} as main's: they play one another's past"
                 seen, place = other.representation, f"{name}.training.game.representation"
+                allowed = f"{main.representation!r} as main's: they play one another's past"
                 require(seen == main.representation, place, seen, allowed)
-        game = GAMES[main.name]
-        teams = game.make_spec(game.scenario(main.scenario, **main.options)).num_teams
+        teams, games = main.spec.num_teams, self.final_games
         allowed = "a scenario of two or more teams: a league is of rivals"
         require(teams > 1, "training.game.scenario", main.scenario, allowed)
-        games = self.final_games
         allowed = "even: every map seed is played once in each seat"
         require(teams != 2 or games % 2 == 0, "final_games", games, allowed)
         for bot in self.final_bots:
-            find_by_name(f"{game.name} bot", bot, game.bots)
-        require_once("final_bots", self.final_bots)
+            check_name(f"{main.name} bot", bot, GAMES[main.name].bots)
+        checks.require_once("final_bots", self.final_bots)
 
     def role(self, name: str) -> RoleSettings:
         """The settings of one of ROLES."""
@@ -136,28 +107,29 @@ class LeagueSettings:
         return [(f"{role}_{n}", role) for role in ROLES for n in range(self.role(role).learners)]
 
     def list_sources(self) -> list[str]:
-        """The agents that the learners load by name, beside one another."""
-        roles = {role for _, role in self.learners}
-        return [one for role in sorted(roles) for one in list_sources(self.learner_config(role))]
+        """Sources of the agents that the learners load, beside one another."""
+        configs = [
+            self.learner_config(role) for role in sorted({role for _, role in self.learners})
+        ]
+        return [source for config in configs for source in config_file.list_sources(config)]
 
     def learner_config(self, role: str, out: str = "unused", seed: int = 0) -> TrainConfig:
-        """The training of a learner of `role`. Raises ValueError for options that cannot be."""
+        """The training of a learner of `role`. Raises ValueError for options that are refused."""
         settings = self.role(role)
         for place, given in (("training", self.training), (f"{role}.training", settings.training)):
             refuse_given(place, given, _TAKEN, "the league has its own, {name}")
-            why = "set it for a role, main.{name}"
             opponent = given.get("opponent", {})
             allowed = f"options by name: {place}.opponent.name"
             require(isinstance(opponent, Mapping), f"{place}.opponent", opponent, allowed)
-            refuse_given(f"{place}.opponent", opponent, _TAKEN_OPPONENT, why)
+            refuse_given(
+                f"{place}.opponent", opponent, _TAKEN_OPPONENT, "set it for a role, main.{name}"
+            )
         values = _merge(self.training, settings.training)
-        opponent = {
-            **values.get("opponent", {}),
-            **{name: getattr(settings, name) for name in _TAKEN_OPPONENT},
-        }
+        own = {name: getattr(settings, name) for name in _TAKEN_OPPONENT}
+        opponent = {**values.get("opponent", {}), **own}
         if not opponent.get("warmup_frames", OpponentSettings.warmup_frames):
             del opponent["warmup_mixture"]
-        return build_config({**values, "opponent": opponent, "out": out, "seed": seed})
+        return config_file.build_config({**values, "opponent": opponent, "out": out, "seed": seed})
 
 
 def derive_seed(seed: int, learner: int, generation: int) -> int:
@@ -167,7 +139,7 @@ def derive_seed(seed: int, learner: int, generation: int) -> int:
 
 
 def load_league(path: str | Path, allow_code: AllowCode = False) -> LeagueSettings:
-    """The league that a YAML file describes; what it leaves out has the defaults.
+    """The league that a YAML file describes; missing options have their defaults.
 
     allow_code: which code that it names may run; see `league.agents.allowed_code`.
 
@@ -181,12 +153,12 @@ def load_league(path: str | Path, allow_code: AllowCode = False) -> LeagueSettin
 
 
 def read_options(path: str | Path) -> dict[str, Any]:
-    """What stands in a YAML file. Raises ValueError: no such file, no YAML, or no options."""
+    """Options in a YAML file. Raises ValueError: no such file, no YAML, or no options."""
     place = Path(path)
     if not place.is_file():
         raise ValueError(f"{path} is no file: give a YAML file, or begin with --example")
-    values = read_yaml(place)
-    if not isinstance(values, dict) or not values:  # an empty file is hardly meant
+    values = config_file.read_yaml(place)
+    if not isinstance(values, dict) or not values:  # an empty file is a mistake
         raise ValueError(f"{path} must hold options by name, for example seed: 3")
     return typing.cast(dict[str, Any], values)
 
@@ -194,22 +166,17 @@ def read_options(path: str | Path) -> dict[str, Any]:
 def build_league(values: Mapping[str, Any]) -> LeagueSettings:
     """A league from nested plain values. Raises as `load_league`."""
     filled = dict(values)
-    for name, default in (
-        (MAIN, _main()),
-        (MAIN_EXPLOITER, _main_exploiter()),
-        (LEAGUE_EXPLOITER, _league_exploiter()),
-    ):
+    for name, defaults in _ROLE_DEFAULTS.items():
         given = filled.get(name) or {}
-        if not isinstance(given, Mapping):
-            raise ValueError(f"{name} is {given!r}, it must be options by name")
-        filled[name] = {**to_plain(dataclasses.asdict(default)), **given}
-    league: LeagueSettings = build_value(LeagueSettings, filled)
+        require(isinstance(given, Mapping), name, given, "options by name")
+        filled[name] = {**defaults, **given}
+    league: LeagueSettings = config_file.build_value(LeagueSettings, filled)
     return league
 
 
 def refuse_given(place: str, given: object, names: Collection[str], advice: str) -> None:
-    """Raise ValueError where one of `names` is given at `place`; the advice may hold {name}. What
-    are no options by name is left to who reads them.
+    """Raise ValueError if one of `names` is given at `place`; the advice may hold {name}. A value
+    that is no mapping passes: its reader refuses it.
     """
     for name in names:
         if isinstance(given, Mapping) and name in given:
@@ -217,7 +184,7 @@ def refuse_given(place: str, given: object, names: Collection[str], advice: str)
 
 
 def _merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested values, those of `changes` first; a mapping in a group is replaced whole."""
+    """Nested values, with `changes` over `base`; a mapping within a group is replaced whole."""
     merged = dict(base)
     for name, value in changes.items():
         below = merged.get(name)

@@ -1,7 +1,7 @@
-"""`run_slice`: one learner of a league trains for a while; it shares nothing but two folders.
+"""Trains one learner of a league for a slice of its frames; it needs only two folders.
 
-A learner's folder holds `member.json` (who it is, and how often it has begun anew), and one
-training run for each generation, `000`, `001`, ...; only the newest has a state to go on from.
+A learner's folder holds `member.json` (its role and how often it was reset), and one training run
+for each generation, `000`, `001`, ...; only the newest has a state to resume from.
 """
 
 from __future__ import annotations
@@ -29,51 +29,35 @@ MEMBER_FILE = "member.json"
 
 @dataclass(frozen=True)
 class MemberRecord:
-    """What `member.json` says.
-
-    Attributes:
-        name, role: of the learner.
-        mains: the names of all main agents.
-        reset_chance: that it begins anew once it has frozen a player.
-        begins_as_main: whether it then has a main agent's network, and not a new one.
-        league_seed, place: seeds derive from them; place is in the order of turns.
-        generation: how often it has begun anew.
-        frames_before: decisions of all generations before.
-    """
+    """The contents of `member.json`."""
 
     name: str
     role: str
-    mains: tuple[str, ...]
-    reset_chance: float
-    begins_as_main: bool
-    league_seed: int
-    place: int
-    generation: int = 0
-    frames_before: int = 0
+    mains: tuple[str, ...]  # names of all main agents
+    reset_chance: float  # that the learner is reset once it has frozen a player
+    begins_as_main: bool  # it then has a main agent's network, and not a new one
+    league_seed: int  # seeds derive from it, place and generation
+    place: int  # in the order of turns
+    generation: int = 0  # number of resets
+    frames_before: int = 0  # steps of all earlier generations
 
 
 @dataclass(frozen=True)
 class Budget:
-    """How far a slice goes.
-
-    Attributes:
-        frames: decisions of the learner in all when it ends, so that a slice that is run once more
-            after it was cut short does what was left, and one that was done trains no further.
-        total_frames: decisions of the learner in all when the league ends, over which a learning
-            rate that falls is spread.
-        max_minutes: after which it is cut short; None: no limit.
+    """The end of a slice. Steps are the learner's in all, so a slice that is run again trains only
+    what is missing.
     """
 
-    frames: int
-    total_frames: int
-    max_minutes: float | None = None
+    frames: int  # steps at the end of the slice
+    total_frames: int  # steps at the end of the league, over which a learning rate falls
+    max_minutes: float | None = None  # the slice is cut short after it; None: no limit
 
 
 @dataclass(frozen=True)
 class SliceResult:
-    """Where the learner stands."""
+    """The state of the learner after a slice."""
 
-    frames: int  # decisions of all its generations
+    frames: int  # steps of all its generations
     generation: int
     is_done: bool  # whether the budget's frames are reached
     was_interrupted: bool
@@ -89,8 +73,8 @@ def run_slice(
 ) -> SliceResult:
     """Train the learner in `member` against the league in `shared` until `budget.frames`.
 
-    Killed at any moment, the same call again goes on from the learner's last state, and gives the
-    same bits as if nothing had happened, as long as no other learner has trained in between.
+    After a kill at any moment, the same call resumes from the learner's last state and gives the
+    same bits as without the kill, as long as no other learner has trained in between.
 
     allow_code: which code that the learner's `config.yaml` names may run; see
     `league.agents.allowed_code`.
@@ -113,32 +97,23 @@ def run_slice(
             total_frames=budget.total_frames - record.frames_before,
             max_minutes=budget.max_minutes,
         )
-        seat = LeagueSeat(
-            shared,
-            record.name,
-            record.role,
-            record.generation,
-            tuple(record.mains),
-            record.reset_chance,
-            record.frames_before,
-        )
+        about = record.name, record.role, record.generation, tuple(record.mains)
+        seat = LeagueSeat(shared, *about, record.reset_chance, record.frames_before)
         result = train(config, True, show_progress, seat=seat, until_frames=goal)
         last_row = result.last_row or last_row
-        frames = record.frames_before + result.frames
+        frames, cut = record.frames_before + result.frames, result.was_interrupted
         if result.is_over:
-            _begin_anew(member, record, frames)
-        if not result.is_over or result.was_interrupted:
-            return SliceResult(
-                frames,
-                record.generation,
-                frames >= budget.frames,
-                result.was_interrupted,
-                last_row,
-            )
+            following = record.generation + 1
+            new = dataclasses.replace(record, generation=following, frames_before=frames)
+            save_member(member, new)
+            # Only now: until the record has the next generation, the state says that this is over.
+            shutil.rmtree(Path(config.out) / RESUME_FOLDER, ignore_errors=True)
+        if not result.is_over or cut:
+            return SliceResult(frames, record.generation, frames >= budget.frames, cut, last_row)
 
 
 def _begin(member: Path, shared: Path, record: MemberRecord, allow_code: AllowCode) -> TrainConfig:
-    """The settings of the learner's generation; what it begins with is decided once."""
+    """The settings of the learner's generation; its first network is decided once."""
     config, run = load_config(member, allow_code), member / f"{record.generation:03d}"
     main = str(shared / LIVE_FOLDER / record.mains[record.generation % len(record.mains)])
     if (run / CONFIG_FILE).is_file():
@@ -150,15 +125,8 @@ def _begin(member: Path, shared: Path, record: MemberRecord, allow_code: AllowCo
     return begin_as(main, config) if begins_as_main else config
 
 
-def _begin_anew(member: Path, record: MemberRecord, frames: int) -> None:
-    following = record.generation + 1
-    save_member(member, dataclasses.replace(record, generation=following, frames_before=frames))
-    # Only now: until the record names the next generation, the state says that this one is over.
-    shutil.rmtree(member / f"{record.generation:03d}" / RESUME_FOLDER, ignore_errors=True)
-
-
 def make_member(member: Path, record: MemberRecord, config: TrainConfig) -> None:
-    """Prepare a learner's folder; one that is there stays as it is."""
+    """Prepare a learner's folder; an existing one is left as it is."""
     if not (member / MEMBER_FILE).is_file():
         member.mkdir(parents=True, exist_ok=True)
         save_config(dataclasses.replace(config, out=str(member)))
@@ -171,7 +139,7 @@ def save_member(member: Path, record: MemberRecord) -> None:
 
 
 def read_member(member: Path) -> MemberRecord:
-    """Who the learner in `member` is. Raises CheckpointError where that cannot be read."""
+    """The record of the learner in `member`. Raises CheckpointError if it cannot be read."""
     path = member / MEMBER_FILE
     try:
         return MemberRecord(**read_json(path))

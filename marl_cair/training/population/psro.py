@@ -1,4 +1,4 @@
-"""`train_psro`: best responses, one after the other, and a mixture of them as one agent."""
+"""Policy-space response oracles: trains best responses in rounds and mixes them into one agent."""
 
 from __future__ import annotations
 
@@ -14,20 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from marl_cair.checkpoint import (
-    LATEST_FOLDER,
-    MIXTURE_FOLDER,
-    PSRO,
-    CheckpointError,
-    read_description,
-)
-from marl_cair.files import (
-    claim_output_folder,
-    copy_folder,
-    recover_folder,
-    write_atomically,
-    write_json,
-)
+from marl_cair import checkpoint, files
 from marl_cair.games import GAMES
 from marl_cair.league.agents.load import find_distinct
 from marl_cair.league.agents.mixtures import is_mixture, save_mixture
@@ -43,12 +30,12 @@ from marl_cair.training.settings.config_file import write_settings
 from marl_cair.training.trainer import train
 
 SETTINGS_FILE, PLAN_FILE, REPORT_FILE = "psro.yaml", "plan.json", "report.txt"
-ROUNDS, PLAYERS, EVALUATION, MIXTURE = "rounds", "players", "evaluation", MIXTURE_FOLDER
+ROUNDS, PLAYERS, EVALUATION, MIXTURE = "rounds", "players", "evaluation", checkpoint.MIXTURE_FOLDER
 
 
 @dataclass(frozen=True)
 class PsroResult:
-    """Where it stands."""
+    """The state of a PSRO run."""
 
     folder: Path
     rounds: int  # done so far
@@ -58,10 +45,10 @@ class PsroResult:
 
 
 class _Plan(NamedTuple):
-    """Whom a response meets, and what it begins as."""
+    """A response's opponents and its first network."""
 
     met: dict[str, float]  # weights by name of an `Entrant`
-    start: str | None  # name of one; None: it begins anew
+    start: str | None  # name of one; None: a new network
 
 
 class Entrant(NamedTuple):
@@ -75,58 +62,57 @@ class Entrant(NamedTuple):
 def train_psro(settings: PsroSettings, show_progress: bool = True) -> PsroResult:
     """Train `rounds` best responses, rate them, and write the safest mixture of all networks.
 
-    Whom each meets says `weigh_opponents`; it begins as the network that scores most against them.
-    The same call again goes on where an interrupt or a kill stopped it, and with more rounds from
-    where it had ended; the bits are those of a run that was never stopped.
+    `weigh_opponents` chooses the opponents of a response; it begins as the network that scores
+    most against them. The same call again resumes after an interrupt or a kill, and continues with
+    more rounds from the end; the bits are those of a run that was never stopped.
 
     Raises:
         OutputFolderError: the folder holds something else, or a run of other settings.
         CheckpointError: one of `begin_with` that cannot be read, or is no greedy network.
-        ValueError: agents of `begin_with` that look at different representations.
+        ValueError: agents of `begin_with` that have different representations.
         As `training.trainer.train`, and as `league.league.run_league`.
     """
-    folder = Path(settings.out)
+    folder, minutes = Path(settings.out), settings.max_minutes
     _check_beginnings(settings)
-    find_entrants(settings, 0)  # what cannot be loaded is refused before anything is written
-    with claim_output_folder(folder, PSRO, fixed_options(settings), resume=True):
+    find_entrants(settings, 0)  # agents that cannot be loaded are refused before any writing
+    with files.claim_output_folder(folder, checkpoint.PSRO, fixed_options(settings), resume=True):
         write_settings(settings, folder / SETTINGS_FILE)
         for name, source in _find_beginnings(settings).items():
             own = _find_player(settings, name)
-            recover_folder(own)
+            files.recover_folder(own)
             if not own.is_dir():
-                copy_folder(source, own)
-        minutes = settings.max_minutes
+                files.copy_folder(source, own)
         deadline = None if minutes is None else time.monotonic() + 60 * minutes
         for number in range(settings.rounds):
             player = _find_player(settings, _name_player(number))
-            recover_folder(player)
+            files.recover_folder(player)
             if not player.is_dir():
                 was_interrupted = _respond(settings, number, deadline, show_progress)
                 if was_interrupted or not player.is_dir():
                     done = number + player.is_dir()
                     return PsroResult(folder, done, False, was_interrupted, "")
-            # What it would go on from: its replay is by far the largest of all that was written.
+            # The state of a finished response: its replay is by far the largest file.
             shutil.rmtree(_find_run(settings, number) / RESUME_FOLDER, ignore_errors=True)
         return PsroResult(folder, settings.rounds, True, False, _report(settings, show_progress))
 
 
 def _check_beginnings(settings: PsroSettings) -> None:
-    """Whether responses can begin as each of `begin_with`, and be mixed with all of them."""
+    """Raise an error if responses cannot begin as one of `begin_with`, or be mixed with all."""
     seen: dict[str, str] = {}
     config = settings.response_config(0, {}, None)
     for source in _find_beginnings(settings).values():
         if is_mixture(source) or not can_begin_as(source):
-            raise CheckpointError(
+            raise checkpoint.CheckpointError(
                 f"begin_with has {source}, which is no folder of a greedy network: give one (of a "
                 "mixture its members, of a bot its name in `bots`)"
             )
         config = settings.response_config(0, {}, source)
-        seen[read_description(source).representation] = source
+        seen[checkpoint.read_description(source).representation] = source
     if len(seen) > 1:
-        told = ", ".join(f"{source} at {name}" for name, source in seen.items())
+        found = ", ".join(f"{source} has {name}" for name, source in seen.items())
         raise ValueError(
-            f"agents of begin_with look at different representations ({told}): what is mixed must "
-            "look at the same"
+            f"agents of begin_with have different representations ({found}): members of a mixture "
+            "must have the same"
         )
     check_generator(config)
 
@@ -134,44 +120,38 @@ def _check_beginnings(settings: PsroSettings) -> None:
 def _respond(
     settings: PsroSettings, number: int, deadline: float | None, show_progress: bool
 ) -> bool:
-    """Train response `number`, and freeze it once it has had its frames; returns whether it was
+    """Train response `number`, and freeze it at the end of its frames; returns whether it was
     interrupted.
     """
-    plan = _find_plan(settings, number, show_progress)
+    plan, path = _find_plan(settings, number, show_progress), _find_plan_file(settings, number)
     left = None if deadline is None else (deadline - time.monotonic()) / 60
     if left is not None and left <= 0:
         return False
     sources = {one.name: one.source for one in find_entrants(settings, number)}
     if unknown := sorted({*plan.met, *([plan.start] if plan.start else [])} - sources.keys()):
-        path = _find_run(settings, number).with_name(PLAN_FILE)
         raise ValueError(
-            f"{path} names unknown agents {', '.join(unknown)}; known are "
-            f"{', '.join(sources)}: delete the file, and the plan is made again"
+            f"{path} names unknown agents {', '.join(unknown)}; known are {', '.join(sources)}: "
+            "delete the file, and the plan is made again"
         )
     met = {name: (sources[name], weight) for name, weight in plan.met.items()}
     start = None if plan.start is None else sources[plan.start]
-    config = dataclasses.replace(
-        settings.response_config(number, met, start),
-        out=str(_find_run(settings, number)),
-        max_minutes=left,
-    )
-    if number > 0:  # what generates goes on from response to response
+    config = settings.response_config(number, met, start)
+    run = _find_run(settings, number)
+    config = dataclasses.replace(config, out=str(run), max_minutes=left)
+    if number > 0:  # the generator is handed from response to response
         config = take_over_generator(config, _find_run(settings, number - 1))
     result = train(config, True, show_progress)
     if result.frames >= config.total_frames:
-        copy_folder(result.folder / LATEST_FOLDER, _find_player(settings, _name_player(number)))
+        player = _find_player(settings, _name_player(number))
+        files.copy_folder(result.folder / checkpoint.LATEST_FOLDER, player)
     return result.was_interrupted
 
 
 def _find_beginnings(settings: PsroSettings) -> dict[str, str]:
-    """Sources of `begin_with` by name: the copies, once they are there, as what they are of may
-    have changed.
-    """
+    """Sources of `begin_with` by name: their copies, if made, as the originals may have changed."""
     found = {f"begin_{number}": source for number, source in enumerate(settings.begin_with)}
-    for name in found:
-        if (own := _find_player(settings, name)).is_dir():
-            found[name] = str(own)
-    return found
+    copies = {name: _find_player(settings, name) for name in found}
+    return found | {name: str(copy) for name, copy in copies.items() if copy.is_dir()}
 
 
 def _find_player(settings: PsroSettings, name: str) -> Path:
@@ -182,19 +162,23 @@ def _find_run(settings: PsroSettings, number: int) -> Path:
     return Path(settings.out) / ROUNDS / f"{number:03}" / "run"
 
 
+def _find_plan_file(settings: PsroSettings, number: int) -> Path:
+    return _find_run(settings, number).with_name(PLAN_FILE)
+
+
 def _name_player(number: int) -> str:
     return f"player_{number:03}"
 
 
 def _find_plan(settings: PsroSettings, number: int, show_progress: bool) -> _Plan:
-    """Decided once, and kept for who goes on."""
-    path = _find_run(settings, number).with_name(PLAN_FILE)
+    """The plan of a response: made once, then read from its file."""
+    path = _find_plan_file(settings, number)
     if path.is_file():
         return _read_plan(path)
     entrants = find_entrants(settings, number)
     networks = _find_networks(entrants)
     if networks:
-        play_league(_make_league(settings, entrants, False), show_progress=show_progress)
+        play_league(_make_league(settings, entrants, networks), show_progress=show_progress)
         scores = _read_scores(settings, entrants)
         weights = weigh_opponents(scores, networks, settings.slack, settings.even_share)
         best = networks[int((scores @ weights).argmax())]
@@ -202,7 +186,7 @@ def _find_plan(settings: PsroSettings, number: int, show_progress: bool) -> _Pla
         plan = _Plan(dict(zip(names, weights.tolist(), strict=True)), names[best])
     else:
         plan = _Plan(dict.fromkeys(settings.bots, 1.0 / len(settings.bots)), None)
-    write_json(path, plan._asdict())
+    files.write_json(path, plan._asdict())
     if show_progress:
         tqdm.write(f"response {number} {_describe_plan(plan)}")
     return plan
@@ -211,13 +195,13 @@ def _find_plan(settings: PsroSettings, number: int, show_progress: bool) -> _Pla
 def weigh_opponents(
     scores: NDArray[np.float64], networks: Sequence[int], slack: float, even_share: float
 ) -> NDArray[np.float64]:
-    """How often a response meets each of N agents, float64 [N] in sum 1.
+    """A response's opponents: probabilities of N agents, float64 [N].
 
     The networks play one game with all agents, bots among them: they choose a mixture whose least
-    score is the highest, the others one that leaves them the least. `even_share` of the games are
-    against all agents alike, so that nobody is forgotten; half of the rest are against the first
-    mixture, in which a response finds what is wrong with it, half against the second, from which it
-    learns what the networks lack. Among networks alone the two are the same.
+    score is the highest, the others one that leaves them the least. `even_share` of the games have
+    all agents alike as opponents, so that none is forgotten; half of the rest have the first
+    mixture, whose weaknesses a response finds, half the second, which teaches it what the networks
+    cannot do yet. Among networks alone the two are the same.
 
     networks: places of K of the N agents; scores: [K, N], shares of points of these against all.
     """
@@ -230,8 +214,8 @@ def weigh_opponents(
 
 def _read_plan(path: Path) -> _Plan:
     try:
-        told = read_json(path)
-        return _Plan({n: float(part) for n, part in told["met"].items()}, told["start"])
+        read = read_json(path)
+        return _Plan({n: float(part) for n, part in read["met"].items()}, read["start"])
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(
             f"{path} cannot be read ({error!r}): delete it, and the plan is made again"
@@ -240,15 +224,15 @@ def _read_plan(path: Path) -> _Plan:
 
 def _describe_plan(plan: _Plan) -> str:
     if plan.start is None:
-        return "begins anew, against all bots alike"
+        return "begins with a new network, against all bots alike"
     likely = sorted(((part, name) for name, part in plan.met.items()), reverse=True)[:5]
-    told = ", ".join(f"{name} {part:.0%}" for part, name in likely)
-    return f"begins as {plan.start}, against {told}"
+    opponents = ", ".join(f"{name} {part:.0%}" for part, name in likely)
+    return f"begins as {plan.start}, against {opponents}"
 
 
 def find_entrants(settings: PsroSettings, number: int) -> list[Entrant]:
-    """All that take part before response `number`, each once: one that has learned nothing is
-    whom it began as.
+    """All agents that take part before response `number`, each once: a response that has learned
+    nothing is the agent that it began as.
     """
     game = GAMES[settings.game.name]
     sources = _find_beginnings(settings)
@@ -261,22 +245,21 @@ def find_entrants(settings: PsroSettings, number: int) -> list[Entrant]:
 
 
 def _find_networks(entrants: Sequence[Entrant]) -> list[int]:
-    """Places of those that mixtures are made of, and responses begin as."""
+    """Places of the networks: responses begin as them, and mixtures consist of them."""
     return [n for n, one in enumerate(entrants) if can_begin_as(one.source)]
 
 
 def _read_scores(settings: PsroSettings, entrants: Sequence[Entrant]) -> NDArray[np.float64]:
-    """What the networks score against all, [K, N]."""
+    """Scores of the networks against all, [K, N]."""
     fingerprints = [one.fingerprint for one in entrants]
     return read_scores(Path(settings.out) / EVALUATION, fingerprints, _find_networks(entrants))
 
 
 def _make_league(
-    settings: PsroSettings, entrants: Sequence[Entrant], is_final: bool
+    settings: PsroSettings, entrants: Sequence[Entrant], playing: Sequence[int]
 ) -> LeagueConfig:
-    """Games of the networks against all, in the end of all against all."""
+    """Games of the entrants at the places `playing` against all."""
     about = settings.game
-    playing = range(len(entrants)) if is_final else _find_networks(entrants)
     return LeagueConfig(
         agents=tuple(entrants[n].source for n in playing),
         ladder=tuple(one.source for n, one in enumerate(entrants) if n not in playing),
@@ -290,32 +273,31 @@ def _make_league(
 
 
 def _report(settings: PsroSettings, show_progress: bool) -> str:
-    """Rate all, write the mixture, and tell."""
+    """Rate all, write the mixture and the report; returns the report."""
     folder = Path(settings.out)
     entrants = find_entrants(settings, settings.rounds)
-    text = run_league(
-        _make_league(settings, entrants, is_final=True), show_progress=show_progress
-    ).text
-    fingerprints = [one.fingerprint for one in entrants]
+    league = _make_league(settings, entrants, range(len(entrants)))
+    text = run_league(league, show_progress=show_progress).text
     scores = _read_scores(settings, entrants)
-    mixed = mix_league(folder / EVALUATION, slack=settings.slack, among=set(fingerprints))
+    among = {one.fingerprint for one in entrants}
+    mixed = mix_league(folder / EVALUATION, slack=settings.slack, among=among)
     save_mixture(folder / MIXTURE, mixed.sources, mixed.weights)
-    text += "\nEach response against whom it met, and who it began as against the same:\n"
+    text += "\nScore of each response against its opponents, and of the agent that it began as:\n"
     places = {one.name: n for n, one in enumerate(entrants)}
     rows = {entrants[n].name: scores[row] for row, n in enumerate(_find_networks(entrants))}
     for number in range(settings.rounds):
         name, plan = _name_player(number), _find_plan(settings, number, show_progress)
-        told = "has learned nothing"
+        score = "has learned nothing"
         if name in rows:
-            told = f"{_weigh(rows[name], plan, places):.1%}"
+            score = f"{_weigh(rows[name], plan, places):.1%}"
         if plan.start is not None:
-            told += f" ({_weigh(rows[plan.start], plan, places):.1%})"
-        text += f"  {name} {told}; it {_describe_plan(plan)}\n"
+            score += f" ({_weigh(rows[plan.start], plan, places):.1%})"
+        text += f"  {name} {score}; it {_describe_plan(plan)}\n"
     text += f"\nAll of them as one agent, {folder / MIXTURE}: {describe_mixture(mixed)}"
-    write_atomically(folder / REPORT_FILE, text)
+    files.write_atomically(folder / REPORT_FILE, text)
     return text
 
 
 def _weigh(scores: NDArray[np.float64], plan: _Plan, places: Mapping[str, int]) -> float:
-    """Mean score against whom a plan says."""
+    """Mean score against the opponents of a plan."""
     return sum(part * float(scores[places[name]]) for name, part in plan.met.items())

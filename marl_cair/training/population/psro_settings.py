@@ -6,74 +6,57 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from marl_cair.games import GAMES
 from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
 from marl_cair.league.agents.mixtures import SLACK
-from marl_cair.lookup import find_by_name
+from marl_cair.lookup import check_name
 from marl_cair.training.population.league_settings import derive_seed, read_options, refuse_given
-from marl_cair.training.settings.checks import require, require_once
+from marl_cair.training.settings import checks, config_file
+from marl_cair.training.settings.checks import Allowed, Count, Positive, Seed, Share, require
 from marl_cair.training.settings.config import ENDLESS_FRAMES, GameSettings, TrainConfig
-from marl_cair.training.settings.config_file import (
-    build_config,
-    build_value,
-    list_sources,
-    to_plain,
-)
 
-# What a round says for its response.
+# Options that a round sets for its response.
 _TAKEN = ("out", "seed", "total_frames", "max_minutes", "stop_score", "initial_agent")
 _TAKEN_OPPONENT = ("mixture", "agents", "snapshot_every_frames", "snapshot_margin")
+_Slack = Annotated[float, Allowed(lambda x: 0 < x < 1, "above 0, below 1")]
+_Pairs = Annotated[int, Allowed(lambda n: n >= 2 and n % 2 == 0, "even and 2 or more")]
 
 
 @dataclass(frozen=True)
 class PsroSettings:
-    """Best responses, one after the other, each to mixtures of all that were there before:
-    policy-space response oracles (Lanctot et al. 2017, "A unified game-theoretic approach to
-    multiagent reinforcement learning"), between two teams.
+    """Best responses, one after the other, each to mixtures of all earlier agents: policy-space
+    response oracles (Lanctot et al. 2017, "A unified game-theoretic approach to multiagent
+    reinforcement learning"), between two teams.
     """
 
     out: str = "runs/psro"  # output folder
-    seed: int = 0  # of everything random
-    rounds: int = 8  # best responses, one after the other
-    round_frames: int = 200_000  # decisions of one world in which a response learns
-    first_round_frames: int = 400_000  # the same where nobody is there yet whom it could begin as
-    max_minutes: float | None = None  # of this sitting; null: no limit
+    seed: Seed = 0  # of everything random
+    rounds: Count = 8  # best responses, one after the other
+    round_frames: Count = 200_000  # environment steps in which a response learns
+    first_round_frames: Count = 400_000  # the same for a response that begins with a new network
+    max_minutes: Positive | None = None  # of this call; null: no limit
     begin_with: tuple[str, ...] = ()  # agents that take part from the start: checkpoint folders
-    bots: tuple[str, ...] = ("random",)  # bots that are met, and to be safe against
-    games_per_pair: int = 40  # games of each pair, by which agents are weighed
-    even_share: float = 0.25  # of a response's games are against all alike, the rest by mixtures
-    slack: float = SLACK  # of a mixture's least score (0..1), that its evenness may cost
-    training: dict[str, Any] = field(  # options of `marl-cair train` for all responses, by group
-        default_factory=dict
-    )
+    bots: tuple[str, ...] = ("random",)  # opponents that the mixture is to be safe against too
+    games_per_pair: _Pairs = 40  # games of each pair, by which agents are weighed
+    even_share: Share = 0.25  # of a response's games, with all agents alike as opponents
+    slack: _Slack = SLACK  # of a mixture's least score (0..1), that its evenness may cost
+    training: dict[str, Any] = field(default_factory=dict)  # options of `marl-cair train`, by group
 
     def __post_init__(self) -> None:
-        for name in ("rounds", "round_frames", "first_round_frames"):
-            require(getattr(self, name) >= 1, name, getattr(self, name), "1 or more")
-        require(0 <= self.seed < 2**63, "seed", self.seed, "0 or more")
-        minutes, games = self.max_minutes, self.games_per_pair
-        require(minutes is None or minutes > 0, "max_minutes", minutes, "above 0, or null")
-        require(games >= 2 and games % 2 == 0, "games_per_pair", games, "even and 2 or more")
-        require(0 <= self.even_share <= 1, "even_share", self.even_share, "0..1")
-        require(0 < self.slack < 1, "slack", self.slack, "above 0, below 1")
-        for name, given in (("begin_with", self.begin_with), ("bots", self.bots)):
-            require_once(name, given)
-        require(len(self.bots) > 0, "bots", list(self.bots), "one or more: the first to be met")
+        checks.check_fields(self)
+        checks.require_once("begin_with", self.begin_with)
+        checks.require_once("bots", self.bots)
+        require(len(self.bots) > 0, "bots", [], "one or more: the first opponents")
         refuse_given("training", self.training, _TAKEN, "each response has its own")
-        why = "responses meet bots, begin_with, and one another"
-        refuse_given("training.opponent", self.training.get("opponent"), _TAKEN_OPPONENT, why)
-        self._check_game()
-
-    def _check_game(self) -> None:
-        about = self.game
-        game = GAMES[about.name]
+        advice = "opponents are bots, begin_with, and earlier responses"
+        refuse_given("training.opponent", self.training.get("opponent"), _TAKEN_OPPONENT, advice)
         for bot in self.bots:
-            find_by_name(f"{game.name} bot", bot, game.bots)
-        spec = game.make_spec(game.scenario(about.scenario, **about.options))
-        allowed = "a scenario of two teams: what a mixture is worth is reckoned for two"
-        require(spec.num_teams == 2, "training.game.scenario", about.scenario, allowed)
+            check_name(f"{self.game.name} bot", bot, GAMES[self.game.name].bots)
+        allowed = "a scenario of two teams: a mixture is solved for two"
+        is_of_two = self.game.spec.num_teams == 2
+        require(is_of_two, "training.game.scenario", self.game.scenario, allowed)
         config = self.response_config(0, {}, None)
         if config.nfsp.enabled:
             raise ValueError(
@@ -87,18 +70,18 @@ class PsroSettings:
 
     @property
     def game(self) -> GameSettings:
-        """What is played."""
-        return build_config(self.training).game
+        """The game of all responses."""
+        return config_file.build_config(self.training).game
 
     def response_config(
         self, number: int, met: Mapping[str, tuple[str, float]], start: str | None
     ) -> TrainConfig:
         """The training of response `number`, 0, 1, ..., but for its folder.
 
-        met: source and weight of each opponent by name; where it is empty, all bots alike. start:
-        folder of the agent that it begins as; None: it begins anew.
+        met: source and weight of each opponent by name; empty: all bots, evenly. start: folder of
+        the agent that it begins as; None: a new network.
 
-        Raises ValueError for options that cannot be, CheckpointError where `start` is no agent's.
+        Raises ValueError for options that are refused, CheckpointError if `start` is no agent's.
         """
         names = {name: source for name, (source, _) in met.items() if name not in self.bots}
         weights = {name: weight for name, (_, weight) in met.items()}
@@ -117,7 +100,7 @@ class PsroSettings:
             "seed": derive_seed(self.seed, number, 0),
             "total_frames": frames,
         }
-        config = build_config({**self.training, "opponent": opponent, **about})
+        config = config_file.build_config({**self.training, "opponent": opponent, **about})
         if start is None:
             return config
         from marl_cair.training.initial_network import begin_as
@@ -126,7 +109,7 @@ class PsroSettings:
 
 
 def load_psro(path: str | Path, allow_code: AllowCode = False) -> PsroSettings:
-    """What a YAML file describes; what it leaves out has the defaults.
+    """The settings that a YAML file describes; missing options have their defaults.
 
     allow_code: which code that it names may run; see `league.agents.allowed_code`.
 
@@ -135,18 +118,18 @@ def load_psro(path: str | Path, allow_code: AllowCode = False) -> PsroSettings:
         ValueError: no such file, no YAML, an unknown option, or a value that is not allowed.
     """
     settings = build_psro(read_options(path))
-    require_allowed(list_sources(settings.response_config(0, {}, None)), allow_code, path)
+    config = settings.response_config(0, {}, None)
+    require_allowed(config_file.list_sources(config), allow_code, path)
     return settings
 
 
 def build_psro(values: Mapping[str, Any]) -> PsroSettings:
     """The same from nested plain values. Raises as `load_psro`."""
-    settings: PsroSettings = build_value(PsroSettings, values)
+    settings: PsroSettings = config_file.build_value(PsroSettings, values)
     return settings
 
 
 def fixed_options(settings: PsroSettings) -> dict[str, Any]:
-    """What must stay the same when a folder is gone on with."""
-    free = ("out", "rounds", "max_minutes")
-    values = to_plain(dataclasses.asdict(settings))
-    return {name: value for name, value in values.items() if name not in free}
+    """The settings that a continued run must share."""
+    values = config_file.to_plain(dataclasses.asdict(settings)).items()
+    return {name: value for name, value in values if name not in ("out", "rounds", "max_minutes")}

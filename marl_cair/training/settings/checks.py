@@ -1,8 +1,32 @@
-"""What a setting must be, in one line that names it."""
+"""Allowed values of settings: types with their range, and errors that name setting and value."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+import math
+import typing
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, NamedTuple
+
+MAX_THREADS = 1024  # each takes memory of its own
+
+
+class Allowed(NamedTuple):
+    """Beside the type of a dataclass's field: which values it may have, and the same in words."""
+
+    holds: Callable[[Any], bool]
+    words: str
+
+
+Natural = Annotated[int, Allowed(lambda n: n >= 0, "0 or more")]
+Count = Annotated[int, Allowed(lambda n: n >= 1, "1 or more")]
+Threads = Annotated[int, Allowed(lambda n: 1 <= n <= MAX_THREADS, f"1..{MAX_THREADS}")]
+Seed = Annotated[int, Allowed(lambda n: 0 <= n < 2**63, "0 or more")]
+NonNegative = Annotated[float, Allowed(lambda x: 0 <= x < math.inf, "0 or more")]
+Positive = Annotated[float, Allowed(lambda x: 0 < x < math.inf, "above 0")]
+Share = Annotated[float, Allowed(lambda x: 0 <= x <= 1, "in 0..1")]
+ShareAboveZero = Annotated[float, Allowed(lambda x: 0 < x <= 1, "above 0, at most 1")]
+ShareBelowOne = Annotated[float, Allowed(lambda x: 0 <= x < 1, "0 or more, below 1")]
 
 
 def require(holds: bool, name: str, value: object, allowed: str) -> None:
@@ -12,7 +36,28 @@ def require(holds: bool, name: str, value: object, allowed: str) -> None:
 
 
 def require_once(name: str, values: Sequence[object]) -> None:
-    """Raise ValueError where one of `values` is there twice."""
+    """Raise ValueError if one of `values` occurs twice."""
     for place, value in enumerate(values):
         if value in values[:place]:
             raise ValueError(f"{name} has {value!r} twice: name each once")
+
+
+def check_fields(settings: Any, inside: str = "") -> None:
+    """Raise ValueError for a field of a dataclass whose value its type does not allow. None is
+    allowed. inside: what stands before a field's name in the error.
+    """
+    owner: type = type(settings)
+    for name, allowed in _find_allowed(owner):
+        value = getattr(settings, name)
+        require(value is None or allowed.holds(value), f"{inside}{name}", value, allowed.words)
+
+
+@functools.cache
+def _find_allowed(owner: type) -> list[tuple[str, Allowed]]:
+    hints = typing.get_type_hints(owner, include_extras=True)
+    return [
+        (name, allowed)
+        for name, hint in hints.items()
+        for part in (hint, *typing.get_args(hint))  # `Count`, or of `Count | None` each
+        for allowed in getattr(part, "__metadata__", ())
+    ]

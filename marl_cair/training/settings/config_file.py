@@ -17,23 +17,18 @@ import yaml
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
 from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
-from marl_cair.lookup import find_by_name
+from marl_cair.lookup import check_name, find_by_name
 from marl_cair.stored import DamagedFileError, read_settings, sign_settings
-from marl_cair.training.settings.config import (
-    RENAMED_OPTIONS,
-    EvaluationSettings,
-    GameSettings,
-    OpponentSettings,
-    TrainConfig,
-)
+from marl_cair.training.settings.checks import require
+from marl_cair.training.settings.config import RENAMED_OPTIONS, GameSettings, TrainConfig
 
 CONFIG_FILE = "config.yaml"
-# What ends a run; a resumed run may have other values.
+# Limits of a run, with their types; a resumed run may have others.
 ENDS = {"total_frames": int, "max_minutes": float | None, "stop_score": float | None}
 
 
 def save_config(config: TrainConfig) -> None:
-    """Write the configuration to `<out>/config.yaml`, from which `resume` takes it."""
+    """Write the configuration to `<out>/config.yaml`, which `resume` reads."""
     write_settings(config, Path(config.out) / CONFIG_FILE)
 
 
@@ -46,11 +41,11 @@ def write_settings(settings: Any, path: Path) -> None:
 
 
 def read_yaml(path: str | os.PathLike[str]) -> Any:
-    """Plain values of a YAML file; what stands in `${}` stays as it is written.
+    """Plain values of a YAML file, without interpolation: `${}` stays as it is written.
 
     Raises:
-        ValueError: no YAML, too large a file, aliases, which can stand for more than any memory
-            holds, or a text that the checksum in its last line, where there is one, is not of.
+        ValueError: no YAML, too large a file, aliases (which can expand beyond any memory), or a
+            text that does not match the checksum in its last line, if there is one.
     """
     from omegaconf import OmegaConf
 
@@ -59,13 +54,13 @@ def read_yaml(path: str | os.PathLike[str]) -> Any:
         if "*" in text and any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)):
             raise ValueError("it holds aliases (*name): write out what they stand for")
         return OmegaConf.to_container(OmegaConf.load(io.StringIO(text)))
-    except Exception as error:  # whatever a damaged file makes the YAML reader raise
-        told = " ".join(f"{error}".split()) or type(error).__name__
-        raise DamagedFileError(f"{path} cannot be read: {told}") from error
+    except Exception as error:  # a damaged file can raise anything in the YAML reader
+        reason = " ".join(f"{error}".split()) or type(error).__name__
+        raise DamagedFileError(f"{path} cannot be read: {reason}") from error
 
 
 def fixed_settings(config: TrainConfig) -> dict[str, Any]:
-    """The settings that a resumed run must share: all but how long, where, and whence."""
+    """The settings that a resumed run must share: all but its limits, folder and beginnings."""
     values = dataclasses.asdict(config)
     for free in ("out", *ENDS, "initial_agent", "initial_generator"):
         del values[free]
@@ -73,7 +68,7 @@ def fixed_settings(config: TrainConfig) -> dict[str, Any]:
 
 
 def load_config(folder: str | os.PathLike[str], allow_code: AllowCode = False) -> TrainConfig:
-    """The configuration of the run in `folder`, with `out` where the folder lies now.
+    """The configuration of the run in `folder`, with the present folder as `out`.
 
     allow_code: which code that it names may run; see `league.agents.allowed_code`.
 
@@ -93,7 +88,7 @@ def load_config(folder: str | os.PathLike[str], allow_code: AllowCode = False) -
 
 
 def list_sources(config: TrainConfig) -> list[str]:
-    """The agents that a run loads by name, as `load_agent` takes them."""
+    """Sources of the agents that a run loads, as `load_agent` takes them."""
     return [*config.opponent.agents.values(), *config.demonstration.agents.values()]
 
 
@@ -104,101 +99,90 @@ def build_config(values: Mapping[str, Any]) -> TrainConfig:
 
 
 def build_value(kind: Any, value: Any, path: str = "") -> Any:
-    """`value` as `kind`: dataclasses, tuples, optional values and plain numbers and text.
+    """Convert plain `value` to `kind`: a dataclass, mapping, tuple, optional value, number or text.
 
-    Raises ValueError that names `path` where the value is of another kind.
+    Raises ValueError that names `path` if the value is of another kind.
     """
     origin, parts = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
         inner = next(part for part in parts if part is not type(None))
         return None if value is None else build_value(inner, value, path)
     is_group = dataclasses.is_dataclass(kind) and isinstance(kind, type)
-    if (is_group or origin is dict) and not isinstance(value, Mapping):
-        raise ValueError(f"{path} is {value!r}, it must be values by name: {path}.name=value")
-    if is_group:
-        return _build_group(kind, value, f"{path}." if path else "")
-    if origin is dict:
+    if is_group or origin is dict:
+        allowed = f"values by name: {path}.name=value"
+        require(isinstance(value, Mapping), path, value, allowed)
+        if is_group:
+            return _build_group(kind, value, f"{path}." if path else "")
         return {name: build_value(parts[1], value[name], f"{path}.{name}") for name in value}
     if origin is tuple:
-        if not isinstance(value, list | tuple):
-            raise ValueError(f"{path} is {value!r}, it must be a list, for example {path}=[a,b]")
+        require(isinstance(value, list | tuple), path, value, f"a list, for example {path}=[a,b]")
         return tuple(build_value(parts[0], item, path) for item in value)
-    if kind is str:
-        if value is None or value == "":
-            raise ValueError(f"{path} is {value!r}, it must be a text")
-        return str(value)
-    return _read_number(kind, value, path)
+    return _read_single(kind, value, path)
 
 
 def _build_group(kind: Any, values: Mapping[str, Any], inside: str) -> Any:
     hints = typing.get_type_hints(kind)
     for name in values:
-        if name in RENAMED_OPTIONS and kind is OpponentSettings:
+        path = inside + name
+        if path in RENAMED_OPTIONS:
             raise ValueError(
-                f"{inside}{name} is called {inside}{RENAMED_OPTIONS[name]} now; a run of a "
-                "marl_cair from before cannot be resumed, its agents play on"
+                f"{path} is called {RENAMED_OPTIONS[path]} now; a run of an older marl_cair cannot "
+                "be resumed, but its agents still play"
             )
-        find_by_name("option", name, hints)
+        check_name("option", name, hints)
     built = {name: build_value(hints[name], values[name], inside + name) for name in values}
     if kind is GameSettings:
-        options = built.get("options", {})
-        built["options"] = _read_scenario_options(built, options, "game.options")
+        built["options"] = _read_changes(built, built.get("options", {}), "game.options")
     if kind is TrainConfig and "evaluation" in built:
-        built["evaluation"] = _read_evaluation(built)
+        evaluation = built["evaluation"]
+        game = dataclasses.asdict(built.get("game", GameSettings()))
+        changes = evaluation.changes()
+        own, *heldout = (_read_changes(game, changes[place], place) for place in changes)
+        scenarios = dict(zip(evaluation.scenarios, heldout, strict=True))
+        built["evaluation"] = dataclasses.replace(evaluation, options=own, scenarios=scenarios)
     return kind(**built)
 
 
-def _read_evaluation(built: Mapping[str, Any]) -> EvaluationSettings:
-    evaluation: EvaluationSettings = built["evaluation"]
-    game = dataclasses.asdict(built.get("game", GameSettings()))
-    own, *heldout = (
-        _read_scenario_options(game, options, place)
-        for place, options in evaluation.changes().items()
-    )
-    scenarios = dict(zip(evaluation.scenarios, heldout, strict=True))
-    return dataclasses.replace(evaluation, options=own, scenarios=scenarios)
+_KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text"}
 
 
-def _read_number(kind: Any, value: Any, path: str) -> Any:
-    """Numbers of the right kind; 1e6 is a whole number, 1.5 is none."""
+def _read_single(kind: Any, value: Any, path: str) -> Any:
+    """A number, truth value or text; 1e6 is a whole number, 1.5 is none."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if is_number and not math.isfinite(value):
-        raise ValueError(f"{path} is {value!r}, it must be finite")
-    if kind is float and is_number:
-        return float(value)
-    if kind is int and is_number and float(value).is_integer():
-        return int(value)
-    if kind in (int, float, bool) and not (kind is bool and isinstance(value, bool)):
-        names = {int: "a whole number", float: "a number", bool: "true or false"}
-        raise ValueError(f"{path} is {value!r}, it must be {names[kind]}")
-    return value
+    require(not is_number or math.isfinite(value), path, value, "finite")
+    if kind not in _KINDS:
+        return value
+    fits = {
+        int: is_number and float(value).is_integer(),
+        float: is_number,
+        bool: isinstance(value, bool),
+        str: value not in (None, ""),
+    }
+    require(fits[kind], path, value, _KINDS[kind])
+    return kind(value)
 
 
-def _read_scenario_options(
-    settings: Mapping[str, Any], options: Mapping[str, Any], path: str
-) -> dict[str, Any]:
-    """Options of the scenario with text kept as text: `preset=2017` arrives as a number."""
-    game = find_by_name("game", settings.get("name", GameSettings.name), GAMES)
-    scenario = game.scenario(settings.get("scenario", GameSettings.scenario))
-    return read_options(game.name, scenario, options, path)
+def _read_changes(game: Mapping[str, Any], changes: Mapping[str, Any], path: str) -> dict[str, Any]:
+    """Changed fields of a game's scenario, converted to the fields' types."""
+    chosen = find_by_name("game", game.get("name", GameSettings.name), GAMES)
+    scenario = chosen.scenario(game.get("scenario", GameSettings.scenario))
+    return read_options(chosen.name, scenario, changes, path)
 
 
 def read_options(game: str, scenario: Any, options: Mapping[str, Any], path: str) -> dict[str, Any]:
-    """`options` as the fields of `scenario` want them.
+    """Convert `options` to the types of the fields of `scenario`; `preset=2017` stays a text.
 
     Raises:
         UnknownNameError: no such field; ValueError: a value of another kind, by `path`.
     """
     hints = typing.get_type_hints(type(scenario))
     for name in options:
-        find_by_name(f"{game} option", name, hints)
-    return {
-        name: build_value(hints[name], value, f"{path}.{name}") for name, value in options.items()
-    }
+        check_name(f"{game} option", name, hints)
+    return {name: build_value(hints[name], options[name], f"{path}.{name}") for name in options}
 
 
 def to_plain(value: Any) -> Any:
-    """Tuples as lists, all the way down: what YAML and Hydra hold."""
+    """Tuples become lists, at any depth, as YAML and Hydra want them."""
     if isinstance(value, dict):
         return {name: to_plain(item) for name, item in value.items()}
     return [to_plain(item) for item in value] if isinstance(value, list | tuple) else value

@@ -1,4 +1,4 @@
-"""The reservoir: an even sample of everything, whatever came in which batches, exact on resume."""
+"""The reservoir is a uniform sample of all rows, in whatever batches they came; exact resume."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ VECTOR = TransitionSpec((5,), 3, 0, torch.float32)
 
 
 def make_rows(spec, numbers):
-    """Rows whose observation tells their number."""
+    """Rows whose observation holds their number."""
     numbers = torch.as_tensor(numbers)
     shape = (len(numbers), *spec.observation_shape)
     seen = numbers.to(spec.observation_dtype).reshape(-1, *[1] * (len(shape) - 1)).expand(shape)
@@ -91,11 +91,11 @@ def test_what_cannot_be_kept_is_refused(tmp_path):
     with pytest.raises(RuntimeError, match="the reservoir is empty"):
         reservoir.sample(1)
     seen, mask, action = make_rows(VECTOR, range(3))
-    with pytest.raises(ValueError, match=r"got 'observation' as torch.float64 .3, 5."):
+    with pytest.raises(ValueError, match=r"observation is float64 .3, 5."):
         reservoir.extend(seen.double(), mask, action)
     with pytest.raises(ValueError, match="an action that its mask does not allow"):
         reservoir.extend(seen, ~mask, action)
     reservoir.extend(seen, mask, action)
     reservoir.save(tmp_path / "rows")
-    with pytest.raises(ValueError, match=r"another layout .* \[4, 20, 3\]\) than this one"):
+    with pytest.raises(ValueError, match=r"reservoir has layout \[4, 20, 3\], this one has"):
         Reservoir(VECTOR, 5, 0).load(tmp_path / "rows")

@@ -1,4 +1,4 @@
-"""A rollout that cannot be stored is refused whole, with its place and the mend."""
+"""An invalid rollout is refused whole; the error names the place and the fix."""
 
 import numpy as np
 import pytest
@@ -88,11 +88,11 @@ FAULTS = {
     "final twice": (lambda: two_finals([5, 5]), r"final_step holds a step twice"),
     "dtype": (
         lambda: {"reward": torch.zeros(4, 2, dtype=torch.float64)},
-        r"rollout.reward is torch.float64 \[4, 2\], expected torch.float32 \[4, 2\]",
+        r"rollout.reward is float64 \[4, 2\], expected float32 \[4, 2\]",
     ),
     "shape": (
         lambda: {"action_mask": torch.ones(4, 2, 12, dtype=torch.bool)},
-        r"rollout.action_mask is torch.bool \[4, 2, 12\], expected torch.bool \[4, 2, 11\]",
+        r"rollout.action_mask is bool \[4, 2, 12\], expected bool \[4, 2, 11\]",
     ),
     "flat": (lambda: {"action": torch.zeros(8, dtype=torch.int64)}, r"shape \[8\], expected \[T"),
 }

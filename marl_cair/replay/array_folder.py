@@ -78,6 +78,6 @@ def _open_array(path: Path) -> NDArray[Any]:
                 f"{path} says that it is {dtype} {list(shape)}, {stated:,} bytes, but "
                 f"holds {held:,}: bring it back"
             )
-    mode = None if size < _MAPPED_FROM_BYTES else "r"
-    array: NDArray[Any] = np.load(path, mmap_mode=mode, allow_pickle=False)
+    is_small = size < _MAPPED_FROM_BYTES
+    array: NDArray[Any] = np.load(path, mmap_mode=None if is_small else "r", allow_pickle=False)
     return array

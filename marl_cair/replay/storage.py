@@ -119,8 +119,8 @@ class EpisodeStorage:
     @property
     def nbytes_per_step(self) -> int:
         """Bytes of one entry, in memory and on disk together."""
-        fields = self._ring._replace(counters=self._ring.sampleable[:0])
-        return sum(field.nbytes // self.capacity for field in fields)
+        total = sum(field.nbytes for field in self._ring) - self._ring.counters.nbytes
+        return total // self.capacity
 
     def is_sampleable(self, index: torch.Tensor) -> torch.Tensor:
         """Whether each slot of `index` [N] int64, in 0..len - 1, starts a transition: bool [N]."""

@@ -1,6 +1,4 @@
-"""Generated transitions of several decisions."""
-
-from __future__ import annotations
+"""Multi-step generated transitions."""
 
 import copy
 
@@ -12,7 +10,7 @@ from torch import Tensor
 from marl_cair.generative import CCDNGenerator
 from marl_cair.generative.heldout import make_empty_transitions
 from marl_cair.generative.rollouts import Rollouts
-from marl_cair.replay.buffer import EpisodeReplayBuffer, ReplayConfig, make_replay_buffer
+from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
 from marl_cair.replay.rollout import Rollout
 from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT, check_transitions
 from tests.generative.conftest import SMALL
@@ -22,18 +20,18 @@ CLOCK = SPEC.num_spatial + TIME_TO_INCOME
 GAMMA, ROUNDS = 0.5, 4
 
 
-def wait(observation: Tensor, mask: Tensor) -> Tensor:
+def wait(observation, mask):
     """The no-op, always."""
     assert mask[:, NOOP].all()
     return torch.full((len(observation),), NOOP)
 
 
-def go_up(observation: Tensor, mask: Tensor) -> Tensor:
+def go_up(observation, mask):
     """One stair."""
     return torch.ones(len(observation), dtype=torch.int64)
 
 
-def read_clock(observation: Tensor) -> Tensor:
+def read_clock(observation):
     """Steps until income, int64 [N]."""
     return (observation[:, CLOCK, 0, 0].double() * INTERVAL / 255).round().long()
 
@@ -45,7 +43,7 @@ class Staircase(CCDNGenerator):
 
     unsure: tuple[int, ...] = ()
 
-    def generate(self, starts: TensorDict, num_rows: int) -> TensorDict:
+    def generate(self, starts: TensorDict, num_rows: int):
         """One step up from as many of the starts."""
         rows, accepted = self.predict(starts[torch.arange(num_rows) % len(starts)])
         return rows[accepted]
@@ -57,7 +55,7 @@ class Staircase(CCDNGenerator):
         return rows, torch.tensor([int(number) not in self.unsure for number in now])
 
 
-def make_stairs(now: Tensor, action: Tensor) -> TensorDict:
+def make_stairs(now, action):
     rows = make_empty_transitions(SPEC, len(now))
     reached = now + action
     rows["observation"][:] = now[:, None, None, None]
@@ -80,8 +78,8 @@ def make_stairs(now: Tensor, action: Tensor) -> TensorDict:
     ],
 )
 def test_rows_are_discounted_sums_up_to_the_end_or_to_what_is_unsure(
-    trained: CCDNGenerator, start: int, unsure: tuple[int, ...], steps: int, total: float, end: int
-) -> None:
+    trained, start, unsure, steps, total, end
+):
     stairs = Staircase(trained.config, SPEC)
     stairs.unsure = unsure
     others = torch.tensor([4, start, 8])  # each row goes its own way
@@ -97,7 +95,7 @@ def test_rows_are_discounted_sums_up_to_the_end_or_to_what_is_unsure(
         assert torch.equal(made[key], before[key])
 
 
-def climb(num_floors: int) -> EpisodeReplayBuffer:
+def climb(num_floors):
     """Replay of returns of four steps that holds games from 0 up to the 9th stair."""
     real = make_replay_buffer(ReplayConfig(200, n_steps=4, gamma=GAMMA), SPEC.transition)
     steps = make_stairs(torch.arange(9).repeat(num_floors), torch.ones(9 * num_floors).long())
@@ -125,8 +123,8 @@ def climb(num_floors: int) -> EpisodeReplayBuffer:
 
 @pytest.mark.parametrize(("num_real", "num_generated"), [(3, 1), (2, 2), (0, 4)])
 def test_real_steps_are_gone_on_with_and_ends_are_generated_where_they_come_sooner(
-    trained: CCDNGenerator, num_real: int, num_generated: int
-) -> None:
+    trained, num_real, num_generated
+):
     stairs = Staircase(trained.config, SPEC)
     stairs.unsure = (6,)
     rollouts = Rollouts(stairs, go_up, num_real, num_generated, GAMMA, ROUNDS)
@@ -149,9 +147,7 @@ def test_real_steps_are_gone_on_with_and_ends_are_generated_where_they_come_soon
         assert torch.equal(made["next", "terminated"].flatten(), starts >= 9 - 4)
 
 
-def test_a_trained_generator_goes_on_as_the_game_does(
-    trained: CCDNGenerator, real_rows: TensorDict
-) -> None:
+def test_a_trained_generator_goes_on_as_the_game_does(trained, real_rows):
     generator = copy.deepcopy(trained)
     rollouts = Rollouts(generator, wait, 0, 4, GAMMA, ROUNDS)
     made = rollouts.extend(generator.generate(real_rows[:500], 300), 3)
@@ -165,16 +161,14 @@ def test_a_trained_generator_goes_on_as_the_game_does(
     assert float((after == wanted)[going_on].float().mean()) > 0.95
 
 
-def test_while_the_gate_is_shut_no_prediction_is_accepted(real_rows: TensorDict) -> None:
+def test_while_the_gate_is_shut_no_prediction_is_accepted(real_rows):
     generator = CCDNGenerator(SMALL, SPEC)
     rows, accepted = generator.predict(real_rows[:5])
     assert rows.batch_size == accepted.shape == (5,)
     assert not accepted.any()
 
 
-def test_predictions_are_of_the_actions_that_are_given(
-    trained: CCDNGenerator, real_rows: TensorDict
-) -> None:
+def test_predictions_are_of_the_actions_that_are_given(trained, real_rows):
     generator = copy.deepcopy(trained)
     starts = real_rows[:300].select("observation", "action_mask", "action")
     rows, accepted = generator.predict(starts)

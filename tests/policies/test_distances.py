@@ -10,8 +10,8 @@ from marl_cair.policies.distances import (
     FARTHEST,
     DistanceMaps,
     _Propagation,
+    compare_neighbours,
     find_costs,
-    find_ways,
     measure_nearness,
 )
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
@@ -57,7 +57,7 @@ def test_nearness_of_a_goal_counts_the_steps_of_the_way_there():
 
 def test_the_way_ahead_is_the_neighbour_that_is_nearer():
     planes, cost = read_maze(MAZE)
-    ways = find_ways(measure_nearness(planes, cost), cost)[0, :, 1]
+    ways = compare_neighbours(measure_nearness(planes, cost), cost)[0, :, 1]
     below, above, right, left = ways[:, 2, 4].tolist()
     assert above == pytest.approx(1.0, abs=1e-5)
     assert (below, right, left) == (-1.0, -1.0, -1.0)
@@ -120,7 +120,7 @@ def test_obstacles_are_walked_around_before_anything_is_learned():
 
 
 def test_an_obstacle_must_be_a_plane():
-    with pytest.raises(ValueError, match=r"obstacle_planes names plane 3, .* the planes 0\.\.2"):
+    with pytest.raises(ValueError, match=r"obstacle_planes holds plane 3, .* the planes 0\.\.2"):
         make_q_network(QNetworkConfig(distances=True, obstacle_planes=(3,)), (3, 9, 9), 5, seed=0)
     with pytest.raises(ValueError, match="but distances is False"):
         QNetworkConfig(obstacle_planes=(0,))

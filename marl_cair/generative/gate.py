@@ -194,9 +194,13 @@ def _find_lower_quantile(values: Tensor, share: float) -> float:
 
 
 def find_rejections(
-    predicted: Predictions, acceptance: Acceptance, is_rare: Callable[[Tensor], Tensor]
+    rows: TensorDict,
+    predicted: Predictions,
+    acceptance: Acceptance,
+    spec: GeneratorSpec,
+    is_rare: Callable[[Tensor], Tensor],
 ) -> dict[str, Tensor]:
-    """For each test the rows that it rejects, bool [N]. is_rare: rewards [N] -> bool [N]."""
+    """For each test the `rows` [N] that it rejects, bool [N]. is_rare: rewards [N] -> bool [N]."""
     ends = predicted.terminal > 0.5
     spread = predicted.reward.amax(0) - predicted.reward.amin(0)
     rare = is_rare(predicted.reward.mean(0))
@@ -207,6 +211,7 @@ def find_rejections(
         "terminal_disagreement": find_doubtful_ends(predicted.terminal, acceptance.certainty),
         "untested_end": ends.any(0) & ~torch.tensor(acceptance.may_end),
         "untested_reward": rare & ~torch.tensor(acceptance.may_be_rare),
+        "broken_structure": find_broken_structure(rows, spec),
     }
 
 

@@ -15,7 +15,6 @@ from marl_cair.generative.gate import (
     Acceptance,
     GateReport,
     check_metrics,
-    find_broken_structure,
     find_rejections,
     tune_acceptance,
 )
@@ -306,9 +305,8 @@ class CCDNGenerator:
     def _find_rejections(
         self, rows: TensorDict, predicted: Predictions, acceptance: Acceptance
     ) -> dict[str, Tensor]:
-        rejections = find_rejections(predicted, acceptance, self._counts.is_rare_reward)
-        rejections["broken_structure"] = find_broken_structure(rows, self.spec)
-        return rejections
+        is_rare = self._counts.is_rare_reward
+        return find_rejections(rows, predicted, acceptance, self.spec, is_rare)
 
     def _split(self, batch: TensorDict) -> Tensor:
         """Check real rows; return which of them are held out, bool [N]."""

@@ -175,56 +175,45 @@ def _find_marginal_nll(now: Tensor, real: Tensor) -> float:
     return float(1.0 + total + torch.stack(options).min()) / now.shape[0]
 
 
-class RewardSample(NamedTuple):
-    """Real rewards [N] of rows that do not end, predicted ones, and weights of sum 1."""
+def _sample_rewards(held: HeldOut, counts: RareCounts) -> tuple[Tensor, Tensor, Tensor]:
+    """Real and predicted rewards [N] of rows that do not end, and weights float64 of sum 1.
 
-    real: Tensor
-    guess: Tensor
-    weights: Tensor
-
-    def average(self, values: Tensor) -> float:
-        return float((values.double() * self.weights).sum())
-
-
-def _sample_rewards(held: HeldOut, counts: RareCounts) -> RewardSample:
-    """Stratified: rare rewards are those of `rare_rows`, weighted by their share of all rows. A few
-    determine the variance, and `rows` would hold one or none of the largest.
-
-    Ends are left out: one in five hundred rows would decide. Their rewards count as rare ones.
+    Stratified: rare rewards are those of `rare_rows`, weighted by their share of all rows. A few
+    determine the variance, and `rows` would hold one or none of the largest. Ends are left out: one
+    in five hundred rows would decide. Their rewards count as rare ones.
     """
-    strata: list[tuple[Tensor, Tensor]] = []
-    for rows, predictions, wanted in (
-        (held.rows, held.predictions, False),
-        (held.rare_rows, held.rare_predictions, True),
+    parts = []
+    for rows, predicted, is_rare, share in (
+        (held.rows, held.predictions, False, 1.0 - counts.rare_reward_odds),
+        (held.rare_rows, held.rare_predictions, True, counts.rare_reward_odds),
     ):
         rewards = rows["next", "reward"].squeeze(-1)
         chosen = ~rows["next", "terminated"].squeeze(-1)
-        chosen &= counts.is_rare_reward(rewards) == wanted
-        strata.append((rewards[chosen], predictions.reward.mean(0)[chosen]))
-    shares = [1.0 - counts.rare_reward_odds, counts.rare_reward_odds]
-    weights = [
-        torch.full((real.numel(),), share / max(real.numel(), 1), dtype=torch.float64)
-        for share, (real, _) in zip(shares, strata, strict=True)
-    ]
-    joined = torch.cat(weights)
-    real, guess = (torch.cat(part) for part in zip(*strata, strict=True))
-    return RewardSample(real, guess, joined / joined.sum().clamp_min(1e-12))
+        chosen &= counts.is_rare_reward(rewards) == is_rare
+        num = int(chosen.sum())
+        weights = torch.full((num,), share / max(num, 1), dtype=torch.float64)
+        parts.append((rewards[chosen], predicted.reward.mean(0)[chosen], weights))
+    real, guess, weights = (torch.cat(part) for part in zip(*parts, strict=True))
+    return real, guess, weights / weights.sum().clamp_min(1e-12)
 
 
 def _measure_reward(
     held: HeldOut, counts: RareCounts, in_doubt: Tensor, checked: Tensor
 ) -> dict[str, float]:
     rewards = held.rows["next", "reward"].squeeze(-1)
-    sample = _sample_rewards(held, counts)
+    real, guess, weights = _sample_rewards(held, counts)
+
+    def average(values: Tensor) -> float:
+        return float((values.double() * weights).sum())
+
     metrics = {"reward/num_rare": float(checked.sum())}
-    if sample.real.numel():
-        error, mean = sample.guess - sample.real, sample.average(sample.real)
-        variance = sample.average((sample.real - mean).square())
-        metrics["reward/mae"] = sample.average(error.abs())
+    if real.numel():
+        variance = average((real - average(real)).square())
+        metrics["reward/mae"] = average((guess - real).abs())
         metrics["reward/std"] = variance**0.5
-        metrics["reward/constant_mae"] = sample.average((sample.real - rewards.median()).abs())
+        metrics["reward/constant_mae"] = average((real - rewards.median()).abs())
         if variance > 0.0:
-            metrics["reward/explained"] = 1.0 - sample.average(error.square()) / variance
+            metrics["reward/explained"] = 1.0 - average((guess - real).square()) / variance
     auc = find_auc(1.0 - held.predictions.reward_is_zero.mean(0), rewards != 0.0)
     if auc is not None:
         metrics["reward/nonzero_auc"] = auc

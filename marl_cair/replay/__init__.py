@@ -7,8 +7,7 @@ MOST_STEPS = 10_000  # largest n_steps of a return
 
 _MODULES = {
     "buffer": ("EpisodeReplayBuffer", "ReplayConfig", "make_replay_buffer"),
-    "generated": ("GeneratedReplay",),
-    "mixed": ("MixedReplay",),
+    "mixed": ("GeneratedReplay", "MixedReplay"),
     "rollout": ("Rollout",),
     "sampler": ("PrioritizedSampler", "UniformSampler"),
     "storage": ("EpisodeStorage",),

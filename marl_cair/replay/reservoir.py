@@ -12,14 +12,9 @@ from tensordict import TensorDict
 
 from marl_cair.files import replaced_folder
 from marl_cair.ranges import COUNT, NUMBER, Range, check_extremes, read_array, read_number
+from marl_cair.replay import transition
 from marl_cair.replay.array_folder import load_arrays, require_layout, save_arrays
-from marl_cair.replay.transition import (
-    ACTION,
-    ACTION_MASK,
-    OBSERVATION,
-    TransitionSpec,
-    check_tensor,
-)
+from marl_cair.replay.transition import TransitionSpec
 
 
 class Reservoir:
@@ -53,10 +48,14 @@ class Reservoir:
         Raises ValueError for another dtype or shape, or an illegal action.
         """
         fields = self.spec.fields()
-        given = {OBSERVATION: observation, ACTION_MASK: action_mask, ACTION: action}
+        given = {
+            transition.OBSERVATION: observation,
+            transition.ACTION_MASK: action_mask,
+            transition.ACTION: action,
+        }
         for key, value in given.items():
             dtype, shape = fields[key]
-            check_tensor(f"the reservoir's {key}", value, dtype, (len(action), *shape))
+            transition.check_tensor(f"the reservoir's {key}", value, dtype, (len(action), *shape))
         if not bool(action_mask.gather(1, action.unsqueeze(1)).all()):
             raise ValueError(
                 "the reservoir got an action that its mask does not allow: choose actions under it"
@@ -83,9 +82,9 @@ class Reservoir:
         legal = np.unpackbits(self._masks[at], axis=1, count=num_actions, bitorder="little")
         return TensorDict(
             {
-                OBSERVATION: self._unpack(self._rows[at]),
-                ACTION_MASK: torch.from_numpy(legal.astype(np.bool_)),
-                ACTION: torch.from_numpy(self._actions[at].astype(np.int64)),
+                transition.OBSERVATION: self._unpack(self._rows[at]),
+                transition.ACTION_MASK: torch.from_numpy(legal.astype(np.bool_)),
+                transition.ACTION: torch.from_numpy(self._actions[at].astype(np.int64)),
             },
             [num_rows],
         )

@@ -37,8 +37,7 @@ from marl_cair.policies.actor import MaskedEpsilonGreedy, MaskedSampling, Policy
 from marl_cair.policies.q_network import QNetwork, make_q_network
 from marl_cair.ranges import COUNT, FLAG, Range, read_number, read_numbers
 from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
-from marl_cair.replay.generated import GeneratedReplay
-from marl_cair.replay.mixed import MixedReplay
+from marl_cair.replay.mixed import GeneratedReplay, MixedReplay
 from marl_cair.replay.reservoir import Reservoir
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.self_play.pool import Pool

@@ -16,15 +16,6 @@ SMALL = GeneratorConfig(
 NUM_UPDATES = 700
 
 
-@pytest.fixture(autouse=True, scope="session")
-def one_thread():
-    """Small tensors gain nothing from threads, and their sums must not depend on the machine."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 def train(rows, shown, num_updates, config: GeneratorConfig = SMALL):
     """A generator that observed `shown` and learned from `rows`."""
     generator = CCDNGenerator(config, SPEC)

@@ -7,7 +7,7 @@ from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec, 
 from marl_cair.generative.codecs import LEVELS, FrameCodec, VectorCodec, make_coded_generator
 from marl_cair.generative.rollouts import Rollouts
 from marl_cair.replay.transition import TransitionSpec, check_transitions
-from tests.generative.rows import pack_rows
+from tests.generative.plane_game import pack_rows
 
 SIDE, FRAMES = 16, 2
 FRAME_SHAPE = (FRAMES, SIDE, SIDE)

@@ -8,7 +8,7 @@ from marl_cair import make_engine
 from marl_cair.games.randomness import episode_seeds
 from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec
 from marl_cair.replay.transition import check_transitions
-from tests.generative.rows import pack_rows
+from tests.generative.plane_game import pack_rows
 
 NUM_WORLDS = 64
 

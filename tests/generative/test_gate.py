@@ -240,7 +240,9 @@ BOUNDS = Acceptance(-10.0, -4.0, 0.05, Certainty(0.8, 0.2), may_end=True, may_be
 
 
 def refuse(predicted, bounds: Acceptance = BOUNDS):
-    rejections = find_rejections(predicted, bounds, lambda reward: reward.abs() > 0.5)
+    rejections = find_rejections(
+        make_empty_transitions(SPEC, 1), predicted, bounds, SPEC, lambda reward: reward.abs() > 0.5
+    )
     return {name for name, which in rejections.items() if bool(which[0])}
 
 

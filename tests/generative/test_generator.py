@@ -15,11 +15,9 @@ from tests.generative.conftest import SMALL, train
 from tests.generative.plane_game import (
     ENEMY_UNITS,
     NOOP,
-    NUM_ACTIONS,
     SPAWN_ODDS,
     SPEC,
     TERRAIN,
-    play_randomly,
 )
 
 
@@ -60,19 +58,12 @@ def test_training_beats_the_copy_baseline_and_opens_the_gate(trained):
         assert metrics[f"plane_{plane}/accuracy"] > metrics[f"plane_{plane}/copy_accuracy"]
 
 
-def test_loss_decreases(real_rows):
-    generator = train(real_rows, real_rows[:2000], 0)
-    losses = [generator.update(batch)["total"] for batch in draw_batches(real_rows, 80)]
-    assert sum(losses[-10:]) < 0.5 * sum(losses[:10])
-
-
 def test_gate_refuses_an_untrained_generator(real_rows):
     report = train(real_rows, real_rows, 0).evaluate()
     assert not report.passed
     found = " / ".join(report.reasons)
-    assert "changed-cell F1 0.0" in found
-    assert "next-state negative log likelihood" in found
-    assert "explained share of reward variance" in found
+    for reason in ("changed-cell F1 0.0", "next-state negative log", "explained share of reward"):
+        assert reason in found
 
 
 def test_gate_refuses_with_too_few_heldout_rows(real_rows):
@@ -134,11 +125,14 @@ def test_gate_shuts_again_when_the_game_changes(trained, real_rows):
 # --- what it makes ----------------------------------------------------------------------------
 
 
-def test_shut_gate_makes_no_rows_but_all_keys(real_rows):
+def test_a_shut_gate_generates_and_accepts_nothing(real_rows):
     generator = train(real_rows, real_rows[:100], 0)
     rows = generator.generate(real_rows[:10], 10)
     assert rows.shape[0] == 0
     assert set(rows.keys(True, True)) == set(real_rows.keys(True, True))
+    rows, accepted = generator.predict(real_rows[:5])
+    assert rows.batch_size == accepted.shape == (5,)
+    assert not accepted.any()
 
 
 def test_generated_rows_are_whole_labelled_transitions(trained, real_rows):
@@ -275,12 +269,6 @@ def show_batch(generator, batch):
     return seen[0]
 
 
-def test_rare_rows_fill_their_share_of_a_batch(real_rows):
-    generator = train(real_rows, real_rows, 0)
-    common = real_rows[real_rows["next", "reward"].squeeze(-1) == 0.0]
-    assert int((show_batch(generator, common[:64])["next", "reward"] != 0.0).sum()) == 16
-
-
 @pytest.mark.parametrize(("num_rewards", "num_ends"), [(40, 8), (3, 13), (0, 16)])
 def test_ends_are_half_of_the_rare_rows(real_rows, num_rewards, num_ends):
     """However many more rare rewards there are; where these are too few, ends fill their place."""
@@ -378,10 +366,3 @@ def test_members_learn_from_different_batches(real_rows):
     assert same_bits(before[1], after[1])
     generator.update(real_rows[64:128])
     assert not same_bits(before[1], generator.ensemble.state_dict()["members"][1])
-
-
-def test_plane_game_itself_is_sound():
-    rows = play_randomly(num_worlds=32, num_steps=40, seed=2)
-    check_transitions(rows, SPEC.transition)
-    assert 0.01 < float(rows["next", "terminated"].float().mean()) < 0.2
-    assert rows["action"].unique().numel() == NUM_ACTIONS

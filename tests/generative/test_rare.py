@@ -1,4 +1,4 @@
-"""Which rewards are rare, and that ends alone do not decide what is said of rewards."""
+"""Rare rewards, the correction of their oversampling, and metrics of rewards."""
 
 import pytest
 import torch
@@ -67,7 +67,7 @@ def test_a_batch_with_many_rare_rows_stands_for_all_rows():
 
 
 def measure_rewards(rows, rare_rows, counted):
-    """What an untrained ensemble is said to know of the rewards."""
+    """Metrics of an untrained ensemble."""
     counts = RareCounts(RewardBins(SPEC.reward_range, 63), SHARE)
     counts.count(counted)
     ensemble = Ensemble(SPEC, GeneratorConfig())
@@ -75,7 +75,7 @@ def measure_rewards(rows, rare_rows, counted):
     return compute_metrics(held, SPEC, counts, Certainty(0.8, 0.2))
 
 
-def test_what_ends_pay_does_not_change_the_explained_share(real_rows):
+def test_rewards_of_ends_do_not_change_the_explained_share(real_rows):
     ended = real_rows["next", "terminated"].squeeze(-1)
     rows = torch.cat([real_rows[~ended][:100], real_rows[ended][:4]]).clone()
     assert ended.sum() >= 4
@@ -88,7 +88,7 @@ def test_what_ends_pay_does_not_change_the_explained_share(real_rows):
 
 
 def test_rare_rewards_count_by_their_share_of_all_rows(real_rows):
-    """Whether two or none of a hundred rows have them, the variance is that of all rows."""
+    """The variance is that of all rows, whether two or none of the sampled rows have them."""
     going_on = real_rows[~real_rows["next", "terminated"].squeeze(-1)][:300].clone()
     going_on["next", "reward"].zero_()
     going_on["next", "reward"][:3] = 0.5

@@ -13,7 +13,6 @@ from marl_cair.generative.rollouts import Rollouts
 from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
 from marl_cair.replay.rollout import Rollout
 from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT, check_transitions
-from tests.generative.conftest import SMALL
 from tests.generative.plane_game import INTERVAL, NOOP, SPEC, TIME_TO_INCOME
 
 CLOCK = SPEC.num_spatial + TIME_TO_INCOME
@@ -159,13 +158,6 @@ def test_a_trained_generator_goes_on_as_the_game_does(trained, real_rows):
     before, after = read_clock(made["observation"]), read_clock(made["next", "observation"])
     wanted = (before - steps - 1) % INTERVAL + 1
     assert float((after == wanted)[going_on].float().mean()) > 0.95
-
-
-def test_while_the_gate_is_shut_no_prediction_is_accepted(real_rows):
-    generator = CCDNGenerator(SMALL, SPEC)
-    rows, accepted = generator.predict(real_rows[:5])
-    assert rows.batch_size == accepted.shape == (5,)
-    assert not accepted.any()
 
 
 def test_predictions_are_of_the_actions_that_are_given(trained, real_rows):

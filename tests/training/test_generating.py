@@ -157,7 +157,7 @@ def test_a_resumed_run_generates_the_same_rows(tmp_path, monkeypatch, rollout_st
         return torch.zeros(len(rows), dtype=torch.bool)
 
     monkeypatch.setattr(CCDNGenerator, "evaluate", look)
-    monkeypatch.setattr("marl_cair.generative.generator.find_broken_structure", find_nothing_broken)
+    monkeypatch.setattr("marl_cair.generative.gate.find_broken_structure", find_nothing_broken)
     whole = generating(tmp_path / "whole", rollout_steps, n_steps=4, rows=50, every=128)
     train(whole, show_progress=False)
     parts = dataclasses.replace(whole, out=str(tmp_path / "parts"))

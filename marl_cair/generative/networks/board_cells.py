@@ -13,21 +13,13 @@ import torch
 from numba import njit
 from torch import Tensor
 
-from marl_cair.generative.networks.cells import (
-    MAX_LOG_SCALE,
-    MAX_VALUE,
-    MEAN_UNIT,
-    MIN_LOG_SCALE,
-    CellDistribution,
-    build_distribution,
-    gather_candidates,
-)
+from marl_cair.generative.networks import cells
 
 _MIN_SHARE = np.float32(1e-6)  # as in `build_distribution`
 _NO_NAN = {"nnan", "nsz"}  # the inputs hold no NaN: the compiler can vectorise maxima
 _ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-_UNIT, _MAX = np.float32(MEAN_UNIT), np.float32(MAX_VALUE)
-_MIN_SCALE, _MAX_SCALE = np.float32(MIN_LOG_SCALE), np.float32(MAX_LOG_SCALE)
+_UNIT, _MAX = np.float32(cells.MEAN_UNIT), np.float32(cells.MAX_VALUE)
+_MIN_SCALE, _MAX_SCALE = np.float32(cells.MIN_LOG_SCALE), np.float32(cells.MAX_LOG_SCALE)
 _LOWEST = np.float32(-80.0)  # exp is practically 0, and not yet denormal
 _LOG2_E, _LN_2 = np.float32(1.4426950408889634), np.float32(0.6931471805599453)
 _TAYLOR = tuple(np.float32(1.0 / n) for n in (720.0, 120.0, 24.0, 6.0, 2.0, 1.0, 1.0))
@@ -61,7 +53,7 @@ class BoardCells(NamedTuple):
         )
         return masses, is_empty
 
-    def select(self, chosen: Tensor) -> CellDistribution:
+    def select(self, chosen: Tensor) -> cells.CellDistribution:
         """Distributions of the cells `chosen`, int64 [M], of all N * P * H * W."""
         num_planes, area = self.planes.shape[1], self.planes[0, 0].numel()
         image, plane, cell = (
@@ -72,8 +64,8 @@ class BoardCells(NamedTuple):
         first = torch.arange(0, self.outputs.shape[0], num_planes)
         numbers = first[:, None] + plane
         outputs = self.outputs[numbers, image * area + cell] + self.of_planes[image, numbers]
-        candidates = gather_candidates(self.planes, self.shifts, self.step_results, chosen)
-        return build_distribution(outputs, candidates)
+        candidates = cells.gather_candidates(self.planes, self.shifts, self.step_results, chosen)
+        return cells.build_distribution(outputs, candidates)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=_NO_NAN)

@@ -20,21 +20,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from marl_cair.generative.networks import cells as mixture
+from marl_cair.generative.networks import economy, outcome, readout
 from marl_cair.generative.networks.board_cells import BoardCells
-from marl_cair.generative.networks.economy import (
-    EconomyChain,
-    ScalarTables,
-    apply_changes,
-    find_changes,
-)
-from marl_cair.generative.networks.outcome import (
-    Outcome,
-    OutcomeHeads,
-    OutcomeInput,
-    RareCorrection,
-    RewardBins,
-)
-from marl_cair.generative.networks.readout import SUM_UNIT, NearReadout, flatten_board
 from marl_cair.generative.networks.steps import StepTable
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec, NetworkSize
 from marl_cair.policies.config import NO_CELL
@@ -84,7 +71,7 @@ class CCDN(nn.Module):
         self.names_cells = any(cell != NO_CELL for cell in spec.cells)
         # Action stream: the action and the economy.
         self.action_embedding = nn.Embedding(spec.num_kinds, size.action_embedding)
-        self.tables = ScalarTables(uniform, size.table_width)
+        self.tables = economy.ScalarTables(uniform, size.table_width)
         self.enter = nn.Linear(size.action_embedding + uniform * (1 + size.table_width), hidden)
         self.film_action = nn.Linear(hidden, 4 * channels)
         # State stream. The position bias encodes the board's edges and spawn columns.
@@ -98,9 +85,9 @@ class CCDN(nn.Module):
         self.readout = nn.Linear(READOUT_CHANNELS * spec.num_rows * spec.num_columns, hidden)
         # Heads.
         num_context = 2 * channels + 2 * hidden
-        self.near = NearReadout(spec.num_spatial, size.near_factors)
+        self.near = readout.NearReadout(spec.num_spatial, size.near_factors)
         num_outlook = 2 * hidden + self.near.num_sums
-        self.economy = EconomyChain(num_outlook, uniform, size.economy_hidden)
+        self.economy = economy.EconomyChain(num_outlook, uniform, size.economy_hidden)
         self.film_economy = nn.Linear(size.economy_hidden, 2 * channels)
         steps = torch.arange(256, dtype=torch.uint8).repeat(
             len(spec.moving_planes), size.steps + 1, 1
@@ -113,8 +100,8 @@ class CCDN(nn.Module):
         self.plane_head = nn.Linear(
             num_context + size.economy_hidden, len(spec.moving_planes) * self.outputs_per_cell
         )
-        self.outcome = OutcomeHeads(spec, size, num_context + 2 * channels)
-        self.bins = RewardBins(spec.reward_range, size.reward_bins)
+        self.outcome = outcome.OutcomeHeads(spec, size, num_context + 2 * channels)
+        self.bins = outcome.RewardBins(spec.reward_range, size.reward_bins)
         with torch.no_grad():  # initially every cell is copied
             self.cell_head.weight.mul_(0.3)
             self.plane_head.weight.mul_(0.1)
@@ -132,7 +119,7 @@ class CCDN(nn.Module):
         entered = self.enter(torch.cat([kind, numbers, self.tables(scalars.long())], -1))
         means = functional.relu(entered)
         film = self.film_action(means)[:, None, None].chunk(4, -1)
-        flat = flatten_board(spatial)
+        flat = readout.flatten_board(spatial)
         seen = flat.sqrt()  # a wounded unit stays visible
         seen = seen.view(-1, self.spec.num_rows, self.spec.num_columns, seen.shape[-1])
         if self.names_cells:
@@ -200,15 +187,17 @@ class CCDN(nn.Module):
         logits: Tensor = self.plane_head(torch.cat([encoding.context, known], -1))
         return logits
 
-    def predict_outcome(self, encoding: Encoding, state: NextState, action_mask: Tensor) -> Outcome:
+    def predict_outcome(
+        self, encoding: Encoding, state: NextState, action_mask: Tensor
+    ) -> outcome.Outcome:
         """Reward, end and next mask of the transition to `state`."""
         planes, scalars = self.split(state.observation)
         features = torch.cat([encoding.context, _pool(state.board)], -1)
-        seen = OutcomeInput(
+        seen = outcome.OutcomeInput(
             features, scalars, state.changes, state.board, encoding.spatial, planes, action_mask
         )
-        outcome: Outcome = self.outcome(seen)
-        return outcome
+        predicted: outcome.Outcome = self.outcome(seen)
+        return predicted
 
     @torch.no_grad()
     def decode(
@@ -221,7 +210,7 @@ class CCDN(nn.Module):
         cells = self.find_board_cells(encoding, changes, board)
         following = observation.clone()
         following[:, self.moving] = self._decode_planes(cells, generator)
-        scalars = apply_changes(encoding.scalars, changes)
+        scalars = economy.apply_changes(encoding.scalars, changes)
         following[:, self.spec.num_spatial :] = scalars[:, :, None, None]
         return following
 
@@ -237,40 +226,40 @@ class CCDN(nn.Module):
         return decoded.view_as(own)
 
     def compute_losses(
-        self, rows: TensorDict, correction: RareCorrection, stride: int, offset: int
+        self, rows: TensorDict, correction: outcome.RareCorrection, stride: int, offset: int
     ) -> dict[str, Tensor]:
         """Mean negative log likelihoods of `rows` by head, in nats per row.
 
         stride, offset: of the cells where no plane changed, every `stride`-th from `offset` on is
         used, with weight `stride`: an unbiased estimate at a fraction of the cost.
         """
-        encoding, state, economy = self._encode_transitions(rows)
+        encoding, state, scalar_log_prob = self._encode_transitions(rows)
         cells = self._estimate_cell_nll(encoding, state, stride, offset)
-        outcome = self.predict_outcome(encoding, state, rows["action_mask"])
+        predicted = self.predict_outcome(encoding, state, rows["action_mask"])
         return {
-            "economy": (-economy.sum(-1) * correction.row_weights).mean(),
+            "economy": (-scalar_log_prob.sum(-1) * correction.row_weights).mean(),
             "cells": (cells * correction.row_weights).mean(),
-            **outcome.compute_losses(self.bins, rows, correction),
+            **predicted.compute_losses(self.bins, rows, correction),
         }
 
     def predict(self, rows: TensorDict) -> tuple[Tensor, ...]:
         """Predictions for `rows` [N] with given next states, in the order of `Predictions`."""
-        encoding, state, economy = self._encode_transitions(rows)
+        encoding, state, scalar_log_prob = self._encode_transitions(rows)
         cells = self.find_board_cells(encoding, state.changes, state.board)
         masses, _ = cells.find_masses(state.observation[:, self.moving])
-        log_probs = torch.cat([economy, mixture.floor_and_log(masses).flatten(1)], -1)
-        outcome = self.predict_outcome(encoding, state, rows["action_mask"])
-        of_state = log_probs.sum(-1), log_probs.amin(-1), economy.sum(-1)
-        return (*of_state, *outcome.predict(self.bins))
+        log_probs = torch.cat([scalar_log_prob, mixture.floor_and_log(masses).flatten(1)], -1)
+        predicted = self.predict_outcome(encoding, state, rows["action_mask"])
+        of_state = log_probs.sum(-1), log_probs.amin(-1), scalar_log_prob.sum(-1)
+        return (*of_state, *predicted.predict(self.bins))
 
     def _encode_transitions(self, rows: TensorDict) -> tuple[Encoding, NextState, Tensor]:
         """State and action, next state, and log probabilities [N, U] of the scalars."""
         following = rows["next", "observation"]
         encoding = self.encode(rows["observation"], rows["action"])
-        changes = find_changes(encoding.scalars, self.split(following)[1])
-        economy = self.economy.find_log_prob(encoding.economy_context, encoding.scalars, changes)
+        changes = economy.find_changes(encoding.scalars, self.split(following)[1])
+        log_prob = self.economy.find_log_prob(encoding.economy_context, encoding.scalars, changes)
         board = self.condition_on_changes(encoding, changes)
-        return encoding, NextState(following, changes, board), economy
+        return encoding, NextState(following, changes, board), log_prob
 
     def _estimate_cell_nll(
         self, encoding: Encoding, state: NextState, stride: int, offset: int
@@ -296,14 +285,14 @@ class CCDN(nn.Module):
     def group_parameters(self, config: GeneratorConfig) -> list[dict[str, Any]]:
         """Parameter groups for Adam, with "peak" learning rates."""
         # The cells' heads read the embedded changes as well.
-        economy = [
+        of_economy = [
             parameter
             for parameter in (*self.near.parameters(), *self.economy.parameters())
             if parameter is not self.economy.change_weight
         ]
-        chosen = {id(parameter) for parameter in economy}
+        chosen = {id(parameter) for parameter in of_economy}
         others = [parameter for parameter in self.parameters() if id(parameter) not in chosen]
-        rates = (others, config.learning_rate), (economy, config.economy_learning_rate)
+        rates = (others, config.learning_rate), (of_economy, config.economy_learning_rate)
         return [{"params": group, "lr": rate, "peak": rate} for group, rate in rates]
 
     @staticmethod
@@ -321,7 +310,7 @@ class CCDN(nn.Module):
 
 def _pool(board: Tensor) -> Tensor:
     # A mean would hide one unit among hundreds of cells: sums count it.
-    return torch.cat([board.amax((1, 2)), board.sum((1, 2)) * SUM_UNIT], -1)
+    return torch.cat([board.amax((1, 2)), board.sum((1, 2)) * readout.SUM_UNIT], -1)
 
 
 def _convolve(layer: nn.Conv2d, board: Tensor) -> Tensor:

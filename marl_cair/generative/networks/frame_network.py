@@ -15,13 +15,7 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.nn import functional
 
-from marl_cair.generative.networks.cells import (
-    CellDistribution,
-    build_distribution,
-    decode_cells,
-    find_log_prob,
-    find_mass,
-)
+from marl_cair.generative.networks import cells
 from marl_cair.generative.networks.outcome import Heads, Outcome, RareCorrection, RewardBins
 from marl_cair.generative.networks.readout import SUM_UNIT
 from marl_cair.generative.networks.steps import StepTable
@@ -107,7 +101,7 @@ class FrameCCDN(nn.Module):
             start[0], start[-1] = COPY_BIAS, LOG_SCALE_BIAS
             self.pixels.load_state_dict({"weight": self.pixels.weight, "bias": start.flatten()})
 
-    def find_pixels(self, observation: Tensor, action: Tensor) -> CellDistribution:
+    def find_pixels(self, observation: Tensor, action: Tensor) -> cells.CellDistribution:
         """Distributions of the next frame's pixels, over [N, H, W] flattened."""
         patches = _split_patches(standardise(_to_float(observation)))
         film = self.film(self.action_embedding(self.kinds[action]))[..., None, None].chunk(4, 1)
@@ -120,7 +114,7 @@ class FrameCCDN(nn.Module):
         outputs = functional.pixel_shuffle(self.pixels(third), PATCH)
         outputs = outputs.transpose(0, 1).reshape(OUTPUTS_PER_PIXEL, -1)
         own = observation[:, -1].reshape(1, -1).float()
-        return build_distribution(outputs, own, SHADES_PER_UNIT)
+        return cells.build_distribution(outputs, own, SHADES_PER_UNIT)
 
     def predict_outcome(self, rows: TensorDict) -> Outcome:
         """Reward, end and next mask of transitions."""
@@ -141,8 +135,8 @@ class FrameCCDN(nn.Module):
         if generator is not None:
             offsets = torch.rand(len(newest), 1, generator=generator)
         own = pixels.candidates[0]
-        masses = find_mass(pixels, own)
-        decoded = decode_cells(own, masses, pixels.select, can_appear, offsets, generator)
+        masses = cells.find_mass(pixels, own)
+        decoded = cells.decode_cells(own, masses, pixels.select, can_appear, offsets, generator)
         following[:, -1] = decoded.view_as(following[:, -1])
         return following
 
@@ -167,7 +161,7 @@ class FrameCCDN(nn.Module):
         """Log probabilities [N, H * W] of the next frame's pixels."""
         pixels = self.find_pixels(rows["observation"], rows["action"])
         newest = rows["next", "observation"][:, -1]
-        return find_log_prob(pixels, newest.flatten().float()).view(newest.flatten(1).shape)
+        return cells.find_log_prob(pixels, newest.flatten().float()).view(newest.flatten(1).shape)
 
     def group_parameters(self, config: GeneratorConfig) -> list[dict[str, Any]]:
         """One parameter group for Adam, with its "peak" learning rate."""

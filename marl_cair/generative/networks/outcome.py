@@ -13,14 +13,8 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.nn import functional
 
+from marl_cair.generative.networks import readout
 from marl_cair.generative.networks.economy import NUM_VALUES, ScalarTables
-from marl_cair.generative.networks.readout import (
-    BoardReadout,
-    NeighbourhoodReadout,
-    PathReadout,
-    compare,
-    flatten_board,
-)
 from marl_cair.generative.settings import GeneratorSpec, NetworkSize
 from marl_cair.policies.config import NO_CELL
 
@@ -142,7 +136,8 @@ class Heads(nn.Module):
         """Mask logits [N, A] from features [N, hidden] and the present mask, bool [N, A]."""
         scores = self.kind(hidden)
         legal_now = action_mask.to(scores.dtype) * 2.0 - 1.0
-        return scores[:, self.kinds] + self.keep[self.kinds] * legal_now
+        logits: Tensor = scores[:, self.kinds] + self.keep[self.kinds] * legal_now
+        return logits
 
 
 class OutcomeInput(NamedTuple):
@@ -174,14 +169,14 @@ class OutcomeHeads(Heads):
         place = (cells * num_named + place - (named.numel() - num_named)).clamp_min(0)
         self.register_buffer("place", place * has_cell, persistent=False)
         self.register_buffer("has_cell", has_cell, persistent=False)
-        self.readout = BoardReadout(spec.num_spatial, size.readout, size.factors)
+        self.readout = readout.BoardReadout(spec.num_spatial, size.readout, size.factors)
         self.values = ScalarTables(uniform, size.table_width)
         self.changes = ScalarTables(uniform, size.table_width)
-        self.ways = PathReadout(spec, size) if size.distances else None
+        self.ways = readout.PathReadout(spec, size) if size.distances else None
         num_boards = 2 * self.readout.num_sums + (self.ways.num_numbers if self.ways else 0)
         num_seen = num_features + num_boards + 2 * uniform * (1 + size.table_width)
         self.enter = nn.Linear(num_seen, 2 * hidden)
-        self.sides = NeighbourhoodReadout(
+        self.sides = readout.NeighbourhoodReadout(
             spec.num_rows, spec.num_columns, spec.num_spatial, size.side_features
         )
         self.enter_sides = nn.Linear(self.sides.num_seen, 2 * hidden, bias=False)
@@ -195,9 +190,9 @@ class OutcomeHeads(Heads):
         self.query = nn.Linear(hidden, num_named * size.readout) if num_named else None
 
     def forward(self, seen: OutcomeInput) -> Outcome:
-        spatial = flatten_board(seen.planes)
+        spatial = readout.flatten_board(seen.planes)
         later = self.readout(spatial)
-        boards = compare(self.readout(seen.spatial), later)
+        boards = readout.compare(self.readout(seen.spatial), later)
         if self.ways is not None:
             boards = torch.cat([boards, self.ways(seen.spatial, spatial)], -1)
         of_value, of_mask = self._compute_hidden(seen, boards, self.sides(spatial))

@@ -40,10 +40,6 @@ class Generator(Protocol):
     def last_report(self) -> GateReport | None:
         """Report of the last `evaluate`, None before the first."""
 
-    @property
-    def last_generation(self) -> dict[str, float]:
-        """Numbers of the last `generate` for the log, "acceptance" among them."""
-
     def observe(self, batch: TensorDict) -> None:
         """Add new real transitions: held-out rows for the gate, rare rows for training."""
 
@@ -79,17 +75,13 @@ class Generator(Protocol):
 
 
 class CCDNGenerator:
-    """An ensemble of CCDN v2 networks behind a quality gate.
-
-    `last_generation` also holds the share of the proposed rows that each test rejected.
-    """
+    """An ensemble of CCDN v2 networks behind a quality gate."""
 
     def __init__(self, config: GeneratorConfig, spec: GeneratorSpec) -> None:
         self.config = config
         self.spec = spec
         self.ensemble = Ensemble(spec, config)
         self.last_report: GateReport | None = None
-        self.last_generation: dict[str, float] = {}
         bins = RewardBins(spec.reward_range, config.size.reward_bins)
         self._counts = RareCounts(bins, config.rare_reward_share)
         self._heldout = TransitionRing(spec, config.heldout_capacity)
@@ -168,8 +160,8 @@ class CCDNGenerator:
         acceptance = tune_acceptance(held.select(slice(None, half)), gate)
         metrics = compute_metrics(held, self.spec, self._counts, acceptance.certainty)
         tested = held.select(slice(half, None))
-        rejections = self._find_rejections(tested.rows, tested.predictions, acceptance)
-        metrics["acceptance/real_rows"] = float((~_any(rejections)).float().mean())
+        accepted = self._find_accepted(tested.rows, tested.predictions, acceptance)
+        metrics["acceptance/real_rows"] = float(accepted.float().mean())
         is_open = self.last_report is not None and self.last_report.passed
         reasons = check_metrics(metrics, gate.loosen() if is_open else gate)
         self.last_report = GateReport(not reasons, reasons, metrics, acceptance)
@@ -183,27 +175,17 @@ class CCDNGenerator:
         """
         if starts.shape[0] == 0:
             raise ValueError("starts is empty: give one or more real transitions to start from")
-        self.last_generation = {}
         report = self.last_report
         if report is None or not report.passed:
             return make_empty_transitions(self.spec, 0)
-        made, num_made, num_proposed = [make_empty_transitions(self.spec, 0)], 0, 0
-        rejected: dict[str, int] = {}
+        made, num_made = [make_empty_transitions(self.spec, 0)], 0
         for _ in range(self.config.max_rounds):
             missing = num_rows - num_made
             if missing <= 0:
                 break
             rows, predicted = self._propose(starts, missing)
-            rejections = self._find_rejections(rows, predicted, report.acceptance)
-            accepted = ~_any(rejections)
-            made.append(rows[accepted])
-            num_made += int(accepted.sum())
-            num_proposed += missing
-            for name, which in rejections.items():
-                rejected[name] = rejected.get(name, 0) + int(which.sum())
-        if num_proposed:
-            shares = {f"refused/{name}": num / num_proposed for name, num in rejected.items()}
-            self.last_generation = {"acceptance": num_made / num_proposed, **shares}
+            made.append(rows[self._find_accepted(rows, predicted, report.acceptance)])
+            num_made += len(made[-1])
         return torch.cat(made)
 
     def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
@@ -215,7 +197,7 @@ class CCDNGenerator:
         rows, predicted = self._generate_rows(
             starts["observation"], starts["action_mask"], starts["action"]
         )
-        return rows, ~_any(self._find_rejections(rows, predicted, report.acceptance))
+        return rows, self._find_accepted(rows, predicted, report.acceptance)
 
     def state_dict(self) -> dict[str, Any]:
         """Return networks, optimisers, counts, rings, random states and report: data only."""
@@ -302,11 +284,13 @@ class CCDNGenerator:
         counterfactual = chance < self.config.counterfactual_share
         return torch.where(counterfactual, other, behaviour)
 
-    def _find_rejections(
+    def _find_accepted(
         self, rows: TensorDict, predicted: Predictions, acceptance: Acceptance
-    ) -> dict[str, Tensor]:
+    ) -> Tensor:
+        """Which rows pass all tests, bool [N]."""
         is_rare = self._counts.is_rare_reward
-        return find_rejections(rows, predicted, acceptance, self.spec, is_rare)
+        rejections = find_rejections(rows, predicted, acceptance, self.spec, is_rare)
+        return ~torch.stack(list(rejections.values())).any(0)
 
     def _split(self, batch: TensorDict) -> Tensor:
         """Check real rows; return which of them are held out, bool [N]."""
@@ -334,10 +318,6 @@ class CCDNGenerator:
                 f"reward_range {self.spec.reward_range}: widen it in the GeneratorSpec"
             )
         return is_heldout(batch["index"], self.config.heldout_share, self.config.seed)
-
-
-def _any(rejections: dict[str, Tensor]) -> Tensor:
-    return torch.stack(list(rejections.values())).any(0)
 
 
 def _describe(spec: GeneratorSpec, config: GeneratorConfig) -> dict[str, Any]:

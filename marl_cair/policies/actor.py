@@ -11,6 +11,7 @@ from torch import Tensor
 from marl_cair.policies.q_network import QNetwork
 
 DRAWS_PER_ROW = 3  # whether to explore, the group, the action
+CHUNK_ROWS = 128  # their activations stay in the cache of a CPU core
 
 
 @torch.no_grad()
@@ -121,8 +122,7 @@ class MaskedSampling(MaskedEpsilonGreedy):
 class PolicyActor:
     """A Q-network as an agent: observations and masks -> actions, without gradients.
 
-    `act` is the agent contract (NumPy in and out), `select_actions` the same on tensors. Chunks of
-    `chunk_rows` keep activations in the cache of a CPU core.
+    `act` is the agent contract (NumPy in and out), `select_actions` the same on tensors.
     """
 
     def __init__(
@@ -132,16 +132,12 @@ class PolicyActor:
         representation: str,
         exploration: MaskedEpsilonGreedy | None = None,
         epsilon: float = 0.0,
-        chunk_rows: int = 128,
     ) -> None:
-        if chunk_rows < 1:
-            raise ValueError(f"chunk_rows is {chunk_rows}, but must be at least 1")
         self.network = network
         self.name = name
         self.representation = representation
         self.exploration = exploration or MaskedEpsilonGreedy(seed=0)
         self.epsilon = epsilon
-        self.chunk_rows = chunk_rows
 
     @property
     def is_sampled(self) -> bool:
@@ -162,8 +158,8 @@ class PolicyActor:
         device = next(self.network.parameters()).device
         values = torch.empty(len(observation), self.network.num_actions, device=device)
         with torch.inference_mode():
-            for start in range(0, len(observation), self.chunk_rows):
-                chunk = slice(start, start + self.chunk_rows)
+            for start in range(0, len(observation), CHUNK_ROWS):
+                chunk = slice(start, start + CHUNK_ROWS)
                 values[chunk] = self.network(observation[chunk].to(device))
         return values
 

@@ -143,18 +143,14 @@ class MixedReplay:
         real: EpisodeReplayBuffer,
         generated: GeneratedReplay,
         fraction: float = 0.2,
-        batch_size: int = 32,
         *,
         generated_open: bool = True,
     ) -> None:
         if not 0.0 <= fraction <= MAX_FRACTION:
             raise ValueError(f"fraction is {fraction}, expected 0..{MAX_FRACTION}")
-        if batch_size < 1:
-            raise ValueError(f"batch_size is {batch_size}, expected 1 or more")
         self.real = real
         self.generated = generated
         self.fraction = fraction
-        self.batch_size = batch_size
         self.generated_open = generated_open
 
     def sample(self, batch_size: int | None = None) -> TensorDict:
@@ -163,7 +159,7 @@ class MixedReplay:
         With `replay.priority_alpha` also "priority_weight" float32 [batch_size].
         Raises RuntimeError while no real transition can be sampled.
         """
-        num_rows = self.batch_size if batch_size is None else batch_size
+        num_rows = self.real.batch_size if batch_size is None else batch_size
         num_generated = 0
         if self.generated_open and len(self.generated):
             num_generated = round(num_rows * self.fraction)

@@ -181,13 +181,7 @@ class TrainingRun:
         generated = GeneratedReplay(
             self.transition_spec, config.replay.generated_capacity_transitions, self._seeds[2]
         )
-        self.replay = MixedReplay(
-            real,
-            generated,
-            config.synthetic_fraction,
-            config.learner.batch_size,
-            generated_open=False,
-        )
+        self.replay = MixedReplay(real, generated, config.synthetic_fraction, generated_open=False)
         source = None if self._resumes else config.initial_generator
         self.generator = generators.make_generator(
             config, self.seen, self.spec, self._seeds[3], source

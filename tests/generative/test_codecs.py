@@ -159,7 +159,6 @@ def test_vectors_are_learned_generated_and_continued():
     made = generator.generate(rows[:500], 200)
     check_transitions(made, spec)
     assert len(made) > 100
-    assert generator.last_generation["acceptance"] > 0.3
     torch.testing.assert_close(
         made["next", "observation"][:, 0], made["observation"][:, 0], atol=0.02, rtol=0.0
     )

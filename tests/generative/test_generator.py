@@ -151,7 +151,6 @@ def test_generated_rows_are_whole_labelled_transitions(trained, real_rows):
     low, high = SPEC.reward_range
     assert ((rows["next", "reward"] >= low) & (rows["next", "reward"] <= high)).all()
     assert (before != after).flatten(1).any(-1).all()
-    assert 0.3 < generator.last_generation["acceptance"] <= 1.0
 
 
 def test_samples_spawn_as_often_as_the_game(trained, real_rows):
@@ -295,7 +294,7 @@ def test_ends_are_half_of_the_rare_rows(real_rows, num_rewards, num_ends):
     [
         ("is_generated", True, "1 of the rows are generated: a generator learns from real"),
         ("steps_to_next_obs", 3, "steps_to_next_obs reaches 3, expected 1 everywhere"),
-        ("index", -1, "index -1 is no place in replay: it must be 0 or more"),
+        ("index", -1, "index -1 is no slot of replay: it must be 0 or more"),
         (("next", "reward"), 7.0, r"to 7.0, outside of reward_range \(-1.0, 1.0\): widen it"),
     ],
 )

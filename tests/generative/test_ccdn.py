@@ -1,4 +1,4 @@
-"""The network: shapes, gradients, what it may and may not change."""
+"""The network of boards: gradients, likelihoods, static planes and the economy."""
 
 from dataclasses import replace
 
@@ -140,7 +140,7 @@ def test_a_sample_makes_only_differences_that_have_been_seen():
         assert set(changes[:, 0].tolist()) <= {0, 2}
         assert set(changes[:, 1].tolist()) == {0}
     wraps = chain.decode(context, torch.zeros_like(now), torch.Generator().manual_seed(0))
-    assert set(wraps[:, 1].tolist()) <= {0, 255}  # a clock that starts anew was seen
+    assert set(wraps[:, 1].tolist()) <= {0, 255}  # the restart of a clock was seen
 
 
 def test_no_rows_are_asked_about(real_rows):

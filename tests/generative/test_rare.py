@@ -33,7 +33,7 @@ def test_rewards_spread_over_many_seldom_bins_are_not_all_rare():
     assert 0 < rare.float().mean() < SHARE
 
 
-def test_the_variance_that_is_corrected_for_is_of_rows_that_go_on():
+def test_the_reward_variance_is_of_rows_that_do_not_end():
     counts = RareCounts(RewardBins((-1.0, 1.0), 63), SHARE)
     rows = make_rewards(torch.tensor([0.1, -0.1] * 50 + [1.0]))
     rows["next", "terminated"][-1] = True
@@ -43,7 +43,7 @@ def test_the_variance_that_is_corrected_for_is_of_rows_that_go_on():
     torch.testing.assert_close(torch.tensor(variance), torch.tensor(0.01))
 
 
-def test_a_batch_with_many_rare_rows_stands_for_all_rows():
+def test_corrected_weights_of_an_oversampled_batch_are_those_of_all_rows():
     counts = RareCounts(RewardBins((-1.0, 1.0), 3), 0.06)
     rows = make_rewards(torch.tensor([0.0] * 950 + [1.0] * 40 + [-1.0] * 10))
     rows["next", "terminated"][-10:] = True

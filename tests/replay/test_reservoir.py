@@ -29,7 +29,7 @@ def numbers_in(reservoir, rows=4_000):
 
 
 @pytest.mark.parametrize("spec", [PLANES, VECTOR], ids=["planes", "vector"])
-def test_rows_come_back_as_they_went_in(spec):
+def test_sampled_rows_equal_the_added_ones(spec):
     reservoir = Reservoir(spec, 100, 0)
     seen, mask, action = make_rows(spec, range(60))
     reservoir.extend(seen, mask, action)
@@ -71,7 +71,7 @@ def test_batches_make_no_difference():
     assert len(whole) == 7
 
 
-def test_a_saved_reservoir_goes_on_with_the_same_bits(tmp_path):
+def test_a_saved_reservoir_continues_with_the_same_bits(tmp_path):
     first, rows = Reservoir(PLANES, 20, 1), make_rows(PLANES, range(90))
     first.extend(*(value[:45] for value in rows))
     first.sample(8)
@@ -84,7 +84,7 @@ def test_a_saved_reservoir_goes_on_with_the_same_bits(tmp_path):
     assert torch.equal(first.sample(30)[OBSERVATION], again.sample(30)[OBSERVATION])
 
 
-def test_what_cannot_be_kept_is_refused(tmp_path):
+def test_invalid_rows_and_layouts_are_refused(tmp_path):
     with pytest.raises(ValueError, match="capacity is 0, it must be 1 or more"):
         Reservoir(VECTOR, 0, 0)
     reservoir = Reservoir(VECTOR, 4, 0)

@@ -21,8 +21,8 @@ from tensordict import TensorDict
 from benchmarks._timing import best_seconds
 from marl_cair.generative.ensemble import CHUNK_ROWS
 from marl_cair.generative.generator import CCDNGenerator
+from marl_cair.generative.networks.board_cells import BoardCells
 from marl_cair.generative.networks.ccdn import CCDN
-from marl_cair.generative.networks.open_cells import OpenCells
 from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import EvaluationSettings, GameSettings, TrainConfig
@@ -51,14 +51,14 @@ def collect(folder: Path) -> TrainingRun:
 
 
 @torch.no_grad()
-def open_all(network: CCDN, rows: TensorDict) -> list[OpenCells]:
+def open_all(network: CCDN, rows: TensorDict) -> list[BoardCells]:
     """The cells of `rows` in chunks, as when they are judged."""
     opened = []
     for part in rows.split(CHUNK_ROWS):
         encoding = network.encode(part["observation"], part["action"])
         changes = torch.zeros(encoding.scalars.shape, dtype=torch.int64)
-        board = network.reveal_economy(encoding, changes)
-        opened.append(network.open_cells(encoding, changes, board))
+        board = network.condition_on_changes(encoding, changes)
+        opened.append(network.find_board_cells(encoding, changes, board))
     return opened
 
 
@@ -89,7 +89,7 @@ def measure(run: TrainingRun, num_rows: int, repeats: int) -> list[tuple[str, fl
         f"the learner's update, {LEARNER_ROWS} rows": learn,
         f"the generator's update, {GENERATOR_ROWS} rows": lambda: generator.update(one_step),
         f"decoding {num_rows:,} rows": decode,
-        f"judging {num_rows:,} rows by three networks": lambda: ensemble.ask(rows),
+        f"judging {num_rows:,} rows by three networks": lambda: ensemble.predict(rows),
         f"of that, the cells of {num_rows:,} rows by one network": judge_cells,
     }
     for work in works.values():  # once to warm up

@@ -23,7 +23,6 @@ class MemoryGenerator:
     def __init__(self, config, spec):
         self.spec = spec
         self.last_report = None
-        self.last_generation = {}
         self._ring = TransitionRing(spec, CAPACITY)
         self._random = torch.Generator().manual_seed(config.seed)
 
@@ -49,7 +48,6 @@ class MemoryGenerator:
     def generate(self, starts, num_rows):
         """Up to `num_rows` transitions; none while the gate is shut."""
         rows = self._ring.sample(num_rows if self._is_open else 0, self._random)
-        self.last_generation = {"acceptance": float(self._is_open)}
         return self._label(rows)
 
     def predict(self, starts):

@@ -1,4 +1,4 @@
-"""Independently seeded networks that learn from different batches, and what they think of a row."""
+"""`Ensemble`: independently seeded networks that learn from different batches, and predict rows."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from marl_cair.generative.families import Member, choose_family
-from marl_cair.generative.loss import RareCorrection
+from marl_cair.generative.networks.ccdn import CCDN
+from marl_cair.generative.networks.frame_network import FrameCCDN
+from marl_cair.generative.networks.outcome import RareCorrection
 from marl_cair.generative.networks.steps import StepTable
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 
-SEED_STRIDE = 1_000_003  # members' seeds lie apart, also for neighbouring generator seeds
+SEED_STRIDE = 1_000_003  # distance of the members' seeds, also for neighbouring generator seeds
 WARMUP_UPDATES = 30  # of each member
 MIN_AVERAGE_SHARE = 0.005  # of the newest weights in the average
-CHUNK_ROWS = 16  # of boards at a time: what is computed for each cell then stays in the cache
+CHUNK_ROWS = 16  # boards at a time: the arrays of all cells then fit the cache
 
 
-class Opinions(NamedTuple):
-    """What M members say of N transitions with given next states."""
+class Predictions(NamedTuple):
+    """Predictions of M members for N transitions with given next states."""
 
     log_prob: Tensor  # [M, N], of the next state: all scalars and all cells
     worst_log_prob: Tensor  # [M, N], of the least likely scalar or cell
@@ -40,27 +41,29 @@ class Ensemble:
     def __init__(self, spec: GeneratorSpec, config: GeneratorConfig) -> None:
         self.config = config
         self.spec = spec
-        self._family = choose_family(spec)
-        self.members: list[Member] = []
+        # A new kind of observation is a network with the same methods.
+        network_class: type[CCDN | FrameCCDN] = FrameCCDN if spec.num_frames > 1 else CCDN
+        self.members: list[Any] = []
         for member in range(config.num_members):
-            # torch's layers draw their start values from the global generator; leave it as it was.
+            # torch's layers draw their initial weights from the global generator.
             with torch.random.fork_rng(devices=[]):
                 torch.manual_seed(config.seed + SEED_STRIDE * (member + 1))
-                self.members.append(self._family.make(spec, config.size))
+                self.members.append(network_class(spec, config.size))
         self.optimizers = [
-            torch.optim.Adam(self._family.group_parameters(network, config), fused=True)
+            torch.optim.Adam(network.group_parameters(config), fused=True)
             for network in self.members
         ]
-        # Opinions and proposals come from moving averages of the weights. In Deep RTS 1v1 these
-        # explain 0.79, 0.65, 0.92 of the rewards' variance at 41, 61, 82 thousand decisions, the
-        # members themselves 0.75, 0.56, 0.82.
+        # Predictions come from moving averages of the weights. In Deep RTS 1v1 these explain 0.79,
+        # 0.65, 0.92 of the rewards' variance at 41, 61, 82 thousand steps, the members themselves
+        # 0.75, 0.56, 0.82.
         self.averages = copy.deepcopy(self.members)
         self.steps = StepTable(len(spec.moving_planes), config.size.steps)
         self.num_updates = 0
 
     def count_steps(self, rows: TensorDict) -> None:
-        """Take note of the steps that values take in real transitions."""
-        self._family.note(self.averages + self.members, self.steps, rows)
+        """Count the steps of values in new real transitions."""
+        networks = self.averages + self.members
+        networks[0].record_transitions(networks, self.steps, rows)
 
     def train(
         self, rows: TensorDict, correction: RareCorrection, generator: torch.Generator
@@ -71,16 +74,16 @@ class Ensemble:
         stride = self.config.quiet_stride
         offset = int(torch.randint(stride, (), generator=generator))
         network.outcome.reward_std.fill_(correction.reward_variance**0.5)
-        losses = self._family.find_losses(network, rows, correction, stride, offset)
+        losses = network.compute_losses(rows, correction, stride, offset)
         total = torch.stack(list(losses.values())).sum()
         optimizer.zero_grad(set_to_none=True)
         torch.autograd.backward(total)
         norm = nn.utils.clip_grad_norm_(network.parameters(), self.config.max_grad_norm)
-        # Full steps from the first one on leave some members with a trunk of dead channels.
+        # Full steps from the start leave some members with a trunk of dead channels.
         warm = min(1.0, (self.num_updates // len(self.members) + 1) / WARMUP_UPDATES)
         for group in optimizer.param_groups:
             group["lr"] = warm * group["peak"]
-        # One bad batch must not turn every weight into NaN for the rest of the run.
+        # One bad batch must not turn all weights into NaN.
         if bool(torch.isfinite(norm)):
             optimizer.step()
         self._average(member)
@@ -105,7 +108,7 @@ class Ensemble:
     ) -> Tensor:
         """Next observations uint8 [N, C, H, W]; row n is decoded by member n modulo M.
 
-        Sampled, or the likeliest where `generator` is None.
+        Sampled, or the likeliest if `generator` is None.
         """
         following = torch.empty_like(observation)
         for member, network in enumerate(self.averages):
@@ -116,13 +119,14 @@ class Ensemble:
         return following
 
     @torch.no_grad()
-    def ask(self, rows: TensorDict) -> Opinions:
-        """Every member's opinion of every row, given its next observation."""
-        opinions = []
+    def predict(self, rows: TensorDict) -> Predictions:
+        """All members' predictions for `rows` [N], given their next observations."""
+        chunks = list(rows.split(CHUNK_ROWS)) if rows.shape[0] else [rows]
+        predicted = []
         for network in self.averages:
-            answers = [self._family.ask(network, part) for part in _split(rows)]
-            opinions.append([torch.cat(part) for part in zip(*answers, strict=True)])
-        return Opinions(*(torch.stack(part) for part in zip(*opinions, strict=True)))
+            parts = [network.predict(chunk) for chunk in chunks]
+            predicted.append([torch.cat(part) for part in zip(*parts, strict=True)])
+        return Predictions(*(torch.stack(part) for part in zip(*predicted, strict=True)))
 
     def state_dict(self) -> dict[str, Any]:
         return {
@@ -134,19 +138,18 @@ class Ensemble:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Learning rates stay those of this ensemble.
+        """Continue from `state_dict`; learning rates stay those of this ensemble.
 
-        Raises ValueError where the state has another number of members, or is damaged.
+        Raises ValueError if the state has another number of members, or is damaged.
         """
         if len(state["members"]) != len(self.members):
             raise ValueError(
                 f"the saved generator has {len(state['members'])} members, this one "
                 f"{len(self.members)}: resume with num_members of the saved run"
             )
-        for network, saved in zip(self.members, state["members"], strict=True):
-            restore_weights(network, saved, "generator.members")
-        for network, saved in zip(self.averages, state["averages"], strict=True):
-            restore_weights(network, saved, "generator.averages")
+        for name, networks in (("members", self.members), ("averages", self.averages)):
+            for network, saved in zip(networks, state[name], strict=True):
+                restore_weights(network, saved, f"generator.{name}")
         self.steps.restore(state["steps"])
         for optimizer, saved in zip(self.optimizers, state["optimizers"], strict=True):
             peaks = [group["peak"] for group in optimizer.param_groups]
@@ -154,8 +157,3 @@ class Ensemble:
             for group, peak in zip(optimizer.param_groups, peaks, strict=True):
                 group["peak"] = peak
         self.num_updates = read_number(state, "num_updates", COUNT)
-
-
-def _split(rows: TensorDict) -> list[TensorDict]:
-    """Chunks of rows; one empty chunk if there are none."""
-    return list(rows.split(CHUNK_ROWS)) if rows.shape[0] else [rows]

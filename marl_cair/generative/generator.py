@@ -1,4 +1,4 @@
-"""`Generator`, what training asks of any generator of transitions, and the CCDN one."""
+"""`Generator`, the interface of generators of transitions, and `CCDNGenerator`."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from marl_cair.generative.ensemble import Ensemble, Opinions
+from marl_cair.generative.ensemble import Ensemble, Predictions
 from marl_cair.generative.gate import (
     Acceptance,
     GateReport,
-    find_broken_structure,
-    find_refusals,
-    judge,
+    check_metrics,
+    find_rejections,
     tune_acceptance,
 )
 from marl_cair.generative.heldout import TransitionRing, is_heldout, make_empty_transitions
-from marl_cair.generative.metrics import decide_mask, examine, measure
+from marl_cair.generative.metrics import compute_metrics, decide_mask, predict_heldout
 from marl_cair.generative.networks.outcome import RewardBins
 from marl_cair.generative.rare import RareCounts, Stratum
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
@@ -31,65 +30,58 @@ _TRAINING, _GENERATING, _EVALUATING = range(3)
 
 
 class Generator(Protocol):
-    """Learns from real one-step transitions and makes artificial ones.
+    """Learns from real one-step transitions and generates artificial ones.
 
-    All TensorDicts have the keys of `marl_cair.replay.transition` and batch size [N], but for the
-    starts of `predict`.
+    TensorDicts have the keys of `marl_cair.replay.transition` and batch size [N], except the starts
+    of `predict`.
     """
 
     @property
     def last_report(self) -> GateReport | None:
-        """Of the newest `evaluate`, None before the first."""
-
-    @property
-    def last_generation(self) -> dict[str, float]:
-        """Numbers of the last `generate` for the log, "acceptance" among them."""
+        """Report of the last `evaluate`, None before the first."""
 
     def observe(self, batch: TensorDict) -> None:
-        """Take note of new real transitions: held-out rows for the gate, rare rows for training."""
+        """Add new real transitions: held-out rows for the gate, rare rows for training."""
 
     def update(self, batch: TensorDict) -> dict[str, float]:
-        """Learn from real transitions drawn evenly from replay; returns losses for the log."""
+        """Learn from real transitions, sampled uniformly from replay; return losses for the log."""
 
     def evaluate(self) -> GateReport:
-        """Measure on held-out real transitions, and open or shut the gate."""
+        """Compute metrics on held-out real transitions, and open or shut the gate."""
 
     def generate(self, starts: TensorDict, num_rows: int) -> TensorDict:
-        """Up to `num_rows` accepted transitions from the states of `starts`; none while shut."""
+        """Return up to `num_rows` accepted transitions from the states of `starts`; none while the
+        gate is shut.
+        """
 
     def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
-        """What follows on each of `starts` ("observation", "action_mask", "action"), and whether it
-        is accepted: bool [N], false while shut.
+        """Return the transition from each of `starts` ("observation", "action_mask", "action"), and
+        whether it is accepted: bool [N], false while the gate is shut.
         """
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that a resumed run needs to go on with the same bits."""
+        """Return the state from which a resumed run continues with the same bits."""
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state_dict`."""
+        """Continue from `state_dict`."""
 
     def export_knowledge(self) -> dict[str, Any]:
-        """What it has learned, for another run: data only, and of no row that it has seen. What
-        `state_dict` has too is the same under the same name, so that it is written once.
+        """Return the learned weights for another run: data only, without any transition. Entries
+        that `state_dict` has too must have the same name: they are written once.
         """
 
     def import_knowledge(self, knowledge: dict[str, Any]) -> None:
-        """Begin with what another has learned; only rows of this run judge it."""
+        """Start from the weights of another run; the gate is evaluated on rows of this run only."""
 
 
 class CCDNGenerator:
-    """An ensemble of CCDN v2 networks behind a quality gate.
-
-    `last_generation` (of `generate` alone) also holds, for each test of a row, the share of the
-    proposed rows that it turned away.
-    """
+    """An ensemble of CCDN v2 networks behind a quality gate."""
 
     def __init__(self, config: GeneratorConfig, spec: GeneratorSpec) -> None:
         self.config = config
         self.spec = spec
         self.ensemble = Ensemble(spec, config)
         self.last_report: GateReport | None = None
-        self.last_generation: dict[str, float] = {}
         bins = RewardBins(spec.reward_range, config.size.reward_bins)
         self._counts = RareCounts(bins, config.rare_reward_share)
         self._heldout = TransitionRing(spec, config.heldout_capacity)
@@ -104,13 +96,12 @@ class CCDNGenerator:
         self._kinds = torch.tensor(spec.kinds)
 
     def observe(self, batch: TensorDict) -> None:
-        """Take note of new real transitions; each should be shown once, when it enters replay.
+        """Add new real transitions; each once, when it enters replay.
 
         Raises ValueError for generated rows, rows of more than one step, rows without a replay
         index, and rewards outside the spec's range.
         """
-        self._check_real(batch)
-        heldout = is_heldout(batch["index"], self.config.heldout_share, self.config.seed)
+        heldout = self._split(batch)
         self._heldout.add(batch[heldout])
         strata = self._counts.count(batch)
         self._rare_heldout.add(batch[heldout & (strata != Stratum.COMMON)])
@@ -121,13 +112,11 @@ class CCDNGenerator:
     def update(self, batch: TensorDict) -> dict[str, float]:
         """One optimiser step of one member, in turn, on `batch` less its held-out rows.
 
-        A share `rare_share` of the rows is replaced by rows that `observe` set aside, one half
-        with rare rewards and one half ends; where there are too few of one, the other fills in.
+        A share `rare_share` of the rows is replaced by rows that `observe` stored, one half with
+        rare rewards and one half ends; if there are too few of one kind, more of the other.
         Returns mean losses in nats per row. Raises ValueError as `observe` does.
         """
-        self._check_real(batch)
-        heldout = is_heldout(batch["index"], self.config.heldout_share, self.config.seed)
-        learnable = batch[~heldout]
+        learnable = batch[~self._split(batch)]
         generator = self._generators[_TRAINING]
         rare = self._draw_rare(round(self.config.rare_share * batch.shape[0]), generator)
         num_rare = sum(rows.shape[0] for rows in rare.values())
@@ -142,7 +131,7 @@ class CCDNGenerator:
         )
         rewards, ends = rows["next", "reward"].squeeze(-1), rows["next", "terminated"].squeeze(-1)
         strata = self._counts.find_strata(rewards, ends)
-        # What was seldom when it was set aside may be common by now; it counts as it was drawn.
+        # A reward that was rare when it was stored may be common now; it counts as it was drawn.
         strata = torch.where(drawn_from == Stratum.COMMON, strata, drawn_from)
         return self.ensemble.train(rows, self._counts.correct(drawn_from, strata), generator)
 
@@ -155,7 +144,7 @@ class CCDNGenerator:
         }
 
     def evaluate(self) -> GateReport:
-        """Measure on held-out real rows: one half tunes the acceptance, the other checks it."""
+        """Compute metrics on held-out rows: one half tunes the acceptance, the other tests it."""
         gate = self.config.gate
         if self._heldout.num_rows < gate.min_heldout_rows:
             reason = (
@@ -166,62 +155,52 @@ class CCDNGenerator:
         generator = self._generators[_EVALUATING]
         rows = self._heldout.sample(gate.evaluation_rows, generator)
         rare = self._rare_heldout.select(torch.arange(self._rare_heldout.num_rows))
-        held = examine(self.ensemble, rows, rare, generator)
+        held = predict_heldout(self.ensemble, rows, rare, generator)
         half = rows.shape[0] // 2
         acceptance = tune_acceptance(held.select(slice(None, half)), gate)
-        metrics = measure(held, self.spec, self._counts, acceptance.certainty)
-        checked = held.select(slice(half, None))
-        refusals = self._find_refusals(checked.rows, checked.opinions, acceptance)
-        metrics["acceptance/real_rows"] = float((~_any(refusals)).float().mean())
+        metrics = compute_metrics(held, self.spec, self._counts, acceptance.certainty)
+        tested = held.select(slice(half, None))
+        accepted = self._find_accepted(tested.rows, tested.predictions, acceptance)
+        metrics["acceptance/real_rows"] = float(accepted.float().mean())
         is_open = self.last_report is not None and self.last_report.passed
-        reasons = judge(metrics, gate.loosen() if is_open else gate)
+        reasons = check_metrics(metrics, gate.loosen() if is_open else gate)
         self.last_report = GateReport(not reasons, reasons, metrics, acceptance)
         return self.last_report
 
     def generate(self, starts: TensorDict, num_rows: int) -> TensorDict:
-        """Up to `num_rows` accepted transitions; fewer if `max_rounds` of proposals do not suffice.
+        """Return up to `num_rows` accepted transitions; fewer after `max_rounds` of proposals.
 
-        Empty while the gate is shut. starts: real transitions, drawn from with replacement; of
-        them "observation", "action_mask" and "action" are read. Raises ValueError for no starts.
+        Empty while the gate is shut. starts: real transitions, sampled with replacement;
+        "observation", "action_mask" and "action" are read. Raises ValueError for no starts.
         """
         if starts.shape[0] == 0:
             raise ValueError("starts is empty: give one or more real transitions to start from")
-        self.last_generation = {}
         report = self.last_report
         if report is None or not report.passed:
             return make_empty_transitions(self.spec, 0)
-        made, num_made, num_proposed = [make_empty_transitions(self.spec, 0)], 0, 0
-        refused: dict[str, int] = {}
+        made, num_made = [make_empty_transitions(self.spec, 0)], 0
         for _ in range(self.config.max_rounds):
             missing = num_rows - num_made
             if missing <= 0:
                 break
-            rows, opinions = self._propose(starts, missing)
-            refusals = self._find_refusals(rows, opinions, report.acceptance)
-            accepted = ~_any(refusals)
-            made.append(rows[accepted])
-            num_made += int(accepted.sum())
-            num_proposed += missing
-            for name, which in refusals.items():
-                refused[name] = refused.get(name, 0) + int(which.sum())
-        self._note_generation(num_made, num_proposed, refused)
+            rows, predicted = self._propose(starts, missing)
+            made.append(rows[self._find_accepted(rows, predicted, report.acceptance)])
+            num_made += len(made[-1])
         return torch.cat(made)
 
     def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
-        """One transition for each of `starts`, of which "observation", "action_mask" and "action"
-        are read, and whether it passes all tests of a generated row: bool [N], false while shut.
-        """
+        """Return one transition for each of `starts`, and whether it passes all tests, bool [N]."""
         report = self.last_report
         if report is None or not report.passed:
-            nothing = make_empty_transitions(self.spec, starts.shape[0])
-            return nothing, torch.zeros(starts.shape[0], dtype=torch.bool)
-        rows, opinions = self._follow(
+            rows = make_empty_transitions(self.spec, starts.shape[0])
+            return rows, torch.zeros(starts.shape[0], dtype=torch.bool)
+        rows, predicted = self._generate_rows(
             starts["observation"], starts["action_mask"], starts["action"]
         )
-        return rows, ~_any(self._find_refusals(rows, opinions, report.acceptance))
+        return rows, self._find_accepted(rows, predicted, report.acceptance)
 
     def state_dict(self) -> dict[str, Any]:
-        """Networks, optimisers, counts, rings, random generators, last report: data only."""
+        """Return networks, optimisers, counts, rings, random states and report: data only."""
         report = None if self.last_report is None else self.last_report.to_dict()
         return {
             "ensemble": self.ensemble.state_dict(),
@@ -234,9 +213,9 @@ class CCDNGenerator:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state_dict` with the same bits.
+        """Continue from `state_dict` with the same bits.
 
-        Raises ValueError where the state was saved with other members or smaller rings.
+        Raises ValueError if the state was saved with other members or larger rings.
         """
         self.ensemble.load_state_dict(state["ensemble"])
         self._counts.load_state_dict(state["counts"])
@@ -250,52 +229,51 @@ class CCDNGenerator:
         self.last_report = None if saved is None else GateReport.from_dict(saved)
 
     def export_knowledge(self) -> dict[str, Any]:
-        """Networks, optimisers and the steps that values take, and what they were made for."""
+        """Return networks, optimisers and step counts, with the spec and sizes they belong to."""
         return {**_describe(self.spec, self.config), "ensemble": self.ensemble.state_dict()}
 
     def import_knowledge(self, knowledge: dict[str, Any]) -> None:
-        """Begin with the networks of `export_knowledge`; the gate stays shut until `evaluate`.
+        """Start from the networks of `export_knowledge`; the gate stays shut until `evaluate`.
 
-        Raises ValueError where they were made for other transitions, or of another size.
+        Raises ValueError if they are for other transitions or of another size.
         """
         for name, own in _describe(self.spec, self.config).items():
             if knowledge.get(name) != own:
                 raise ValueError(f"its {name} is {knowledge.get(name)}, but this run's is {own}")
         self.ensemble.load_state_dict(knowledge["ensemble"])
 
-    def _propose(self, starts: TensorDict, num_rows: int) -> tuple[TensorDict, Opinions]:
+    def _propose(self, starts: TensorDict, num_rows: int) -> tuple[TensorDict, Predictions]:
         generator = self._generators[_GENERATING]
         places = torch.randint(starts.shape[0], (num_rows,), generator=generator)
         observation, mask = starts["observation"][places], starts["action_mask"][places]
         action = self._choose_actions(starts["action"][places], mask, generator)
-        return self._follow(observation, mask, action)
+        return self._generate_rows(observation, mask, action)
 
-    def _follow(
+    def _generate_rows(
         self, observation: Tensor, mask: Tensor, action: Tensor
-    ) -> tuple[TensorDict, Opinions]:
+    ) -> tuple[TensorDict, Predictions]:
         following = self.ensemble.propose(observation, action, self._generators[_GENERATING])
         rows = make_empty_transitions(self.spec, observation.shape[0])
         rows["observation"], rows["action_mask"], rows["action"] = observation, mask, action
         rows["next", "observation"] = following
-        opinions = self.ensemble.ask(rows)
-        terminated = (opinions.terminal.mean(0) > 0.5)[:, None]
+        predicted = self.ensemble.predict(rows)
+        terminated = (predicted.terminal.mean(0) > 0.5)[:, None]
         low, high = self.spec.reward_range
-        rows["next", "action_mask"] = decide_mask(opinions.mask, self.spec.noop_action)
-        rows["next", "reward"] = opinions.reward.mean(0).clamp(low, high)[:, None]
+        rows["next", "action_mask"] = decide_mask(predicted.mask, self.spec.noop_action)
+        rows["next", "reward"] = predicted.reward.mean(0).clamp(low, high)[:, None]
         rows["next", "terminated"], rows["next", "done"] = terminated, terminated.clone()
         rows["is_generated"].fill_(True)
         rows["expert_action"].fill_(NO_ACTION)
         rows["index"].fill_(NO_INDEX)
         rows["opponent"].fill_(NO_OPPONENT)
-        return rows, opinions
+        return rows, predicted
 
     def _choose_actions(
         self, behaviour: Tensor, mask: Tensor, generator: torch.Generator
     ) -> Tensor:
-        """The action that was taken, or for some rows any legal one.
+        """Return the actions `behaviour` [N], replaced by random legal ones in some rows.
 
-        Those are even over legal kinds first, so that the many cells of a tower do not crowd out
-        the few units.
+        These are uniform over legal kinds first: a tower has many cells, a unit one action.
         """
         sizes = torch.zeros(mask.shape[0], self.spec.num_kinds)
         sizes.index_add_(1, self._kinds, mask.float())
@@ -306,19 +284,16 @@ class CCDNGenerator:
         counterfactual = chance < self.config.counterfactual_share
         return torch.where(counterfactual, other, behaviour)
 
-    def _find_refusals(
-        self, rows: TensorDict, opinions: Opinions, acceptance: Acceptance
-    ) -> dict[str, Tensor]:
-        refusals = find_refusals(opinions, acceptance, self._counts.is_rare_reward)
-        refusals["broken_structure"] = find_broken_structure(rows, self.spec)
-        return refusals
+    def _find_accepted(
+        self, rows: TensorDict, predicted: Predictions, acceptance: Acceptance
+    ) -> Tensor:
+        """Which rows pass all tests, bool [N]."""
+        is_rare = self._counts.is_rare_reward
+        rejections = find_rejections(rows, predicted, acceptance, self.spec, is_rare)
+        return ~torch.stack(list(rejections.values())).any(0)
 
-    def _note_generation(self, num_made: int, num_proposed: int, refused: dict[str, int]) -> None:
-        if num_proposed:
-            shares = {f"refused/{name}": num / num_proposed for name, num in refused.items()}
-            self.last_generation = {"acceptance": num_made / num_proposed, **shares}
-
-    def _check_real(self, batch: TensorDict) -> None:
+    def _split(self, batch: TensorDict) -> Tensor:
+        """Check real rows; return which of them are held out, bool [N]."""
         check_transitions(batch, self.spec.transition)
         if bool(batch["is_generated"].any()):
             raise ValueError(
@@ -333,8 +308,8 @@ class CCDNGenerator:
             )
         if bool((batch["index"] < 0).any()):
             raise ValueError(
-                f"index {int(batch['index'].min())} is no place in replay: it must be 0 or more, "
-                "as it decides which rows are held out"
+                f"index {int(batch['index'].min())} is no slot of replay: it must be 0 or more, "
+                "as it determines which rows are held out"
             )
         rewards, (low, high) = batch["next", "reward"], self.spec.reward_range
         if not bool(((rewards >= low) & (rewards <= high)).all()):
@@ -342,14 +317,11 @@ class CCDNGenerator:
                 f"rewards reach from {float(rewards.min())} to {float(rewards.max())}, outside of "
                 f"reward_range {self.spec.reward_range}: widen it in the GeneratorSpec"
             )
-
-
-def _any(refusals: dict[str, Tensor]) -> Tensor:
-    return torch.stack(list(refusals.values())).any(0)
+        return is_heldout(batch["index"], self.config.heldout_share, self.config.seed)
 
 
 def _describe(spec: GeneratorSpec, config: GeneratorConfig) -> dict[str, Any]:
-    """What networks can only be used with again."""
+    """Return the settings that networks must be used with."""
     described = {**asdict(spec), "num_members": config.num_members, "size": asdict(config.size)}
-    # A tuple and a list of the same numbers are alike, whatever the settings were written in.
+    # Tuples become lists, as in saved settings.
     return cast(dict[str, Any], json.loads(json.dumps(described)))

@@ -1,4 +1,4 @@
-"""Rings of real transitions, and the split that keeps some of them out of training."""
+"""Rings of real transitions, and the split that holds some of them out of training."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.generative.settings import GeneratorSpec
-from marl_cair.ranges import COUNT, NUMBER, Range, read_array, read_number
+from marl_cair.ranges import NUMBER, Range, read_array, read_number
 from marl_cair.replay.transition import check_transitions
 
 _HASH_MODULUS = 2**31
 
 
 def is_heldout(index: Tensor, share: float, seed: int) -> Tensor:
-    """Whether real transitions of these replay indices stay out of training, bool [N].
+    """Whether real transitions of these replay indices are held out of training, bool [N].
 
-    Decided by a hash of the index alone: the same row always falls on the same side, in every
-    process and after a resume. int64 arithmetic wraps, as a multiplicative hash wants it; the
-    constant that the seed gives is brought into its range first.
+    A hash of the index decides: the same row is always on the same side, in every process and after
+    a resume. int64 arithmetic wraps, as in a multiplicative hash; the constant from the seed is
+    reduced to its range first.
     """
     mixed = index.long() * 0x9E3779B97F4A7C1 + (seed + 1) * 0x632BE59BD9B4E01 % 2**63
     for _ in range(2):
@@ -42,14 +42,11 @@ class TransitionRing:
         self._rows["index"].fill_(-1)
 
     def add(self, rows: TensorDict) -> None:
-        """Store rows, as many as there may be; a row whose index is held already replaces the older
-        copy.
-        """
-        latest = {int(index): place for place, index in enumerate(rows["index"].tolist())}
-        index_at = [int(index) for index in self._rows["index"].tolist()]
+        """Store rows of any number; a row replaces an older one of the same index."""
+        latest = {index: place for place, index in enumerate(rows["index"].tolist())}
+        index_at = self._rows["index"].tolist()
         held = {index: slot for slot, index in enumerate(index_at)}
-        # Of more rows than there is room for, a slot takes the last.
-        source_of: dict[int, int] = {}
+        source_of: dict[int, int] = {}  # the last row of each slot
         for index, place in latest.items():
             slot = held.get(index)
             if slot is None:
@@ -64,13 +61,12 @@ class TransitionRing:
             self._rows[key][slots] = rows[key][sources]
 
     def select(self, places: Tensor) -> TensorDict:
-        """Rows at `places` (int64, 0..num_rows-1), copied."""
+        """Return a copy of the rows at `places` (int64, 0..num_rows-1)."""
         return self._rows[places]
 
     def sample(self, num: int, generator: torch.Generator) -> TensorDict:
-        """Up to `num` different rows, drawn evenly."""
-        places = torch.randperm(self.num_rows, generator=generator)[:num]
-        return self.select(places)
+        """Sample up to `num` rows uniformly without replacement."""
+        return self.select(torch.randperm(self.num_rows, generator=generator)[:num])
 
     def state_dict(self) -> dict[str, Any]:
         rows = self._rows[: self.num_rows]
@@ -81,23 +77,17 @@ class TransitionRing:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Raises ValueError where the state holds more rows than this ring has room for, or what
-        are no transitions.
+        """Continue from `state_dict`.
+
+        Raises ValueError for more rows than the capacity, or invalid transitions.
         """
-        num_rows = read_number(state, "num_rows", COUNT)
+        num_rows = read_number(state, "num_rows", Range(0, self.capacity))
         cursor = read_number(state, "cursor", Range(0, self.capacity - 1))
-        if num_rows > self.capacity:
-            raise ValueError(
-                f"the saved ring holds {state['num_rows']} rows, this one has room for "
-                f"{self.capacity}: resume with the capacity of the saved run"
-            )
         rows = self._rows[:num_rows].clone()
         for key in rows.keys(True, True):
             own = rows[key].numpy()
-            is_float = rows[key].is_floating_point()
-            allowed = NUMBER if is_float else None
-            saved = read_array(state["rows"], _join(key), (own.dtype, own.shape), allowed)
-            own[:] = saved
+            allowed = NUMBER if rows[key].is_floating_point() else None
+            own[:] = read_array(state["rows"], _join(key), (own.dtype, own.shape), allowed)
         check_transitions(rows, self._spec)
         self.num_rows, self._cursor = num_rows, cursor
         self._rows["index"].fill_(-1)
@@ -110,7 +100,7 @@ def _join(key: str | tuple[str, ...]) -> str:
 
 
 def make_empty_transitions(spec: GeneratorSpec, num: int) -> TensorDict:
-    """`num` one-step transitions of zeros, with the keys and dtypes of replay."""
+    """Make `num` one-step transitions of zeros, with the keys and dtypes of replay."""
     rows = TensorDict({}, batch_size=[num])
     for key, (dtype, shape) in spec.transition.fields().items():
         rows[key] = torch.zeros(num, *shape, dtype=dtype)

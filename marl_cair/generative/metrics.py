@@ -1,15 +1,16 @@
-"""How good the generator is on real transitions that it never trained on."""
+"""Metrics of the generator on held-out real transitions."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from marl_cair.generative.ensemble import Ensemble, Opinions
+from marl_cair.generative.ensemble import Ensemble, Predictions
 from marl_cair.generative.rare import RareCounts
 from marl_cair.generative.settings import GeneratorSpec
 
@@ -17,55 +18,61 @@ NUM_CALIBRATION_BINS = 10
 
 
 class Certainty(NamedTuple):
-    """Which members' P(end) are no doubt."""
+    """Bounds of all members' P(end) for a row that is not doubtful."""
 
-    end: float  # of an end: every member says so much or more
-    going_on: float  # where the episode goes on: every member says so much or less
-    is_tuned: bool = False  # whether held-out ends have chosen `going_on`
+    end: float  # least P(end) of an end
+    going_on: float  # largest P(end) of a row that continues
+    is_tuned: bool = False  # whether `going_on` was tuned on held-out ends
 
 
 class HeldOut(NamedTuple):
-    """Held-out real rows and what the generator makes of them."""
+    """Held-out real rows and their predictions."""
 
     rows: TensorDict
-    opinions: Opinions
+    predictions: Predictions
     likeliest: Tensor  # uint8 [N, C, H, W], decoded next states
     sampled: Tensor  # uint8 [N, C, H, W]
-    rare_rows: TensorDict  # [R], held-out rows with a rare reward or an end: too few among `rows`
-    rare_opinions: Opinions
+    rare_rows: TensorDict  # [R], held-out rows with a rare reward or an end: too few in `rows`
+    rare_predictions: Predictions
 
     def select(self, which: slice) -> HeldOut:
-        """Some of the rows."""
-        opinions = Opinions(*(part[:, which] for part in self.opinions))
-        decoded = (self.likeliest[which], self.sampled[which])
-        return HeldOut(self.rows[which], opinions, *decoded, self.rare_rows, self.rare_opinions)
+        """Return some of the rows, and all rare ones."""
+        return self._replace(
+            rows=self.rows[which],
+            predictions=Predictions(*(part[:, which] for part in self.predictions)),
+            likeliest=self.likeliest[which],
+            sampled=self.sampled[which],
+        )
 
 
-def examine(
+def predict_heldout(
     ensemble: Ensemble, rows: TensorDict, rare_rows: TensorDict, generator: torch.Generator
 ) -> HeldOut:
-    """Ask the ensemble about real rows, and let it predict and sample their next states."""
+    """Predict real rows, and decode and sample their next states."""
     observation, action = rows["observation"], rows["action"]
     return HeldOut(
         rows,
-        ensemble.ask(rows),
+        ensemble.predict(rows),
         ensemble.propose(observation, action, None),
         ensemble.propose(observation, action, generator),
         rare_rows,
-        ensemble.ask(rare_rows),
+        ensemble.predict(rare_rows),
     )
 
 
-def measure(
+def compute_metrics(
     held: HeldOut, spec: GeneratorSpec, counts: RareCounts, certainty: Certainty
 ) -> dict[str, float]:
-    """All metrics by name. One that cannot be told from these rows is missing.
+    """All metrics by name, without those that these rows cannot determine.
 
-    counts: tells which rewards are rare, and how rare. certainty: of ends; rows whose
-    end is in doubt are never used.
+    counts: of rare rewards. certainty: of ends; rows with a doubtful end are never generated.
     """
-    in_doubt = find_doubtful_ends(held.rare_opinions.terminal, certainty)
-    checked = _find_checked(held, certainty)
+    in_doubt = find_doubtful_ends(held.rare_predictions.terminal, certainty)
+    # Every second end tuned the certainty, and does not test it.
+    checked = torch.ones(held.rare_rows.shape[0], dtype=torch.bool)
+    if certainty.is_tuned:
+        ends = held.rare_rows["next", "terminated"].squeeze(-1).nonzero().squeeze(-1)
+        checked[ends[::2]] = False
     return {
         **_measure_cells(held, spec),
         **_measure_uniform(held, spec),
@@ -76,24 +83,13 @@ def measure(
     }
 
 
-def _find_checked(held: HeldOut, certainty: Certainty) -> Tensor:
-    """Which of `rare_rows` judge, bool [R]: all but the ends that have chosen the certainty, every
-    second one, where it is not the usual one.
-    """
-    checked = torch.ones(held.rare_rows.shape[0], dtype=torch.bool)
-    if certainty.is_tuned:
-        ends = held.rare_rows["next", "terminated"].squeeze(-1).nonzero().squeeze(-1)
-        checked[ends[::2]] = False
-    return checked
-
-
 def _measure_cells(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
     """Cells of the moving planes: changed-cell F1, error in 0..255, accuracy of each plane."""
     moving = list(spec.moving_planes)
     now, real = held.rows["observation"][:, moving], held.rows["next", "observation"][:, moving]
     guess, sample = held.likeliest[:, moving], held.sampled[:, moving]
-    changed, said = _differ(real, now, spec), _differ(guess, now, spec)
-    hits = float((changed & said & ~_differ(guess, real, spec)).sum())
+    changed, predicted = _differ(real, now, spec), _differ(guess, now, spec)
+    hits = float((changed & predicted & ~_differ(guess, real, spec)).sum())
     flat = (held.likeliest == held.rows["next", "observation"]).flatten(1)
     metrics = {
         "cells/copy_error": _find_error(now, real),
@@ -104,12 +100,9 @@ def _measure_cells(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
         "cells/sampled_changed_share": float(_differ(sample, now, spec).float().mean()),
     }
     if changed.any():
-        metrics["cells/changed_f1"] = 2.0 * hits / float(changed.sum() + said.sum())
+        metrics["cells/changed_f1"] = 2.0 * hits / float(changed.sum() + predicted.sum())
         metrics["cells/changed_recall"] = hits / float(changed.sum())
-    for place, plane in enumerate(moving):
-        metrics[f"plane_{plane}/accuracy"] = _share(guess[:, place] == real[:, place])
-        metrics[f"plane_{plane}/copy_accuracy"] = _share(now[:, place] == real[:, place])
-    return metrics
+    return metrics | _measure_planes(moving, guess, now, real)
 
 
 def _differ(values: Tensor, others: Tensor, spec: GeneratorSpec) -> Tensor:
@@ -128,20 +121,26 @@ def _measure_uniform(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
         "uniform/mae": _find_error(guess, real),
         "uniform/sampled_mae": _find_error(sample, real),
         "uniform/far": _share(((guess.int() - real.int()).abs() > 1).any(-1)),
-        "uniform/nll": _mix(held.opinions.uniform_log_prob),
+        "uniform/nll": _mix(held.predictions.uniform_log_prob),
         "uniform/copy_nll": sum(
             _find_marginal_nll(now[:, place], real[:, place]) for place in range(spec.num_uniform)
         ),
     }
-    for place in range(spec.num_uniform):
-        plane = first + place
+    return metrics | _measure_planes(range(first, spec.num_planes), guess, now, real)
+
+
+def _measure_planes(
+    planes: Sequence[int], guess: Tensor, now: Tensor, real: Tensor
+) -> dict[str, float]:
+    metrics = {}
+    for place, plane in enumerate(planes):
         metrics[f"plane_{plane}/accuracy"] = _share(guess[:, place] == real[:, place])
         metrics[f"plane_{plane}/copy_accuracy"] = _share(now[:, place] == real[:, place])
     return metrics
 
 
 def _measure_likelihood(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
-    """Negative log likelihood of real next states, beside that of copy + marginal change."""
+    """Negative log likelihood of real next states, and that of copy + marginal change."""
     now, real = held.rows["observation"], held.rows["next", "observation"]
     moving = list(spec.moving_planes)
     parts = [(now[:, plane].flatten(1), real[:, plane].flatten(1)) for plane in moving]
@@ -149,17 +148,17 @@ def _measure_likelihood(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
     parts += [(now[:, plane, 0, :1], real[:, plane, 0, :1]) for plane in scalars]
     baseline = sum(_find_marginal_nll(before, after) for before, after in parts)
     return {
-        "likelihood/nll": _mix(held.opinions.log_prob),
+        "likelihood/nll": _mix(held.predictions.log_prob),
         "likelihood/copy_nll": float(baseline),
     }
 
 
 def _find_marginal_nll(now: Tensor, real: Tensor) -> float:
-    """Nats per row of: change with the plane's odds, then a value (or, where that is likelier, a
-    difference) with the frequency of changes.
+    """Nats per row of a baseline: change with the plane's probability, then a value (or a
+    difference, if that is likelier) with its frequency among changes.
 
-    Fitted on the very rows that it is measured on, so that it looks better than it is by one nat
-    for each number fitted (Akaike 1974), which is added.
+    It is fitted on the rows that it is measured on: one nat is added for each fitted number (Akaike
+    1974).
     """
     changed = now != real
     num_changed, num_cells = int(changed.sum()), changed.numel()
@@ -176,68 +175,56 @@ def _find_marginal_nll(now: Tensor, real: Tensor) -> float:
     return float(1.0 + total + torch.stack(options).min()) / now.shape[0]
 
 
-class RewardSample(NamedTuple):
-    """Real rewards [N] after which the episode goes on, what was guessed, and weights of sum 1."""
+def _sample_rewards(held: HeldOut, counts: RareCounts) -> tuple[Tensor, Tensor, Tensor]:
+    """Real and predicted rewards [N] of rows that do not end, and weights float64 of sum 1.
 
-    real: Tensor
-    guess: Tensor
-    weights: Tensor
-
-    def average(self, values: Tensor) -> float:
-        return float((values.double() * self.weights).sum())
-
-
-def _sample_rewards(held: HeldOut, counts: RareCounts) -> RewardSample:
-    """Stratified: the rare rewards, of which a few decide all variance, are those of `rare_rows`
-    with their share of all rows as weight; among `rows` there would be one or none of the largest.
-
-    Ends are left out: one in five hundred rows, found or not, would decide. What they pay is judged
-    with the rare rewards.
+    Stratified: rare rewards are those of `rare_rows`, weighted by their share of all rows. A few
+    determine the variance, and `rows` would hold one or none of the largest. Ends are left out: one
+    in five hundred rows would decide. Their rewards count as rare ones.
     """
-    strata: list[tuple[Tensor, Tensor]] = []
-    for rows, opinions, wanted in (
-        (held.rows, held.opinions, False),
-        (held.rare_rows, held.rare_opinions, True),
+    parts = []
+    for rows, predicted, is_rare, share in (
+        (held.rows, held.predictions, False, 1.0 - counts.rare_reward_odds),
+        (held.rare_rows, held.rare_predictions, True, counts.rare_reward_odds),
     ):
         rewards = rows["next", "reward"].squeeze(-1)
         chosen = ~rows["next", "terminated"].squeeze(-1)
-        chosen &= counts.is_rare_reward(rewards) == wanted
-        strata.append((rewards[chosen], opinions.reward.mean(0)[chosen]))
-    shares = [1.0 - counts.rare_reward_odds, counts.rare_reward_odds]
-    weights = [
-        torch.full((real.numel(),), share / max(real.numel(), 1), dtype=torch.float64)
-        for share, (real, _) in zip(shares, strata, strict=True)
-    ]
-    joined = torch.cat(weights)
-    real, guess = (torch.cat(part) for part in zip(*strata, strict=True))
-    return RewardSample(real, guess, joined / joined.sum().clamp_min(1e-12))
+        chosen &= counts.is_rare_reward(rewards) == is_rare
+        num = int(chosen.sum())
+        weights = torch.full((num,), share / max(num, 1), dtype=torch.float64)
+        parts.append((rewards[chosen], predicted.reward.mean(0)[chosen], weights))
+    real, guess, weights = (torch.cat(part) for part in zip(*parts, strict=True))
+    return real, guess, weights / weights.sum().clamp_min(1e-12)
 
 
 def _measure_reward(
     held: HeldOut, counts: RareCounts, in_doubt: Tensor, checked: Tensor
 ) -> dict[str, float]:
     rewards = held.rows["next", "reward"].squeeze(-1)
-    sample = _sample_rewards(held, counts)
+    real, guess, weights = _sample_rewards(held, counts)
+
+    def average(values: Tensor) -> float:
+        return float((values.double() * weights).sum())
+
     metrics = {"reward/num_rare": float(checked.sum())}
-    if sample.real.numel():
-        error, mean = sample.guess - sample.real, sample.average(sample.real)
-        variance = sample.average((sample.real - mean).square())
-        metrics["reward/mae"] = sample.average(error.abs())
+    if real.numel():
+        variance = average((real - average(real)).square())
+        metrics["reward/mae"] = average((guess - real).abs())
         metrics["reward/std"] = variance**0.5
-        metrics["reward/constant_mae"] = sample.average((sample.real - rewards.median()).abs())
+        metrics["reward/constant_mae"] = average((real - rewards.median()).abs())
         if variance > 0.0:
-            metrics["reward/explained"] = 1.0 - sample.average(error.square()) / variance
-    auc = find_auc(1.0 - held.opinions.reward_is_zero.mean(0), rewards != 0.0)
+            metrics["reward/explained"] = 1.0 - average((guess - real).square()) / variance
+    auc = find_auc(1.0 - held.predictions.reward_is_zero.mean(0), rewards != 0.0)
     if auc is not None:
         metrics["reward/nonzero_auc"] = auc
     if checked.any():
-        # Found: nearer to the real reward than half of its distance from the usual one. An end may
-        # pay what is usual; that is found within a quarter of the rewards' standard deviation.
+        # Found: the error is less than half of the real reward's distance from the median, or, for
+        # an end with a usual reward, a quarter of the rewards' standard deviation.
         least = max(0.25 * metrics.get("reward/std", 0.0), 1e-6)
         rare = held.rare_rows["next", "reward"].squeeze(-1)
         allowed = (0.5 * (rare - rewards.median()).abs()).clamp_min(least)
-        found = (held.rare_opinions.reward.mean(0) - rare).abs() <= allowed
-        # Of all rare rows, as of ends below: a row in doubt is not made, and so not made wrong.
+        found = (held.rare_predictions.reward.mean(0) - rare).abs() <= allowed
+        # A share of all rare rows, as of ends below: doubtful rows are not generated at all.
         metrics["reward/rare_missed"] = _share((~found & ~in_doubt)[checked])
     return metrics
 
@@ -246,21 +233,21 @@ def _measure_terminal(
     held: HeldOut, in_doubt: Tensor, checked: Tensor, certainty: Certainty
 ) -> dict[str, float]:
     real = held.rows["next", "terminated"].squeeze(-1)
-    guess = held.opinions.terminal.mean(0)
+    guess = held.predictions.terminal.mean(0)
     ended = held.rare_rows["next", "terminated"].squeeze(-1)
-    rare_guess = held.rare_opinions.terminal.mean(0)
+    rare_guess = held.rare_predictions.terminal.mean(0)
     found = rare_guess[ended]
     metrics = {
         "terminal/num": float(found.numel()),
         "terminal/share": _share(real),
         "terminal/ece": find_calibration_error(guess, real),
         "terminal/false_alarms": _share((guess > 0.5) & ~real),
-        "terminal/doubtful": _share(find_doubtful_ends(held.opinions.terminal, certainty)),
+        "terminal/doubtful": _share(find_doubtful_ends(held.predictions.terminal, certainty)),
     }
     if found.numel():
         metrics["terminal/recall"] = _share(found > 0.5)
-        # An end is overlooked where a row like it would be made as one that goes on. A clock that
-        # shows 0 for two decisions lets nobody tell which is the last; such rows are not made.
+        # An end is overlooked if it would be generated as a row that continues. If a clock shows 0
+        # for two steps the last one cannot be determined; such rows are doubtful.
         overlooked = ((rare_guess <= 0.5) & ~in_doubt)[ended & checked]
         if overlooked.numel():
             metrics["terminal/overlooked"] = _share(overlooked)
@@ -277,7 +264,7 @@ def _measure_mask(held: HeldOut, spec: GeneratorSpec) -> dict[str, float]:
     if not goes_on.any():
         return {}
     real = held.rows["next", "action_mask"][goes_on]
-    guess = decide_mask(held.opinions.mask, spec.noop_action)[goes_on]
+    guess = decide_mask(held.predictions.mask, spec.noop_action)[goes_on]
     return {
         "mask/accuracy": _share(guess == real),
         "mask/copy_accuracy": _share(held.rows["action_mask"][goes_on] == real),
@@ -294,7 +281,7 @@ def decide_mask(logits: Tensor, noop_action: int) -> Tensor:
 
 
 def find_doubtful_ends(terminal: Tensor, certainty: Certainty) -> Tensor:
-    """Where members' P(end) [M, N] are neither certainly an end nor certainly none, bool [N]."""
+    """Rows that are, by members' P(end) [M, N], neither surely an end nor surely none: bool [N]."""
     ends = terminal.amin(0) >= certainty.end
     goes_on = terminal.amax(0) <= certainty.going_on
     return ~(ends | goes_on)
@@ -303,11 +290,11 @@ def find_doubtful_ends(terminal: Tensor, certainty: Certainty) -> Tensor:
 def tune_certainty(
     rows: Tensor, ends: Tensor, certain: float, most_overlooked: float, most_doubtful: float
 ) -> Certainty:
-    """How unlikely an end must be for a row to be made as one that goes on.
+    """Choose the largest P(end) of rows that are generated as continuing.
 
-    Usually no likelier than 1 - certain. Where ends cannot be told so well (a bird that touches a
-    pipe by less than a pixel of its picture), less: so that of real ends no more than half of
-    `most_overlooked` pass, but no more than `most_doubtful` of all rows are turned away.
+    Usually 1 - certain. If ends are hard to predict (a bird touches a pipe by less than a pixel),
+    less: at most half of `most_overlooked` of real ends may pass, but at most `most_doubtful` of
+    all rows are rejected.
 
     rows, ends: members' P(end) [M, N] of held-out rows, and [M, K] of ends.
     """
@@ -321,10 +308,7 @@ def tune_certainty(
 
 
 def find_auc(scores: Tensor, labels: Tensor) -> float | None:
-    """Area under the ROC curve: how often a true row outscores a false one, ties half.
-
-    None where one of the two kinds is missing.
-    """
+    """Area under the ROC curve, ties count half; None if one of the two labels is missing."""
     positive, negative = scores[labels], scores[~labels]
     if not positive.numel() or not negative.numel():
         return None

@@ -1,4 +1,4 @@
-"""Which transitions are rare, how often they are drawn, and how that is undone in the loss."""
+"""Rare transitions: which they are, and the correction of their oversampling in the loss."""
 
 from __future__ import annotations
 
@@ -9,30 +9,27 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from marl_cair.generative.loss import RareCorrection
-from marl_cair.generative.networks.outcome import RewardBins
+from marl_cair.generative.networks.outcome import RareCorrection, RewardBins
 from marl_cair.ranges import MOST, Range, read_array, read_numbers
 
 _AMOUNT = Range(0.0, MOST, float)  # of rows
-
 MIN_VARIANCE = 1e-6  # of rewards: below, an error of 0.001 costs as much as one standard deviation
 
 
 class Stratum(IntEnum):
-    """Kinds of rows, by how they are drawn for training."""
+    """Kinds of rows, by how they are sampled for training."""
 
     COMMON = 0
-    RARE_REWARD = 1  # and the episode goes on
+    RARE_REWARD = 1  # and the episode continues
     END = 2
 
 
 class RareCounts:
     """Running counts of all real rows and of their rewards (by bin), by stratum.
 
-    A reward is rare if it is among the seldom ones that together make up less than `rare_share`
-    of all rows so far. So where rewards are sparse every reward is rare, and where they are shaped
-    (nearly every row pays something) the large ones are. Ends are a stratum of their own: a long
-    episode has one, which would be lost among the rare rewards.
+    A reward is rare if it is among the least frequent bins that together hold less than
+    `rare_share` of all rows so far: every reward if rewards are sparse, the large ones if they are
+    shaped. Ends are a stratum of their own: a long episode has only one.
     """
 
     def __init__(self, bins: RewardBins, rare_share: float) -> None:
@@ -42,7 +39,7 @@ class RareCounts:
         self.all_rewards = torch.zeros(num, dtype=torch.float64)
         self.rewards = torch.zeros(len(Stratum), num, dtype=torch.float64)
         self.num_rows = torch.zeros(len(Stratum), dtype=torch.float64)
-        self.sum_reward = 0.0  # these two of rows that go on
+        self.sum_reward = 0.0  # these two of rows that do not end
         self.sum_square = 0.0
 
     def count(self, rows: TensorDict) -> Tensor:
@@ -65,7 +62,7 @@ class RareCounts:
         return torch.where(ends, int(Stratum.END), strata)
 
     def is_rare_reward(self, rewards: Tensor) -> Tensor:
-        """Whether the bins nearest to the rewards [N] are among the seldom ones, bool [N]."""
+        """Whether the bins nearest to the rewards [N] are rare, bool [N]."""
         counts, order = self.all_rewards.sort()
         rare = torch.zeros_like(order, dtype=torch.bool)
         rare[order] = counts.cumsum(0) < self.rare_share * self.all_rewards.sum()
@@ -73,15 +70,15 @@ class RareCounts:
 
     @property
     def rare_reward_odds(self) -> float:
-        """Share of rows with a rare reward among those after which the episode goes on."""
+        """Share of rows with a rare reward among those that do not end."""
         going_on = self.num_rows[: Stratum.END]
         return float(going_on[Stratum.RARE_REWARD] / going_on.sum().clamp_min(1.0))
 
     def correct(self, drawn_from: Tensor, strata: Tensor) -> RareCorrection:
         """The correction for a batch.
 
-        drawn_from: int64 [N], the stratum that a row was drawn from, COMMON where it was drawn
-        from all rows; strata: int64 [N], the stratum that it belongs to.
+        drawn_from: int64 [N], the stratum from which a row was drawn, COMMON if from all rows;
+        strata: int64 [N], the stratum of the row.
         """
         shares = torch.bincount(drawn_from, minlength=len(Stratum)).double()
         shares /= shares.sum().clamp_min(1.0)
@@ -113,7 +110,7 @@ class RareCounts:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Raises ValueError for numbers that no rows bring."""
+        """Continue from `state_dict`. Raises ValueError for numbers out of range."""
         for name in ("all_rewards", "rewards", "num_rows"):
             own = getattr(self, name).numpy()
             own[:] = read_array(state, name, (own.dtype, own.shape), _AMOUNT)

@@ -1,4 +1,4 @@
-"""Generated transitions as long as real ones: several decisions, of which the last are made up."""
+"""Multi-step generated transitions: real steps, continued by generated ones."""
 
 from __future__ import annotations
 
@@ -11,41 +11,31 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.generative.generator import Generator
+from marl_cair.replay import transition
 from marl_cair.replay.buffer import EpisodeReplayBuffer
-from marl_cair.replay.transition import (
-    ACTION,
-    ACTION_MASK,
-    EXPERIENCE_KEYS,
-    NEXT_ACTION_MASK,
-    NEXT_DONE,
-    NEXT_OBSERVATION,
-    NEXT_REWARD,
-    NEXT_TERMINATED,
-    OBSERVATION,
-    STEPS_TO_NEXT_OBS,
-)
+from marl_cair.replay.transition import NEXT_DONE, NEXT_REWARD, STEPS_TO_NEXT_OBS
 
-_KEYS = (*EXPERIENCE_KEYS, STEPS_TO_NEXT_OBS)
-_FOLLOWING = (NEXT_OBSERVATION, NEXT_ACTION_MASK, NEXT_TERMINATED, NEXT_DONE)
+_KEYS = (*transition.EXPERIENCE_KEYS, STEPS_TO_NEXT_OBS)
+_FOLLOWING = (
+    *(transition.NEXT_OBSERVATION, transition.NEXT_ACTION_MASK),
+    *(transition.NEXT_TERMINATED, NEXT_DONE),
+)
 
 
 @dataclass(frozen=True)
 class Rollouts:
-    """Makes transitions of steps as they were, then steps that are generated.
+    """Makes transitions of real steps followed by generated steps.
 
-    Rows of one decision, be they generated or real, hold back a learner whose other rows are
-    returns of several. So a generated row goes on from where real steps have led, with what the
-    learner would do there now (model-based value expansion, Feinberg et al. 2018). Where the game
-    ended within those steps it is the last of them that is generated anew.
+    One-step rows hurt a learner whose other rows are n-step returns. A generated row therefore
+    continues real steps, with the learner's present actions (model-based value expansion, Feinberg
+    et al. 2018). If the episode ended within the real steps, the last of them is generated instead.
 
-    Args:
-        generator: whose gate is open.
-        choose: observations [N, ...] and masks bool [N, A] -> actions int64 [N] of the learner.
-        num_real: steps as they were; 0: the first step is generated too, of any legal action in a
-            share of the rows.
-        num_generated: steps that follow on them, 1 or more.
-        gamma: discount per decision.
-        max_rounds: of proposals in one call, if many are turned away.
+    generator: its gate is open.
+    choose: observations [N, ...] and masks bool [N, A] -> actions int64 [N] of the learner.
+    num_real: real steps; 0: the first step is generated too, by `Generator.generate`.
+    num_generated: generated steps, 1 or more.
+    gamma: discount per step.
+    max_rounds: of proposals in one call.
     """
 
     generator: Generator
@@ -57,7 +47,7 @@ class Rollouts:
 
     @torch.no_grad()
     def generate(self, real: EpisodeReplayBuffer, num_rows: int) -> TensorDict:
-        """Up to `num_rows` transitions [N]; fewer where too many are turned away.
+        """Return up to `num_rows` transitions [N]; fewer if too many are rejected.
 
         They have EXPERIENCE_KEYS and "steps_to_next_obs"; rewards are discounted sums.
         """
@@ -69,12 +59,12 @@ class Rollouts:
         for _ in range(self.max_rounds):
             if missing <= 0:
                 break
-            made.append(self._go_on(real, missing))
+            made.append(self._continue_real(real, missing))
             missing -= len(made[-1])
         return cast(TensorDict, torch.cat(made))
 
-    def _go_on(self, real: EpisodeReplayBuffer, num_rows: int) -> TensorDict:
-        """Those of `num_rows` real beginnings whose first generated step is accepted."""
+    def _continue_real(self, real: EpisodeReplayBuffer, num_rows: int) -> TensorDict:
+        """Continue `num_rows` real starts; return those whose first generated step is accepted."""
         heads = real.sample_steps(num_rows, self.num_real)
         ended = heads[NEXT_DONE].squeeze(1)
         lengths = heads[STEPS_TO_NEXT_OBS].squeeze(1)
@@ -95,24 +85,23 @@ class Rollouts:
 
     @torch.no_grad()
     def extend(self, rows: TensorDict, num_steps: int) -> TensorDict:
-        """Lengthen transitions [N] by up to `num_steps` generated decisions, in place.
+        """Extend transitions [N] by up to `num_steps` generated steps, in place.
 
-        A row ends where its game does, and where the next prediction is not accepted: it is then
-        as long as it is. rows: EXPERIENCE_KEYS and "steps_to_next_obs".
+        A row stops at the end of its episode, and if the next prediction is rejected.
+        rows: EXPERIENCE_KEYS and "steps_to_next_obs".
         """
         places = (~rows[NEXT_DONE].squeeze(1)).nonzero().squeeze(1)
         for _ in range(num_steps):
             if not len(places):
                 break
-            observation, mask = rows[NEXT_OBSERVATION][places], rows[NEXT_ACTION_MASK][places]
-            action = self.choose(observation, mask)
-            starts = {OBSERVATION: observation, ACTION_MASK: mask, ACTION: action}
-            predicted, accepted = self.generator.predict(TensorDict(starts, [len(places)]))
+            starts = rows[places]["next"].select("observation", "action_mask")
+            starts["action"] = self.choose(starts["observation"], starts["action_mask"])
+            predicted, accepted = self.generator.predict(starts)
             places, predicted = places[accepted], predicted[accepted]
             discounts = self.gamma ** rows[STEPS_TO_NEXT_OBS][places].double()
             rows[NEXT_REWARD][places] += (discounts * predicted[NEXT_REWARD]).float()
             for key in _FOLLOWING:
                 rows[key][places] = predicted[key]
             rows[STEPS_TO_NEXT_OBS][places] += 1
-            places = places[~predicted[NEXT_TERMINATED].squeeze(1)]
+            places = places[~predicted[transition.NEXT_TERMINATED].squeeze(1)]
         return rows

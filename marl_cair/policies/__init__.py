@@ -1,4 +1,4 @@
-"""Q-networks, exploration, inference; no game. A new network is one file and one line here."""
+"""Q-networks, exploration, inference. A new network is one file and one line here."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ if TYPE_CHECKING:
     from marl_cair.policies.actor import MaskedEpsilonGreedy
     from marl_cair.policies.body import Body
 
-# Torch takes seconds: it is imported with the first network, and not to list their names.
+# Importing torch takes seconds: tables import an entry when it is looked up.
 NETWORKS: LazyTable[type[Body]] = LazyTable(
     {
         "conv": "marl_cair.policies.conv:ConvBody",
         "capsule": "marl_cair.policies.capsule:CapsuleBody",
-        "mlp": "marl_cair.policies.mlp:MlpBody",
+        "mlp": "marl_cair.policies.body:MlpBody",
     }
 )
 HEADS: LazyTable[Callable[[int, int, int], nn.Module]] = LazyTable(
     {
         "dueling": "marl_cair.policies.heads:DuelingHead",
-        "plain": "marl_cair.policies.heads:make_plain",
+        "plain": "marl_cair.policies.heads:PlainHead",
     }
 )
-# How a network's outputs become actions; a checkpoint names one.
+# How a network's outputs become actions; stored in checkpoints.
 GREEDY, SAMPLED = "greedy", "sampled"
 PLAYS: LazyTable[type[MaskedEpsilonGreedy]] = LazyTable(
     {

@@ -1,4 +1,4 @@
-"""Acting: legal argmax, epsilon-greedy over a batch, and a network as an agent."""
+"""Action selection: masked argmax, epsilon-greedy and sampling, and `PolicyActor`."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,16 +10,16 @@ from torch import Tensor
 
 from marl_cair.policies.q_network import QNetwork
 
-DRAWS_PER_ROW = 3  # explore or not, which group, which action of it
+DRAWS_PER_ROW = 3  # whether to explore, the group, the action
+CHUNK_ROWS = 128  # their activations stay in the cache of a CPU core
 
 
 @torch.no_grad()
 def masked_argmax(values: Tensor, action_mask: Tensor) -> Tensor:
     """Return the legal action of the largest value, the lowest index among equals: int64 [N].
 
-    `values` float [N, A], `action_mask` bool [N, A]. NaN counts as the lowest value there is, and
-    an illegal action never wins, whatever the values. Raises ValueError where a row has no legal
-    action, or the shapes differ.
+    `values` float [N, A], `action_mask` bool [N, A]. NaN counts as the lowest value. Raises
+    ValueError if a row has no legal action, or the shapes differ.
     """
     if values.shape != action_mask.shape or action_mask.dtype != torch.bool:
         raise ValueError(
@@ -35,13 +35,13 @@ def masked_argmax(values: Tensor, action_mask: Tensor) -> Tensor:
 
 
 class MaskedEpsilonGreedy:
-    """Epsilon-greedy over the legal actions of a batch, from a generator of its own.
+    """Epsilon-greedy over the legal actions of a batch, with its own random generator.
 
-    An exploring row draws a group of actions uniformly among those with a legal action, then a
-    legal action uniformly within it: else the 60 cells of one tower kind would outweigh the one
-    action that buys a unit. Without `action_groups` (int [A]) all legal actions are equally likely.
-    Each call draws 3 numbers for each row, whatever happens: the stream depends on the number of
-    rows alone. The generator lives on the CPU, so that every device draws the same actions.
+    An exploring row draws a group uniformly from those with a legal action, then a legal action
+    uniformly within it: otherwise the 60 cells of one tower kind would outweigh the one action that
+    buys a unit. Without `action_groups` (int [A]) all legal actions are equally likely. Each call
+    always draws 3 numbers for each row: the stream depends on the number of rows alone. The
+    generator is on the CPU: every device draws the same actions.
     """
 
     def __init__(self, seed: int, action_groups: npt.ArrayLike | Tensor | None = None) -> None:
@@ -50,14 +50,14 @@ class MaskedEpsilonGreedy:
         self._groups = None if action_groups is None else _number_groups(action_groups)
 
     def seed(self, seed: int) -> None:
-        """Start the random stream anew."""
+        """Restart the random stream."""
         self.generator.manual_seed(seed)
 
     @torch.no_grad()
     def __call__(self, values: Tensor, action_mask: Tensor, epsilon: float | Tensor) -> Tensor:
         """Values float [N, A], mask bool [N, A], epsilon a number or [N] -> actions int64 [N].
 
-        Raises ValueError where epsilon is outside 0..1 or a row has no legal action.
+        Raises ValueError if epsilon is outside 0..1 or a row has no legal action.
         """
         actions = self._exploit(values, action_mask)
         num_rows, num_actions = values.shape
@@ -94,7 +94,7 @@ class MaskedEpsilonGreedy:
         return {"generator": self.generator.get_state()}
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Continue the random stream where `state_dict` was taken."""
+        """Continue from `state_dict`."""
         try:
             self.generator.set_state(state["generator"].cpu())
         except (RuntimeError, TypeError, AttributeError) as error:
@@ -102,29 +102,27 @@ class MaskedEpsilonGreedy:
 
 
 class MaskedSampling(MaskedEpsilonGreedy):
-    """As `MaskedEpsilonGreedy`, but who does not explore draws from the softmax over the legal
-    values, which are logits: a mixed strategy. Each call draws one number more for each row.
+    """As `MaskedEpsilonGreedy`, but rows that do not explore sample from the softmax over the legal
+    values (a mixed strategy). Each call draws one more number for each row.
     """
 
     def _exploit(self, values: Tensor, action_mask: Tensor) -> Tensor:
-        # As in `masked_argmax`: NaN is the lowest value there is.
         finite = torch.nan_to_num(values, nan=torch.finfo(values.dtype).min)
         best = finite.masked_fill(~action_mask, -torch.inf).amax(-1)
         _require_legal_actions(best)
         logits = finite.double().masked_fill(~action_mask, -torch.inf)
         ends = logits.softmax(-1).cumsum(-1)
         draws = torch.rand(len(values), generator=self.generator, dtype=torch.float64)
-        # Below the sum, however it is rounded: the chance of an illegal action is exactly 0.
+        # Below the rounded sum: the probability of an illegal action is exactly 0.
         total = ends[:, -1]
         wanted = torch.minimum(draws.to(ends.device) * total, total.nextafter(total.new_zeros(())))
         return (ends > wanted.unsqueeze(1)).to(torch.uint8).argmax(1)
 
 
 class PolicyActor:
-    """A Q-network as an agent: observations and masks in, actions out, without gradients.
+    """A Q-network as an agent: observations and masks -> actions, without gradients.
 
-    `act` is the agent contract (NumPy in and out), `select_actions` the same on tensors. Large
-    batches are cut into chunks, whose activations fit the cache of a CPU core.
+    `act` is the agent contract (NumPy in and out), `select_actions` the same on tensors.
     """
 
     def __init__(
@@ -134,45 +132,41 @@ class PolicyActor:
         representation: str,
         exploration: MaskedEpsilonGreedy | None = None,
         epsilon: float = 0.0,
-        chunk_rows: int = 128,
     ) -> None:
-        if chunk_rows < 1:
-            raise ValueError(f"chunk_rows is {chunk_rows}, but must be at least 1")
         self.network = network
         self.name = name
         self.representation = representation
         self.exploration = exploration or MaskedEpsilonGreedy(seed=0)
         self.epsilon = epsilon
-        self.chunk_rows = chunk_rows
 
     @property
     def is_sampled(self) -> bool:
-        """Whether its actions are drawn, in place of the best one."""
+        """Whether actions are sampled instead of greedy."""
         return isinstance(self.exploration, MaskedSampling)
 
     @property
     def is_deterministic(self) -> bool:
-        """Whether an action depends on its row alone, and on nothing that is drawn."""
+        """Whether actions depend on the observations alone."""
         return not self.is_sampled and self.epsilon == 0.0
 
     def seed(self, seed: int) -> None:
-        """Start the random stream of the exploration anew."""
+        """Restart the random stream of the exploration."""
         self.exploration.seed(seed)
 
     def compute_values(self, observation: Tensor) -> Tensor:
-        """Observation [N, *shape] on any device -> values float32 [N, A] beside the weights."""
+        """Observation [N, *shape], any device -> values float32 [N, A] on the network's device."""
         device = next(self.network.parameters()).device
         values = torch.empty(len(observation), self.network.num_actions, device=device)
         with torch.inference_mode():
-            for start in range(0, len(observation), self.chunk_rows):
-                chunk = slice(start, start + self.chunk_rows)
+            for start in range(0, len(observation), CHUNK_ROWS):
+                chunk = slice(start, start + CHUNK_ROWS)
                 values[chunk] = self.network(observation[chunk].to(device))
         return values
 
     def select_actions(
         self, observation: Tensor, action_mask: Tensor, epsilon: float | Tensor | None = None
     ) -> Tensor:
-        """Observation [N, *shape], mask bool [N, A] -> actions int64 [N] beside the weights.
+        """Observation [N, *shape], mask bool [N, A] -> actions int64 [N] on the network's device.
 
         `epsilon` (a number or [N]) overrides the agent's own for this call.
         """
@@ -189,18 +183,18 @@ class PolicyActor:
         return chosen
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Return the state of the exploration's generator; the weights are the network's."""
+        """Return the state of the exploration's generator, without the weights."""
         return self.exploration.state_dict()
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Continue the exploration where `state_dict` was taken."""
+        """Continue from `state_dict`."""
         self.exploration.load_state_dict(state)
 
 
 def _pick_uniformly(candidates: Tensor, draws: Tensor) -> Tensor:
     """Candidates bool [M, L], draws float64 [M] in [0, 1) -> index of one of them: int64 [M].
 
-    Counts instead of summing probabilities: no rounding can reach an index that is no candidate.
+    By counts, not sums of probabilities: rounding never selects an index that is no candidate.
     """
     counts = candidates.cumsum(1, dtype=torch.int32)
     wanted = (draws * counts[:, -1]).to(torch.int32) + 1
@@ -233,7 +227,7 @@ def _check_epsilon(epsilon: float | Tensor, num_rows: int) -> Tensor:
 
 
 def _require_legal_actions(best: Tensor) -> None:
-    """Best value of each row [N]: -inf says that no action was legal, as values are finite."""
+    """Raise ValueError if a best value [N] is -inf: values are finite, so no action was legal."""
     if bool((best == -torch.inf).any()):
         row = int((best == -torch.inf).nonzero()[0, 0])
         raise ValueError(
@@ -242,5 +236,5 @@ def _require_legal_actions(best: Tensor) -> None:
 
 
 def _view_tensor(array: npt.NDArray[Any]) -> Tensor:
-    """Return a tensor over the array's memory; a read-only array is copied, which torch demands."""
+    """Return a tensor that shares the array's memory; read-only arrays are copied."""
     return torch.from_numpy(array if array.flags.writeable else array.copy())

@@ -1,4 +1,4 @@
-"""What every network body has: planes or a vector in, features out, and honest refusals."""
+"""Base class of network bodies, input checks and scaling, and the `mlp` body."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ if TYPE_CHECKING:
     from marl_cair.policies.config import QNetworkConfig
 
 MIN_SIDE = 8
-IMAGE_MIN_SIDE = 64  # pixels: from here an input is an image,
-IMAGE_MAX_CHANNELS = 12  # if it has no more channels, those of four colour pictures
-_FLAT = 1e-6  # variance below which an image shows nothing
+IMAGE_MIN_SIDE = 64  # pixels
+IMAGE_MAX_CHANNELS = 12  # four colour images
+_MIN_VARIANCE = 1e-6  # of an image
 
 
 class Body(nn.Module, ABC):
     """Observations float32 [N, *observation_shape] -> features float32 [N, num_features].
 
-    Raises ValueError where the body cannot read that shape.
+    Raises ValueError for a shape that the body does not support.
     """
 
     DEFAULT_HIDDEN_WIDTH: ClassVar[int]
@@ -36,36 +36,34 @@ class Body(nn.Module, ABC):
 
 
 def is_image(shape: Sequence[int]) -> bool:
-    """Whether an observation of `shape` is an image, and no board (of more planes) or vector."""
+    """Whether an observation of `shape` is an image, not a board (more planes) or vector."""
     return len(shape) == 3 and shape[0] <= IMAGE_MAX_CHANNELS and min(shape[1:]) >= IMAGE_MIN_SIDE
 
 
 def standardise(images: Tensor) -> Tensor:
-    """Images float32 [N, C, H, W] less the mean of each, over its standard deviation.
+    """Standardise each image of float32 [N, C, H, W] to mean 0 and standard deviation 1.
 
-    Of a picture's light most is background, beside which a bird of forty pixels is not seen: from
-    grey frames of Flappy Bird its velocity is known to 74 % (of its variance) after 1,000 updates
-    of 32, and not at all without this.
+    The background dominates an image's brightness: from grey frames of Flappy Bird, a regression
+    explains 74 % of the variance of the bird's velocity after 1,000 updates of 32, none without.
     """
-    return functional.layer_norm(images, images.shape[1:], eps=_FLAT)
+    return functional.layer_norm(images, images.shape[1:], eps=_MIN_VARIANCE)
 
 
 def standardise_changes(frames: Tensor) -> Tensor:
-    """Stacked frames float32 [N, F, H, W], the oldest first -> as many planes: the newest frame,
-    then the change from each frame to the next, the latest first; each plane less its mean, over
-    its standard deviation.
+    """Stacked frames float32 [N, F, H, W], the oldest first -> standardised planes, as many: the
+    newest frame, then the change from each frame to the next, the latest first.
 
-    What moves is then as bright as what stands: of the oracle's choices in Flappy Bird, shown for
-    1,000 updates of 32, `conv` and `capsule` miss 6 %, from the frames themselves 7.3 %
+    Moving objects become as bright as static ones: of the oracle's actions in Flappy Bird, shown
+    for 1,000 updates of 32, `conv` and `capsule` miss 6 %, from plain frames 7.3 %
     (`python -m benchmarks.frames`).
     """
     changes = torch.unbind(frames[:, 1:] - frames[:, :-1], 1)
     planes = torch.stack([frames[:, -1], *reversed(changes)], 1)
-    return functional.layer_norm(planes, planes.shape[2:], eps=_FLAT)
+    return functional.layer_norm(planes, planes.shape[2:], eps=_MIN_VARIANCE)
 
 
 def require_planes(body: str, shape: Sequence[int]) -> tuple[int, int, int]:
-    """Return `shape` as (C, H, W); raise ValueError where it is no stack of planes large enough."""
+    """Return `shape` as (C, H, W); raise ValueError unless it is planes of at least 8 x 8."""
     if len(shape) == 1:
         raise ValueError(
             f"body {body!r} needs planes [C, H, W], but the observation is a vector of shape "
@@ -80,10 +78,30 @@ def require_planes(body: str, shape: Sequence[int]) -> tuple[int, int, int]:
 
 
 def require_vector(body: str, shape: Sequence[int]) -> int:
-    """Return V of the shape (V,); raise ValueError where the observation is no vector."""
+    """Return V of the shape (V,); raise ValueError for another shape."""
     if len(shape) != 1 or shape[0] < 1:
         raise ValueError(
             f"body {body!r} needs a vector [V] with V >= 1, but the observation shape is "
             f"{tuple(shape)}: use body='conv' or body='capsule' for planes [C, H, W]"
         )
     return shape[0]
+
+
+class MlpBody(Body):
+    """Vector float32 [N, V] -> features float32 [N, F]."""
+
+    DEFAULT_HIDDEN_WIDTH: ClassVar[int] = 256
+    DEFAULT_ACTION_EMBEDDING: ClassVar[int] = 0
+
+    def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:
+        super().__init__(observation_shape, config)
+        self.layers = nn.Sequential(
+            nn.Linear(require_vector("mlp", observation_shape), self.num_features),
+            nn.ReLU(),
+            nn.Linear(self.num_features, self.num_features),
+            nn.ReLU(),
+        )
+
+    def forward(self, observation: Tensor) -> Tensor:
+        features: Tensor = self.layers(observation)
+        return features

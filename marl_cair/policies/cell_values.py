@@ -1,4 +1,4 @@
-"""Values of actions that point at a cell of the board, from what lies around that cell."""
+"""Values of actions that point at a cell of the board, from the cells around it."""
 
 from collections.abc import Sequence
 
@@ -14,15 +14,13 @@ NUM_CHANNELS = 32
 class CellValues(nn.Module):
     """Planes float32 [N, C, H, W], features [N, F] and values [N, A] -> values [N, A].
 
-    A dense head learns for each cell anew what a tower or an order there is worth. Here the same
-    kernels look at every cell (5 x 5 cells around it) together with the features of the whole
-    board, as where to act is chosen in AlphaStar (Vinyals et al. 2019) and GridNet (Han et al.
-    2019); actions of one kind share weights. What they find is added to the head's values, and is 0
-    before anything is learned. Values of actions that point at no cell stay as they are. The planes
-    are those of the observation alone, without what `DistanceMaps` adds. With `is_reduced` the
-    kernels compute in autocast's precision.
-
-    Raises ValueError where the observation is no board, no action points at a cell, or one points
+    A dense head learns the value of a tower or an order separately for each cell. Here the same
+    kernels read every cell (5 x 5 cells around it) and the features of the whole board, as in
+    AlphaStar (Vinyals et al. 2019) and GridNet (Han et al. 2019); actions of one kind share
+    weights. The result is added to the head's values, and is 0 initially. Values of actions without
+    a cell do not change. The planes are those of the observation, without those of `DistanceMaps`.
+    With `is_reduced` the kernels compute in autocast's precision.
+    Raises ValueError if the observation is no board, no action points at a cell, or one points
     beyond the board.
     """
 

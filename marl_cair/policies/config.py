@@ -1,4 +1,4 @@
-"""The settings of a Q-network: plain data that a checkpoint carries, checked when made."""
+"""Settings of a Q-network: validated plain data, stored in checkpoints."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -28,34 +28,40 @@ class CapsuleSizes:
 
 @dataclass(frozen=True)
 class QNetworkConfig:
-    """Which body and head, and how wide. None means the body's own usual number."""
+    """Body, head and their sizes. None: the body's default."""
 
     body: str = "conv"  # from the observation to features
     head: str = "dueling"  # from features to action values: dueling or plain
     hidden_width: int | None = None  # features between body and head: conv, mlp 256; capsule 128
     action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
-    distances: bool = False  # distances over the board too: for ways longer than kernels reach
-    obstacle_planes: tuple[int, ...] = ()  # of `distances`: planes that block ways, to begin with
-    cell_values: bool = False  # actions that point at a cell: also by what lies around it
-    action_cells: tuple[int, ...] = ()  # that each action points at, -1: none; empty: the game's
-    action_kinds: tuple[int, ...] = ()  # of each action: one kind shares weights; empty: the game's
-    vector_low: tuple[float, ...] = ()  # of each entry of a vector, seen as -1; empty: the game's
-    vector_high: tuple[float, ...] = ()  # of each entry of a vector, seen as 1; empty: the game's
-    frame_differences: bool = False  # of stacked images: the newest, and what changed before it
+    distances: bool = False  # add path distances over the board, longer than kernels reach
+    obstacle_planes: tuple[int, ...] = ()  # of `distances`: planes that block paths initially
+    cell_values: bool = False  # values of actions that point at a cell use the cells around it
+    action_cells: tuple[int, ...] = ()  # of each action, -1: none; empty: the game's
+    action_kinds: tuple[int, ...] = ()  # of each action; a kind shares weights; empty: the game's
+    vector_low: tuple[float, ...] = ()  # of a vector's entries, scaled to -1; empty: the game's
+    vector_high: tuple[float, ...] = ()  # of a vector's entries, scaled to 1; empty: the game's
+    frame_differences: bool = False  # of stacked images: the newest, and the changes before it
     capsule: CapsuleSizes = field(default_factory=CapsuleSizes)
 
     def __post_init__(self) -> None:
         check_name("network", self.body, policies.NETWORKS)
         check_name("head", self.head, policies.HEADS)
-        self._check_switches()
-        if self.hidden_width is not None:
-            _require_at_least(1, "hidden_width", self.hidden_width)
-        if self.action_embedding is not None:
-            _require_at_least(0, "action_embedding", self.action_embedding)
+        for name in ("distances", "cell_values", "frame_differences"):
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"{name} is {getattr(self, name)!r}, it must be True or False")
+        for name, least in (("hidden_width", 1), ("action_embedding", 0)):
+            if getattr(self, name) is not None:
+                _require_at_least(least, name, getattr(self, name))
         for name, least in (("obstacle_planes", 0), ("action_cells", NO_CELL), ("action_kinds", 0)):
             object.__setattr__(self, name, tuple(getattr(self, name)))
             for place, value in enumerate(getattr(self, name)):
                 _require_at_least(least, f"{name}[{place}]", value)
+        for name in ("vector_low", "vector_high"):
+            object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
+        self._check_combinations()
+
+    def _check_combinations(self) -> None:
         if self.obstacle_planes and not self.distances:
             raise ValueError(
                 f"obstacle_planes is {list(self.obstacle_planes)}, but distances is False: set it "
@@ -66,19 +72,16 @@ class QNetworkConfig:
                 "action_cells or action_kinds are given, but cell_values is False: set it to True, "
                 "or leave them empty"
             )
-        for name in ("vector_low", "vector_high"):
-            object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
-        pairs = zip(self.vector_low, self.vector_high, strict=False)
-        if len(self.vector_low) != len(self.vector_high) or not all(
-            low < high for low, high in pairs
-        ):
+        pairs = list(zip(self.vector_low, self.vector_high, strict=False))
+        is_equal = len(self.vector_low) == len(self.vector_high)
+        if not is_equal or not all(low < high for low, high in pairs):
             raise ValueError(
                 f"vector_low is {list(self.vector_low)} and vector_high {list(self.vector_high)}, "
-                "but they must be as long as one another, and each low below its high"
+                "but they must have equal lengths, and each low must be below its high"
             )
         if self.frame_differences and self.distances:
             raise ValueError(
-                "frame_differences is of images, distances of boards: set one to False"
+                "frame_differences is for images, distances for boards: set one to False"
             )
         if self.head != "dueling" and self.action_embedding:
             raise ValueError(
@@ -86,22 +89,17 @@ class QNetworkConfig:
                 "set it to 0 or None, or use head='dueling'"
             )
 
-    def _check_switches(self) -> None:
-        for name in ("distances", "cell_values", "frame_differences"):
-            if not isinstance(getattr(self, name), bool):
-                raise ValueError(f"{name} is {getattr(self, name)!r}, it must be True or False")
-
     def with_bounds(self, low: object, high: object) -> "QNetworkConfig":
-        """These settings with the bounds of a vector's entries, where they name none and `low` and
-        `high` are tuples; a single bound of all entries says too little of each.
+        """Return these settings with the bounds of a vector's entries, unless they have their own
+        or `low` and `high` are single bounds of all entries.
         """
         if self.vector_low or not (isinstance(low, tuple) and isinstance(high, tuple)):
             return self
         return replace(self, vector_low=low, vector_high=high)
 
     def with_actions(self, cells: Sequence[int], kinds: Sequence[int]) -> "QNetworkConfig":
-        """These settings with the cell (or NO_CELL) and the kind of each action, each where
-        `cell_values` asks for it and it is not there.
+        """Return these settings with the cell (or NO_CELL) and the kind of each action, if
+        `cell_values` needs them and they are not set.
         """
         if not self.cell_values:
             return self
@@ -118,7 +116,7 @@ class QNetworkConfig:
         return policies.NETWORKS[self.body].DEFAULT_HIDDEN_WIDTH
 
     def resolve_action_embedding(self) -> int:
-        """Return the rank r of the action embedding, 0 where the head has none."""
+        """Return the rank r of the action embedding, 0 without one."""
         if self.head != "dueling":
             return 0
         if self.action_embedding is not None:
@@ -126,12 +124,12 @@ class QNetworkConfig:
         return policies.NETWORKS[self.body].DEFAULT_ACTION_EMBEDDING
 
     def to_dict(self) -> dict[str, object]:
-        """Return nested plain values; `from_dict` makes an equal configuration of them."""
+        """Return nested plain values for `from_dict`."""
         return asdict(self)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, object]) -> "QNetworkConfig":
-        """Read what `to_dict` wrote; raises ValueError for a key that is none of the settings."""
+        """Read what `to_dict` wrote. Raises ValueError for unknown keys."""
         _refuse_unknown_keys("network setting", values, cls)
         rest = {name: value for name, value in values.items() if name != "capsule"}
         sizes = values.get("capsule", {})

@@ -11,8 +11,8 @@ from marl_cair.policies.body import Body, is_image, require_planes
 if TYPE_CHECKING:
     from marl_cair.policies.config import QNetworkConfig
 
-SMALL_BOARD_MAX_SIDE = 20  # tiles: up to here one stride is enough
-MAX_MAP_CELLS = 100  # cells before the dense layer: keeps it below about 1.6 M weights
+SMALL_BOARD_MAX_SIDE = 20  # tiles
+MAX_MAP_CELLS = 100  # before the dense layer: about 1.6 M weights
 
 
 class ConvLayer(NamedTuple):
@@ -30,17 +30,16 @@ class ConvLayer(NamedTuple):
 
 SMALL_BOARD = (ConvLayer(32, 3, 1, 1), ConvLayer(64, 3, 2, 1), ConvLayer(64, 3, 1, 1))
 LARGE_BOARD = (ConvLayer(32, 3, 2, 1), ConvLayer(64, 3, 2, 1), ConvLayer(64, 3, 1, 1))
-# Those of Atari.
-IMAGE = (ConvLayer(32, 8, 4, 0), ConvLayer(64, 4, 2, 0), ConvLayer(64, 3, 1, 0))
+IMAGE = (ConvLayer(32, 8, 4, 0), ConvLayer(64, 4, 2, 0), ConvLayer(64, 3, 1, 0))  # as for Atari
 EXTRA = ConvLayer(64, 3, 2, 1)
 
 
 class ConvBody(Body):
     """Planes float32 [N, C, H, W] -> features float32 [N, F].
 
-    Boards keep their resolution in the first layer, since one cell may decide a game; images get
-    the layers of Mnih et al. 2015 (Nature 518, Methods). Maps that are still large get further
-    layers of stride 2, so that the dense layer stays bounded up to any input size.
+    The first layer keeps a board's resolution: one cell may decide a game. Images have the layers
+    of Mnih et al. 2015 (Nature 518, Methods). Further layers of stride 2 bound the dense layer for
+    any input size.
     """
 
     DEFAULT_HIDDEN_WIDTH: ClassVar[int] = 256
@@ -56,16 +55,14 @@ class ConvBody(Body):
         )
 
     def forward(self, observation: Tensor) -> Tensor:
-        # Channels last is 10 to 25 % faster on CPU, and what tensor cores want.
+        # Channels last is 10 to 25 % faster on CPU, and suits tensor cores.
         planes = observation.contiguous(memory_format=torch.channels_last)
         features: Tensor = self.dense(self.convolutions(planes).flatten(1))
         return features
 
 
 def choose_layers(shape: Sequence[int]) -> tuple[tuple[ConvLayer, ...], int]:
-    """Return the layers for a board or image [C, H, W], and the number of cells of their last
-    map.
-    """
+    """Return the layers for a board or image [C, H, W], and the cells of their last map."""
     layers: tuple[ConvLayer, ...]
     _, num_rows, num_columns = shape
     if is_image(shape):

@@ -7,9 +7,9 @@ from torch import Tensor, nn
 
 
 class PlainHead(nn.Module):
-    """One dense layer: features [N, F] -> action values [N, A]."""
+    """One dense layer: features [N, F] -> action values [N, A]; it has no action embedding."""
 
-    def __init__(self, num_features: int, num_actions: int) -> None:
+    def __init__(self, num_features: int, num_actions: int, embedding_size: int = 0) -> None:
         super().__init__()
         self.values = _make_linear(num_features, num_actions)
 
@@ -22,7 +22,7 @@ class DuelingHead(nn.Module):
     """Q = V + advantage - mean advantage, over all A actions (Wang et al. 2016, equation 9).
 
     With `embedding_size` r > 0 the advantage of action a is e_a . (M f) + b_a, with e_a in R^r:
-    r + 1 weights for each action instead of F + 1, at the price of advantages of rank r.
+    r + 1 weights for each action instead of F + 1, but advantages of rank r.
     """
 
     def __init__(self, num_features: int, num_actions: int, embedding_size: int = 0) -> None:
@@ -44,14 +44,9 @@ class DuelingHead(nn.Module):
 
 
 def _make_linear(num_inputs: int, num_outputs: int) -> nn.Linear:
-    """Return a dense layer whose outputs spread alike however many inputs and outputs it has."""
+    """Return a dense layer; the variance of its outputs does not depend on its sizes."""
     layer = nn.Linear(num_inputs, num_outputs)
     with torch.no_grad():
         layer.weight.normal_(0.0, 1.0 / math.sqrt(num_inputs))
         layer.bias.zero_()
     return layer
-
-
-def make_plain(num_features: int, num_actions: int, embedding_size: int) -> nn.Module:
-    """Make the plain head, which has no embedding of actions."""
-    return PlainHead(num_features, num_actions)

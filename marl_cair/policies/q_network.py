@@ -1,4 +1,4 @@
-"""The Q-network: any body and any head, made from one configuration, a shape and a seed."""
+"""`QNetwork`: action values of observations, from any body and head."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -21,7 +21,7 @@ UINT8_SCALE = 1.0 / 255.0
 class QNetwork(nn.Module):
     """Action values of observations; `make_q_network` makes one from a seed.
 
-    Raises ValueError where the body cannot read the shape, or `num_actions` is below 1.
+    Raises ValueError for a shape that the body does not support, or `num_actions` below 1.
     """
 
     middle: Tensor
@@ -36,8 +36,12 @@ class QNetwork(nn.Module):
         self.config = config
         self.observation_shape = tuple(int(size) for size in observation_shape)
         self.num_actions = num_actions
-        if config.frame_differences:
-            _require_frames(self.observation_shape)
+        is_stack = is_image(self.observation_shape) and self.observation_shape[0] > 1
+        if config.frame_differences and not is_stack:
+            raise ValueError(
+                f"frame_differences is True, but the observation {self.observation_shape} is no "
+                "stack of two or more images [F, H, W] such as gray_stack: set it to False"
+            )
         if config.vector_low and self.observation_shape != (len(config.vector_low),):
             raise ValueError(
                 f"vector_low has {len(config.vector_low)} entries, but the observation shape is "
@@ -61,29 +65,34 @@ class QNetwork(nn.Module):
         )
         self.cells: CellValues | None = None
         if config.cell_values:
-            about = config.action_cells, config.action_kinds
-            _require_per_action(num_actions, *about)
-            self.cells = CellValues(self.observation_shape, self.body.num_features, *about)
+            cells, kinds = config.action_cells, config.action_kinds
+            if not len(cells) == len(kinds) == num_actions:
+                raise ValueError(
+                    f"cell_values is True for {num_actions} actions, but action_cells has "
+                    f"{len(cells)} entries and action_kinds {len(kinds)}: give one for each "
+                    "action, as `QNetworkConfig.with_actions` does"
+                )
+            shape, num_features = self.observation_shape, self.body.num_features
+            self.cells = CellValues(shape, num_features, cells, kinds)
 
     def forward(self, observation: Tensor) -> Tensor:
         """Observation uint8 or float [..., *observation_shape] -> action values float32 [..., A].
 
-        uint8 is scaled to [0, 1] here, so that it can be stored and moved as bytes; floats are
-        taken as they are, vectors with `vector_low` and `vector_high` scaled. Images (from
-        64 x 64 on, of up to 12 channels) are standardised, each by itself, or with
-        `frame_differences` the newest of their frames and what changed before it. Raises ValueError
-        for another shape, TypeError for another dtype.
+        uint8 is scaled to [0, 1] here: it is stored and moved as bytes. Floats are not scaled,
+        except vectors with `vector_low` and `vector_high`. Images (from 64 x 64 on, of up to 12
+        channels) are standardised, or with `frame_differences` the newest frame and the changes
+        before it. Raises ValueError for another shape, TypeError for another dtype.
 
-        Under `torch.autocast` only the body, and what looks around cells, compute in the lower
-        precision: ways through a maze are counted, and neighbouring actions differ by less than its
-        rounding.
+        Under `torch.autocast` only the body and the kernels of `CellValues` compute in the lower
+        precision: path distances are sums of steps, and the values of neighbouring actions differ
+        by less than its rounding.
         """
         num_axes = len(self.observation_shape)
         if tuple(observation.shape[-num_axes:]) != self.observation_shape:
             raise ValueError(
                 f"the observation has shape {tuple(observation.shape)}, but this network reads "
-                f"[..., {', '.join(map(str, self.observation_shape))}]: make the network for this "
-                "representation, or pass the one that it was made for"
+                f"[..., {', '.join(map(str, self.observation_shape))}]: use the representation "
+                "that the network was made for"
             )
         batch_shape = observation.shape[:-num_axes]
         rows = observation.reshape(-1, *self.observation_shape)
@@ -114,34 +123,17 @@ class QNetwork(nn.Module):
         return features.float() if read is None else read + features.float()
 
 
-def _require_per_action(num_actions: int, cells: Sequence[int], kinds: Sequence[int]) -> None:
-    if not len(cells) == len(kinds) == num_actions:
-        raise ValueError(
-            f"cell_values is True for {num_actions} actions, but action_cells has {len(cells)} "
-            f"entries and action_kinds {len(kinds)}: give one for each action, as "
-            "`QNetworkConfig.with_actions` does"
-        )
-
-
 def make_q_network(
     config: QNetworkConfig, observation_shape: Sequence[int], num_actions: int, seed: int | None
 ) -> QNetwork:
     """Return a new network on the CPU; equal seeds give equal bits.
 
-    With a seed torch's global random state is left as it was; None draws the weights from it.
+    With a seed torch's global random state does not change; None draws the weights from it.
     """
     if seed is None:
         return QNetwork(config, observation_shape, num_actions)
     with _seeded_global_generator(seed):
         return QNetwork(config, observation_shape, num_actions)
-
-
-def _require_frames(shape: tuple[int, ...]) -> None:
-    if not is_image(shape) or shape[0] < 2:
-        raise ValueError(
-            f"frame_differences is True, but the observation shape is {shape}: it is for stacks of "
-            "two or more images [F, H, W] such as gray_stack; set it to False"
-        )
 
 
 def _to_float(observation: Tensor) -> Tensor:
@@ -157,8 +149,7 @@ def _to_float(observation: Tensor) -> Tensor:
 
 @contextmanager
 def _seeded_global_generator(seed: int) -> Iterator[None]:
-    # Layers draw from the global CPU generator and take no other. torch.manual_seed would also
-    # reseed the GPUs, whose state belongs to the caller.
+    # Layers draw from the global CPU generator only. torch.manual_seed would reseed the GPUs too.
     state = torch.default_generator.get_state()
     torch.default_generator.manual_seed(seed)
     try:

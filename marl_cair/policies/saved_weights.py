@@ -1,4 +1,4 @@
-"""Check saved weights and optimiser states, and take them over."""
+"""Check and load saved weights and optimiser states."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from marl_cair.ranges import WEIGHT, read_number
 
 
 def require_finite(weights: Mapping[str, Any], where: str) -> None:
-    """Raise ValueError that names the first tensor that holds NaN or an infinite number.
+    """Raise ValueError for a tensor with NaN or infinite numbers.
 
-    weights: tensors by name; where: what they are of, before the name.
+    weights: tensors by name; where: prefix of the name in the message.
     """
     for name, value in weights.items():
         is_number = isinstance(value, Tensor) and value.is_floating_point()
@@ -26,9 +26,9 @@ def require_finite(weights: Mapping[str, Any], where: str) -> None:
 
 
 def restore_weights(network: nn.Module, saved: Mapping[str, Any], where: str) -> None:
-    """Take over the weights that `state_dict` gave. where: whose they are, for the message.
+    """Load weights from `state_dict`. where: their owner, for the message.
 
-    Raises ValueError where they are of another network or not finite.
+    Raises ValueError if they belong to another network or are not finite.
     """
     require_finite(saved, f"{where}.")
     try:
@@ -38,16 +38,22 @@ def restore_weights(network: nn.Module, saved: Mapping[str, Any], where: str) ->
 
 
 def restore_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) -> None:
-    """Take over a state that `state_dict` gave. where: whose it is, for the message.
+    """Load an optimiser's state from `state_dict`. where: its owner, for the message.
 
-    Raises ValueError where it is of other weights, or would break the next step.
+    Raises ValueError if it belongs to other weights, or would break the next step.
     """
     parameters = [one for group in optimizer.param_groups for one in group["params"]]
     own = optimizer.state_dict()["param_groups"]
     if len(saved["param_groups"]) != len(own):
         raise ValueError(f"{where} has {len(saved['param_groups'])} groups, expected {len(own)}")
     for group, held in zip(saved["param_groups"], own, strict=True):
-        _check_group(group, held, where)
+        for name, value in held.items():
+            if name in ("lr", "peak"):
+                read_number(group, name, WEIGHT)
+            elif group.get(name) != value:
+                raise ValueError(
+                    f"{where}.{name} is {group.get(name)!r:.80}, expected {value!r:.80}"
+                )
     for number, kept in saved["state"].items():
         if type(number) is not int or not 0 <= number < len(parameters):
             raise ValueError(f"{where} holds a weight {number!r:.80}, there are {len(parameters)}")
@@ -56,16 +62,8 @@ def restore_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) 
     optimizer.load_state_dict(dict(saved))
 
 
-def _check_group(saved: Mapping[str, Any], own: Mapping[str, Any], where: str) -> None:
-    for name, value in own.items():
-        if name in ("lr", "peak"):
-            read_number(saved, name, WEIGHT)
-        elif saved.get(name) != value:
-            raise ValueError(f"{where}.{name} is {saved.get(name)!r:.80}, expected {value!r:.80}")
-
-
 def _check_moment(name: str, value: Any, parameter: Tensor) -> None:
-    """A moment is like its weight, a count of steps a single number; squares are 0 or more."""
+    """A moment has the weight's shape, a step count is a single number; squares are 0 or more."""
     is_step = name.endswith(".step")
     shape = () if is_step else tuple(parameter.shape)
     if not isinstance(value, Tensor) or tuple(value.shape) != shape or value.is_complex():

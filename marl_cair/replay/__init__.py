@@ -1,17 +1,15 @@
-"""Replay: real transitions stored once, generated ones apart, and exact mixtures of the two."""
+"""Replay buffers: real and generated transitions, and batches with an exact share of each."""
 
 from marl_cair.lookup import import_when_used
 
 MAX_FRACTION = 0.9  # of a batch that may be generated
-MOST_STEPS = 10_000  # between an observation and the next of a row: the most that n_steps may be
+MOST_STEPS = 10_000  # largest n_steps of a return
 
 _MODULES = {
     "buffer": ("EpisodeReplayBuffer", "ReplayConfig", "make_replay_buffer"),
-    "generated": ("GeneratedReplay",),
-    "mixed": ("MixedReplay",),
-    "prioritized": ("PrioritizedSampler",),
+    "mixed": ("GeneratedReplay", "MixedReplay"),
     "rollout": ("Rollout",),
-    "sampler": ("UniformSampler",),
+    "sampler": ("PrioritizedSampler", "UniformSampler"),
     "storage": ("EpisodeStorage",),
     "transition": ("NO_INDEX", "NO_OPPONENT", "TransitionSpec", "check_transitions"),
 }

@@ -22,7 +22,6 @@ _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0
 def save_arrays(folder: Path, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> None:
     """Write each array to `<name>.npy` and `facts` (plain data) to `facts.json` in a new folder.
 
-    The arrays go from where they lie to the file, without a copy in memory.
     Raises NotEnoughSpaceError before anything is written.
     """
     require_free_space(folder, sum(array.nbytes for array in arrays.values()) + (1 << 16))
@@ -34,9 +33,8 @@ def save_arrays(folder: Path, arrays: Mapping[str, NDArray[Any]], facts: Mapping
 
 
 def load_arrays(folder: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Return the arrays (large ones mapped from their files, read only) and the facts of a folder.
+    """Return the arrays (large ones mapped read-only) and the facts of a folder, both unchecked.
 
-    What they hold is for who loads them to check (`ranges`).
     Raises FileNotFoundError where `folder` was not written by `save_arrays`, DamagedFileError where
     a file of it is damaged.
     """
@@ -53,12 +51,12 @@ def load_arrays(folder: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     return arrays, facts
 
 
-def require_layout(saved: Mapping[str, Any], own: Mapping[str, Any], what: str) -> None:
-    """Raise ValueError unless `saved` says the same as `own`; what: the replay, for the message."""
+def require_layout(saved: Mapping[str, Any], own: Mapping[str, Any], kind: str) -> None:
+    """Raise ValueError unless `saved` has the values of `own`. kind: of replay, for the message."""
     for name, value in own.items():
         if saved.get(name) != value:
             raise ValueError(
-                f"the saved {what} has {name} {saved.get(name)}, this one has {value}: make it "
+                f"the saved {kind} has {name} {saved.get(name)}, this one has {value}: make it "
                 "with the settings it was saved with"
             )
 
@@ -68,21 +66,18 @@ def _open_array(path: Path) -> NDArray[Any]:
         size = os.fstat(file.fileno()).st_size
         try:
             shape, _, dtype = _HEADERS[npy.read_magic(file)](file)
-            told = math.prod(shape) * dtype.itemsize
-        except Exception as error:  # whatever a damaged header makes NumPy raise
+            stated = math.prod(shape) * dtype.itemsize
+        except Exception as error:  # NumPy raises many types for damaged headers
             raise DamagedFileError(
                 f"{path} is no array of NumPy ({error!r}): bring it back"
             ) from error
         held = size - file.tell()
-        # Before anything is allocated.
-        if dtype.hasobject or told != held or min(shape, default=0) < 0:
+        # Checked before anything is allocated.
+        if dtype.hasobject or stated != held or min(shape, default=0) < 0:
             raise DamagedFileError(
-                f"{path} says that it is {dtype} {list(shape)}, {told:,} bytes, but "
+                f"{path} says that it is {dtype} {list(shape)}, {stated:,} bytes, but "
                 f"holds {held:,}: bring it back"
             )
-        if size < _MAPPED_FROM_BYTES:
-            file.seek(0)
-            array: NDArray[Any] = np.load(file, allow_pickle=False)
-            return array
-    mapped: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
-    return mapped
+    is_small = size < _MAPPED_FROM_BYTES
+    array: NDArray[Any] = np.load(path, mmap_mode=None if is_small else "r", allow_pickle=False)
+    return array

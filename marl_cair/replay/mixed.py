@@ -1,32 +1,140 @@
-"""`MixedReplay`: batches with an exact share of generated transitions.
+"""Generated transitions: a ring of them, and batches that mix an exact share into real ones.
 
-TorchRL's ReplayBufferEnsemble takes its shares as probabilities, so that they hold on average only.
+TorchRL's ReplayBufferEnsemble takes its shares as probabilities, which hold on average only; its
+buffers would write ring slots into "index", where generated rows hold NO_INDEX.
 """
 
-import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import torch
 from tensordict import TensorDict
 
 from marl_cair.files import replaced_folder
-from marl_cair.ranges import COUNT, FLAG, Range, read_number
-from marl_cair.replay import MAX_FRACTION
-from marl_cair.replay.array_folder import load_arrays, save_arrays
+from marl_cair.ranges import COUNT, FLAG, NUMBER, Range, read_array, read_number
+from marl_cair.replay import MAX_FRACTION, MOST_STEPS, transition
+from marl_cair.replay.array_folder import load_arrays, require_layout, save_arrays
 from marl_cair.replay.buffer import EpisodeReplayBuffer
-from marl_cair.replay.generated import GeneratedReplay
+from marl_cair.replay.sampler import draw_integers, restore_generator
+from marl_cair.replay.transition import EXPERIENCE_KEYS, STEPS_TO_NEXT_OBS, Key, TransitionSpec
+
+_STORED_KEYS: tuple[Key, ...] = (*EXPERIENCE_KEYS, STEPS_TO_NEXT_OBS)
+
+
+class GeneratedReplay:
+    """Ring of the newest `capacity` generated transitions, sampled uniformly.
+
+    spec: shapes of a transition. seed: of the sampling. Memory is paged in as the ring fills.
+    Raises ValueError for a capacity below 1.
+    """
+
+    def __init__(self, spec: TransitionSpec, capacity: int = 20_000, seed: int = 0) -> None:
+        if capacity < 1:
+            raise ValueError(f"capacity is {capacity}, expected 1 or more")
+        self.spec = spec
+        self.capacity = capacity
+        self._generator = torch.Generator().manual_seed(seed)
+        self._num_written = 0
+        fields = spec.fields()
+        self._ring = {
+            key: torch.from_numpy(transition.make_array(capacity, *fields[key]))
+            for key in _STORED_KEYS
+        }
+
+    def __len__(self) -> int:
+        """Transitions in the ring."""
+        return min(self._num_written, self.capacity)
+
+    def extend(self, transitions: TensorDict) -> None:
+        """Overwrite the oldest transitions by `transitions` [N], of more than `capacity` the last.
+
+        They need EXPERIENCE_KEYS; "steps_to_next_obs" is 1 by default; other keys are ignored.
+        Raises ValueError as `check_transitions` does.
+        """
+        given = STEPS_TO_NEXT_OBS in transitions.keys(include_nested=True)
+        keys = _STORED_KEYS if given else EXPERIENCE_KEYS
+        transition.check_transitions(transitions, self.spec, keys)
+        transitions = transitions[-self.capacity :]
+        first = self._num_written
+        slots = torch.arange(first, first + len(transitions)) % self.capacity
+        self._ring[STEPS_TO_NEXT_OBS][slots] = 1
+        for key in keys:
+            self._ring[key][slots] = transitions[key].detach()
+        self._num_written += len(transitions)
+
+    def sample(self, batch_size: int) -> TensorDict:
+        """Return TensorDict [batch_size] with all transition keys, "is_generated" true.
+
+        Raises RuntimeError while the ring is empty.
+        """
+        if len(self) == 0:
+            raise RuntimeError("no generated transition to sample yet: extend the ring first")
+        slots = draw_integers(len(self), batch_size, self._generator)
+        return _add_labels({key: field.index_select(0, slots) for key, field in self._ring.items()})
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the ring to folder `path` and replace an older one; no pickle."""
+        arrays = {_file_name(key): field[: len(self)].numpy() for key, field in self._ring.items()}
+        arrays["generator"] = self._generator.get_state().numpy()
+        with replaced_folder(path) as folder:
+            facts = {**self._layout(), "num_written": self._num_written}
+            save_arrays(folder / "ring", arrays, facts)
+
+    def load(self, path: str | os.PathLike[str]) -> None:
+        """Read a folder that `save` wrote. Raises ValueError if the layout differs."""
+        arrays, facts = load_arrays(Path(path) / "ring")
+        require_layout(facts, self._layout(), "generated replay")
+        num_written = read_number(facts, "num_written", COUNT)
+        size = min(num_written, self.capacity)
+        saved = {}
+        for key, field in self._ring.items():
+            own = field.numpy()
+            allowed = NUMBER if field.is_floating_point() else None
+            if key == STEPS_TO_NEXT_OBS:
+                allowed = Range(1, MOST_STEPS)
+            like = own.dtype, (size, *own.shape[1:])
+            array = read_array(arrays, _file_name(key), like, allowed)
+            saved[key] = torch.from_numpy(array.copy())
+        transition.check_transitions(_add_labels(saved), self.spec, _STORED_KEYS)
+        restore_generator(self._generator, arrays)
+        self._num_written = num_written
+        for key, field in self._ring.items():
+            field[:size] = saved[key]
+
+    def _layout(self) -> dict[str, object]:
+        return {
+            "capacity": self.capacity,
+            "observation_shape": list(self.spec.observation_shape),
+            "observation_dtype": str(self.spec.observation_dtype),
+            "num_actions": self.spec.num_actions,
+        }
+
+
+def _add_labels(rows: Mapping[Key, torch.Tensor]) -> TensorDict:
+    """TensorDict [N] of generated rows with all labels. rows: fields [N, ...] of _STORED_KEYS."""
+    num_rows = len(rows[transition.ACTION])
+    return transition.make_tensordict(
+        {
+            **rows,
+            transition.IS_GENERATED: torch.ones(num_rows, 1, dtype=torch.bool),
+            transition.EXPERT_ACTION: torch.full((num_rows,), transition.NO_ACTION),
+            transition.OPPONENT: torch.full((num_rows,), transition.NO_OPPONENT, dtype=torch.int16),
+            transition.INDEX: torch.full((num_rows,), transition.NO_INDEX),
+        }
+    )
+
+
+def _file_name(key: Key) -> str:
+    return key if isinstance(key, str) else "_".join(key)
 
 
 class MixedReplay:
     """Real and generated transitions, mixed by exact numbers of rows.
 
-    A batch of n rows holds round(n * fraction) generated ones (Python's round: half to even), or,
-    with `carry_remainder`, floor or ceiling of n * fraction such that all rows drawn together hold
-    floor(rows * fraction). While `generated_open` is false (the generator has not passed its
-    gate), or no transition was generated yet, batches are all real.
+    A batch of n rows holds round(n * fraction) generated ones (Python's round: half to even). While
+    `generated_open` is false (the generator has not passed its gate), or no transition was
+    generated yet, batches are all real.
     Raises ValueError for a fraction outside 0..0.9.
     """
 
@@ -35,105 +143,58 @@ class MixedReplay:
         real: EpisodeReplayBuffer,
         generated: GeneratedReplay,
         fraction: float = 0.2,
-        batch_size: int = 32,
         *,
-        carry_remainder: bool = False,
         generated_open: bool = True,
     ) -> None:
         if not 0.0 <= fraction <= MAX_FRACTION:
             raise ValueError(f"fraction is {fraction}, expected 0..{MAX_FRACTION}")
-        if batch_size < 1:
-            raise ValueError(f"batch_size is {batch_size}, expected 1 or more")
         self.real = real
         self.generated = generated
         self.fraction = fraction
-        self.batch_size = batch_size
-        self.carry_remainder = carry_remainder
         self.generated_open = generated_open
-        self._num_mixed = 0  # rows drawn in mixed batches
-        self._num_generated = 0  # those of them that were generated
 
     def sample(self, batch_size: int | None = None) -> TensorDict:
         """Return TensorDict [batch_size] with the transition keys: real rows, then generated ones.
 
-        Raises RuntimeError while no real transition can be sampled.
         With `replay.priority_alpha` also "priority_weight" float32 [batch_size].
+        Raises RuntimeError while no real transition can be sampled.
         """
-        num_rows = self.batch_size if batch_size is None else batch_size
-        num_generated = self._count_generated(num_rows)
+        num_rows = self.real.batch_size if batch_size is None else batch_size
+        num_generated = 0
+        if self.generated_open and len(self.generated):
+            num_generated = round(num_rows * self.fraction)
         batch: TensorDict = self.real.sample(num_rows - num_generated)
-        if num_generated:
-            weights = batch.pop("priority_weight", None)
-            batch = _join_rows(batch, self.generated.sample(num_generated))
-            if weights is not None:  # generated rows keep their share of the loss
-                mean = weights.mean().expand(num_generated)
-                batch["priority_weight"] = torch.cat([weights, mean])
-        if self._is_mixing():
-            self._num_mixed += num_rows
-            self._num_generated += num_generated
+        if not num_generated:
+            return batch
+        weights = batch.pop("priority_weight", None)
+        batch = _join_rows(batch, self.generated.sample(num_generated))
+        if weights is not None:  # generated rows keep their share of the loss
+            mean = weights.mean().expand(num_generated)
+            batch["priority_weight"] = torch.cat([weights, mean])
         return batch
 
     def note_errors(self, batch: TensorDict, done: float) -> None:
-        """Take the TD errors of a batch that was learned from as priorities of its real rows.
+        """Set the priorities of a batch's real rows from their TD errors.
 
-        batch: of `sample`, with "td_error" [batch_size, 1]; done: share of the run that is over.
+        batch: from `sample`, with "td_error" [batch_size, 1]; done: share of the run, 0..1.
         """
         real = ~batch["is_generated"].flatten()
         errors = batch["td_error"].flatten()[real].sqrt()  # TorchRL writes squares
-        self.real.update_priority(batch["index"][real], errors)
-        self.real.anneal(done)
-
-    def _is_mixing(self) -> bool:
-        return self.generated_open and len(self.generated) > 0
-
-    def _count_generated(self, num_rows: int) -> int:
-        if not self._is_mixing():
-            return 0
-        if not self.carry_remainder:
-            return round(num_rows * self.fraction)
-        # The small term keeps 0.2 * 5, held as a binary number, from being floored to 0.
-        owed = math.floor((self._num_mixed + num_rows) * self.fraction + 1e-9)
-        return owed - self._num_generated
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return everything that the next sample depends on: tensors and plain data."""
-        return {
-            "real": self.real.state_dict(),
-            "generated": self.generated.state_dict(),
-            "facts": self._export_facts(),
-        }
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Go on where the saved mixture stood. Raises ValueError where a layout differs."""
-        self.real.load_state_dict(state_dict["real"])
-        self.generated.load_state_dict(state_dict["generated"])
-        self._import_facts(state_dict["facts"])
+        self.real.update_priority(batch["index"][real], errors, done)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write both rings to folder `path`, in place of one that is there, without pickle."""
+        """Write both rings to folder `path` and replace an older one; no pickle."""
         with replaced_folder(path) as folder:
             self.real.save(folder / "real")
             self.generated.save(folder / "generated")
-            save_arrays(folder / "mixture", {}, self._export_facts())
+            save_arrays(folder / "mixture", {}, {"generated_open": self.generated_open})
 
     def load(self, path: str | os.PathLike[str]) -> None:
-        """Read what `save` wrote. Raises ValueError where a layout differs."""
+        """Read a folder that `save` wrote. Raises ValueError if a layout differs."""
         self.real.load(Path(path) / "real")
         self.generated.load(Path(path) / "generated")
-        self._import_facts(load_arrays(Path(path) / "mixture")[1])
-
-    def _export_facts(self) -> dict[str, Any]:
-        return {
-            "generated_open": self.generated_open,
-            "num_mixed": self._num_mixed,
-            "num_generated": self._num_generated,
-        }
-
-    def _import_facts(self, facts: Mapping[str, Any]) -> None:
+        facts = load_arrays(Path(path) / "mixture")[1]
         self.generated_open = read_number(facts, "generated_open", FLAG)
-        self._num_mixed = read_number(facts, "num_mixed", COUNT)
-        drawn = Range(0, self._num_mixed)
-        self._num_generated = read_number(facts, "num_generated", drawn)
 
 
 def _join_rows(real: TensorDict, generated: TensorDict) -> TensorDict:

@@ -1,4 +1,4 @@
-"""Compiled loops over the ring of steps: check a rollout, append it, and build n-step transitions.
+"""Compiled loops over the ring of steps: check and append rollouts, build n-step transitions.
 
 Encoding of one entry's observation (a `row` of bytes) and of its action mask:
 
@@ -19,6 +19,12 @@ from numpy.typing import NDArray
 NO_ENTRY = -1
 NUM_WRITTEN, NUM_SAMPLEABLE = range(2)  # what `Ring.counters` counts
 SOUND, UNIFORM_FAULT, ACTION_FAULT, LEGAL_FAULT, EXPERT_FAULT, MASK_FAULT, TAIL_FAULT = range(7)
+SAVED_FAULTS = (
+    "",
+    "has a successor, but no action",
+    "has an action that its mask does not allow",
+    "leads to an entry without a legal action, but is not terminated",
+)
 
 
 class Ring(NamedTuple):
@@ -30,7 +36,7 @@ class Ring(NamedTuple):
     reward: NDArray[np.float32]
     terminated: NDArray[np.bool_]
     done: NDArray[np.bool_]
-    expert_action: NDArray[np.int32]  # what a demonstrator would do, or NO_ENTRY
+    expert_action: NDArray[np.int32]  # the demonstrator's, or NO_ENTRY
     opponent: NDArray[np.int16]
     successor: NDArray[np.int64]  # slot of the stream's next entry, or NO_ENTRY
     sampleable: NDArray[np.bool_]  # has a successor; never true for a tail
@@ -55,17 +61,17 @@ class Steps(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Transitions of a batch of N rows, to be filled by `gather_transitions`."""
+    """Transitions of a batch of N rows, which `gather_transitions` fills."""
 
     observation: NDArray[np.uint8]  # [N, C * H * W * itemsize]
     action_mask: NDArray[np.bool_]  # [N, A]
     action: NDArray[np.int64]  # [N]
     next_observation: NDArray[np.uint8]  # [N, C * H * W * itemsize]
     next_action_mask: NDArray[np.bool_]  # [N, A]
-    next_reward: NDArray[np.float32]  # [N]
-    next_terminated: NDArray[np.bool_]  # [N]
-    next_done: NDArray[np.bool_]  # [N]
-    steps_to_next_obs: NDArray[np.int64]  # [N]
+    next_reward: NDArray[np.float32]  # [N, 1]
+    next_terminated: NDArray[np.bool_]  # [N, 1]
+    next_done: NDArray[np.bool_]  # [N, 1]
+    steps_to_next_obs: NDArray[np.int64]  # [N, 1]
     expert_action: NDArray[np.int64]  # [N]
     opponent: NDArray[np.int16]  # [N]
 
@@ -99,7 +105,7 @@ def find_fault(steps: Steps, board_bytes: int, num_cells: int) -> tuple[int, int
 
 @njit(cache=True, nogil=True)
 def is_legal(action_mask: Any, action: int) -> bool:
-    """Whether the number is of the action space, and allowed."""
+    """Whether the action is in the action space and legal."""
     return bool(0 <= action < action_mask.shape[0] and action_mask[action])
 
 
@@ -131,7 +137,7 @@ def append_steps(
         stream = k % num_streams
         slots[k] = NO_ENTRY
         if not steps.learned[k]:
-            open_ends[stream] = NO_ENTRY  # a gap: what comes later does not follow on
+            open_ends[stream] = NO_ENTRY  # a gap: later steps do not follow it
             continue
         number = ring.counters[NUM_WRITTEN]
         slot = write_entry(ring, steps.observation[k], steps.action_mask[k], board_bytes, num_cells)
@@ -156,7 +162,7 @@ def append_steps(
 def write_entry(
     ring: Ring, observation: Any, action_mask: Any, board_bytes: int, num_cells: int
 ) -> int:
-    """Overwrite the oldest entry by one without successor (as a tail stays); return its slot."""
+    """Overwrite the oldest entry with one that has no successor yet; return its slot."""
     slot: int = ring.counters[NUM_WRITTEN] % ring.successor.shape[0]
     if ring.sampleable[slot]:
         ring.counters[NUM_SAMPLEABLE] -= 1
@@ -180,7 +186,7 @@ def write_entry(
 
 @njit(cache=True, nogil=True)
 def link_entries(ring: Ring, number: int, successor: int) -> None:
-    """Make slot `successor`, the newest, follow entry `number` where that is still there."""
+    """Make slot `successor`, the newest, follow entry `number` if that is still in the ring."""
     capacity = ring.successor.shape[0]
     if number == NO_ENTRY or number < ring.counters[NUM_WRITTEN] - capacity:
         return
@@ -208,7 +214,7 @@ def gather_transitions(
     """Fill `rows` with the transitions that start at slots `index` [N]; return NO_ENTRY.
 
     discounts [n] float64: gamma^0 .. gamma^(n-1). Rewards are summed in float64 in time order and
-    rounded once. Returns instead the first row whose slot cannot be sampled; `rows` is then void.
+    rounded once. If a slot cannot be sampled, returns its row instead; `rows` is then invalid.
     """
     for n in range(index.shape[0]):
         first = index[n]
@@ -224,23 +230,16 @@ def gather_transitions(
             last = following
             total += discounts[num_steps] * float(ring.reward[last])
             num_steps += 1
-        reached = ring.successor[last]
         rows.action[n] = ring.action[first]
-        rows.next_reward[n] = total
-        rows.next_terminated[n] = ring.terminated[last]
-        rows.next_done[n] = ring.done[last]
-        rows.steps_to_next_obs[n] = num_steps
+        rows.next_reward[n, 0] = total
+        rows.next_terminated[n, 0] = ring.terminated[last]
+        rows.next_done[n, 0] = ring.done[last]
+        rows.steps_to_next_obs[n, 0] = num_steps
         rows.expert_action[n] = ring.expert_action[first]
         rows.opponent[n] = ring.opponent[first]
         read_entry(ring, first, rows.observation[n], rows.action_mask[n], board_bytes, num_cells)
-        read_entry(
-            ring,
-            reached,
-            rows.next_observation[n],
-            rows.next_action_mask[n],
-            board_bytes,
-            num_cells,
-        )
+        observation, mask = rows.next_observation[n], rows.next_action_mask[n]
+        read_entry(ring, ring.successor[last], observation, mask, board_bytes, num_cells)
     return NO_ENTRY
 
 
@@ -248,16 +247,44 @@ def gather_transitions(
 def read_entry(
     ring: Ring, slot: int, observation: Any, action_mask: Any, board_bytes: int, num_cells: int
 ) -> None:
-    """Unpack the observation and the action mask of one entry."""
+    """Unpack the observation and action mask of one entry."""
     row = ring.rows[slot]
     for i in range(board_bytes):
         observation[i] = row[i]
     for plane in range(row.shape[0] - board_bytes):
         start = board_bytes + plane * num_cells
-        # A slice and no loop over its cells: measured twelve times as fast.
+        # Assigning a slice is 12 times as fast as a loop over its cells.
         observation[start : start + num_cells] = row[board_bytes + plane]
     packed = ring.masks[slot]
     num_actions = action_mask.shape[0]
     for byte in range(packed.shape[0]):
         for bit in range(min(8, num_actions - 8 * byte)):
             action_mask[8 * byte + bit] = (packed[byte] >> bit) & 1 == 1
+
+
+@njit(cache=True, nogil=True)
+def find_saved_fault(ring: Ring, size: int) -> tuple[int, int]:
+    """Return the first of `size` slots with an invalid step and its fault, or (NO_ENTRY, SOUND).
+
+    The range of each field is checked before (`EpisodeStorage.load`).
+    """
+    for slot in range(size):
+        following = ring.successor[slot]
+        if ring.action[slot] == NO_ENTRY:
+            if following != NO_ENTRY:
+                return slot, 1
+            continue
+        masks = ring.masks[slot]
+        if not has_bit(masks, ring.action[slot]):
+            return slot, 2
+        if ring.expert_action[slot] != NO_ENTRY and not has_bit(masks, ring.expert_action[slot]):
+            return slot, 2
+        if following != NO_ENTRY and not ring.terminated[slot] and not ring.masks[following].any():
+            return slot, 3
+    return NO_ENTRY, SOUND
+
+
+@njit(cache=True, nogil=True)
+def has_bit(packed: Any, number: int) -> bool:
+    """Whether bit `number` of packed bytes is set."""
+    return bool((packed[number // 8] >> (number % 8)) & 1)

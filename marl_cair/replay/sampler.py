@@ -1,25 +1,29 @@
-"""`UniformSampler`: samples every step that starts a transition with the same probability."""
+"""Replay samplers: uniform, and by TD error (prioritised, Schaul et al. 2016).
 
-import os
+TorchRL's RandomSampler cannot leave entries out and does not save its generator; its
+PrioritizedSampler needs a compiled extension that its wheels lack with this version of torch.
+"""
+
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
+from numba import njit
 
-from marl_cair.ranges import read_array
+from marl_cair.ranges import COUNT, SCORE, Range, read_array, read_number
 from marl_cair.replay.array_folder import load_arrays, save_arrays
 from marl_cair.replay.storage import EpisodeStorage
 
-_LIST_BELOW = 0.5  # share of sampleable entries below which listing them beats rejecting
+_LIST_BELOW = 0.5  # share of sampleable entries below which listing them is faster than rejecting
+_PRIORITY = Range(0.0, 1e100, float)  # their sum is finite
+_FACTS = {"highest": Range(1e-100, 1e100, float), "num_known": COUNT, "beta": SCORE}
+_LEAST_ERROR = 1e-3  # added to each TD error: every step can be sampled
 
 
 class UniformSampler:
-    """Draws slots of an EpisodeStorage with replacement, from its own seeded generator.
-
-    Entries that cannot be sampled are drawn again, or left out where they are many. TorchRL's
-    RandomSampler cannot leave entries out, and does not save its generator.
-    """
+    """Samples slots of an EpisodeStorage with replacement, from its own seeded generator."""
 
     def __init__(self, seed: int) -> None:
         self._generator = torch.Generator().manual_seed(seed)
@@ -27,52 +31,178 @@ class UniformSampler:
     def sample(
         self, storage: EpisodeStorage, batch_size: int
     ) -> tuple[torch.Tensor, dict[str, Any]]:
-        """Return `batch_size` slots, int64, and no further information.
+        """Return slots int64 [batch_size], and further fields of the rows (none).
 
         Raises RuntimeError while nothing can be sampled.
         """
-        return self.sample_evenly(storage, batch_size), {}
+        return self.sample_uniformly(storage, batch_size), {}
 
-    def sample_evenly(self, storage: EpisodeStorage, num_rows: int) -> torch.Tensor:
-        """Return `num_rows` slots, int64, also where the sampler has priorities.
+    def sample_uniformly(self, storage: EpisodeStorage, num_rows: int) -> torch.Tensor:
+        """Return slots int64 [num_rows], uniform also if the sampler has priorities.
 
         Raises RuntimeError while nothing can be sampled.
         """
-        num_sampleable = require_sampleable(storage)
-        if num_sampleable < _LIST_BELOW * len(storage):
+        require_sampleable(storage)
+        if storage.num_sampleable < _LIST_BELOW * len(storage):
             slots = storage.sampleable_slots()
-            return slots[draw_integers(num_sampleable, num_rows, self._generator)]
+            return slots[draw_integers(len(slots), num_rows, self._generator)]
         index = draw_integers(len(storage), num_rows, self._generator)
         rejected = ~storage.is_sampleable(index)
         while rejected.any():
-            again = draw_integers(len(storage), int(rejected.sum()), self._generator)
-            index[rejected] = again
+            index[rejected] = draw_integers(len(storage), int(rejected.sum()), self._generator)
             rejected = ~storage.is_sampleable(index)
         return index
 
     def check_storage(self, storage: EpisodeStorage) -> None:
         """Check a loaded state against the storage; uniform sampling depends on none."""
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return the state of the generator."""
-        return {"generator": self._generator.get_state()}
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Continue from a saved state."""
-        restore_generator(self._generator, state_dict)
-
-    def dumps(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: Path) -> None:
         """Write the state to a new folder."""
-        save_arrays(Path(path), {"generator": self._generator.get_state().numpy()}, {})
+        save_arrays(path, {"generator": self._generator.get_state().numpy()}, {})
 
-    def loads(self, path: str | os.PathLike[str]) -> None:
-        """Read what `dumps` wrote."""
-        arrays, _ = load_arrays(Path(path))
-        restore_generator(self._generator, arrays)
+    def load(self, path: Path) -> None:
+        """Read a folder that `save` wrote."""
+        restore_generator(self._generator, load_arrays(path)[0])
+
+
+class PrioritizedSampler(UniformSampler):
+    """Samples slots of an EpisodeStorage in proportion to (|TD error| + 0.001)^alpha.
+
+    Steps that were never sampled have the highest priority so far. A batch of n takes one draw from
+    each n-th of the sum. The weight of a row in the loss is (steps * probability)^-beta, divided by
+    the largest of the batch: beta = 1 removes the sampling bias.
+
+    capacity: entries of the storage. alpha: 0 samples uniformly, 1 in proportion to the error.
+    beta: at the start; `anneal` raises it to 1.
+    Raises ValueError for an alpha or beta outside 0..1.
+    """
+
+    def __init__(self, seed: int, capacity: int, alpha: float = 0.6, beta: float = 0.4) -> None:
+        for name, value in (("alpha", alpha), ("beta", beta)):
+            if not 0.0 <= value <= 1.0:
+                raise ValueError(f"{name} is {value}, expected 0..1")
+        super().__init__(seed)
+        self.alpha, self.first_beta, self.beta = alpha, beta, beta
+        self._capacity = capacity
+        self._num_leaves = 1 << max(0, capacity - 1).bit_length()
+        # Node k is the sum of nodes 2 k and 2 k + 1, the last half are the slots.
+        self._sums = np.zeros(2 * self._num_leaves, np.float64)
+        self._highest = 1.0
+        self._num_known = 0  # of all entries that were ever written
+
+    @property
+    def priorities(self) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Priorities of all slots, float64 [capacity], a view."""
+        return self._sums[self._num_leaves : self._num_leaves + self._capacity]
+
+    def anneal(self, done: float) -> None:
+        """Raise beta linearly to 1 over the share `done` of the run, 0..1."""
+        self.beta = self.first_beta + (1.0 - self.first_beta) * min(1.0, done)
+
+    def sample(
+        self, storage: EpisodeStorage, batch_size: int
+    ) -> tuple[torch.Tensor, dict[str, Any]]:
+        """Return slots int64 [batch_size] and their "priority_weight", float32 [batch_size].
+
+        Raises RuntimeError while nothing can be sampled.
+        """
+        require_sampleable(storage)
+        self._add_new_entries(storage)
+        total = self._sums[1]
+        places = (np.arange(batch_size) + self._draw(batch_size)) / batch_size
+        slots = find_slots(self._sums, places * total)
+        rejected = ~storage.is_sampleable(torch.from_numpy(slots)).numpy()
+        while rejected.any():
+            places = self._draw(int(rejected.sum()))
+            slots[rejected] = find_slots(self._sums, places * total)
+            rejected = ~storage.is_sampleable(torch.from_numpy(slots)).numpy()
+        shares = self._sums[self._num_leaves + slots] / total
+        weights = (storage.num_sampleable * shares) ** -self.beta
+        weights = torch.from_numpy((weights / weights.max()).astype(np.float32))
+        return torch.from_numpy(slots), {"priority_weight": weights}
+
+    def update_priority(self, index: torch.Tensor, td_error: torch.Tensor) -> None:
+        """Set priorities from the TD errors [N], of either sign, of the slots `index` int64 [N]."""
+        errors = td_error.detach().abs().double().cpu().numpy()
+        priorities = (np.where(np.isfinite(errors), errors, 0.0) + _LEAST_ERROR) ** self.alpha
+        self._highest = max(self._highest, float(priorities.max(initial=0.0)))
+        set_priorities(self._sums, index.cpu().numpy(), priorities)
+
+    def _add_new_entries(self, storage: EpisodeStorage) -> None:
+        """Give entries written since the last batch their first priority."""
+        first = max(self._num_known, storage.num_written - self._capacity)
+        slots = np.arange(first, storage.num_written) % self._capacity
+        is_step = storage.is_step(torch.from_numpy(slots)).numpy()
+        set_priorities(self._sums, slots, np.where(is_step, self._highest, 0.0))
+        self._num_known = storage.num_written
+
+    def _draw(self, number: int) -> Any:
+        return torch.rand(number, generator=self._generator, dtype=torch.float64).numpy()
+
+    def save(self, path: Path) -> None:
+        super().save(path / "uniform")
+        facts = {"highest": self._highest, "num_known": self._num_known, "beta": self.beta}
+        save_arrays(path / "priorities", {"priorities": self.priorities}, facts)
+
+    def load(self, path: Path) -> None:
+        """Read a folder that `save` wrote. Raises ValueError for another capacity."""
+        arrays, facts = load_arrays(path / "priorities")
+        like = np.dtype(np.float64), (self._capacity,)
+        priorities = read_array(arrays, "priorities", like, _PRIORITY)
+        read = {name: read_number(facts, name, allowed) for name, allowed in _FACTS.items()}
+        super().load(path / "uniform")
+        self._sums[:] = 0.0
+        set_priorities(self._sums, np.arange(self._capacity), np.asarray(priorities))
+        self._highest, self._num_known = float(read["highest"]), read["num_known"]
+        self.beta = float(read["beta"])
+
+    def check_storage(self, storage: EpisodeStorage) -> None:
+        """Raise ValueError unless exactly the known steps have priorities above 0: sampling could
+        loop forever.
+        """
+        known = np.arange(max(0, storage.num_written - self._capacity), self._num_known)
+        slots = known % self._capacity
+        is_step = storage.is_step(torch.from_numpy(slots)).numpy()
+        has_priority = self._sums[self._num_leaves + slots] > 0.0
+        if self._num_known > storage.num_written or (has_priority != is_step).any():
+            raise ValueError("the saved priorities are not those of the saved replay")
+
+
+@njit(cache=True, nogil=True)
+def set_priorities(sums: Any, slots: Any, priorities: Any) -> None:
+    """Set slots int64 [N] and all sums above them, in order.
+
+    Each sum is that of its two halves: the bits depend on the priorities alone, not on their order.
+    """
+    num_leaves = sums.shape[0] // 2
+    for n in range(slots.shape[0]):
+        node = num_leaves + slots[n]
+        sums[node] = priorities[n]
+        node //= 2
+        while node >= 1:
+            sums[node] = sums[2 * node] + sums[2 * node + 1]
+            node //= 2
+
+
+@njit(cache=True, nogil=True)
+def find_slots(sums: Any, places: Any) -> Any:
+    """Return the slots int64 [N] in which the places float64 [N], 0..sums[1], of the sum lie."""
+    num_leaves = sums.shape[0] // 2
+    slots = np.empty(places.shape[0], np.int64)
+    for n in range(places.shape[0]):
+        node, left = 1, places[n]
+        while node < num_leaves:
+            node *= 2
+            # Rounding may leave a little more than the sum: never enter a half that is empty.
+            if left >= sums[node] and sums[node + 1] > 0.0:
+                left -= sums[node]
+                node += 1
+        slots[n] = node - num_leaves
+    return slots
 
 
 def restore_generator(generator: torch.Generator, saved: Mapping[str, Any]) -> None:
-    """Continue from the state `generator` of `saved`. Raises ValueError for what is no state."""
+    """Continue from the state `generator` of `saved`. Raises ValueError for an invalid state."""
     own = generator.get_state().numpy()
     state = read_array(saved, "generator", (own.dtype, own.shape))
     try:
@@ -81,22 +211,20 @@ def restore_generator(generator: torch.Generator, saved: Mapping[str, Any]) -> N
         raise ValueError(f"generator is no random state of torch ({error})") from error
 
 
-def require_sampleable(storage: EpisodeStorage) -> int:
-    """How many steps of `storage` can be sampled; raises RuntimeError where none can."""
-    num_sampleable = storage.num_sampleable
-    if num_sampleable == 0:
+def require_sampleable(storage: EpisodeStorage) -> None:
+    """Raise RuntimeError while no step of `storage` can be sampled."""
+    if storage.num_sampleable == 0:
         raise RuntimeError(
             f"no transition to sample yet: the replay holds {len(storage)} entries, none of "
             "which has a next observation; append more steps first"
         )
-    return num_sampleable
 
 
 def draw_integers(bound: int, num_draws: int, generator: torch.Generator) -> torch.Tensor:
     """Draw int64 [num_draws] uniformly from 0..bound - 1.
 
-    From 63 random bits, so that the remainder favours no value by more than bound / 2^63, where
-    torch.randint takes 32 bits for small bounds.
+    From 63 random bits: the remainder favours no value by more than bound / 2^63. torch.randint
+    takes 32 bits for small bounds.
     """
     draws = torch.empty(num_draws, dtype=torch.int64).random_(generator=generator)
     return draws.remainder_(bound)

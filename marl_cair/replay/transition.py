@@ -1,10 +1,14 @@
-"""The keys, shapes and dtypes of a transition, in one place, and the check of a batch of them."""
+"""Keys, shapes and dtypes of a transition, and checks of a batch of them."""
 
+import functools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from tensordict import TensorDict
 
 Key = str | tuple[str, ...]
@@ -24,38 +28,26 @@ OPPONENT: Key = "opponent"
 INDEX: Key = "index"
 
 EXPERIENCE_KEYS: tuple[Key, ...] = (
-    OBSERVATION,
-    ACTION_MASK,
-    ACTION,
-    NEXT_OBSERVATION,
-    NEXT_ACTION_MASK,
-    NEXT_REWARD,
-    NEXT_TERMINATED,
-    NEXT_DONE,
+    *(OBSERVATION, ACTION_MASK, ACTION, NEXT_OBSERVATION, NEXT_ACTION_MASK),
+    *(NEXT_REWARD, NEXT_TERMINATED, NEXT_DONE),
 )
-LABEL_KEYS: tuple[Key, ...] = (
-    STEPS_TO_NEXT_OBS,
-    IS_GENERATED,
-    EXPERT_ACTION,
-    OPPONENT,
-    INDEX,
-)
+LABEL_KEYS: tuple[Key, ...] = (STEPS_TO_NEXT_OBS, IS_GENERATED, EXPERT_ACTION, OPPONENT, INDEX)
 TRANSITION_KEYS: tuple[Key, ...] = EXPERIENCE_KEYS + LABEL_KEYS
 
-NO_ACTION = -1  # of EXPERT_ACTION: nobody shows what to do
-NO_OPPONENT = -1  # the row met nobody that is known by number, or several
-NO_INDEX = -1  # the row lies in no ring of real transitions
+NO_ACTION = -1  # of EXPERT_ACTION: no demonstration
+NO_OPPONENT = -1  # the opponent has no number, or there are several
+NO_INDEX = -1  # the row is in no ring of real transitions
 
 
 @dataclass(frozen=True)
 class TransitionSpec:
-    """What one transition is made of.
+    """Shapes and dtypes of the transitions of one game.
 
     observation_shape: planes first, [C, H, W], or [V] of a vector.
     num_actions: A.
     num_uniform: how many of the last planes are constant over the board (uint8 only).
     observation_dtype: dtype of the observation as the game gives it.
-    Raises ValueError for sizes that cannot be.
+    Raises ValueError for sizes out of range.
     """
 
     observation_shape: tuple[int, ...]
@@ -126,8 +118,8 @@ def check_transitions(
 ) -> None:
     """Raise ValueError unless `transitions` [N] holds `keys` as `spec` says and only legal actions.
 
-    A row whose action is illegal, or that goes on without a legal next action, would make a masked
-    loss infinite, so neither is let through.
+    A row whose action is illegal, or that continues without a legal next action, would make a
+    masked loss infinite.
     """
     if transitions.batch_dims != 1:
         raise ValueError(
@@ -137,29 +129,54 @@ def check_transitions(
     keys = tuple(keys)
     fields = spec.fields()
     for key in keys:
+        value = transitions.get(key, None)
+        if value is None:
+            raise ValueError(f"transitions lack {key!r}; they need {', '.join(map(repr, keys))}")
         dtype, shape = fields[key]
-        _check_field(transitions, key, dtype, (len(transitions), *shape), keys)
-    if len(transitions) and ACTION in keys and ACTION_MASK in keys:
+        check_tensor(f"transitions[{key!r}]", value, dtype, (len(transitions), *shape))
+    if not len(transitions):
+        return
+    if ACTION in keys and ACTION_MASK in keys:
         _check_actions(transitions[ACTION], transitions[ACTION_MASK])
-    if len(transitions) and NEXT_ACTION_MASK in keys and NEXT_TERMINATED in keys:
-        _check_next_masks(transitions[NEXT_ACTION_MASK], transitions[NEXT_TERMINATED])
+    if NEXT_ACTION_MASK in keys and NEXT_TERMINATED in keys:
+        has_no_action = ~transitions[NEXT_ACTION_MASK].any(1)
+        stuck = has_no_action & ~transitions[NEXT_TERMINATED].squeeze(1)
+        if stuck.any():
+            raise ValueError(
+                f"row {int(stuck.nonzero()[0])}: ('next', 'action_mask') allows no action although "
+                "the row is not terminated: allow at least the no-op"
+            )
 
 
-def _check_field(
-    transitions: TensorDict,
-    key: Key,
-    dtype: torch.dtype,
-    shape: tuple[int, ...],
-    keys: tuple[Key, ...],
+def check_tensor(
+    name: str, value: torch.Tensor, dtype: torch.dtype, shape: tuple[int, ...]
 ) -> None:
-    value = transitions.get(key, None)
-    if value is None:
-        raise ValueError(f"transitions lack {key!r}; they need {', '.join(map(repr, keys))}")
+    """Raise ValueError unless `value` has this dtype and shape."""
     if value.dtype != dtype or tuple(value.shape) != shape:
         raise ValueError(
-            f"transitions hold {key!r} as {_describe(value.dtype, value.shape)}, "
-            f"expected {_describe(dtype, shape)}"
+            f"{name} is {_describe(value.dtype, value.shape)}, expected {_describe(dtype, shape)}"
         )
+
+
+def make_array(num_rows: int, dtype: torch.dtype, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return an array [num_rows, *shape] that is not filled.
+
+    By NumPy: torch.empty would write every page under deterministic algorithms.
+    """
+    return np.empty((num_rows, *shape), _find_numpy_dtype(dtype))
+
+
+@functools.cache
+def _find_numpy_dtype(dtype: torch.dtype) -> np.dtype[Any]:
+    return torch.empty((), dtype=dtype).numpy().dtype
+
+
+def make_tensordict(fields: Mapping[Key, torch.Tensor]) -> TensorDict:
+    """Make TensorDict [N] of fields [N, ...] by transition key."""
+    batch = [len(fields[ACTION])]
+    following = {key[1]: value for key, value in fields.items() if isinstance(key, tuple)}
+    current = {key: value for key, value in fields.items() if isinstance(key, str)}
+    return TensorDict({**current, "next": TensorDict(following, batch)}, batch)
 
 
 def _check_actions(action: torch.Tensor, action_mask: torch.Tensor) -> None:
@@ -174,15 +191,6 @@ def _check_actions(action: torch.Tensor, action_mask: torch.Tensor) -> None:
         raise ValueError(
             f"row {row}: action {int(action[row])} is not legal by its action_mask; legal are "
             f"{action_mask[row].nonzero().flatten().tolist()}: choose the action under the mask"
-        )
-
-
-def _check_next_masks(next_mask: torch.Tensor, terminated: torch.Tensor) -> None:
-    stuck = ~next_mask.any(dim=1) & ~terminated.squeeze(1)
-    if stuck.any():
-        raise ValueError(
-            f"row {int(stuck.nonzero()[0])}: ('next', 'action_mask') allows no action although the "
-            "row is not terminated: allow at least the no-op"
         )
 
 

@@ -14,10 +14,9 @@ from marl_cair.checkpoint import CheckpointError, load_tensors, save_tensors
 from marl_cair.files import atomic_path
 from marl_cair.games.game import GameSpec, Representation
 from marl_cair.generative import GENERATORS
-from marl_cair.generative.coded import CodedGenerator, FrameCodec
+from marl_cair.generative.codecs import FrameCodec, VectorCodec, make_coded_generator
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.settings import GeneratorSpec
-from marl_cair.generative.vectors import VectorCodec
 from marl_cair.training.settings.config import NO_GENERATOR, TrainConfig
 
 GENERATOR_FILE = "generator.pt"  # in a run's folder
@@ -126,10 +125,10 @@ def _make(config: TrainConfig, seen: Representation, spec: GameSpec, seed: int) 
 
     if len(seen.shape) == 1:
         codec = VectorCodec(*(bounds.tolist() for bounds in seen.bounds()))
-        return CodedGenerator(make(model, specify(codec.shape, codec.num_uniform)), codec)
+        return make_coded_generator(make(model, specify(codec.shape, codec.num_uniform)), codec)
     if seen.num_frames > 1:
         frames = {"num_frames": seen.num_frames, "tolerance": SHADES_TAKEN_FOR_EQUAL}
-        return CodedGenerator(make(model, specify(seen.shape, 0, **frames)), FrameCodec())
+        return make_coded_generator(make(model, specify(seen.shape, 0, **frames)), FrameCodec())
     if seen.dtype is not np.uint8 or seen.num_uniform == 0:
         raise ValueError(
             f"the generator {settings.name!r} works on `planes`, stacks of frames and vectors, "

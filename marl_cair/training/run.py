@@ -23,8 +23,7 @@ from marl_cair.policies.actor import MaskedEpsilonGreedy, MaskedSampling, Policy
 from marl_cair.policies.q_network import QNetwork, make_q_network
 from marl_cair.ranges import COUNT, FLAG, Range, read_number, read_numbers
 from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
-from marl_cair.replay.generated import GeneratedReplay
-from marl_cair.replay.mixed import MixedReplay
+from marl_cair.replay.mixed import GeneratedReplay, MixedReplay
 from marl_cair.replay.reservoir import Reservoir
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.self_play.pool import Pool
@@ -160,8 +159,8 @@ class TrainingRun:
         )
         real = make_replay_buffer(settings, spec)
         generated = GeneratedReplay(spec, replay.generated_capacity_transitions, self._seeds[2])
-        share, batch_size = config.synthetic_fraction, learner.batch_size
-        self.replay = MixedReplay(real, generated, share, batch_size, generated_open=False)
+        share = config.synthetic_fraction
+        self.replay = MixedReplay(real, generated, share, generated_open=False)
         source = None if self._resumes else config.initial_generator
         make = generators.make_generator
         self.generator = make(config, seen, self.spec, self._seeds[3], source)

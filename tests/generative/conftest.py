@@ -1,12 +1,7 @@
 """Data and trained generators that the generator tests share."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-
 import pytest
 import torch
-from tensordict import TensorDict
 
 from marl_cair.generative import CCDNGenerator, GateConfig, GeneratorConfig, NetworkSize
 from tests.generative.plane_game import SPEC, play_randomly
@@ -21,18 +16,7 @@ SMALL = GeneratorConfig(
 NUM_UPDATES = 700
 
 
-@pytest.fixture(autouse=True, scope="session")
-def one_thread() -> Iterator[None]:
-    """Small tensors gain nothing from threads, and their sums must not depend on the machine."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
-def train(
-    rows: TensorDict, shown: TensorDict, num_updates: int, config: GeneratorConfig = SMALL
-) -> CCDNGenerator:
+def train(rows, shown, num_updates, config: GeneratorConfig = SMALL):
     """A generator that observed `shown` and learned from `rows`."""
     generator = CCDNGenerator(config, SPEC)
     generator.observe(shown)
@@ -43,12 +27,12 @@ def train(
 
 
 @pytest.fixture(scope="session")
-def real_rows() -> TensorDict:
+def real_rows():
     return play_randomly(num_worlds=64, num_steps=120, seed=0)
 
 
 @pytest.fixture(scope="session")
-def trained(real_rows: TensorDict) -> CCDNGenerator:
+def trained(real_rows):
     """Trained and evaluated; tests must not train it on."""
     generator = train(real_rows, real_rows, NUM_UPDATES)
     generator.evaluate()

@@ -1,19 +1,16 @@
-"""A small game on planes, batched in NumPy, with the character of Deep Line Wars, for the tests.
+"""A small game on planes, batched in NumPy, similar to Deep Line Wars, and rows of its transitions.
 
 Enemy units appear on random rows of the right column and walk left, a cell a step; towers that the
 player builds wound those beside them; a unit that reaches the left column costs health. Own units
 walk right. Gold comes at intervals; towers and units cost gold.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from tensordict import TensorDict
 
 from marl_cair.generative.settings import GeneratorSpec
-from tests.generative.rows import pack_rows
+from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT
 
 ROWS, COLUMNS, BUILD_COLUMNS = 5, 7, 3
 TOWER, OWN_UNITS, ENEMY_UNITS, TERRAIN = range(4)
@@ -43,8 +40,40 @@ SPEC = GeneratorSpec(
 )
 
 
+def pack_rows(now, action, later, reward, ended, masks=None) -> TensorDict:
+    """One-step transitions, numbered from 0.
+
+    now, later: observations [N, ...]; action: int64 [N]; reward: float32 [N]; ended: bool [N];
+    masks: of legal actions now and later, bool [N, A] both; None: there are two, always legal.
+    """
+    num = len(action)
+    every, no = torch.ones(num, 2, dtype=torch.bool), torch.zeros(num, 1, dtype=torch.bool)
+    mask, next_mask = masks or (every, every)
+    following = {
+        "observation": later,
+        "action_mask": next_mask,
+        "reward": reward[:, None],
+        "terminated": ended[:, None],
+        "done": ended[:, None].clone(),
+    }
+    return TensorDict(
+        {
+            "observation": now,
+            "action_mask": mask,
+            "action": action,
+            "next": TensorDict(following, [num]),
+            "steps_to_next_obs": torch.ones(num, 1, dtype=torch.int64),
+            "is_generated": no,
+            "expert_action": torch.full((num,), NO_ACTION, dtype=torch.int64),
+            "opponent": torch.full((num,), NO_OPPONENT, dtype=torch.int16),
+            "index": torch.arange(num),
+        },
+        [num],
+    )
+
+
 class PlaneGame:
-    """`num_worlds` games; finished ones start anew at the next step."""
+    """`num_worlds` games."""
 
     def __init__(self, num_worlds: int, seed: int) -> None:
         self.random = np.random.default_rng(seed)
@@ -58,7 +87,7 @@ class PlaneGame:
         self.terrain = np.zeros(shape, np.uint8)
         self.reset(np.ones(num_worlds, bool))
 
-    def reset(self, mask: NDArray[np.bool_]) -> None:
+    def reset(self, mask):
         self.tower[mask] = False
         self.units[mask] = 0
         self.health[mask] = START_HEALTH
@@ -68,7 +97,7 @@ class PlaneGame:
         self.terrain[mask] = 0
         self.terrain[np.flatnonzero(mask), rocks, 0] = 200
 
-    def observe(self) -> NDArray[np.uint8]:
+    def observe(self):
         planes = np.zeros((self.num_worlds, *SPEC.observation_shape), np.uint8)
         planes[:, TOWER] = self.tower * 255
         planes[:, OWN_UNITS] = self.units[:, 0].clip(0, 255)
@@ -86,7 +115,7 @@ class PlaneGame:
         planes[:, NUM_SPATIAL:] = scalars[:, :, None, None]
         return planes
 
-    def action_mask(self) -> NDArray[np.bool_]:
+    def action_mask(self):
         mask = np.zeros((self.num_worlds, NUM_ACTIONS), bool)
         mask[:, NOOP] = True
         mask[:, BUY_UNIT] = self.gold >= UNIT_COST
@@ -94,7 +123,7 @@ class PlaneGame:
         mask[:, FIRST_TOWER:] = free & (self.gold >= TOWER_COST)[:, None]
         return mask
 
-    def step(self, actions: NDArray[np.int64]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    def step(self, actions):
         """Rewards float32 [B] and ends bool [B]."""
         worlds = np.arange(self.num_worlds)
         before = self.health[:, 0] - self.health[:, 1]
@@ -120,9 +149,9 @@ class PlaneGame:
         paid = self.clock == 0
         self.gold[paid] += INCOME
         self.clock[paid] = INTERVAL
-        return self._judge(before)
+        return self._reward(before)
 
-    def _shoot(self) -> None:
+    def _shoot(self):
         beside = np.zeros_like(self.units[:, 1])
         beside[:, 1:] += self.tower[:, :-1]
         beside[:, :-1] += self.tower[:, 1:]
@@ -130,7 +159,7 @@ class PlaneGame:
         beside[:, :, :-1] += self.tower[:, :, 1:]
         self.units[:, 1] = (self.units[:, 1] - DAMAGE * beside).clip(0)
 
-    def _judge(self, before: NDArray[np.int64]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    def _reward(self, before):
         lost, won = self.health[:, 0] <= 0, self.health[:, 1] <= 0
         change = self.health[:, 0] - self.health[:, 1] - before
         terminated = lost | won

@@ -1,51 +1,47 @@
-"""The network: shapes, gradients, what it may and may not change."""
-
-from __future__ import annotations
+"""The network of boards: gradients, likelihoods, static planes and the economy."""
 
 from dataclasses import replace
 
 import pytest
 import torch
-from tensordict import TensorDict
 
 from marl_cair.generative import GeneratorSpec, NetworkSize
 from marl_cair.generative.ensemble import Ensemble
-from marl_cair.generative.loss import RareCorrection, find_losses
 from marl_cair.generative.networks.ccdn import CCDN
 from marl_cair.generative.networks.economy import EconomyChain, apply_changes, find_changes
-from marl_cair.generative.networks.outcome import RewardBins
+from marl_cair.generative.networks.outcome import RareCorrection, RewardBins
 from marl_cair.policies.config import NO_CELL
 from tests.generative.conftest import SMALL
 from tests.generative.plane_game import NUM_ACTIONS, SPEC, TERRAIN
 
 
-def no_correction(num: int) -> RareCorrection:
+def no_correction(num):
     return RareCorrection(torch.ones(num), torch.zeros(SMALL.size.reward_bins), 1.0, 0.0)
 
 
-def make_network(spec: GeneratorSpec = SPEC, size: NetworkSize = SMALL.size) -> CCDN:
+def make_network(spec: GeneratorSpec = SPEC, size: NetworkSize = SMALL.size):
     with torch.random.fork_rng():
         torch.manual_seed(0)
         return CCDN(spec, size)
 
 
-def test_gradient_reaches_every_parameter(real_rows: TensorDict) -> None:
+def test_gradient_reaches_every_parameter(real_rows):
     network = make_network()
-    losses = find_losses(network, real_rows[:64], no_correction(64), stride=1, offset=0)
+    losses = network.compute_losses(real_rows[:64], no_correction(64), stride=1, offset=0)
     torch.stack(list(losses.values())).sum().backward()
     for name, parameter in network.named_parameters():
         assert parameter.grad is not None, name
         assert parameter.grad.abs().sum() > 0.0, name
 
 
-def test_untrained_network_copies(real_rows: TensorDict) -> None:
+def test_untrained_network_copies(real_rows):
     network = make_network()
     rows = real_rows[:64]
     following = network.decode(rows["observation"], rows["action"], None)
     assert float((following == rows["observation"]).float().mean()) > 0.95
 
 
-def test_static_planes_are_copied_whatever_the_weights(real_rows: TensorDict) -> None:
+def test_static_planes_are_copied_whatever_the_weights(real_rows):
     network = make_network()
     with torch.no_grad():
         for parameter in network.parameters():
@@ -56,30 +52,30 @@ def test_static_planes_are_copied_whatever_the_weights(real_rows: TensorDict) ->
     assert not torch.equal(following, rows["observation"])
 
 
-def test_sparse_cell_loss_is_unbiased(real_rows: TensorDict) -> None:
+def test_sparse_cell_loss_is_unbiased(real_rows):
     network = make_network()
     rows, correction = real_rows[:64], no_correction(64)
     with torch.no_grad():
-        whole = find_losses(network, rows, correction, stride=1, offset=0)["cells"]
+        whole = network.compute_losses(rows, correction, stride=1, offset=0)["cells"]
         parts = [
-            find_losses(network, rows, correction, stride=7, offset=offset)["cells"]
+            network.compute_losses(rows, correction, stride=7, offset=offset)["cells"]
             for offset in range(7)
         ]
     torch.testing.assert_close(torch.stack(parts).mean(), whole, rtol=1e-4, atol=1e-4)
 
 
-def test_likelihood_of_an_opinion_is_that_of_the_loss(real_rows: TensorDict) -> None:
+def test_likelihood_of_an_opinion_is_that_of_the_loss(real_rows):
     ensemble = Ensemble(SPEC, SMALL)
     rows = real_rows[:40]
     with torch.no_grad():
-        losses = find_losses(ensemble.members[0], rows, no_correction(40), stride=1, offset=0)
-    opinions = ensemble.ask(rows)
+        losses = ensemble.members[0].compute_losses(rows, no_correction(40), stride=1, offset=0)
+    predicted = ensemble.predict(rows)
     torch.testing.assert_close(
-        -opinions.log_prob[0].mean(), losses["cells"] + losses["economy"], rtol=1e-4, atol=1e-4
+        -predicted.log_prob[0].mean(), losses["cells"] + losses["economy"], rtol=1e-4, atol=1e-4
     )
 
 
-def test_economy_probabilities_sum_to_one() -> None:
+def test_economy_probabilities_sum_to_one():
     chain = EconomyChain(6, 2, 8)
     context, now = torch.randn(1, 6).expand(256, 6), torch.zeros(256, 2, dtype=torch.uint8)
     first = torch.arange(256)
@@ -88,7 +84,7 @@ def test_economy_probabilities_sum_to_one() -> None:
     torch.testing.assert_close(total, torch.tensor(1.0))
 
 
-def test_economy_changes_round_trip() -> None:
+def test_economy_changes_round_trip():
     now = torch.tensor([[250, 3]], dtype=torch.uint8)
     later = torch.tensor([[10, 0]], dtype=torch.uint8)
     changes = find_changes(now, later)
@@ -96,7 +92,7 @@ def test_economy_changes_round_trip() -> None:
     assert torch.equal(apply_changes(now, changes), later)
 
 
-def test_rewards_survive_the_bins_exactly() -> None:
+def test_rewards_survive_the_bins_exactly():
     bins = RewardBins((-1.0, 1.0), 63)
     rewards = torch.tensor([-1.0, -0.3, -0.004, 0.0, 0.0101, 0.77, 1.0])
     targets = bins.spread(rewards)
@@ -107,7 +103,7 @@ def test_rewards_survive_the_bins_exactly() -> None:
 
 
 @pytest.mark.parametrize("num_uniform", [0, 2])
-def test_games_without_cells_or_kinds_or_economy_work(num_uniform: int) -> None:
+def test_games_without_cells_or_kinds_or_economy_work(num_uniform):
     spec = GeneratorSpec((3, 4, 4), 5, num_uniform, 0)
     ensemble = Ensemble(spec, replace(SMALL, num_members=1))
     observation = torch.randint(0, 256, (7, 3, 4, 4), dtype=torch.uint8)
@@ -117,7 +113,7 @@ def test_games_without_cells_or_kinds_or_economy_work(num_uniform: int) -> None:
     assert following.dtype == torch.uint8
 
 
-def test_target_cell_reaches_the_prediction(real_rows: TensorDict) -> None:
+def test_target_cell_reaches_the_prediction(real_rows):
     network = make_network()
     board = real_rows["observation"][:1].expand(2, -1, -1, -1)
     same = network.encode(board, torch.tensor([3, 3])).board
@@ -126,7 +122,7 @@ def test_target_cell_reaches_the_prediction(real_rows: TensorDict) -> None:
     assert not torch.equal(other[0], other[1])
 
 
-def test_a_sample_makes_only_differences_that_have_been_seen() -> None:
+def test_a_sample_makes_only_differences_that_have_been_seen():
     """A change of -10, learned from full purses, must not fill an empty one by 246."""
     torch.manual_seed(0)
     chain = EconomyChain(context=3, num_uniform=2, hidden=8)
@@ -138,19 +134,19 @@ def test_a_sample_makes_only_differences_that_have_been_seen() -> None:
     assert (everything == 246).any()  # nothing is ruled out before anything was seen
     before = torch.tensor([[100, 100], [90, 0], [7, 8]], dtype=torch.uint8)
     after = torch.tensor([[90, 100], [90, 255], [9, 8]], dtype=torch.uint8)
-    chain.note_differences(before, after)
+    chain.record_differences(before, after)
     for generator in (torch.Generator().manual_seed(0), None):
         changes = chain.decode(context, now, generator)
         assert set(changes[:, 0].tolist()) <= {0, 2}
         assert set(changes[:, 1].tolist()) == {0}
     wraps = chain.decode(context, torch.zeros_like(now), torch.Generator().manual_seed(0))
-    assert set(wraps[:, 1].tolist()) <= {0, 255}  # a clock that starts anew was seen
+    assert set(wraps[:, 1].tolist()) <= {0, 255}  # the restart of a clock was seen
 
 
-def test_no_rows_are_asked_about(real_rows: TensorDict) -> None:
+def test_no_rows_are_asked_about(real_rows):
     """Before the first rare reward there is nothing to judge."""
     cells = (*range(NUM_ACTIONS - 1), NO_CELL)
     for spec in (SPEC, replace(SPEC, action_cells=cells)):
         for size in (SMALL.size, replace(SMALL.size, distances=True)):
-            opinions = Ensemble(spec, replace(SMALL, size=size)).ask(real_rows[:0])
-            assert opinions.mask.shape == (SMALL.num_members, 0, NUM_ACTIONS)
+            predicted = Ensemble(spec, replace(SMALL, size=size)).predict(real_rows[:0])
+            assert predicted.mask.shape == (SMALL.num_members, 0, NUM_ACTIONS)

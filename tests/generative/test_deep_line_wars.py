@@ -1,23 +1,19 @@
-"""The generator on the real game: minutes of learning, so only `make test-all` runs it."""
-
-from __future__ import annotations
-
-from typing import Any
+"""The generator on Deep Line Wars: learns for minutes, so only `make test-all` runs it."""
 
 import numpy as np
 import pytest
 import torch
-from tensordict import TensorDict
 
 from marl_cair import make_engine
 from marl_cair.games.randomness import episode_seeds
 from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec
-from marl_cair.replay.transition import NO_ACTION, check_transitions
+from marl_cair.replay.transition import check_transitions
+from tests.generative.plane_game import pack_rows
 
 NUM_WORLDS = 64
 
 
-def read_spec(engine: Any) -> GeneratorSpec:
+def read_spec(engine):
     spec = engine.spec
     planes = spec.representations["planes"]
     return GeneratorSpec(
@@ -34,7 +30,7 @@ def read_spec(engine: Any) -> GeneratorSpec:
     )
 
 
-def choose_actions(masks: Any, groups: Any, random: np.random.Generator) -> Any:
+def choose_actions(masks, groups, random):
     """Random legal actions; units far more often than towers, so that games end."""
     is_group = np.eye(groups.max() + 1)[groups]
     sizes = np.maximum((masks @ is_group) @ is_group.T, 1.0)
@@ -43,43 +39,31 @@ def choose_actions(masks: Any, groups: Any, random: np.random.Generator) -> Any:
     return (weights.cumsum(-1) <= levels).sum(-1)
 
 
-def play_randomly(engine: Any, num_steps: int) -> TensorDict:
+def play_randomly(engine, num_steps):
     """Transitions [B * num_steps] of the first seat."""
     random = np.random.default_rng(0)
     worlds, episodes = np.arange(NUM_WORLDS), np.zeros(NUM_WORLDS, np.int64)
     engine.reset(episode_seeds(0, worlds, episodes))
     steps = []
     for _ in range(num_steps):
-        before = engine.observe("planes").copy(), engine.action_mask().copy()
-        actions = choose_actions(before[1], engine.spec.action_groups, random)
+        now, mask = engine.observe("planes").copy(), engine.action_mask().copy()
+        actions = choose_actions(mask, engine.spec.action_groups, random)
         engine.step(actions.astype(np.int32))
-        ends = engine.terminated.copy()
-        done = ends | engine.truncated
-        parts = {
-            "observation": before[0][:, 0],
-            "action_mask": before[1][:, 0],
-            "action": actions[:, 0],
-            "next": {
-                "observation": engine.observe("planes")[:, 0].copy(),
-                "action_mask": engine.action_mask()[:, 0].copy(),
-                "reward": engine.rewards[:, :1].copy(),
-                "terminated": ends[:, None],
-                "done": done[:, None],
-            },
-            "steps_to_next_obs": np.ones((NUM_WORLDS, 1), np.int64),
-            "is_generated": np.zeros((NUM_WORLDS, 1), bool),
-            "expert_action": np.full(NUM_WORLDS, NO_ACTION),
-            "opponent": np.zeros(NUM_WORLDS, np.int16),
-            "index": worlds + NUM_WORLDS * len(steps),
-        }
-        steps.append(TensorDict(parts, batch_size=[NUM_WORLDS]))
+        done = engine.terminated | engine.truncated
+        later, next_mask = engine.observe("planes").copy(), engine.action_mask().copy()
+        arrays = now, actions, later, engine.rewards.copy(), engine.terminated[:, None].copy()
+        masks = torch.from_numpy(mask[:, 0]), torch.from_numpy(next_mask[:, 0])
+        steps.append(pack_rows(*(torch.from_numpy(array)[:, 0] for array in arrays), masks))
+        steps[-1]["next", "done"] = torch.from_numpy(done)[:, None]
         episodes[done] += 1
         engine.reset(episode_seeds(0, worlds, episodes), done)
-    return torch.cat(steps)
+    rows = torch.cat(steps)
+    rows["index"] = torch.arange(len(rows))
+    return rows
 
 
 @pytest.mark.slow
-def test_gate_opens_on_deep_line_wars_within_3000_updates() -> None:
+def test_gate_opens_on_deep_line_wars_within_3000_updates():
     engine = make_engine("deep_line_wars", "10x15", NUM_WORLDS, reward="shaped")
     rows, spec = play_randomly(engine, 300), read_spec(engine)
     generator = CCDNGenerator(GeneratorConfig(), spec)

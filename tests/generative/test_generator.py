@@ -1,7 +1,5 @@
 """The generator as training uses it: what it observes, learns, refuses and makes."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from typing import Any
@@ -10,47 +8,41 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from marl_cair.generative import GENERATORS, CCDNGenerator, GateReport
-from marl_cair.generative.heldout import is_heldout
+from marl_cair.generative import CCDNGenerator, GateReport
+from marl_cair.generative.heldout import TransitionRing, is_heldout
 from marl_cair.replay.transition import check_transitions
 from tests.generative.conftest import SMALL, train
 from tests.generative.plane_game import (
     ENEMY_UNITS,
     NOOP,
-    NUM_ACTIONS,
     SPAWN_ODDS,
     SPEC,
     TERRAIN,
-    play_randomly,
 )
 
 
-def draw_batches(rows: TensorDict, num: int, seed: int = 5) -> list[TensorDict]:
+def draw_batches(rows, num, seed=5):
     draws = torch.Generator().manual_seed(seed)
     return [rows[torch.randint(rows.shape[0], (64,), generator=draws)] for _ in range(num)]
 
 
-def flatten(state: Any) -> list[torch.Tensor]:
+def flatten(state):
     if isinstance(state, torch.Tensor):
         return [state]
     if isinstance(state, dict):
-        return [leaf for value in state.values() for leaf in flatten(value)]
-    if isinstance(state, (list, tuple)):
-        return [leaf for value in state for leaf in flatten(value)]
-    return []
+        state = list(state.values())
+    return [leaf for value in state for leaf in flatten(value)] if isinstance(state, list) else []
 
 
-def same_bits(one: Any, other: Any) -> bool:
-    first, second = flatten(one), flatten(other)
-    return len(first) == len(second) and all(
-        torch.equal(a, b) for a, b in zip(first, second, strict=True)
-    )
+def same_bits(one, other):
+    pairs = zip(flatten(one), flatten(other), strict=True)
+    return all(torch.equal(first, second) for first, second in pairs)
 
 
 # --- learning and the gate --------------------------------------------------------------------
 
 
-def test_training_beats_the_copy_baseline_and_opens_the_gate(trained: CCDNGenerator) -> None:
+def test_training_beats_the_copy_baseline_and_opens_the_gate(trained):
     report = trained.last_report
     assert report is not None
     assert report.reasons == ()
@@ -66,29 +58,22 @@ def test_training_beats_the_copy_baseline_and_opens_the_gate(trained: CCDNGenera
         assert metrics[f"plane_{plane}/accuracy"] > metrics[f"plane_{plane}/copy_accuracy"]
 
 
-def test_loss_decreases(real_rows: TensorDict) -> None:
-    generator = train(real_rows, real_rows[:2000], 0)
-    losses = [generator.update(batch)["total"] for batch in draw_batches(real_rows, 80)]
-    assert sum(losses[-10:]) < 0.5 * sum(losses[:10])
-
-
-def test_gate_refuses_an_untrained_generator(real_rows: TensorDict) -> None:
+def test_gate_refuses_an_untrained_generator(real_rows):
     report = train(real_rows, real_rows, 0).evaluate()
     assert not report.passed
     found = " / ".join(report.reasons)
-    assert "changed-cell F1 0.0" in found
-    assert "next-state negative log likelihood" in found
-    assert "explained share of reward variance" in found
+    for reason in ("changed-cell F1 0.0", "next-state negative log", "explained share of reward"):
+        assert reason in found
 
 
-def test_gate_refuses_with_too_few_heldout_rows(real_rows: TensorDict) -> None:
+def test_gate_refuses_with_too_few_heldout_rows(real_rows):
     report = train(real_rows, real_rows[:100], 0).evaluate()
     assert not report.passed
     assert len(report.reasons) == 1
     assert "held-out rows, 200 are needed" in report.reasons[0]
 
 
-def test_gate_refuses_a_generator_fed_with_shuffled_next_states(real_rows: TensorDict) -> None:
+def test_gate_refuses_a_generator_fed_with_shuffled_next_states(real_rows):
     shuffled = real_rows.clone()
     order = torch.randperm(real_rows.shape[0], generator=torch.Generator().manual_seed(0))
     shuffled["next", "observation"] = real_rows["next", "observation"][order]
@@ -99,7 +84,7 @@ def test_gate_refuses_a_generator_fed_with_shuffled_next_states(real_rows: Tenso
     assert "cell error" in found
 
 
-def test_gate_refuses_a_generator_with_wrong_rewards(real_rows: TensorDict) -> None:
+def test_gate_refuses_a_generator_with_wrong_rewards(real_rows):
     wrong = real_rows.clone()
     wrong["next", "reward"] = -real_rows["next", "reward"]
     generator = CCDNGenerator(SMALL, SPEC)
@@ -116,7 +101,7 @@ def test_gate_refuses_a_generator_with_wrong_rewards(real_rows: TensorDict) -> N
     )
 
 
-def test_an_open_gate_is_judged_with_slack(trained: CCDNGenerator) -> None:
+def test_an_open_gate_is_judged_with_slack(trained):
     """The same metrics keep it open that would not have opened it."""
     config = replace(trained.config, gate=replace(trained.config.gate, max_rare_missed=-0.3))
     config = replace(config, gate=replace(config.gate, slack_when_open=0.5))
@@ -128,9 +113,7 @@ def test_an_open_gate_is_judged_with_slack(trained: CCDNGenerator) -> None:
     assert judged.evaluate().passed
 
 
-def test_gate_shuts_again_when_the_game_changes(
-    trained: CCDNGenerator, real_rows: TensorDict
-) -> None:
+def test_gate_shuts_again_when_the_game_changes(trained, real_rows):
     generator = copy.deepcopy(trained)
     changed = real_rows.clone()
     changed["next", "observation"] = real_rows["next", "observation"].flip(-1)
@@ -142,16 +125,17 @@ def test_gate_shuts_again_when_the_game_changes(
 # --- what it makes ----------------------------------------------------------------------------
 
 
-def test_shut_gate_makes_no_rows_but_all_keys(real_rows: TensorDict) -> None:
+def test_a_shut_gate_generates_and_accepts_nothing(real_rows):
     generator = train(real_rows, real_rows[:100], 0)
     rows = generator.generate(real_rows[:10], 10)
     assert rows.shape[0] == 0
     assert set(rows.keys(True, True)) == set(real_rows.keys(True, True))
+    rows, accepted = generator.predict(real_rows[:5])
+    assert rows.batch_size == accepted.shape == (5,)
+    assert not accepted.any()
 
 
-def test_generated_rows_are_whole_labelled_transitions(
-    trained: CCDNGenerator, real_rows: TensorDict
-) -> None:
+def test_generated_rows_are_whole_labelled_transitions(trained, real_rows):
     generator = copy.deepcopy(trained)
     rows = generator.generate(real_rows[:500], 200)
     assert 190 <= rows.shape[0] <= 200
@@ -167,10 +151,9 @@ def test_generated_rows_are_whole_labelled_transitions(
     low, high = SPEC.reward_range
     assert ((rows["next", "reward"] >= low) & (rows["next", "reward"] <= high)).all()
     assert (before != after).flatten(1).any(-1).all()
-    assert 0.3 < generator.last_generation["acceptance"] <= 1.0
 
 
-def test_samples_spawn_as_often_as_the_game(trained: CCDNGenerator, real_rows: TensorDict) -> None:
+def test_samples_spawn_as_often_as_the_game(trained, real_rows):
     rows = real_rows[:1000]
     draws = torch.Generator().manual_seed(0)
     sampled = trained.ensemble.propose(rows["observation"], rows["action"], draws)
@@ -181,9 +164,7 @@ def test_samples_spawn_as_often_as_the_game(trained: CCDNGenerator, real_rows: T
     assert float((spawned > 1).float().mean()) < 0.04
 
 
-def test_generated_actions_are_partly_counterfactual(
-    trained: CCDNGenerator, real_rows: TensorDict
-) -> None:
+def test_generated_actions_are_partly_counterfactual(trained, real_rows):
     generator = copy.deepcopy(trained)
     waits = real_rows[(real_rows["action"] == NOOP) & real_rows["action_mask"].all(-1)]
     rows = generator.generate(waits[:300], 300)
@@ -194,7 +175,7 @@ def test_generated_actions_are_partly_counterfactual(
     assert set(kinds.tolist()) == {0, 1, 2}
 
 
-def test_generate_refuses_no_starts(trained: CCDNGenerator, real_rows: TensorDict) -> None:
+def test_generate_refuses_no_starts(trained, real_rows):
     with pytest.raises(ValueError, match="starts is empty: give one or more real transitions"):
         trained.generate(real_rows[:0], 5)
 
@@ -202,7 +183,7 @@ def test_generate_refuses_no_starts(trained: CCDNGenerator, real_rows: TensorDic
 # --- held-out rows ----------------------------------------------------------------------------
 
 
-def test_held_out_share_is_a_fixed_hash_of_the_index() -> None:
+def test_held_out_share_is_a_fixed_hash_of_the_index():
     index = torch.arange(50_000)
     held = is_heldout(index, 0.1, seed=3)
     assert float(held.float().mean()) == pytest.approx(0.1, abs=0.006)
@@ -212,7 +193,7 @@ def test_held_out_share_is_a_fixed_hash_of_the_index() -> None:
     assert float(held[1:][held[:-1]].float().mean()) == pytest.approx(0.1, abs=0.02)
 
 
-def test_held_out_rows_are_never_trained_on(real_rows: TensorDict) -> None:
+def test_held_out_rows_are_never_trained_on(real_rows):
     batches = draw_batches(real_rows, 6)
     clean = train(real_rows, real_rows[:3000], 0)
     poisoned = copy.deepcopy(clean)
@@ -227,7 +208,7 @@ def test_held_out_rows_are_never_trained_on(real_rows: TensorDict) -> None:
     assert same_bits(clean.ensemble.state_dict(), poisoned.ensemble.state_dict())
 
 
-def test_observed_held_out_rows_do_not_reach_the_rare_ring(real_rows: TensorDict) -> None:
+def test_observed_held_out_rows_do_not_reach_the_rare_ring(real_rows):
     generator = train(real_rows, real_rows, 0)
     state = generator.state_dict()
     rings = [(state["heldout"], True), (state["rare_heldout"], True)]
@@ -238,12 +219,47 @@ def test_observed_held_out_rows_do_not_reach_the_rare_ring(real_rows: TensorDict
         assert (is_heldout(index, SMALL.heldout_share, SMALL.seed) == expected).all()
 
 
-def show_batch(generator: CCDNGenerator, batch: TensorDict) -> TensorDict:
+def number(rows, *indices):
+    """The first of `rows`, with these indices, also as rewards."""
+    numbered = rows[: len(indices)].clone()
+    numbered["index"] = torch.tensor(indices)
+    numbered["next", "reward"] = numbered["index"][:, None].float()
+    return numbered
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_full_ring_keeps_the_last_rows_whole(real_rows, threads):
+    """With two threads observation and index came from different rows."""
+    torch.set_num_threads(threads)
+    ring = TransitionRing(SPEC, 64)
+    rows = number(real_rows, *range(3_000))
+    ring.add(rows)
+    torch.set_num_threads(1)
+    assert ring.num_rows == 64
+    stored = ring.select(torch.arange(64))
+    assert sorted(stored["index"].tolist()) == list(range(2_936, 3_000))
+    for key in (("observation"), ("next", "observation"), ("next", "reward")):
+        assert torch.equal(stored[key], rows[key][stored["index"]])
+
+
+def test_a_ring_holds_the_newest_copy_of_each_index(real_rows):
+    ring = TransitionRing(SPEC, 3)
+    ring.add(number(real_rows, 0, 1, 2))
+    ring.add(number(real_rows, 3, 0))  # 3 overwrites 0, which is added again
+    newer = number(real_rows, 2)
+    newer["next", "reward"].fill_(0.5)
+    ring.add(newer)
+    held = ring.select(torch.arange(3))
+    found = zip(held["index"].tolist(), held["next", "reward"].flatten().tolist(), strict=True)
+    assert sorted(found) == [(0, 0.0), (2, 0.5), (3, 3.0)]
+
+
+def show_batch(generator, batch):
     """The rows that the networks learn from when `batch` is drawn from replay."""
     seen: list[TensorDict] = []
     original = generator.ensemble.train
 
-    def spy(rows: TensorDict, *rest: Any) -> dict[str, float]:
+    def spy(rows: TensorDict, *rest: Any):
         seen.append(rows)
         return original(rows, *rest)
 
@@ -252,16 +268,8 @@ def show_batch(generator: CCDNGenerator, batch: TensorDict) -> TensorDict:
     return seen[0]
 
 
-def test_rare_rows_fill_their_share_of_a_batch(real_rows: TensorDict) -> None:
-    generator = train(real_rows, real_rows, 0)
-    common = real_rows[real_rows["next", "reward"].squeeze(-1) == 0.0]
-    assert int((show_batch(generator, common[:64])["next", "reward"] != 0.0).sum()) == 16
-
-
 @pytest.mark.parametrize(("num_rewards", "num_ends"), [(40, 8), (3, 13), (0, 16)])
-def test_ends_are_half_of_the_rare_rows(
-    real_rows: TensorDict, num_rewards: int, num_ends: int
-) -> None:
+def test_ends_are_half_of_the_rare_rows(real_rows, num_rewards, num_ends):
     """However many more rare rewards there are; where these are too few, ends fill their place."""
     going_on = ~real_rows["next", "terminated"].squeeze(-1)
     common = real_rows[going_on & (real_rows["next", "reward"].squeeze(-1) == 0.0)][:4000]
@@ -286,13 +294,11 @@ def test_ends_are_half_of_the_rare_rows(
     [
         ("is_generated", True, "1 of the rows are generated: a generator learns from real"),
         ("steps_to_next_obs", 3, "steps_to_next_obs reaches 3, expected 1 everywhere"),
-        ("index", -1, "index -1 is no place in replay: it must be 0 or more"),
+        ("index", -1, "index -1 is no slot of replay: it must be 0 or more"),
         (("next", "reward"), 7.0, r"to 7.0, outside of reward_range \(-1.0, 1.0\): widen it"),
     ],
 )
-def test_wrong_rows_are_refused(
-    real_rows: TensorDict, method: str, key: str, value: float, message: str
-) -> None:
+def test_wrong_rows_are_refused(real_rows, method, key, value, message):
     generator = CCDNGenerator(SMALL, SPEC)
     batch = real_rows[:8].clone()
     batch[key][2] = value
@@ -300,22 +306,23 @@ def test_wrong_rows_are_refused(
         getattr(generator, method)(batch)
 
 
-def test_state_with_other_members_is_refused(trained: CCDNGenerator) -> None:
-    other = CCDNGenerator(replace(SMALL, num_members=3), SPEC)
-    with pytest.raises(ValueError, match="the saved generator has 2 members, this one 3: resume"):
-        other.load_state_dict(trained.state_dict())
-
-
-def test_state_with_a_larger_ring_is_refused(trained: CCDNGenerator) -> None:
-    other = CCDNGenerator(replace(SMALL, heldout_capacity=100), SPEC)
-    with pytest.raises(ValueError, match=r"cursor is 7.., .* 0\.\.99"):
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"num_members": 3}, "the saved generator has 2 members, this one 3: resume"),
+        ({"heldout_capacity": 100}, r"num_rows is 7.., it must be .* in 0\.\.100"),
+    ],
+)
+def test_a_state_of_another_size_is_refused(trained, changes, message):
+    other = CCDNGenerator(replace(SMALL, **changes), SPEC)
+    with pytest.raises(ValueError, match=message):
         other.load_state_dict(trained.state_dict())
 
 
 # --- repeatability ----------------------------------------------------------------------------
 
 
-def live(generator: CCDNGenerator, rows: TensorDict) -> list[Any]:
+def live(generator, rows):
     """A stretch of a run: learn, evaluate, generate."""
     losses = [generator.update(batch) for batch in draw_batches(rows, 5, seed=9)]
     generator.observe(rows[:64])
@@ -323,34 +330,21 @@ def live(generator: CCDNGenerator, rows: TensorDict) -> list[Any]:
     return [losses, report, generator.generate(rows[:100], 30).to_dict(), generator.state_dict()]
 
 
-def test_resumed_generator_goes_on_with_the_same_bits(
-    trained: CCDNGenerator, real_rows: TensorDict
-) -> None:
+def test_a_resumed_generator_continues_with_the_same_bits(trained, real_rows, tmp_path):
     original = copy.deepcopy(trained)
     original.update(real_rows[:64])  # an odd number of updates: not the first member's turn
+    torch.save(original.state_dict(), tmp_path / "generator.pt")
     resumed = CCDNGenerator(SMALL, SPEC)
-    resumed.load_state_dict(copy.deepcopy(original.state_dict()))
+    resumed.load_state_dict(torch.load(tmp_path / "generator.pt", weights_only=True))
     assert resumed.last_report == original.last_report
     one, other = live(original, real_rows), live(resumed, real_rows)
-    assert one[0] == other[0]
-    assert one[1] == other[1]
-    assert isinstance(one[1], GateReport)
+    assert one[:2] == other[:2]
     assert one[1].passed
     assert same_bits(one[2:], other[2:])
 
 
-def test_state_survives_a_file_that_holds_data_only(
-    trained: CCDNGenerator, real_rows: TensorDict, tmp_path: Any
-) -> None:
-    torch.save(trained.state_dict(), tmp_path / "generator.pt")
-    resumed = CCDNGenerator(SMALL, SPEC)
-    resumed.load_state_dict(torch.load(tmp_path / "generator.pt", weights_only=True))
-    one, other = live(copy.deepcopy(trained), real_rows), live(resumed, real_rows)
-    assert same_bits(one[2:], other[2:])
-
-
-def test_same_seed_same_bits_and_another_seed_others(real_rows: TensorDict) -> None:
-    states = []
+def test_same_seed_same_bits_and_another_seed_others(real_rows):
+    states, before = [], torch.get_rng_state()
     for seed in (0, 0, 1):
         generator = CCDNGenerator(replace(SMALL, seed=seed), SPEC)
         generator.observe(real_rows[:2000])
@@ -359,15 +353,10 @@ def test_same_seed_same_bits_and_another_seed_others(real_rows: TensorDict) -> N
         states.append(generator.ensemble.state_dict())
     assert same_bits(states[0], states[1])
     assert not same_bits(states[0], states[2])
-
-
-def test_making_a_generator_leaves_the_global_random_state() -> None:
-    before = torch.get_rng_state()
-    CCDNGenerator(SMALL, SPEC)
     assert torch.equal(before, torch.get_rng_state())
 
 
-def test_members_learn_from_different_batches(real_rows: TensorDict) -> None:
+def test_members_learn_from_different_batches(real_rows):
     generator = train(real_rows, real_rows[:500], 0)
     before = copy.deepcopy(generator.ensemble.state_dict()["members"])
     generator.update(real_rows[:64])
@@ -376,14 +365,3 @@ def test_members_learn_from_different_batches(real_rows: TensorDict) -> None:
     assert same_bits(before[1], after[1])
     generator.update(real_rows[64:128])
     assert not same_bits(before[1], generator.ensemble.state_dict()["members"][1])
-
-
-def test_generators_are_found_by_name() -> None:
-    assert GENERATORS["ccdn"] is CCDNGenerator
-
-
-def test_plane_game_itself_is_sound() -> None:
-    rows = play_randomly(num_worlds=32, num_steps=40, seed=2)
-    check_transitions(rows, SPEC.transition)
-    assert 0.01 < float(rows["next", "terminated"].float().mean()) < 0.2
-    assert rows["action"].unique().numel() == NUM_ACTIONS

@@ -1,10 +1,6 @@
 """Rewards and masks that depend on what stands on the next board, not on the current one."""
 
-from __future__ import annotations
-
 import torch
-from tensordict import TensorDict
-from torch import Tensor
 
 from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec
 from marl_cair.generative.heldout import make_empty_transitions
@@ -25,7 +21,7 @@ SPEC = GeneratorSpec(
 )
 
 
-def draw_board(num: int, random: torch.Generator) -> Tensor:
+def draw_board(num, random):
     """Boards uint8 [N, 5, SIDE, SIDE]: workers and halls of any health, one of them marked."""
     things = torch.rand(num, CELLS, generator=random)
     worker, hall = things < 0.25, things > 0.75
@@ -38,7 +34,7 @@ def draw_board(num: int, random: torch.Generator) -> Tensor:
     return board.view(num, 5, SIDE, SIDE)
 
 
-def find_mask(board: Tensor) -> Tensor:
+def find_mask(board):
     """A marked worker goes to empty cells, a marked hall to workers."""
     worker, hall, _, mark = (board[:, plane].flatten(1) > 0 for plane in range(4))
     goes = (worker & mark).any(-1, keepdim=True) & ~worker & ~hall
@@ -46,12 +42,12 @@ def find_mask(board: Tensor) -> Tensor:
     return torch.cat([torch.ones(len(board), 1, dtype=torch.bool), goes | calls], -1)
 
 
-def find_wealth(board: Tensor) -> Tensor:
+def find_wealth(board):
     health = board[:, HEALTH].float() / 255.0
     return (health * (board[:, WORKER] > 0)).sum((1, 2))
 
 
-def draw_rows(num: int, random: torch.Generator) -> TensorDict:
+def draw_rows(num, random):
     """Transitions between boards that have nothing to do with each other."""
     now, later = draw_board(num, random), draw_board(num, random)
     rows = make_empty_transitions(SPEC, num)
@@ -62,22 +58,22 @@ def draw_rows(num: int, random: torch.Generator) -> TensorDict:
     return rows
 
 
-def test_reward_is_a_change_of_planes_and_mask_depends_on_the_marked_cell() -> None:
+def test_reward_is_a_change_of_planes_and_mask_depends_on_the_marked_cell():
     random = torch.Generator().manual_seed(0)
     rows, held = draw_rows(6000, random), draw_rows(300, random)
     generator = CCDNGenerator(GeneratorConfig(num_members=1), SPEC)
     generator.observe(rows)
     for _ in range(400):
         generator.update(rows[torch.randint(len(rows), (64,), generator=random)])
-    opinions = generator.ensemble.ask(held)
+    predicted = generator.ensemble.predict(held)
     rewards = held["next", "reward"].squeeze(-1)
-    error = opinions.reward.mean(0) - rewards
+    error = predicted.reward.mean(0) - rewards
     assert float(error.square().mean()) < 0.1 * float(rewards.var())
-    right = (opinions.mask.mean(0) > 0.0) == held["next", "action_mask"]
+    right = (predicted.mask.mean(0) > 0.0) == held["next", "action_mask"]
     assert float(right.float().mean()) > 0.97
 
 
-def test_equal_boards_show_no_change_and_places_do_not_count() -> None:
+def test_equal_boards_show_no_change_and_places_do_not_count():
     random = torch.Generator().manual_seed(1)
     board = draw_board(8, random)
     readout = BoardReadout(4, num_features=6, num_factors=3)

@@ -1,13 +1,11 @@
-"""Which rewards are rare, and that ends alone do not decide what is said of rewards."""
-
-from __future__ import annotations
+"""Rare rewards, the correction of their oversampling, and metrics of rewards."""
 
 import pytest
 import torch
 from tensordict import TensorDict
 
 from marl_cair.generative.ensemble import Ensemble
-from marl_cair.generative.metrics import Certainty, examine, measure
+from marl_cair.generative.metrics import Certainty, compute_metrics, predict_heldout
 from marl_cair.generative.networks.outcome import RewardBins
 from marl_cair.generative.rare import RareCounts
 from marl_cair.generative.settings import GeneratorConfig
@@ -16,7 +14,7 @@ from tests.generative.plane_game import SPEC
 SHARE = 0.02
 
 
-def make_rewards(rewards: torch.Tensor) -> TensorDict:
+def make_rewards(rewards):
     following = {
         "reward": rewards[:, None],
         "terminated": torch.zeros(len(rewards), 1, dtype=torch.bool),
@@ -24,7 +22,7 @@ def make_rewards(rewards: torch.Tensor) -> TensorDict:
     return TensorDict({"next": TensorDict(following, [len(rewards)])}, [len(rewards)])
 
 
-def test_rewards_spread_over_many_seldom_bins_are_not_all_rare() -> None:
+def test_rewards_spread_over_many_seldom_bins_are_not_all_rare():
     shaping = torch.linspace(-0.2, 0.2, 2000)
     counts = RareCounts(RewardBins((-1.0, 1.0), 201), SHARE)
     rows = make_rewards(torch.cat([shaping, torch.tensor([1.0, -1.0])]))
@@ -35,7 +33,7 @@ def test_rewards_spread_over_many_seldom_bins_are_not_all_rare() -> None:
     assert 0 < rare.float().mean() < SHARE
 
 
-def test_the_variance_that_is_corrected_for_is_of_rows_that_go_on() -> None:
+def test_the_reward_variance_is_of_rows_that_do_not_end():
     counts = RareCounts(RewardBins((-1.0, 1.0), 63), SHARE)
     rows = make_rewards(torch.tensor([0.1, -0.1] * 50 + [1.0]))
     rows["next", "terminated"][-1] = True
@@ -45,7 +43,7 @@ def test_the_variance_that_is_corrected_for_is_of_rows_that_go_on() -> None:
     torch.testing.assert_close(torch.tensor(variance), torch.tensor(0.01))
 
 
-def test_a_batch_with_many_rare_rows_stands_for_all_rows() -> None:
+def test_corrected_weights_of_an_oversampled_batch_are_those_of_all_rows():
     counts = RareCounts(RewardBins((-1.0, 1.0), 3), 0.06)
     rows = make_rewards(torch.tensor([0.0] * 950 + [1.0] * 40 + [-1.0] * 10))
     rows["next", "terminated"][-10:] = True
@@ -68,18 +66,16 @@ def test_a_batch_with_many_rare_rows_stands_for_all_rows() -> None:
     assert correction.terminal_log_odds == pytest.approx(float(ends[0] - ends[1]), abs=0.05)
 
 
-def measure_rewards(
-    rows: TensorDict, rare_rows: TensorDict, counted: TensorDict
-) -> dict[str, float]:
-    """What an untrained ensemble is said to know of the rewards."""
+def measure_rewards(rows, rare_rows, counted):
+    """Metrics of an untrained ensemble."""
     counts = RareCounts(RewardBins(SPEC.reward_range, 63), SHARE)
     counts.count(counted)
     ensemble = Ensemble(SPEC, GeneratorConfig())
-    held = examine(ensemble, rows, rare_rows, torch.Generator().manual_seed(0))
-    return measure(held, SPEC, counts, Certainty(0.8, 0.2))
+    held = predict_heldout(ensemble, rows, rare_rows, torch.Generator().manual_seed(0))
+    return compute_metrics(held, SPEC, counts, Certainty(0.8, 0.2))
 
 
-def test_what_ends_pay_does_not_change_the_explained_share(real_rows: TensorDict) -> None:
+def test_rewards_of_ends_do_not_change_the_explained_share(real_rows):
     ended = real_rows["next", "terminated"].squeeze(-1)
     rows = torch.cat([real_rows[~ended][:100], real_rows[ended][:4]]).clone()
     assert ended.sum() >= 4
@@ -91,8 +87,8 @@ def test_what_ends_pay_does_not_change_the_explained_share(real_rows: TensorDict
     assert explained[0] == explained[1]
 
 
-def test_rare_rewards_count_by_their_share_of_all_rows(real_rows: TensorDict) -> None:
-    """Whether two or none of a hundred rows have them, the variance is that of all rows."""
+def test_rare_rewards_count_by_their_share_of_all_rows(real_rows):
+    """The variance is that of all rows, whether two or none of the sampled rows have them."""
     going_on = real_rows[~real_rows["next", "terminated"].squeeze(-1)][:300].clone()
     going_on["next", "reward"].zero_()
     going_on["next", "reward"][:3] = 0.5

@@ -1,6 +1,4 @@
-"""Generated transitions of several decisions."""
-
-from __future__ import annotations
+"""Multi-step generated transitions."""
 
 import copy
 
@@ -12,52 +10,51 @@ from torch import Tensor
 from marl_cair.generative import CCDNGenerator
 from marl_cair.generative.heldout import make_empty_transitions
 from marl_cair.generative.rollouts import Rollouts
-from marl_cair.replay.buffer import EpisodeReplayBuffer, ReplayConfig, make_replay_buffer
+from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
 from marl_cair.replay.rollout import Rollout
 from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT, check_transitions
-from tests.generative.conftest import SMALL
 from tests.generative.plane_game import INTERVAL, NOOP, SPEC, TIME_TO_INCOME
 
 CLOCK = SPEC.num_spatial + TIME_TO_INCOME
 GAMMA, ROUNDS = 0.5, 4
 
 
-def wait(observation: Tensor, mask: Tensor) -> Tensor:
+def wait(observation, mask):
     """The no-op, always."""
     assert mask[:, NOOP].all()
     return torch.full((len(observation),), NOOP)
 
 
-def go_up(observation: Tensor, mask: Tensor) -> Tensor:
-    """One stair."""
+def add_one(observation, mask):
+    """Always add 1."""
     return torch.ones(len(observation), dtype=torch.int64)
 
 
-def read_clock(observation: Tensor) -> Tensor:
+def read_clock(observation):
     """Steps until income, int64 [N]."""
     return (observation[:, CLOCK, 0, 0].double() * INTERVAL / 255).round().long()
 
 
-class Staircase(CCDNGenerator):
-    """Its states are numbers that go up by the action; each step pays the number reached. 9 is the
-    end, and it does not answer for what follows on a number of `unsure`.
+class CountingGenerator(CCDNGenerator):
+    """States are numbers; the action is added, and the reward is the sum. 9 ends the episode.
+    Transitions from numbers of `unsure` are rejected.
     """
 
     unsure: tuple[int, ...] = ()
 
-    def generate(self, starts: TensorDict, num_rows: int) -> TensorDict:
-        """One step up from as many of the starts."""
+    def generate(self, starts: TensorDict, num_rows: int):
+        """`num_rows` transitions from the starts, in turn."""
         rows, accepted = self.predict(starts[torch.arange(num_rows) % len(starts)])
         return rows[accepted]
 
     def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
-        """One step up, by hand."""
+        """The transitions of the starts."""
         now = starts["observation"][:, 0, 0, 0].long()
-        rows = make_stairs(now, starts["action"])
+        rows = make_steps(now, starts["action"])
         return rows, torch.tensor([int(number) not in self.unsure for number in now])
 
 
-def make_stairs(now: Tensor, action: Tensor) -> TensorDict:
+def make_steps(now, action):
     rows = make_empty_transitions(SPEC, len(now))
     reached = now + action
     rows["observation"][:] = now[:, None, None, None]
@@ -72,22 +69,22 @@ def make_stairs(now: Tensor, action: Tensor) -> TensorDict:
 @pytest.mark.parametrize(
     ("start", "unsure", "steps", "total", "end"),
     [
-        (0, (), 4, 1 + 2 / 2 + 3 / 4 + 4 / 8, 4),  # three more, as asked for
-        (7, (), 2, 8 + 9 / 2, 9),  # to the end of the game
-        (8, (), 1, 9.0, 9),  # over at once
-        (0, (2,), 2, 1 + 2 / 2, 2),  # as far as it is sure
+        (0, (), 4, 1 + 2 / 2 + 3 / 4 + 4 / 8, 4),  # three generated steps
+        (7, (), 2, 8 + 9 / 2, 9),  # to the end of the episode
+        (8, (), 1, 9.0, 9),  # ends at once
+        (0, (2,), 2, 1 + 2 / 2, 2),  # to the first rejection
         (0, (1,), 1, 1.0, 1),
     ],
 )
-def test_rows_are_discounted_sums_up_to_the_end_or_to_what_is_unsure(
-    trained: CCDNGenerator, start: int, unsure: tuple[int, ...], steps: int, total: float, end: int
-) -> None:
-    stairs = Staircase(trained.config, SPEC)
-    stairs.unsure = unsure
-    others = torch.tensor([4, start, 8])  # each row goes its own way
-    rows = make_stairs(others, torch.ones(3, dtype=torch.int64))
+def test_rows_are_discounted_sums_up_to_the_end_or_to_a_rejection(
+    trained, start, unsure, steps, total, end
+):
+    generator = CountingGenerator(trained.config, SPEC)
+    generator.unsure = unsure
+    others = torch.tensor([4, start, 8])  # rows are independent
+    rows = make_steps(others, torch.ones(3, dtype=torch.int64))
     before = rows.clone()
-    made = Rollouts(stairs, go_up, 0, 4, GAMMA, ROUNDS).extend(rows, 3)
+    made = Rollouts(generator, add_one, 0, 4, GAMMA, ROUNDS).extend(rows, 3)
     row = made[1]
     assert row["steps_to_next_obs"].tolist() == [steps]
     assert float(row["next", "reward"]) == total
@@ -97,10 +94,10 @@ def test_rows_are_discounted_sums_up_to_the_end_or_to_what_is_unsure(
         assert torch.equal(made[key], before[key])
 
 
-def climb(num_floors: int) -> EpisodeReplayBuffer:
-    """Replay of returns of four steps that holds games from 0 up to the 9th stair."""
+def climb(num_floors):
+    """Replay with n_steps=4 of episodes from 0 to 9."""
     real = make_replay_buffer(ReplayConfig(200, n_steps=4, gamma=GAMMA), SPEC.transition)
-    steps = make_stairs(torch.arange(9).repeat(num_floors), torch.ones(9 * num_floors).long())
+    steps = make_steps(torch.arange(9).repeat(num_floors), torch.ones(9 * num_floors).long())
     ends = steps["next", "terminated"].flatten()
     final = ends.nonzero().flatten()
     no = torch.zeros(len(steps), 1, dtype=torch.bool)
@@ -124,12 +121,10 @@ def climb(num_floors: int) -> EpisodeReplayBuffer:
 
 
 @pytest.mark.parametrize(("num_real", "num_generated"), [(3, 1), (2, 2), (0, 4)])
-def test_real_steps_are_gone_on_with_and_ends_are_generated_where_they_come_sooner(
-    trained: CCDNGenerator, num_real: int, num_generated: int
-) -> None:
-    stairs = Staircase(trained.config, SPEC)
-    stairs.unsure = (6,)
-    rollouts = Rollouts(stairs, go_up, num_real, num_generated, GAMMA, ROUNDS)
+def test_real_steps_are_continued_and_earlier_ends_are_generated(trained, num_real, num_generated):
+    generator = CountingGenerator(trained.config, SPEC)
+    generator.unsure = (6,)
+    rollouts = Rollouts(generator, add_one, num_real, num_generated, GAMMA, ROUNDS)
     made = rollouts.generate(climb(20), 300)
     assert 200 < len(made) <= 300
     for row in made:
@@ -144,14 +139,12 @@ def test_real_steps_are_gone_on_with_and_ends_are_generated_where_they_come_soon
     starts = made["observation"].flatten(1).amax(1)
     assert int(lengths.max()) == 4
     if num_real:
-        assert set(starts.tolist()) == set(range(9)) - {6 - num_real}  # nothing is sure on 6
-        # As many end as of real rows: all that begin no further away than they reach.
+        assert set(starts.tolist()) == set(range(9)) - {6 - num_real}  # steps from 6 are rejected
+        # As many end as of real rows: all that start within reach of the end.
         assert torch.equal(made["next", "terminated"].flatten(), starts >= 9 - 4)
 
 
-def test_a_trained_generator_goes_on_as_the_game_does(
-    trained: CCDNGenerator, real_rows: TensorDict
-) -> None:
+def test_a_trained_generator_continues_like_the_game(trained, real_rows):
     generator = copy.deepcopy(trained)
     rollouts = Rollouts(generator, wait, 0, 4, GAMMA, ROUNDS)
     made = rollouts.extend(generator.generate(real_rows[:500], 300), 3)
@@ -165,16 +158,7 @@ def test_a_trained_generator_goes_on_as_the_game_does(
     assert float((after == wanted)[going_on].float().mean()) > 0.95
 
 
-def test_while_the_gate_is_shut_no_prediction_is_accepted(real_rows: TensorDict) -> None:
-    generator = CCDNGenerator(SMALL, SPEC)
-    rows, accepted = generator.predict(real_rows[:5])
-    assert rows.batch_size == accepted.shape == (5,)
-    assert not accepted.any()
-
-
-def test_predictions_are_of_the_actions_that_are_given(
-    trained: CCDNGenerator, real_rows: TensorDict
-) -> None:
+def test_predictions_are_of_the_actions_that_are_given(trained, real_rows):
     generator = copy.deepcopy(trained)
     starts = real_rows[:300].select("observation", "action_mask", "action")
     rows, accepted = generator.predict(starts)

@@ -1,4 +1,4 @@
-"""Acting: masks, exploration as it is distributed, generators, and networks as agents."""
+"""Action selection: masks, exploration probabilities, random streams, networks as agents."""
 
 import math
 
@@ -8,7 +8,13 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from marl_cair.policies.actor import MaskedEpsilonGreedy, MaskedSampling, PolicyActor, masked_argmax
+from marl_cair.policies.actor import (
+    CHUNK_ROWS,
+    MaskedEpsilonGreedy,
+    MaskedSampling,
+    PolicyActor,
+    masked_argmax,
+)
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 
 NAN, INF = float("nan"), float("inf")
@@ -59,12 +65,6 @@ def test_an_illegal_action_never_wins_even_against_nothing_but_nan():
     assert masked_argmax(values, mask).tolist() == [1, 2, 2]
 
 
-def test_argmax_gives_int64_for_every_row():
-    actions = masked_argmax(torch.zeros(5, 3), all_legal(5, 3))
-    assert actions.dtype == torch.int64
-    assert actions.tolist() == [0] * 5
-
-
 def test_a_row_without_legal_actions_is_named():
     mask = torch.tensor([[True, False], [False, False]])
     with pytest.raises(ValueError, match="row 1 of the action mask allows no action: the no-op"):
@@ -76,12 +76,6 @@ def test_a_mask_of_another_shape_or_dtype_is_refused():
         masked_argmax(torch.zeros(2, 2), all_legal(2, 3))
     with pytest.raises(ValueError, match=r"dtype torch.float32.*pass a bool mask"):
         masked_argmax(torch.zeros(2, 2), torch.ones(2, 2))
-
-
-def test_epsilon_zero_is_the_argmax():
-    values = torch.randn(500, 6, generator=torch.Generator().manual_seed(0))
-    actions = MaskedEpsilonGreedy(0, GROUPS)(values, all_legal(500, 6), 0.0)
-    assert torch.equal(actions, values.argmax(-1))
 
 
 def frequencies(mask: list[bool], groups: list[int] | None, epsilon: float = 1.0) -> torch.Tensor:
@@ -135,8 +129,9 @@ def test_each_row_has_an_epsilon_of_its_own():
     assert 120 < (actions[1::2] != 0).sum() < 190  # expected 160, standard deviation 5.7
 
 
-def test_the_stream_depends_on_the_rows_alone_and_continues_from_its_state():
+def test_the_stream_depends_on_seed_and_number_of_rows_and_continues_from_its_state():
     values, mask = torch.zeros(50, 6), all_legal(50, 6)
+    before = torch.get_rng_state()
     first, second = MaskedEpsilonGreedy(5, GROUPS), MaskedEpsilonGreedy(5, GROUPS)
     first(values, mask, 0.0)
     second(values + 1.0, mask, 1.0)
@@ -149,11 +144,6 @@ def test_the_stream_depends_on_the_rows_alone_and_continues_from_its_state():
     restored.seed(5)
     restored(values, mask, 0.0)
     assert torch.equal(restored(values, mask, 1.0), actions)
-
-
-def test_exploration_leaves_the_global_generator_alone():
-    before = torch.get_rng_state()
-    MaskedEpsilonGreedy(0, GROUPS)(torch.zeros(5, 6), all_legal(5, 6), 1.0)
     assert torch.equal(torch.get_rng_state(), before)
 
 
@@ -163,12 +153,9 @@ def test_an_epsilon_that_is_no_probability_is_refused(epsilon):
         MaskedEpsilonGreedy(0)(torch.zeros(2, 6), all_legal(2, 6), epsilon)
 
 
-def test_an_epsilon_for_other_rows_is_refused():
+def test_an_epsilon_or_groups_of_another_length_are_refused():
     with pytest.raises(ValueError, match=r"epsilon has shape \(3,\), but must be a number or one"):
         MaskedEpsilonGreedy(0)(torch.zeros(2, 6), all_legal(2, 6), torch.zeros(3))
-
-
-def test_groups_for_other_actions_are_refused():
     with pytest.raises(ValueError, match="action_groups has 6 entries, but there are 5 actions"):
         MaskedEpsilonGreedy(0, GROUPS)(torch.zeros(2, 5), all_legal(2, 5), 0.0)
 
@@ -186,15 +173,17 @@ def test_an_actor_plays_the_best_legal_action_of_its_network():
     values = actor.network(torch.from_numpy(observation))
     assert actions.dtype == np.int64
     assert actions.tolist() == masked_argmax(values, torch.from_numpy(mask)).tolist()
+    without = PolicyActor(actor.network, "student", "planes")
+    assert without.act(observation, mask).tolist() == actions.tolist()
 
 
-@pytest.mark.parametrize("num_rows", [0, 1, 7, 8, 9, 40])
+@pytest.mark.parametrize("num_rows", [0, 1, CHUNK_ROWS, CHUNK_ROWS + 1, 2 * CHUNK_ROWS + 30])
 def test_chunks_do_not_change_the_values(num_rows):
     observation = torch.from_numpy(random_batch(num_rows)[0])
-    whole = make_actor(chunk_rows=1000).compute_values(observation)
-    chunked = make_actor(chunk_rows=8).compute_values(observation)
-    assert whole.shape == (num_rows, 6)
-    torch.testing.assert_close(chunked, whole)
+    actor = make_actor()
+    values = actor.compute_values(observation)
+    assert values.shape == (num_rows, 6)
+    torch.testing.assert_close(values, actor.network(observation).detach())
 
 
 def test_values_carry_no_gradient_but_can_be_used_in_training():
@@ -232,21 +221,10 @@ def test_an_epsilon_for_one_call_overrides_the_actors_own():
     assert not torch.equal(actor.select_actions(observation, mask), greedy)
 
 
-def test_an_actor_without_exploration_is_greedy():
-    observation, mask = random_batch(20)
-    actor = PolicyActor(make_actor().network, "student", "planes")
-    assert actor.act(observation, mask).tolist() == make_actor().act(observation, mask).tolist()
-
-
-def test_chunks_of_no_rows_are_refused():
-    with pytest.raises(ValueError, match="chunk_rows is 0, but must be at least 1"):
-        make_actor(chunk_rows=0)
-
-
 class TestSampling:
     """`MaskedSampling`: softmax over the legal values."""
 
-    def test_actions_come_as_often_as_the_softmax_over_the_legal_says(self):
+    def test_actions_have_the_probabilities_of_the_softmax_over_legal_values(self):
         values = torch.tensor([[1.0, 5.0, 0.0, -1.0]]).expand(20_000, -1)
         mask = torch.tensor([[True, False, True, True]]).expand(20_000, -1)
         counts = MaskedSampling(3)(values, mask, 0.0).bincount(minlength=4) / 20_000
@@ -254,7 +232,7 @@ class TestSampling:
         assert counts[1] == 0
         assert (counts - expected).abs().max() < 0.02
 
-    def test_an_illegal_action_is_never_drawn_whatever_the_values(self):
+    def test_an_illegal_action_is_never_sampled(self):
         values = torch.tensor([[1e30, -1e30, 80.0, 1e30]]).expand(500, -1)
         mask = torch.tensor([[False, True, False, False]]).expand(500, -1)
         assert (MaskedSampling(0)(values, mask, 0.0) == 1).all()
@@ -265,7 +243,7 @@ class TestSampling:
         with pytest.raises(ValueError, match="row 0 of the action mask allows no action"):
             MaskedSampling(0)(values, torch.zeros_like(mask), 0.0)
 
-    def test_a_saved_stream_goes_on(self):
+    def test_a_saved_stream_continues(self):
         sampling, values = MaskedSampling(0), torch.zeros(50, 4)
         mask = torch.ones(50, 4, dtype=torch.bool)
         sampling(values, mask, 0.5)

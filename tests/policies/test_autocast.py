@@ -1,4 +1,4 @@
-"""Under autocast a network's body computes in bfloat16; what counts and compares does not."""
+"""Under autocast a network's body computes in bfloat16; path distances and heads do not."""
 
 import pytest
 import torch
@@ -62,7 +62,7 @@ def test_every_weight_learns_after_a_pass_without_gradients(config, shape):
     assert all(w.grad.dtype == torch.float32 for w in network.parameters() if w.grad is not None)
 
 
-def test_kernels_around_cells_are_reduced_and_what_is_added_is_not():
+def test_kernels_around_cells_are_reduced_and_their_sums_are_not():
     network, dtypes = make_q_network(CELLS, BOARD, ACTIONS, seed=0), []
     for part in (network.cells.near, network.cells.far, network.cells.values):
         part.register_forward_hook(lambda _, inputs, out: dtypes.append(out.dtype))
@@ -70,8 +70,8 @@ def test_kernels_around_cells_are_reduced_and_what_is_added_is_not():
     assert dtypes == [torch.bfloat16, torch.float32, torch.float32]
 
 
-def test_ways_are_counted_exactly():
-    """257 is no number of bfloat16's, and a way of 40 moves no longer differs from one of 40.1."""
+def test_path_distances_are_exact():
+    """bfloat16 cannot represent 257, or distinguish a path of 40 steps from one of 40.1."""
     network = make_q_network(MAZE, BOARD, ACTIONS, seed=0)
     seen, measured = see(BOARD), []
     network.distances.register_forward_hook(lambda _, inputs, out: measured.append(out))

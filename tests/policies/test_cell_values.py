@@ -10,7 +10,7 @@ from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 
 ROWS, COLUMNS = 8, 9
 CELLS = ROWS * COLUMNS
-# Two that point nowhere, a kind with all cells, and one with some, not in their order.
+# Two without a cell, a kind with all cells, and one with some, unordered.
 ACTION_CELLS = (-1, *range(CELLS), 9, 3, 30, -1)
 ACTION_KINDS = (0, *[1] * CELLS, 4, 4, 4, 2)
 NUM_ACTIONS = len(ACTION_CELLS)
@@ -29,7 +29,7 @@ def make_planes(num_rows, seed=0):
 
 
 def make_cells():
-    """With weights that say something."""
+    """With random weights."""
     cells = CellValues((3, ROWS, COLUMNS), 4, ACTION_CELLS, ACTION_KINDS)
     generator = torch.Generator().manual_seed(1)
     with torch.no_grad():
@@ -40,7 +40,7 @@ def make_cells():
 
 @pytest.mark.parametrize("body", ["conv", "capsule"])
 @pytest.mark.parametrize("head", ["plain", "dueling"])
-def test_a_new_network_says_what_it_would_without(body, head):
+def test_a_new_network_has_the_values_of_one_without_cell_values(body, head):
     planes = make_planes(5)
     config = QNetworkConfig(body=body, head=head, hidden_width=16)
     plain = make_q_network(config, (3, ROWS, COLUMNS), NUM_ACTIONS, seed=3)
@@ -53,7 +53,7 @@ def test_a_new_network_says_what_it_would_without(body, head):
     assert changed[:, 1:-1].sub(1).abs().max() < 1e-5
 
 
-def test_what_is_shifted_has_its_values_shifted():
+def test_values_shift_with_the_board():
     cells, features = make_cells(), torch.ones(1, 4)
     planes = torch.zeros(2, 3, ROWS, COLUMNS)
     planes[0, 1, 2, 2] = planes[1, 1, 3, 4] = 1.0
@@ -115,7 +115,7 @@ def find_missed(network, updates=60):
     return (network(planes)[:, 1 : 1 + CELLS].argmax(1) != marked).float().mean().item()
 
 
-def test_what_is_true_of_one_cell_is_learned_for_all():
+def test_a_rule_for_one_cell_is_learned_for_all():
     shape = 3, ROWS, COLUMNS
     dense = make_q_network(QNetworkConfig(hidden_width=16), shape, NUM_ACTIONS, seed=0)
     assert find_missed(make_q_network(make_config(), shape, NUM_ACTIONS, seed=0)) < 0.02
@@ -145,19 +145,8 @@ def test_the_configuration_survives_a_checkpoint():
         ((3, 8, 8), (0,), "for 2 actions, but action_cells has 1 entries and action_kinds 1: give"),
     ],
 )
-def test_what_has_no_cells_is_refused(shape, cells, message):
+def test_observations_and_actions_without_cells_are_refused(shape, cells, message):
     body = "mlp" if len(shape) == 1 else "conv"
     config = QNetworkConfig(body=body, cell_values=True).with_actions(cells, (0,) * len(cells))
     with pytest.raises(ValueError, match=message):
         make_q_network(config, shape, 2, seed=0)
-
-
-def test_settings_that_mean_nothing_are_refused():
-    with pytest.raises(
-        ValueError, match=r"action_cells\[1\] is -7, but must be an integer of at l"
-    ):
-        QNetworkConfig(cell_values=True, action_cells=(3, -7))
-    with pytest.raises(ValueError, match=r"action_kinds\[0\] is 0\.5, but must be an integer"):
-        QNetworkConfig(cell_values=True, action_kinds=(0.5,))
-    with pytest.raises(ValueError, match="are given, but cell_values is False: set it to True"):
-        QNetworkConfig(action_cells=(0,), action_kinds=(0,))

@@ -10,8 +10,8 @@ from marl_cair.policies.distances import (
     FARTHEST,
     DistanceMaps,
     _Propagation,
+    compare_neighbours,
     find_costs,
-    find_ways,
     measure_nearness,
 )
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
@@ -48,16 +48,16 @@ def walk_dijkstra(goal: int, cost: Tensor) -> list[float]:
     return found
 
 
-def test_nearness_of_a_goal_counts_the_steps_of_the_way_there():
+def test_nearness_of_a_goal_counts_the_steps_of_the_path():
     planes, cost = read_maze(MAZE)
     nearness = measure_nearness(planes, cost)[0, 1]
     assert nearness[2, 4].item() == pytest.approx(-1.0)  # ten steps
     assert nearness[0, 0].item() == 0.0
 
 
-def test_the_way_ahead_is_the_neighbour_that_is_nearer():
+def test_the_next_step_is_the_neighbour_that_is_nearer():
     planes, cost = read_maze(MAZE)
-    ways = find_ways(measure_nearness(planes, cost), cost)[0, :, 1]
+    ways = compare_neighbours(measure_nearness(planes, cost), cost)[0, :, 1]
     below, above, right, left = ways[:, 2, 4].tolist()
     assert above == pytest.approx(1.0, abs=1e-5)
     assert (below, right, left) == (-1.0, -1.0, -1.0)
@@ -76,7 +76,7 @@ def test_nearness_is_that_of_dijkstra_on_random_boards():
         torch.testing.assert_close(nearness[row].view(-1), wanted)
 
 
-def test_a_plane_that_is_the_same_all_over_is_as_near_as_it_is():
+def test_a_constant_plane_is_near_by_its_value():
     planes = torch.stack([torch.zeros(5, 5), torch.full((5, 5), 0.5), torch.ones(5, 5)])[None]
     nearness = measure_nearness(planes, torch.full((1, 1, 5, 5), 0.1))
     assert nearness[0, :, 2, 2].tolist() == [-FARTHEST, -FARTHEST / 2, 0.0]
@@ -89,7 +89,7 @@ def test_gradients_are_those_of_finite_differences():
     assert torch.autograd.gradcheck(_Propagation.apply, (source, cost.requires_grad_()))
 
 
-def test_values_do_not_depend_on_who_else_is_in_the_batch():
+def test_values_do_not_depend_on_the_rest_of_the_batch():
     maps = DistanceMaps((3, 9, 9), 16, ())
     planes = (torch.rand(70, 3, 9, 9, generator=torch.Generator().manual_seed(2)) > 0.7).float()
     planes[1, 2] = 0.0
@@ -119,18 +119,14 @@ def test_obstacles_are_walked_around_before_anything_is_learned():
     )  # ten steps of 1 / (rows + columns)
 
 
-def test_an_obstacle_must_be_a_plane():
-    with pytest.raises(ValueError, match=r"obstacle_planes names plane 3, .* the planes 0\.\.2"):
-        make_q_network(QNetworkConfig(distances=True, obstacle_planes=(3,)), (3, 9, 9), 5, seed=0)
-    with pytest.raises(ValueError, match="but distances is False"):
-        QNetworkConfig(obstacle_planes=(0,))
+def test_wrong_obstacles_and_vectors_are_refused():
+    config = QNetworkConfig(distances=True, obstacle_planes=(3,))
+    with pytest.raises(ValueError, match=r"obstacle_planes holds plane 3, .* the planes 0\.\.2"):
+        make_q_network(config, (3, 9, 9), 5, seed=0)
+    with pytest.raises(ValueError, match="'distances' needs planes"):
+        make_q_network(QNetworkConfig(body="mlp", distances=True), (6,), 5, seed=0)
 
 
 def test_the_configuration_survives_a_checkpoint():
     config = QNetworkConfig(distances=True, obstacle_planes=(0, 2))
     assert QNetworkConfig.from_dict({**config.to_dict(), "obstacle_planes": [0, 2]}) == config
-
-
-def test_a_vector_has_no_distances():
-    with pytest.raises(ValueError, match="'distances' needs planes"):
-        make_q_network(QNetworkConfig(body="mlp", distances=True), (6,), 5, seed=0)

@@ -153,10 +153,6 @@ class ListReplay:
             del self.running[s]
         return slot
 
-    def close_streams(self) -> None:
-        """Let no step follow on those stored."""
-        self.running = {}
-
     def transitions(self) -> dict[int, dict[Any, Any]]:
         """Return the fields of each transition that can be sampled, by slot."""
         rows = {}

@@ -1,5 +1,6 @@
-"""The buffer: fed with rollouts, sampled, saved, and resumed bit by bit."""
+"""The buffer: appending, sampling, bit-exact resume, and saved folders that hold invalid values."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -12,19 +13,22 @@ from hypothesis import strategies as st
 
 from marl_cair.replay import (
     EpisodeReplayBuffer,
+    GeneratedReplay,
     ReplayConfig,
     TransitionSpec,
-    UniformSampler,
     check_transitions,
     make_replay_buffer,
 )
-from tests.replay.streams import SMALL, assert_same_rows, make_rollout
+from marl_cair.replay.reservoir import Reservoir
+from tests.damage import forget_checksums
+from tests.replay.streams import SMALL, assert_same_rows, make_rollout, make_transitions
+
+SPEC = TransitionSpec((2, 4, 4), 5)
 
 
-def make_buffer(scratch_dir: Path | None = None, **settings) -> EpisodeReplayBuffer:
-    folder = None if scratch_dir is None else str(scratch_dir)
-    chosen = {"capacity_transitions": 50, "batch_size": 8, "n_steps": 3, "scratch_dir": folder}
-    return make_replay_buffer(ReplayConfig(**{**chosen, **settings}), SMALL)
+def make_buffer(spec: TransitionSpec = SMALL, **settings) -> EpisodeReplayBuffer:
+    chosen = {"capacity_transitions": 50, "batch_size": 8, "n_steps": 3, **settings}
+    return make_replay_buffer(ReplayConfig(**chosen), spec)
 
 
 def play_on(buffer: EpisodeReplayBuffer, rng: np.random.Generator, rounds: int) -> list:
@@ -34,12 +38,6 @@ def play_on(buffer: EpisodeReplayBuffer, rng: np.random.Generator, rounds: int) 
         buffer.extend_rollout(make_rollout(rng, 4, 3, end_rate=0.1))
         samples.append(buffer.sample())
     return samples
-
-
-def assert_same_samples(first: list, second: list) -> None:
-    assert len(first) == len(second)
-    for one, other in zip(first, second, strict=True):
-        assert_same_rows(one, other)
 
 
 def test_a_sample_has_the_transition_keys_and_its_index():
@@ -58,56 +56,33 @@ def test_a_sample_has_the_transition_keys_and_its_index():
     seed=st.integers(0, 2**32 - 1),
     rounds_before=st.integers(0, 12),
     capacity=st.integers(12, 90),
-    way=st.sampled_from(["state_dict", "folder"]),
     on_disk=st.booleans(),
-    is_closed=st.booleans(),
 )
-def test_a_resumed_buffer_goes_on_with_the_same_bits(
-    tmp_path_factory, seed, rounds_before, capacity, way, on_disk, is_closed
+def test_a_resumed_buffer_continues_with_the_same_bits(
+    tmp_path_factory, seed, rounds_before, capacity, on_disk
 ):
     folder = tmp_path_factory.mktemp("replay")
-    scratch = folder / "scratch" if on_disk else None
+    where = {"capacity_transitions": capacity, "scratch_dir": str(folder) if on_disk else None}
     rng = np.random.default_rng(seed)
-    whole = make_buffer(scratch, capacity_transitions=capacity)
+    whole = make_buffer(**where)
     play_on(whole, rng, rounds_before)
-    if is_closed:
-        whole.close_streams()
-    resumed = make_buffer(scratch, capacity_transitions=capacity, seed=99)
-    play_on(resumed, np.random.default_rng(1), 2)  # what is loaded replaces all of it
-    if way == "folder":
-        whole.save(folder / "saved")
-        resumed.load(folder / "saved")
-    else:
-        resumed.load_state_dict(whole.state_dict())
+    resumed = make_buffer(**where, seed=99)
+    play_on(resumed, np.random.default_rng(1), 2)  # loading replaces all of it
+    whole.save(folder / "saved")
+    resumed.load(folder / "saved")
     rng_copy = np.random.default_rng()
     rng_copy.bit_generator.state = rng.bit_generator.state
-    assert_same_samples(play_on(whole, rng, 6), play_on(resumed, rng_copy, 6))
+    samples = zip(play_on(whole, rng, 6), play_on(resumed, rng_copy, 6), strict=True)
+    for one, other in samples:
+        assert_same_rows(one, other)
     assert torch.equal(whole.storage.sampleable_slots(), resumed.storage.sampleable_slots())
-
-
-def test_a_state_is_a_copy_of_the_used_part_in_plain_data():
-    buffer = make_buffer(capacity_transitions=1000)
-    play_on(buffer, np.random.default_rng(0), 2)
-    state = buffer.state_dict()
-
-    def leaves(value):
-        if isinstance(value, dict):
-            return [leaf for item in value.values() for leaf in leaves(item)]
-        return [value]
-
-    assert {type(leaf) for leaf in leaves(state)} <= {torch.Tensor, int, float, str, list}
-    assert len(state["storage"]["arrays"]["rows"]) == len(buffer)
-    before = state["storage"]["arrays"]["rows"].clone()
-    play_on(buffer, np.random.default_rng(0), 300)
-    assert torch.equal(state["storage"]["arrays"]["rows"], before)
 
 
 def test_a_saved_folder_holds_no_pickle_and_is_replaced_whole(tmp_path: Path):
     buffer = make_buffer()
-    play_on(buffer, np.random.default_rng(0), 2)
-    buffer.save(tmp_path / "replay")
-    play_on(buffer, np.random.default_rng(0), 2)
-    buffer.save(tmp_path / "replay")
+    for _ in range(2):
+        play_on(buffer, np.random.default_rng(0), 2)
+        buffer.save(tmp_path / "replay")
     assert [path.name for path in tmp_path.iterdir()] == ["replay"]
     files = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert {path.suffix for path in files} == {".npy", ".json"}
@@ -116,41 +91,33 @@ def test_a_saved_folder_holds_no_pickle_and_is_replaced_whole(tmp_path: Path):
             np.load(path, allow_pickle=False)
 
 
-def test_a_save_that_fails_leaves_the_saved_folder_as_it_was(tmp_path: Path):
-    class FailingSampler(UniformSampler):
-        def dumps(self, path: object) -> None:
-            raise OSError("disk gone")
+def test_a_save_that_fails_leaves_the_saved_folder_as_it_was(tmp_path: Path, monkeypatch):
+    def fail(path: object) -> None:
+        raise OSError("disk gone")
 
-    make_buffer().save(tmp_path / "replay")
+    buffer = make_buffer()
+    buffer.save(tmp_path / "replay")
     before = sorted(path.name for path in tmp_path.rglob("*"))
-    failing = make_replay_buffer(ReplayConfig(50), SMALL, FailingSampler(0))
+    monkeypatch.setattr(buffer.sampler, "save", fail)
     with pytest.raises(OSError, match="disk gone"):
-        failing.save(tmp_path / "replay")
+        buffer.save(tmp_path / "replay")
     assert sorted(path.name for path in tmp_path.rglob("*")) == before
 
 
-def test_a_folder_that_holds_no_replay_is_refused(tmp_path: Path):
+def test_a_folder_without_replay_or_of_another_layout_is_refused(tmp_path: Path):
     with pytest.raises(FileNotFoundError, match="holds no saved replay"):
         make_buffer().load(tmp_path)
-
-
-def test_a_replay_of_another_layout_is_refused():
-    state = make_buffer().state_dict()
+    make_buffer(priority_alpha=0.5).save(tmp_path / "replay")
     with pytest.raises(ValueError, match="saved replay has capacity 50, this one has 60"):
-        make_buffer(capacity_transitions=60).load_state_dict(state)
-    other = make_replay_buffer(ReplayConfig(50), TransitionSpec((5, 2, 3), 12, 2))
+        make_buffer(capacity_transitions=60).load(tmp_path / "replay")
     with pytest.raises(ValueError, match="saved replay has num_actions 11, this one has 12"):
-        other.load_state_dict(state)
-
-
-def test_closed_streams_of_a_buffer_are_never_continued():
-    buffer = make_buffer()
-    rng = np.random.default_rng(0)
-    for num_streams in (3, 2):  # another number of streams: only closing allows it
-        buffer.extend_rollout(make_rollout(rng, 1, num_streams, end_rate=0.0, learned_rate=1.1))
-        buffer.close_streams()
-    assert len(buffer) == 5
-    assert buffer.num_sampleable == 0
+        make_buffer(TransitionSpec((5, 2, 3), 12, 2)).load(tmp_path / "replay")
+    with pytest.raises(
+        ValueError, match=r"priorities is float64 \[50\], it must be float64 \[60\]"
+    ):
+        make_buffer(capacity_transitions=60, priority_alpha=0.5).sampler.load(
+            tmp_path / "replay" / "sampler"
+        )
 
 
 def test_scratch_files_are_gone_when_the_program_ends(tmp_path: Path):
@@ -170,3 +137,109 @@ def test_scratch_files_are_gone_when_the_program_ends(tmp_path: Path):
 def test_a_batch_size_below_one_is_refused():
     with pytest.raises(ValueError, match="batch_size is 0, expected 1 or more"):
         make_buffer(batch_size=0)
+
+
+# --- saved folders with invalid values: refused by name before compiled loops follow them -----
+
+
+def make_prioritized() -> EpisodeReplayBuffer:
+    return make_buffer(SPEC, capacity_transitions=64, batch_size=4, n_steps=1, priority_alpha=0.6)
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """A replay of 20 steps in a chain."""
+    buffer = make_prioritized()
+    ring, count = buffer.storage._ring, 20
+    ring.rows[:count], ring.masks[:count] = 0, 255
+    for name in ("reward", "terminated", "done", "opponent"):
+        getattr(ring, name)[:count] = 0
+    ring.action[:count], ring.expert_action[:count] = 1, -1
+    ring.successor[:count] = [*range(1, count), -1]
+    ring.sampleable[: count - 1] = True
+    ring.counters[:] = count, count - 1
+    buffer.sample(4)
+    buffer.save(tmp_path / "replay")
+    forget_checksums(tmp_path)
+    valid = make_prioritized()
+    valid.load(tmp_path / "replay")
+    assert valid.num_sampleable == 19
+    return tmp_path / "replay"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("storage/successor", 10**12, r"successor holds .*, it must be in -1..19"),
+        ("storage/successor", -2, "successor holds"),
+        ("storage/action", 5, r"action holds 1..5, it must be in -1..4"),
+        ("storage/action", -1, "has a successor, but no action"),
+        ("storage/expert_action", 7, "expert_action holds"),
+        ("storage/reward", np.nan, "reward holds nan"),
+        ("storage/reward", np.inf, "reward holds"),
+        ("storage/opponent", -3, "opponent holds"),
+        ("storage/masks", 0, "has an action that its mask does not allow|without a legal action"),
+        ("sampler/priorities/priorities", np.nan, "priorities holds"),
+        ("sampler/priorities/priorities", -1.0, "priorities holds"),
+        ("sampler/priorities/priorities", 0.0, "are not those of the saved replay"),
+    ],
+)
+def test_a_field_out_of_range_is_named(saved, name, value, message):
+    path = saved / f"{name}.npy"
+    field = np.load(path)
+    field[7] = value
+    np.save(path, field)
+    with pytest.raises(ValueError, match=message):
+        make_prioritized().load(saved)
+
+
+def test_bytes_that_are_no_booleans(saved):
+    path = saved / "storage" / "done.npy"
+    field = np.load(path)
+    field.view(np.uint8)[3] = 7
+    np.save(path, field)
+    with pytest.raises(ValueError, match="done holds 0..7, it must be"):
+        make_prioritized().load(saved)
+
+
+@pytest.mark.parametrize("name", ["rows", "action", "successor", "masks"])
+def test_another_shape(saved, name):
+    path = saved / "storage" / f"{name}.npy"
+    np.save(path, np.load(path)[:-1])
+    with pytest.raises(ValueError, match=f"{name} is .* it must be"):
+        make_prioritized().load(saved)
+
+
+@pytest.mark.parametrize("value", [-1, 2**70, "20", 1.5, None])
+def test_an_invalid_count(saved, value):
+    path = saved / "storage" / "facts.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "num_written": value}))
+    with pytest.raises(ValueError, match="num_written is .*, it must be a whole number"):
+        make_prioritized().load(saved)
+
+
+def test_invalid_generated_rows(tmp_path):
+    ring = GeneratedReplay(SPEC, 16)
+    ring.extend(make_transitions(np.random.default_rng(0), 8, SPEC))
+    ring.save(tmp_path / "made")
+    forget_checksums(tmp_path)
+    for name, value in (("next_reward", np.nan), ("action", 9), ("steps_to_next_obs", 0)):
+        path = tmp_path / "made" / "ring" / f"{name}.npy"
+        field = np.load(path)
+        np.save(path, np.full_like(field, value))
+        with pytest.raises(ValueError, match=name.removeprefix("next_")):
+            GeneratedReplay(SPEC, 16).load(tmp_path / "made")
+        np.save(path, field)
+    GeneratedReplay(SPEC, 16).load(tmp_path / "made")
+
+
+def test_invalid_actions_of_a_reservoir(tmp_path):
+    reservoir = Reservoir(SPEC, 16, 0)
+    mask = torch.ones(4, 5, dtype=torch.bool)
+    reservoir.extend(torch.zeros(4, 2, 4, 4, dtype=torch.uint8), mask, torch.arange(4))
+    reservoir.save(tmp_path / "kept")
+    forget_checksums(tmp_path)
+    path = tmp_path / "kept" / "reservoir" / "actions.npy"
+    np.save(path, np.full(4, 5, np.int32))
+    with pytest.raises(ValueError, match=r"actions holds 5..5, it must be in 0..4"):
+        Reservoir(SPEC, 16, 0).load(tmp_path / "kept")

@@ -1,4 +1,4 @@
-"""The reservoir: an even sample of everything, whatever came in which batches, exact on resume."""
+"""The reservoir is a uniform sample of all rows, in whatever batches they came; exact resume."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ VECTOR = TransitionSpec((5,), 3, 0, torch.float32)
 
 
 def make_rows(spec, numbers):
-    """Rows whose observation tells their number."""
+    """Rows whose observation holds their number."""
     numbers = torch.as_tensor(numbers)
     shape = (len(numbers), *spec.observation_shape)
     seen = numbers.to(spec.observation_dtype).reshape(-1, *[1] * (len(shape) - 1)).expand(shape)
@@ -29,7 +29,7 @@ def numbers_in(reservoir, rows=4_000):
 
 
 @pytest.mark.parametrize("spec", [PLANES, VECTOR], ids=["planes", "vector"])
-def test_rows_come_back_as_they_went_in(spec):
+def test_sampled_rows_equal_the_added_ones(spec):
     reservoir = Reservoir(spec, 100, 0)
     seen, mask, action = make_rows(spec, range(60))
     reservoir.extend(seen, mask, action)
@@ -71,7 +71,7 @@ def test_batches_make_no_difference():
     assert len(whole) == 7
 
 
-def test_a_saved_reservoir_goes_on_with_the_same_bits(tmp_path):
+def test_a_saved_reservoir_continues_with_the_same_bits(tmp_path):
     first, rows = Reservoir(PLANES, 20, 1), make_rows(PLANES, range(90))
     first.extend(*(value[:45] for value in rows))
     first.sample(8)
@@ -84,18 +84,18 @@ def test_a_saved_reservoir_goes_on_with_the_same_bits(tmp_path):
     assert torch.equal(first.sample(30)[OBSERVATION], again.sample(30)[OBSERVATION])
 
 
-def test_what_cannot_be_kept_is_refused(tmp_path):
+def test_invalid_rows_and_layouts_are_refused(tmp_path):
     with pytest.raises(ValueError, match="capacity is 0, it must be 1 or more"):
         Reservoir(VECTOR, 0, 0)
     reservoir = Reservoir(VECTOR, 4, 0)
     with pytest.raises(RuntimeError, match="the reservoir is empty"):
         reservoir.sample(1)
     seen, mask, action = make_rows(VECTOR, range(3))
-    with pytest.raises(ValueError, match=r"got 'observation' as torch.float64 .3, 5."):
+    with pytest.raises(ValueError, match=r"observation is float64 .3, 5."):
         reservoir.extend(seen.double(), mask, action)
     with pytest.raises(ValueError, match="an action that its mask does not allow"):
         reservoir.extend(seen, ~mask, action)
     reservoir.extend(seen, mask, action)
     reservoir.save(tmp_path / "rows")
-    with pytest.raises(ValueError, match=r"another layout .* \[4, 20, 3\]\) than this one"):
+    with pytest.raises(ValueError, match=r"reservoir has layout \[4, 20, 3\], this one has"):
         Reservoir(VECTOR, 5, 0).load(tmp_path / "rows")

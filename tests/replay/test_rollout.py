@@ -1,4 +1,4 @@
-"""A rollout that cannot be stored is refused whole, with its place and the mend."""
+"""An invalid rollout is refused whole; the error names the place and the fix."""
 
 import numpy as np
 import pytest
@@ -29,73 +29,32 @@ def change_entry(name: str, place: tuple[int, ...], value: object) -> dict[str, 
     return {name: changed}
 
 
-def no_finals() -> dict[str, torch.Tensor]:
-    rollout = make_sound_rollout()
-    names = ("final_step", "final_observation", "final_action_mask")
-    return {name: getattr(rollout, name)[:0] for name in names}
-
-
-def two_finals(steps: list[int]) -> dict[str, torch.Tensor]:
-    rollout = make_sound_rollout()
+def take_finals(steps: list[int]) -> dict[str, torch.Tensor]:
+    """Final observations of these steps."""
+    rollout, num = make_sound_rollout(), len(steps)
     return {
-        "final_step": torch.tensor(steps),
-        "final_observation": rollout.final_observation.repeat(2, 1, 1, 1),
-        "final_action_mask": rollout.final_action_mask.repeat(2, 1),
+        "final_step": torch.tensor(steps, dtype=torch.int64),
+        "final_observation": rollout.final_observation.repeat(num, 1, 1, 1),
+        "final_action_mask": rollout.final_action_mask.repeat(num, 1),
     }
 
 
-FAULTS = {
-    "action": (
-        lambda: change_entry("action", (1, 1), 11),
-        r"t=1, stream 1: action is 11, expected 0..10",
-    ),
-    "negative action": (
-        lambda: change_entry("action", (1, 0), -1),
-        r"t=1, stream 0: action is -1, expected 0..10",
-    ),
-    "expert's action": (
-        lambda: change_entry("expert_action", (1, 1), 11),
-        r"t=1, stream 1: expert_action 11 is not legal by its action_mask; legal are \[",
-    ),
-    "illegal": (
-        lambda: change_entry("action_mask", (3, 0), False),
-        r"t=3, stream 0: action \d+ is not legal by its action_mask; legal are \[\]",
-    ),
-    "uniform": (
-        lambda: change_entry("observation", (2, 0, 4, 1, 2), 7),
-        r"t=2, stream 0: one of the last 2 planes .* not constant",
-    ),
-    "uniform final": (
-        lambda: change_entry("final_observation", (0, 3, 0, 1), 7),
-        r"t=2, stream 1: one of the last 2 planes .* not constant",
-    ),
-    "final mask": (
-        lambda: change_entry("final_action_mask", (0,), False),
-        r"t=2, stream 1: final_action_mask allows no action",
-    ),
-    "no final": (
-        no_finals,
-        r"t=2, stream 1: ends its episode but has no final observation: add it to final_step",
-    ),
-    "final of a running step": (
-        lambda: {"final_step": torch.tensor([4])},
-        r"final_step holds 4, a step that is neither terminated nor truncated",
-    ),
-    "final outside": (
-        lambda: {"final_step": torch.tensor([8])},
-        r"final_step holds 8, expected t \* S \+ s in 0..7",
-    ),
-    "final twice": (lambda: two_finals([5, 5]), r"final_step holds a step twice"),
-    "dtype": (
-        lambda: {"reward": torch.zeros(4, 2, dtype=torch.float64)},
-        r"rollout.reward is torch.float64 \[4, 2\], expected torch.float32 \[4, 2\]",
-    ),
-    "shape": (
-        lambda: {"action_mask": torch.ones(4, 2, 12, dtype=torch.bool)},
-        r"rollout.action_mask is torch.bool \[4, 2, 12\], expected torch.bool \[4, 2, 11\]",
-    ),
-    "flat": (lambda: {"action": torch.zeros(8, dtype=torch.int64)}, r"shape \[8\], expected \[T"),
-}
+FAULTS = [
+    (change_entry("action", (1, 1), 11), "t=1, stream 1: action is 11, expected 0..10"),
+    (change_entry("action", (1, 0), -1), "t=1, stream 0: action is -1, expected 0..10"),
+    (change_entry("expert_action", (1, 1), 11), r"stream 1: expert_action 11 is not legal .*\["),
+    (change_entry("action_mask", (3, 0), False), r"t=3, .* is not legal .*; legal are \[\]"),
+    (change_entry("observation", (2, 0, 4, 1, 2), 7), "t=2, .* last 2 planes .* not constant"),
+    (change_entry("final_observation", (0, 3, 0, 1), 7), "t=2, .* last 2 planes .* not constant"),
+    (change_entry("final_action_mask", (0,), False), "t=2, .*: final_action_mask allows no action"),
+    (take_finals([]), "t=2, stream 1: ends its episode but has no final observation"),
+    ({"final_step": torch.tensor([4])}, "final_step holds 4, a step that is neither terminated"),
+    ({"final_step": torch.tensor([8])}, r"final_step holds 8, expected t \* S \+ s in 0..7"),
+    (take_finals([5, 5]), "final_step holds a step twice"),
+    ({"reward": torch.zeros(4, 2).double()}, r"rollout.reward is float64 \[4, 2\], .* float32"),
+    ({"action_mask": torch.ones(4, 2, 12).bool()}, r"action_mask is bool \[4, 2, 12\], .*11\]"),
+    ({"action": torch.zeros(8, dtype=torch.int64)}, r"shape \[8\], expected \[T"),
+]
 
 
 def test_after_a_terminated_step_no_action_need_be_legal():
@@ -109,12 +68,11 @@ def test_after_a_terminated_step_no_action_need_be_legal():
     assert not storage.get(slots[5:6])["next", "action_mask"].any()
 
 
-@pytest.mark.parametrize("name", FAULTS)
-def test_a_faulty_rollout_is_refused_and_nothing_is_stored(name):
-    make_change, message = FAULTS[name]
+@pytest.mark.parametrize(("changes", "message"), FAULTS)
+def test_an_invalid_rollout_is_refused_and_nothing_is_stored(changes, message):
     storage = EpisodeStorage(SMALL, 20)
     with pytest.raises(ValueError, match=message):
-        storage.append(Rollout(**{**vars(make_sound_rollout()), **make_change()}))
+        storage.append(Rollout(**{**vars(make_sound_rollout()), **changes}))
     assert storage.num_written == 0
     storage.append(make_sound_rollout())
     assert storage.num_written == 9

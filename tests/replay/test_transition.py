@@ -27,29 +27,22 @@ def test_a_missing_label_is_named():
         check_transitions(sound(), SMALL)
 
 
-def test_a_wrong_shape_is_named_with_the_right_one():
-    rows = sound()
-    rows["next", "reward"] = rows["next", "reward"].squeeze(1)
-    message = r"\('next', 'reward'\) as float32 \[6\], expected float32 \[6, 1\]"
-    with pytest.raises(ValueError, match=message):
-        check_transitions(rows, SMALL, EXPERIENCE_KEYS)
+def test_a_wrong_shape_or_dtype_is_named_with_the_right_one():
+    for key, change, message in (
+        (("next", "reward"), lambda value: value.squeeze(1), r"float32 \[6\], .* \[6, 1\]"),
+        ("action", lambda value: value.int(), r"'action'.* is int32 \[6\], expected int64 \[6\]"),
+    ):
+        rows = sound()
+        rows[key] = change(rows[key])
+        with pytest.raises(ValueError, match=message):
+            check_transitions(rows, SMALL, EXPERIENCE_KEYS)
 
 
-def test_a_wrong_dtype_is_named_with_the_right_one():
-    rows = sound()
-    rows["action"] = rows["action"].int()
-    with pytest.raises(ValueError, match=r"'action' as int32 \[6\], expected int64 \[6\]"):
-        check_transitions(rows, SMALL, EXPERIENCE_KEYS)
-
-
-def test_an_action_outside_the_space_is_refused():
+def test_an_illegal_action_is_refused_with_the_legal_ones():
     rows = sound()
     rows["action"][4] = 11
     with pytest.raises(ValueError, match="row 4: action is 11, expected 0..10"):
         check_transitions(rows, SMALL, EXPERIENCE_KEYS)
-
-
-def test_an_illegal_action_is_refused_with_the_legal_ones():
     rows = sound()
     rows["action_mask"][2] = torch.arange(11) < 2
     rows["action"][2] = 5

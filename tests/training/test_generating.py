@@ -135,7 +135,7 @@ def test_a_resumed_run_generates_the_same_rows(tmp_path, monkeypatch, rollout_st
         return torch.zeros(len(rows), dtype=torch.bool)
 
     monkeypatch.setattr(CCDNGenerator, "evaluate", look)
-    monkeypatch.setattr("marl_cair.generative.generator.find_broken_structure", find_nothing_broken)
+    monkeypatch.setattr("marl_cair.generative.gate.find_broken_structure", find_nothing_broken)
     settings = {"frames_per_update": 64, "evaluate_every_frames": 256, "refill_every_frames": 128}
     settings |= {"rows_per_refill": 50, "rollout_steps": rollout_steps, "model": SMALL_GENERATOR}
     folders = train_whole_and_in_parts(

@@ -1,8 +1,8 @@
-"""The joint distribution of the uniform planes (health, gold, time...) one step on.
+"""Joint distribution of the next values of the uniform planes (health, gold, time...).
 
 Each scalar is 0..255, and its change is a class: next = (now + class) mod 256. The planes are
-predicted one after the other, each given the changes before it (a neural autoregressive
-estimator, Larochelle and Murray 2011), so that a sample that pays also gets what it paid for.
+predicted one after the other, each given the changes before it (a neural autoregressive estimator,
+Larochelle and Murray 2011), so that the changes of a sample are consistent.
 """
 
 from __future__ import annotations
@@ -17,10 +17,9 @@ STAY_BIAS = 3.0  # logit of "no change" before training
 
 
 class ScalarTables(nn.Module):
-    """A table per uniform plane: values int64 [N, U] in 0..255 -> [N, U * width].
+    """An embedding table per uniform plane: values int64 [N, U] in 0..255 -> [N, U * width].
 
-    Exact thresholds (what gold buys, health 0) and wraps (time to the next income) need no steep
-    slopes this way.
+    Represents exact thresholds (prices, health 0) and wraps (time to the next income).
     """
 
     def __init__(self, num_uniform: int, width: int) -> None:
@@ -38,18 +37,18 @@ class EconomyChain(nn.Module):
     """Context [N, D] -> distribution of the changes [N, U] of the uniform planes, in order."""
 
     start: Tensor
-    is_seen: Tensor  # bool [U, 511], the differences -255..255 that planes have made
+    is_seen: Tensor  # bool [U, 511], the differences -255..255 seen in real transitions
 
     def __init__(self, context: int, num_uniform: int, hidden: int) -> None:
         super().__init__()
         self.num_uniform = num_uniform
-        # Nothing is known yet, so nothing is ruled out.
+        # Before the first transition no difference is excluded.
         self.register_buffer("is_seen", torch.ones(num_uniform, NUM_DIFFERENCES).bool())
         self.hidden = hidden
-        # Not nn.Linear, which warns where a game has no uniform plane.
+        # Not nn.Linear, which warns if a game has no uniform plane.
         self.enter = nn.Parameter(torch.randn(num_uniform * hidden, context) * context**-0.5)
         self.enter_bias = nn.Parameter(torch.zeros(num_uniform * hidden))
-        # Each plane sees its own value exactly: clocks have their own step at every value.
+        # Each plane has an embedding of its own value: a clock's step depends on it.
         self.own_value = nn.Parameter(torch.randn(num_uniform * NUM_VALUES, hidden) * 0.1)
         self.change_weight = nn.Parameter(torch.randn(num_uniform * NUM_VALUES, hidden) * 0.1)
         self.leave = nn.Parameter(torch.randn(num_uniform, hidden, NUM_VALUES) * hidden**-0.5 * 0.3)
@@ -62,8 +61,8 @@ class EconomyChain(nn.Module):
         """Embed changes int64 [N, U] in 0..255 -> [N, U, hidden]."""
         return functional.embedding(changes + self.start, self.change_weight)
 
-    def note_differences(self, now: Tensor, later: Tensor) -> None:
-        """Take note of what real scalars uint8 [N, U] have become."""
+    def record_differences(self, now: Tensor, later: Tensor) -> None:
+        """Record the differences between real scalars uint8 [N, U] and the next ones."""
         if bool(self.is_seen.all()):
             self.is_seen.zero_()
             self.is_seen[:, NUM_VALUES - 1] = True  # no difference
@@ -71,8 +70,8 @@ class EconomyChain(nn.Module):
         self.is_seen.T[differences, torch.arange(self.num_uniform)] = True
 
     def _find_possible(self, now: Tensor) -> Tensor:
-        """For scalars uint8 [N, U], which changes are differences that have been seen: bool
-        [U, N, 256]. A change of -10 is right for a purse of 100; to one of 5 it would add 246.
+        """Which changes of scalars uint8 [N, U] are differences seen before: bool [U, N, 256]. A
+        change of -10 is possible for 100 gold; for 5 gold it would add 246.
         """
         values = now.T.long()[..., None]
         after = (values + torch.arange(NUM_VALUES)) % NUM_VALUES
@@ -96,9 +95,9 @@ class EconomyChain(nn.Module):
         return -nll.view(self.num_uniform, -1).T
 
     def decode(self, context: Tensor, now: Tensor, generator: torch.Generator | None) -> Tensor:
-        """Changes int64 [N, U]: sampled, or the likeliest where `generator` is None.
+        """Changes int64 [N, U]: sampled, or the likeliest if `generator` is None.
 
-        Differences that no real transition has shown (see `note_differences`) are left out.
+        Differences that no real transition had (`record_differences`) are left out.
         """
         states = self._start(context, now)
         impossible = ~self._find_possible(now)
@@ -118,10 +117,10 @@ class EconomyChain(nn.Module):
 
 
 def find_changes(now: Tensor, later: Tensor) -> Tensor:
-    """Classes int64 [N, U] of the change between uint8 scalars [N, U]."""
+    """Classes int64 [N, U] of the changes between uint8 scalars [N, U]."""
     return (later.long() - now.long()) % NUM_VALUES
 
 
 def apply_changes(now: Tensor, changes: Tensor) -> Tensor:
-    """uint8 [N, U] scalars after the changes."""
+    """Scalars uint8 [N, U] after the changes."""
     return ((now.long() + changes) % NUM_VALUES).to(torch.uint8)

@@ -1,7 +1,7 @@
-"""Which exact steps the values of a plane take: a bar fills by 26, what is mined loses 1 or 2.
+"""Counts exact steps of plane values: a progress bar grows by 26, a mined tile loses 1 or 2.
 
-A network that must regress such a step needs long to hit it exactly, so the steps are counted, and
-their results are candidates of the cells' mixture; when each is taken is learned.
+A network takes long to regress such a step exactly. The steps are counted instead, and their
+results are candidates of the cells' mixture; their probabilities are learned.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ class Moves(NamedTuple):
 
 
 class StepTable(nn.Module):
-    """Counts steps, and keeps the commonest of each plane in slots.
+    """Counts steps, and keeps the most common ones of each plane in slots.
 
-    The last slot is for what comes from a neighbouring cell (a walker's progress starts anew). A
-    slot changes hands only for a step that is seen more than twice as often: its network output
-    has learned when this step is taken.
+    The last slot is for values that arrive from a neighbouring cell (a walker's progress restarts).
+    A slot is given to another step only if that is more than twice as common: its network output
+    has learned when the present step is taken.
     """
 
     seen: Tensor  # int64 [2, P, differences], IN_PLACE and ON_ARRIVAL
@@ -70,10 +70,10 @@ class StepTable(nn.Module):
         self._find_results()
 
     def restore(self, saved: Mapping[str, Tensor]) -> None:
-        """Go on from `state_dict`. Raises ValueError for numbers that no steps bring."""
+        """Continue from `state_dict`. Raises ValueError for numbers out of range."""
         own = {name: held.numpy() for name, held in self.state_dict().items()}
-        most = NUM_VALUES - 1
-        ranges = {"seen": COUNT, "rounding": COUNT, "slots": Range(-most, most)}
+        steps = Range(1 - NUM_VALUES, NUM_VALUES - 1)
+        ranges = {"seen": COUNT, "rounding": COUNT, "slots": steps}
         arrays = take_arrays(saved, own, ranges)
         self.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})
 
@@ -81,11 +81,11 @@ class StepTable(nn.Module):
         return slice(self.num_steps) if kind == IN_PLACE else slice(self.num_steps, None)
 
     def _fill_slots(self, kind: int) -> None:
-        """Give the weakest slot of each plane to the commonest step without one, if it is due."""
+        """Give the least common slot of each plane to the most common step without one, if due."""
         slots, seen = self.slots[:, self._slots_of(kind)], self.seen[kind]
         if not slots.shape[1]:
             return
-        near = 2 * seen  # so that the middle of three wins
+        near = 2 * seen  # of three neighbouring steps the middle one wins
         near[:, 1:] += seen[:, :-1]
         near[:, :-1] += seen[:, 1:]
         counts = torch.where(self.is_rounded, near, 2 * seen)
@@ -93,7 +93,7 @@ class StepTable(nn.Module):
         of_slots = counts.gather(1, places)
         if kind == IN_PLACE:  # on arrival an empty slot stands for the value as it was
             of_slots = of_slots.masked_fill(slots == 0, 0)
-        # What a slot stands for already, rounded or not, is no newcomer.
+        # Steps that a slot covers already, by rounding too, do not compete.
         for offset in (-2, -1, 0, 1, 2):
             beside = (places + offset).clamp(0, NUM_DIFFERENCES - 1)
             covered = self.is_rounded[places] | (offset == 0)
@@ -127,7 +127,7 @@ class StepTable(nn.Module):
 def _find_moves(
     planes: Tensor, later: Tensor, shifts: tuple[tuple[int, int], ...]
 ) -> tuple[Moves, Moves]:
-    """The moves in place, and those that may have come to an empty cell from a neighbour."""
+    """Moves in place, and moves that may have come to an empty cell from a neighbour."""
     image, plane, row, column = ((planes != later) & (later > 0)).nonzero().T
     own, after = (board[image, plane, row, column].long() for board in (planes, later))
     stays = own > 0

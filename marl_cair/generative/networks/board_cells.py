@@ -1,8 +1,7 @@
-"""`OpenCells`: of all cells of boards what is asked for, without gradients.
+"""Fast inference of per-cell likelihoods (no autograd).
 
-Of nearly all cells that is the probability of one value. PyTorch goes through a dozen arrays of all
-their candidates for it, half of the time in which a generated row is judged; here they stay in the
-processor's cache.
+Nearly all cells need the probability of one value only. PyTorch computes it from a dozen arrays of
+all candidates and takes six times as long; the compiled loops here stay in the processor's cache.
 """
 
 from __future__ import annotations
@@ -14,48 +13,34 @@ import torch
 from numba import njit
 from torch import Tensor
 
-from marl_cair.generative.networks.cells import (
-    MAX_LOG_SCALE,
-    MAX_VALUE,
-    MEAN_UNIT,
-    MIN_LOG_SCALE,
-    CellDistribution,
-    build_distribution,
-    gather_candidates,
-)
+from marl_cair.generative.networks import cells
 
 _MIN_SHARE = np.float32(1e-6)  # as in `build_distribution`
-# No NaN goes in, which lets the compiler take maxima of several numbers at a time.
-_SURE = {"nnan", "nsz"}
+_NO_NAN = {"nnan", "nsz"}  # the inputs hold no NaN: the compiler can vectorise maxima
 _ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-_UNIT, _MAX = np.float32(MEAN_UNIT), np.float32(MAX_VALUE)
-_MIN_SCALE, _MAX_SCALE = np.float32(MIN_LOG_SCALE), np.float32(MAX_LOG_SCALE)
-_LOWEST = np.float32(-80.0)  # exp is 0 for all that matters, and no denormal yet
+_UNIT, _MAX = np.float32(cells.MEAN_UNIT), np.float32(cells.MAX_VALUE)
+_MIN_SCALE, _MAX_SCALE = np.float32(cells.MIN_LOG_SCALE), np.float32(cells.MAX_LOG_SCALE)
+_LOWEST = np.float32(-80.0)  # exp is practically 0, and not yet denormal
 _LOG2_E, _LN_2 = np.float32(1.4426950408889634), np.float32(0.6931471805599453)
 _TAYLOR = tuple(np.float32(1.0 / n) for n in (720.0, 120.0, 24.0, 6.0, 2.0, 1.0, 1.0))
 
 
-class CellMasses(NamedTuple):
-    """Of all cells of N boards with P planes."""
+class BoardCells(NamedTuple):
+    """Distributions of all cells of N boards with P planes, as network outputs."""
 
-    masses: Tensor  # float32 [N, P, H * W], before the floor
-    is_lone: Tensor  # bool [N, P, H * W]: neither in the cell nor beside it is anything to keep
-
-
-class OpenCells(NamedTuple):
-    """Distributions of all cells of N boards with P planes, not worked out yet; no gradients."""
-
-    outputs: Tensor  # float32 [K * P, N * H * W], what the network says of each cell
-    of_planes: Tensor  # float32 [N, K * P], what is added to that on the whole board
+    outputs: Tensor  # float32 [K * P, N * H * W], of each cell
+    of_planes: Tensor  # float32 [N, K * P], added on the whole board
     planes: Tensor  # uint8 [N, P, H, W], the values now, contiguous
-    shifts: tuple[tuple[int, int], ...]  # this and the next as in `cells.gather_candidates`
-    step_results: Tensor
+    shifts: tuple[tuple[int, int], ...]  # as in `cells.gather_candidates`
+    step_results: Tensor  # as in `cells.gather_candidates`
 
-    def find_masses(self, values: Tensor) -> CellMasses:
-        """What `cells.find_mass` says of values uint8 [N, P, H, W], to some millionths."""
+    def find_masses(self, values: Tensor) -> tuple[Tensor, Tensor]:
+        """Probabilities of values uint8 [N, P, H, W] before the floor (`cells.find_mass`, within
+        3e-6): float32 [N, P, H * W]; and whether a cell and its neighbours are empty, bool.
+        """
         num, num_planes, rows, columns = self.planes.shape
         masses = torch.empty(num, num_planes, rows * columns)
-        is_lone = torch.empty(num, num_planes, rows * columns, dtype=torch.bool)
+        is_empty = torch.empty(num, num_planes, rows * columns, dtype=torch.bool)
         _find_masses(
             self.outputs.numpy(),
             self.of_planes.numpy(),
@@ -64,30 +49,31 @@ class OpenCells(NamedTuple):
             np.array(self.shifts, np.int64).reshape(-1, 2),
             self.step_results.numpy(),
             masses.numpy(),
-            is_lone.numpy(),
+            is_empty.numpy(),
         )
-        return CellMasses(masses, is_lone)
+        return masses, is_empty
 
-    def select(self, chosen: Tensor) -> CellDistribution:
-        """The cells at `chosen`, int64 [M], into all N * P * H * W."""
+    def select(self, chosen: Tensor) -> cells.CellDistribution:
+        """Distributions of the cells `chosen`, int64 [M], of all N * P * H * W."""
         num_planes, area = self.planes.shape[1], self.planes[0, 0].numel()
         image, plane, cell = (
-            chosen // (num_planes * area),
+            chosen // area // num_planes,
             chosen // area % num_planes,
             chosen % area,
         )
         first = torch.arange(0, self.outputs.shape[0], num_planes)
         numbers = first[:, None] + plane
         outputs = self.outputs[numbers, image * area + cell] + self.of_planes[image, numbers]
-        candidates = gather_candidates(self.planes, self.shifts, self.step_results, chosen)
-        return build_distribution(outputs, candidates)
+        candidates = cells.gather_candidates(self.planes, self.shifts, self.step_results, chosen)
+        return cells.build_distribution(outputs, candidates)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_SURE)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_NO_NAN)
 def _exponentiate(numbers: Any, powers: Any) -> None:
-    """Put exp of float32 `numbers` [M] in their place, to 2e-6; powers: int32 [M], scratch.
+    """Replace float32 `numbers` [M] by their exp, to a relative 2e-6. powers: int32 [M], scratch.
 
-    Straight lines, so that the compiler makes them vectors: ten times as fast as calls of exp.
+    Without calls the compiler vectorises it: ten times as fast as calls of exp. torch.exp between
+    loops is slower by 40 %: the arrays of all candidates leave the cache.
     """
     for place in range(numbers.size):
         number = max(numbers[place], _LOWEST)
@@ -107,11 +93,11 @@ def _exponentiate(numbers: Any, powers: Any) -> None:
         numbers[place] *= scales[place]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_SURE)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_NO_NAN)
 def _find_candidates(
     plane: int, board: Any, shifts: Any, results: Any, around: Any, found: Any
 ) -> None:
-    """Write the candidates of all cells of a board of one plane, but the last two.
+    """Write the candidates of all cells of one plane, except the last two (0 and 255).
 
     board: uint8 [H, W]; around: uint8 [H + 2 R, W + 2 R], scratch whose edges are 0; found: float32
     [K', H * W].
@@ -136,11 +122,11 @@ def _find_candidates(
                 found[1 + num_shifts + step, row * columns + column] = after[board[row, column]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_SURE)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_NO_NAN)
 def _find_logistic(ends: Any, powers: Any, asked: Any, mean: Any) -> None:
-    """The mass of the rounded logistic at `asked` [M], into ends[0], where log scales are.
+    """Replace the log scales in ends[0] by the mass of the rounded logistic at `asked` [M].
 
-    ends: float32 [3, M], powers: int32 [2 * M], the others scratch; mean: float32 [M].
+    mean: float32 [M]; ends: float32 [3, M]; powers: int32 [2 * M]. powers, ends[1:]: scratch.
     """
     count = asked.size
     scale, above, below = ends[0], ends[1], ends[2]
@@ -159,15 +145,15 @@ def _find_logistic(ends: Any, powers: Any, asked: Any, mean: Any) -> None:
         scale[cell] = upper - lower
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_SURE)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_NO_NAN)
 def _find_weights(
     outputs: Any, first: int, of_planes: Any, plane: int, powers: Any, found: Any
 ) -> None:
-    """Write what the network says of the cells of one board and plane; weights, of which the
-    largest is 1, in place of their logits: found float32 [K, H * W], the last two rows no weights.
+    """Write the outputs of one board and plane, with weights (the largest is 1) instead of logits.
 
-    outputs: float32 [K * P, N * H * W], of which the board begins at `first`; of_planes: float32
-    [K * P]; powers: int32 [(K - 2) * H * W], scratch.
+    found: float32 [K, H * W], the last two rows are mean and log scale; outputs: float32
+    [K * P, N * H * W], the board's from `first` on; of_planes: float32 [K * P]; powers: int32
+    [(K - 2) * H * W], scratch.
     """
     num, area = found.shape
     num_planes = of_planes.size // num
@@ -186,10 +172,10 @@ def _find_weights(
     _exponentiate(found[: num - 2].reshape((num - 2) * area), powers)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_SURE)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_NO_NAN)
 def _sum_up(weights: Any, candidates: Any, asked: Any, sums: Any) -> None:
-    """Of each cell's candidates: their weight, weighted value, weight at `asked`, and the largest
-    but the last one, which is always there: sums float32 [4, H * W].
+    """Sum each cell's candidates: sums float32 [4, H * W], their weight, weighted value, weight at
+    `asked`, and the largest value except the last candidate, 255.
     """
     sums[:] = _ZERO
     kept, values, hit, largest = sums[0], sums[1], sums[2], sums[3]
@@ -206,7 +192,7 @@ def _sum_up(weights: Any, candidates: Any, asked: Any, sums: Any) -> None:
             largest[cell] = max(largest[cell], candidates[one, cell])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_SURE)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=_NO_NAN)
 def _find_masses(
     outputs: Any,
     of_planes: Any,
@@ -215,7 +201,7 @@ def _find_masses(
     shifts: Any,
     results: Any,
     masses: Any,
-    is_lone: Any,
+    is_empty: Any,
 ) -> None:
     num, num_planes, rows, columns = planes.shape
     area, num_outputs = rows * columns, outputs.shape[0] // num_planes
@@ -244,4 +230,4 @@ def _find_masses(
             for cell in range(area):
                 mass = hit[cell] + smooth[cell] * ends[0, cell]
                 masses[image, plane, cell] = mass / (kept[cell] + smooth[cell])
-                is_lone[image, plane, cell] = largest[cell] == _ZERO
+                is_empty[image, plane, cell] = largest[cell] == _ZERO

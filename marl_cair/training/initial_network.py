@@ -97,7 +97,7 @@ def make_initial_network(
         its, own = network.config.to_dict(), policy.to_dict()
         changed = [name for name in its if its[name] != own[name]]
         words = [
-            ", ".join(f"{name}={tell_value(values[name])}" for name in changed)
+            ", ".join(f"{name}={shorten_value(values[name])}" for name in changed)
             for values in (its, own)
         ]
         differing.append(("policy", words[0], words[1]))

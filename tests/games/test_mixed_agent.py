@@ -77,7 +77,7 @@ def test_bad_weights_are_refused(weights, told):
 def test_members_must_see_the_same():
     other = Thrower("other", ROCK)
     other.representation = "planes"
-    with pytest.raises(ValueError, match="look at planes and vector"):
+    with pytest.raises(ValueError, match="observe planes and vector"):
         MixedAgent([Thrower("rock", ROCK), other], (1, 1))
 
 

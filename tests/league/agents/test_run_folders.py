@@ -142,7 +142,7 @@ def test_a_learner_of_a_league_training_must_be_named(tmp_path, capsys):
             save_network(folder / "shared" / "live" / name)
     message = (
         f"{folder} is a run of `league train`, which has several agents: name one of those in "
-        f"{folder / 'shared' / 'live'} (exploiter, main), or all as one, {folder / 'mixture'}"
+        f"{folder / 'shared' / 'live'} (exploiter, main), or their mixture {folder / 'mixture'}"
     )
     about = ["--game", GAME.name, "--scenario", "11x11"]
     for words in (["match", str(folder), "random"], ["evaluate", str(folder)]):
@@ -193,7 +193,7 @@ def test_a_mixture_does_not_overwrite_a_run_that_stands_for_one(mixed):
 
 def test_best_responses_without_a_result_are_refused(mixed, response):
     (response / "exploit.json").unlink()
-    with pytest.raises(CheckpointError, match="`league exploit` without a result .* let it end"):
+    with pytest.raises(CheckpointError, match="`league exploit` without a result .* finish it"):
         load_agent(response)
     shutil.rmtree(mixed / "mixture")
     with pytest.raises(CheckpointError, match="psro/mixture is no agent checkpoint"):

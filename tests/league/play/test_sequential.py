@@ -147,4 +147,4 @@ def test_the_command_shows_verdict_and_estimate(monkeypatch, capsys):
     assert main([*words[:-1], "--sprt=0;60", "finisher", "idle"]) == 2
     assert "--sprt is '0;60', it must be two numbers" in capsys.readouterr().err
     assert main([*words[:2], "scenario=alone", "--sprt=0,60", "finisher", "idle"]) == 2
-    assert "--sprt needs rivals" in capsys.readouterr().err
+    assert "--sprt needs a game with opponents" in capsys.readouterr().err

@@ -139,16 +139,8 @@ def make_knowledge(scenario: Scenario, weights: Weights = COUNTER_WEIGHTS) -> Kn
 def make_sight(scenario: Scenario) -> Sight:
     """Empty arrays for `read_sight`."""
     towers, units, rows = t.NUM_TOWER_KINDS, t.NUM_UNIT_KINDS, scenario.rows
-    shapes = (
-        (towers, rows),
-        (towers, rows),
-        (towers,),
-        (towers,),
-        (units,),
-        (units, rows),
-        (rows,),
-    )
-    return Sight(*(np.zeros(shape) for shape in shapes))
+    per_kind = ((towers, rows), (towers, rows), (towers,), (towers,), (units,), (units, rows))
+    return Sight(*(np.zeros(shape) for shape in per_kind), np.zeros(rows))
 
 
 @compiled

@@ -139,8 +139,8 @@ def make_knowledge(scenario: Scenario, weights: Weights = COUNTER_WEIGHTS) -> Kn
 def make_sight(scenario: Scenario) -> Sight:
     """Empty arrays for `read_sight`."""
     towers, units, rows = t.NUM_TOWER_KINDS, t.NUM_UNIT_KINDS, scenario.rows
-    shapes = ((towers, rows), (towers, rows), towers, towers, units, (units, rows), rows)
-    return Sight(*map(np.zeros, shapes))
+    shapes = (*[(towers, rows)] * 2, *[(towers,)] * 2, (units,), (units, rows), (rows,))
+    return Sight(*(np.zeros(shape) for shape in shapes))
 
 
 @compiled

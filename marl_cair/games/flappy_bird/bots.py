@@ -64,9 +64,10 @@ class Search(NamedTuple):
 def make_search() -> Search:
     """Scratch for the oracle, 8 MB, which the system takes from memory as it is used."""
     depth = MAX_DEPTH + 1
-    steps = (np.zeros(depth, dtype) for dtype in (np.int32, np.int32, np.bool_, np.int8))
+    y, velocity = np.zeros((2, depth), np.int32)
+    has_flapped, tried = np.zeros(depth, np.bool_), np.zeros(depth, np.int8)
     seen = np.zeros((depth, NUM_SPEEDS, 2, NUM_HEIGHTS), np.int32)
-    return Search(*steps, seen, np.zeros(1, np.int32))
+    return Search(y, velocity, has_flapped, tried, seen, np.zeros(1, np.int32))
 
 
 @compiled

@@ -72,6 +72,19 @@ def test_two_states_of_one_vector_are_different_features():
         assert not np.array_equal(first.seen(representation), second.seen(representation))
 
 
+@pytest.mark.parametrize("hovers", [False, True])
+def test_numbers_stay_within_their_bounds_in_a_storm(hovers):
+    luck, flight = np.random.default_rng(0), Flight("storm")
+    while not flight.is_over() and flight.world.tick[0] < 150:
+        if hovers:
+            flight.hover()
+        flight.play(int(luck.random() < 0.2))
+        for name in ("vector", "features"):
+            low, high = flight.engine.representation(name).bounds()
+            seen = flight.engine.observe(name)
+            assert ((low <= seen) & (seen <= high)).all()
+
+
 def covered(plane: np.ndarray) -> float:
     """Pixels; each cell holds 255ths of 256, rounded down."""
     return float(plane.sum(dtype=np.int64)) * 256 / 255

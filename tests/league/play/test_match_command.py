@@ -26,7 +26,7 @@ def test_a_match_of_many_stands_beside_the_fair_share(capsys):
     assert text.splitlines() == [
         "A = finisher, B = idle on last_standing ffa-3",
         "ffa-3  A in one seat, B in the other 2: 4 map seeds, once in each",
-        "       A won 3, drew 0, lost 0: 100.0% [43.9%, 100.0%] of the points, 33.3% is fair",
+        "       A won 3, drew 0, lost 0: 100.0% [14.7%, 100.0%] of the points, 33.3% is fair",
         "       A is stronger than B. 9 of 12 games repeat others, move by move, and do not count.",
     ]
 
@@ -147,7 +147,7 @@ def test_evaluate_plays_games_of_many_in_whole_blocks(capsys):
 def test_evaluate_counts_games_that_repeat_others_once(capsys):
     words = ["--against", "idle", "--games", "12", "--scenario", "ffa-3", "--set", "gain=0"]
     text = run(capsys, "evaluate", "finisher", *words)
-    assert "idle         3      3      0      0  100.0% [43.9%, 100.0%]" in text
+    assert "idle         3      3      0      0  100.0% [14.7%, 100.0%]" in text
     assert "9 of 12 games repeat others, move by move, and do not count." in text
 
 

@@ -27,7 +27,7 @@ CASES = [
 
 def make_game(num_worlds=2, **options):
     engine = make_engine("deep_rts", num_worlds=num_worlds, **options)
-    engine.reset(3)
+    engine.reset(np.arange(3, 3 + num_worlds, dtype=np.uint64))
     return engine
 
 

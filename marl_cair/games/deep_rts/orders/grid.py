@@ -51,13 +51,6 @@ def unit_at(world: Any, rules: Any, player: int, cell: int) -> int:
 
 
 @compiled
-def window_step(index: int) -> tuple[int, int]:
-    """Rows and columns from the unit to a cell of the window, by the number of the cell."""
-    place = index + index // (NUM_WINDOW // 2)
-    return place // WINDOW_SIDE - REACH_TILES, place % WINDOW_SIDE - REACH_TILES
-
-
-@compiled
 def cell_away(world: Any, rules: Any, player: int, unit: int, rows: int, columns: int) -> int:
     """The cell that many rows and columns of the own view from the unit; NOWHERE off the board."""
     frame = board.frame_of(world, rules, player)
@@ -69,14 +62,17 @@ def cell_away(world: Any, rules: Any, player: int, unit: int, rows: int, columns
 
 
 @compiled
-def order_cell(world: Any, rules: Any, player: int, unit: int, action: int) -> int:
-    """The cell that a go or an advance leads to; NOWHERE if there is none.
+def window_cell(world: Any, rules: Any, player: int, unit: int, action: int) -> int:
+    """The cell that a go leads to; NOWHERE off the board."""
+    index = action - FIRST_GO
+    index += index // (NUM_WINDOW // 2)  # the unit's own cell has no number
+    rows, columns = index // WINDOW_SIDE - REACH_TILES, index % WINDOW_SIDE - REACH_TILES
+    return cell_away(world, rules, player, unit, rows, columns)
 
-    An advance leads to the farthest cell of its direction within reach where it is legal.
-    """
-    if action < FIRST_ADVANCE:
-        rows, columns = window_step(action - FIRST_GO)
-        return cell_away(world, rules, player, unit, rows, columns)
+
+@compiled
+def advance_cell(world: Any, rules: Any, player: int, unit: int, action: int) -> int:
+    """The farthest cell of an advance's direction within reach where it is legal; or NOWHERE."""
     rows, columns = rb.ROW_STEP[action - FIRST_ADVANCE], rb.COLUMN_STEP[action - FIRST_ADVANCE]
     for step in range(REACH_TILES, 0, -1):
         cell = cell_away(world, rules, player, unit, step * rows, step * columns)
@@ -96,9 +92,11 @@ def is_grid_order_legal(world: Any, rules: Any, player: int, unit: int, action: 
         return work.can_cancel(world, unit)
     if action < FIRST_GO:
         return work.can_produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT)
-    cell = order_cell(world, rules, player, unit, action)
-    if cell == NOWHERE or action >= FIRST_ADVANCE:
-        return cell != NOWHERE
+    if action >= FIRST_ADVANCE:
+        return advance_cell(world, rules, player, unit, action) != NOWHERE
+    cell = window_cell(world, rules, player, unit, action)
+    if cell == NOWHERE:
+        return False
     if board.is_building(world, unit):
         return orders.may_rally(world, rules, player, unit, cell)
     return orders.order_at(world, rules, player, unit, cell) != s.NO_ORDER
@@ -167,12 +165,12 @@ def obey_grid_order(world: Any, rules: Any, player: int, unit: int, action: int)
     elif action < FIRST_GO:
         if work.can_produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT):
             work.produce(world, rules, player, unit, action - FIRST_GRID_PRODUCT)
+    elif action < FIRST_ADVANCE:
+        cell = window_cell(world, rules, player, unit, action)
+        orders.obey_go(world, rules, player, unit, cell)
     else:
-        cell = order_cell(world, rules, player, unit, action)
-        if action < FIRST_ADVANCE:
-            orders.obey_go(world, rules, player, unit, cell)
-        else:
-            orders.give_order(world, unit, s.ADVANCE, cell)
+        goal = advance_cell(world, rules, player, unit, action)
+        orders.give_order(world, unit, s.ADVANCE, goal)
 
 
 @compiled

@@ -67,16 +67,14 @@ def place_at(world: Any, rules: Any, player: int, cell: int) -> int:
 @compiled
 def order_to(world: Any, rules: Any, unit: int, place: int, occupant: int) -> int:
     """The order that "go" to such a place gives to a unit that walks, or NO_ORDER."""
+    kind = world.units[unit, s.UNIT_KIND]
     if place in (UNSEEN, OPEN_GROUND):
         return s.MOVE
     if place == ENEMY:
-        can_fight = board.kind_value(world, rules, unit, rb.KIND_DAMAGE_MAX) > 0
-        return s.ATTACK if can_fight else s.NO_ORDER
-    if world.units[unit, s.UNIT_KIND] != t.PEASANT:
-        return s.NO_ORDER
+        return s.ATTACK if rules.kinds[kind, rb.KIND_DAMAGE_MAX] > 0 else s.NO_ORDER
     if place == BY_HAND:
-        return s.HARVEST
-    if place == OWN_BUILDING and board.is_finished(world, occupant):
+        return s.HARVEST if kind == t.PEASANT else s.NO_ORDER
+    if place == OWN_BUILDING and kind == t.PEASANT and board.is_finished(world, occupant):
         health = board.kind_value(world, rules, occupant, rb.KIND_HEALTH)
         if world.units[occupant, s.UNIT_HEALTH] < health:
             return s.REPAIR
@@ -105,8 +103,7 @@ def can_rally(world: Any, rules: Any, unit: int) -> bool:
 @compiled
 def may_rally(world: Any, rules: Any, player: int, unit: int, cell: int) -> bool:
     """True where a building can send units that it trains."""
-    place = place_at(world, rules, player, cell)
-    return can_rally(world, rules, unit) and bool(CAN_RALLY[place])
+    return can_rally(world, rules, unit) and bool(CAN_RALLY[place_at(world, rules, player, cell)])
 
 
 @compiled

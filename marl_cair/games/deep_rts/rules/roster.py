@@ -156,8 +156,8 @@ def has_food(world: Any, rules: Any, player: int, product: int) -> bool:
     if product >= t.FIRST_UPGRADE:
         return True
     eaten = rules.kinds[product, rb.KIND_FOOD_CONSUMED]
-    limit = food_limit(world, rules, player)
-    return bool(eaten == 0 or world.players[player, s.FOOD_USED] + eaten <= limit)
+    used = world.players[player, s.FOOD_USED] + eaten
+    return bool(eaten == 0 or used <= food_limit(world, rules, player))
 
 
 @compiled

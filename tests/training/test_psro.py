@@ -48,10 +48,10 @@ def make(out, **changes):
     values = {
         "out": str(out),
         "rounds": 2,
-        "round_frames": 2_048,
-        "first_round_frames": 512,
+        "round_frames": 256,
+        "first_round_frames": 256,
         "bots": ["rock"],
-        "games_per_pair": 20,
+        "games_per_pair": 4,
         "even_share": 0.1,
         "training": TRAINING,
         **changes,
@@ -82,7 +82,8 @@ def find_throws(folder):
 
 
 def test_rounds_find_every_throw_and_mix_them_as_the_equilibrium_does(tmp_path):
-    result = run(tmp_path / "out", rounds=4)
+    settings = {"rounds": 4, "round_frames": 2_048, "first_round_frames": 512, "games_per_pair": 20}
+    result = run(tmp_path / "out", **settings)
     assert (result.rounds, result.is_done, result.was_interrupted) == (4, True, False)
     assert find_throws(tmp_path / "out" / "mixture") == pytest.approx([1 / 3] * 3, abs=0.05)
     assert "player_000 100.0%; it begins with a new network, against all bots alike" in result.text
@@ -91,7 +92,7 @@ def test_rounds_find_every_throw_and_mix_them_as_the_equilibrium_does(tmp_path):
     assert re.search(answer, result.text)
     assert (tmp_path / "out" / "report.txt").read_text("utf-8") == result.text
     assert not list((tmp_path / "out").glob("rounds/*/run/resume"))
-    assert run(tmp_path / "out", rounds=4) == result
+    assert run(tmp_path / "out", **settings) == result
 
 
 def test_half_the_games_are_against_the_own_mixture_half_against_the_hardest_one():
@@ -106,15 +107,14 @@ def test_half_the_games_are_against_the_own_mixture_half_against_the_hardest_one
 
 
 def test_a_run_that_was_stopped_resumes_to_the_same_bits(tmp_path, monkeypatch):
-    shorter = {"round_frames": 1_024}
-    whole = run(tmp_path / "whole", **shorter)
-    assert run(tmp_path / "parts", rounds=1, **shorter).is_done  # and then one round more
-    stopped = run_stopped(monkeypatch, tmp_path / "parts", 640, **shorter)
+    whole = run(tmp_path / "whole")
+    assert run(tmp_path / "parts", rounds=1).is_done  # and then one round more
+    stopped = run_stopped(monkeypatch, tmp_path / "parts", 128)
     assert (stopped.rounds, stopped.is_done) == (1, False)
     assert (tmp_path / "parts" / "rounds" / "001" / "run" / "resume").is_dir()
-    stopped = run(tmp_path / "parts", max_minutes=1e-6, **shorter)
+    stopped = run(tmp_path / "parts", max_minutes=1e-6)
     assert (stopped.rounds, stopped.is_done) == (1, False)
-    parts = run(tmp_path / "parts", **shorter)
+    parts = run(tmp_path / "parts")
     scenario = GAMES[NAME].scenario("fair")
     for name in ("player_000", "player_001"):
         agents = [
@@ -136,9 +136,9 @@ def test_each_response_begins_with_what_the_generator_before_it_has_learned(tmp_
         return trainer.train(config, *words)
 
     monkeypatch.setattr(psro, "train", note)
-    run(tmp_path / "out", round_frames=512, training=training)
+    run(tmp_path / "out", training=training)
     assert begun_with == [None, str(tmp_path / "out" / "rounds" / "000" / "run")]
-    run(tmp_path / "real", round_frames=512)
+    run(tmp_path / "real")
     assert begun_with[2:] == [None, None]
 
 
@@ -157,7 +157,7 @@ def test_begin_with_is_an_opponent_and_a_first_network_even_if_deleted_later(
 ):
     player = str(shutil.copytree(begun, tmp_path / "first" / "player_000"))
     again = {"rounds": 1, "begin_with": [player]}
-    assert not run_stopped(monkeypatch, tmp_path / "next", 640, **again).is_done
+    assert not run_stopped(monkeypatch, tmp_path / "next", 128, **again).is_done
     plan = json.loads((tmp_path / "next" / "rounds" / "000" / "plan.json").read_text("utf-8"))
     assert plan["start"] == "begin_0"
     assert set(plan["met"]) == {"begin_0", "rock"}

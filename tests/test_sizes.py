@@ -8,16 +8,16 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 20_300,
-    "policies": 1_450,
-    "replay": 2_100,
-    "generative": 3_800,
-    "self_play": 1_100,
-    "league": 8_550,
-    "training": 5_450,
+    "games": 17_310,
+    "policies": 1_370,
+    "replay": 1_690,
+    "generative": 3_460,
+    "self_play": 970,
+    "league": 7_760,
+    "training": 4_930,
     "conf": 10,
-    "cli": 2_500,
-    "": 1_400,  # the modules that every part may import
+    "cli": 2_310,
+    "": 1_350,  # the modules that every part may import
 }
 
 

@@ -96,7 +96,8 @@ import sys
 from marl_cair.cli import main
 words = "train scenario=11x11 policy.hidden_width=8 generator=none synthetic_fraction=0 " \\
     "collector.num_worlds=8 replay.capacity_transitions=2000 replay.min_transitions=100 " \\
-    "torch_threads=1 evaluation.bots=[] total_frames=1e9 opponent=random"
+    "torch_threads=1 evaluation.bots=[] total_frames=1e9 opponent=random " \\
+    "opponent.snapshot_every_frames=4000"
 sys.exit(main([*words.split(), f"out={sys.argv[1]}"]))
 """
 
@@ -114,9 +115,8 @@ def test_a_signal_saves_before_the_end(tmp_path, kind):
     ) as process:
         os.close(terminal)
         deadline = time.monotonic() + 120
-        while not (out / "tensorboard").is_dir() and time.monotonic() < deadline:
+        while not any(out.glob("snapshots/frames_*")) and time.monotonic() < deadline:
             time.sleep(0.1)
-        time.sleep(1.0)
         if kind == "hang up":
             os.close(main_end)  # as a closed window: SIGHUP, and nothing can be printed any more
         else:

@@ -236,15 +236,23 @@ def test_the_margin_loss_is_the_formula_over_legal_actions():
     assert float(learner.update(batch)["loss/margin"]) == pytest.approx(wanted / 4, abs=1e-6)
 
 
-def test_the_margin_is_the_experts_and_of_rows_with_an_experts_action_alone():
+@pytest.mark.parametrize(
+    ("actions", "experts", "least"),
+    [
+        ([0, 0, 0, 0], [1, 2, 1, 2], 0.0),  # the learner did something else
+        ([0, 2, 0, 2], [0, 2, NO_ACTION, NO_ACTION], 0.4),  # others have no expert's action
+    ],
+)
+def test_the_margin_is_learned_for_the_experts_action(actions, experts, least):
     learner = make_learner(margin=0.5, margin_weight=10.0)
-    batch = make_batch([0, 0, 0, 2], [1, 2, NO_ACTION, NO_ACTION])
+    batch = make_batch(actions, experts)
     for _ in range(300):
         learner.update(batch)
     values = learner.network(batch["observation"]).detach()
-    for row, action in ((0, 1), (1, 2)):
-        others = [value for index, value in enumerate(values[row]) if index != action]
-        assert values[row, action] > max(others) + 0.4
+    for row, action in enumerate(experts):
+        if action != NO_ACTION:
+            others = [value for index, value in enumerate(values[row]) if index != action]
+            assert values[row, action] > max(others) + least
 
 
 def test_without_demonstrators_an_experts_action_changes_nothing():

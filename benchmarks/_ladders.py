@@ -1,5 +1,5 @@
 """Ladders of agents that were trained for hours, and best responses to them: played by
-`marl-cair league`, read, drawn and told as rows.
+`marl-cair league`, read, drawn and formatted as rows.
 
 One learner is `main_0`, and its past selves are called as leagues call them, by the decisions that
 they had learned from.
@@ -94,8 +94,8 @@ def read_scores(ladder: Path, agent: str) -> dict[str, dict[str, str]]:
 
 def read_response(folder: Path) -> dict[str, Any]:
     """Score, interval and games of the best response that was chosen."""
-    told = json.loads((folder / RESULT_FILE).read_text("utf-8"))
-    chosen: dict[str, Any] = next(r for r in told["responses"] if r["name"] == told["chosen"])
+    shown = json.loads((folder / RESULT_FILE).read_text("utf-8"))
+    chosen: dict[str, Any] = next(r for r in shown["responses"] if r["name"] == shown["chosen"])
     return chosen
 
 
@@ -125,15 +125,15 @@ def trace_learner(ladder: Path, decisions: int) -> Traced:
 
 
 def show(
-    traced: Traced, rows: list[Row], titles: tuple[str, str], told: str, out: Path, picture: Path
+    traced: Traced, rows: list[Row], titles: tuple[str, str], shown: str, out: Path, picture: Path
 ) -> None:
-    """Write and draw what was found, print `told`, and the rows as Markdown; the last row is how
+    """Write and draw what was found, print `shown`, and the rows as Markdown; the last row is how
     ratings rise with decisions.
     """
-    rows = [*rows, _tell_progress(traced.progress)]
+    rows = [*rows, _format_progress(traced.progress)]
     _write_rows(rows, out)
     _draw(traced, titles, picture)
-    print(f"{told}\n")
+    print(f"{shown}\n")
     _print_rows(rows)
 
 
@@ -165,7 +165,7 @@ def _draw(traced: Traced, titles: tuple[str, str], path: Path) -> None:
     place = ("axes fraction", "data")
     for (name, rating), height in zip(others.items(), heights, strict=True):
         left.annotate(
-            _tell(name),
+            _format_name(name),
             (1.0, rating.elo),
             xycoords=place,
             xytext=(1.05, height),  # a thin line leads from there to its own
@@ -183,7 +183,7 @@ def _draw(traced: Traced, titles: tuple[str, str], path: Path) -> None:
         [100 * abs(float(scores[name][end]) - float(scores[name]["score"])) for name in names]
         for end in ("low", "high")
     ]
-    labels = [_tell(name) for name in names]
+    labels = [_format_name(name) for name in names]
     right.barh(labels, values, xerr=ends, color=COLOURS[5], error_kw={"capsize": 2, "lw": 0.9})
     right.axvline(50, color="black", linewidth=0.7)
     right.set(xlim=(0, 100), xlabel="score, %, 95 %")
@@ -199,25 +199,25 @@ def _draw(traced: Traced, titles: tuple[str, str], path: Path) -> None:
         figure.savefig(unfinished, dpi=150)
 
 
-def tell_scores(told: str, ladder: Path, agent: str) -> list[Row]:
-    """A row for each of today's others, against whom `agent` scores; `told`: what it is."""
+def format_scores(shown: str, ladder: Path, agent: str) -> list[Row]:
+    """A row for each of today's others, against whom `agent` scores; `title`: its name."""
     scores = read_scores(ladder, agent).items()
-    return [(f"{told} scores", name, *(row[key] for key in _VALUES)) for name, row in scores]
+    return [(f"{shown} scores", name, *(row[key] for key in _VALUES)) for name, row in scores]
 
 
-def tell_least(ladder: Path, agent: str) -> Row:
+def format_least(ladder: Path, agent: str) -> Row:
     """A row of the one against whom `agent` scores least."""
     row = min(read_scores(ladder, agent).values(), key=lambda one: float(one["score"]))
     return f"{agent} scores least", row["opponent"], *(row[key] for key in _VALUES)
 
 
-def tell_response(folder: Path, budget: str, against: str) -> Row:
+def format_response(folder: Path, budget: str, against: str) -> Row:
     """A row of the best response in `folder`, of a budget of training."""
     found = read_response(folder)
     return f"best response of {budget} scores", against, *map(found.get, _VALUES)
 
 
-def _tell_progress(progress: list[tuple[int, Rated]]) -> Row:
+def _format_progress(progress: list[tuple[int, Rated]]) -> Row:
     """A row of Spearman's rank correlation: nan where no two ratings differ."""
     decisions, elo = [at for at, _ in progress], [rated.elo for _, rated in progress]
     rank = float(spearmanr(decisions, elo).statistic) if len(set(elo)) > 1 else nan
@@ -236,13 +236,13 @@ def _print_rows(rows: list[Row]) -> None:
     print("| what | against | result | games |\n|---|---|---|---|")
     for what, against, value, low, high, number in rows:
         if low == "":
-            told = "not defined: no two ratings differ" if isnan(value) else f"{value:.2f}"
-            print(f"| {what} | | {told} | {number} agents |")
+            shown = "not defined: no two ratings differ" if isnan(value) else f"{value:.2f}"
+            print(f"| {what} | | {shown} | {number} agents |")
         else:
             shares = (f"{100 * float(str(one)):.1f}" for one in (value, low, high))
             result = "{} % [{}, {}]".format(*shares)
             print(f"| {what} | `{against}` | {result} | {number} |")
 
 
-def _tell(name: str) -> str:
+def _format_name(name: str) -> str:
     return "only met random" if name == ALONE else name

@@ -1,4 +1,4 @@
-"""Checkpoints of untrained networks on Deep Line Wars: for what plays them, here and in tests."""
+"""Checkpoints of untrained networks on Deep Line Wars: for benchmarks and tests of play."""
 
 import dataclasses
 from pathlib import Path

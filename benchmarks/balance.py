@@ -56,7 +56,7 @@ BEYOND_MEANS = 10**6  # gold
 
 
 class ItemPlayer:
-    """Draws an item, saves until it is legal, buys it, draws anew.
+    """Draws an item, saves until it is legal, buys it, draws again.
 
     Towers go to the cells that cover the rows best. A drawn tower for which lumber is missing is
     drawn again (lumber comes with time only), unless the player buys nothing but towers. Rows of a

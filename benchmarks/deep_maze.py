@@ -3,7 +3,7 @@
     python -m benchmarks.deep_maze [--size 25] [--worlds 1024] [--seconds 1.0] [--processor-time]
 
 One thread, uniform random actions, resets included but in the first rows; best of 5. "No end" plays
-with a goal that nobody reaches, so that moves alone are measured; "reset" makes a maze, its start,
+with a goal out of reach, so that moves alone are measured; "reset" makes a maze, its start,
 its goal and all walking distances. On a machine that others use too, --processor-time counts the
 seconds that were computed.
 

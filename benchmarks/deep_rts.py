@@ -186,17 +186,17 @@ def prepare(workload: Workload, num_worlds: int) -> tuple[Callable[[], int], Uni
             episodes[ended] += 1
             engine.reset(episode_seeds(0, indices, episodes), ended)
 
-    # One world after the other begins anew, so that games of all ages are measured at any time.
+    # One world after the other is reset, so that games of all ages are measured at any time.
     starts = indices * workload.max_ticks // num_worlds
     for tick in range(workload.max_ticks):
         step(choose(tick % ACTION_SETS), starts == tick)
         if workload.legal:
             engine.action_mask(out=mask)
-    nobody = np.zeros(num_worlds, np.bool_)
+    no_worlds = np.zeros(num_worlds, np.bool_)
 
     def play() -> int:
         for index in range(ACTION_SETS):
-            step(choose(index), nobody)
+            step(choose(index), no_worlds)
             if workload.reads:
                 engine.observe_in_place("planes")
             if workload.reads == "planes and masks":

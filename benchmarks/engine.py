@@ -124,7 +124,7 @@ def prepare_engine(
             engine.observe_in_place("planes")
             engine.action_mask(out=mask)
 
-    # One world after the other begins anew, so that games of all ages are measured at any time.
+    # One world after the other is reset, so that games of all ages are measured at any time.
     num_steps = engine.spec.max_ticks // ticks if num_worlds > 1 else 0
     starts = indices * num_steps // num_worlds
     for number in range(num_steps):

@@ -5,7 +5,7 @@
 Flappy Bird's oracle says what to do in 14,400 stacks of four grey frames, most of which it would
 not have come to by itself: for 50 decisions at a time it flies, or a worse bot that errs. Each
 network learns to choose as the oracle does (cross-entropy, batches of 32) and is asked about the
-games' last fifth; so does an mlp that is told the exact numbers (`features`). Prints a Markdown
+games' last fifth; so does an mlp that reads the exact numbers (`features`). Prints a Markdown
 table.
 """
 
@@ -113,8 +113,8 @@ def main() -> None:
             config = QNetworkConfig(body=body, frame_differences=differences)
             for seed in words.seeds:
                 missed, flaps = imitate(shown, config, words.updates, seed)
-                told = f"| {body} | {str(differences).lower()} | {seed} "
-                print(told + f"| {missed:.1%} | {flaps:.1%} |", flush=True)
+                title = f"| {body} | {str(differences).lower()} | {seed} "
+                print(title + f"| {missed:.1%} | {flaps:.1%} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -27,11 +27,11 @@ from benchmarks._ladders import (
     LADDER,
     MAIN,
     exploit,
+    format_response,
+    format_scores,
     read_decisions,
     run,
     show,
-    tell_response,
-    tell_scores,
     trace_learner,
 )
 from benchmarks.learning import train, trained_minutes
@@ -116,17 +116,17 @@ def main() -> None:
     ladder = play(options, out, league, alone)
     decisions = read_description(league / SHARED / LIVE_FOLDER / MAIN).frames
     rows = [
-        *tell_scores("main agent", ladder, MAIN),
-        *tell_scores("mixture", ladder, MIXTURE),
-        *(tell_response(out / EXPLOIT / name, options.budget, name) for name in (MAIN, MIXTURE)),
+        *format_scores("main agent", ladder, MAIN),
+        *format_scores("mixture", ladder, MIXTURE),
+        *(format_response(out / EXPLOIT / name, options.budget, name) for name in (MAIN, MIXTURE)),
     ]
     titles = "The main agent and its past selves", "The main agent"
     minutes = sum(
         trained_minutes(path.parent) for path in (league / MEMBERS).glob(f"*/*/{CONFIG_FILE}")
     )
-    told = f"{minutes:.0f} minutes of the league, {decisions:,} decisions of the main agent"
+    title = f"{minutes:.0f} minutes of the league, {decisions:,} decisions of the main agent"
     picture = options.picture or out / "self_play.png"
-    show(trace_learner(ladder, decisions), rows, titles, told, out, picture)
+    show(trace_learner(ladder, decisions), rows, titles, title, out, picture)
 
 
 if __name__ == "__main__":

@@ -59,7 +59,7 @@ COLUMNS = ("first", "second", "games", "score")
 
 
 def train(run: Path, mixture: str, frames: int, seed: int, words: list[str]) -> None:
-    """Train an agent, or go on with it. Exits where training was refused or interrupted."""
+    """Train an agent, or resume it. Exits where training was refused or interrupted."""
     finished = run / FINISHED_FILE
     if finished.exists():
         return

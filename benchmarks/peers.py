@@ -122,7 +122,7 @@ def start(peer: Peer, python: Path, processor_time: bool) -> Iterator[Driver]:
     command += ["--processor-time"] * processor_time
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     environment.pop("PYTHONPATH", None)  # ours: another Python's packages would be found
-    # Some write where they stand. A pipe of errors that nobody reads would fill up.
+    # Some write where they stand. An unread pipe of errors would fill up.
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile("w+") as errors:
         try:
             process = subprocess.Popen(

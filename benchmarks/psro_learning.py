@@ -23,13 +23,13 @@ from benchmarks._ladders import (
     LADDER,
     Traced,
     exploit,
+    format_least,
+    format_response,
+    format_scores,
     read_ladder,
     read_scores,
     run,
     show,
-    tell_least,
-    tell_response,
-    tell_scores,
 )
 from benchmarks.learning import trained_minutes
 from marl_cair.checkpoint import read_description
@@ -88,16 +88,16 @@ def main() -> None:
     ladder = out / LADDER
     traced = trace(ladder, players)
     rows = [
-        *tell_scores("mixture", ladder, MIXTURE),
-        *(tell_least(ladder, player.name) for player in players),
-        tell_response(out / EXPLOIT, options.budget, MIXTURE),
+        *format_scores("mixture", ladder, MIXTURE),
+        *(format_least(ladder, player.name) for player in players),
+        format_response(out / EXPLOIT, options.budget, MIXTURE),
     ]
     titles = "Best responses, one after the other", "Their mixture"
     runs = (out / FOLDER / ROUNDS).glob(f"*/run/{CONFIG_FILE}")
     minutes = sum(trained_minutes(path.parent) for path in runs)
     decisions = max((at for at, _ in traced.progress), default=0)
-    told = f"{minutes:.0f} minutes of training, {decisions:,} decisions"
-    show(traced, rows, titles, told, out, options.picture or out / "psro.png")
+    title = f"{minutes:.0f} minutes of training, {decisions:,} decisions"
+    show(traced, rows, titles, title, out, options.picture or out / "psro.png")
 
 
 if __name__ == "__main__":

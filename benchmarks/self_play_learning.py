@@ -27,12 +27,12 @@ from benchmarks._ladders import (
     LADDER,
     MAIN,
     exploit,
+    format_response,
+    format_scores,
     name_past,
     read_decisions,
     run,
     show,
-    tell_response,
-    tell_scores,
     trace_learner,
 )
 from marl_cair.checkpoint import SNAPSHOT_FOLDER, find_agent, read_description
@@ -120,12 +120,12 @@ def main() -> None:
         parser.error("name one run or more")
     decisions = gather(options, options.out / AGENTS)
     ladder = play(options, options.out)
-    rows = tell_scores("last agent", ladder, MAIN)
+    rows = format_scores("last agent", ladder, MAIN)
     if options.budget != NO_BUDGET:
-        rows.append(tell_response(options.out / EXPLOIT, options.budget, "last agent"))
+        rows.append(format_response(options.out / EXPLOIT, options.budget, "last agent"))
     titles = "One learner and its past selves", "The last agent"
-    picture, told = options.picture or options.out / "self_play.png", f"{decisions:,} decisions"
-    show(trace_learner(ladder, decisions), rows, titles, told, options.out, picture)
+    picture, title = options.picture or options.out / "self_play.png", f"{decisions:,} decisions"
+    show(trace_learner(ladder, decisions), rows, titles, title, options.out, picture)
 
 
 if __name__ == "__main__":

@@ -149,9 +149,9 @@ def make_table(rows: Sequence[Sequence[object]]) -> str:
         else:
             name = str(number).replace("_", " ")
             result = f"{name}, {statistic}: {value:.2f} [{low:.2f}, {high:.2f}]"
-        told = f"{int(str(decisions)):,}"
+        shown = f"{int(str(decisions)):,}"
         lines.append(
-            f"| `{recipe}` | {network} | {seed} | {told} | {minutes} | {games} | {result} |"
+            f"| `{recipe}` | {network} | {seed} | {shown} | {minutes} | {games} | {result} |"
         )
     return "\n".join(lines) + "\n"
 

@@ -15,8 +15,8 @@ def main() -> int:
     comments = read_comments(DemoSettings)
     for field in fields(DemoSettings):
         name, kind = field.name.replace("_", "-"), type(field.default)
-        told = f"{comments[field.name]} (default: {field.default})"
-        parser.add_argument(f"--{name}", type=kind, default=field.default, help=told)
+        shown = f"{comments[field.name]} (default: {field.default})"
+        parser.add_argument(f"--{name}", type=kind, default=field.default, help=shown)
     settings = DemoSettings(**vars(parser.parse_args()))
     try:
         run_demo(settings)

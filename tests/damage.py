@@ -1,4 +1,4 @@
-"""Stored files that somebody has changed: with checksums that say so, or with none."""
+"""Stored files that were changed, with and without matching checksums."""
 
 import json
 import re

@@ -119,7 +119,7 @@ def test_killed_write_leaves_the_old_file(tmp_path):
     )
     run_killed_script(script, target)
     assert target.read_text() == "old"
-    assert len(names_in(tmp_path)) == 2  # the unfinished file stays: nobody was left to remove it
+    assert len(names_in(tmp_path)) == 2  # the unfinished file stays: its process was killed
     write_atomically(target, "new")
     assert target.read_text() == "new"
 
@@ -256,7 +256,7 @@ def test_on_a_file_system_without_locks_a_folder_belongs_to_one_process_all_the_
         "        os.kill(os.getpid(), signal.SIGKILL)"
     )
     run_killed_script(script, tmp_path)
-    run_killed_script(script, tmp_path)  # what the first has left locks nobody out
+    run_killed_script(script, tmp_path)  # what the first has left locks no later process out
 
 
 def test_folder_is_refused_where_filelock_can_keep_no_lock(tmp_path, monkeypatch):

@@ -80,8 +80,8 @@ def foreign_league(played, here):
     def rename(source, kind="bot"):
         database = sqlite3.connect(folder / STORE_FILE)
         with database:
-            told = json.dumps({"source": source})
-            database.execute("UPDATE agent SET configuration = ?, kind = ?", (told, kind))
+            shown = json.dumps({"source": source})
+            database.execute("UPDATE agent SET configuration = ?, kind = ?", (shown, kind))
         database.close()
         return folder
 
@@ -227,8 +227,8 @@ class TestRun:
         head, found, rest = text.partition(f"\n{group}:\n")
         assert found
         assert "  agents: {}" in rest
-        told = f"  agents:\n    bad: {json.dumps(source)}"
-        rest = rest.replace("  agents: {}", told, 1)
+        shown = f"  agents:\n    bad: {json.dumps(source)}"
+        rest = rest.replace("  agents: {}", shown, 1)
         (run / "config.yaml").write_text(f"{head}{found}{rest}", "utf-8")
         forget_checksums(run)
 
@@ -327,7 +327,7 @@ class TestCheckpoint:
 
 
 class TestPlan:
-    """The files of `league train` and `league psro`, and the folders that they go on with."""
+    """The files of `league train` and `league psro`, and the folders that they resume."""
 
     PLAN = "training:\n  demonstration:\n    agents:\n      bad: {}\n"
 

@@ -60,11 +60,13 @@ def league(tmp_path_factory):
     play_bots(folder, "random", "rusher")
     database = sqlite3.connect(folder / "league.sqlite")
     with database:
-        told = json.dumps({"training": {"run": HOSTILE, "name": HOSTILE, "seed": 1, "frames": 5}})
+        printed = json.dumps(
+            {"training": {"run": HOSTILE, "name": HOSTILE, "seed": 1, "frames": 5}}
+        )
         database.execute(
             "UPDATE agent SET name = ?, evaluation_policy = ?, kind = 'network', "
             "configuration = ? WHERE name = 'rusher'",
-            (f"=cmd{HOSTILE}", HOSTILE, told),
+            (f"=cmd{HOSTILE}", HOSTILE, printed),
         )
         database.execute("UPDATE agent SET name = ? WHERE name = 'random'", (HOSTILE,))
         database.execute(
@@ -86,9 +88,9 @@ def assert_clean(text):
 def test_the_terminal_shows_names_and_reasons_clean(league, capsys, command):
     words = ["--no-replays"] if command == "report" else []
     assert main(["league", command, str(league), *words]) == 0
-    told = capsys.readouterr().out
-    assert_clean(told)
-    assert CLEAN in told
+    printed = capsys.readouterr().out
+    assert_clean(printed)
+    assert CLEAN in printed
 
 
 def test_all_files_of_a_report_are_clean(league):
@@ -124,6 +126,6 @@ def assert_cells(text):
 
 def test_errors_of_commands_are_one_clean_line(tmp_path, capsys):
     assert main(["league", "report", str(tmp_path / HOSTILE.replace("\x00", ""))]) == 2
-    told = capsys.readouterr().err
-    assert_clean(told)
-    assert told.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert_clean(printed)
+    assert printed.count("\n") == 1

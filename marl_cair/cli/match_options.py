@@ -73,7 +73,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "--allow-code": {
         "action": "store_true",
         "help": "also run the code that {files} names (process:COMMAND, module:function), and list "
-        "it; for files from people whom you trust (default: such files are refused)",
+        "it; only for files from people you trust (default: such files are refused)",
     },
     "--answer-seconds": {
         "type": float,

@@ -202,7 +202,7 @@ def test_train_refuses_with_one_line(words, message, capsys):
     assert_refused(capsys, message, "train", *words)
 
 
-def test_help_tells_every_option_with_default_and_meaning():
+def test_help_has_every_option_with_default_and_meaning():
     text = describe_options()
     for option in list_options():
         assert len(option.comment) > 3, option.path
@@ -222,23 +222,23 @@ def test_an_unknown_command_of_the_package_names_the_nearest():
 
 def test_games_as_json_lists_ids_shapes_and_actions(capsys):
     assert main(["games", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["deep_line_wars"]
-    assert told["bots"] == list(GAMES["deep_line_wars"].bots)
-    scenario = told["scenarios"]["10x15"]
+    shown = json.loads(capsys.readouterr().out)["deep_line_wars"]
+    assert shown["bots"] == list(GAMES["deep_line_wars"].bots)
+    scenario = shown["scenarios"]["10x15"]
     assert scenario["gymnasium_id"] == "marl_cair/DeepLineWars-10x15-v0"
     assert scenario["representations"]["planes"] == {"shape": [28, 10, 15], "dtype": "uint8"}
     assert len(scenario["action_names"]) == scenario["num_actions"] == 185
 
 
-def test_games_as_text_and_as_a_table_tell_every_scenario(capsys):
+def test_games_as_text_and_as_a_table_list_every_scenario(capsys):
     for words in (["games"], ["games", "--markdown"]):
         assert main(words) == 0
-        told = capsys.readouterr().out
+        shown = capsys.readouterr().out
         for game in GAMES:
-            assert GAMES[game].title in told
-            assert all(name in told for name in GAMES[game].scenarios)
-        assert "planes 28x10x15" in told
-        assert "score / 100" in told
+            assert GAMES[game].title in shown
+            assert all(name in shown for name in GAMES[game].scenarios)
+        assert "planes 28x10x15" in shown
+        assert "score / 100" in shown
 
 
 def test_train_resume_evaluate_and_league_from_end_to_end(tmp_path, capsys):

@@ -62,9 +62,9 @@ def run(folder, cache, *arguments):
 def test_after_it_nothing_is_compiled_any_more(tmp_path, game, scenario):
     install(tmp_path, "foreign", "foreign_game", GAME_MODULE)
     cache, play = tmp_path / "cache", COUNT_COMPILED.format(game=game, scenario=scenario)
-    told = run(tmp_path, cache, "-m", "marl_cair", "compile", game, "--workers", "2")
-    assert told.startswith(f"compiled the rules of {game} in ")
-    assert told.endswith(f" s: {cache}\n")
+    shown = run(tmp_path, cache, "-m", "marl_cair", "compile", game, "--workers", "2")
+    assert shown.startswith(f"compiled the rules of {game} in ")
+    assert shown.endswith(f" s: {cache}\n")
     assert run(tmp_path, cache, "-c", play) == "0\n"
     assert int(run(tmp_path, tmp_path / "empty", "-c", play)) > 0
 
@@ -107,7 +107,7 @@ def test_it_refuses_with_one_line(capsys, monkeypatch):
     assert_refused(capsys, "NUMBA_DISABLE_JIT is set", "compile")
 
 
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="Linux alone tells")
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="needs sched_setaffinity")
 def test_by_default_there_are_as_many_workers_as_cores_that_it_may_use(monkeypatch):
     asked = []
     monkeypatch.setattr(

@@ -51,7 +51,7 @@ def test_a_run_goes_from_start_to_match(tmp_path, capsys, scenario, words, logge
     assert rows[-1]["updates"] > rows[-2]["updates"] > 0
     capsys.readouterr()
     assert main(["match", f"{out}/latest", "random", "games=4"]) == 0
-    told = capsys.readouterr().out
-    assert f"on deep_rts {scenario}\n" in told
-    assert ("mean score of A" in told) == (scenario == "Economy-15x15")
-    assert ("of the points" in told) == (scenario != "Economy-15x15")
+    shown = capsys.readouterr().out
+    assert f"on deep_rts {scenario}\n" in shown
+    assert ("mean score of A" in shown) == (scenario == "Economy-15x15")
+    assert ("of the points" in shown) == (scenario != "Economy-15x15")

@@ -59,13 +59,13 @@ def test_words_set_an_option_once(words, capsys):
 def test_old_spellings_give_the_new_one_in_a_line(capsys):
     words = ["match", *AGENTS, "game=deep_line_wars", "scenario=11x11", "games=2", "max_ticks=50"]
     assert main(words) == 0
-    told = capsys.readouterr().err
-    assert "--scenario 11x11 --games 2 --set max_ticks=50" in told
+    shown = capsys.readouterr().err
+    assert "--scenario 11x11 --games 2 --set max_ticks=50" in shown
     words = ["evaluate", "random", "--game", "deep_line_wars", "--games", "2"]
     assert main([*words, "--option", "max_ticks=50", "max_tics=2"]) == 2
-    told = capsys.readouterr().err
-    assert "--set max_ticks=50 --set max_tics=2" in told
-    assert "nearest are 'max_ticks'" in told
+    shown = capsys.readouterr().err
+    assert "--set max_ticks=50 --set max_tics=2" in shown
+    assert "nearest are 'max_ticks'" in shown
 
 
 def test_fields_of_the_scenario_are_set_alike_in_match_evaluate_and_league(tmp_path, capsys):

@@ -188,15 +188,15 @@ def damage(folder, patterns, rng):
     return path
 
 
-def check(read, folder, told):
+def check(read, folder, shown):
     begun = time.monotonic()
     try:
         read(folder)
     except ALLOWED:
         pass
     except Exception as error:
-        raise AssertionError(f"{told}: {type(error).__name__}: {error}") from error
-    assert time.monotonic() - begun < MOST_SECONDS, f"{told} took {time.monotonic() - begun:.1f} s"
+        raise AssertionError(f"{shown}: {type(error).__name__}: {error}") from error
+    assert time.monotonic() - begun < MOST_SECONDS, f"{shown} took {time.monotonic() - begun:.1f} s"
 
 
 def test_damaged_files_end_in_public_errors(stored, tmp_path):
@@ -208,9 +208,9 @@ def test_damaged_files_end_in_public_errors(stored, tmp_path):
             place = tmp_path / f"{kind}{number}"
             shutil.copytree(folder / kind, place)
             path = damage(place, patterns, rng)
-            told = f"FUZZ_SEED={SEED}, {kind} {number}, {path.name}"
-            check(read, place, told)
-            check(verify_folder, place, told)
+            shown = f"FUZZ_SEED={SEED}, {kind} {number}, {path.name}"
+            check(read, place, shown)
+            check(verify_folder, place, shown)
             shutil.rmtree(place)
         number += 1
 

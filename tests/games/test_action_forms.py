@@ -54,7 +54,7 @@ def test_kind_and_cell_name_the_flat_action(spec):
     np.testing.assert_array_equal(form.to_engine(every, 0), np.ravel(expected))
 
 
-def test_the_mask_tells_cells_given_the_kind(spec):
+def test_the_mask_has_cells_given_the_kind(spec):
     form = FactoredActions("toy", spec)
     flat = np.array([[1, 0, 1, 0, 1, 1, 0], [1, 1, 0, 0, 0, 0, 0]], np.bool_)
     mask = form.shape_mask(flat)

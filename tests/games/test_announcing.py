@@ -8,7 +8,7 @@ from marl_cair.games.compiled import announce_nothing, calling, compiling
 from tests.games.cases import replace_kernels
 from tests.games.test_compiled import run_python
 
-TOLD = "marl_cair: compiling the rules of chess (once for each version) ...\n"
+NOTICE = "marl_cair: compiling the rules of chess (once for each version) ...\n"
 
 
 @pytest.fixture
@@ -29,11 +29,11 @@ def waits(monkeypatch):
     return seconds
 
 
-def test_who_waits_for_the_compiler_is_told_once_of_each_game(waits, capsys):
+def test_compiling_is_announced_once_for_each_game(waits, capsys):
     for game in ("chess", "chess", "go"):
         with calling(game), compiling():
             pass
-    assert capsys.readouterr().err == TOLD + TOLD.replace("chess", "go")
+    assert capsys.readouterr().err == NOTICE + NOTICE.replace("chess", "go")
     assert waits == [announcing.ANNOUNCE_AFTER_SECONDS] * 3
 
 
@@ -51,7 +51,7 @@ def test_a_rule_that_is_of_no_game_is_compiled_without_a_word(waits, capsys):
     assert (waits, capsys.readouterr().err) == ([], "")
 
 
-def test_a_game_that_is_left_out_is_not_told_of(waits, capsys):
+def test_a_game_that_is_left_out_is_not_announced(waits, capsys):
     announce_nothing(["chess"])
     with calling("chess"), compiling():
         pass
@@ -69,8 +69,8 @@ marl_cair.make_engine("flappy_bird").reset(0)
 
 
 def test_rules_that_were_compiled_before_are_read_without_a_word(tmp_path):
-    told = run_python(CALL_AT_ONCE, tmp_path, NUMBA_DISABLE_JIT="0")
-    assert " ".join(told) == TOLD.replace("chess", "flappy_bird").strip()
+    shown = run_python(CALL_AT_ONCE, tmp_path, NUMBA_DISABLE_JIT="0")
+    assert " ".join(shown) == NOTICE.replace("chess", "flappy_bird").strip()
     assert run_python(CALL_AT_ONCE, tmp_path, NUMBA_DISABLE_JIT="0") == []
 
 

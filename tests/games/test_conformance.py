@@ -120,7 +120,7 @@ def test_pettingzoo_accepts(game, scenario, representation):
 
 
 def with_seed(make, **options):
-    """What `make` makes, playing one game only: in most others, too, nobody wins in four moves."""
+    """An environment of one game: in most others, too, nothing is won in four moves."""
     env = make(**options)
     env.action_space(env.possible_agents[0]).seed(0)  # the space of all
     env.reset = partial(env.reset, seed=5)

@@ -49,9 +49,9 @@ def test_the_copy_of_an_engine_that_has_not_begun_has_not_either():
         copied.step(np.zeros((1, 1), np.int32))
 
 
-def look(env, told):
+def look(env, shown):
     """All that an environment shows: numbers of observations, rewards and infos."""
-    parts = [np.asarray(part).tobytes() for part in told[:-1]]
+    parts = [np.asarray(part).tobytes() for part in shown[:-1]]
     return [*parts, env.engine.observe("planes").tobytes()]
 
 

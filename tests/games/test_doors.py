@@ -36,14 +36,14 @@ def test_numbers_of_a_games_own_are_given_for_each_seat(game_name):
         assert numbers.shape == (2, engine.num_players)
 
 
-def test_what_an_engine_tells_is_fresh_arrays(game_name):
-    """It would else change with the worlds after it was told."""
+def test_an_engine_returns_fresh_arrays(game_name):
+    """Later steps must not change arrays that were returned."""
     engine = make_engine(game_name, num_worlds=2)
     engine.reset(np.arange(2, dtype=np.uint64))
-    told = [*engine.info().values(), engine.action_mask(), engine.public_state(0)]
-    told += [engine.observe(name) for name in engine.spec.representations]
-    assert len(told) >= 4
-    for array in told:
+    shown = [*engine.info().values(), engine.action_mask(), engine.public_state(0)]
+    shown += [engine.observe(name) for name in engine.spec.representations]
+    assert len(shown) >= 4
+    for array in shown:
         assert not any(np.shares_memory(array, field) for field in engine._worlds)
 
 
@@ -113,12 +113,12 @@ def test_a_seed_seeds_the_vector_environment_too():
 # --- seats and opponents ---------------------------------------------------------------------
 
 
-def test_where_the_learner_plays_alone_nobody_else_is_asked(monkeypatch):
-    class Nobody(FirstLegalAgent):
+def test_where_the_learner_plays_alone_no_opponent_is_asked(monkeypatch):
+    class NeverAsked(FirstLegalAgent):
         def act(self, observation, action_mask):
             pytest.fail("there is no other seat")
 
-    env = GameEnv("flappy_bird", opponent=Nobody(), representation="vector")
+    env = GameEnv("flappy_bird", opponent=NeverAsked(), representation="vector")
     env.reset(seed=0)
     looks = []
     seen = type(env.engine).observe
@@ -175,12 +175,12 @@ def test_one_world_is_not_made_several():
 
 @pytest.mark.parametrize("number", ["4", 4.5, 0])
 def test_numbers_that_are_not_whole_are_refused_by_their_names(number):
-    told = f"is {number!r}, it must be at least 1, and a whole number"
-    with refuses(f"deep_rts: num_envs {told}"):
+    shown = f"is {number!r}, it must be at least 1, and a whole number"
+    with refuses(f"deep_rts: num_envs {shown}"):
         GameVectorEnv("deep_rts", num_envs=number)
-    with refuses(f"deep_rts: num_worlds {told}"):
+    with refuses(f"deep_rts: num_worlds {shown}"):
         BatchedGameEnv("deep_rts", num_worlds=number)
-    with refuses(f"deep_rts: max_cycles {told}"):
+    with refuses(f"deep_rts: max_cycles {shown}"):
         GameParallelEnv("deep_rts", max_cycles=number)
 
 
@@ -222,8 +222,8 @@ def test_unknown_names_are_answered_with_the_nearest(game_name, make):
     with pytest.raises(UnknownNameError, match="unknown game 'deep_line_war': nearest are"):
         make("deep_line_war")
     if make in (GameEnv, GameVectorEnv):
-        with pytest.raises(UnknownNameError, match=f"unknown {game_name} bot 'nobody'"):
-            make(game_name, opponent="nobody")
+        with pytest.raises(UnknownNameError, match=f"unknown {game_name} bot 'missing'"):
+            make(game_name, opponent="missing")
     if make is not BatchedGameEnv:
         with refuses(f"{game_name}: render_mode is 'human', allowed are None and rgb_array"):
             make(game_name, render_mode="human")

@@ -138,8 +138,8 @@ def test_unknown_scenarios_options_bots_and_representations_are_named(engine):
             make_engine(game.name, name)
     with refuses(UnknownNameError, f"unknown {game.name} option 'max_tick': nearest are"):
         make_engine(game.name, max_tick=5)
-    with refuses(UnknownNameError, f"unknown {game.name} bot 'nobody'"):
-        game.bot("nobody", engine.scenario)
+    with refuses(UnknownNameError, f"unknown {game.name} bot 'missing'"):
+        game.bot("missing", engine.scenario)
     with refuses(UnknownNameError, f"unknown {game.name} representation 'plane': nearest are"):
         engine.observe("plane")
 

@@ -228,12 +228,12 @@ def test_results_of_a_step_are_fresh_arrays(game_name):
     shown = []
     for numbers in np.random.default_rng(0).random((10, NUM_WORLDS, 2)):
         observations, *outcome, infos = env.step(choose(env, numbers))
-        told = [*observations.values(), *outcome, *infos.values()]
+        printed = [*observations.values(), *outcome, *infos.values()]
         own = [*env.engine._worlds, *env.engine._outcome]
-        assert not any(np.shares_memory(value, array) for value in told for array in own)
-        shown.append((told, copy.deepcopy(told)))
-    for told, kept in shown:
-        for value, copied in zip(told, kept, strict=True):
+        assert not any(np.shares_memory(value, array) for value in printed for array in own)
+        shown.append((printed, copy.deepcopy(printed)))
+    for printed, kept in shown:
+        for value, copied in zip(printed, kept, strict=True):
             np.testing.assert_array_equal(value, copied)
 
 

@@ -1,4 +1,4 @@
-"""The opponent of a learner: its failures are told, and every game has one to begin with."""
+"""The opponent of a learner: errors name it, and every game has a default."""
 
 import dataclasses
 import re
@@ -65,7 +65,7 @@ ANSWERS = {
 
 
 @pytest.mark.parametrize("cause", ANSWERS)
-def test_what_an_opponent_does_wrong_is_told(cause):
+def test_errors_of_an_opponent_have_the_cause(cause):
     answer, world = ANSWERS[cause]
     env = GameVectorEnv(GAME, SCENARIO, num_envs=2, opponent=Broken(answer))
     env.reset(seed=0)
@@ -84,7 +84,7 @@ def test_what_an_opponent_does_wrong_is_told(cause):
         ("make_foreign_illegal", "played the illegal action"),
     ],
 )
-def test_what_a_foreign_agent_does_wrong_is_told(function, cause):
+def test_errors_of_a_foreign_agent_have_the_cause(function, cause):
     source = f"{__name__}:{function}"
     opponent = load_agent(source, game=GAME, scenario=SCENARIO)
     env = gymnasium.make("marl_cair/DeepRTS-1v1-15x15-v0", opponent=opponent)
@@ -94,7 +94,7 @@ def test_what_a_foreign_agent_does_wrong_is_told(function, cause):
         env.step(0)
 
 
-def test_a_member_of_a_mixture_is_told_by_its_name():
+def test_errors_name_the_member_of_a_mixture():
     env = GameEnv(GAME, opponent=MixedAgent([Broken(crash)], [1.0]))
     env.reset(seed=0)
     with pytest.raises(OpponentError, match="the opponent 'broken', player 1 in world 0, crashed"):

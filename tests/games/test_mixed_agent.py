@@ -66,11 +66,11 @@ def test_a_mixture_of_mixtures_is_one_of_all_members():
 
 
 @pytest.mark.parametrize(
-    ("weights", "told"),
+    ("weights", "shown"),
     [((), "0 members and 0 weights"), ((1, 0), "all must be above 0"), ((1, np.nan), "above 0")],
 )
-def test_bad_weights_are_refused(weights, told):
-    with pytest.raises(ValueError, match=told):
+def test_bad_weights_are_refused(weights, shown):
+    with pytest.raises(ValueError, match=shown):
         make_mixture(*weights)
 
 
@@ -87,7 +87,7 @@ def _know_the_game(monkeypatch):
 
 
 @pytest.mark.usefixtures("_know_the_game")
-def test_it_is_drawn_anew_for_each_game_of_an_environment():
+def test_it_is_drawn_again_for_each_game_of_an_environment():
     env = GameEnv(rock_paper_scissors.NAME, opponent=make_mixture(1, 1, 2), representation="vector")
     rewards = []
     for game in range(400):

@@ -1,7 +1,7 @@
 """Golden games that a person can read: replayed line by line, so that a change of rules shows.
 
-`pytest tests/games --update-playthroughs` plays them anew and rewrites the files; their diff then
-tells what the change of rules does to a game, and belongs in the same commit.
+`pytest tests/games --update-playthroughs` plays them again and rewrites the files; their diff then
+shows what the change of rules does to a game, and belongs in the same commit.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def describe_step(engine: BatchedEngine, decision: int, actions: list[int]) -> l
     return lines
 
 
-def play_anew(golden: Playthrough) -> str:
+def play_again(golden: Playthrough) -> str:
     """The text of a game whose actions are chosen now."""
     engine = golden.open()
     lines = describe_head(golden, engine)
@@ -162,12 +162,12 @@ def play_anew(golden: Playthrough) -> str:
 def read_actions(engine: BatchedEngine, text: str) -> list[list[int]]:
     """The actions of both players, decision by decision."""
     names = engine.spec.action_names
-    told = [line.partition(": ")[2].split()[:2] for line in text.splitlines() if " -> " in line]
-    return [[names.index(name) for name in pair] for pair in told if pair[0] in names]
+    shown = [line.partition(": ")[2].split()[:2] for line in text.splitlines() if " -> " in line]
+    return [[names.index(name) for name in pair] for pair in shown if pair[0] in names]
 
 
 def replay(golden: Playthrough, text: str) -> str:
-    """The text of a game with the actions that `text` tells."""
+    """The text of a game with the actions in `text`."""
     engine = golden.open()
     lines = describe_head(golden, engine)
     for decision, actions in enumerate(read_actions(engine, text)):
@@ -181,7 +181,7 @@ def replay(golden: Playthrough, text: str) -> str:
 def test_a_golden_game_goes_as_written(golden, update_playthroughs):
     path = FOLDER / golden.file
     if update_playthroughs:
-        path.write_text(play_anew(golden))
+        path.write_text(play_again(golden))
     written = path.read_text().splitlines()
     replayed = replay(golden, path.read_text()).splitlines()
     for number, (found, expected) in enumerate(zip(replayed, written, strict=False), start=1):

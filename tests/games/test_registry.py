@@ -98,8 +98,8 @@ def test_a_users_scenario_is_known_to_processes_that_gymnasium_spawns(tmp_path):
 def test_a_gymnasium_id_names_the_scenario_of_the_game_and_what_differs():
     marl_cair.register_scenario("deep_line_wars", "low", base="11x11", rows=8)
     added = marl_cair.register_scenario("deep_line_wars", "small", base="low", columns=9)
-    told = {"game": "deep_line_wars", "scenario": "11x11", "rows": 8, "columns": 9}
-    assert gymnasium.spec(added).kwargs == told
+    shown = {"game": "deep_line_wars", "scenario": "11x11", "rows": 8, "columns": 9}
+    assert gymnasium.spec(added).kwargs == shown
     spec = gymnasium.spec("marl_cair/DeepLineWars-11x11-v0")
     assert spec.kwargs == {"game": "deep_line_wars", "scenario": "11x11"}
 

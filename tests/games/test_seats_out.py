@@ -91,7 +91,7 @@ def test_another_worlds_end_resets_that_world_alone():
 
 
 def test_torchrls_collector_plays_games_to_their_end():
-    """With random play some seats go out early in each batch, and no world begins anew for that."""
+    """With random play some seats go out early in each batch, and no world is reset for that."""
     torch.manual_seed(0)
     env = make_env("ffa-4", 8)
     policy = RandomPolicy(env.full_action_spec[GROUP, "action"], action_key=(GROUP, "action"))

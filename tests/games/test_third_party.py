@@ -72,7 +72,7 @@ def test_supersuits_wrappers_keep_to_pettingzoos_contract(shown, wrapper):
     parallel_api_test(WRAPPERS[wrapper](make()), num_cycles=40)
 
 
-def test_normalised_numbers_are_told_from_each_other():
+def test_normalised_numbers_are_distinguished():
     """Each number has bounds of its own, so that none vanishes beside a large one."""
     for game in (deep_line_wars, deep_maze, deep_rts):
         env = supersuit.normalize_obs_v0(make_env(game, representation="vector"))
@@ -266,7 +266,7 @@ def test_a_cnn_policy_sees_channels_first_as_our_page_says(game, representation)
 
 
 def test_stable_baselines3_transposes_planes_that_have_more_channels_than_rows():
-    """So our page tells how to keep it from that; where it no longer does, the page may go."""
+    """Our page shows how to avoid that; once it is fixed there, the page can go."""
     with pytest.warns(UserWarning, match="Treating image space as channels-last"):
         body = learn_from_pictures(make_vec_env("marl_cair/DeepRTS-1v1-15x15-v0"))
     assert body.space.shape == (15, 43, 15)

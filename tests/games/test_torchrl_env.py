@@ -95,7 +95,7 @@ def assert_equal(native: TensorDict, wrapper: TensorDict, *, except_for: set = f
 def test_the_native_environment_equals_the_wrapped_one_for_a_whole_game(case):
     """One entry differs, at the end: the wrapper leaves the mask of an ended game all True.
 
-    PettingZoo has no agents then. Ours tells the legal actions, on which a truncated game
+    PettingZoo has no agents then. Ours keeps the legal actions, on which a truncated game
     bootstraps.
     """
     native, wrapper = make_env(case), wrapped(case)

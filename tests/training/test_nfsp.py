@@ -10,7 +10,7 @@ from marl_cair.checkpoint import read_description
 from marl_cair.league.agents.load import describe_agent, find_fingerprint, load_agent
 from marl_cair.replay.transition import NO_ACTION
 from marl_cair.training import trainer
-from marl_cair.training.collecting.demonstrations import NOBODY
+from marl_cair.training.collecting.demonstrations import NO_DEMONSTRATOR
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
 from marl_cair.training.settings.config import ReplaySettings
@@ -62,7 +62,7 @@ def test_only_own_real_decisions_of_the_q_network_with_a_choice_are_remembered(t
     assert not (
         group["answered"] & ((group["expert_action"] != NO_ACTION) | ~group["learned"])
     ).any()
-    assert (run.demonstrators.playing != NOBODY).any()
+    assert (run.demonstrators.playing != NO_DEMONSTRATOR).any()
     run.close()
 
 

@@ -68,7 +68,7 @@ def test_against_itself_the_learner_plays_every_seat_that_is_in(tmp_path, scenar
     assert (data["player", "opponent"] == opponent).all()
 
 
-def test_a_seat_that_is_out_plays_the_no_op_and_nobody_is_asked_for_it(tmp_path):
+def test_a_seat_that_is_out_plays_the_no_op_without_asking_a_policy(tmp_path):
     run = make_run(tmp_path, "ffa-4", {"random": 1.0})
     (member,) = run.book.pool.members
     bot = run.book.pool.agent(member.number)

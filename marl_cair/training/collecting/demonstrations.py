@@ -16,7 +16,7 @@ from marl_cair.training.collecting.opponents import export_rng, import_rng
 from marl_cair.training.settings.checks import require
 from marl_cair.training.settings.config import DemonstrationSettings
 
-NOBODY = -1
+NO_DEMONSTRATOR = -1
 
 
 class Demonstrators:
@@ -54,7 +54,7 @@ class Demonstrators:
         for number, agent in enumerate(self.agents, start=1):
             agent.seed(seed + number)
         self._rng = np.random.default_rng(seed)
-        self.playing = np.full(num_worlds, NOBODY, np.int8)  # [B], index into `agents`
+        self.playing = np.full(num_worlds, NO_DEMONSTRATOR, np.int8)  # [B], index into `agents`
         self.telling = self.playing.copy()  # [B], the same: the one that plays or may advise
         self._decisions_left = np.zeros(num_worlds, np.int64)  # of the turn under way
 
@@ -85,9 +85,9 @@ class Demonstrators:
         chosen = self._rng.integers(0, len(self.agents), count)
         if until is not None and frames >= until:
             shown[:] = False
-            chosen[:] = NOBODY
+            chosen[:] = NO_DEMONSTRATOR
         self.telling[starting] = chosen
-        self.playing[starting] = np.where(shown, chosen, NOBODY)
+        self.playing[starting] = np.where(shown, chosen, NO_DEMONSTRATOR)
 
     def state_dict(self) -> dict[str, Any]:
         """Draws, games in progress and the demonstrators' generators, as plain data."""
@@ -102,7 +102,7 @@ class Demonstrators:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from `state_dict`. Raises ValueError for a state that no games can have."""
         import_rng(self._rng, state["rng"])
-        agents = Range(NOBODY, len(self.agents) - 1)
+        agents = Range(NO_DEMONSTRATOR, len(self.agents) - 1)
         for name, own, allowed in (
             ("playing", self.playing, agents),
             ("telling", self.telling, agents),

@@ -20,7 +20,7 @@ from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT
 from marl_cair.self_play.samplers import LATEST_ID
 from marl_cair.self_play.win_rates import OPPONENT
 from marl_cair.training.collecting.average_policy import OwnPolicies
-from marl_cair.training.collecting.demonstrations import NOBODY, Demonstrators
+from marl_cair.training.collecting.demonstrations import NO_DEMONSTRATOR, Demonstrators
 from marl_cair.training.collecting.metrics import Decisions, EpisodeStatistics, find_meetings
 from marl_cair.training.collecting.opponents import OpponentBook, export_rng, import_rng
 
@@ -109,7 +109,7 @@ class SeatRouter(TensorDictModuleBase):
         taken.out[:] = group.get("done").squeeze(-1).numpy()
         self._demonstrators.draw(starting, self.frames)
         # Against `latest` a demonstrator plays the seats of one team.
-        shown = self._demonstrators.playing != NOBODY
+        shown = self._demonstrators.playing != NO_DEMONSTRATOR
         taken.shown[:] = shown[:, None] & (taken.team[:, None] == self._teams)
         taken.assisted[starting] = False
         taken.assisted[:] |= taken.shown

@@ -92,7 +92,7 @@ def test_units_of_one_kind_in_a_cell_add_up_and_saturate():
     assert see(board)["own unit progress"][1, 1] == 255 * 4 // 100
 
 
-def test_terrain_tells_the_halves_the_centre_and_the_spawn_columns():
+def test_terrain_shows_the_halves_the_centre_and_the_spawn_columns():
     for player in range(2):
         terrain = see(Board(), player)["terrain"]
         assert (terrain == terrain[0]).all()
@@ -260,7 +260,7 @@ def test_each_number_of_the_vector_has_its_own_bound():
 
 
 def test_the_bounds_of_a_short_game_are_what_it_can_bring():
-    """One decision: one unit bought, one killed, and nobody is paid."""
+    """One decision: one unit bought, one killed, and no income is paid."""
     board = Board(preset="balanced", ticks_per_step=10, max_ticks=10)
     high = high_of(board)
     assert (high["own gold"], high["own income"]) == (200 + 10, 100 + 20)
@@ -284,7 +284,7 @@ def test_who_only_invests_and_who_saves_in_time_stay_below_the_bounds(preset, ti
             buys = f"buy_{unit}" if board.is_legal(0, f"buy_{unit}") else buys
         saves = board.world.tick[0] >= 500 or not board.is_legal(1, "buy_footman")
         board.play(buys, "noop" if saves else "buy_footman")
-        board.world.health[:] = 50  # nobody loses
+        board.world.health[:] = 50  # no player loses
         most = np.maximum(most, board.engine.observe("vector")[0].max(axis=0))
     reached = dict(zip(VECTOR_NAMES, most.tolist(), strict=True))
     for name, value in reached.items():

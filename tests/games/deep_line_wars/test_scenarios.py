@@ -76,7 +76,7 @@ def test_both_halves_take_towers_and_the_centre_does_not(columns, build_columns)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_names_tell_the_board(name):
+def test_names_have_the_board(name):
     scenario = SCENARIOS[name]
     rows, columns = scenario.rows, scenario.columns
     assert name in (f"{rows}x{columns}", f"{columns}x{rows}")

@@ -52,7 +52,7 @@ def test_in_a_free_for_all_the_row_came_in_above_the_column():
     assert (many.low[4, :4] > 0.5).all()
 
 
-def test_repeats_are_told_and_not_counted():
+def test_repeats_are_reported_and_not_counted():
     games = make_games([[0, 1]] * 3, [[1, 2]] * 3, [0, 1, 2], [False, True, True])
     found = find_payoffs(2, games)
     assert found.counts[0, 1] == 1

@@ -101,7 +101,7 @@ def test_few_games_do_not_decide():
     assert "95%" in many
 
 
-def test_a_clean_sweep_of_one_map_seed_tells_nobody_apart(tmp_path):
+def test_a_clean_sweep_of_one_map_seed_is_not_significant(tmp_path):
     games = from_rows([(0, 1, 0, 1.0), (1, 0, 0, 0.0)])
     table = make_table(["a", "b"], games)
     assert "a and b do not differ significantly: -291 or more" in describe_league(table)

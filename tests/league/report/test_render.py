@@ -124,7 +124,7 @@ def test_charts_are_vector_graphics_with_names_as_text(key):
 
 
 @pytest.mark.parametrize("results", [EDGES, EVEN, dict.fromkeys(EDGES, 20)])
-def test_page_and_markdown_tell_the_words_of_the_text(results):
+def test_page_and_markdown_have_the_words_of_the_text(results):
     table = make(results, forfeits=(("mine crashed in act: KeyError: 3", 4),))
     page, markdown = read_page(table), render_markdown(make_report(table))
     text = " ".join(text_of(table).split())
@@ -225,7 +225,7 @@ def test_a_run_with_two_snapshots_is_a_curve():
     assert sum(tag == "svg" for tag, _ in bare.elements) == 2
 
 
-def test_runs_of_one_name_are_told_apart():
+def test_runs_of_one_name_are_distinguished():
     table, background = runs()
     records = {
         **background.records,
@@ -321,14 +321,14 @@ def test_agents_that_no_games_compare_have_a_matrix_and_no_ladder(tmp_path):
     assert any("62.5" in cell for row in page.rows["matrix"] for cell in row)
 
 
-def test_one_agent_alone_is_told():
+def test_one_agent_alone_is_reported():
     games = make_games({(0, 0): 25})
     page = read_page(make_table(["a"], games))
     assert "a is the only agent" in page.text[""]
     assert "There are no two rated agents" in page.text["differences"]
 
 
-def test_a_free_for_all_is_told_by_teams():
+def test_a_free_for_all_is_reported_by_teams():
     agents = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]] * 8)
     ranks = np.tile([1.0, 2.0, 3.0], (24, 1))
     blocks = np.repeat(np.arange(8), 3)

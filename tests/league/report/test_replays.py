@@ -182,7 +182,7 @@ def test_foreign_code_runs_where_games_are_played_and_not_in_a_report(tmp_path):
     assert films(tmp_path) == []
 
 
-def test_the_command_leaves_replays_out_and_is_told_in_the_settings(tmp_path, capsys):
+def test_the_command_leaves_replays_out_and_stands_in_the_settings(tmp_path, capsys):
     words = ["league", "random", "turtle", "--scenario", "11x11", "--games", "8", "--no-replays"]
     assert main([*words, "--out", str(tmp_path)]) == 0
     assert str(tmp_path / "report.html") in capsys.readouterr().out

@@ -63,7 +63,7 @@ def test_no_number_depends_on_what_agents_are_called(tmp_path):
     assert numbers[0] == numbers[1]
 
 
-def test_a_bot_and_a_command_of_its_name_are_told_apart(tmp_path):
+def test_a_bot_and_a_command_of_its_name_are_distinguished(tmp_path):
     command = f"process:{sys.executable} tests/league/process_bot.py"
     assert _short_names(("rusher", "process:rusher"), GAME) == ["rusher", "process:rusher"]
     assert _short_names(("process:rusher", "turtle"), GAME) == ["process:rusher", "turtle"]

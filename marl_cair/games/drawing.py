@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled_compact, write_loop
+from marl_cair.games.compiled import compiled_compact
+from marl_cair.games.loops import write_loop
 
 TRANSPARENT = 0
 SPECTATOR = -1  # the viewer of a picture that is of no seat

@@ -150,8 +150,7 @@ class NetworkSize:
     action_embedding: int = 16  # embedding of each action
     side_features: int = 4  # of each cell in the neighbourhoods of planes
     reward_bins: int = 63  # odd, so that one bin is exactly 0
-    # Offsets (row, column) by which values move.
-    shifts: tuple[tuple[int, int], ...] = ((0, 1), (0, -1), (1, 0), (-1, 0))
+    shifts: tuple[tuple[int, int], ...] = ((0, 1), (0, -1), (1, 0), (-1, 0))  # steps of values
     frame_channels: int = 32  # of each patch of 4 x 4 pixels, for observations of frames
     steps: int = 6  # most common steps of each plane's own values, as candidates
     distances: bool = False  # rewards depend on path distances from moving to static planes

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled, loop_over_seats
+from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_line_wars import tables as t
 from marl_cair.games.deep_line_wars.rulebook import CENTRE, CLASSIC, ENEMY_SPAWN, OWN_SPAWN
 from marl_cair.games.deep_line_wars.state import NUM_PLAYERS, seen_column, unit_slot, world_at
+from marl_cair.games.loops import loop_over_seats
 
 FULL = 255
 UNIT_LEVEL = 64  # one unit as healthy as one bought now; four or more in a cell saturate

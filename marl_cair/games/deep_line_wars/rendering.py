@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games import drawing as d
-from marl_cair.games.compiled import compiled_compact, loop_over_seats
+from marl_cair.games.compiled import compiled_compact
 from marl_cair.games.deep_line_wars import rulebook as rb
 from marl_cair.games.deep_line_wars import state as s
 from marl_cair.games.deep_line_wars.observation import LOG_LEVELS, ticks_to_income
 from marl_cair.games.deep_line_wars.state import seen_column, unit_slot
 from marl_cair.games.deep_line_wars.tables import NUM_UNIT_KINDS, PROGRESS_PER_TILE
 from marl_cair.games.drawing import SPECTATOR, fill_box, fill_disc
+from marl_cair.games.loops import loop_over_seats
 
 IMAGE_WIDTH, IMAGE_HEIGHT = 800, 600
 HUD_HEIGHT = 74  # pixels above the board

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from marl_cair.games.compiled import compiled, loop_over_resets, loop_over_seats
+from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_line_wars import state as s
 from marl_cair.games.deep_line_wars import tables as t
 from marl_cair.games.deep_line_wars.orders import list_legal_actions, obey
 from marl_cair.games.game import NO_WINNER
+from marl_cair.games.loops import loop_over_resets, loop_over_seats
 from marl_cair.games.randomness import draw_below, mix
 
 # Weights of the shaping potential. Their sum is below 1, so that no shaped return outweighs a win.

@@ -11,9 +11,10 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled, make_world_at
+from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_line_wars.scenarios import Scenario
 from marl_cair.games.game_package import allocate_world
+from marl_cair.games.loops import make_world_at
 
 NUM_PLAYERS = 2
 NO_TARGET = -1

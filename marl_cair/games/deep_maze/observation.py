@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled, loop_over_seats
+from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_maze.rulebook import CHASE, HUNTER
 from marl_cair.games.deep_maze.sight import knows, sees, sees_all
 from marl_cair.games.deep_maze.state import GOAL, IN_SIGHT, MAZE, OPEN, TICK, WALL, world_at
 from marl_cair.games.deep_maze.tables import ACTION_NAMES, MAX_PLAYERS, NUM_MOVES
+from marl_cair.games.loops import loop_over_seats
 
 FULL = 255
 HUNTER_LEVEL, HUNTED_LEVEL = 255, 128  # of the plane `role`, which is 0 but in a chase

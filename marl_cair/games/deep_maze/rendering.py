@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games import drawing as d
-from marl_cair.games.compiled import compiled_compact, loop_over_seats
+from marl_cair.games.compiled import compiled_compact
 from marl_cair.games.deep_maze import observation as obs
 from marl_cair.games.deep_maze import state as s
 from marl_cair.games.deep_maze.sight import knows, sees
 from marl_cair.games.deep_maze.tables import NUM_MOVES
 from marl_cair.games.drawing import SPECTATOR, fill_box, fill_disc
+from marl_cair.games.loops import loop_over_seats
 
 IMAGE_WIDTH, IMAGE_HEIGHT = 640, 480
 GRAY_SIDE = 84

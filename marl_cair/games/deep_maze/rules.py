@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from marl_cair.games.compiled import compiled, loop_over_resets, loop_over_seats
+from marl_cair.games.compiled import compiled
 from marl_cair.games.deep_maze import rulebook as rb
 from marl_cair.games.deep_maze import state as s
 from marl_cair.games.deep_maze.places import enter_maze, potential
 from marl_cair.games.deep_maze.sight import open_eyes, update_sight
 from marl_cair.games.deep_maze.tables import EXCESS_REWARD, GOAL_REWARD, NOOP, NUM_MOVES
 from marl_cair.games.game import NO_WINNER
+from marl_cair.games.loops import loop_over_resets, loop_over_seats
 from marl_cair.games.randomness import mix
 
 DRAW = -2  # of `clock[WINNER]`: decided, without a winner

@@ -7,9 +7,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import make_world_at
 from marl_cair.games.deep_maze.scenarios import Scenario
 from marl_cair.games.game_package import allocate_world
+from marl_cair.games.loops import make_world_at
 
 RUNNING, TERMINATED, TRUNCATED = range(3)  # of PHASE
 OPEN, WALL = range(2)  # of walls

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import make_world_at
 from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.scenarios import Scenario
+from marl_cair.games.loops import make_world_at
 
 NO_UNIT = -1
 NO_GOAL = 0  # the corner of the border, where nothing is

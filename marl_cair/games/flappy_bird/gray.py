@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from marl_cair.games.compiled import compiled_compact, loop_over_seats
+from marl_cair.games.compiled import compiled_compact
 from marl_cair.games.flappy_bird import art as a
 from marl_cair.games.flappy_bird import frames, rendering
 from marl_cair.games.flappy_bird import state as s
 from marl_cair.games.flappy_bird.tables import NUM_PIPES, PIPE_WIDTH, SCREEN_HEIGHT, SCREEN_WIDTH
+from marl_cair.games.loops import loop_over_seats
 
 GRAY_SIDE, GRAY_SMALL_SIDE = 84, 80
 CELL_UNITS = SCREEN_WIDTH * SCREEN_HEIGHT  # of a cell's area

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from marl_cair.games.compiled import compiled, loop_over_seats
+from marl_cair.games.compiled import compiled
 from marl_cair.games.flappy_bird import tables as t
 from marl_cair.games.flappy_bird.state import GLIDING, NEVER, world_at
+from marl_cair.games.loops import loop_over_seats
 
 VECTOR_NAMES = (
     *("bird y", "bird velocity", "distance to the end of the next pipe"),

@@ -9,12 +9,13 @@ from __future__ import annotations
 from typing import Any
 
 from marl_cair.games import drawing as d
-from marl_cair.games.compiled import compiled_compact, loop_over_seats
+from marl_cair.games.compiled import compiled_compact
 from marl_cair.games.drawing import SPECTATOR, fill_box, fill_disc
 from marl_cair.games.flappy_bird import art as a
 from marl_cair.games.flappy_bird import frames
 from marl_cair.games.flappy_bird import state as s
 from marl_cair.games.flappy_bird import tables as t
+from marl_cair.games.loops import loop_over_seats
 
 # The gauge of the wind, in the upper left corner: a bar up or down from its middle.
 GAUGE_LEFT, GAUGE_TOP, GAUGE_WIDTH, GAUGE_HEIGHT = 8, 8, 16, 88

@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from marl_cair.games.compiled import compiled, loop_over_resets, loop_over_seats
+from marl_cair.games.compiled import compiled
 from marl_cair.games.flappy_bird import state as s
 from marl_cair.games.flappy_bird import tables as t
 from marl_cair.games.flappy_bird.frames import record_frame, write_frame
 from marl_cair.games.game import NO_WINNER
+from marl_cair.games.loops import loop_over_resets, loop_over_seats
 from marl_cair.games.randomness import draw_below, mix
 
 NO_PIPE = -1

@@ -11,9 +11,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import make_world_at
 from marl_cair.games.flappy_bird.scenarios import Scenario
 from marl_cair.games.game_package import allocate_world
+from marl_cair.games.loops import make_world_at
 
 RUNNING, TERMINATED, TRUNCATED = range(3)
 GLIDING, FLAPPED, STARTING = range(3)  # a bird at its start flaps by itself in the first tick

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from marl_cair.games.game import NO_WINNER, Agent, Game
 from marl_cair.league.play.blocks import Design, Entrant, make_chunk, play_blocks, seat_line_up
 from marl_cair.league.play.playing import Seating, play, start_engine
-from marl_cair.league.ratings.bootstrap import block_interval
 
 BLOCKS_PER_CHUNK = 4
 
@@ -76,6 +75,8 @@ class MatchResult:
 
     def interval(self, wins_only: bool = False) -> tuple[float, float]:
         """95 % interval of the score (of the share of wins) by the bootstrap over map seeds."""
+        from marl_cair.league.ratings.bootstrap import block_interval  # SciPy takes a second
+
         values = [float(r.is_won) if wins_only else r.score for r in self.results]
         return block_interval(np.array(values), np.array([result.block for result in self.results]))
 

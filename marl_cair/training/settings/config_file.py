@@ -123,7 +123,7 @@ def build_value(kind: Any, value: Any, path: str = "") -> Any:
 def _build_group(kind: Any, values: Mapping[str, Any], inside: str) -> Any:
     hints = typing.get_type_hints(kind)
     for name in values:
-        path = inside + name
+        path = f"{inside}{name}"
         if path in RENAMED_OPTIONS:
             raise ValueError(
                 f"{path} is called {RENAMED_OPTIONS[path]} now; a run of an older marl_cair cannot "

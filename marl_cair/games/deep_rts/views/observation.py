@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.compiled import compiled, compiled_copy, make_world_at
+from marl_cair.games.compiled import compiled, compiled_copy
 from marl_cair.games.deep_rts import state as s
 from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.rules import rulebook as rb
@@ -23,6 +23,7 @@ from marl_cair.games.deep_rts.rules.board import owner_of, remembered_tile, sees
 from marl_cair.games.deep_rts.rules.roster import food_limit
 from marl_cair.games.deep_rts.scenarios import Scenario
 from marl_cair.games.deep_rts.views import appearance, planes
+from marl_cair.games.loops import make_world_at
 
 IS_DRAWN, DRAWN_MAP, NUM_SHOWN = range(3)  # columns of `page`
 WIPE, DRAW, NEW_PROGRESS = range(3)  # what changes of a unit

@@ -27,8 +27,10 @@ def test_a_match_of_many_stands_beside_the_fair_share(capsys):
         "A = finisher, B = idle on last_standing ffa-3",
         "ffa-3  A in one seat, B in the other 2: 4 map seeds, once in each",
         "       A won 3, drew 0, lost 0: 100.0% [14.7%, 100.0%] of the points, 33.3% is fair",
-        "       The difference is not significant. "
-        "9 of 12 games repeat others, move by move, and do not count.",
+        (
+            "       The difference is not significant. "
+            "9 of 12 games repeat others, move by move, and do not count."
+        ),
     ]
 
 

@@ -8,7 +8,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 17_310,
+    "games": 17_330,
     "policies": 1_370,
     "replay": 1_690,
     "generative": 3_460,

@@ -71,8 +71,8 @@ def source_digest(own: Path | None = None, folder: Path = _GAMES) -> str:
 
 
 def _shared_sources(folder: Path) -> list[Path]:
-    """The sources in `folder` that can change machine code: this module, those with rules, and all
-    that these import from `folder`; not the environments and the engine.
+    """The sources in `folder` that can change machine code: those that games are made with, those
+    with rules, and all that these import from `folder`; not the environments and the engine.
     """
     texts = {path: path.read_text("utf-8") for path in folder.glob("*.py")}
     imports = {
@@ -80,7 +80,8 @@ def _shared_sources(folder: Path) -> list[Path]:
         for path, text in texts.items()
     }
     reached = {path for path, text in texts.items() if "\n@compiled" in text}
-    reached |= {folder / "compiled.py", folder / "game.py"} & imports.keys()
+    always = ("compiled.py", "game.py", "game_package.py", "loops.py")
+    reached |= {folder / name for name in always} & imports.keys()
     while more := {used for path in reached for used in imports[path]} & imports.keys() - reached:
         reached |= more
     return sorted(reached)

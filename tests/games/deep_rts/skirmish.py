@@ -57,23 +57,27 @@ def read_engine(text: str, **options: Any) -> BatchedEngine:
 
 
 class Skirmish:
-    """One world without units, to which a test adds what it needs.
+    """One world without units (`is_empty`), to which a test adds what it needs.
 
     A step is one tick, and the game lasts until the time limit, unless options change that. Rows
     and columns are those of the map's text.
     """
 
-    def __init__(self, text: str = MEADOW, seed: int = 0, **options: Any) -> None:
+    def __init__(
+        self, text: str = MEADOW, seed: int = 0, is_empty: bool = True, **options: Any
+    ) -> None:
         chosen = {"preset": "drill", "ticks_per_step": 1, "goal": "score", "max_ticks": 1_000_000}
-        chosen |= options
-        self.engine = read_engine(text, **({"army": (1, 0, 0, 0)} | chosen))
+        is_empty = is_empty and "army" not in options
+        if is_empty:
+            chosen["army"] = (1, 0, 0, 0)
+        self.engine = read_engine(text, **chosen | options)
         self.engine.reset(seed)
         # Views: what is written here is what the engine plays on.
         self.world = s.World(*(field[0] for field in self.engine._worlds))
         self.rules: Rules = self.engine._rules
         shape = (1, self.engine.num_players, *self.engine.spec.action_shape)
         self.noops = np.full(shape, self.engine.spec.noop_action, np.int32)
-        if "army" not in options:
+        if is_empty:
             for player in range(self.engine.num_players):
                 for unit in self.units_of(player):
                     call(roster.remove_unit, self.world, self.rules, unit)

@@ -108,7 +108,7 @@ def test_a_process_that_a_list_of_children_misses_is_killed_too():
     """The kernel does not promise that the list is whole while processes end."""
     script = (
         "import os, subprocess; from marl_cair.league.agents import supervisor;"
-        "child = subprocess.Popen(['sleep', '600'], stdout=subprocess.DEVNULL);"
+        "child = subprocess.Popen(['sleep', '600'], stdout=-3, stderr=-3);"  # DEVNULL
         "find, left = supervisor.find_below, [[], []];"
         "supervisor.find_below = lambda root: left.pop() if left else find(root);"
         "supervisor.kill_below(os.getpid()); print(child.pid)"

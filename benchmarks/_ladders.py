@@ -200,7 +200,7 @@ def _draw(traced: Traced, titles: tuple[str, str], path: Path) -> None:
 
 
 def format_scores(shown: str, ladder: Path, agent: str) -> list[Row]:
-    """A row for each of today's others, against whom `agent` scores; `title`: its name."""
+    """A row for each of today's others, and the score of `agent` against it; `title`: its name."""
     scores = read_scores(ladder, agent).items()
     return [(f"{shown} scores", name, *(row[key] for key in _VALUES)) for name, row in scores]
 

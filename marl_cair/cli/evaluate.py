@@ -25,7 +25,7 @@ from marl_cair.files import write_atomically
 from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.game import Game
 from marl_cair.league.agents.load import find_fingerprint, find_scenario
-from marl_cair.league.play.match import MatchResult, play_match, require_rivals
+from marl_cair.league.play.match import play_match, require_rivals
 from marl_cair.league.play.solo import play_alone
 from marl_cair.league.ratings.intervals import mean_interval, median_interval, share_interval
 from marl_cair.text import clean_cell
@@ -82,9 +82,11 @@ def _rate_against(
         played = play_match(agent, opponent, game, scenario, num_games, options.seed, identities)
         match = played.without_repeats()
         doubts = describe_doubts(num_games, match)
-        sys.stdout.write(f"{format_row(source, match, width)}{doubts}\n")
+        counts = match.games, match.wins, match.draws, match.losses
+        shares = match.wins / match.games, *match.interval(wins_only=True)
+        sys.stdout.write(f"{format_row(source, counts, shares, width)}{doubts}\n")
         sys.stdout.flush()
-        rows.append((source, match.games, match.wins, match.draws, match.losses, *_shares(match)))
+        rows.append((source, *counts, *_digits(*shares)))
     return rows
 
 
@@ -120,19 +122,13 @@ def _digits(*values: float) -> tuple[str, ...]:
     return tuple(f"{value:.4f}" for value in values)
 
 
-def format_row(source: str, match: MatchResult, width: int) -> str:
-    """Wins, draws and losses against one opponent with the 95 % interval of the win rate."""
-    share, low, high = (f"{100.0 * float(value):.1f}%" for value in _shares(match))
-    return (
-        f"{source:{width}} {match.games:>6} {match.wins:>6} {match.draws:>6} {match.losses:>6}  "
-        f"{share} [{low}, {high}]"
-    )
-
-
-def _shares(match: MatchResult) -> tuple[str, str, str]:
-    """Win rate and the ends of its interval, with four digits."""
-    low, high = match.interval(wins_only=True)
-    return f"{match.wins / match.games:.4f}", f"{low:.4f}", f"{high:.4f}"
+def format_row(
+    source: str, counts: Sequence[int], shares: tuple[float, float, float], width: int
+) -> str:
+    """Games, wins, draws and losses against one opponent; the win rate with its 95 % interval."""
+    share, low, high = shares
+    numbers = " ".join(f"{count:>6}" for count in counts)
+    return f"{source:{width}} {numbers}  {share:.1%} [{low:.1%}, {high:.1%}]"
 
 
 def make_parser() -> Parser:
@@ -146,7 +142,7 @@ def make_parser() -> Parser:
         parser,
         *shared.MATCH_OPTIONS,
         games_of="against each opponent",
-        games=500,
+        games="%(default)s",
         trained="agent",
         bots_alone="a bot",
     )

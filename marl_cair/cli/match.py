@@ -212,7 +212,7 @@ def make_parser() -> Parser:
         parser,
         *shared.MATCH_OPTIONS,
         games_of="of each variant",
-        games=100,
+        games="%(default)s",
         trained="first checkpoint",
         bots_alone="bots alone",
         more="; variant.field=value also plays that variant, and "

@@ -179,7 +179,7 @@ def test_commands_take_the_limits(capsys):
     assert main([*words, "lots"]) == 2
     assert "--answer-memory is 'lots', it must be a size" in capsys.readouterr().err
     assert main([*words, "1GiB", "--answer-seconds", "0"]) == 2
-    assert "--answer-seconds 0" in capsys.readouterr().err
+    assert "have no effect" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

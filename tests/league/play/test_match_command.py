@@ -165,7 +165,9 @@ def test_evaluate_and_match_have_the_same_interval():
     ]
     result = MatchResult(tuple(games))
     low, high = result.interval()
-    assert f"50.0% [{low:.1%}, {high:.1%}]" in evaluate.format_row("b", result, 1)
+    shares = result.wins / result.games, *result.interval(wins_only=True)
+    row = evaluate.format_row("b", (result.games, result.wins, 0, 20), shares, 1)
+    assert f"50.0% [{low:.1%}, {high:.1%}]" in row
     assert high - low > 0.4  # of 40 independent games: 0.3
 
 

@@ -199,10 +199,10 @@ def _draw(traced: Traced, titles: tuple[str, str], path: Path) -> None:
         figure.savefig(unfinished, dpi=150)
 
 
-def format_scores(shown: str, ladder: Path, agent: str) -> list[Row]:
+def format_scores(title: str, ladder: Path, agent: str) -> list[Row]:
     """A row for each of today's others, and the score of `agent` against it; `title`: its name."""
     scores = read_scores(ladder, agent).items()
-    return [(f"{shown} scores", name, *(row[key] for key in _VALUES)) for name, row in scores]
+    return [(f"{title} scores", name, *(row[key] for key in _VALUES)) for name, row in scores]
 
 
 def format_least(ladder: Path, agent: str) -> Row:

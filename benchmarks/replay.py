@@ -23,7 +23,7 @@ from marl_cair.replay import (
     TransitionSpec,
     make_replay_buffer,
 )
-from marl_cair.replay.transition import EXPERIENCE_KEYS
+from marl_cair.replay.transition import EXPERIENCE_KEYS, NO_ACTION
 
 SPEC = TransitionSpec((28, 10, 15), num_actions=185, num_uniform=10)
 NUM_STREAMS = 256
@@ -49,6 +49,7 @@ def make_rollout(generator: torch.Generator) -> Rollout:
         terminated=torch.rand(shape, generator=generator) < 1 / EPISODE_STEPS,
         truncated=torch.zeros(shape, dtype=torch.bool),
         learned=torch.ones(shape, dtype=torch.bool),
+        expert_action=torch.full(shape, NO_ACTION, dtype=torch.int64),
         opponent=torch.zeros(shape, dtype=torch.int16),
         final_step=torch.zeros(0, dtype=torch.int64),
         final_observation=torch.zeros((0, *SPEC.observation_shape), dtype=torch.uint8),

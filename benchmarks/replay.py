@@ -41,19 +41,22 @@ def make_rollout(generator: torch.Generator) -> Rollout:
     uniform = torch.randint(0, 256, (*shape, 10, 1, 1), dtype=torch.uint8, generator=generator)
     mask = torch.rand((*shape, SPEC.num_actions), generator=generator) < 0.5
     mask[..., 0] = True
+    terminated = torch.rand(shape, generator=generator) < 1 / EPISODE_STEPS
+    final_step = terminated.flatten().nonzero().flatten()
+    num_ends = len(final_step)
     return Rollout(
         observation=torch.cat([boards, uniform.expand(*shape, 10, 10, 15)], dim=2),
         action_mask=mask,
         action=torch.zeros(shape, dtype=torch.int64),
         reward=torch.randn(shape, generator=generator),
-        terminated=torch.rand(shape, generator=generator) < 1 / EPISODE_STEPS,
+        terminated=terminated,
         truncated=torch.zeros(shape, dtype=torch.bool),
         learned=torch.ones(shape, dtype=torch.bool),
         expert_action=torch.full(shape, NO_ACTION, dtype=torch.int64),
         opponent=torch.zeros(shape, dtype=torch.int16),
-        final_step=torch.zeros(0, dtype=torch.int64),
-        final_observation=torch.zeros((0, *SPEC.observation_shape), dtype=torch.uint8),
-        final_action_mask=torch.zeros((0, SPEC.num_actions), dtype=torch.bool),
+        final_step=final_step,
+        final_observation=torch.zeros((num_ends, *SPEC.observation_shape), dtype=torch.uint8),
+        final_action_mask=torch.zeros((num_ends, SPEC.num_actions), dtype=torch.bool),
     )
 
 

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from tqdm import tqdm
 
+from benchmarks import replay
 from benchmarks._ladders import _space_out
 from benchmarks.coverage import Case, find_truth, measure
 from marl_cair.cli import main
@@ -191,3 +192,12 @@ def test_93_to_97_of_100_intervals_hold(monkeypatch, players, effect):
     found = cover(monkeypatch, Case("own", effect, players, 20), 500)
     assert 0.93 <= np.round(found.ratings, 2) <= 0.97
     assert 0.93 <= np.round(found.differences, 2) <= 0.97
+
+
+# --- replay ------------------------------------------------------------------------------------
+
+
+def test_the_replay_of_the_benchmark_takes_its_rollouts(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["replay.py", "--memory", "5000"])
+    replay.main()
+    assert "5000 steps" in capsys.readouterr().out

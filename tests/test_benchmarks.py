@@ -7,7 +7,6 @@ import pytest
 import yaml
 from tqdm import tqdm
 
-from benchmarks import replay
 from benchmarks._ladders import _space_out
 from benchmarks.coverage import Case, find_truth, measure
 from marl_cair.cli import main
@@ -197,7 +196,5 @@ def test_93_to_97_of_100_intervals_hold(monkeypatch, players, effect):
 # --- replay ------------------------------------------------------------------------------------
 
 
-def test_the_replay_of_the_benchmark_takes_its_rollouts(monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["replay.py", "--memory", "5000"])
-    replay.main()
-    assert "5000 steps" in capsys.readouterr().out
+def test_a_ring_of_the_replay_takes_the_steps_of_its_benchmark():
+    assert "5000 steps" in read_table("replay", "bytes per step", ["--memory", 5000])

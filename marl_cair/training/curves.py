@@ -43,7 +43,7 @@ def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathL
     FigureCanvasAgg(figure)
     panels = figure.subplots(2, num_columns, squeeze=False).flat
     for panel in panels[len(drawn) :]:
-        panel.remove()
+        panel.axis("off")
     for panel, draw in zip(panels, drawn, strict=False):
         draw(panel, logs)
         panel.spines[["top", "right"]].set_visible(False)
@@ -93,7 +93,7 @@ def _draw_win_rates(panel: Any, logs: Mapping[str, Rows]) -> None:
 
 def _draw_td_errors(panel: Any, logs: Mapping[str, Rows]) -> None:
     _draw_pair(panel, logs, *((f"td_error/{kind}", f"{kind} rows") for kind in _KINDS))
-    panel.set(title="TD error (absolute)", yscale="log")
+    panel.set(title="TD error", ylabel="mean absolute TD error", yscale="log")
 
 
 def _draw_overestimation(panel: Any, logs: Mapping[str, Rows]) -> None:
@@ -136,8 +136,8 @@ def _draw_actions(panel: Any, logs: Mapping[str, Rows]) -> None:
     kinds = [name.partition("/")[2].replace("_", " ") for name in names]
     panel.stackplot(frames, shares, labels=kinds, colors=COLOURS, alpha=0.85, linewidth=0)
     panel.set(title=f"Actions of {label}", ylabel="share of decisions", ylim=(0, 1))
-    # Below the panel: many entries would hide the plot.
-    _add_legend(panel, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
+    # Beside the panel: many entries would hide the plot.
+    _add_legend(panel, loc="center left", bbox_to_anchor=(1.02, 0.5))
 
 
 # Panels, and the beginnings of the names in the log that each shows.

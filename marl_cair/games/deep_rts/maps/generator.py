@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import count
 
 import numpy as np
 
@@ -141,7 +140,7 @@ class _Board:
     ) -> None:
         self.rows, self.columns = rows, columns
         # The bits of a generator are the same in all versions of NumPy; its distributions are not.
-        self._bits = (bit for _ in count() for bit in reversed(bits.random_raw(512).tolist()))
+        self._bits, self._words = bits, list[int]()
         self.plan = plans[self.below(len(plans))]
         self.tiles = np.full((rows, columns), t.GRASS, dtype=np.uint8)
         self.owners = np.full((rows, columns), _FREE, dtype=np.uint8)
@@ -161,7 +160,9 @@ class _Board:
 
     def below(self, limit: int) -> int:
         """A random number in 0..limit - 1."""
-        return int(next(self._bits) >> 16) % limit
+        if not self._words:
+            self._words = self._bits.random_raw(512).tolist()
+        return (self._words.pop() >> 16) % limit
 
     def images(self, row: int, column: int) -> list[Cell]:
         """The images of a cell under the symmetries of the plan, itself first."""
@@ -324,8 +325,7 @@ class _Board:
             row, column = cell
             if is_end[row][column]:
                 continue
-            for down, right in ((1, 0), (0, 1), (-1, 0), (0, -1)):
-                near = row + down, column + right
+            for near in (row + 1, column), (row, column + 1), (row - 1, column), (row, column - 1):
                 if 0 <= near[0] < self.rows and 0 <= near[1] < self.columns and near not in parents:
                     waits = costlier if is_blocked[near[0]][near[1]] else queue
                     waits.append((near, cell))

@@ -22,6 +22,7 @@ from marl_cair.cli.compose import (
 )
 from marl_cair.cli.train import describe_options
 from marl_cair.games import GAMES
+from marl_cair.league.store.store import STORE_FILE, LeagueStore
 from marl_cair.lookup import UnknownNameError
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.training.settings.config_file import build_config, load_config, save_config
@@ -84,6 +85,18 @@ def test_a_sweep_composes_one_job_for_each_combination(capsys):
     ]
     assert {job.config.total_frames for job in jobs} == {10_000}
     assert len({job.name for job in jobs}) == 4
+
+
+def test_a_sweep_trains_each_job_and_begins_none_again(tmp_path, capsys):
+    out = tmp_path / "sweep"
+    words = ["train", "--multirun", *SMALL, "seed=0,1", "total_frames=256", f"out={out}"]
+    assert main(words) == 0
+    logs = {load_config(folder).seed: (folder / "log.csv").read_text() for folder in out.iterdir()}
+    assert set(logs) == {0, 1}
+    assert main(words) == 0
+    assert capsys.readouterr().out.count("job 2 of 2") == 2
+    for folder in out.iterdir():
+        assert (folder / "log.csv").read_text() == logs[load_config(folder).seed]
 
 
 def test_the_configuration_is_printed_and_nothing_is_written(capsys, tmp_path, monkeypatch):
@@ -257,8 +270,11 @@ def test_train_resume_evaluate_and_league_from_end_to_end(tmp_path, capsys):
     assert main(words) == 0
     assert table.read_text("utf-8").startswith("opponent,games,wins")
     league = ["league", f"{out}/latest", "random", "--games", "2", "--scenario", "11x11"]
+    league += ["--set", "max_ticks=40"]
     assert main([*league, "--out", str(tmp_path / "league")]) == 0
     assert "Ladder" in capsys.readouterr().out
+    with contextlib.closing(LeagueStore(tmp_path / "league" / STORE_FILE)) as store:
+        assert store.settings["scenario"]["max_ticks"] == 40
 
 
 def test_an_interrupt_saves_and_exits_with_130(tmp_path, capsys):

@@ -50,7 +50,7 @@ def test_a_run_goes_from_start_to_match(tmp_path, capsys, scenario, words, logge
     assert logged <= set(rows[-2])
     assert rows[-1]["updates"] > rows[-2]["updates"] > 0
     capsys.readouterr()
-    assert main(["match", f"{out}/latest", "random", "games=4"]) == 0
+    assert main(["match", f"{out}/latest", "random", "--games", "4"]) == 0
     shown = capsys.readouterr().out
     assert f"on deep_rts {scenario}\n" in shown
     assert ("mean score of A" in shown) == (scenario == "Economy-15x15")

@@ -173,14 +173,22 @@ class MixedReplay:
             batch["priority_weight"] = torch.cat([weights, mean])
         return batch
 
+    def sample_generated(self, num_real: int) -> TensorDict | None:
+        """Generated transitions that make their share of a batch with `num_real` real ones; None
+        while there are none.
+        """
+        count = round(num_real * self.fraction / (1.0 - self.fraction))
+        if not (count and self.generated_open and len(self.generated)):
+            return None
+        return self.generated.sample(count)
+
     def note_errors(self, batch: TensorDict, done: float) -> None:
         """Set the priorities of a batch's real rows from their TD errors.
 
-        batch: from `sample`, with "td_error" [batch_size, 1]; done: share of the run, 0..1.
+        batch: from `sample`, with "td_error" [batch_size]; done: share of the run, 0..1.
         """
         real = ~batch["is_generated"].flatten()
-        errors = batch["td_error"].flatten()[real].sqrt()  # TorchRL writes squares
-        self.real.update_priority(batch["index"][real], errors, done)
+        self.real.update_priority(batch["index"][real], batch["td_error"][real], done)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write both rings to folder `path` and replace an older one; no pickle."""

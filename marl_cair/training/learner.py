@@ -1,38 +1,44 @@
-"""The Q-learning update: TorchRL's DQNLoss on masked batches of real and generated transitions."""
+"""One update of a Q-network: loss, gradient step, target network, averaged weights."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from typing import Any
 
 import torch
 from tensordict import TensorDict
 from torch import Tensor
-from torchrl.data import Categorical
-from torchrl.modules import QValueActor
-from torchrl.objectives import DQNLoss, HardUpdate, SoftUpdate
 
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.transition import NO_ACTION
+from marl_cair.training.losses import measure_errors
 from marl_cair.training.settings.config import DemonstrationSettings
-from marl_cair.training.settings.learner import LearnerSettings
+from marl_cair.training.settings.learner import LOSSES, LearnerSettings
 
 # Warm-up of the averaged weights: after n updates they average over at most about n / 10.
 _AVERAGE_WARMUP = 10
+_OPTIMIZERS: dict[str, Callable[..., torch.optim.Optimizer]] = {
+    "adam": torch.optim.Adam,
+    "radam": torch.optim.RAdam,
+    "rmsprop": torch.optim.RMSprop,
+    "sgd": torch.optim.SGD,
+}
+# Prefixes of the networks' names in states of version 0.1.
+_OLD_NAMES = {
+    "network": "value_network_params.module.0.module.",
+    "target": "target_value_network_params.module.0.module.",
+}
 
 
 class Learner:
     """Network, target network, optimiser, and the averaged weights that are rated and kept.
 
-    Target of a row: R + gamma^k * (not terminated) * Q_target(s', argmax over legal a of Q(s', a)),
-    R the discounted sum of k rewards (double Q-learning, van Hasselt et al. 2016).
-
-    Neighbouring actions differ little in value, so a few updates can change the greedy policy;
-    `average` is the exponential moving average of the weights (Polyak and Juditsky 1992), whose
-    policy is steady. The newest weights collect.
+    The loss is an entry of `LOSSES`. Neighbouring actions differ little in value, so a few updates
+    can change the greedy policy; `average` is the exponential moving average of the weights (Polyak
+    and Juditsky 1992), whose policy is steady. The newest weights collect.
     """
 
     def __init__(
@@ -43,79 +49,65 @@ class Learner:
     ) -> None:
         self.network, self.settings = network, settings
         self.demonstration = demonstration or DemonstrationSettings()
-        actor = QValueActor(
-            network,
-            in_keys=["observation"],
-            spec=Categorical(network.num_actions, dtype=torch.int64),
-            action_mask_key="action_mask",
-        )
-        self._loss = DQNLoss(
-            actor,
-            loss_function=settings.loss,
-            delay_value=True,
-            double_dqn=settings.double,
-            action_space="categorical",
-            reduction="mean",
-        )
-        self._loss.make_value_estimator(gamma=settings.gamma)
-        self._values = torch.empty(0)
-        if self.demonstration.is_given:
-            inner = next(m for m in self._loss.value_network.modules() if isinstance(m, QNetwork))
-            inner.register_forward_hook(self._note_values)
-        if settings.target == "soft":
-            self._target = SoftUpdate(self._loss, tau=settings.target_tau)
-        else:
-            every = settings.target_every_updates
-            self._target = HardUpdate(self._loss, value_network_update_interval=every)
-        self._parameters: list[Tensor] = list(network.parameters())
+        self.loss = LOSSES[settings.algorithm](settings)
         self.average = deepcopy(network).eval().requires_grad_(False)
+        self.target = network
+        if self.loss.HAS_TARGET_NETWORK:
+            self.target = deepcopy(network).requires_grad_(False)
+        self._parameters: list[Tensor] = list(network.parameters())
+        self._targets: list[Tensor] = list(self.target.parameters())
         self._averaged: list[Tensor] = list(self.average.parameters())
-        self.optimizer = torch.optim.Adam(self._parameters, lr=settings.learning_rate)
+        make_optimizer = _OPTIMIZERS[settings.optimizer]
+        self.optimizer = make_optimizer(self._parameters, lr=settings.learning_rate)
         self.updates = 0
 
     def update(self, batch: TensorDict, done: float = 0.0) -> dict[str, Tensor | float]:
-        """One gradient step on rows with the transition keys; returns scalars for the log.
+        """One gradient step on rows as the loss reads them; returns scalars for the log.
 
-        batch: gets "td_error" [N, 1], squared.
+        batch: TensorDict [N]; gets "td_error" float32 [N].
         done: share of the run that is over, 0..1, for the learning rate.
         """
         kind = self._parameters[0].device.type
         with torch.autocast(kind, torch.bfloat16, enabled=self.settings.autocast):
-            td_loss = self._loss(batch)["loss"]
-        margin_loss = self._find_margin_loss(batch)
-        loss = td_loss + self.demonstration.margin_weight * margin_loss
+            result = self.loss(self.network, self.target, batch)
+        batch["td_error"] = result.td_error
+        loss: Tensor = result.loss
+        values: dict[str, Tensor | float] = {"loss/all": loss.detach()}
+        if self.demonstration.is_given:
+            margin_loss = self._find_margin_loss(batch, result.values)
+            loss = loss + self.demonstration.margin_weight * margin_loss
+            values["loss/margin"] = margin_loss.detach()
         self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         norm = torch.nn.utils.clip_grad_norm_(self._parameters, self.settings.max_grad_norm)
         for group in self.optimizer.param_groups:
             group["lr"] = self.settings.learning_rate_at(done)
         self.optimizer.step()
-        self._target.step()
         self.updates += 1
-        self._take_into_average()
-        values = {"loss/all": td_loss.detach(), "grad_norm": norm, **self._split(batch)}
-        if self.demonstration.is_given:
-            values["loss/margin"] = margin_loss.detach()
-        return values
+        self._follow()
+        return {**values, "grad_norm": norm, **self._split(batch)}
 
-    def _note_values(self, module: QNetwork, inputs: tuple[Tensor, ...], values: Tensor) -> None:
-        """Keep Q(s, .) of the loss, its only values with gradients: another pass for the margin
-        would cost a third of an update.
-        """
-        if values.requires_grad:
-            self._values = values
+    @torch.no_grad()
+    def _follow(self) -> None:
+        """Move target network and averaged weights towards the newest weights."""
+        settings = self.settings
+        if self.loss.HAS_TARGET_NETWORK:
+            if settings.target == "soft":
+                torch._foreach_lerp_(self._targets, self._parameters, settings.target_tau)
+            elif self.updates % settings.target_every_updates == 0:
+                torch._foreach_copy_(self._targets, self._parameters)
+        warm = (1 + self.updates) / (_AVERAGE_WARMUP + self.updates)
+        share = 1.0 - min(settings.average_decay, warm)
+        torch._foreach_lerp_(self._averaged, self._parameters, share)
 
-    def _find_margin_loss(self, batch: TensorDict) -> Tensor:
+    def _find_margin_loss(self, batch: TensorDict, values: Tensor) -> Tensor:
         """Mean over the batch of max over legal a of (Q(s, a) + margin where a is not the expert's
         action) - Q(s, the expert's action), 0 for rows without an expert's action.
         """
-        if (
-            not self.demonstration.is_given
-            or not (shown := batch["expert_action"] != NO_ACTION).any()
-        ):
+        shown = batch["expert_action"] != NO_ACTION
+        if not shown.any():
             return torch.zeros(())
-        action = batch["expert_action"][shown, None]
-        values = self._values[shown]
+        action, values = batch["expert_action"][shown, None], values[shown]
         wanted = values.gather(1, action)
         rivals = (values + self.demonstration.margin).scatter(1, action, wanted)
         legal = batch["action_mask"][shown]
@@ -123,19 +115,10 @@ class Learner:
         loss: Tensor = (best - wanted).sum() / len(shown)
         return loss
 
-    @torch.no_grad()
-    def _take_into_average(self) -> None:
-        warm = (1 + self.updates) / (_AVERAGE_WARMUP + self.updates)
-        share = 1.0 - min(self.settings.average_decay, warm)
-        torch._foreach_lerp_(self._averaged, self._parameters, share)
-
     def _split(self, batch: TensorDict) -> dict[str, Tensor | float]:
         """Mean loss and TD error of real and of generated rows, apart."""
-        # TorchRL writes the square of the TD error.
-        error = batch["td_error"].detach().flatten().sqrt()
-        loss = error.clamp(max=1.0) * (error - 0.5 * error.clamp(max=1.0))
-        if self.settings.loss == "l2":
-            loss = error.square()
+        error = batch["td_error"].abs()
+        loss = measure_errors(error, torch.zeros_like(error), self.settings.loss)
         generated = batch["is_generated"].flatten()
         values: dict[str, Tensor | float] = {}
         num_generated = int(generated.sum())
@@ -152,18 +135,30 @@ class Learner:
     def state_dict(self) -> dict[str, Any]:
         """Network, target, optimiser and counts as tensors and plain data."""
         return {
-            "loss": dict(self._loss.state_dict()),
-            "average": dict(self.average.state_dict()),
+            **{name: dict(network.state_dict()) for name, network in self._networks().items()},
             "optimizer": self.optimizer.state_dict(),
-            "target_counter": getattr(self._target, "counter", 0),
             "updates": self.updates,
         }
 
+    def _networks(self) -> dict[str, QNetwork]:
+        networks = {"network": self.network, "average": self.average}
+        return networks | ({"target": self.target} if self.loss.HAS_TARGET_NETWORK else {})
+
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from `state_dict`. Raises ValueError for numbers that are not finite."""
-        restore_weights(self._loss, state["loss"], "learner.loss")
-        restore_weights(self.average, state["average"], "learner.average")
+        if "loss" in state:
+            state = {**state, **_read_old_networks(state["loss"], self.network.state_dict())}
+        for name, network in self._networks().items():
+            restore_weights(network, state[name], f"learner.{name}")
         restore_optimizer(self.optimizer, state["optimizer"], "learner.optimizer")
-        if hasattr(self._target, "counter"):
-            self._target.counter = read_number(state, "target_counter", COUNT)
         self.updates = read_number(state, "updates", COUNT)
+
+
+def _read_old_networks(
+    saved: Mapping[str, Any], weights: Mapping[str, Any]
+) -> dict[str, dict[str, Any]]:
+    """Network and target network as version 0.1 stored them, by name; `weights` of one of them."""
+    return {
+        name: {key: saved[prefix + key] for key in weights if prefix + key in saved}
+        for name, prefix in _OLD_NAMES.items()
+    }

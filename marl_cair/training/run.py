@@ -45,7 +45,7 @@ BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
 REPLAY_FOLDER, RESERVOIR_FOLDER = "replay", "reservoir"
 _SCORES = Range(-math.inf, math.inf, float)  # -inf before the first
-_NUM_SEEDS = 14
+_NUM_SEEDS = 15
 
 
 class TrainingRun:
@@ -192,6 +192,7 @@ class TrainingRun:
             average = PolicyActor(network, "average", seen, sampling)
             self.own = self.own._replace(average=average, eta=config.nfsp.eta)
         learner, worlds = config.learner, config.collector.num_worlds
+        self.shuffling = torch.Generator().manual_seed(seeds[14])  # of steps, without replay
         self.statistics = EpisodeStatistics(worlds, self.spec, learner.gamma, learner.reward_scale)
         self.means = RunningMeans()
 
@@ -277,6 +278,7 @@ class TrainingRun:
             "means": self.means.export_state(),
             "env": state_file.to_tensors(self.env.game_state()),
             "torch_rng": torch.get_rng_state(),
+            "shuffling": self.shuffling.get_state(),
         }
         if self.average_policy:
             state["average_policy"] = self.average_policy.state_dict()
@@ -342,6 +344,8 @@ class TrainingRun:
         # TorchRL's collector does not save the running games: it would start new ones.
         self.collector._carrier.update(self.env.current())
         torch.set_rng_state(state["torch_rng"])
+        if "shuffling" in state:  # missing in states of version 0.1
+            self.shuffling.set_state(state["shuffling"])
 
     def close(self) -> None:
         """Shut the collector and the log, and release the folder."""

@@ -20,6 +20,7 @@ from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.collecting.rollout import make_rollout
 from marl_cair.training.evaluation import evaluate
+from marl_cair.training.newest_steps import iterate_batches, make_rows
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import ENDLESS_FRAMES, TrainConfig
 
@@ -117,7 +118,7 @@ def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
             data = next(batches)
         _store(run, data, timers)
         with timers.measure("learn"):
-            _learn(run, before)
+            _learn(run, before, data)
         with timers.measure("generate"):
             _generate(run, before)
         yield before
@@ -134,9 +135,11 @@ def _is_due(before: int, after: int, every: int) -> bool:
 
 def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
     """Store the learner's steps; pass those with a known next state to the generator."""
+    run.frames += data.numel()
     with timers.measure("store"):
-        slots = run.replay.real.extend_rollout(make_rollout(data, run.config.learner.reward_scale))
-        run.frames += data.numel()
+        if run.generator or run.config.learner.learns_from_replay:
+            rollout = make_rollout(data, run.config.learner.reward_scale)
+            slots = run.replay.real.extend_rollout(rollout)
         if run.average_policy:
             run.average_policy.remember(data)
     if run.generator:
@@ -144,16 +147,22 @@ def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
             run.generator.observe(run.replay.real.read_steps(slots))
 
 
-def _learn(run: TrainingRun, before: int) -> None:
+def _learn(run: TrainingRun, before: int, data: TensorDictBase) -> None:
     if run.average_policy:
         num_updates = _count_due(before, run.frames, run.config.nfsp.frames_per_update)
         for values in run.average_policy.learn(num_updates):
             run.means.add(values)
-    settings = run.config.learner
+    settings, done = run.config.learner, run.frames / run.config.total_frames
+    if not settings.learns_from_replay:
+        rows = make_rows(data, run.actor, settings)
+        generated = run.replay.sample_generated
+        batches = iterate_batches(rows, settings, run.actor, generated, run.shuffling)
+        for batch in batches if len(rows) else ():
+            run.means.add(run.learner.update(batch, done))
+        return
     if not _has_enough(run):
         return
     for _ in range(_count_due(before, run.frames, settings.frames_per_update)):
-        done = run.frames / run.config.total_frames
         batch = run.replay.sample()
         run.means.add(run.learner.update(batch, done))
         if run.config.replay.priority_alpha:

@@ -226,7 +226,7 @@ def test_generated_rows_keep_their_share_of_the_loss_and_get_no_priority():
     weights, is_generated = batch["priority_weight"], batch["is_generated"].flatten()
     assert weights[is_generated].sum() == pytest.approx(float(weights.sum()) / 4)
     assert len(set(weights[~is_generated].tolist())) > 5
-    batch["td_error"] = torch.where(is_generated, 1e4, 4.0)[:, None]  # squares, as TorchRL's
+    batch["td_error"] = torch.where(is_generated, 100.0, -2.0)
     mixture.note_errors(batch, done=1.0)
     priorities = buffer.sampler.priorities
     assert np.allclose(priorities[batch["index"][~is_generated]], (2.0 + 1e-3) ** 0.6)

@@ -84,8 +84,8 @@ def digest(folder):
     """Of all weights (target and average too), optimiser moments and the replay's files."""
     state = torch.load(folder / "resume" / "state.pt", weights_only=True)["learner"]
     found = hashlib.sha256()
-    for network in ("loss", "average"):
-        for _, value in sorted(state[network].items()):
+    for network in ("network", "target", "average"):
+        for _, value in sorted(state.get(network, {}).items()):
             found.update(value.numpy().tobytes())
     for moments in state["optimizer"]["state"].values():
         found.update(moments["exp_avg"].numpy().tobytes())

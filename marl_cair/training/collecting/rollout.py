@@ -16,9 +16,9 @@ def make_rollout(data: TensorDictBase, reward_scale: float) -> Rollout:
     """
     group, following = data[GROUP], data["next", GROUP]
     names = ("observation", "action_mask", "action", "learned", "expert_action", "opponent")
-    steps = {name: _by_time(group[name]) for name in names}
-    terminated = _by_time(following["terminated"]).squeeze(-1)
-    truncated = _by_time(following["truncated"]).squeeze(-1) & ~terminated
+    steps = {name: by_time(group[name]) for name in names}
+    terminated = by_time(following["terminated"]).squeeze(-1)
+    truncated = by_time(following["truncated"]).squeeze(-1) & ~terminated
     # Q-learning does not use the state after a terminated step, but the generator learns ends.
     final_step = ((terminated | truncated) & steps["learned"]).flatten().nonzero().squeeze(1)
     num_streams, players = steps["learned"].shape[1], group["action"].shape[-1]
@@ -26,7 +26,7 @@ def make_rollout(data: TensorDictBase, reward_scale: float) -> Rollout:
     final = (stream // players, time, stream % players)
     return Rollout(
         **steps,
-        reward=_by_time(following["reward"]).squeeze(-1) * reward_scale,
+        reward=by_time(following["reward"]).squeeze(-1) * reward_scale,
         terminated=terminated,
         truncated=truncated,
         final_step=final_step,
@@ -35,6 +35,6 @@ def make_rollout(data: TensorDictBase, reward_scale: float) -> Rollout:
     )
 
 
-def _by_time(value: Tensor) -> Tensor:
+def by_time(value: Tensor) -> Tensor:
     """[B, T, P, ...] -> [T, B * P, ...], contiguous."""
     return value.transpose(0, 1).flatten(1, 2).contiguous()

@@ -54,7 +54,7 @@ class SeatRouter(TensorDictModuleBase):
     ) -> None:
         super().__init__()
         self.in_keys = [(GROUP, "observation"), (GROUP, "action_mask"), (GROUP, "done")]
-        written = ["action", "learned", "expert_action", "opponent"]
+        written = ["action", "learned", "expert_action", "opponent", "best_value"]
         written += ["answered"] if own.average is not None else []
         self.out_keys = [(GROUP, name) for name in written]
         worlds, self._players = env.engine.num_worlds, env.engine.num_players
@@ -95,6 +95,8 @@ class SeatRouter(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write ("player", "action") int64, "learned" bool, "expert_action" int64 and "opponent"
         int16, each [B, P]; with NFSP "answered" bool too, the decisions of the Q-network.
+
+        "best_value" float32 [B, P] is the learner's largest legal Q, NaN where it was not computed.
 
         "expert_action" is the action of a demonstrator, or its advice, NO_ACTION elsewhere.
         "opponent" is the only one of the game, NO_OPPONENT if there are several or none.
@@ -144,9 +146,12 @@ class SeatRouter(TensorDictModuleBase):
         rows = torch.from_numpy(valued)
         values = own.answer.compute_values(observation[rows])
         actions[rows] = own.answer.exploration(values, mask[rows], self.epsilon)
+        best = values.masked_fill(~mask[rows], -torch.inf).amax(-1)
         if starting.any():
-            best = values.masked_fill(~mask[rows], -torch.inf).amax(-1).numpy()
-            self._statistics.note_first_values(starting, valued, best)
+            self._statistics.note_first_values(starting, valued, best.numpy())
+        best_value = torch.full(actions.shape, torch.nan)
+        best_value[rows] = best
+        group.set("best_value", best_value)
         if own.average is not None:
             rows = torch.from_numpy(chosen & ~answering)
             actions[rows] = own.average.select_actions(observation[rows], mask[rows])

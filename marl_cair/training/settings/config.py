@@ -312,6 +312,13 @@ class TrainConfig:
     def __post_init__(self) -> None:
         check_fields(self)
         self._check_scenarios()
+        if not self.learner.learns_from_replay:
+            for name, given in (
+                ("demonstration", self.demonstration.is_given),
+                ("nfsp", self.nfsp.enabled),
+            ):
+                allowed = f"dqn with {name}, which learns from the replay buffer"
+                require(not given, "learner.algorithm", self.learner.algorithm, allowed)
         bots = GAMES[self.game.name].bots
         self.opponent.check_names(bots)
         for bot in (*self.evaluation.bots, *self.demonstration.bots):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-from marl_cair.lookup import check_name
+from marl_cair.lookup import LazyTable, check_name
 from marl_cair.replay import MOST_STEPS
 from marl_cair.training.settings.checks import (
     Allowed,
@@ -19,9 +19,19 @@ from marl_cair.training.settings.checks import (
     require,
 )
 
+if TYPE_CHECKING:
+    from marl_cair.training.losses import DqnLoss, PqnLoss
+
 Steps = Annotated[int, Allowed(lambda n: 1 <= n <= MOST_STEPS, f"1..{MOST_STEPS}")]
 TARGET_UPDATES = ("soft", "hard")
-LOSSES = ("smooth_l1", "l2")
+ERRORS = ("smooth_l1", "l2")
+OPTIMIZERS = ("adam", "radam", "rmsprop", "sgd")
+LOSSES: LazyTable[type[DqnLoss | PqnLoss]] = LazyTable(
+    {
+        "dqn": "marl_cair.training.losses:DqnLoss",
+        "pqn": "marl_cair.training.losses:PqnLoss",
+    }
+)
 AVERAGE, GREEDY = PLAYED = ("average", "greedy")
 
 
@@ -29,12 +39,17 @@ AVERAGE, GREEDY = PLAYED = ("average", "greedy")
 class LearnerSettings:
     """The Q-learning update."""
 
-    batch_size: Count = 128  # transitions, generated ones included
-    frames_per_update: Count = 64  # frames collected for each update
-    learning_rate: Positive = 5e-4  # of Adam
+    algorithm: str = "dqn"  # dqn: from a replay buffer; pqn: from the newest steps, without one
+    batch_size: Count = 128  # transitions, generated ones included (dqn)
+    frames_per_update: Count = 64  # frames collected for each update (dqn)
+    q_lambda: Share = 0.9  # share of longer returns in a target, per step (pqn)
+    epochs: Count = 2  # times that each collected batch is learned from (pqn)
+    minibatches: Count = 4  # updates of an epoch (pqn)
+    optimizer: str = "adam"  # adam, radam, rmsprop or sgd
+    learning_rate: Positive = 5e-4  # of the optimizer
     learning_rate_end: NonNegative | None = None  # at total_frames, falling linearly; None: same
     gamma: Share = 0.99  # discount per step
-    n_steps: Steps = 8  # steps whose rewards are summed before the target network's value is added
+    n_steps: Steps = 8  # steps whose rewards are summed before the target network's value (dqn)
     double: bool = True  # the online network chooses the action that the target network values
     loss: str = "smooth_l1"  # of the TD error: smooth_l1 or l2
     target: str = "soft"  # how the target network follows: soft (each update), hard (copies)
@@ -48,7 +63,14 @@ class LearnerSettings:
     def __post_init__(self) -> None:
         check_fields(self, "learner.")
         check_name("learner.target", self.target, TARGET_UPDATES)
-        check_name("learner.loss", self.loss, LOSSES)
+        check_name("learner.loss", self.loss, ERRORS)
+        check_name("learner.algorithm", self.algorithm, LOSSES)
+        check_name("learner.optimizer", self.optimizer, OPTIMIZERS)
+
+    @property
+    def learns_from_replay(self) -> bool:
+        """Whether updates sample transitions from the replay buffer."""
+        return LOSSES[self.algorithm].LEARNS_FROM_REPLAY
 
     def learning_rate_at(self, done: float) -> float:
         """Linear from start to end over the share `done` of the run, 0..1."""

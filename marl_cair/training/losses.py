@@ -1,0 +1,124 @@
+"""Losses of Q-learning: from networks and a batch to a loss, TD errors and action values."""
+
+from __future__ import annotations
+
+from typing import ClassVar, NamedTuple
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+from torch.nn import functional
+
+from marl_cair.policies.q_network import QNetwork
+from marl_cair.training.settings.learner import LearnerSettings
+
+
+class LossResult(NamedTuple):
+    """What a loss returns."""
+
+    loss: Tensor  # scalar float32, with gradient
+    td_error: Tensor  # float32 [N], target - Q(s, a), without gradient
+    values: Tensor  # float32 [N, A], Q(s, .), with gradient
+
+
+class DqnLoss:
+    """Deep Q-learning on transitions from a replay buffer (Mnih et al. 2015).
+
+    Target of a row: R + gamma^k * (not terminated) * Q_target(s', a'), R the discounted sum of k
+    rewards; a' is the best legal action by the online network (double Q-learning, van Hasselt et
+    al. 2016), or with `learner.double=false` by the target network. TorchRL's `DQNLoss` computes
+    the same numbers, but gives neither Q(s, .) nor signed TD errors.
+    """
+
+    LEARNS_FROM_REPLAY: ClassVar[bool] = True
+    HAS_TARGET_NETWORK: ClassVar[bool] = True
+
+    def __init__(self, settings: LearnerSettings) -> None:
+        self.settings = settings
+
+    def __call__(self, network: QNetwork, target: QNetwork, batch: TensorDict) -> LossResult:
+        """batch: TensorDict [N] with the keys of replay/transition.py; "priority_weight" float32
+        [N], if there, weighs the rows.
+        """
+        following = batch["next"]
+        with torch.no_grad():
+            seen, mask = following["observation"], following["action_mask"]
+            rated = target(seen)
+            chooser = network(seen) if self.settings.double else rated
+            action = mask_values(chooser, mask).argmax(-1, keepdim=True)
+            ahead = rated.gather(-1, action).squeeze(-1)
+            steps = batch["steps_to_next_obs"].squeeze(-1)
+            discount = self.settings.gamma**steps * ~following["terminated"].squeeze(-1)
+            wanted = following["reward"].squeeze(-1) + discount * ahead
+        return compare(network, batch, wanted, self.settings.loss)
+
+
+class PqnLoss:
+    """Parallelised Q-learning on the newest steps of many worlds (Gallici et al. 2025): no replay
+    buffer, no target network; the networks need normalisation (`policy.norm=layer`).
+
+    A row's target is its Q(lambda) return (`find_lambda_returns`) in "target" float32 [N];
+    generated rows have one-step targets by the online network.
+    """
+
+    LEARNS_FROM_REPLAY: ClassVar[bool] = False
+    HAS_TARGET_NETWORK: ClassVar[bool] = False
+
+    def __init__(self, settings: LearnerSettings) -> None:
+        self.settings = settings
+
+    def __call__(self, network: QNetwork, target: QNetwork, batch: TensorDict) -> LossResult:
+        """batch: TensorDict [N] with "observation", "action" and "target"; `target` is not used."""
+        return compare(network, batch, batch["target"], self.settings.loss)
+
+
+def compare(network: QNetwork, batch: TensorDict, wanted: Tensor, measure: str) -> LossResult:
+    """Loss of Q(s, a) against the targets `wanted` float32 [N].
+
+    measure: "smooth_l1" (Huber) or "l2".
+    """
+    values = network(batch["observation"])
+    chosen = values.gather(-1, batch["action"].unsqueeze(-1)).squeeze(-1)
+    losses = measure_errors(chosen, wanted, measure)
+    weights = batch.get("priority_weight", torch.ones_like(losses))
+    loss = (weights * losses).sum() / weights.sum()
+    return LossResult(loss, (wanted - chosen).detach(), values)
+
+
+def measure_errors(chosen: Tensor, wanted: Tensor, measure: str) -> Tensor:
+    """Loss of each row [N], of kind `measure`."""
+    if measure == "l2":
+        return functional.mse_loss(chosen, wanted, reduction="none")
+    return functional.smooth_l1_loss(chosen, wanted, reduction="none")
+
+
+def mask_values(values: Tensor, action_mask: Tensor) -> Tensor:
+    """The values [..., A] with the lowest number in place of those of illegal actions."""
+    return values.masked_fill(~action_mask, torch.finfo(values.dtype).min)
+
+
+def find_lambda_returns(
+    reward: Tensor,
+    best_ahead: Tensor,
+    terminated: Tensor,
+    is_end: Tensor,
+    gamma: float,
+    q_lambda: float,
+) -> Tensor:
+    """Q(lambda) returns float32 [T, S] of T steps of S streams (Peng and Williams 1996; Daley and
+    Amato 2019, equation 6).
+
+    G_t = r_t + gamma * (lambda * G_t+1 + (1 - lambda) * max Q(s_t+1, .)), where the part with
+    lambda is cut at the end of an episode and after step T.
+
+    reward: float32 [T, S]. best_ahead: float32 [T, S], largest legal Q of the next state; not used
+    where `terminated`. terminated, is_end: bool [T, S]; is_end also where an episode is truncated.
+    """
+    best_ahead = best_ahead.masked_fill(terminated, 0.0)
+    returns = torch.empty_like(reward)
+    following = best_ahead[-1]
+    for step in range(len(reward) - 1, -1, -1):
+        mixed = q_lambda * following + (1.0 - q_lambda) * best_ahead[step]
+        ahead = torch.where(is_end[step], best_ahead[step], mixed)
+        returns[step] = following = reward[step] + gamma * ahead
+    return returns

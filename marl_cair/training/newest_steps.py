@@ -1,0 +1,92 @@
+"""Batches of the newest collected steps with Q(lambda) targets, for learning without replay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+
+from marl_cair.games.torchrl_env import GROUP
+from marl_cair.policies.actor import PolicyActor
+from marl_cair.training.collecting.rollout import by_time
+from marl_cair.training.losses import find_lambda_returns, mask_values
+from marl_cair.training.settings.learner import LearnerSettings
+
+
+def make_rows(data: TensorDictBase, actor: PolicyActor, settings: LearnerSettings) -> TensorDict:
+    """The learned steps of a collected batch [B, T], with their targets, as TensorDict [N].
+
+    actor: the network that has collected them, with "best_value" float32 [B, T, P] of each learned
+    step, its largest legal Q.
+    """
+    group, following = data[GROUP], data["next", GROUP]
+    learned, best = by_time(group["learned"]), by_time(group["best_value"])
+    terminated = by_time(following["terminated"]).squeeze(-1)
+    truncated = by_time(following["truncated"]).squeeze(-1)
+    is_next_learned = torch.cat([learned[1:], torch.zeros_like(learned[:1])])
+    is_cut = terminated | truncated | ~is_next_learned
+    best_ahead = torch.cat([best[1:], best[:1]])
+    asked = is_cut & learned & ~terminated
+    place = asked.nonzero(as_tuple=True)
+    num_players = group["learned"].shape[-1]
+    where = (place[1] // num_players, place[0], place[1] % num_players)
+    values = actor.compute_values(following["observation"][where])
+    mask = following["action_mask"][where].to(values.device)
+    best_ahead[place] = mask_values(values, mask).amax(-1).to(best_ahead.device)
+    reward = by_time(following["reward"]).squeeze(-1) * settings.reward_scale
+    returns = find_lambda_returns(
+        reward, best_ahead, terminated, is_cut, settings.gamma, settings.q_lambda
+    )
+    return TensorDict(
+        {
+            "observation": by_time(group["observation"])[learned],
+            "action": by_time(group["action"])[learned],
+            "target": returns[learned],
+            "is_generated": torch.zeros(int(learned.sum()), dtype=torch.bool),
+        },
+        [int(learned.sum())],
+    )
+
+
+def iterate_batches(
+    rows: TensorDict,
+    settings: LearnerSettings,
+    actor: PolicyActor,
+    sample_generated: Callable[[int], TensorDict | None],
+    generator: torch.Generator,
+) -> Iterator[TensorDict]:
+    """Shuffled parts of `rows`, `learner.minibatches` in each of `learner.epochs`, with generated
+    transitions added.
+
+    sample_generated: number of real rows -> the generated transitions that join them, or None.
+    generator: of the order.
+    """
+    for _ in range(settings.epochs):
+        order = torch.randperm(len(rows), generator=generator)
+        for part in order.chunk(settings.minibatches):
+            batch = rows[part]
+            generated = sample_generated(len(part))
+            if generated is not None:
+                batch = torch.cat([batch, _add_targets(generated, actor, settings)])
+            yield batch
+
+
+def _add_targets(
+    generated: TensorDict, actor: PolicyActor, settings: LearnerSettings
+) -> TensorDict:
+    """Generated transitions [N] as rows, with one-step targets."""
+    following = generated["next"]
+    values = actor.compute_values(following["observation"]).to(following["reward"].device)
+    best = mask_values(values, following["action_mask"]).amax(-1)
+    best = best.masked_fill(following["terminated"].squeeze(-1), 0.0)
+    discount = settings.gamma ** generated["steps_to_next_obs"].squeeze(-1)
+    return TensorDict(
+        {
+            "observation": generated["observation"],
+            "action": generated["action"],
+            "target": following["reward"].squeeze(-1) + discount * best,
+            "is_generated": generated["is_generated"].squeeze(-1),
+        },
+        [len(generated)],
+    )

@@ -1,0 +1,181 @@
+"""Losses of Q-learning: TorchRL's numbers, Q(lambda) returns, and runs without replay."""
+
+import dataclasses
+from copy import deepcopy
+
+import numpy as np
+import pytest
+import torch
+from torchrl.data import Categorical
+from torchrl.modules import QValueActor
+from torchrl.objectives import DQNLoss, SoftUpdate
+
+from marl_cair.games.torchrl_env import GROUP
+from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+from marl_cair.replay.transition import TransitionSpec
+from marl_cair.training import losses
+from marl_cair.training.newest_steps import iterate_batches, make_rows
+from marl_cair.training.run import TrainingRun
+from marl_cair.training.settings.config import DemonstrationSettings
+from marl_cair.training.settings.learner import LearnerSettings, NfspSettings
+from tests.replay.streams import make_transitions
+from tests.training import runs
+
+PQN = LearnerSettings(algorithm="pqn", optimizer="radam", minibatches=2)
+SPEC = TransitionSpec((2, 8, 8), 5)
+
+
+def make_batch(num_rows=32):
+    rng = np.random.default_rng(1)
+    batch = make_transitions(rng, num_rows, SPEC)
+    batch["steps_to_next_obs"] = torch.from_numpy(rng.integers(1, 4, (num_rows, 1)))
+    return batch
+
+
+@pytest.mark.parametrize("double", [True, False])
+@pytest.mark.parametrize("measure", ["smooth_l1", "l2"])
+@pytest.mark.parametrize("is_weighted", [True, False])
+def test_dqn_has_the_numbers_of_torchrl(double, measure, is_weighted):
+    networks = [
+        make_q_network(QNetworkConfig(hidden_width=8), (2, 8, 8), 5, seed) for seed in (0, 1)
+    ]
+    batch = make_batch()
+    if is_weighted:
+        batch["priority_weight"] = torch.linspace(0.1, 1.0, len(batch))
+    actor = QValueActor(
+        deepcopy(networks[0]),
+        in_keys=["observation"],
+        spec=Categorical(5, dtype=torch.int64),
+        action_mask_key="action_mask",
+    )
+    theirs = DQNLoss(
+        actor,
+        loss_function=measure,
+        delay_value=True,
+        double_dqn=double,
+        action_space="categorical",
+    )
+    theirs.make_value_estimator(gamma=0.9)
+    SoftUpdate(theirs, tau=0.01)  # else it warns
+    for name, weight in networks[1].state_dict().items():
+        theirs.target_value_network_params["module", "0", "module", *name.split(".")].data.copy_(
+            weight
+        )
+    settings = LearnerSettings(gamma=0.9, double=double, loss=measure)
+    own = losses.DqnLoss(settings)(*networks, batch)
+    expected = theirs(batch)["loss"]
+    torch.testing.assert_close(own.loss, expected)
+    torch.testing.assert_close(own.td_error.square(), batch["td_error"].flatten())
+    own.loss.backward()
+    expected.backward()
+    for name, weight in networks[0].named_parameters():
+        wanted = theirs.value_network_params["module", "0", "module", *name.split(".")].grad
+        torch.testing.assert_close(weight.grad, wanted)
+
+
+def test_lambda_returns_are_the_weighted_mean_of_all_longer_returns():
+    rng = np.random.default_rng(0)
+    steps, streams, gamma, q_lambda = 9, 40, 0.9, 0.7
+    reward, best = rng.normal(size=(2, steps, streams))
+    terminated = rng.random((steps, streams)) < 0.15
+    is_end = terminated | (rng.random((steps, streams)) < 0.15)
+    found = losses.find_lambda_returns(
+        *(torch.from_numpy(array) for array in (reward, best, terminated, is_end)), gamma, q_lambda
+    )
+    for stream in range(streams):
+        for start in range(steps):
+            expected, weight, total = 0.0, 1.0, 0.0
+            for step in range(start, steps):
+                total += gamma ** (step - start) * reward[step, stream]
+                ahead = 0.0 if terminated[step, stream] else best[step, stream]
+                n_step = total + gamma ** (step - start + 1) * ahead
+                if is_end[step, stream] or step == steps - 1:
+                    expected += weight * n_step
+                    break
+                expected += weight * (1 - q_lambda) * n_step
+                weight *= q_lambda
+            assert found[start, stream] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("q_lambda", [0.0, 0.9])
+def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda):
+    settings = dataclasses.replace(PQN, q_lambda=q_lambda, gamma=0.9)
+    run = TrainingRun(runs.tiny(tmp_path / "run", learner=settings))
+    data = next(iter(run.collector))
+    rows = make_rows(data, run.actor, settings)
+    following = data["next", GROUP]
+    values = run.actor.compute_values(following["observation"].flatten(0, 2))
+    best = losses.mask_values(values, following["action_mask"].flatten(0, 2)).amax(-1)
+    best = best.view(data[GROUP, "learned"].shape)
+    best = best.masked_fill(following["terminated"].squeeze(-1), 0.0)
+    reward = following["reward"].squeeze(-1)
+    found, learned = {}, data[GROUP, "learned"]
+    ends = following["done"].squeeze(-1)
+    for world, step, seat in learned.nonzero().tolist():
+        rest, place = None, (world, step, seat)
+        is_last = step == data.shape[1] - 1 or bool(ends[place])
+        if not is_last and learned[world, step + 1, seat]:
+            rest = world, step + 1, seat
+        found[place] = (float(reward[place]), float(best[place]), rest)
+
+    def find_return(place):
+        gain, ahead, rest = found[place]
+        longer = ahead if rest is None else find_return(rest)
+        return gain + 0.9 * (q_lambda * longer + (1 - q_lambda) * ahead)
+
+    by_time = sorted(found, key=lambda place: (place[1], place[0], place[2]))
+    expected = torch.tensor([find_return(place) for place in by_time])
+    torch.testing.assert_close(rows["target"], expected, atol=1e-5, rtol=1e-4)
+    chosen = torch.stack([data[GROUP, "action"][place] for place in by_time])
+    assert torch.equal(rows["action"], chosen)
+
+
+def test_generated_transitions_join_with_their_share(tmp_path):
+    run = TrainingRun(runs.tiny(tmp_path / "run", learner=PQN))
+    rows = make_rows(next(iter(run.collector)), run.actor, PQN)
+    kept = TransitionSpec(run.seen.shape, run.spec.num_actions)
+    run.replay.generated.extend(make_transitions(np.random.default_rng(0), 64, kept))
+
+    given = rows, PQN, run.actor, run.replay.sample_generated
+
+    def list_batches():
+        return list(iterate_batches(*given, run.shuffling))
+
+    assert sum(int(batch["is_generated"].sum()) for batch in list_batches()) == 0
+    run.replay.generated_open = True
+    batches = list_batches()
+    assert len(batches) == PQN.epochs * PQN.minibatches
+    assert sum(len(batch) - int(batch["is_generated"].sum()) for batch in batches) == 2 * len(rows)
+    for batch in batches:
+        assert float(batch["is_generated"].float().mean()) == pytest.approx(0.2, abs=0.01)
+        assert torch.isfinite(batch["target"]).all()
+
+
+def test_a_run_without_replay_resumes_to_the_same_bits(tmp_path):
+    runs.train_whole_and_in_parts(
+        tmp_path, lambda folder: runs.tiny(folder, 768, learner=PQN), until=384
+    )
+
+
+def test_settings_that_need_a_replay_buffer_are_refused(tmp_path):
+    for changes in (
+        {"demonstration": DemonstrationSettings(bots=("counter",))},
+        {"nfsp": NfspSettings(enabled=True)},
+    ):
+        with pytest.raises(ValueError, match=r"learner\.algorithm is 'pqn'"):
+            runs.tiny(tmp_path, learner=PQN, **changes)
+
+
+def test_states_of_version_0_1_are_read(tmp_path):
+    learner = runs.make_learner()
+    learner.update(runs.make_batch())
+    state = learner.state_dict()
+    prefix = "value_network_params.module.0.module."
+    old = {prefix + key: value for key, value in state.pop("network").items()}
+    old |= {f"target_{prefix}{key}": value for key, value in state.pop("target").items()}
+    again = runs.make_learner()
+    again.load_state_dict({**state, "loss": old, "target_counter": 1})
+    for network in ("network", "target", "average"):
+        kept = getattr(again, network).state_dict()
+        for name, value in getattr(learner, network).state_dict().items():
+            assert torch.equal(value, kept[name])

@@ -27,7 +27,10 @@ def test_the_page_names_all():
         assert f"`{name}`" in page
 
 
-@pytest.mark.parametrize("name", LEAST)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow if "deep_rts" in name else ()) for name in LEAST],
+)
 def test_it_plays_as_well_as_the_page_says(name):
     folder = AGENTS / name
     one = folder if (folder / "agent.json").exists() else folder / "members" / "00"

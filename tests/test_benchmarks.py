@@ -123,6 +123,7 @@ def test_the_table_rates_the_main_agent_the_mixture_and_their_best_responses(tmp
     assert int(rows[-1]["games"]) >= 2
 
 
+@pytest.mark.slow
 def test_the_table_of_rounds_rates_the_mixture_each_response_and_the_best_response(tmp_path):
     (tmp_path / "tiny.yaml").write_text(yaml.safe_dump(PSRO_EXAMPLES["tiny"]), "utf-8")
     words = ["--psro", str(tmp_path / "tiny.yaml")]
@@ -136,6 +137,7 @@ def test_the_table_of_rounds_rates_the_mixture_each_response_and_the_best_respon
     ]
 
 
+@pytest.mark.slow
 def test_the_table_of_runs_rates_the_last_agent_its_past_and_its_best_response(tmp_path):
     words = ["scenario=11x11", "max_ticks=600", "opponent.snapshot_every_frames=256", *LADDER]
     first, second = tmp_path / "first", tmp_path / "second"

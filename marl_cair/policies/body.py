@@ -87,6 +87,12 @@ def require_vector(body: str, shape: Sequence[int]) -> int:
     return shape[0]
 
 
+def make_dense(num_inputs: int, num_outputs: int, norm: str) -> nn.Sequential:
+    """Return a dense layer, a LayerNorm if `norm` is "layer", and a ReLU."""
+    normalise = [nn.LayerNorm(num_outputs)] if norm == "layer" else []
+    return nn.Sequential(nn.Linear(num_inputs, num_outputs), *normalise, nn.ReLU())
+
+
 class MlpBody(Body):
     """Vector float32 [N, V] -> features float32 [N, F]."""
 
@@ -95,11 +101,10 @@ class MlpBody(Body):
 
     def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:
         super().__init__(observation_shape, config)
+        num_inputs = require_vector("mlp", observation_shape)
         self.layers = nn.Sequential(
-            nn.Linear(require_vector("mlp", observation_shape), self.num_features),
-            nn.ReLU(),
-            nn.Linear(self.num_features, self.num_features),
-            nn.ReLU(),
+            *make_dense(num_inputs, self.num_features, config.norm),
+            *make_dense(self.num_features, self.num_features, config.norm),
         )
 
     def forward(self, observation: Tensor) -> Tensor:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import torch
 from torch import Tensor, nn
 
-from marl_cair.policies.body import Body, is_image, require_planes
+from marl_cair.policies.body import Body, is_image, make_dense, require_planes
 from marl_cair.policies.conv import ConvLayer, stack_convolutions
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class CapsuleBody(Body):
         sizes = config.capsule
         layers = choose_trunk(observation_shape, sizes.trunk_channels)
         self.num_routing_passes = sizes.num_routing_passes
-        self.trunk = stack_convolutions(num_planes, layers)
+        self.trunk = stack_convolutions(num_planes, layers, config.norm)
         self.parts = PartCapsules(sizes.trunk_channels, sizes.num_part_types, sizes.part_pose_size)
         for layer in (*layers, ConvLayer(0, 3, 2, 1)):
             num_rows, num_columns = layer.shrink(num_rows), layer.shrink(num_columns)
@@ -48,7 +48,7 @@ class CapsuleBody(Body):
             sizes.entity_pose_size,
         )
         num_read = sizes.num_entities * (sizes.entity_pose_size + 1)
-        self.read_out = nn.Sequential(nn.Linear(num_read, self.num_features), nn.ReLU())
+        self.read_out = make_dense(num_read, self.num_features, config.norm)
 
     def forward(self, observation: Tensor) -> Tensor:
         planes = self.trunk(observation.contiguous(memory_format=torch.channels_last))

@@ -6,7 +6,18 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from marl_cair import policies
 from marl_cair.lookup import check_name, find_by_name
 
+NORMS = ("none", "layer")
 NO_CELL = -1  # of `action_cells`: the action points at no cell
+
+
+# The least numbers in lists.
+_LEAST = {
+    "conv_channels": 1,
+    "conv_strides": 1,
+    "obstacle_planes": 0,
+    "action_cells": NO_CELL,
+    "action_kinds": 0,
+}
 
 
 @dataclass(frozen=True)
@@ -34,6 +45,11 @@ class QNetworkConfig:
     head: str = "dueling"  # from features to action values: dueling or plain
     hidden_width: int | None = None  # features between body and head: conv, mlp 256; capsule 128
     action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
+    norm: str = "none"  # of the body's layers: none or layer (GroupNorm, LayerNorm)
+    conv_channels: tuple[
+        int, ...
+    ] = ()  # of each layer of the conv body; empty: by the input's size
+    conv_strides: tuple[int, ...] = ()  # of each, with 3 x 3 kernels; empty: by the input's size
     distances: bool = False  # add path distances over the board, longer than kernels reach
     obstacle_planes: tuple[int, ...] = ()  # of `distances`: planes that block paths initially
     cell_values: bool = False  # values of actions that point at a cell use the cells around it
@@ -53,7 +69,8 @@ class QNetworkConfig:
         for name, least in (("hidden_width", 1), ("action_embedding", 0)):
             if getattr(self, name) is not None:
                 _require_at_least(least, name, getattr(self, name))
-        for name, least in (("obstacle_planes", 0), ("action_cells", NO_CELL), ("action_kinds", 0)):
+        check_name("norm", self.norm, NORMS)
+        for name, least in _LEAST.items():
             object.__setattr__(self, name, tuple(getattr(self, name)))
             for place, value in enumerate(getattr(self, name)):
                 _require_at_least(least, f"{name}[{place}]", value)
@@ -62,6 +79,17 @@ class QNetworkConfig:
         self._check_combinations()
 
     def _check_combinations(self) -> None:
+        if self.conv_channels and self.body != "conv":
+            raise ValueError(
+                f"conv_channels is {list(self.conv_channels)}, but body is {self.body!r}: leave it "
+                "empty, or use body='conv'"
+            )
+        num_layers = len(self.conv_strides) or (3 if self.conv_channels else 0)
+        if len(self.conv_channels) != num_layers:
+            raise ValueError(
+                f"conv_channels has {len(self.conv_channels)} entries, but conv_strides "
+                f"{len(self.conv_strides)}: give as many of both, or three channels and no strides"
+            )
         if self.obstacle_planes and not self.distances:
             raise ValueError(
                 f"obstacle_planes is {list(self.obstacle_planes)}, but distances is False: set it "

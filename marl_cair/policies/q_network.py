@@ -15,6 +15,7 @@ from marl_cair.policies.distances import DistanceMaps
 
 __all__ = ["CapsuleSizes", "QNetwork", "QNetworkConfig", "make_q_network"]
 
+FIRST_VALUES = 0.01  # about their size, before learning, with normalised bodies
 UINT8_SCALE = 1.0 / 255.0
 
 
@@ -63,6 +64,9 @@ class QNetwork(nn.Module):
         self.head = policies.HEADS[config.head](
             self.body.num_features, num_actions, config.resolve_action_embedding()
         )
+        if config.norm != "none":  # features do not shrink: large first values would hide rewards
+            for weight in self.head.parameters():
+                weight.data.mul_(FIRST_VALUES)
         self.cells: CellValues | None = None
         if config.cell_values:
             cells, kinds = config.action_cells, config.action_kinds

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 from marl_cair.lookup import LazyTable, check_name
 from marl_cair.replay import MOST_STEPS
@@ -19,14 +19,11 @@ from marl_cair.training.settings.checks import (
     require,
 )
 
-if TYPE_CHECKING:
-    from marl_cair.training.losses import DqnLoss, PqnLoss
-
 Steps = Annotated[int, Allowed(lambda n: 1 <= n <= MOST_STEPS, f"1..{MOST_STEPS}")]
 TARGET_UPDATES = ("soft", "hard")
 ERRORS = ("smooth_l1", "l2")
 OPTIMIZERS = ("adam", "radam", "rmsprop", "sgd")
-LOSSES: LazyTable[type[DqnLoss | PqnLoss]] = LazyTable(
+LOSSES: LazyTable[Any] = LazyTable(
     {
         "dqn": "marl_cair.training.losses:DqnLoss",
         "pqn": "marl_cair.training.losses:PqnLoss",

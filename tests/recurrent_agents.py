@@ -5,20 +5,26 @@ import numpy as np
 from marl_cair.policies.actor import PolicyActor
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 
+TICK = 2  # its place in the vector of the game `last_standing`
+
 
 class Counting:
     """Plays the first and the second legal action in turn, by its number of steps in the game: an
     agent that is not reset, or that loses a state, plays another one.
 
-    `steps` has the numbers of its last call.
+    `calls` has the numbers [N] of each call and the observations.
     """
 
     name, representation, state_size = "counting", "vector", 2
 
+    def __init__(self):
+        self.calls = []
+
     def act(self, observation, action_mask, state):
-        self.steps = state[:, 0].copy()
-        assert (state[:, 1] == -3 * self.steps).all()
-        return choose_in_turn(self.steps, action_mask), state + [1, -3]
+        steps = state[:, 0].copy()
+        self.calls.append((steps, observation.copy()))
+        assert (state[:, 1] == -3 * steps).all()
+        return choose_in_turn(steps, action_mask), np.add(state, [1, -3])
 
     def seed(self, seed):
         """There is nothing to seed."""
@@ -34,6 +40,15 @@ def choose_in_turn(steps, action_mask):
     """The actions of `Counting` [N] after `steps` [N] of the game."""
     wanted = 1 + np.minimum(steps % 2, action_mask.sum(1) - 1)
     return (action_mask.cumsum(1) == wanted[:, None]).argmax(1)
+
+
+def require_ticks(agent):
+    """Assert that a `Counting` has had its number of steps right in all its games, of
+    `last_standing`; returns the number of calls.
+    """
+    for steps, seen in agent.calls:
+        assert steps.tolist() == seen[:, TICK].tolist()
+    return len(agent.calls)
 
 
 def make_counting(scenario, spec):

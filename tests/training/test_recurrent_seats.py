@@ -9,9 +9,8 @@ from marl_cair.replay.transition import NO_ACTION
 from marl_cair.training.learner import Learner
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import DemonstrationSettings, OpponentSettings, TrainConfig
-from tests.recurrent_agents import require_ticks
-from tests.training import runs
-from tests.training.runs import NEVER, by_game, small
+from tests.recurrent_agents import choose_in_turn, require_ticks
+from tests.training.runs import by_game, small
 
 pytestmark = pytest.mark.usefixtures("test_game")
 AGENTS = {"counting": "tests.recurrent_agents:make_counting"}
@@ -47,14 +46,6 @@ def test_an_opponent_begins_each_game_with_a_fresh_state(tmp_path, scenario):
     assert require_ticks(agent) > 20
     assert max(steps.max() for steps, _ in agent.calls) > 2
     run.close()
-
-
-def test_a_run_resumed_within_games_of_recurrent_opponents_equals_one_that_was_never_stopped(
-    tmp_path,
-):
-    runs.train_whole_and_in_parts(
-        tmp_path, lambda to: make_config(to, "ffa-3", {**AGENTS, **NETWORK}), until=256
-    )
 
 
 def test_a_resumed_run_continues_the_states_of_its_games(tmp_path):
@@ -94,25 +85,28 @@ def test_damaged_states_are_refused_and_older_runs_have_none(tmp_path, damage):
 # --- demonstrators -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("advise", "turn"), [(False, None), (True, None), (False, 3), (True, 3)], ids=str
-)
-def test_a_demonstrator_counts_from_the_step_at_which_it_begins(tmp_path, advise, turn):
-    """Beside an opponent that counts in the other seats, and one in the same seat."""
-    shown = DemonstrationSettings(
-        agents=AGENTS, bots=("idle",), share=0.5, advise=advise, turn_decisions=turn
-    )
-    opponent = OpponentSettings({"latest": 1.0}, snapshot_every_frames=NEVER)
-    run = TrainingRun(small(tmp_path / "run", "ffa-3", opponent=opponent, demonstration=shown))
-    agent = counting(run.demonstrators.agents[1])
-    data, calls = collect(run, 4), iter(agent.calls)
+@pytest.mark.parametrize("scenario", ["duel", "ffa-3"])
+@pytest.mark.parametrize("advise", [False, True])
+@pytest.mark.parametrize("turn", [None, 2])
+def test_a_demonstrator_counts_from_the_step_at_which_it_begins(tmp_path, scenario, advise, turn):
+    """Beside an opponent that counts too."""
+    shown = DemonstrationSettings(agents=AGENTS, share=0.5, advise=advise, turn_decisions=turn)
+    run = TrainingRun(make_config(tmp_path / "run", scenario, demonstration=shown))
+    data, steps = collect(run), set()
     run.close()
-    steps, ticks = (np.concatenate(part) for part in zip(*calls, strict=True))
-    ticks = ticks[:, 2]
-    assert (steps <= ticks).all()
-    assert (steps < ticks).any() == (turn is not None)
-    assert steps.max() > (1 if turn else 3)
-    assert (data["player", "expert_action"] != NO_ACTION).any()
+    for game in by_game(data):
+        if game["player", "observation"][0, 0, 2].any():  # its first steps are not collected
+            continue
+        count = np.zeros(run.spec.num_players, np.int64)
+        for step in game:
+            group = step["player"]
+            chosen, mask = group["expert_action"].numpy(), group["action_mask"].numpy()
+            asked = chosen != NO_ACTION
+            expected = choose_in_turn(count, mask)
+            assert chosen[asked].tolist() == expected[asked].tolist()
+            count = np.where(asked, count + 1, 0)
+            steps |= set(count.tolist())
+    assert steps >= {0, 1, 2, 3}
 
 
 # --- the learner ---------------------------------------------------------------------------------
@@ -168,9 +162,8 @@ def test_a_recurrent_learner_resumes_within_its_games_with_the_same_bits(
     tmp_path, recurrent_policy
 ):
     demonstration = DemonstrationSettings(agents=AGENTS, share=0.3, turn_decisions=3, advise=True)
-    config = make_config(
-        tmp_path / "run", "ffa-3", policy=recurrent_policy, demonstration=demonstration
-    )
+    changes = {"policy": recurrent_policy, "demonstration": demonstration}
+    config = make_config(tmp_path / "run", "ffa-3", {**AGENTS, **NETWORK}, **changes)
     run = TrainingRun(config)
     collect(run, 2)
     run.save_state()

@@ -8,13 +8,13 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 17_330,
-    "policies": 1_370,
+    "games": 17_420,
+    "policies": 1_530,
     "replay": 1_690,
     "generative": 3_460,
     "self_play": 970,
-    "league": 7_760,
-    "training": 4_930,
+    "league": 7_820,
+    "training": 4_960,
     "conf": 10,
     "cli": 2_310,
     "": 1_350,  # the modules that every part may import

@@ -25,7 +25,13 @@ Shape = tuple[int, ...]
 
 
 class Agent(Protocol):
-    """Anything that plays seats: a scripted bot, a network, a pool of them."""
+    """Anything that plays seats: a scripted bot, a network, a pool of them.
+
+    A recurrent agent has an attribute `state_size`, S above 0, and remembers nothing itself. It is
+    called as `act(observation, action_mask, state)` and returns (actions, next state): both states
+    are float32 [N, S], one for each row, 0 when a game begins. Callers keep them: see
+    `games.players.recurrent`.
+    """
 
     name: str
     representation: str

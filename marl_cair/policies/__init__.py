@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from marl_cair.policies.actor import MaskedEpsilonGreedy
     from marl_cair.policies.body import Body
+    from marl_cair.policies.memory import GruMemory, LstmMemory
 
 # Importing torch takes seconds: tables import an entry when it is looked up.
 NETWORKS: LazyTable[type[Body]] = LazyTable(
@@ -25,6 +26,13 @@ HEADS: LazyTable[Callable[[int, int, int], nn.Module]] = LazyTable(
     {
         "dueling": "marl_cair.policies.heads:DuelingHead",
         "plain": "marl_cair.policies.heads:PlainHead",
+    }
+)
+NO_MEMORY = "none"
+MEMORIES: LazyTable[type[LstmMemory | GruMemory]] = LazyTable(
+    {
+        "lstm": "marl_cair.policies.memory:LstmMemory",
+        "gru": "marl_cair.policies.memory:GruMemory",
     }
 )
 # How a network's outputs become actions; stored in checkpoints.

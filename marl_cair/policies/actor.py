@@ -123,6 +123,9 @@ class PolicyActor:
     """A Q-network as an agent: observations and masks -> actions, without gradients.
 
     `act` is the agent contract (NumPy in and out), `select_actions` the same on tensors.
+
+    Attributes:
+        state_size: S numbers of the recurrent state of each row; 0 without memory.
     """
 
     def __init__(
@@ -134,6 +137,7 @@ class PolicyActor:
         epsilon: float = 0.0,
     ) -> None:
         self.network = network
+        self.state_size = network.state_size
         self.name = name
         self.representation = representation
         self.exploration = exploration or MaskedEpsilonGreedy(seed=0)
@@ -146,7 +150,7 @@ class PolicyActor:
 
     @property
     def is_deterministic(self) -> bool:
-        """Whether actions depend on the observations alone."""
+        """Whether actions depend on the observations and the states alone."""
         return not self.is_sampled and self.epsilon == 0.0
 
     def seed(self, seed: int) -> None:
@@ -154,14 +158,31 @@ class PolicyActor:
         self.exploration.seed(seed)
 
     def compute_values(self, observation: Tensor) -> Tensor:
-        """Observation [N, *shape], any device -> values float32 [N, A] on the network's device."""
+        """Observation [N, *shape], any device -> values float32 [N, A] on the network's device.
+
+        Raises ValueError for a network with memory: use `step`.
+        """
+        return self.step(observation, torch.empty(len(observation), 0))[0]
+
+    def step(self, observation: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+        """One step of any network: values float32 [N, A] and the next state, on its device.
+
+        Args:
+            observation: [N, *shape], any device.
+            state: float32 [N, state_size], any device.
+        """
         device = next(self.network.parameters()).device
         values = torch.empty(len(observation), self.network.num_actions, device=device)
+        after = state.to(device, copy=True)
         with torch.inference_mode():
             for start in range(0, len(observation), CHUNK_ROWS):
                 chunk = slice(start, start + CHUNK_ROWS)
-                values[chunk] = self.network(observation[chunk].to(device))
-        return values
+                seen = observation[chunk].to(device)
+                if self.state_size:
+                    values[chunk], after[chunk] = self.network(seen, after[chunk])
+                else:
+                    values[chunk] = self.network(seen)
+        return values, after
 
     def select_actions(
         self, observation: Tensor, action_mask: Tensor, epsilon: float | Tensor | None = None
@@ -175,12 +196,22 @@ class PolicyActor:
         return self.exploration(values, action_mask.to(values.device), chance)
 
     def act(
-        self, observation: npt.NDArray[Any], action_mask: npt.NDArray[np.bool_]
-    ) -> npt.NDArray[np.int64]:
-        """Observation [N, *shape], mask bool [N, A] -> actions int64 [N]."""
-        actions = self.select_actions(_view_tensor(observation), _view_tensor(action_mask))
-        chosen: npt.NDArray[np.int64] = actions.cpu().numpy()
-        return chosen
+        self,
+        observation: npt.NDArray[Any],
+        action_mask: npt.NDArray[np.bool_],
+        state: npt.NDArray[np.float32] | None = None,
+    ) -> Any:
+        """Observation [N, *shape], mask bool [N, A] -> actions int64 [N].
+
+        With memory: also state float32 [N, S] -> actions and the next state [N, S].
+        """
+        if not self.state_size:
+            actions = self.select_actions(_view_tensor(observation), _view_tensor(action_mask))
+            return actions.cpu().numpy()
+        before = torch.empty(0) if state is None else _view_tensor(state)
+        values, after = self.step(_view_tensor(observation), before)
+        mask = _view_tensor(action_mask).to(values.device)
+        return self.exploration(values, mask, self.epsilon).cpu().numpy(), after.cpu().numpy()
 
     def state_dict(self) -> dict[str, Tensor]:
         """Return the state of the exploration's generator, without the weights."""

@@ -8,6 +8,15 @@ from marl_cair.lookup import check_name, find_by_name
 
 NORMS = ("none", "layer")
 NO_CELL = -1  # of `action_cells`: the action points at no cell
+# Later settings, which are no part of an agent's fingerprint at these values: older agents keep
+# theirs.
+LATER: Mapping[str, object] = {
+    "norm": "none",
+    "conv_channels": (),
+    "conv_strides": (),
+    "memory": policies.NO_MEMORY,
+    "memory_width": None,
+}
 
 
 # The least numbers in lists.
@@ -46,10 +55,10 @@ class QNetworkConfig:
     hidden_width: int | None = None  # features between body and head: conv, mlp 256; capsule 128
     action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
     norm: str = "none"  # of the body's layers: none or layer (GroupNorm, LayerNorm)
-    conv_channels: tuple[
-        int, ...
-    ] = ()  # of each layer of the conv body; empty: by the input's size
+    conv_channels: tuple[int, ...] = ()  # of each layer of `conv`; empty: by the input's size
     conv_strides: tuple[int, ...] = ()  # of each, with 3 x 3 kernels; empty: by the input's size
+    memory: str = policies.NO_MEMORY  # between body and head: none, lstm or gru
+    memory_width: int | None = None  # features after the memory; None: hidden_width
     distances: bool = False  # add path distances over the board, longer than kernels reach
     obstacle_planes: tuple[int, ...] = ()  # of `distances`: planes that block paths initially
     cell_values: bool = False  # values of actions that point at a cell use the cells around it
@@ -63,10 +72,12 @@ class QNetworkConfig:
     def __post_init__(self) -> None:
         check_name("network", self.body, policies.NETWORKS)
         check_name("head", self.head, policies.HEADS)
+        if self.memory != policies.NO_MEMORY:
+            check_name("memory (or none)", self.memory, policies.MEMORIES)
         for name in ("distances", "cell_values", "frame_differences"):
             if not isinstance(getattr(self, name), bool):
                 raise ValueError(f"{name} is {getattr(self, name)!r}, it must be True or False")
-        for name, least in (("hidden_width", 1), ("action_embedding", 0)):
+        for name, least in (("hidden_width", 1), ("memory_width", 1), ("action_embedding", 0)):
             if getattr(self, name) is not None:
                 _require_at_least(least, name, getattr(self, name))
         check_name("norm", self.norm, NORMS)
@@ -94,6 +105,11 @@ class QNetworkConfig:
             raise ValueError(
                 f"obstacle_planes is {list(self.obstacle_planes)}, but distances is False: set it "
                 "to True, or leave obstacle_planes empty"
+            )
+        if self.memory == policies.NO_MEMORY and self.memory_width is not None:
+            raise ValueError(
+                f"memory_width is {self.memory_width}, but memory is {self.memory!r}: set it to "
+                f"{' or '.join(policies.MEMORIES)}, or leave memory_width None"
             )
         if (self.action_cells or self.action_kinds) and not self.cell_values:
             raise ValueError(

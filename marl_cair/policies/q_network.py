@@ -1,7 +1,8 @@
 """`QNetwork`: action values of observations, from any body and head."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -21,6 +22,11 @@ UINT8_SCALE = 1.0 / 255.0
 
 class QNetwork(nn.Module):
     """Action values of observations; `make_q_network` makes one from a seed.
+
+    With `config.memory` it is recurrent: each step has a state [N, S], 0 when an episode begins.
+
+    Attributes:
+        state_size: S numbers of the state; 0 without memory.
 
     Raises ValueError for a shape that the body does not support, or `num_actions` below 1.
     """
@@ -61,8 +67,14 @@ class QNetwork(nn.Module):
             )
             seen = (2 * board[0], *board[1:])
         self.body = make_body(seen, config)
+        self.state_size, num_features = 0, self.body.num_features
+        self.memory: nn.Module | None = None
+        if config.memory != policies.NO_MEMORY:
+            width = config.memory_width or config.resolve_hidden_width()
+            memory = policies.MEMORIES[config.memory](num_features, width)
+            self.memory, num_features, self.state_size = memory, width, memory.state_size
         self.head = policies.HEADS[config.head](
-            self.body.num_features, num_actions, config.resolve_action_embedding()
+            num_features, num_actions, config.resolve_action_embedding()
         )
         if config.norm != "none":  # features do not shrink: large first values would hide rewards
             for weight in self.head.parameters():
@@ -76,11 +88,13 @@ class QNetwork(nn.Module):
                     f"{len(cells)} entries and action_kinds {len(kinds)}: give one for each "
                     "action, as `QNetworkConfig.with_actions` does"
                 )
-            shape, num_features = self.observation_shape, self.body.num_features
-            self.cells = CellValues(shape, num_features, cells, kinds)
+            self.cells = CellValues(self.observation_shape, num_features, cells, kinds)
 
-    def forward(self, observation: Tensor) -> Tensor:
+    def forward(self, observation: Tensor, state: Tensor | None = None) -> Any:
         """Observation uint8 or float [..., *observation_shape] -> action values float32 [..., A].
+
+        With memory: observation [N, *observation_shape] and state float32 [N, S] -> the values
+        [N, A] and the next state [N, S]. Raises ValueError for another or no state.
 
         uint8 is scaled to [0, 1] here: it is stored and moved as bytes. Floats are not scaled,
         except vectors with `vector_low` and `vector_high`. Images (from 64 x 64 on, of up to 12
@@ -91,6 +105,51 @@ class QNetwork(nn.Module):
         precision: path distances are sums of steps, and the values of neighbouring actions differ
         by less than its rounding.
         """
+        if self.memory is None:
+            return self._find_values(observation)
+        going_on = torch.zeros(1, len(observation), dtype=torch.bool, device=observation.device)
+        values, states = self.unroll(observation.unsqueeze(0), state, going_on)
+        return values[0], states[0]
+
+    def unroll(
+        self, observations: Tensor, state: Tensor | None, starts: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Values of sequences, by a network with memory: only the memory runs step by step.
+
+        Args:
+            observations: uint8 or float [T, N, *observation_shape].
+            state: float32 [N, S], before the first step.
+            starts: bool [T, N], the steps that begin an episode: their state is 0.
+
+        Returns:
+            Values float32 [T, N, A], and the state after each step, [T, N, S].
+
+        Raises ValueError for another or no state.
+        """
+        memory, (num_steps, num_rows) = self.memory, starts.shape
+        if memory is None or state is None or state.shape != (num_rows, self.state_size):
+            given = "none" if state is None else f"{list(state.shape)}"
+            raise ValueError(
+                f"the state is {given}, but a network of memory {self.config.memory!r} needs "
+                f"[{num_rows}, {self.state_size}]: pass zeros where an episode begins, and then "
+                "what the last step returned"
+            )
+        states = [state]
+
+        def remember(features: Tensor) -> Tensor:
+            seen = []
+            for rows, begins in zip(features.reshape(num_steps, num_rows, -1), starts, strict=True):
+                now, after = memory(rows, states[-1].masked_fill(begins.unsqueeze(1), 0.0))
+                seen.append(now)
+                states.append(after)
+            return torch.cat(seen)
+
+        return self._find_values(observations, remember), torch.stack(states[1:])
+
+    def _find_values(
+        self, observation: Tensor, remember: Callable[[Tensor], Tensor] | None = None
+    ) -> Tensor:
+        """Values [..., A]; `remember` maps the features [rows, F] of the body for the head."""
         num_axes = len(self.observation_shape)
         if tuple(observation.shape[-num_axes:]) != self.observation_shape:
             raise ValueError(
@@ -105,6 +164,8 @@ class QNetwork(nn.Module):
         with torch.autocast(kind, enabled=False):
             seen = self._prepare(rows)
             features = self._find_features(seen, is_reduced)
+            if remember is not None:
+                features = remember(features)
             values: Tensor = self.head(features)
             if self.cells is not None:
                 values = self.cells(seen, features, values, is_reduced)

@@ -15,6 +15,7 @@ from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Agent
 from marl_cair.games.players.mixed_agent import MixedAgent
 from marl_cair.games.players.random_player import RANDOM
+from marl_cair.games.players.recurrent import call_agent, find_state_size
 from marl_cair.games.randomness import EpisodeSeeds
 
 
@@ -137,6 +138,8 @@ class OpponentCopies:
         self._agent, self._game, self._num_actions = agent, engine.game.name, engine.num_actions
         self._members = agent.members if isinstance(agent, MixedAgent) else (agent,)
         self._playing = np.zeros(engine.num_worlds, np.int64)  # the member in each world
+        seats = engine.num_worlds, engine.num_players
+        self._memory = np.zeros((*seats, find_state_size(agent)), np.float32)
         # Of each world the random states of all members, and of a mixture its own.
         self._states: list[dict[str, Any]] = [{} for _ in range(engine.num_worlds)]
 
@@ -148,7 +151,10 @@ class OpponentCopies:
         self._states[world] = state if is_mixture else {"members": [state]}
 
     def start_game(self, world: int) -> None:
-        """Draw the member of a mixture that plays a world's next game."""
+        """Clear the recurrent states of a world, and draw the member of a mixture that plays its
+        next game.
+        """
+        self._memory[world] = 0.0
         if isinstance(self._agent, MixedAgent):
             self._agent.load_state_dict(self._states[world])
             self._playing[world] = self._agent.draw(1)[0]
@@ -192,7 +198,7 @@ class OpponentCopies:
     ) -> NDArray[np.int64]:
         """A member's legal actions; arguments and errors as of `act`."""
         try:
-            actions = np.asarray(member.act(seen, masks))
+            actions = call_agent(member, self._memory, (worlds, seat), seen, masks)
         except Exception as error:
             cause = f"crashed in act: {type(error).__name__}: {error}"
             raise self._describe(member, seat, worlds[0], cause) from error

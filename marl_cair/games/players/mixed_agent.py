@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games.checks.engine import check_seed
 from marl_cair.games.game import Agent
+from marl_cair.games.players.recurrent import call_agent, find_state_size
 
 
 class MixedAgent:
@@ -59,6 +60,7 @@ class MixedAgent:
             )
         self.name, self.representation = name, seen[0]
         self.weights: NDArray[np.float64] = np.array(shares) / sum(shares)
+        self.state_size = find_state_size(*self.members)
         self.failure = ""  # of a member that has forfeited: see `league.agents.foreign`
         self._rng = np.random.default_rng(0)
         self._playing = 0
@@ -74,24 +76,33 @@ class MixedAgent:
         """Members for `count` games, int64 [count]."""
         return np.asarray(self._rng.choice(len(self.members), count, p=self.weights), np.int64)
 
-    def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    def act(
+        self,
+        observation: NDArray[Any],
+        action_mask: NDArray[np.bool_],
+        state: NDArray[np.float32] | None = None,
+    ) -> Any:
         """`Agent.act` of the member drawn by `seed`."""
-        return self.act_as(np.full(len(action_mask), self._playing), observation, action_mask)
+        playing = np.full(len(action_mask), self._playing)
+        return self.act_as(playing, observation, action_mask, state)
 
     def act_as(
         self,
         playing: NDArray[np.int64],
         observation: NDArray[Any],
         action_mask: NDArray[np.bool_],
-    ) -> NDArray[np.int64]:
+        state: NDArray[np.float32] | None = None,
+    ) -> Any:
         """`Agent.act` of N rows, each by its member of `playing` [N] (of `draw`)."""
         actions = np.zeros(action_mask.shape[:-1], np.int64)
+        states = np.zeros((len(actions), 0), np.float32) if state is None else state.copy()
         self.failure = ""
         for number in np.unique(playing).tolist():
             rows, member = playing == number, self.members[number]
-            actions[rows] = member.act(observation[rows], action_mask[rows])
+            seen = observation[rows], action_mask[rows]
+            actions[rows] = call_agent(member, states, rows, *seen)
             self.failure = self.failure or str(getattr(member, "failure", ""))
-        return actions
+        return (actions, states) if self.state_size else actions
 
     def state_dict(self) -> dict[str, Any]:
         """All random generators, and the drawn member, as plain data."""

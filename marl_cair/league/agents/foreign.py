@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import Agent, GameSpec
+from marl_cair.games.players.recurrent import check_state, find_state_size
 from marl_cair.lookup import find_by_name
 from marl_cair.text import clean_text
 
@@ -52,7 +53,9 @@ class ForeignAgent:
     `act` returns FORFEIT in each row that is lost; `failure` has the reason. The object may have
     `name`, `representation` (default: the game's first) and `seed`, which is called with another
     number below 2**32 before each `act`, so that random agents are repeatable. Calls are
-    independent: the games of one call are not those of the last.
+    independent: the games of one call are not those of the last. An object with `state_size` S
+    above 0 gets what it remembers of each game as a third argument, float32 [N, S], 0 when a game
+    begins, and returns (actions, the next state).
 
     Args:
         agent: the object.
@@ -60,7 +63,9 @@ class ForeignAgent:
         spec: of the scenario.
         fingerprint: of its code.
 
-    Raises UnknownNameError: the game has no such representation.
+    Raises:
+        UnknownNameError: the game has no such representation.
+        ValueError: its `state_size` is no allowed number.
     """
 
     def __init__(self, agent: Any, source: str, spec: GameSpec, fingerprint: str) -> None:
@@ -68,6 +73,7 @@ class ForeignAgent:
         first = next(iter(spec.representations))
         self.representation = str(getattr(agent, "representation", first))
         find_by_name(f"representation of {source}", self.representation, spec.representations)
+        self.state_size = find_state_size(agent)
         self.fingerprint = fingerprint
         self.failure = ""
         self._agent, self._shape, self._broken = agent, spec.action_shape, ""
@@ -84,10 +90,22 @@ class ForeignAgent:
         # Runs of older versions stored the agent's own state in their place.
         self._seed, self._step = state.get("seed", 0), state.get("step", 0)
 
-    def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-        lost = np.full((len(action_mask), *self._shape), FORFEIT, np.int64)
-        answer = None if self._broken else self._ask(observation.copy(), action_mask.copy())
+    def act(
+        self,
+        observation: NDArray[Any],
+        action_mask: NDArray[np.bool_],
+        state: NDArray[np.float32] | None = None,
+    ) -> Any:
+        arguments = (observation, action_mask, *(() if state is None else (state,)))
+        answer, after = None, state
+        if not self._broken:
+            answer, after = self._ask(*(array.copy() for array in arguments))
         self.failure = self._broken
+        actions = self._check_actions(answer, action_mask)
+        return actions if state is None else (actions, after)
+
+    def _check_actions(self, answer: Any, action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+        lost = np.full((len(action_mask), *self._shape), FORFEIT, np.int64)
         if self._broken:
             return lost
         try:
@@ -107,19 +125,24 @@ class ForeignAgent:
             self.failure = f"played the illegal action {actions[~is_legal].flat[0]}"
         return np.where(is_legal, chosen, FORFEIT)
 
-    def _ask(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> Any:
+    def _ask(self, *arguments: NDArray[Any]) -> tuple[Any, Any]:
+        """The object's answer, and its next states if it is recurrent."""
         self._step += 1
         text = f"{self._seed} {self._step}".encode()
         try:
             if hasattr(self._agent, "seed"):
                 drawn = hashlib.blake2b(text, digest_size=4).digest()
                 self._agent.seed(int.from_bytes(drawn, "big"))
-            return self._agent.act(observation, action_mask)
+            answer = self._agent.act(*arguments)
+            if not self.state_size:
+                return answer, None
+            actions, state = answer
+            return actions, check_state(state, (len(arguments[0]), self.state_size))
         except AgentFault as fault:
             self._broken = str(fault)
         except (Exception, SystemExit) as error:  # noqa: BLE001  # whatever foreign code raises
             self._broken = describe_crash(error)
-        return None
+        return None, arguments[-1]
 
 
 def describe_crash(error: BaseException) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games import GAMES
 from marl_cair.games.checks.scenario import change_scenario, restore_fields
+from marl_cair.games.players.recurrent import check_state, find_state_size
 from marl_cair.league.agents.foreign import AgentFault, describe_crash, digest_code, make_foreign
 from marl_cair.league.agents.process import BASE64
 
@@ -24,8 +25,7 @@ from marl_cair.league.agents.process import BASE64
 def serve(source: str, questions: IO[str], answers: IO[str]) -> None:
     """Answer each line until they end. An agent's exception is its answer."""
     agent: Any = None
-    observed: dict[str, Any] = {}
-    masked: dict[str, Any] = {}
+    arrays: dict[str, dict[str, Any]] = {}  # dtype and shape of each argument of `act`
     for line in questions:
         message = json.loads(line)
         answer: dict[str, Any]
@@ -34,19 +34,27 @@ def serve(source: str, questions: IO[str], answers: IO[str]) -> None:
                 agent, digest = _make(source, message)
                 known = message["representations"]
                 seen = str(getattr(agent, "representation", next(iter(known))))
-                observed = known.get(seen, {})  # the caller refuses an unknown name
                 shape = [*message["action_shape"], len(message["actions"])]
                 masked = {"dtype": "bool", "shape": shape}
+                # The caller refuses an unknown name.
+                arrays = {"observations": known.get(seen, {}), "masks": masked}
                 name = str(getattr(agent, "name", source))
                 answer = {"type": "ready", "name": name, "representation": seen}
                 answer |= {"digest": digest, "arrays": BASE64}
+                if size := find_state_size(agent):
+                    answer["state_size"] = size
+                    arrays["state"] = {"dtype": "float32", "shape": [size]}
             else:
                 if hasattr(agent, "seed"):
                     agent.seed(message["seed"])
                 num = message["num"]
-                observations = _read(message["observations"], num, observed)
-                actions = agent.act(observations, _read(message["masks"], num, masked))
-                answer = {"actions": np.asarray(actions).tolist()}
+                given = [_read(message[name], num, about) for name, about in arrays.items()]
+                answer = {"actions": agent.act(*given)}
+                if "state" in arrays:
+                    answer["actions"], state = answer["actions"]
+                    state = check_state(state, given[-1].shape)
+                    answer["state"] = base64.b64encode(state.tobytes()).decode()
+                answer["actions"] = np.asarray(answer["actions"]).tolist()
         except AgentFault as fault:
             answer = {"error": str(fault)}
         except (Exception, SystemExit) as error:  # noqa: BLE001  # whatever foreign code raises

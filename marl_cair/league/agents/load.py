@@ -26,6 +26,7 @@ from marl_cair.league.agents.process import load_hosted, load_process
 from marl_cair.league.store.records import AgentRecord
 from marl_cair.lookup import find_by_name
 from marl_cair.policies import PLAYS, SAMPLED
+from marl_cair.policies.config import LATER
 
 if TYPE_CHECKING:
     from marl_cair.policies.actor import PolicyActor
@@ -204,7 +205,8 @@ def find_fingerprint(agent: Agent, game: Game) -> str:
         return f"{game.name} {game.version} {agent.name}"
     network = actor.network
     digest = hashlib.blake2b(digest_size=16)
-    about = (network.config.to_dict(), network.num_actions, actor.representation, actor.epsilon)
+    config = {n: v for n, v in network.config.to_dict().items() if n not in LATER or v != LATER[n]}
+    about = (config, network.num_actions, actor.representation, actor.epsilon)
     digest.update(json.dumps(about, sort_keys=True).encode())
     if actor.is_sampled:
         digest.update(SAMPLED.encode())

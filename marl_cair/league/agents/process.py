@@ -18,9 +18,15 @@ answer is {"actions": [3, 0, ...]}, N numbers (lists of `action_shape`), or {"er
 forfeits the games. Messages are independent: the games of one are not those of the last. The
 process must end when its input ends.
 
-A process that answers `hello` with "arrays": "base64" receives both arrays as the Base64 of their
+A process with a memory of each game answers `hello` with "state_size": S, above 0. Then each `act`
+has a "state" too, N lists of S numbers: 0 when a game begins, and then what the process has
+answered as {"actions": [...], "state": [...]} at the game's last step. The league stores them as
+float32, so a process that starts again, or gets other games together, plays the same.
+
+A process that answers `hello` with "arrays": "base64" receives all arrays as the Base64 of their
 bytes, in C order: observations in the representation's dtype and this machine's byte order, masks
-as one byte for each action. This is much faster for pictures.
+as one byte for each action, states as float32. This is much faster for pictures. It answers states
+in the same way.
 
 Every answer has a time limit. A process that misses it, ends, or writes anything else is killed,
 and its agent forfeits the games of that message (see `foreign`). On Linux all processes that it
@@ -150,6 +156,7 @@ class ProcessAgent:
         self, command: Sequence[str], source: str, hello: Mapping[str, Any], limits: Limits
     ) -> None:
         self.name, self.digest, self.arrays = source, "", LISTS
+        self.state_size: Any = 0  # checked by `ForeignAgent`
         self._command, self._hello, self._limits = list(command), dict(hello), limits
         self._seed = 0
         self._connection: _Connection | None = None
@@ -166,6 +173,7 @@ class ProcessAgent:
         for attribute in ("name", "representation", "digest", "arrays"):
             if attribute in ready:
                 setattr(self, attribute, str(ready[attribute]))
+        self.state_size = ready.get("state_size", 0)
         if self.arrays not in (LISTS, BASE64):
             raise self._fail(f"wants arrays as {self.arrays!r}: there are {LISTS} and {BASE64}")
         return connection
@@ -194,7 +202,12 @@ class ProcessAgent:
         """Set the seed of the next message."""
         self._seed = seed
 
-    def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> Any:
+    def act(
+        self,
+        observation: NDArray[Any],
+        action_mask: NDArray[np.bool_],
+        state: NDArray[np.float32] | None = None,
+    ) -> Any:
         message = {
             "type": "act",
             "seed": self._seed,
@@ -202,12 +215,19 @@ class ProcessAgent:
             "observations": self._encode(observation),
             "masks": self._encode(action_mask),
         }
+        if state is not None:
+            message["state"] = self._encode(state)
         answer = self._ask(self._connection or self._start(), message, self._limits.seconds)
         if "error" in answer:
             raise AgentFault(_shorten(str(answer["error"])))
         if "actions" not in answer:
             raise self._fail(f"wrote {_shorten(json.dumps(answer))}, without `actions`")
-        return answer["actions"]
+        if state is None:
+            return answer["actions"]
+        after = answer.get("state")
+        if isinstance(after, str):
+            after = np.frombuffer(base64.b64decode(after), np.float32).reshape(state.shape)
+        return answer["actions"], after
 
     def _encode(self, array: NDArray[Any]) -> Any:
         is_packed = self.arrays == BASE64

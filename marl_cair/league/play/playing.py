@@ -11,6 +11,7 @@ import dataclasses
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games.game import NO_WINNER, Agent, Game
 from marl_cair.games.players.mixed_agent import MixedAgent
+from marl_cair.games.players.recurrent import call_agent, find_state_size
 from marl_cair.league.agents.foreign import FORFEIT
 from marl_cair.league.play.standings import STILL_IN, rank_teams, share_points
 
@@ -180,6 +182,8 @@ def play(
     names = {seating.agent.representation for seating in seatings}
     starts = np.cumsum([0, *(len(chunk.blocks) for chunk in chunks)])
     stopped = np.zeros(engine.num_worlds, np.bool_)  # by a forfeit
+    size = find_state_size(*(seating.agent for seating in seatings))
+    recurrent = np.zeros((engine.num_worlds, engine.num_players, size), np.float32)
     while (running := ~(engine.terminated | engine.truncated | stopped)).any():
         masks = engine.action_mask()
         seen = {name: engine.observe(name) for name in names}
@@ -197,10 +201,10 @@ def play(
                 at = worlds[acts], seats[acts]
                 agent.load_state_dict(state)
                 rows = seen[agent.representation][at], masks[at]
+                act = None
                 if isinstance(agent, MixedAgent):
-                    chosen = agent.act_as(members[entry][place][acts], *rows)
-                else:
-                    chosen = agent.act(*rows)
+                    act = partial(agent.act_as, members[entry][place][acts])
+                chosen = call_agent(agent, recurrent, at, *rows, act)
                 states[place] = agent.state_dict()
                 if (given_up := (chosen.reshape(len(chosen), -1) == FORFEIT).any(1)).any():
                     reason = f"{agent.name} {getattr(agent, 'failure', 'gave up')}"

@@ -13,9 +13,10 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from marl_cair.games.game import Agent
+from marl_cair.games.players.recurrent import call_agent, find_state_size, widen_states
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
 from marl_cair.league.agents.foreign import require_answers
-from marl_cair.ranges import COUNT, MOST, Range, read_number, take_arrays
+from marl_cair.ranges import COUNT, MOST, NUMBER, Range, read_array, read_number, take_arrays
 from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT
 from marl_cair.self_play.samplers import LATEST_ID
 from marl_cair.self_play.win_rates import OPPONENT
@@ -33,6 +34,10 @@ class SeatRouter(TensorDictModuleBase):
     until the game ends. The learner plays all seats of its team and those of `latest`, and learns
     from them; if there is one team, it plays every seat. A seat that is out plays the no-op. With
     NFSP each team of the learner also draws whether its Q-network or its average policy plays.
+
+    Recurrent agents hold a state in each of their seats, 0 when a game begins. A recurrent learner
+    follows the games that a demonstrator plays for it; a recurrent demonstrator remembers the steps
+    since it began to play or to advise.
 
     Args:
         env: the worlds; its episode counts show when a game begins.
@@ -56,6 +61,7 @@ class SeatRouter(TensorDictModuleBase):
         self.in_keys = [(GROUP, "observation"), (GROUP, "action_mask"), (GROUP, "done")]
         written = ["action", "learned", "expert_action", "opponent", "best_value"]
         written += ["answered"] if own.average is not None else []
+        written += ["state"] if own.answer.state_size else []
         self.out_keys = [(GROUP, name) for name in written]
         worlds, self._players = env.engine.num_worlds, env.engine.num_players
         self._teams, self._noop = env.engine.spec.team_of_seat, env.engine.spec.noop_action
@@ -78,6 +84,7 @@ class SeatRouter(TensorDictModuleBase):
         self._met = np.full(worlds, NO_OPPONENT, np.int16)
         self._answering = np.ones((worlds, num_teams), np.bool_)  # the Q-network plays the team
         self._episode = np.full(worlds, -1, np.int64)
+        self._recurrent = np.zeros((2, *seats, 0), np.float32)  # of players and demonstrators
         self._ranges = {  # of saved arrays; those of bools need none
             "opponent": OPPONENT,
             "met": OPPONENT,
@@ -99,7 +106,8 @@ class SeatRouter(TensorDictModuleBase):
         "best_value" float32 [B, P] is the learner's largest legal Q, NaN where it was not computed.
 
         "expert_action" is the action of a demonstrator, or its advice, NO_ACTION elsewhere.
-        "opponent" is the only one of the game, NO_OPPONENT if there are several or none.
+        "opponent" is the only one of the game, NO_OPPONENT if there are several or none. With a
+        recurrent learner "state" float32 [B, P, S] too, before the step.
         """
         group, taken = tensordict.get(GROUP), self.taken
         if self.frames:
@@ -109,7 +117,10 @@ class SeatRouter(TensorDictModuleBase):
         starting = self._start_new_games()
         taken.owned[:] = taken.opponent == LATEST_ID
         taken.out[:] = group.get("done").squeeze(-1).numpy()
+        before = self._demonstrators.telling.copy()
         self._demonstrators.draw(starting, self.frames)
+        self._recurrent[0, starting] = 0.0
+        self._recurrent[1, starting | (before != self._demonstrators.telling)] = 0.0
         # Against `latest` a demonstrator plays the seats of one team.
         shown = self._demonstrators.playing != NO_DEMONSTRATOR
         taken.shown[:] = shown[:, None] & (taken.team[:, None] == self._teams)
@@ -117,7 +128,7 @@ class SeatRouter(TensorDictModuleBase):
         taken.assisted[:] |= taken.shown
         learned = taken.owned & ~taken.out
         actions = torch.full(learned.shape, self._noop, dtype=torch.int64)
-        self._play_own(learned & ~taken.shown, starting, group, actions)
+        self._play_own(learned, starting, group, actions)
         self._play_opponents(group, actions)
         expert_actions = self._demonstrate(group, actions)
         taken.actions[:] = actions.numpy()
@@ -131,20 +142,23 @@ class SeatRouter(TensorDictModuleBase):
 
     def _play_own(
         self,
-        chosen: NDArray[np.bool_],
+        learned: NDArray[np.bool_],
         starting: NDArray[np.bool_],
         group: TensorDictBase,
         actions: Tensor,
     ) -> None:
-        """Choose the actions of the seats `chosen` [B, P], and note the Q-network's values of first
-        steps, even if the average policy plays.
+        """Choose the actions of the seats `learned` [B, P] where no demonstrator plays, and note
+        the Q-network's values of first steps, even if the average policy plays.
         """
         own: OwnPolicies = self.__dict__["own"]
         observation, mask = group.get("observation"), group.get("action_mask")
+        chosen, size = learned & ~self.taken.shown, own.answer.state_size
         answering = self._answering[:, self._teams]
-        valued = chosen & (answering | starting[:, None])
-        rows = torch.from_numpy(valued)
-        values = own.answer.compute_values(observation[rows])
+        valued = learned if size else chosen & (answering | starting[:, None])
+        rows, state = torch.from_numpy(valued), torch.from_numpy(self._widen(size)[0])
+        if size:
+            group.set("state", state.clone())
+        values, state[rows] = own.answer.step(observation[rows], state[rows])
         actions[rows] = own.answer.exploration(values, mask[rows], self.epsilon)
         best = values.masked_fill(~mask[rows], -torch.inf).amax(-1)
         if starting.any():
@@ -183,26 +197,36 @@ class SeatRouter(TensorDictModuleBase):
         for number, agent in enumerate(self._demonstrators.agents):
             advised = helped & (self._demonstrators.telling == number)[:, None]
             if advised.any():
-                self._act(agent, torch.from_numpy(advised), group, expert_actions)
+                self._act(agent, 1, torch.from_numpy(advised), group, expert_actions)
+        self._recurrent[1, ~(helped & (self._demonstrators.telling >= 0)[:, None])] = 0.0
         played = torch.from_numpy(taken.shown & ~taken.out)
         actions[played] = expert_actions[played]
         return expert_actions
 
-    def _act(self, agent: Agent, rows: Tensor, group: TensorDictBase, actions: Tensor) -> None:
-        """Let `agent` choose the actions of `rows` bool [B, P].
+    def _widen(self, size: int) -> NDArray[np.float32]:
+        """The recurrent states of players and demonstrators [2, B, P, size], a view."""
+        self._recurrent = widen_states(self._recurrent, size)
+        return self._recurrent[..., :size]
+
+    def _act(
+        self, agent: Agent, role: int, rows: Tensor, group: TensorDictBase, actions: Tensor
+    ) -> None:
+        """Let `agent` choose the actions of `rows` bool [B, P]; its role is 0, a player, or 1, a
+        demonstrator.
 
         Raises ForeignAgentError if it cannot.
         """
         seen, mask = group.get(self._env.key_of(agent.representation)), group.get("action_mask")
-        chosen = np.asarray(agent.act(seen[rows].numpy(), mask[rows].numpy()), np.int64)
+        states = self._widen(find_state_size(agent))[role]
+        chosen = call_agent(agent, states, rows.numpy(), seen[rows].numpy(), mask[rows].numpy())
         require_answers(agent, chosen)
-        actions[rows] = torch.from_numpy(chosen)
+        actions[rows] = torch.from_numpy(chosen.astype(np.int64))
 
     def _play_opponents(self, group: TensorDictBase, actions: Tensor) -> None:
         theirs = ~self.taken.owned & ~self.taken.out
         for number in np.unique(self.taken.opponent[theirs]).tolist():
             rows = torch.from_numpy(theirs & (self.taken.opponent == number))
-            self._act(self._book.pool.agent(number), rows, group, actions)
+            self._act(self._book.pool.agent(number), 0, rows, group, actions)
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
         others = {"met": self._met, "episode": self._episode, "answering": self._answering}
@@ -214,6 +238,7 @@ class SeatRouter(TensorDictModuleBase):
         return {
             "frames": self.frames,
             **{name: torch.from_numpy(held.copy()) for name, held in self._arrays().items()},
+            "recurrent": torch.from_numpy(self._recurrent.copy()),
             "demonstrators": self._demonstrators.state_dict(),
             "rng": export_rng(self._rng),
             "exploration": own.state_dict(),
@@ -228,6 +253,10 @@ class SeatRouter(TensorDictModuleBase):
         self._book.pool.require_members(members - {LATEST_ID, NO_OPPONENT})
         for name, array in arrays.items():
             held[name][:] = array
+        seats = self._recurrent.shape[:-1]
+        saved = {"recurrent": np.zeros((*seats, 0), np.float32), **state}  # older ones have none
+        shape = (*seats, saved["recurrent"].shape[-1])
+        self._recurrent = read_array(saved, "recurrent", (np.float32, shape), NUMBER).copy()
         self._demonstrators.load_state_dict(state["demonstrators"])
         import_rng(self._rng, state["rng"])
         own: OwnPolicies = self.__dict__["own"]

@@ -16,6 +16,7 @@ from marl_cair.games.game import GameSpec
 from marl_cair.generative import GENERATORS
 from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.lookup import check_name
+from marl_cair.policies import NO_MEMORY
 from marl_cair.policies.config import QNetworkConfig
 from marl_cair.replay import MAX_FRACTION
 from marl_cair.self_play.samplers import SAMPLERS
@@ -311,6 +312,7 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        self._refuse_memory()
         self._check_scenarios()
         if not self.learner.learns_from_replay:
             for name, given in (
@@ -331,6 +333,13 @@ class TrainConfig:
             place: make(game.scenario, **{**game.options, **changes})
             for place, changes in self.evaluation.changes().items()
         }
+
+    def _refuse_memory(self) -> None:
+        if self.policy.memory != NO_MEMORY:
+            raise ValueError(
+                f"policy.memory is {self.policy.memory!r}, but the replay buffer holds single rows "
+                "and no sequences, from which a memory learns nothing: set policy.memory=none"
+            )
 
     def _check_scenarios(self) -> None:
         """Raise ValueError for an evaluated scenario of other observations or actions."""

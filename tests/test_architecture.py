@@ -25,7 +25,7 @@ OTHER_SOURCES = sorted(
 MAX_FILE_LINES = 400
 MAX_SCRIPT_LINES = 40
 
-LEAVES = {"lookup", "files", "stored", "ranges", "memory", "interrupts", "text"}
+LEAVES = {"lookup", "outside", "files", "stored", "ranges", "memory", "interrupts", "text"}
 _SELF_PLAY = {"league.agents", "league.play", "league.ratings", "self_play"}
 _LEARNING = {"policies", "replay", "generative", "checkpoint", "games"}
 # What each room of the package may import of it, beside the leaves and itself.

@@ -7,11 +7,17 @@ import torch
 from torch import Tensor, nn
 
 from marl_cair import policies
-from marl_cair.lookup import find_by_name
-from marl_cair.policies.body import is_image, require_planes, standardise, standardise_changes
+from marl_cair.policies.body import (
+    Body,
+    is_image,
+    require_planes,
+    standardise,
+    standardise_changes,
+)
 from marl_cair.policies.cell_values import CellValues
 from marl_cair.policies.config import CapsuleSizes, QNetworkConfig
 from marl_cair.policies.distances import DistanceMaps
+from marl_cair.policies.outside_check import check_outside
 
 __all__ = ["CapsuleSizes", "QNetwork", "QNetworkConfig", "make_q_network"]
 
@@ -50,7 +56,6 @@ class QNetwork(nn.Module):
         low, high = torch.tensor(config.vector_low), torch.tensor(config.vector_high)
         self.register_buffer("middle", (low + high) / 2, persistent=False)
         self.register_buffer("reach", (high - low) / 2, persistent=False)
-        make_body = find_by_name("network", config.body, policies.NETWORKS)
         self.distances: DistanceMaps | None = None
         seen = self.observation_shape
         if config.distances:
@@ -59,10 +64,9 @@ class QNetwork(nn.Module):
                 board, config.resolve_hidden_width(), config.obstacle_planes
             )
             seen = (2 * board[0], *board[1:])
-        self.body = make_body(seen, config)
-        self.head = policies.HEADS[config.head](
-            self.body.num_features, num_actions, config.resolve_action_embedding()
-        )
+        self.body: Body = policies.NETWORKS.make(config.body, seen, config)
+        num_features, embedding = self.body.num_features, config.resolve_action_embedding()
+        self.head = policies.HEADS.make(config.head, num_features, num_actions, embedding)
         self.cells: CellValues | None = None
         if config.cell_values:
             cells, kinds = config.action_cells, config.action_kinds
@@ -129,11 +133,15 @@ def make_q_network(
     """Return a new network on the CPU; equal seeds give equal bits.
 
     With a seed torch's global random state does not change; None draws the weights from it.
+    Raises ValueError as `QNetwork`, and OutsideCodeError as `check_outside`.
     """
     if seed is None:
-        return QNetwork(config, observation_shape, num_actions)
-    with _seeded_global_generator(seed):
-        return QNetwork(config, observation_shape, num_actions)
+        network = QNetwork(config, observation_shape, num_actions)
+    else:
+        with _seeded_global_generator(seed):
+            network = QNetwork(config, observation_shape, num_actions)
+    check_outside(network)
+    return network
 
 
 def _to_float(observation: Tensor) -> Tensor:

@@ -14,8 +14,9 @@ from marl_cair.text import clean_text
 # Modules of this package with `run(arguments) -> exit code`.
 COMMANDS = (
     *("train", "curves", "evaluate", "match", "league"),
-    *("games", "verify", "compile", "benchmark"),
+    *("export", "explain", "games", "verify", "compile", "benchmark"),
 )
+_IN_FOLDERS = {"export": "agent.export", "explain": "agent.explain"}  # modules of commands
 # The tasks in the order of a user's work: the words of the command, and a description.
 TASKS = {
     "games": "list games, scenarios, representations, actions and bots",
@@ -27,6 +28,8 @@ TASKS = {
     "match": "compare two agents in any scenario",
     "league": "rate agents by a round-robin, with 95 % intervals",
     "league train": "train a population of agents (league psro: best responses in turn)",
+    "explain": "picture an agent's action values in one game, as figures and a film",
+    "export": "write an agent as an ONNX model, which runs without torch",
     "league exploit": "train against one agent: how far can it be exploited?",
 }
 EXIT_DONE, EXIT_DAMAGED, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 1, 2, 130
@@ -46,7 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_DONE
     try:
         check_name("command", arguments[0], COMMANDS)
-        run: Callable[[list[str]], int] = import_module(f"marl_cair.cli.{arguments[0]}").run
+        module = _IN_FOLDERS.get(arguments[0], arguments[0])
+        run: Callable[[list[str]], int] = import_module(f"marl_cair.cli.{module}").run
         with interrupts_raised():
             return run(arguments[1:])
     except KeyboardInterrupt:

@@ -27,7 +27,8 @@ PRINTED = {
 
 
 def test_every_script_is_run():
-    assert {path.stem for path in EXAMPLES.glob("*.py")} == set(SHORT) == set(PRINTED)
+    elsewhere = {"onnx_agent"}  # needs an exported agent: tests/cli/test_export.py
+    assert {path.stem for path in EXAMPLES.glob("*.py")} - elsewhere == set(SHORT) == set(PRINTED)
 
 
 @pytest.mark.parametrize("name", SHORT)

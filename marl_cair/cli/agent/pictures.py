@@ -96,12 +96,14 @@ def draw_values(
         value.set_yticks(places, [names[one] for one in ranked], fontsize=8)
         advantage.set_yticks([])
         legal = int(explained.action_mask[step].sum())
-        value.set_title(f"Q of the best {len(ranked)} of {legal} legal actions", fontsize=10)
-        advantage.set_title("Q minus the mean over legal actions", fontsize=10)
+        value.set_title(f"Q: best {len(ranked)} of {legal} legal actions", fontsize=10)
+        advantage.set_title("advantage: Q minus the mean over legal actions", fontsize=10)
         for axis in (value, advantage):
             axis.invert_yaxis()
             _clean(axis)
-    figure.text(0.99, 0.005, "orange: the action played", ha="right", color=_ORANGE, fontsize=9)
+    axes[0][1].text(
+        *(0.98, 0.04, "orange: played"), ha="right", color=_ORANGE, transform=axes[0][1].transAxes
+    )
     return figure
 
 
@@ -176,33 +178,28 @@ def draw_presence(
     explained: ExplainedGame, presences: NDArray[np.float32], chosen: NDArray[np.int64]
 ) -> Any:
     """Presence of each type of part over the board of each step; grey: the observed planes."""
+    from matplotlib.colors import LinearSegmentedColormap, to_rgb
+
     num_steps, num_types = presences.shape[:2]
-    shape = explained.observation.shape[-2:]
-    figure, axes = _make_figure(
-        num_steps, num_types, (1.45 * num_types + 0.9, 1.45 * num_steps * shape[0] / shape[1] + 0.7)
-    )
-    for row, step in enumerate(chosen.tolist()):
+    height, width = explained.observation.shape[-2:]
+    size = 1.45 * num_types + 0.9, 1.5 * num_steps * height / width + 0.6
+    figure, axes = _make_figure(num_steps, num_types, size)
+    tint = to_rgb("#d6336c")
+    overlay = LinearSegmentedColormap.from_list("presence", [(*tint, 0.0), (*tint, 0.9)])
+    extent = (-0.5, width - 0.5, height - 0.5, -0.5)
+    low, high = float(presences.min()), float(presences.max())
+    for row, step, parts in zip(axes, chosen.tolist(), presences, strict=True):
         planes = explained.observation[step].astype(np.float64)
         varying = planes[np.ptp(planes.reshape(len(planes), -1), axis=1) > 0]
-        background = varying.mean(0) if len(varying) else planes.mean(0)
-        for column in range(num_types):
-            axis = axes[row][column]
-            extent = (-0.5, shape[1] - 0.5, shape[0] - 0.5, -0.5)
-            axis.imshow(background, cmap="Greys", extent=extent, interpolation="nearest")
-            shown = axis.imshow(
-                presences[row, column],
-                cmap="inferno",
-                vmin=0.0,
-                vmax=1.0,
-                alpha=0.55,
-                extent=extent,
-                interpolation="bilinear",
-            )
+        board = varying.mean(0) if len(varying) else planes.mean(0)
+        for number, (axis, presence) in enumerate(zip(row, parts, strict=True)):
+            axis.imshow(board, "Greys", vmin=0.0, vmax=2.0 * max(board.max(), 1e-9), extent=extent)
+            shown = axis.imshow(presence, overlay, vmin=low, vmax=high, extent=extent)
             axis.set_xticks([])
             axis.set_yticks([])
-            if row == 0:
-                axis.set_title(f"part {column}", fontsize=9)
-            if column == 0:
+            if step == chosen[0]:
+                axis.set_title(f"part {number}", fontsize=9)
+            if number == 0:
                 axis.set_ylabel(f"step {step}", fontsize=9)
     figure.colorbar(shown, ax=figure.axes, label="presence", fraction=0.02, pad=0.01)
     return figure

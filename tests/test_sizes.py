@@ -9,14 +9,14 @@ MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
     "games": 17_330,
-    "policies": 1_480,
+    "policies": 1_500,
     "replay": 1_690,
     "generative": 3_460,
     "self_play": 990,
     "league": 7_760,
     "training": 4_945,
     "conf": 10,
-    "cli": 2_710,
+    "cli": 2_940,
     "": 1_560,  # the modules that every part may import
 }
 

@@ -28,8 +28,6 @@ TASKS = {
     "match": "compare two agents in any scenario",
     "league": "rate agents by a round-robin, with 95 % intervals",
     "league train": "train a population of agents (league psro: best responses in turn)",
-    "explain": "picture an agent's action values in one game, as figures and a film",
-    "export": "write an agent as an ONNX model, which runs without torch",
     "league exploit": "train against one agent: how far can it be exploited?",
 }
 EXIT_DONE, EXIT_DAMAGED, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 1, 2, 130

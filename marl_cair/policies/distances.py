@@ -10,7 +10,6 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch._higher_order_ops import while_loop
 
 CHUNK_NUMBERS = 1 << 16  # numbers of a chunk of maps: it stays in a core's cache
 STEPS_PER_CHECK = 8  # relaxation steps between two checks for convergence
@@ -143,6 +142,7 @@ def propagate(source: Tensor, cost: Tensor) -> Tensor:
 
 def propagate_in_graph(source: Tensor, cost: Tensor) -> Tensor:
     """The numbers of `propagate` as one loop of a graph that `torch.export` writes."""
+    from torch._higher_order_ops import while_loop
 
     def has_changed(values: Tensor, changed: Tensor) -> Tensor:
         return changed.clone()
@@ -157,7 +157,7 @@ def propagate_in_graph(source: Tensor, cost: Tensor) -> Tensor:
         return reached, (reached != values).any()
 
     first = (source.contiguous(), source.new_ones((), dtype=torch.bool))
-    values: Tensor = while_loop(has_changed, step, first)[0]
+    values: Tensor = while_loop(has_changed, step, first)[0]  # type: ignore[no-untyped-call]
     return values
 
 

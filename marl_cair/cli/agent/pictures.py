@@ -110,9 +110,10 @@ def draw_values(
 def draw_actions(explained: ExplainedGame) -> Any:
     """How often each kind of action was played, and when."""
     spec = explained.game.make_spec(explained.scenario)
-    names, kinds = spec.action_group_names, spec.action_groups[explained.played[:, 0]]
+    played = explained.played[:, 0].astype(np.int64)
+    names, kinds = spec.action_group_names, spec.action_groups[played].astype(np.int64)
     if spec.num_actions <= MOST_NAMES:
-        names, kinds = spec.action_names, explained.played[:, 0]
+        names, kinds = spec.action_names, played
     counts = np.bincount(kinds, minlength=len(names))
     order = np.argsort(-counts, kind="stable")
     order = order[counts[order] > 0][:MOST_NAMES]

@@ -20,7 +20,7 @@ from marl_cair.files import find_folder, read_run_kind, replaced_folder
 from marl_cair.lookup import check_name
 from marl_cair.memory import require_memory
 from marl_cair.outside import CodeNotAllowedError, OutsideCodeError, require_known
-from marl_cair.policies import GREEDY, PLAYS
+from marl_cair.policies import GREEDY, HEADS, NETWORKS, PLAYS
 from marl_cair.policies.config import QNetworkConfig
 from marl_cair.stored import (
     TENSORS,
@@ -225,6 +225,7 @@ def count_weight_bytes(config: QNetworkConfig, shape: tuple[int, ...], num_actio
 
     from marl_cair.policies.q_network import QNetwork
 
+    _ = NETWORKS[config.body], HEADS[config.head]  # imported here: their modules may make tensors
     try:
         with torch.device("meta"):
             network = QNetwork(config, shape, num_actions)

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from marl_cair.files import find_folder, read_run_kind, replaced_folder
 from marl_cair.lookup import check_name
 from marl_cair.memory import require_memory
-from marl_cair.policies import GREEDY, PLAYS
+from marl_cair.outside import CodeNotAllowedError, OutsideCodeError, require_known
+from marl_cair.policies import GREEDY, HEADS, NETWORKS, PLAYS
 from marl_cair.policies.config import QNetworkConfig
 from marl_cair.stored import (
     TENSORS,
@@ -168,12 +169,26 @@ def read_description(folder: str | os.PathLike[str]) -> AgentDescription:
         raise CheckpointError(f"{path} cannot be read as an agent checkpoint: {error}") from error
 
 
+def read_network_config(about: AgentDescription, file: str | os.PathLike[str]) -> QNetworkConfig:
+    """The settings of the described network; nothing is imported. file: where the description is.
+
+    Raises:
+        CodeNotAllowedError: a body or head of a user, which this process has not imported and
+            `outside.allow_code` does not allow.
+        ValueError: unknown or damaged settings.
+    """
+    config = QNetworkConfig.from_dict(about.network)
+    require_known(config.list_code(), file)
+    return config
+
+
 def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescription]:
     """The network with its weights, ready to act, and its description.
 
     Raises:
         CheckpointError: as `read_description`; or weights that are missing, damaged, not finite,
-            anything but tensors, or do not fit the network.
+            anything but tensors, or do not fit the network; or its class is missing.
+        CodeNotAllowedError: as `read_network_config`.
     """
     from marl_cair.policies.q_network import make_q_network
     from marl_cair.policies.saved_weights import restore_weights
@@ -184,7 +199,7 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
     weights = load_tensors(path)
     shape, num_actions = about.observation_shape, len(about.action_names)
     try:
-        config = QNetworkConfig.from_dict(about.network)
+        config = read_network_config(about, find_folder(place) / DESCRIPTION_FILE)
         # The described network is not allocated before its size fits the file.
         needed, held = count_weight_bytes(config, shape, num_actions), path.stat().st_size
         if needed > held:
@@ -193,6 +208,10 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
             )
         network = make_q_network(config, shape, num_actions, seed=0)
         restore_weights(network, weights, WEIGHTS_FILE)
+    except CodeNotAllowedError:
+        raise
+    except OutsideCodeError as error:
+        raise CheckpointError(f"{place} needs code that is not in marl_cair: {error}") from error
     except (ValueError, TypeError, RuntimeError, ArithmeticError) as error:
         raise CheckpointError(f"{path} does not hold this agent's weights: {error}") from error
     return network.eval(), about
@@ -206,6 +225,7 @@ def count_weight_bytes(config: QNetworkConfig, shape: tuple[int, ...], num_actio
 
     from marl_cair.policies.q_network import QNetwork
 
+    _ = NETWORKS[config.body], HEADS[config.head]  # imported here: their modules may make tensors
     try:
         with torch.device("meta"):
             network = QNetwork(config, shape, num_actions)

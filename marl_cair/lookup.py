@@ -1,9 +1,13 @@
 """Tables by name: errors with the nearest names, and entries that are imported when used."""
 
 import difflib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from functools import cached_property
 from importlib import import_module
+from importlib.metadata import EntryPoint
 from typing import Any, TypeVar
+
+from marl_cair import outside
 
 T = TypeVar("T")
 
@@ -23,24 +27,73 @@ class UnknownOptionError(UnknownNameError, TypeError):
 class LazyTable(Mapping[str, T]):
     """A table whose entries are imported when they are looked up.
 
-    places: name -> "module:attribute".
+    With a `group` it is open: installed packages add names by entry points of that group, and
+    "module:attribute" is a name too, of any module that Python finds. The names of `places` come
+    first. A broken entry point raises only when it is looked up.
+
+    places: name -> "module:attribute", or the entry itself.
+    group: of entry points, for example "marl_cair.networks"; "": the table is closed.
+    base: "module:class", of which an entry from outside must be a subclass; "": any callable.
     """
 
-    def __init__(self, places: Mapping[str, str]) -> None:
+    def __init__(self, places: Mapping[str, str | T], group: str = "", base: str = "") -> None:
         self._places = dict(places)
+        self._group, self._base = group, base
+
+    @cached_property
+    def _points(self) -> dict[str, EntryPoint]:
+        return outside.find_points(self._group, self._places) if self._group else {}
 
     def __getitem__(self, name: str) -> T:
-        entry: T = import_place(self._places[name])
+        if name in self._places:
+            place = self._places[name]
+            entry: T = import_place(place) if isinstance(place, str) else place
+            return entry
+        if name in self._points:
+            found = outside.load_point(self._points[name])
+        elif name in self:
+            found = outside.import_outside(name)
+        else:
+            raise KeyError(name)
+        return self._check_kind(name, found)
+
+    def _check_kind(self, name: str, found: Any) -> T:
+        if self._base:
+            base = import_place(self._base)
+            holds = isinstance(found, type) and issubclass(found, base)
+            needed = f"a subclass of {self._base.replace(':', '.')}"
+        else:
+            holds, needed = callable(found), "a function or a class"
+        if not holds:
+            raise outside.OutsideCodeError(f"{name} is {found!r:.80}, it must be {needed}")
+        entry: T = found
         return entry
 
+    def is_outside(self, name: str) -> bool:
+        """Whether the entry is of an installed package or a "module:attribute"."""
+        return name in self and name not in self._places
+
+    def make(self, name: str, *arguments: Any) -> Any:
+        """Call the entry. Raises OutsideCodeError for any error of one from outside."""
+        entry: Any = self[name]
+        if not self.is_outside(name):
+            return entry(*arguments)
+        try:
+            return entry(*arguments)
+        except Exception as error:  # whatever the user's code raises
+            raise outside.OutsideCodeError(
+                f"{name} failed when it was made: {type(error).__name__}: {error}"
+            ) from error
+
     def __contains__(self, name: object) -> bool:
-        return name in self._places
+        is_known = name in self._places or name in self._points
+        return is_known or (bool(self._group) and outside.is_place(name))
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._places)
+        return iter([*self._places, *self._points])
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._places) + len(self._points)
 
 
 def import_place(place: str) -> Any:
@@ -62,9 +115,10 @@ def import_when_used(module: str, places: Mapping[str, str]) -> Callable[[str], 
     return find
 
 
-def check_name(kind: str, name: str, known: Iterable[str]) -> None:
+def check_name(kind: str, name: str, known: Collection[str]) -> None:
     """Raise UnknownNameError, as `find_by_name`, for a name that is not one of `known`."""
-    find_by_name(kind, name, dict.fromkeys(known))
+    if not (isinstance(name, str) and name in known):
+        raise UnknownNameError(_describe_unknown(kind, name, known))
 
 
 def find_by_name(kind: str, name: str, table: Mapping[str, T]) -> T:

@@ -25,7 +25,7 @@ OTHER_SOURCES = sorted(
 MAX_FILE_LINES = 400
 MAX_SCRIPT_LINES = 40
 
-LEAVES = {"lookup", "files", "stored", "ranges", "memory", "interrupts", "text"}
+LEAVES = {"lookup", "outside", "files", "stored", "ranges", "memory", "interrupts", "text"}
 _SELF_PLAY = {"league.agents", "league.play", "league.ratings", "self_play"}
 _LEARNING = {"policies", "replay", "generative", "checkpoint", "games"}
 # What each room of the package may import of it, beside the leaves and itself.
@@ -66,7 +66,7 @@ GAMES_DOORS: dict[str, set[str]] = {
     "pettingzoo": {"parallel_env.py"},
     "gymnasium": {"gymnasium_env.py", "parallel_env.py"},
 }
-OPTIONAL = {"pyarrow", "open_spiel"}
+OPTIONAL = {"pyarrow", "open_spiel", "onnx", "onnxruntime"}
 # Imported when used: each alone takes longer than `import marl_cair` may (0.3 s).
 NOT_AT_IMPORT = [*sorted(TORCH), "numba", "matplotlib.pyplot", "scipy.stats", "pygame", "hydra"]
 

@@ -23,7 +23,7 @@ def declared_modules() -> set[str]:
     """Import names of what pyproject.toml names as needed, or as needed for an extra of users."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    for_users = [need for name in ("parquet", "openspiel") for need in extras[name]]
+    for_users = [need for name in ("parquet", "openspiel", "export") for need in extras[name]]
     requirements = project["dependencies"] + for_users
     names = {re.match(r"[\w.-]+", requirement).group() for requirement in requirements}
     renamed = {"hydra-core": "hydra", "pillow": "PIL", "pyyaml": "yaml", "open-spiel": "open_spiel"}

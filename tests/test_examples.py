@@ -1,4 +1,4 @@
-"""The six scripts of examples/ run, shortened, and stay short."""
+"""The scripts of examples/ run, shortened, and stay short."""
 
 import pytest
 
@@ -11,6 +11,7 @@ SHORT = {
     "sb3": "--steps 512 --games 1",
     "torchrl_dqn": "--steps 4 --num-envs 8",
     "self_play": "--frames 2048 --games 2 --out runs/example",
+    "own_network": "--frames 4096 --games 2 --out runs/own",
     "league": "--games 2 --out runs/league",
     "plot_run": "seed_0 seed_1 --column win_rate/random --out curve.png",
 }
@@ -19,13 +20,15 @@ PRINTED = {
     "sb3": "mean return in 1 games",
     "torchrl_dqn": "32 steps",
     "self_play": "score against counter",
+    "own_network": "resumed to 4096",
     "league": "spender",
     "plot_run": "win_rate/random 0.750 after 200 steps",
 }
 
 
 def test_every_script_is_run():
-    assert {path.stem for path in EXAMPLES.glob("*.py")} == set(SHORT) == set(PRINTED)
+    elsewhere = {"onnx_agent"}  # needs an exported agent: tests/cli/test_export.py
+    assert {path.stem for path in EXAMPLES.glob("*.py")} - elsewhere == set(SHORT) == set(PRINTED)
 
 
 @pytest.mark.parametrize("name", SHORT)

@@ -1,40 +1,35 @@
 """The examples of docs/extending.md work: each is used as the page says."""
 
-import importlib.util
 import json
 import re
+import shlex
 import shutil
 import sys
 import tomllib
 
 import numpy as np
 import pytest
-import torch
 
-from marl_cair import generative, policies
-from marl_cair.policies.config import QNetworkConfig
-from marl_cair.policies.q_network import make_q_network
+from marl_cair.cli.compose import compose_config
+from marl_cair.outside import CodeNotAllowedError
 from marl_cair.self_play import samplers
-from marl_cair.training.settings.config_file import build_config
+from marl_cair.training.settings.config_file import build_config, load_config
 from marl_cair.training.trainer import train
 from tests.processes import ROOT, read_output
 
 MARL_CAIR = ("-m", "marl_cair")
 FOLDER = ROOT / "docs" / "extending"
+SAMPLER = (FOLDER / "sampler.py").read_text("utf-8")
 
 
-def import_example(name, monkeypatch):
-    """The example as a module of its own name, as a copy in the package would be."""
-    spec = importlib.util.spec_from_file_location(f"example_{name}", FOLDER / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, spec.name, module)
-    spec.loader.exec_module(module)
-    return module
-
-
-def add_line(table, name, place, monkeypatch):
-    """What the one line in the table of the package does."""
-    monkeypatch.setitem(table._places, name, place)
+@pytest.fixture(autouse=True)
+def examples_found(monkeypatch, tmp_path):
+    """The examples as modules that Python finds, as with PYTHONPATH."""
+    monkeypatch.syspath_prepend(str(FOLDER))
+    monkeypatch.chdir(tmp_path)
+    yield
+    for name in ("sampler", "generator"):
+        sys.modules.pop(name, None)
 
 
 def train_with(out, **changes):
@@ -64,32 +59,30 @@ def test_the_page_names_every_example():
         assert f"(extending/{path.name})" in page
 
 
-def test_the_network_reads_boards_and_trains(monkeypatch, tmp_path):
-    import_example("network", monkeypatch)
-    add_line(policies.NETWORKS, "pooled", "example_network:PooledBody", monkeypatch)
-    network = make_q_network(QNetworkConfig(body="pooled"), (28, 10, 15), 185, seed=0)
-    assert network(torch.zeros(2, 28, 10, 15, dtype=torch.uint8)).shape == (2, 185)
-    train_with(tmp_path, policy={"body": "pooled", "hidden_width": 8})
-
-
-def test_the_sampler_chooses_the_hardest(monkeypatch, tmp_path):
-    hardest = import_example("sampler", monkeypatch).hardest
+def test_the_sampler_chooses_the_hardest(tmp_path):
     win_rate = np.array([0.5, 0.9, 0.1, 0.6, 0.2, 0.3])
     kinds, payoffs = ("learner", *["snapshot"] * 5), np.full((6, 6), 0.5)
     standings = samplers.Standings(np.arange(6), ("self", *"abcde"), kinds, win_rate, payoffs)
-    probabilities = hardest(standings, samplers.SamplerOptions())
-    np.testing.assert_allclose(probabilities, [0, 0, 1 / 3, 0, 1 / 3, 1 / 3])
-    monkeypatch.setitem(samplers.SAMPLERS, "hardest", hardest)
-    mixture = {"hardest": 0.5, "latest": 0.5}
-    train_with(tmp_path, opponent={"mixture": mixture, "snapshot_every_frames": 256})
+    mixed = samplers.mix({"sampler:hardest": 1.0}, standings, samplers.SamplerOptions())
+    np.testing.assert_allclose(mixed, [0, 0, 1 / 3, 0, 1 / 3, 1 / 3])
+    mixture = {"sampler:hardest": 0.5, "latest": 0.5}
+    train_with(tmp_path / "run", opponent={"mixture": mixture, "snapshot_every_frames": 256})
+    with pytest.raises(CodeNotAllowedError, match="sampler:hardest"):
+        load_config(tmp_path / "run")
+    assert load_config(tmp_path / "run", allow_code=True).opponent.mixture == mixture
 
 
-def test_the_generator_gives_labelled_rows(monkeypatch, tmp_path):
-    import_example("generator", monkeypatch)
-    add_line(generative.GENERATORS, "memory", "example_generator:MemoryGenerator", monkeypatch)
+def test_the_command_of_the_sampler_is_read():
+    command = shlex.split(re.findall(r"marl-cair (train .*)$", SAMPLER, re.MULTILINE)[0])
+    config = compose_config(command[1:])
+    assert config.opponent.mixture == {"latest": 0.5, "sampler:hardest": 0.5}
+
+
+def test_the_generator_gives_labelled_rows(tmp_path):
     refills = {"evaluate_every_frames": 1024, "refill_every_frames": 512, "rows_per_refill": 64}
-    generator = {"name": "memory", **refills}
-    result = train_with(tmp_path, total_frames=4096, synthetic_fraction=0.2, generator=generator)
+    generator = {"name": "generator:MemoryGenerator", **refills}
+    out = tmp_path / "run"
+    result = train_with(out, total_frames=4096, synthetic_fraction=0.2, generator=generator)
     assert result.last_row["replay/generated"] > 0
 
 

@@ -10,6 +10,7 @@ import sys
 
 import pytest
 
+from marl_cair import outside
 from marl_cair.checkpoint import CheckpointError, load_network
 from marl_cair.cli import main
 from marl_cair.league.agents.allowed_code import CodeNotAllowedError, is_code, require_allowed
@@ -55,6 +56,7 @@ def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))  # loading a function adds the current folder
     monkeypatch.delitem(sys.modules, "pwn", raising=False)
+    monkeypatch.setenv(outside.ALLOWED, "")
     (tmp_path / "pwn.py").write_text(MODULE, "utf-8")
     yield tmp_path
     sys.modules.pop("pwn", None)
@@ -311,7 +313,7 @@ class TestCheckpoint:
         record["network"]["body"] = body
         path.write_text(json.dumps(record), "utf-8")
         forget_checksums(here)
-        with pytest.raises(ValueError, match="unknown"):
+        with pytest.raises(ValueError, match="unknown|names code, which runs only if you allow"):
             load_agent(here / "network")
         assert not ran(here)
 

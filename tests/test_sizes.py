@@ -9,15 +9,15 @@ MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
     "games": 17_420,
-    "policies": 1_530,
-    "replay": 1_690,
+    "policies": 1_720,
+    "replay": 1_700,
     "generative": 3_460,
-    "self_play": 970,
+    "self_play": 990,
     "league": 7_820,
-    "training": 4_960,
+    "training": 5_240,
     "conf": 10,
-    "cli": 2_310,
-    "": 1_350,  # the modules that every part may import
+    "cli": 2_940,
+    "": 1_560,  # the modules that every part may import
 }
 
 

@@ -1,10 +1,9 @@
 """A generator of transitions: repeats real transitions that it remembers, labelled as generated.
 
-It is a baseline: a learned generator must be better. Copy it to
-`marl_cair/generative/memory.py` and add one line to `GENERATORS` of
-`marl_cair/generative/__init__.py`:
-`"memory": "marl_cair.generative.memory:MemoryGenerator"`.
-Then `marl-cair train generator.name=memory` uses it.
+It is a baseline: a learned generator must be better. No change of marl_cair is needed. With
+this file in the current folder:
+
+    marl-cair train generator.name=generator:MemoryGenerator
 """
 
 import torch

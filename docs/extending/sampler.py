@@ -1,8 +1,9 @@
-"""An opponent sampler: the past selves that win most often against the learner.
+r"""An opponent sampler: the past selves that win most often against the learner.
 
-Copy the function to `marl_cair/self_play/samplers.py` and add one line to `SAMPLERS` there:
-`"hardest": hardest`. Then
-`marl-cair train 'opponent.mixture={latest: 0.5, hardest: 0.5}'` uses it.
+No change of marl_cair is needed. With this file in the current folder (`\:` is a colon in
+a name, as Hydra reads it):
+
+    marl-cair train 'opponent.mixture={latest: 0.5, sampler\:hardest: 0.5}'
 """
 
 import numpy as np

@@ -14,8 +14,9 @@ from marl_cair.text import clean_text
 # Modules of this package with `run(arguments) -> exit code`.
 COMMANDS = (
     *("train", "curves", "evaluate", "match", "league"),
-    *("games", "verify", "compile", "benchmark"),
+    *("export", "explain", "games", "verify", "compile", "benchmark"),
 )
+_IN_FOLDERS = {"export": "agent.export", "explain": "agent.explain"}  # modules of commands
 # The tasks in the order of a user's work: the words of the command, and a description.
 TASKS = {
     "games": "list games, scenarios, representations, actions and bots",
@@ -46,7 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_DONE
     try:
         check_name("command", arguments[0], COMMANDS)
-        run: Callable[[list[str]], int] = import_module(f"marl_cair.cli.{arguments[0]}").run
+        module = _IN_FOLDERS.get(arguments[0], arguments[0])
+        run: Callable[[list[str]], int] = import_module(f"marl_cair.cli.{module}").run
         with interrupts_raised():
             return run(arguments[1:])
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""Generators of artificial transitions. A new generator is one file and one line here."""
+"""Generators of artificial transitions, of this package and from outside it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["GENERATORS", "GateConfig", "GeneratorConfig", "GeneratorSpec", "NetworkSize"]
 
 GENERATORS: LazyTable[Callable[[GeneratorConfig, GeneratorSpec], Generator]] = LazyTable(
-    {"ccdn": "marl_cair.generative.generator:CCDNGenerator"}
+    {"ccdn": "marl_cair.generative.generator:CCDNGenerator"}, group="marl_cair.generators"
 )
 __getattr__ = import_when_used(
     __name__,

@@ -1,4 +1,4 @@
-"""Q-networks, exploration, inference. A new network is one file and one line here."""
+"""Q-networks, exploration, inference. Tables are open to classes from outside the package."""
 
 from __future__ import annotations
 
@@ -20,13 +20,17 @@ NETWORKS: LazyTable[type[Body]] = LazyTable(
         "conv": "marl_cair.policies.conv:ConvBody",
         "capsule": "marl_cair.policies.capsule:CapsuleBody",
         "mlp": "marl_cair.policies.body:MlpBody",
-    }
+    },
+    group="marl_cair.networks",
+    base="marl_cair.policies.body:Body",
 )
 HEADS: LazyTable[Callable[[int, int, int], nn.Module]] = LazyTable(
     {
         "dueling": "marl_cair.policies.heads:DuelingHead",
         "plain": "marl_cair.policies.heads:PlainHead",
-    }
+    },
+    group="marl_cair.heads",
+    base="torch.nn:Module",
 )
 NO_MEMORY = "none"
 MEMORIES: LazyTable[type[LstmMemory | GruMemory]] = LazyTable(

@@ -213,6 +213,18 @@ class PolicyActor:
         mask = _view_tensor(action_mask).to(values.device)
         return self.exploration(values, mask, self.epsilon).cpu().numpy(), after.cpu().numpy()
 
+    def values(
+        self, observation: npt.NDArray[Any], action_mask: npt.NDArray[np.bool_]
+    ) -> npt.NDArray[np.float32]:
+        """Observation [N, *shape], mask bool [N, A] -> action values float32 [N, A].
+
+        Values of illegal actions are -inf. The unit is the reward that the agent was trained with.
+        """
+        found: npt.NDArray[np.float32] = (
+            self.compute_values(_view_tensor(observation)).cpu().numpy()
+        )
+        return np.where(action_mask, found, np.float32(-np.inf))
+
     def state_dict(self) -> dict[str, Tensor]:
         """Return the state of the exploration's generator, without the weights."""
         return self.exploration.state_dict()

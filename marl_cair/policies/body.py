@@ -23,8 +23,8 @@ class Body(nn.Module, ABC):
     Raises ValueError for a shape that the body does not support.
     """
 
-    DEFAULT_HIDDEN_WIDTH: ClassVar[int]
-    DEFAULT_ACTION_EMBEDDING: ClassVar[int]
+    DEFAULT_HIDDEN_WIDTH: ClassVar[int] = 256  # `num_features`, unless the configuration has one
+    DEFAULT_ACTION_EMBEDDING: ClassVar[int] = 0  # of the dueling head; 0: full rank
 
     def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:
         super().__init__()
@@ -95,9 +95,6 @@ def make_dense(num_inputs: int, num_outputs: int, norm: str) -> nn.Sequential:
 
 class MlpBody(Body):
     """Vector float32 [N, V] -> features float32 [N, F]."""
-
-    DEFAULT_HIDDEN_WIDTH: ClassVar[int] = 256
-    DEFAULT_ACTION_EMBEDDING: ClassVar[int] = 0
 
     def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:
         super().__init__(observation_shape, config)

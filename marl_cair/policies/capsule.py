@@ -130,9 +130,11 @@ class EntityRouting(nn.Module):
 
     def forward(self, parts: Tensor, num_passes: int) -> Tensor:
         """Parts [N, D, I] -> entities [N, K, O]."""
+        # A graph for other programs holds no chunks: their number is that of one batch size.
+        is_graph = torch.compiler.is_exporting()
+        chunks = (parts,) if is_graph else torch.split(parts, ROUTING_CHUNK_ROWS)
         entities = [
-            self.sum_votes(chunk, self.find_weights(chunk.detach(), num_passes))
-            for chunk in torch.split(parts, ROUTING_CHUNK_ROWS)
+            self.sum_votes(chunk, self.find_weights(chunk.detach(), num_passes)) for chunk in chunks
         ]
         return torch.cat(entities, dim=1).transpose(0, 1)
 

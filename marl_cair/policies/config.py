@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 
 from marl_cair import policies
 from marl_cair.lookup import check_name, find_by_name
+from marl_cair.outside import is_place
 
 NORMS = ("none", "layer")
 NO_CELL = -1  # of `action_cells`: the action points at no cell
@@ -50,8 +51,8 @@ class CapsuleSizes:
 class QNetworkConfig:
     """Body, head and their sizes. None: the body's default."""
 
-    body: str = "conv"  # from the observation to features
-    head: str = "dueling"  # from features to action values: dueling or plain
+    body: str = "conv"  # from the observation to features: a name, or module:Class
+    head: str = "dueling"  # from features to action values: dueling, plain, or module:Class
     hidden_width: int | None = None  # features between body and head: conv, mlp 256; capsule 128
     action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
     norm: str = "none"  # of the body's layers: none or layer (GroupNorm, LayerNorm)
@@ -166,6 +167,10 @@ class QNetworkConfig:
         if self.action_embedding is not None:
             return self.action_embedding
         return policies.NETWORKS[self.body].DEFAULT_ACTION_EMBEDDING
+
+    def list_code(self) -> list[str]:
+        """Return the names that are classes `module:Class` of a user."""
+        return [name for name in (self.body, self.head) if is_place(name)]
 
     def to_dict(self) -> dict[str, object]:
         """Return nested plain values for `from_dict`."""

@@ -84,6 +84,8 @@ def find_costs(planes: Tensor, log_cost: nn.Conv2d, usual_cost: float) -> Tensor
 def measure_nearness(planes: Tensor, cost: Tensor) -> Tensor:
     """Planes in 0..1 [N, C, H, W], cost [N, 1, H, W] -> nearness [N, C, H, W]."""
     source = FARTHEST * (planes - 1.0)
+    if torch.compiler.is_exporting():
+        return propagate_in_graph(source, cost)
     # Constant planes have no better cell to go to.
     differs = (planes != planes[:, :, :1, :1]).any(0).flatten(1).any(1).nonzero().squeeze(1)
     if len(differs) == 0:
@@ -135,6 +137,27 @@ def propagate(source: Tensor, cost: Tensor) -> Tensor:
         price = cost[rows].flatten(0, 1).permute(1, 2, 0).contiguous()
         reached = _relax(ahead, price)
         values[rows] = reached.permute(2, 0, 1).reshape(-1, num_maps, height, width)
+    return values
+
+
+def propagate_in_graph(source: Tensor, cost: Tensor) -> Tensor:
+    """The numbers of `propagate` as one loop of a graph that `torch.export` writes."""
+    from torch._higher_order_ops import while_loop
+
+    def has_changed(values: Tensor, changed: Tensor) -> Tensor:
+        return changed.clone()
+
+    def step(values: Tensor, changed: Tensor) -> tuple[Tensor, Tensor]:
+        framed = nn.functional.pad(values, (1, 1, 1, 1), value=-torch.inf)
+        best = torch.maximum(
+            torch.maximum(framed[..., 2:, 1:-1], framed[..., :-2, 1:-1]),
+            torch.maximum(framed[..., 1:-1, 2:], framed[..., 1:-1, :-2]),
+        )
+        reached = torch.maximum(values, best - cost)
+        return reached, (reached != values).any()
+
+    first = (source.contiguous(), source.new_ones((), dtype=torch.bool))
+    values: Tensor = while_loop(has_changed, step, first)[0]  # type: ignore[no-untyped-call]
     return values
 
 

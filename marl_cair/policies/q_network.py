@@ -8,11 +8,17 @@ import torch
 from torch import Tensor, nn
 
 from marl_cair import policies
-from marl_cair.lookup import find_by_name
-from marl_cair.policies.body import is_image, require_planes, standardise, standardise_changes
+from marl_cair.policies.body import (
+    Body,
+    is_image,
+    require_planes,
+    standardise,
+    standardise_changes,
+)
 from marl_cair.policies.cell_values import CellValues
 from marl_cair.policies.config import CapsuleSizes, QNetworkConfig
 from marl_cair.policies.distances import DistanceMaps
+from marl_cair.policies.outside_check import check_outside
 
 __all__ = ["CapsuleSizes", "QNetwork", "QNetworkConfig", "make_q_network"]
 
@@ -57,7 +63,6 @@ class QNetwork(nn.Module):
         low, high = torch.tensor(config.vector_low), torch.tensor(config.vector_high)
         self.register_buffer("middle", (low + high) / 2, persistent=False)
         self.register_buffer("reach", (high - low) / 2, persistent=False)
-        make_body = find_by_name("network", config.body, policies.NETWORKS)
         self.distances: DistanceMaps | None = None
         seen = self.observation_shape
         if config.distances:
@@ -66,16 +71,15 @@ class QNetwork(nn.Module):
                 board, config.resolve_hidden_width(), config.obstacle_planes
             )
             seen = (2 * board[0], *board[1:])
-        self.body = make_body(seen, config)
+        self.body: Body = policies.NETWORKS.make(config.body, seen, config)
         self.state_size, num_features = 0, self.body.num_features
         self.memory: nn.Module | None = None
         if config.memory != policies.NO_MEMORY:
             width = config.memory_width or config.resolve_hidden_width()
             memory = policies.MEMORIES[config.memory](num_features, width)
             self.memory, num_features, self.state_size = memory, width, memory.state_size
-        self.head = policies.HEADS[config.head](
-            num_features, num_actions, config.resolve_action_embedding()
-        )
+        embedding = config.resolve_action_embedding()
+        self.head = policies.HEADS.make(config.head, num_features, num_actions, embedding)
         if config.norm != "none":  # features do not shrink: large first values would hide rewards
             for weight in self.head.parameters():
                 weight.data.mul_(FIRST_VALUES)
@@ -194,11 +198,15 @@ def make_q_network(
     """Return a new network on the CPU; equal seeds give equal bits.
 
     With a seed torch's global random state does not change; None draws the weights from it.
+    Raises ValueError as `QNetwork`, and OutsideCodeError as `check_outside`.
     """
     if seed is None:
-        return QNetwork(config, observation_shape, num_actions)
-    with _seeded_global_generator(seed):
-        return QNetwork(config, observation_shape, num_actions)
+        network = QNetwork(config, observation_shape, num_actions)
+    else:
+        with _seeded_global_generator(seed):
+            network = QNetwork(config, observation_shape, num_actions)
+    check_outside(network)
+    return network
 
 
 def _to_float(observation: Tensor) -> Tensor:

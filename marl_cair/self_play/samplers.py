@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.lookup import find_by_name
+from marl_cair.lookup import LazyTable, check_name
+from marl_cair.outside import OutsideCodeError
 from marl_cair.self_play.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Pool
 from marl_cair.self_play.shared_folder import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER
 from marl_cair.self_play.win_rates import EVEN, WinRecords
@@ -168,7 +169,7 @@ def _weigh(
 
 
 _BOTS, _POOL = attrgetter("bots"), attrgetter("pool")
-SAMPLERS: dict[str, Sampler] = {
+_OWN: dict[str, Sampler] = {
     LATEST: latest,
     # Prioritised fictitious self-play (Vinyals et al. 2019, "Grandmaster level in StarCraft II"):
     # hard opponents (f_hard), equal opponents (f_var), and easy ones, for weak learners.
@@ -186,6 +187,7 @@ SAMPLERS: dict[str, Sampler] = {
     "main_agents": main_agents,
     "forgotten": forgotten,
 }
+SAMPLERS: LazyTable[Sampler] = LazyTable(_OWN, group="marl_cair.samplers")
 # These have opponents only in a league.
 LEAGUE_SAMPLERS = ("main_self_play", "main_agents", "forgotten")
 
@@ -207,21 +209,34 @@ def mix(
     total = np.zeros(len(standings.numbers))
     for name, weight in zip(mixture, weights / weights.sum(), strict=True):
         if weight > 0:
-            total += weight * _find_source(name, standings)(standings, options)
+            total += weight * _sample(name, standings, options)
     probabilities: Probabilities = total / total.sum()
     return probabilities
 
 
-def _find_source(name: str, standings: Standings) -> Sampler:
-    def only(standings: Standings, options: SamplerOptions) -> Probabilities:
+def _sample(name: str, standings: Standings, options: SamplerOptions) -> Probabilities:
+    """Probabilities [K] of one source. Raises OutsideCodeError for a sampler from outside that
+    fails or returns something else.
+    """
+    members = zip(standings.names, standings.kinds, strict=True)
+    named = [member for member, kind in members if kind in (BOT, FOREIGN)]
+    if name in named:
         return standings.spread(np.array([standings.names.index(name)]), np.ones(1))
-
-    named = {
-        member: only
-        for member, kind in zip(standings.names, standings.kinds, strict=True)
-        if kind in (BOT, FOREIGN)
-    }
-    return find_by_name("opponent", name, {**named, **SAMPLERS})
+    if name not in SAMPLERS:
+        check_name("opponent", name, [*named, *SAMPLERS])
+    found: Probabilities = SAMPLERS.make(name, standings, options)
+    if not SAMPLERS.is_outside(name):
+        return found
+    shape = (len(standings.numbers),)
+    found = np.asarray(found)
+    is_fit = found.shape == shape and np.issubdtype(found.dtype, np.number)
+    if not is_fit or not ((found >= 0) & np.isfinite(found)).all() or not found.sum() > 0:
+        raise OutsideCodeError(
+            f"sampler {name} returned {found.tolist()!r:.80} of shape {list(found.shape)}, it must "
+            f"be probabilities of shape {list(shape)}: 0 or more, one for each opponent"
+        )
+    probabilities: Probabilities = found / found.sum()
+    return probabilities
 
 
 def read_standings(pool: Pool, records: WinRecords, frames: int) -> Standings:

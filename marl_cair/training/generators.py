@@ -16,7 +16,8 @@ from marl_cair.games.game import GameSpec, Representation
 from marl_cair.generative import GENERATORS
 from marl_cair.generative.codecs import FrameCodec, VectorCodec, make_coded_generator
 from marl_cair.generative.generator import Generator
-from marl_cair.generative.settings import GeneratorSpec
+from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
+from marl_cair.outside import OutsideCodeError
 from marl_cair.training.settings.config import NO_GENERATOR, TrainConfig
 
 GENERATOR_FILE = "generator.pt"  # in a run's folder
@@ -107,9 +108,19 @@ def _load_knowledge(generator: Generator, source: str) -> None:
 
 def _make(config: TrainConfig, seen: Representation, spec: GameSpec, seed: int) -> Generator:
     settings = config.generator
-    make = GENERATORS[settings.name]
     model = dataclasses.replace(settings.model, seed=seed)
     bound = spec.reward_bound * config.learner.reward_scale
+
+    def make(settings: GeneratorConfig, about: GeneratorSpec) -> Generator:
+        name = config.generator.name
+        made: Generator = GENERATORS.make(name, settings, about)
+        wanted = [member for member in vars(Generator) if not member.startswith("_")]
+        if missing := [member for member in wanted if not hasattr(made, member)]:
+            raise OutsideCodeError(
+                f"generator {name} gave {type(made).__name__} without {', '.join(missing)}: it "
+                "must have all methods of `marl_cair.generative.generator.Generator`"
+            )
+        return made
 
     def specify(shape: tuple[int, ...], num_uniform: int, **others: Any) -> GeneratorSpec:
         planes, rows, columns = shape

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from marl_cair.checkpoint import load_network, read_description
+from marl_cair.checkpoint import load_network, read_description, read_network_config
 from marl_cair.files import shorten_value
 from marl_cair.games.game import GameSpec, Representation
 from marl_cair.league.agents.load import is_checkpoint
@@ -57,7 +57,7 @@ def begin_as(agent: str, config: TrainConfig) -> TrainConfig:
     return change(
         config,
         initial_agent=agent,
-        policy=QNetworkConfig.from_dict(about.network),
+        policy=read_network_config(about, agent),
         game=change(config.game, representation=about.representation),
         opponent=change(config.opponent, warmup_frames=0),
         exploration=change(exploration, epsilon_start=start, epsilon_end=low),

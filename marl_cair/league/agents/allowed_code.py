@@ -14,7 +14,9 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from marl_cair import outside
 from marl_cair.files import find_folder
+from marl_cair.outside import CodeNotAllowedError, is_place
 from marl_cair.text import clean_text
 
 PREFIX = "process:"
@@ -26,10 +28,6 @@ IS_SUPERVISED = sys.platform == "linux"  # whether `supervisor` runs here
 
 # Code of files that may run: all, none, or these sources, which the user has named.
 AllowCode = bool | frozenset[str]
-
-
-class CodeNotAllowedError(ValueError):
-    """A file names code that the user has neither named nor allowed."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +61,7 @@ def is_process(source: str | os.PathLike[str]) -> bool:
 
 def is_foreign(source: str | os.PathLike[str]) -> bool:
     """Whether `source` names a function that makes an agent."""
-    module, colon, name = str(source).partition(":")
-    return bool(colon) and name.isidentifier() and all(map(str.isidentifier, module.split(".")))
+    return is_place(str(source))
 
 
 def is_code(source: str | os.PathLike[str]) -> bool:
@@ -82,13 +79,14 @@ def require_allowed(
     allowed. Logs code that is allowed although the user has not named it.
     """
     named = allow_code if isinstance(allow_code, frozenset) else frozenset()
-    code = [one for one in dict.fromkeys(sources) if is_code(one) and one not in named]
-    if not code:
-        return
+    held = [one for one in dict.fromkeys(sources) if is_code(one)]
+    code = [one for one in held if one not in named]
     listed = ", ".join(map(clean_text, code))
-    if allow_code is not True:
+    if code and allow_code is not True:
         raise CodeNotAllowedError(
             f"{place} names code, which runs only if you allow it: {listed}. If you trust it, add "
             "--allow-code (to `marl-cair train`: allow_code=true)"
         )
-    logging.getLogger(__name__).warning("running code that %s names: %s", place, listed)
+    outside.allow_code(*filter(is_place, held))  # agents of the run have the same networks
+    if code:
+        logging.getLogger(__name__).warning("running code that %s names: %s", place, listed)

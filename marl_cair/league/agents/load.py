@@ -25,6 +25,7 @@ from marl_cair.league.agents.mixtures import is_mixture, read_mixture
 from marl_cair.league.agents.process import load_hosted, load_process
 from marl_cair.league.store.records import AgentRecord
 from marl_cair.lookup import find_by_name
+from marl_cair.outside import read_code
 from marl_cair.policies import PLAYS, SAMPLED
 from marl_cair.policies.config import LATER
 
@@ -210,6 +211,8 @@ def find_fingerprint(agent: Agent, game: Game) -> str:
     digest.update(json.dumps(about, sort_keys=True).encode())
     if actor.is_sampled:
         digest.update(SAMPLED.encode())
+    for place in network.config.list_code():
+        digest.update(read_code(place))
     for name, tensor in sorted(network.state_dict().items()):
         value = tensor.cpu().numpy()
         digest.update(f"{name} {value.dtype} {value.shape}".encode())

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 
 from marl_cair.files import write_atomically
-from marl_cair.league.agents.allowed_code import AllowCode, CodeNotAllowedError, require_allowed
+from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
 from marl_cair.league.agents.load import find_fingerprint, read_source
 from marl_cair.league.play.arena import Load, Rules, one_torch_thread
 from marl_cair.league.play.blocks import Entrant, make_chunk, seat_line_up
@@ -27,6 +27,7 @@ from marl_cair.league.ratings.groups import ELO_PER_LOGIT
 from marl_cair.league.ratings.rate import Rating
 from marl_cair.league.store.records import AgentRecord
 from marl_cair.league.store.store import LeagueStore, StoredGames
+from marl_cair.outside import CodeNotAllowedError
 
 FOLDER = "replays"
 MAX_BYTES = 1_100_000  # of one film: three of them, as text, are below 5 MB

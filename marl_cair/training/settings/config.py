@@ -148,7 +148,8 @@ class OpponentSettings:
             for name in mixture:
                 renamed = RENAMED_OPPONENTS.get(name)
                 require(renamed is None, f"opponent.{place}", name, f"called {renamed!r} now")
-                check_name("opponent", name, [*bots, *self.agents, *SAMPLERS])
+                if name not in SAMPLERS:
+                    check_name("opponent", name, [*bots, *self.agents, *SAMPLERS])
 
 
 @dataclass(frozen=True)
@@ -241,7 +242,8 @@ class GeneratorSettings:
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:
-        check_name("generator", self.name, (NO_GENERATOR, *GENERATORS))
+        if self.name not in GENERATORS:
+            check_name("generator", self.name, (NO_GENERATOR, *GENERATORS))
         check_fields(self, "generator.")
 
 

@@ -18,6 +18,7 @@ from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
 from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
 from marl_cair.lookup import check_name, find_by_name
+from marl_cair.outside import is_place
 from marl_cair.stored import DamagedFileError, read_settings, sign_settings
 from marl_cair.training.settings.checks import require
 from marl_cair.training.settings.config import RENAMED_OPTIONS, GameSettings, TrainConfig
@@ -88,8 +89,12 @@ def load_config(folder: str | os.PathLike[str], allow_code: AllowCode = False) -
 
 
 def list_sources(config: TrainConfig) -> list[str]:
-    """Sources of the agents that a run loads, as `load_agent` takes them."""
-    return [*config.opponent.agents.values(), *config.demonstration.agents.values()]
+    """Names of code that a run may have: its agents, as `load_agent` takes them, and classes and
+    functions `module:attribute` of networks, heads, samplers and generators.
+    """
+    agents = [*config.opponent.agents.values(), *config.demonstration.agents.values()]
+    names = [*config.opponent.mixture, *config.opponent.warmup_mixture, config.generator.name]
+    return [*agents, *config.policy.list_code(), *filter(is_place, names)]
 
 
 def build_config(values: Mapping[str, Any]) -> TrainConfig:

@@ -67,7 +67,7 @@ class LearnerSettings:
     @property
     def learns_from_replay(self) -> bool:
         """Whether updates sample transitions from the replay buffer."""
-        return LOSSES[self.algorithm].LEARNS_FROM_REPLAY
+        return bool(LOSSES[self.algorithm].LEARNS_FROM_REPLAY)
 
     def learning_rate_at(self, done: float) -> float:
         """Linear from start to end over the share `done` of the run, 0..1."""

@@ -1,0 +1,38 @@
+"""Plays an agent of `marl-cair export` with onnxruntime, without torch."""
+
+import argparse
+import json
+
+import onnxruntime
+
+from marl_cair import GAMES
+from marl_cair.games.checks.scenario import restore_fields
+from marl_cair.league.agents.foreign import ForeignAgent
+from marl_cair.league.play.match import play_match
+
+
+class OnnxAgent:
+    """An object with `act`, as for every agent."""
+
+    def __init__(self, path):
+        self.session = onnxruntime.InferenceSession(path)
+        self.about = self.session.get_modelmeta().custom_metadata_map
+        self.name, self.representation = self.about["name"], self.about["representation"]
+
+    def act(self, observation, action_mask):
+        given = {"observation": observation, "action_mask": action_mask}
+        return self.session.run(["action"], given)[0]
+
+
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("file", help="agent.onnx")
+parser.add_argument("--opponent", default="random", help="a bot")
+parser.add_argument("--games", type=int, default=20)
+options = parser.parse_args()
+exported = OnnxAgent(options.file)
+game = GAMES[exported.about["game"]]
+fields = restore_fields(json.loads(exported.about["scenario_options"]))
+scenario = game.scenario(exported.about["scenario"], **fields)
+agent = ForeignAgent(exported, options.file, game.make_spec(scenario), options.file)
+match = play_match(agent, game.bot(options.opponent, scenario), game, scenario, options.games, 0)
+print(f"{agent.name} against {options.opponent}: {match.score:.1%} of {match.games} games")

@@ -1,0 +1,1 @@
+"""Commands about one trained agent: export and explain."""

@@ -1,0 +1,87 @@
+"""`marl-cair explain` writes pictures, a film, and the agent's own numbers."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from benchmarks import _networks
+from marl_cair.cli import main
+from marl_cair.cli.agent.explain import read_discount
+from marl_cair.cli.agent.pictures import FILM, find_presences
+from marl_cair.league.agents.load import load_agent
+from marl_cair.policies.config import QNetworkConfig
+from tests.refusals import assert_refused
+
+SCENARIO, MAX_TICKS = "11x11", 400
+
+
+@pytest.fixture(scope="module")
+def agent(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("agents") / "capsule"
+    options = {"max_ticks": MAX_TICKS}
+    config = QNetworkConfig(body="capsule")
+    return _networks.save_network(folder, SCENARIO, "planes", config, options=options)
+
+
+def test_the_folder_holds_pictures_a_film_and_the_agents_numbers(agent, tmp_path, capsys):
+    out = tmp_path / "why"
+    words = ["explain", agent, "--opponent", "rusher", "--seed", "4", "--gamma", "0.9"]
+    assert main([*words, "--steps", "3", "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    pictures = ("values.png", "actions.png", "overestimation.png", "presence.png")
+    assert {path.name for path in out.iterdir()} == {*pictures, "film.gif", "steps.npz"}
+    for name in pictures:
+        assert name in printed
+        with Image.open(out / name) as opened:
+            picture = np.asarray(opened.convert("L"))
+        assert min(picture.shape) > 200
+        assert picture.std() > 5  # no blank page
+    with np.load(out / "steps.npz") as stored:
+        steps = dict(stored)
+    length = len(steps["action"])
+    assert f"after {length} steps" in printed
+    with Image.open(out / "film.gif") as film:
+        assert 1 < film.n_frames <= FILM.max_frames
+        assert film.width > FILM.width  # the game and the bars
+    loaded = load_agent(agent)
+    values = loaded.values(steps["observation"], steps["action_mask"])
+    np.testing.assert_array_equal(values, steps["values"])
+    np.testing.assert_array_equal(values.argmax(1), steps["action"])
+    assert np.isneginf(values[~steps["action_mask"]]).all()
+    assert np.isfinite(values[steps["action_mask"]]).all()
+    weights = 0.9 ** np.arange(length)
+    assert steps["discounted_return"][0] == pytest.approx((weights * steps["reward"]).sum())
+    overestimation = (values.max(1) - steps["discounted_return"]).mean()
+    assert f"overestimation {overestimation:+.3f}" in printed
+
+
+def test_presences_are_those_of_the_part_capsules(agent):
+    loaded = load_agent(agent)
+    rows = np.zeros((3, *loaded.network.observation_shape), np.uint8)
+    presences = find_presences(loaded, rows)
+    assert presences.shape[:2] == (3, loaded.network.config.capsule.num_part_types)
+    assert ((presences > 0) & (presences < 1)).all()
+    assert not any(part._forward_hooks for part in loaded.network.modules())
+
+
+def test_the_discount_is_that_of_the_run(agent, tmp_path):
+    assert read_discount(agent)[0] == pytest.approx(0.99)
+    run = tmp_path / "run" / "latest"
+    _networks.save_network(run, SCENARIO, "vector", QNetworkConfig(body="mlp", hidden_width=8))
+    text = "learner:\n  gamma: 0.95\n  reward_scale: 0.1\n"
+    (tmp_path / "run" / "config.yaml").write_text(text, "utf-8")
+    assert read_discount(str(run)) == (0.95, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["deep_line_wars/rusher"], "has no action values"),
+        (["AGENT", "--steps", "0"], "--steps is 0, it must be 1 or more"),
+        (["AGENT", "--gamma", "1.5"], "--gamma is 1.5, it must be in 0..1"),
+    ],
+)
+def test_other_agents_and_numbers_are_refused(words, message, agent, capsys, tmp_path):
+    words = [agent if word == "AGENT" else word for word in words]
+    assert_refused(capsys, message, "explain", *words, "--out", str(tmp_path / "why"))
+    assert not (tmp_path / "why").exists()

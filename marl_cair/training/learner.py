@@ -64,7 +64,7 @@ class Learner:
     def update(self, batch: TensorDict, done: float = 0.0) -> dict[str, Tensor | float]:
         """One gradient step on rows as the loss reads them; returns scalars for the log.
 
-        batch: TensorDict [N]; gets "td_error" float32 [N].
+        batch: TensorDict [N], or [N, T] of sequences; gets "td_error" float32 of the same shape.
         done: share of the run that is over, 0..1, for the learning rate.
         """
         kind = self._parameters[0].device.type
@@ -117,9 +117,10 @@ class Learner:
 
     def _split(self, batch: TensorDict) -> dict[str, Tensor | float]:
         """Mean loss and TD error of real and of generated rows, apart."""
-        error = batch["td_error"].abs()
+        learned = batch.get("learned", torch.ones(batch.shape, dtype=torch.bool))
+        error = batch["td_error"].abs()[learned]
         loss = measure_errors(error, torch.zeros_like(error), self.settings.loss)
-        generated = batch["is_generated"].flatten()
+        generated = batch["is_generated"].view(batch.shape)[learned]
         values: dict[str, Tensor | float] = {}
         num_generated = int(generated.sum())
         for name, rows, count in (

@@ -14,11 +14,11 @@ from marl_cair.training.settings.learner import LearnerSettings
 
 
 class LossResult(NamedTuple):
-    """What a loss returns."""
+    """What a loss returns. Rows [...] are [N], or [N, T] of sequences."""
 
     loss: Tensor  # scalar float32, with gradient
-    td_error: Tensor  # float32 [N], target - Q(s, a), without gradient
-    values: Tensor  # float32 [N, A], Q(s, .), with gradient
+    td_error: Tensor  # float32 [...], target - Q(s, a), without gradient
+    values: Tensor  # float32 [..., A], Q(s, .), with gradient
 
 
 class DqnLoss:
@@ -50,7 +50,7 @@ class DqnLoss:
             steps = batch["steps_to_next_obs"].squeeze(-1)
             discount = self.settings.gamma**steps * ~following["terminated"].squeeze(-1)
             wanted = following["reward"].squeeze(-1) + discount * ahead
-        return compare(network, batch, wanted, self.settings.loss)
+        return compare(network(batch["observation"]), batch, wanted, self.settings.loss)
 
 
 class PqnLoss:
@@ -68,20 +68,31 @@ class PqnLoss:
         self.settings = settings
 
     def __call__(self, network: QNetwork, target: QNetwork, batch: TensorDict) -> LossResult:
-        """batch: TensorDict [N] with "observation", "action" and "target"; `target` is not used."""
-        return compare(network, batch, batch["target"], self.settings.loss)
+        """batch: TensorDict [N] with "observation", "action" and "target"; for networks with memory
+        [N, T], with "state", of which the first step's is used, "starts" and "learned" too.
+        `target` is not used.
+        """
+        if network.state_size:
+            sequence, starts = batch["observation"].transpose(0, 1), batch["starts"].T
+            values, _ = network.unroll(sequence, batch["state"][:, 0], starts)
+            values = values.transpose(0, 1)
+        else:
+            values = network(batch["observation"])
+        return compare(values, batch, batch["target"], self.settings.loss)
 
 
-def compare(network: QNetwork, batch: TensorDict, wanted: Tensor, measure: str) -> LossResult:
-    """Loss of Q(s, a) against the targets `wanted` float32 [N].
+def compare(values: Tensor, batch: TensorDict, wanted: Tensor, measure: str) -> LossResult:
+    """Loss of `values` float32 [..., A] at the actions taken, against `wanted` float32 [...].
 
-    measure: "smooth_l1" (Huber) or "l2".
+    measure: "smooth_l1" (Huber) or "l2". Rows weigh as "priority_weight" float32 [...], if there;
+    those that are not "learned" bool [...], if there, do not count.
     """
-    values = network(batch["observation"])
     chosen = values.gather(-1, batch["action"].unsqueeze(-1)).squeeze(-1)
-    losses = measure_errors(chosen, wanted, measure)
-    weights = batch.get("priority_weight", torch.ones_like(losses))
-    loss = (weights * losses).sum() / weights.sum()
+    weights = batch.get("priority_weight", torch.ones_like(chosen))
+    learned = batch.get("learned", torch.ones_like(chosen, dtype=torch.bool))
+    # Selected first: NaN of steps that are not learned would reach the gradient even at weight 0.
+    losses = measure_errors(chosen[learned], wanted[learned], measure) * weights[learned]
+    loss = losses.sum() / weights[learned].sum()
     return LossResult(loss, (wanted - chosen).detach(), values)
 
 

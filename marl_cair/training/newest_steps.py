@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 import torch
 from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
 
 from marl_cair.games.torchrl_env import GROUP
 from marl_cair.policies.actor import PolicyActor
@@ -17,36 +18,55 @@ from marl_cair.training.settings.learner import LearnerSettings
 def make_rows(data: TensorDictBase, actor: PolicyActor, settings: LearnerSettings) -> TensorDict:
     """The learned steps of a collected batch [B, T], with their targets, as TensorDict [N].
 
+    For a network with memory it is [S, T]: the streams (seats of worlds) with learned steps, which
+    "learned" marks, with "state", the memory's before the step, and "starts" of episodes.
+
     actor: the network that has collected them, with "best_value" float32 [B, T, P] of each learned
     step, its largest legal Q.
     """
     group, following = data[GROUP], data["next", GROUP]
     learned, best = by_time(group["learned"]), by_time(group["best_value"])
     terminated = by_time(following["terminated"]).squeeze(-1)
-    truncated = by_time(following["truncated"]).squeeze(-1)
-    is_next_learned = torch.cat([learned[1:], torch.zeros_like(learned[:1])])
-    is_cut = terminated | truncated | ~is_next_learned
+    is_end = terminated | by_time(following["truncated"]).squeeze(-1)
+    none = torch.zeros_like(learned[:1])
+    is_cut = is_end | ~torch.cat([learned[1:], none])
     best_ahead = torch.cat([best[1:], best[:1]])
-    asked = is_cut & learned & ~terminated
-    place = asked.nonzero(as_tuple=True)
-    num_players = group["learned"].shape[-1]
-    where = (place[1] // num_players, place[0], place[1] % num_players)
-    values = actor.compute_values(following["observation"][where])
-    mask = following["action_mask"][where].to(values.device)
-    best_ahead[place] = mask_values(values, mask).amax(-1).to(best_ahead.device)
+    place = (is_cut & learned & ~terminated).nonzero(as_tuple=True)
+    best_ahead[place] = _value_next(data, place, actor)
     reward = by_time(following["reward"]).squeeze(-1) * settings.reward_scale
     returns = find_lambda_returns(
         reward, best_ahead, terminated, is_cut, settings.gamma, settings.q_lambda
     )
-    return TensorDict(
-        {
-            "observation": by_time(group["observation"])[learned],
-            "action": by_time(group["action"])[learned],
-            "target": returns[learned],
-            "is_generated": torch.zeros(int(learned.sum()), dtype=torch.bool),
-        },
-        [int(learned.sum())],
-    )
+    rows = {
+        "observation": by_time(group["observation"]),
+        "action": by_time(group["action"]),
+        "target": returns,
+        "is_generated": torch.zeros_like(learned),
+    }
+    if not actor.state_size:
+        count = int(learned.sum())
+        return TensorDict({name: value[learned] for name, value in rows.items()}, [count])
+    rows |= {
+        "state": by_time(group["state"]),
+        "starts": torch.cat([none, is_end[:-1]]),
+        "learned": learned,
+    }
+    streams = learned.any(0).nonzero().squeeze(1)
+    sequences = {name: value[:, streams].transpose(0, 1) for name, value in rows.items()}
+    return TensorDict(sequences, [len(streams), len(learned)])
+
+
+def _value_next(data: TensorDictBase, place: tuple[Tensor, ...], actor: PolicyActor) -> Tensor:
+    """Largest legal Q float32 [K] after K steps; place: their time and stream, int64 [K] each."""
+    group, following = data[GROUP], data["next", GROUP]
+    num_players = group["learned"].shape[-1]
+    where = (place[1] // num_players, place[0], place[1] % num_players)
+    state = torch.zeros(len(place[0]), 0)
+    if actor.state_size:
+        _, state = actor.step(group["observation"][where], group["state"][where])
+    values, _ = actor.step(following["observation"][where], state)
+    mask = following["action_mask"][where].to(values.device)
+    return mask_values(values, mask).amax(-1).cpu()
 
 
 def iterate_batches(

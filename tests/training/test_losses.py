@@ -11,12 +11,13 @@ from torchrl.modules import QValueActor
 from torchrl.objectives import DQNLoss, SoftUpdate
 
 from marl_cair.games.torchrl_env import GROUP
+from marl_cair.league.agents.load import load_agent
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training import losses
 from marl_cair.training.newest_steps import iterate_batches, make_rows
 from marl_cair.training.run import TrainingRun
-from marl_cair.training.settings.config import DemonstrationSettings
+from marl_cair.training.settings.config import DemonstrationSettings, GeneratorSettings
 from marl_cair.training.settings.learner import LearnerSettings, NfspSettings
 from tests.replay.streams import make_transitions
 from tests.training import runs
@@ -155,6 +156,62 @@ def test_a_run_without_replay_resumes_to_the_same_bits(tmp_path):
     runs.train_whole_and_in_parts(
         tmp_path, lambda folder: runs.tiny(folder, 768, learner=PQN), until=384
     )
+
+
+def recurrent(folder, frames=768, memory="lstm"):
+    policy = QNetworkConfig(hidden_width=16, memory=memory, memory_width=8, norm="layer")
+    settings = dataclasses.replace(PQN, q_lambda=0.0, gamma=0.9)
+    none = GeneratorSettings("none")
+    return runs.tiny(folder, frames, learner=settings, policy=policy, generator=none)
+
+
+@pytest.mark.parametrize("memory", ["lstm", "gru"])
+def test_targets_of_a_network_with_memory_continue_its_states(tmp_path, memory):
+    run = TrainingRun(recurrent(tmp_path / "run", memory=memory))
+    batches = iter(run.collector)
+    first = next(batches).clone()
+    second = next(batches)
+    rows = make_rows(first, run.actor, run.config.learner)
+    learned = first[GROUP, "learned"]
+    streams = learned.transpose(0, 1).flatten(1).any(0).nonzero().squeeze(1)
+    assert rows.shape == (len(streams), first.shape[1])
+    ends = first["next", GROUP, "done"].squeeze(-1)
+    compared = 0
+    for row, stream in enumerate(streams.tolist()):
+        world, seat = divmod(stream, learned.shape[2])
+        for step in range(first.shape[1]):
+            place = (world, step, seat)
+            if not learned[place]:
+                continue
+            assert bool(rows["starts"][row, step]) == (
+                step > 0 and bool(ends[world, step - 1, seat])
+            )
+            later = first if step + 1 < first.shape[1] else second
+            after = (world, (step + 1) % first.shape[1], seat)
+            if not ends[place] and later[GROUP, "learned"][after]:
+                expected = float(first["next", GROUP, "reward"][place])
+                expected += 0.9 * float(later[GROUP, "best_value"][after])
+                assert float(rows["target"][row, step]) == pytest.approx(expected, abs=1e-5)
+                compared += step + 1 == first.shape[1]
+    assert compared > 8
+    result = run.learner.loss(run.learner.network, run.learner.target, rows)
+    state, values = rows["state"][:, 0], []
+    for step in range(first.shape[1]):  # one step after another, as it has played
+        state = state.masked_fill(rows["starts"][:, step, None], 0.0)
+        value, state = run.learner.network(rows["observation"][:, step], state)
+        values.append(value)
+    torch.testing.assert_close(result.values, torch.stack(values, 1))
+    chosen = torch.stack(values, 1).gather(-1, rows["action"].unsqueeze(-1)).squeeze(-1)
+    error = (rows["target"] - chosen)[rows["learned"]]
+    torch.testing.assert_close(
+        result.loss, torch.nn.functional.smooth_l1_loss(error, torch.zeros_like(error))
+    )
+    run.close()
+
+
+def test_a_recurrent_run_resumes_to_the_same_bits(tmp_path):
+    whole, _ = runs.train_whole_and_in_parts(tmp_path, recurrent, until=384)
+    assert load_agent(whole / "latest").state_size == 16
 
 
 def test_settings_that_need_a_replay_buffer_are_refused(tmp_path):

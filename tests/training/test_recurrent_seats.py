@@ -6,9 +6,14 @@ import torch
 
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.replay.transition import NO_ACTION
-from marl_cair.training.learner import Learner
 from marl_cair.training.run import TrainingRun
-from marl_cair.training.settings.config import DemonstrationSettings, OpponentSettings, TrainConfig
+from marl_cair.training.settings.config import (
+    DemonstrationSettings,
+    GeneratorSettings,
+    OpponentSettings,
+    TrainConfig,
+)
+from marl_cair.training.settings.learner import LearnerSettings
 from tests.recurrent_agents import choose_in_turn, require_ticks
 from tests.training.runs import by_game, small
 
@@ -109,21 +114,22 @@ def test_a_demonstrator_counts_from_the_step_at_which_it_begins(tmp_path, scenar
     assert steps >= {0, 1, 2, 3}
 
 
+PQN = LearnerSettings(algorithm="pqn")
+
 # --- the learner ---------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def recurrent_policy(monkeypatch):
-    """Runs may have a recurrent policy, to collect with it."""
-    monkeypatch.setattr(TrainConfig, "_refuse_memory", lambda self: None)
-    # Until the learner updates a recurrent network, its hook for the margin loss reads no pairs.
-    monkeypatch.setattr(Learner, "_note_values", lambda *arguments: None)
+    """Runs may have a recurrent policy with demonstrations and replay, to collect with it."""
+    monkeypatch.setattr(TrainConfig, "_check_memory", lambda self: None)
     return QNetworkConfig(hidden_width=8, memory="lstm", memory_width=6)
 
 
-def test_training_of_a_recurrent_policy_is_refused_for_now():
-    with pytest.raises(ValueError, match="policy.memory is 'gru', but the replay buffer holds sin"):
-        TrainConfig(policy=QNetworkConfig(memory="gru"))
+@pytest.mark.parametrize("changes", [{"learner": PQN}, {"generator": GeneratorSettings("none")}])
+def test_memory_with_replay_or_generator_is_refused(changes):
+    with pytest.raises(ValueError, match="policy.memory is 'gru', but replay buffer and generator"):
+        TrainConfig(policy=QNetworkConfig(memory="gru"), **changes)
 
 
 @pytest.mark.parametrize("demonstrated", [False, True])

@@ -314,7 +314,7 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        self._refuse_memory()
+        self._check_memory()
         self._check_scenarios()
         if not self.learner.learns_from_replay:
             for name, given in (
@@ -336,11 +336,13 @@ class TrainConfig:
             for place, changes in self.evaluation.changes().items()
         }
 
-    def _refuse_memory(self) -> None:
-        if self.policy.memory != NO_MEMORY:
+    def _check_memory(self) -> None:
+        has_generator = self.generator.name != NO_GENERATOR
+        if self.policy.memory != NO_MEMORY and (self.learner.learns_from_replay or has_generator):
             raise ValueError(
-                f"policy.memory is {self.policy.memory!r}, but the replay buffer holds single rows "
-                "and no sequences, from which a memory learns nothing: set policy.memory=none"
+                f"policy.memory is {self.policy.memory!r}, but replay buffer and generator hold "
+                "single transitions and no sequences, from which a memory learns nothing: set "
+                "learner.algorithm=pqn generator=none, or policy.memory=none"
             )
 
     def _check_scenarios(self) -> None:

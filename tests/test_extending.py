@@ -1,5 +1,6 @@
 """The examples of docs/extending.md work: each is used as the page says."""
 
+import dataclasses
 import json
 import re
 import shlex
@@ -28,7 +29,7 @@ def examples_found(monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(str(FOLDER))
     monkeypatch.chdir(tmp_path)
     yield
-    for name in ("sampler", "generator"):
+    for name in ("sampler", "generator", "loss"):
         sys.modules.pop(name, None)
 
 
@@ -76,6 +77,18 @@ def test_the_command_of_the_sampler_is_read():
     command = shlex.split(re.findall(r"marl-cair (train .*)$", SAMPLER, re.MULTILINE)[0])
     config = compose_config(command[1:])
     assert config.opponent.mixture == {"latest": 0.5, "sampler:hardest": 0.5}
+
+
+def test_the_loss_trains_and_its_run_resumes_where_it_is_allowed(tmp_path):
+    learner = {"batch_size": 16, "algorithm": "loss:Mellowmax"}
+    result = train_with(tmp_path / "run", learner=learner)
+    assert np.isfinite(result.last_row["loss/all"])
+    assert result.updates > 0
+    with pytest.raises(CodeNotAllowedError, match="loss:Mellowmax"):
+        load_config(tmp_path / "run")
+    config = load_config(tmp_path / "run", allow_code=True)
+    longer = dataclasses.replace(config, total_frames=2048)
+    assert train(longer, resume=True, show_progress=False).updates > result.updates
 
 
 def test_the_generator_gives_labelled_rows(tmp_path):

@@ -14,7 +14,7 @@ MAX_LINES = {
     "generative": 3_460,
     "self_play": 990,
     "league": 7_820,
-    "training": 5_240,
+    "training": 5_330,
     "conf": 10,
     "cli": 2_940,
     "": 1_560,  # the modules that every part may import

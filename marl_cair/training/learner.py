@@ -14,7 +14,7 @@ from marl_cair.policies.q_network import QNetwork
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.transition import NO_ACTION
-from marl_cair.training.losses import measure_errors
+from marl_cair.training.losses import Loss, measure_errors
 from marl_cair.training.settings.config import DemonstrationSettings
 from marl_cair.training.settings.learner import LOSSES, LearnerSettings
 
@@ -33,6 +33,10 @@ _OLD_NAMES = {
 }
 
 
+class DivergedError(ValueError):
+    """Loss or gradient are not finite; the weights are those before the update."""
+
+
 class Learner:
     """Network, target network, optimiser, and the averaged weights that are rated and kept.
 
@@ -49,7 +53,7 @@ class Learner:
     ) -> None:
         self.network, self.settings = network, settings
         self.demonstration = demonstration or DemonstrationSettings()
-        self.loss = LOSSES[settings.algorithm](settings)
+        self.loss: Loss = LOSSES.make(settings.algorithm, settings)
         self.average = deepcopy(network).eval().requires_grad_(False)
         self.target = network
         if self.loss.HAS_TARGET_NETWORK:
@@ -66,6 +70,7 @@ class Learner:
 
         batch: TensorDict [N], or [N, T] of sequences; gets "td_error" float32 of the same shape.
         done: share of the run that is over, 0..1, for the learning rate.
+        Raises DivergedError where loss or gradient are not finite.
         """
         kind = self._parameters[0].device.type
         with torch.autocast(kind, torch.bfloat16, enabled=self.settings.autocast):
@@ -80,6 +85,10 @@ class Learner:
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         norm = torch.nn.utils.clip_grad_norm_(self._parameters, self.settings.max_grad_norm)
+        if not torch.isfinite(norm):
+            raise DivergedError(
+                f"update {self.updates}: loss {loss.item()}, gradient {norm.item()}"
+            )
         for group in self.optimizer.param_groups:
             group["lr"] = self.settings.learning_rate_at(done)
         self.optimizer.step()

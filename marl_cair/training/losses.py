@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import ClassVar, NamedTuple
 
 import torch
@@ -21,7 +22,23 @@ class LossResult(NamedTuple):
     values: Tensor  # float32 [..., A], Q(s, .), with gradient
 
 
-class DqnLoss:
+class Loss(ABC):
+    """Base class of losses, the entries of `LOSSES`; made with the settings of the learner."""
+
+    LEARNS_FROM_REPLAY: ClassVar[bool]  # from sampled transitions, else from the newest steps
+    HAS_TARGET_NETWORK: ClassVar[bool]
+
+    def __init__(self, settings: LearnerSettings) -> None:
+        self.settings = settings
+
+    @abstractmethod
+    def __call__(self, network: QNetwork, target: QNetwork, batch: TensorDict) -> LossResult:
+        """batch: TensorDict [N], of transitions with the keys of replay/transition.py, or of steps
+        as `newest_steps.make_rows` makes them. target: `network` itself if there is none.
+        """
+
+
+class DqnLoss(Loss):
     """Deep Q-learning on transitions from a replay buffer (Mnih et al. 2015).
 
     Target of a row: R + gamma^k * (not terminated) * Q_target(s', a'), R the discounted sum of k
@@ -32,9 +49,6 @@ class DqnLoss:
 
     LEARNS_FROM_REPLAY: ClassVar[bool] = True
     HAS_TARGET_NETWORK: ClassVar[bool] = True
-
-    def __init__(self, settings: LearnerSettings) -> None:
-        self.settings = settings
 
     def __call__(self, network: QNetwork, target: QNetwork, batch: TensorDict) -> LossResult:
         """batch: TensorDict [N] with the keys of replay/transition.py; "priority_weight" float32
@@ -47,13 +61,11 @@ class DqnLoss:
             chooser = network(seen) if self.settings.double else rated
             action = mask_values(chooser, mask).argmax(-1, keepdim=True)
             ahead = rated.gather(-1, action).squeeze(-1)
-            steps = batch["steps_to_next_obs"].squeeze(-1)
-            discount = self.settings.gamma**steps * ~following["terminated"].squeeze(-1)
-            wanted = following["reward"].squeeze(-1) + discount * ahead
+            wanted = find_targets(batch, ahead, self.settings.gamma)
         return compare(network(batch["observation"]), batch, wanted, self.settings.loss)
 
 
-class PqnLoss:
+class PqnLoss(Loss):
     """Parallelised Q-learning on the newest steps of many worlds (Gallici et al. 2025): no replay
     buffer, no target network; the networks need normalisation (`policy.norm=layer`).
 
@@ -63,9 +75,6 @@ class PqnLoss:
 
     LEARNS_FROM_REPLAY: ClassVar[bool] = False
     HAS_TARGET_NETWORK: ClassVar[bool] = False
-
-    def __init__(self, settings: LearnerSettings) -> None:
-        self.settings = settings
 
     def __call__(self, network: QNetwork, target: QNetwork, batch: TensorDict) -> LossResult:
         """batch: TensorDict [N] with "observation", "action" and "target"; for networks with memory
@@ -79,6 +88,15 @@ class PqnLoss:
         else:
             values = network(batch["observation"])
         return compare(values, batch, batch["target"], self.settings.loss)
+
+
+def find_targets(batch: TensorDict, ahead: Tensor, gamma: float) -> Tensor:
+    """R + gamma^k * (not terminated) * `ahead`, all float32 [N], of a batch of transitions."""
+    following = batch["next"]
+    discount = gamma ** batch["steps_to_next_obs"].squeeze(-1)
+    rest = (discount * ahead).masked_fill(following["terminated"].squeeze(-1), 0.0)
+    reward: Tensor = following["reward"].squeeze(-1)
+    return reward + rest
 
 
 def compare(values: Tensor, batch: TensorDict, wanted: Tensor, measure: str) -> LossResult:

@@ -11,7 +11,7 @@ from torch import Tensor
 from marl_cair.games.torchrl_env import GROUP
 from marl_cair.policies.actor import PolicyActor
 from marl_cair.training.collecting.rollout import by_time
-from marl_cair.training.losses import find_lambda_returns, mask_values
+from marl_cair.training.losses import find_lambda_returns, find_targets, mask_values
 from marl_cair.training.settings.learner import LearnerSettings
 
 
@@ -99,13 +99,11 @@ def _add_targets(
     following = generated["next"]
     values = actor.compute_values(following["observation"]).to(following["reward"].device)
     best = mask_values(values, following["action_mask"]).amax(-1)
-    best = best.masked_fill(following["terminated"].squeeze(-1), 0.0)
-    discount = settings.gamma ** generated["steps_to_next_obs"].squeeze(-1)
     return TensorDict(
         {
             "observation": generated["observation"],
             "action": generated["action"],
-            "target": following["reward"].squeeze(-1) + discount * best,
+            "target": find_targets(generated, best, settings.gamma),
             "is_generated": generated["is_generated"].squeeze(-1),
         },
         [len(generated)],

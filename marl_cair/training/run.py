@@ -71,6 +71,7 @@ class TrainingRun:
         seat: LeagueSeat | None = None,
         load: Load = load_agent,
     ) -> None:
+        config.check_algorithm()
         self.config, self.seat = config, seat
         self.folder = Path(config.out)
         self._resumes = resume and files.find_folder(self.folder / RESUME_FOLDER).is_dir()

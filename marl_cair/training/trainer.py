@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from tqdm import tqdm
 
+from marl_cair.checkpoint import save_tensors
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.rollouts import Rollouts
 from marl_cair.interrupts import interrupts_noted
@@ -20,10 +21,12 @@ from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.collecting.rollout import make_rollout
 from marl_cair.training.evaluation import evaluate
+from marl_cair.training.learner import DivergedError
 from marl_cair.training.newest_steps import iterate_batches, make_rows
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import ENDLESS_FRAMES, TrainConfig
 
+DIVERGED_FILE = "diverged_batch.pt"
 LOG_EVERY_FRAMES = 10_000
 
 
@@ -158,15 +161,29 @@ def _learn(run: TrainingRun, before: int, data: TensorDictBase) -> None:
         generated = run.replay.sample_generated
         batches = iterate_batches(rows, settings, run.actor, generated, run.shuffling)
         for batch in batches if len(rows) else ():
-            run.means.add(run.learner.update(batch, done))
+            _update(run, batch, done)
         return
     if not _has_enough(run):
         return
     for _ in range(_count_due(before, run.frames, settings.frames_per_update)):
         batch = run.replay.sample()
-        run.means.add(run.learner.update(batch, done))
+        _update(run, batch, done)
         if run.config.replay.priority_alpha:
             run.replay.note_errors(batch, done)
+
+
+def _update(run: TrainingRun, batch: TensorDict, done: float) -> None:
+    """One update. Raises DivergedError, with the batch saved to the run's folder."""
+    try:
+        run.means.add(run.learner.update(batch, done))
+    except DivergedError as error:
+        path = run.folder / DIVERGED_FILE
+        save_tensors(batch.flatten_keys(".").to_dict(), path)
+        raise DivergedError(
+            f"training has diverged at frame {run.frames}: {error}; the batch is in {path}. Resume "
+            "from the last state, or begin again with a smaller learner.learning_rate or "
+            "learner.max_grad_norm"
+        ) from error
 
 
 def _generate(run: TrainingRun, before: int) -> None:

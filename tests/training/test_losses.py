@@ -10,11 +10,13 @@ from torchrl.data import Categorical
 from torchrl.modules import QValueActor
 from torchrl.objectives import DQNLoss, SoftUpdate
 
+from marl_cair.checkpoint import load_tensors
 from marl_cair.games.torchrl_env import GROUP
 from marl_cair.league.agents.load import load_agent
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training import losses
+from marl_cair.training.learner import DivergedError
 from marl_cair.training.newest_steps import iterate_batches, make_rows
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import DemonstrationSettings, GeneratorSettings
@@ -221,6 +223,27 @@ def test_settings_that_need_a_replay_buffer_are_refused(tmp_path):
     ):
         with pytest.raises(ValueError, match=r"learner\.algorithm is 'pqn'"):
             runs.tiny(tmp_path, learner=PQN, **changes)
+
+
+def test_a_run_whose_loss_is_not_finite_stops_and_saves_the_batch(tmp_path, monkeypatch):
+    run = TrainingRun(runs.tiny(tmp_path / "run"))
+    steps = runs.fill_replays(run)
+    before = deepcopy(run.learner.network.state_dict())
+    sample = run.replay.sample
+
+    def sample_damaged():
+        batch = sample()
+        batch["next", "reward"][3] = torch.nan
+        return batch
+
+    monkeypatch.setattr(run.replay, "sample", sample_damaged)
+    with pytest.raises(DivergedError, match="loss nan.*diverged_batch.pt"):
+        next(steps)
+    saved = load_tensors(tmp_path / "run" / "diverged_batch.pt")
+    assert torch.isnan(saved["next.reward"][3]).all()
+    for name, weight in run.learner.network.state_dict().items():
+        assert torch.equal(weight, before[name])
+    run.close()
 
 
 def test_states_of_version_0_1_are_read(tmp_path):

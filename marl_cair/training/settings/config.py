@@ -33,7 +33,7 @@ from marl_cair.training.settings.checks import (
     check_fields,
     require,
 )
-from marl_cair.training.settings.learner import LearnerSettings, NfspSettings, interpolate
+from marl_cair.training.settings.learner import LOSSES, LearnerSettings, NfspSettings, interpolate
 
 # Half the newest policy, half older ones, after AlphaStar and OpenAI Five. It is not shown to be
 # the best mixture: `python -m benchmarks.opponents` compares.
@@ -314,15 +314,9 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        self._check_memory()
         self._check_scenarios()
-        if not self.learner.learns_from_replay:
-            for name, given in (
-                ("demonstration", self.demonstration.is_given),
-                ("nfsp", self.nfsp.enabled),
-            ):
-                allowed = f"dqn with {name}, which learns from the replay buffer"
-                require(not given, "learner.algorithm", self.learner.algorithm, allowed)
+        if not LOSSES.is_outside(self.learner.algorithm):
+            self.check_algorithm()
         bots = GAMES[self.game.name].bots
         self.opponent.check_names(bots)
         for bot in (*self.evaluation.bots, *self.demonstration.bots):
@@ -335,6 +329,19 @@ class TrainConfig:
             place: make(game.scenario, **{**game.options, **changes})
             for place, changes in self.evaluation.changes().items()
         }
+
+    def check_algorithm(self) -> None:
+        """Raise ValueError for parts that do not fit `learner.algorithm`. Imports the loss, so one
+        from outside must be allowed before.
+        """
+        if not self.learner.learns_from_replay:
+            for name, given in (
+                ("demonstration", self.demonstration.is_given),
+                ("nfsp", self.nfsp.enabled),
+            ):
+                allowed = f"dqn with {name}, which learns from the replay buffer"
+                require(not given, "learner.algorithm", self.learner.algorithm, allowed)
+        self._check_memory()
 
     def _check_memory(self) -> None:
         has_generator = self.generator.name != NO_GENERATOR

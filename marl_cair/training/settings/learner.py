@@ -27,7 +27,9 @@ LOSSES: LazyTable[Any] = LazyTable(
     {
         "dqn": "marl_cair.training.losses:DqnLoss",
         "pqn": "marl_cair.training.losses:PqnLoss",
-    }
+    },
+    group="marl_cair.losses",
+    base="marl_cair.training.losses:Loss",
 )
 AVERAGE, GREEDY = PLAYED = ("average", "greedy")
 

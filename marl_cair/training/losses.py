@@ -94,9 +94,9 @@ def find_targets(batch: TensorDict, ahead: Tensor, gamma: float) -> Tensor:
     """R + gamma^k * (not terminated) * `ahead`, all float32 [N], of a batch of transitions."""
     following = batch["next"]
     discount = gamma ** batch["steps_to_next_obs"].squeeze(-1)
-    rest = (discount * ahead).masked_fill(following["terminated"].squeeze(-1), 0.0)
-    reward: Tensor = following["reward"].squeeze(-1)
-    return reward + rest
+    rest: Tensor = (discount * ahead).masked_fill(following["terminated"].squeeze(-1), 0.0)
+    targets: Tensor = following["reward"].squeeze(-1) + rest
+    return targets
 
 
 def compare(values: Tensor, batch: TensorDict, wanted: Tensor, measure: str) -> LossResult:

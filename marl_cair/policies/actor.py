@@ -214,16 +214,20 @@ class PolicyActor:
         return self.exploration(values, mask, self.epsilon).cpu().numpy(), after.cpu().numpy()
 
     def values(
-        self, observation: npt.NDArray[Any], action_mask: npt.NDArray[np.bool_]
+        self,
+        observation: npt.NDArray[Any],
+        action_mask: npt.NDArray[np.bool_],
+        state: npt.NDArray[np.float32] | None = None,
     ) -> npt.NDArray[np.float32]:
         """Observation [N, *shape], mask bool [N, A] -> action values float32 [N, A].
 
         Values of illegal actions are -inf. The unit is the reward that the agent was trained with.
+        state: float32 [N, state_size] before the step; None: as when an episode begins.
         """
-        found: npt.NDArray[np.float32] = (
-            self.compute_values(_view_tensor(observation)).cpu().numpy()
-        )
-        return np.where(action_mask, found, np.float32(-np.inf))
+        if state is None:
+            state = np.zeros((len(observation), self.state_size), np.float32)
+        found, _ = self.step(_view_tensor(observation), _view_tensor(state))
+        return np.where(action_mask, found.cpu().numpy(), np.float32(-np.inf))
 
     def state_dict(self) -> dict[str, Tensor]:
         """Return the state of the exploration's generator, without the weights."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
@@ -111,9 +111,25 @@ class QNetwork(nn.Module):
         """
         if self.memory is None:
             return self._find_values(observation)
-        going_on = torch.zeros(1, len(observation), dtype=torch.bool, device=observation.device)
-        values, states = self.unroll(observation.unsqueeze(0), state, going_on)
-        return values[0], states[0]
+        before, after = self._check_state(state, observation.shape[0]), []
+
+        def remember(features: Tensor) -> Tensor:
+            memory: Any = self.memory
+            seen, following = memory(features, before)
+            after.append(following)
+            return cast(Tensor, seen)
+
+        return self._find_values(observation, remember), after[0]
+
+    def _check_state(self, state: Tensor | None, num_rows: int) -> Tensor:
+        if self.memory is None or state is None or state.shape != (num_rows, self.state_size):
+            given = "none" if state is None else f"{list(state.shape)}"
+            raise ValueError(
+                f"the state is {given}, but a network of memory {self.config.memory!r} needs "
+                f"[{num_rows}, {self.state_size}]: pass zeros where an episode begins, and then "
+                "what the last step returned"
+            )
+        return state
 
     def unroll(
         self, observations: Tensor, state: Tensor | None, starts: Tensor
@@ -130,15 +146,9 @@ class QNetwork(nn.Module):
 
         Raises ValueError for another or no state.
         """
-        memory, (num_steps, num_rows) = self.memory, starts.shape
-        if memory is None or state is None or state.shape != (num_rows, self.state_size):
-            given = "none" if state is None else f"{list(state.shape)}"
-            raise ValueError(
-                f"the state is {given}, but a network of memory {self.config.memory!r} needs "
-                f"[{num_rows}, {self.state_size}]: pass zeros where an episode begins, and then "
-                "what the last step returned"
-            )
-        states = [state]
+        memory: Any = self.memory
+        num_steps, num_rows = starts.shape
+        states = [self._check_state(state, num_rows)]
 
         def remember(features: Tensor) -> Tensor:
             seen = []

@@ -55,6 +55,18 @@ def test_the_folder_holds_pictures_a_film_and_the_agents_numbers(agent, tmp_path
     assert f"overestimation {overestimation:+.3f}" in printed
 
 
+def test_values_of_a_recurrent_agent_are_those_that_it_played_by(tmp_path):
+    config = QNetworkConfig(body="mlp", hidden_width=16, memory="gru", memory_width=8)
+    folder = tmp_path / "gru"
+    _networks.save_network(folder, SCENARIO, "vector", config, options={"max_ticks": 60})
+    assert main(["explain", str(folder), "--steps", "2", "--out", str(tmp_path / "why")]) == 0
+    with np.load(tmp_path / "why" / "steps.npz") as steps:
+        np.testing.assert_array_equal(steps["values"].argmax(1), steps["action"])
+        fresh = load_agent(folder).values(steps["observation"], steps["action_mask"])
+        assert not np.allclose(fresh[1:], steps["values"][1:])
+        np.testing.assert_array_equal(fresh[0], steps["values"][0])
+
+
 def test_presences_are_those_of_the_part_capsules(agent):
     loaded = load_agent(agent)
     rows = np.zeros((3, *loaded.network.observation_shape), np.uint8)

@@ -93,6 +93,28 @@ def test_actions_equal_the_agents_on_1000_observations(name, recorded, tmp_path)
     assert about["state_size"] == "0"
 
 
+@pytest.mark.parametrize("memory", ["lstm", "gru"])
+def test_an_exported_memory_continues_from_the_state_it_returns(memory, recorded, tmp_path):
+    config = QNetworkConfig(hidden_width=16, memory=memory, memory_width=8)
+    folder = _networks.save_network(tmp_path / memory, SCENARIO, "planes", config, seed=3)
+    about = export_agent(folder, tmp_path / "agent.onnx")
+    agent = load_agent(folder)
+    assert about["state_size"] == str(agent.state_size)
+    session = onnxruntime.InferenceSession(tmp_path / "agent.onnx")
+    observation = recorded[0]["planes"].reshape(20, 50, *recorded[0]["planes"].shape[1:])
+    mask = recorded[1].reshape(20, 50, -1)
+    own = other = np.zeros((50, agent.state_size), np.float32)
+    for seen, legal in zip(observation, mask, strict=True):
+        expected = agent.values(seen, legal, own)
+        actions, own = agent.act(seen, legal, own)
+        given = {"observation": seen, "action_mask": legal, "state": other}
+        values, chosen, other = session.run(["values", "action", "next_state"], given)
+        np.testing.assert_allclose(values[legal], expected[legal], atol=1e-5)
+        np.testing.assert_allclose(other, own, atol=1e-5)
+        assert (chosen != actions).sum() <= 1  # of two values that are equal but for rounding
+    assert np.abs(own).max() > 1e-3
+
+
 RUNNER = """
 import runpy, sys
 sys.argv = ["onnx_agent.py", "agent.onnx", "--games", "2"]

@@ -23,6 +23,7 @@ from marl_cair.cli import match_options as shared
 from marl_cair.cli.parser import Parser
 from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.game import Agent, Game
+from marl_cair.games.players.recurrent import call_agent, find_state_size
 from marl_cair.league.agents.foreign import require_answers
 from marl_cair.league.agents.load import find_scenario
 from marl_cair.league.play.playing import map_seeds
@@ -138,14 +139,15 @@ def play_game(
     own, others = np.flatnonzero(teams == teams[0]), np.flatnonzero(teams != teams[0])
     for player in (agent, opponent):
         player.seed(seed)
-    seen, masks, played, rewards = [], [], [], []
+    states = np.zeros((engine.num_players, find_state_size(agent, opponent)), np.float32)
+    seen, masks, held, played, rewards = [], [], [], [], []
     while not (engine.terminated | engine.truncated)[0]:
         mask, actions = engine.action_mask()[0], np.zeros((1, engine.num_players), np.int32)
+        held.append(states[0, : agent.state_size].copy())
         for player, seats in ((agent, own), (opponent, others)):
             if len(seats):
-                actions[0, seats] = player.act(
-                    engine.observe(player.representation)[0, seats].copy(), mask[seats].copy()
-                )
+                rows = engine.observe(player.representation)[0, seats].copy(), mask[seats].copy()
+                actions[0, seats] = call_agent(player, states, (seats,), *rows)
                 require_answers(player, actions[0, seats])
         seen.append(engine.observe(agent.representation)[0, 0].copy())
         masks.append(mask[0].copy())
@@ -158,9 +160,9 @@ def play_game(
     else:
         ending = "ended" if winner < 0 else "won" if teams[winner] == teams[0] else "lost"
     observation, mask = np.array(seen), np.array(masks)
-    values = agent.values(observation, mask)
-    rows = np.array(played), np.array(rewards)
-    return ExplainedGame(game, scenario, map_seed, observation, mask, values, *rows, ending)
+    values = agent.values(observation, mask, np.array(held))
+    steps = np.array(played), np.array(rewards)
+    return ExplainedGame(game, scenario, map_seed, observation, mask, values, *steps, ending)
 
 
 def make_parser() -> Parser:

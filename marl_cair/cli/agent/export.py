@@ -76,7 +76,7 @@ def export_agent(agent: str | os.PathLike[str], file: str | os.PathLike[str]) ->
     spec = game.make_spec(game.scenario(scenario, **fields))
     known = find_by_name("representation", about.representation, spec.representations)
     about = dataclasses.replace(about, scenario=scenario)  # a name that every process knows
-    metadata = describe(about, np.dtype(known.dtype), getattr(network, "state_size", 0))
+    metadata = describe(about, np.dtype(known.dtype), network.state_size)
     with atomic_path(Path(file)) as unfinished:
         write_model(network, np.dtype(known.dtype), unfinished, metadata)
     return metadata
@@ -111,7 +111,7 @@ def write_model(
     import torch
     from torch import Tensor, nn
 
-    size = getattr(network, "state_size", 0)
+    size = network.state_size
 
     class Exported(nn.Module):
         def __init__(self) -> None:

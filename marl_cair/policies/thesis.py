@@ -65,7 +65,7 @@ class LengthHead(nn.Module):
         )
 
     def forward(self, features: Tensor) -> Tensor:
-        poses = self.capsules(features.view(len(features), -1, POSE_SIZE))
+        poses = self.capsules(features.view(features.shape[0], -1, POSE_SIZE))
         values: Tensor = torch.linalg.vector_norm(poses, dim=-1)
         return values
 

@@ -205,10 +205,13 @@ def install(folder, monkeypatch, **places):
     return table
 
 
+NAMES = ["conv", "capsule", "mlp", "residual", "thesis_capsule", "thesis_conv"]
+
+
 def test_entry_points_add_names_and_a_broken_one_harms_no_other(here, monkeypatch):
     table = install(here, monkeypatch, pooled="mine:Mean", broken="nowhere:Body")
-    assert list(table) == ["conv", "capsule", "mlp", "broken", "pooled"]
-    assert len(table) == 5
+    assert list(table) == [*NAMES, "broken", "pooled"]
+    assert len(table) == len(NAMES) + 2
     assert "mine" not in sys.modules
     assert make("pooled").body.num_features == 4
     with pytest.raises(
@@ -222,7 +225,7 @@ def test_entry_points_add_names_and_a_broken_one_harms_no_other(here, monkeypatc
 def test_an_entry_point_does_not_replace_an_own_name(here, monkeypatch):
     table = install(here, monkeypatch, conv="mine:Mean")
     with pytest.warns(UserWarning, match="'conv' of marl_cair.networks in theirs .*rename it"):
-        assert list(table) == ["conv", "capsule", "mlp"]
+        assert list(table) == NAMES
     assert table["conv"].__module__ == "marl_cair.policies.conv"
 
 

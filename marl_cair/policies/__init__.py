@@ -20,6 +20,9 @@ NETWORKS: LazyTable[type[Body]] = LazyTable(
         "conv": "marl_cair.policies.conv:ConvBody",
         "capsule": "marl_cair.policies.capsule:CapsuleBody",
         "mlp": "marl_cair.policies.body:MlpBody",
+        "residual": "marl_cair.policies.residual:ResidualBody",
+        "thesis_capsule": "marl_cair.policies.thesis:ThesisCapsuleBody",
+        "thesis_conv": "marl_cair.policies.thesis:ThesisConvBody",
     },
     group="marl_cair.networks",
     base="marl_cair.policies.body:Body",
@@ -28,6 +31,7 @@ HEADS: LazyTable[Callable[[int, int, int], nn.Module]] = LazyTable(
     {
         "dueling": "marl_cair.policies.heads:DuelingHead",
         "plain": "marl_cair.policies.heads:PlainHead",
+        "length": "marl_cair.policies.thesis:LengthHead",
     },
     group="marl_cair.heads",
     base="torch.nn:Module",

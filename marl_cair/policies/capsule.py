@@ -1,21 +1,24 @@
 """The `capsule` body (GridCapsQ): parts on a fixed grid, routed to a few entities."""
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from marl_cair.policies.body import Body, is_image, make_dense, require_planes
+from marl_cair.policies.capsule_layers import (
+    EntityRouting,
+    GridPooling,
+    PartCapsules,
+    measure_presence,
+)
 from marl_cair.policies.conv import ConvLayer, stack_convolutions
 
 if TYPE_CHECKING:
     from marl_cair.policies.config import QNetworkConfig
 
 LARGE_BOARD_MIN_SIDE = 20  # tiles
-MIN_PRESENCE = 1e-6  # avoids a division by 0 in cells without parts
-ROUTING_CHUNK_ROWS = 128  # 256 rows at once cost 2.5 times as much: new pages at every allocation
 
 
 class CapsuleBody(Body):
@@ -64,123 +67,3 @@ def choose_trunk(shape: Sequence[int], channels: int) -> tuple[ConvLayer, ConvLa
         return ConvLayer(channels, 8, 4, 0), ConvLayer(channels, 4, 2, 0)
     second_stride = 2 if min(shape[1:]) >= LARGE_BOARD_MIN_SIDE else 1
     return ConvLayer(channels, 3, 1, 1), ConvLayer(channels, 3, second_stride, 1)
-
-
-class PartCapsules(nn.Module):
-    """Planes [N, C, H, W] -> poses [N, D, T, H', W'] and presences [N, T, H', W'] in (0, 1).
-
-    Presence is a separate output: the length of a pose is free.
-    """
-
-    def __init__(self, num_planes: int, num_types: int, pose_size: int) -> None:
-        super().__init__()
-        self.num_types, self.pose_size = num_types, pose_size
-        self.convolution = nn.Conv2d(num_planes, num_types * (pose_size + 1), 3, 2, 1)
-
-    def forward(self, planes: Tensor) -> tuple[Tensor, Tensor]:
-        parts = self.convolution(planes).contiguous()
-        parts = parts.unflatten(1, (self.pose_size + 1, self.num_types))
-        return parts[:, 1:], parts[:, 0].sigmoid()
-
-
-class GridPooling(nn.Module):
-    """Means of parts, weighted by presence, over a fixed grid of G x G cells, whatever H' and W'.
-
-    u_g = a_g * sum_p w_gp a_p y_p / sum_p w_gp a_p, where w_gp is the share of grid cell g that
-    position p covers: maps larger than the grid are averaged, smaller ones spread. a_g is the
-    presence-weighted mean of the presences: near 1 if a few positions of a large cell hold a part.
-    The sums are a matrix product: gradients are deterministic on every device.
-    """
-
-    shares: Tensor
-
-    def __init__(self, num_rows: int, num_columns: int, grid_side: int) -> None:
-        super().__init__()
-        rows, columns = overlap_shares(num_rows, grid_side), overlap_shares(num_columns, grid_side)
-        self.register_buffer("shares", torch.kron(rows, columns).T.contiguous(), persistent=False)
-
-    def forward(self, poses: Tensor, presences: Tensor) -> tuple[Tensor, Tensor]:
-        """Poses [N, D, T, H', W'], presences [N, T, H', W'] -> [N, D, T, G*G], [N, T, G*G]."""
-        presences = presences.flatten(-2)
-        total = (presences @ self.shares).clamp_min(MIN_PRESENCE)
-        presence = (presences.square() @ self.shares) / total
-        weighted = (poses.flatten(-2) * presences.unsqueeze(1)) @ self.shares
-        return weighted * (presence / total).unsqueeze(1), presence
-
-
-class EntityRouting(nn.Module):
-    """Routes I parts to K entities by agreement (Sabour et al. 2017), without building the votes.
-
-    Each part has a matrix for each entity; an entity is the weighted sum of its parts' votes. The
-    weights come from detached votes and sum to K over the entities for each part: a part's signal
-    does not depend on the number of entities. The votes W u are never formed: s_k = [c_k * u] W_k
-    and agreement = u . (W_k^T v_k) give the same numbers and are 2 to 3 times as fast from 32 rows
-    on. Entities are not squashed.
-
-    Measured: with 200 parts the agreements are small and the weights stay near 1 (standard
-    deviation 0.002 after 600 updates of a regression on boards); one pass learned as well.
-    """
-
-    def __init__(self, num_parts: int, part_size: int, num_entities: int, entity_size: int) -> None:
-        super().__init__()
-        self.num_entities = num_entities
-        self.weight = nn.Parameter(torch.empty(num_entities, part_size * num_parts, entity_size))
-        with torch.no_grad():
-            self.weight.normal_(0.0, 1.0 / math.sqrt(num_parts * part_size))
-
-    def forward(self, parts: Tensor, num_passes: int) -> Tensor:
-        """Parts [N, D, I] -> entities [N, K, O]."""
-        # A graph for other programs holds no chunks: their number is that of one batch size.
-        is_graph = torch.compiler.is_exporting()
-        chunks = (parts,) if is_graph else torch.split(parts, ROUTING_CHUNK_ROWS)
-        entities = [
-            self.sum_votes(chunk, self.find_weights(chunk.detach(), num_passes)) for chunk in chunks
-        ]
-        return torch.cat(entities, dim=1).transpose(0, 1)
-
-    @torch.no_grad()
-    def find_weights(self, parts: Tensor, num_passes: int) -> Tensor:
-        """Return how much of each part goes to each entity, [K, N, I]; pass one gives all ones."""
-        num_rows, _, num_parts = parts.shape
-        agreement = parts.new_zeros(self.num_entities, num_rows, num_parts)
-        weights = torch.ones_like(agreement)
-        for pass_index in range(num_passes - 1):
-            # Pass one needs no weighting, which is a third of the cost of routing.
-            entities = self.sum_votes(parts, None if pass_index == 0 else weights)
-            wanted = torch.bmm(squash(entities), self.weight.transpose(1, 2))
-            agreement += (wanted.view(self.num_entities, *parts.shape) * parts).sum(2)
-            weights = self.num_entities * agreement.softmax(0)
-        return weights
-
-    def sum_votes(self, parts: Tensor, weights: Tensor | None) -> Tensor:
-        """Parts [N, D, I], weights [K, N, I] (None: all one) -> entities [K, N, O]."""
-        if weights is None:
-            return torch.matmul(parts.flatten(1), self.weight)
-        return torch.bmm((weights.unsqueeze(2) * parts).flatten(2), self.weight)
-
-
-def squash(vectors: Tensor) -> Tensor:
-    """Shrink vectors [..., O] to lengths |s|^2 / (1 + |s|^2) below 1, keeping their direction."""
-    squared = vectors.square().sum(-1, keepdim=True)
-    return vectors * (squared.sqrt() / (1.0 + squared))
-
-
-def measure_presence(vectors: Tensor) -> Tensor:
-    """Return |s|^2 / (1 + |s|^2) in [0, 1) for vectors [..., O], with a finite gradient at 0."""
-    squared = vectors.square().sum(-1)
-    return squared / (1.0 + squared)
-
-
-def overlap_shares(num_positions: int, num_cells: int) -> Tensor:
-    """Share of each of `num_cells` equal cells that a position covers, float32 [cells, positions].
-
-    Each row sums to 1. Both divide the same length, in any ratio:
-
-        positions  |   0   |   1   |   2   |     cell 0: 2/3 position 0, 1/3 position 1
-        cells      |     0     |     1     |     cell 1: 1/3 position 1, 2/3 position 2
-    """
-    positions = torch.arange(num_positions, dtype=torch.float64) / num_positions
-    cells = torch.arange(num_cells, dtype=torch.float64).unsqueeze(1) / num_cells
-    ends = torch.minimum(positions + 1.0 / num_positions, cells + 1.0 / num_cells)
-    overlap = (ends - torch.maximum(positions, cells)).clamp_min(0.0)
-    return (overlap * num_cells).to(torch.float32)

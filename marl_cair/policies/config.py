@@ -8,6 +8,8 @@ from marl_cair.lookup import check_name, find_by_name
 from marl_cair.outside import is_place
 
 NORMS = ("none", "layer")
+THESIS_CAPSULE, LENGTH = "thesis_capsule", "length"  # a body and its head
+_NOT_OF_THESIS_CAPSULE = "hidden_width", "norm", "memory", "distances", "cell_values"
 NO_CELL = -1  # of `action_cells`: the action points at no cell
 # Later settings, which are no part of an agent's fingerprint at these values: older agents keep
 # theirs.
@@ -52,8 +54,8 @@ class QNetworkConfig:
     """Body, head and their sizes. None: the body's default."""
 
     body: str = "conv"  # from the observation to features: a name, or module:Class
-    head: str = "dueling"  # from features to action values: dueling, plain, or module:Class
-    hidden_width: int | None = None  # features between body and head: conv, mlp 256; capsule 128
+    head: str = "dueling"  # from features to action values: dueling, plain, length, or module:Class
+    hidden_width: int | None = None  # capsule 128, thesis_conv 512, other bodies 256
     action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
     norm: str = "none"  # of the body's layers: none or layer (GroupNorm, LayerNorm)
     conv_channels: tuple[int, ...] = ()  # of each layer of `conv`; empty: by the input's size
@@ -96,6 +98,19 @@ class QNetworkConfig:
                 f"conv_channels is {list(self.conv_channels)}, but body is {self.body!r}: leave it "
                 "empty, or use body='conv'"
             )
+        is_thesis = self.body == THESIS_CAPSULE
+        if is_thesis != (self.head == LENGTH):
+            raise ValueError(
+                f"body is {self.body!r} and head {self.head!r}, but values of {THESIS_CAPSULE!r} "
+                f"are lengths of its capsules: use head={LENGTH!r} with this body, and only with it"
+            )
+        for name in _NOT_OF_THESIS_CAPSULE if is_thesis else ():
+            if getattr(self, name) not in (None, False, "none"):
+                raise ValueError(
+                    f"{name} is {getattr(self, name)!r}, but body {THESIS_CAPSULE!r} has capsules "
+                    "for features, and their lengths are its values: leave it out, or use "
+                    "body='capsule'"
+                )
         num_layers = len(self.conv_strides) or (3 if self.conv_channels else 0)
         if len(self.conv_channels) != num_layers:
             raise ValueError(

@@ -23,6 +23,9 @@ SPEC = GAME.make_spec(GAME.scenario(SCENARIO))
 SIZES = {
     "conv": {"body": "conv", "head": "plain", "hidden_width": 32},
     "capsule": {"body": "capsule"},
+    "residual": {"body": "residual"},
+    "thesis_capsule": {"body": "thesis_capsule", "head": "length"},
+    "thesis_conv": {"body": "thesis_conv", "hidden_width": 32},
     "mlp": {"body": "mlp", "hidden_width": 32},
     "distances": {"body": "conv", "hidden_width": 32, "distances": True, "obstacle_planes": (0,)},
     "cell_values": {"body": "capsule", "cell_values": True},

@@ -10,7 +10,12 @@ BOARD, VECTOR, ACTIONS = (3, 12, 12), (10,), 5
 MAZE = QNetworkConfig(distances=True, obstacle_planes=(0,))
 CELLS = QNetworkConfig(cell_values=True, action_cells=(-1, 0, 7, 20, 143), action_kinds=(0,) * 5)
 CONFIGURATIONS = [
-    *((QNetworkConfig(body=body), VECTOR if body == "mlp" else BOARD) for body in NETWORKS),
+    *(
+        (QNetworkConfig(body=body), VECTOR if body == "mlp" else BOARD)
+        for body in NETWORKS
+        if body != "thesis_capsule"
+    ),
+    (QNetworkConfig(body="thesis_capsule", head="length"), BOARD),
     (MAZE, BOARD),
     (CELLS, BOARD),
 ]

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from marl_cair.policies.capsule import (
+from marl_cair.policies.capsule_layers import (
     ROUTING_CHUNK_ROWS,
     EntityRouting,
     GridPooling,

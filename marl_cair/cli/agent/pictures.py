@@ -159,7 +159,7 @@ def draw_overestimation(
 
 def find_presences(agent: PolicyActor, observation: NDArray[Any]) -> NDArray[np.float32] | None:
     """Presences [N, T, h, w] of the first part capsules of the network; None without capsules."""
-    from marl_cair.policies.capsule import PartCapsules
+    from marl_cair.policies.capsule_layers import PartCapsules
 
     layers = [part for part in agent.network.modules() if isinstance(part, PartCapsules)]
     if not layers:

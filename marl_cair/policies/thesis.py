@@ -73,9 +73,10 @@ class LengthHead(nn.Module):
 class ThesisConvBody(Body):
     """Planes float32 [N, C, H, W] -> features float32 [N, F], 512 by default.
 
-    The network of the thesis's released code: three convolutions 1x1 of 32 planes (each
-    cell alone), and one dense layer over all cells: 115.6 M weights at 84 x 84. The thesis's text
-    has "three convolutions, dense, output" without sizes, which is `conv`.
+    The network of the thesis's released code: three convolutions 1x1 (each cell alone), and one
+    dense layer over all cells: 115.6 M weights at 84 x 84. Only the last one's 32 planes are known;
+    32 in the others is an assumption. The thesis's text has "three convolutions, dense, output"
+    without sizes, which is `conv`.
     """
 
     DEFAULT_HIDDEN_WIDTH: ClassVar[int] = 512

@@ -61,7 +61,12 @@ def recorded():
     return {name: np.concatenate(rows) for name, rows in seen.items()}, np.concatenate(masks)
 
 
-@pytest.mark.parametrize("name", SIZES)
+SLOW = ("residual", "thesis_capsule", "thesis_conv")  # to export
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in SIZES]
+)
 def test_actions_equal_the_agents_on_1000_observations(name, recorded, tmp_path):
     agent_folder, file = save(tmp_path, name), tmp_path / "agent.onnx"
     written = export_agent(agent_folder, file)

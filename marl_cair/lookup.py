@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import EntryPoint
+from itertools import chain
 from typing import Any, TypeVar
 
 from marl_cair import outside
@@ -115,10 +116,10 @@ def import_when_used(module: str, places: Mapping[str, str]) -> Callable[[str], 
     return find
 
 
-def check_name(kind: str, name: str, known: Collection[str]) -> None:
-    """Raise UnknownNameError, as `find_by_name`, for a name that is not one of `known`."""
-    if not (isinstance(name, str) and name in known):
-        raise UnknownNameError(_describe_unknown(kind, name, known))
+def check_name(kind: str, name: str, *known: Collection[str]) -> None:
+    """Raise UnknownNameError, as `find_by_name`, for a name that is in none of `known`."""
+    if not (isinstance(name, str) and any(name in names for names in known)):
+        raise UnknownNameError(_describe_unknown(kind, name, chain(*known)))
 
 
 def find_by_name(kind: str, name: str, table: Mapping[str, T]) -> T:

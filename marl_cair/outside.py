@@ -39,9 +39,7 @@ def import_outside(place: str) -> Any:
     Raises OutsideCodeError with the cause, and how to make the module known.
     """
     module, _, attribute = place.partition(":")
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.append(here)
+    search_current_folder()
     try:
         found = import_module(module)
     except Exception as error:  # whatever the user's code raises
@@ -53,6 +51,13 @@ def import_outside(place: str) -> Any:
         file = getattr(found, "__file__", module)
         raise OutsideCodeError(f"{place}: {file} has no {attribute!r}; correct the name")
     return getattr(found, attribute)
+
+
+def search_current_folder() -> None:
+    """Let Python find modules in the current folder, after all others."""
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)
 
 
 def read_code(place: str) -> bytes:

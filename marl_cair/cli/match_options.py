@@ -31,6 +31,7 @@ AGENT_HELP = (
     "bot (`marl-cair games` lists them), module:function, or process:COMMAND (a program that "
     "speaks JSON lines)"
 )
+CHECKPOINT_HELP = "folder of a checkpoint (runs/a/latest) or of a run (runs/a)"
 _OLD_WORD = re.compile(r"[\w.]+=.*", re.DOTALL)
 _FLAGS = ("game", "scenario", "games", "seed", "sprt")
 _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}

@@ -205,13 +205,11 @@ class PolicyActor:
 
         With memory: also state float32 [N, S] -> actions and the next state [N, S].
         """
-        if not self.state_size:
-            actions = self.select_actions(_view_tensor(observation), _view_tensor(action_mask))
-            return actions.cpu().numpy()
-        before = torch.empty(0) if state is None else _view_tensor(state)
+        before = torch.empty(len(observation), 0) if state is None else _view_tensor(state)
         values, after = self.step(_view_tensor(observation), before)
         mask = _view_tensor(action_mask).to(values.device)
-        return self.exploration(values, mask, self.epsilon).cpu().numpy(), after.cpu().numpy()
+        actions = self.exploration(values, mask, self.epsilon).cpu().numpy()
+        return (actions, after.cpu().numpy()) if self.state_size else actions
 
     def values(
         self,

@@ -75,8 +75,7 @@ class QNetworkConfig:
     def __post_init__(self) -> None:
         check_name("network", self.body, policies.NETWORKS)
         check_name("head", self.head, policies.HEADS)
-        if self.memory != policies.NO_MEMORY:
-            check_name("memory (or none)", self.memory, policies.MEMORIES)
+        check_name("memory", self.memory, (policies.NO_MEMORY,), policies.MEMORIES)
         for name in ("distances", "cell_values", "frame_differences"):
             if not isinstance(getattr(self, name), bool):
                 raise ValueError(f"{name} is {getattr(self, name)!r}, it must be True or False")

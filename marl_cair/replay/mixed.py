@@ -160,9 +160,7 @@ class MixedReplay:
         Raises RuntimeError while no real transition can be sampled.
         """
         num_rows = self.real.batch_size if batch_size is None else batch_size
-        num_generated = 0
-        if self.generated_open and len(self.generated):
-            num_generated = round(num_rows * self.fraction)
+        num_generated = round(num_rows * self.fraction) if self._has_generated else 0
         batch: TensorDict = self.real.sample(num_rows - num_generated)
         if not num_generated:
             return batch
@@ -178,9 +176,11 @@ class MixedReplay:
         while there are none.
         """
         count = round(num_real * self.fraction / (1.0 - self.fraction))
-        if not (count and self.generated_open and len(self.generated)):
-            return None
-        return self.generated.sample(count)
+        return self.generated.sample(count) if count and self._has_generated else None
+
+    @property
+    def _has_generated(self) -> bool:
+        return self.generated_open and len(self.generated) > 0
 
     def note_errors(self, batch: TensorDict, done: float) -> None:
         """Set the priorities of a batch's real rows from their TD errors.

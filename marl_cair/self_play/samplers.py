@@ -222,8 +222,7 @@ def _sample(name: str, standings: Standings, options: SamplerOptions) -> Probabi
     named = [member for member, kind in members if kind in (BOT, FOREIGN)]
     if name in named:
         return standings.spread(np.array([standings.names.index(name)]), np.ones(1))
-    if name not in SAMPLERS:
-        check_name("opponent", name, [*named, *SAMPLERS])
+    check_name("opponent", name, named, SAMPLERS)
     found: Probabilities = SAMPLERS.make(name, standings, options)
     if not SAMPLERS.is_outside(name):
         return found

@@ -206,6 +206,7 @@ class TrainingRun:
             self.demonstrators,
             self.statistics,
             self._seeds[7],
+            notes_values=not self.learner.loss.LEARNS_FROM_REPLAY,
         )
         untouched = self.router.export_state(), self.book.state_dict()
         self.collector = Collector(

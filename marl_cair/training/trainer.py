@@ -140,7 +140,7 @@ def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
     """Store the learner's steps; pass those with a known next state to the generator."""
     run.frames += data.numel()
     with timers.measure("store"):
-        if run.generator or run.config.learner.learns_from_replay:
+        if run.generator or run.learner.loss.LEARNS_FROM_REPLAY:
             rollout = make_rollout(data, run.config.learner.reward_scale)
             slots = run.replay.real.extend_rollout(rollout)
         if run.average_policy:
@@ -156,7 +156,7 @@ def _learn(run: TrainingRun, before: int, data: TensorDictBase) -> None:
         for values in run.average_policy.learn(num_updates):
             run.means.add(values)
     settings, done = run.config.learner, run.frames / run.config.total_frames
-    if not settings.learns_from_replay:
+    if not run.learner.loss.LEARNS_FROM_REPLAY:
         rows = make_rows(data, run.actor, settings)
         generated = run.replay.sample_generated
         batches = iterate_batches(rows, settings, run.actor, generated, run.shuffling)

@@ -99,6 +99,13 @@ def test_a_sweep_trains_each_job_and_begins_none_again(tmp_path, capsys):
         assert (folder / "log.csv").read_text() == logs[load_config(folder).seed]
 
 
+def test_settings_load_no_torch():
+    code = "import sys; from marl_cair.training.settings.config_file import build_config as build; "
+    code += "build({}); build({'learner': {'algorithm': 'pqn'}}); print('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
 def test_the_configuration_is_printed_and_nothing_is_written(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["train", "--cfg", "job", "recipe=deep_rts_duel", "seed=5"]) == 0

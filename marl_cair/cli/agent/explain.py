@@ -172,9 +172,7 @@ def make_parser() -> Parser:
         description=__doc__,
         epilog="example: marl-cair explain runs/demo/capsule --opponent counter --out runs/why",
     )
-    parser.add_argument(
-        "agent", metavar="AGENT", help="folder of a checkpoint (runs/a/latest) or of a run (runs/a)"
-    )
+    parser.add_argument("agent", metavar="AGENT", help=shared.CHECKPOINT_HELP)
     parser.add_argument(
         "--opponent", default="random", help=f"{shared.AGENT_HELP} (default: %(default)s)"
     )

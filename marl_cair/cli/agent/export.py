@@ -17,6 +17,7 @@ import numpy as np
 
 from marl_cair import __version__
 from marl_cair.cli import EXIT_DONE
+from marl_cair.cli import match_options as shared
 from marl_cair.cli.parser import Parser
 from marl_cair.files import atomic_path
 from marl_cair.league.agents.load import find_scenario
@@ -179,8 +180,6 @@ def make_parser() -> Parser:
         description=__doc__,
         epilog="example: marl-cair export runs/demo/conv agent.onnx",
     )
-    parser.add_argument(
-        "agent", metavar="AGENT", help="folder of a checkpoint (runs/a/latest) or of a run (runs/a)"
-    )
+    parser.add_argument("agent", metavar="AGENT", help=shared.CHECKPOINT_HELP)
     parser.add_argument("file", metavar="FILE.onnx", help="file to write; one there is replaced")
     return parser

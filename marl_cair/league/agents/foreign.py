@@ -9,10 +9,8 @@ of its own (`process.load_hosted`) it forfeits its games. It plays the same eith
 from __future__ import annotations
 
 import hashlib
-import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +19,7 @@ from numpy.typing import NDArray
 from marl_cair.games.game import Agent, GameSpec
 from marl_cair.games.players.recurrent import check_state, find_state_size
 from marl_cair.lookup import find_by_name
+from marl_cair.outside import read_code, search_current_folder
 from marl_cair.text import clean_text
 
 _MAX_NAME = 200  # characters
@@ -196,9 +195,7 @@ def make_foreign(source: str, scenario: Any, spec: GameSpec) -> tuple[Any, bytes
     Raises AgentFault: no such module or function, or it returns no agent.
     """
     module_name, _, name = source.partition(":")
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.append(here)
+    search_current_folder()
     try:
         module = import_module(module_name)
         make: Callable[[Any, GameSpec], Any] = getattr(module, name)
@@ -207,5 +204,4 @@ def make_foreign(source: str, scenario: Any, spec: GameSpec) -> tuple[Any, bytes
         raise AgentFault(f"cannot be made ({type(error).__name__}: {error})") from error
     if not callable(getattr(agent, "act", None)):
         raise AgentFault(f"gave {type(agent).__name__} without `act(observation, action_mask)`")
-    file = getattr(module, "__file__", None)
-    return agent, Path(file).read_bytes() if file else b""
+    return agent, read_code(source)

@@ -46,6 +46,7 @@ class SeatRouter(TensorDictModuleBase):
         demonstrators: play the learner's team in a share of the games.
         statistics: gets the learner's first value of each game.
         seed: of the teams.
+        notes_values: whether to write "best_value".
     """
 
     def __init__(
@@ -56,16 +57,18 @@ class SeatRouter(TensorDictModuleBase):
         demonstrators: Demonstrators,
         statistics: EpisodeStatistics,
         seed: int,
+        notes_values: bool = False,
     ) -> None:
         super().__init__()
         self.in_keys = [(GROUP, "observation"), (GROUP, "action_mask"), (GROUP, "done")]
-        written = ["action", "learned", "expert_action", "opponent", "best_value"]
+        written = ["action", "learned", "expert_action", "opponent"]
+        written += ["best_value"] if notes_values else []
         written += ["answered"] if own.average is not None else []
         written += ["state"] if own.answer.state_size else []
         self.out_keys = [(GROUP, name) for name in written]
         worlds, self._players = env.engine.num_worlds, env.engine.num_players
         self._teams, self._noop = env.engine.spec.team_of_seat, env.engine.spec.noop_action
-        self._env, self._book = env, book
+        self._env, self._book, self._notes_values = env, book, notes_values
         self._demonstrators, self._statistics = demonstrators, statistics
         # Not as an attribute of the module: the collector must not copy or count its parameters.
         self.__dict__["own"] = own
@@ -160,12 +163,14 @@ class SeatRouter(TensorDictModuleBase):
             group.set("state", state.clone())
         values, state[rows] = own.answer.step(observation[rows], state[rows])
         actions[rows] = own.answer.exploration(values, mask[rows], self.epsilon)
-        best = values.masked_fill(~mask[rows], -torch.inf).amax(-1)
-        if starting.any():
-            self._statistics.note_first_values(starting, valued, best.numpy())
-        best_value = torch.full(actions.shape, torch.nan)
-        best_value[rows] = best
-        group.set("best_value", best_value)
+        if self._notes_values or starting.any():
+            best = values.masked_fill(~mask[rows], -torch.inf).amax(-1)
+            if starting.any():
+                self._statistics.note_first_values(starting, valued, best.numpy())
+            if self._notes_values:
+                best_value = torch.full(actions.shape, torch.nan)
+                best_value[rows] = best
+                group.set("best_value", best_value)
         if own.average is not None:
             rows = torch.from_numpy(chosen & ~answering)
             actions[rows] = own.average.select_actions(observation[rows], mask[rows])

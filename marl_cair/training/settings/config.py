@@ -148,8 +148,7 @@ class OpponentSettings:
             for name in mixture:
                 renamed = RENAMED_OPPONENTS.get(name)
                 require(renamed is None, f"opponent.{place}", name, f"called {renamed!r} now")
-                if name not in SAMPLERS:
-                    check_name("opponent", name, [*bots, *self.agents, *SAMPLERS])
+                check_name("opponent", name, bots, self.agents, SAMPLERS)
 
 
 @dataclass(frozen=True)
@@ -242,8 +241,7 @@ class GeneratorSettings:
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:
-        if self.name not in GENERATORS:
-            check_name("generator", self.name, (NO_GENERATOR, *GENERATORS))
+        check_name("generator", self.name, (NO_GENERATOR,), GENERATORS)
         check_fields(self, "generator.")
 
 
@@ -331,21 +329,19 @@ class TrainConfig:
         }
 
     def check_algorithm(self) -> None:
-        """Raise ValueError for parts that do not fit `learner.algorithm`. Imports the loss, so one
-        from outside must be allowed before.
+        """Raise ValueError for parts that do not fit `learner.algorithm`. Imports the loss (and
+        torch) if there are such parts, so one from outside must be allowed before.
         """
-        if not self.learner.learns_from_replay:
-            for name, given in (
-                ("demonstration", self.demonstration.is_given),
-                ("nfsp", self.nfsp.enabled),
-            ):
-                allowed = f"dqn with {name}, which learns from the replay buffer"
-                require(not given, "learner.algorithm", self.learner.algorithm, allowed)
-        self._check_memory()
+        given = {"demonstration": self.demonstration.is_given, "nfsp": self.nfsp.enabled}
+        for name in (name for name, is_given in given.items() if is_given):
+            allowed = f"dqn with {name}, which learns from the replay buffer"
+            is_fit = self.learner.learns_from_replay
+            require(is_fit, "learner.algorithm", self.learner.algorithm, allowed)
+        if self.policy.memory != NO_MEMORY:
+            self._check_memory()
 
     def _check_memory(self) -> None:
-        has_generator = self.generator.name != NO_GENERATOR
-        if self.policy.memory != NO_MEMORY and (self.learner.learns_from_replay or has_generator):
+        if self.learner.learns_from_replay or self.generator.name != NO_GENERATOR:
             raise ValueError(
                 f"policy.memory is {self.policy.memory!r}, but replay buffer and generator hold "
                 "single transitions and no sequences, from which a memory learns nothing: set "

@@ -41,7 +41,7 @@ def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathL
     width, height = PANEL_INCHES
     figure = Figure(figsize=(num_columns * width, 2 * height), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(2, num_columns, squeeze=False).flat
+    panels = figure.subplots(2, num_columns, squeeze=False).flatten()
     for panel in panels[len(drawn) :]:
         panel.axis("off")
     for panel, draw in zip(panels, drawn, strict=False):
@@ -53,6 +53,9 @@ def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathL
         for line in panel.lines:
             if len(line.get_xdata()) == 1:  # one row makes no visible line
                 line.set_marker(".")
+    legend = panels[len(drawn) - 1].get_legend()
+    if legend is not None and 1 < len(drawn) < len(panels):
+        legend.set_in_layout(False)  # it lies in the empty place beside the last panel
     with atomic_path(path) as unfinished:
         figure.savefig(unfinished, dpi=130)
 

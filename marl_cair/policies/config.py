@@ -10,6 +10,7 @@ from marl_cair.outside import is_place
 NORMS = ("none", "layer")
 THESIS_CAPSULE, LENGTH = "thesis_capsule", "length"  # a body and its head
 _NOT_OF_THESIS_CAPSULE = "hidden_width", "norm", "memory", "distances", "cell_values"
+NUM_LAYERS = {"conv": 3, "capsule": 2}  # convolutions that `conv_channels` can replace
 NO_CELL = -1  # of `action_cells`: the action points at no cell
 # Later settings, which are no part of an agent's fingerprint at these values: older agents keep
 # theirs.
@@ -58,7 +59,7 @@ class QNetworkConfig:
     hidden_width: int | None = None  # capsule 128, thesis_conv 512, other bodies 256
     action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
     norm: str = "none"  # of the body's layers: none or layer (GroupNorm, LayerNorm)
-    conv_channels: tuple[int, ...] = ()  # of each layer of `conv`; empty: by the input's size
+    conv_channels: tuple[int, ...] = ()  # of conv's, capsule's convolutions; empty: by input size
     conv_strides: tuple[int, ...] = ()  # of each, with 3 x 3 kernels; empty: by the input's size
     memory: str = policies.NO_MEMORY  # between body and head: none, lstm or gru
     memory_width: int | None = None  # features after the memory; None: hidden_width
@@ -92,10 +93,10 @@ class QNetworkConfig:
         self._check_combinations()
 
     def _check_combinations(self) -> None:
-        if self.conv_channels and self.body != "conv":
+        if self.conv_channels and self.body not in NUM_LAYERS:
             raise ValueError(
                 f"conv_channels is {list(self.conv_channels)}, but body is {self.body!r}: leave it "
-                "empty, or use body='conv'"
+                f"empty, or use body={' or '.join(map(repr, NUM_LAYERS))}"
             )
         is_thesis = self.body == THESIS_CAPSULE
         if is_thesis != (self.head == LENGTH):
@@ -110,11 +111,13 @@ class QNetworkConfig:
                     "for features, and their lengths are its values: leave it out, or use "
                     "body='capsule'"
                 )
-        num_layers = len(self.conv_strides) or (3 if self.conv_channels else 0)
+        by_size = NUM_LAYERS.get(self.body, 0)
+        num_layers = len(self.conv_strides) or (by_size if self.conv_channels else 0)
         if len(self.conv_channels) != num_layers:
             raise ValueError(
                 f"conv_channels has {len(self.conv_channels)} entries, but conv_strides "
-                f"{len(self.conv_strides)}: give as many of both, or three channels and no strides"
+                f"{len(self.conv_strides)}: give as many of both, or {by_size} channels and no "
+                "strides"
             )
         if self.obstacle_planes and not self.distances:
             raise ValueError(

@@ -18,8 +18,8 @@ from marl_cair.training.losses import Loss, measure_errors
 from marl_cair.training.settings.config import DemonstrationSettings
 from marl_cair.training.settings.learner import LOSSES, LearnerSettings
 
-# Warm-up of the averaged weights: after n updates they average over at most about n / 10.
-_AVERAGE_WARMUP = 10
+# Warm-up of the averaged weights: after n updates they average over at most about n / 2.
+_AVERAGE_WARMUP = 3
 _OPTIMIZERS: dict[str, Callable[..., torch.optim.Optimizer]] = {
     "adam": torch.optim.Adam,
     "radam": torch.optim.RAdam,
@@ -62,7 +62,8 @@ class Learner:
         self._targets: list[Tensor] = list(self.target.parameters())
         self._averaged: list[Tensor] = list(self.average.parameters())
         make_optimizer = _OPTIMIZERS[settings.optimizer]
-        self.optimizer = make_optimizer(self._parameters, lr=settings.learning_rate)
+        epsilon = {} if settings.optimizer == "sgd" else {"eps": settings.optimizer_epsilon}
+        self.optimizer = make_optimizer(self._parameters, lr=settings.learning_rate, **epsilon)
         self.updates = 0
 
     def update(self, batch: TensorDict, done: float = 0.0) -> dict[str, Tensor | float]:

@@ -35,17 +35,19 @@ from marl_cair.training.collecting.demonstrations import Demonstrators
 from marl_cair.training.collecting.metrics import EpisodeStatistics, RunningMeans
 from marl_cair.training.collecting.opponents import OpponentBook
 from marl_cair.training.collecting.seats import SeatRouter
+from marl_cair.training.collecting.stagger import stagger_starts
 from marl_cair.training.initial_network import count_training, fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import CONFIG_FILE, fixed_settings, save_config
+from marl_cair.training.settings.learner import AVERAGED
 
 BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
 REPLAY_FOLDER, RESERVOIR_FOLDER = "replay", "reservoir"
 _SCORES = Range(-math.inf, math.inf, float)  # -inf before the first
-_NUM_SEEDS = 15
+_NUM_SEEDS = 16
 
 
 class TrainingRun:
@@ -180,7 +182,9 @@ class TrainingRun:
         network = make_initial_network(source, self.policy, wanted, seed=seeds[4])
         self.learner = Learner(network, config.learner, config.demonstration)
         exploration = MaskedEpsilonGreedy(seeds[5], self.spec.action_groups)
-        self.actor = PolicyActor(network, "learner", seen, exploration)
+        is_averaged = config.learner.behaviour == AVERAGED
+        playing = self.learner.average if is_averaged else network
+        self.actor = PolicyActor(playing, "learner", seen, exploration)
         self.rated = PolicyActor(self.learner.average, "learner", seen)
         self.own, self.average_policy = OwnPolicies(self.actor, config.exploration), None
         if config.nfsp.enabled:
@@ -220,6 +224,9 @@ class TrainingRun:
         # The collector calls its policy once when it is made: those draws must not count.
         self.router.import_state(untouched[0])
         self.book.load_state_dict(untouched[1])
+        if config.collector.stagger_steps and not self._resumes:
+            stagger_starts(self.env, config.collector.stagger_steps, self._seeds[15])
+            self.collector._carrier.update(self.env.current())
 
     def describe_agent(self) -> AgentDescription:
         """The learner as it is now, for a checkpoint."""

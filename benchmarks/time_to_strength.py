@@ -119,7 +119,7 @@ def train_ours(
     from marl_cair.training.run import TrainingRun
     from marl_cair.training.trainer import iterate
 
-    fixed = ["torch_threads=1", "total_frames=1000000000", "opponent=random", f"out={folder}"]
+    fixed = ["torch_threads=1", "opponent=random", f"out={folder}"]
     run = TrainingRun(compose_config([*words, *fixed]))
     steps = iterate(run, Timers())
     clock = Clock(every)

@@ -12,7 +12,6 @@ from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.learner import LearnerSettings
 from tests.training.runs import small, tiny
 
-
 TICKS_PER_STEP = GAMES["deep_line_wars"].scenario("11x11").ticks_per_step
 
 
@@ -25,7 +24,9 @@ def start(num_worlds=64, num_steps=100, seed=3):
 
 def test_games_begin_evenly_over_the_steps():
     ages = start().engine.state_dict()["world.tick"].ravel() / TICKS_PER_STEP
-    assert ages.min() < 15 and 35 < np.median(ages) < 65 and 85 < ages.max() < 100
+    assert ages.min() < 15
+    assert 35 < np.median(ages) < 65
+    assert 85 < ages.max() < 100
 
 
 def test_equal_seeds_give_equal_games_and_others_differ():

@@ -18,8 +18,8 @@ from marl_cair.training.losses import Loss, measure_errors
 from marl_cair.training.settings.config import DemonstrationSettings
 from marl_cair.training.settings.learner import LOSSES, LearnerSettings
 
-# Warm-up of the averaged weights: after n updates they average over at most about n / 2.
-_AVERAGE_WARMUP = 3
+# Warm-up of the averaged weights: after n updates they average over at most about n / 10.
+_AVERAGE_WARMUP = 10
 _OPTIMIZERS: dict[str, Callable[..., torch.optim.Optimizer]] = {
     "adam": torch.optim.Adam,
     "radam": torch.optim.RAdam,

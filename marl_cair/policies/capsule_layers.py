@@ -1,14 +1,18 @@
 """Capsule layers, each usable alone: of dynamic routing (Sabour et al. 2017), and of `capsule`."""
 
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 MIN_SQUARED = 1e-30  # of a length: the gradient of `squash` is 0 at 0, not NaN
 MIN_PRESENCE = 1e-6  # avoids a division by 0 in cells without parts
 ROUTING_CHUNK_ROWS = 128  # 256 rows at once cost 2.5 times as much: new pages at every allocation
 FIRST_VOTES = 0.1  # standard deviation of the weights of `DenseCapsules` before learning
+# Of the margin loss: least length of the true class, largest of others, weight of others.
+PRESENT, ABSENT, ABSENT_WEIGHT = 0.9, 0.1, 0.5
 
 
 class PrimaryCapsules(nn.Module):
@@ -74,6 +78,70 @@ class DenseCapsules(nn.Module):
 def sum_routed(votes: Tensor, weights: Tensor) -> Tensor:
     """Votes [I, N, K, O], weights [I, N, K] -> weighted sums [N, K, O]."""
     return torch.einsum("inko,ink->nko", votes, weights)
+
+
+class CapsuleDecoder(nn.Module):
+    """Capsules [N, K, O] and classes int64 [N] -> images [N, *image_shape] in (0, 1).
+
+    Three dense layers see the pose of the capsule of the given class; all other capsules are set to
+    0 (Sabour et al. 2017, section 4.1). To learn, give the true class; to draw what the network
+    believes, its prediction. Raises ValueError unless there is one class in 0..K-1 for each row.
+    """
+
+    def __init__(
+        self,
+        num_capsules: int,
+        pose_size: int,
+        image_shape: Sequence[int],
+        hidden_widths: tuple[int, int] = (512, 1024),
+    ) -> None:
+        super().__init__()
+        first, second = hidden_widths
+        self.layers = nn.Sequential(
+            nn.Linear(num_capsules * pose_size, first),
+            nn.ReLU(),
+            nn.Linear(first, second),
+            nn.ReLU(),
+            nn.Linear(second, math.prod(image_shape)),
+            nn.Sigmoid(),
+            nn.Unflatten(1, tuple(image_shape)),
+        )
+
+    def forward(self, capsules: Tensor, classes: Tensor) -> Tensor:
+        shown = _mark(classes, capsules.shape[:2])
+        images: Tensor = self.layers((capsules * shown.unsqueeze(2)).flatten(1))
+        return images
+
+
+def margin_loss(lengths: Tensor, classes: Tensor) -> Tensor:
+    """Mean over rows of the margin loss (Sabour et al. 2017, equation 4), a scalar.
+
+    The length of the true class's capsule should be at least 0.9, each other's at most 0.1:
+    max(0, 0.9 - |v_k|)^2 for the true class, 0.5 max(0, |v_k| - 0.1)^2 for each other.
+
+    lengths: of the capsules, float [N, K]; classes: int64 [N]. Raises ValueError unless there is
+    one class in 0..K-1 for each row.
+    """
+    is_true = _mark(classes, lengths.shape)
+    missing = (PRESENT - lengths).clamp_min(0.0).square()
+    wrong = ABSENT_WEIGHT * (lengths - ABSENT).clamp_min(0.0).square()
+    return torch.where(is_true, missing, wrong).sum(1).mean()
+
+
+def _mark(classes: Tensor, shape: Sequence[int]) -> Tensor:
+    """Return a bool tensor [N, K], True at each row's class."""
+    num_rows, num_classes = shape
+    if classes.shape != (num_rows,) or classes.dtype != torch.int64:
+        raise ValueError(
+            f"classes are {classes.dtype} of shape {list(classes.shape)}, but must be torch.int64 "
+            f"of shape [{num_rows}], one for each row"
+        )
+    if num_rows and not 0 <= int(classes.min()) <= int(classes.max()) < num_classes:
+        raise ValueError(
+            f"classes are from {int(classes.min())} to {int(classes.max())}, but there are "
+            f"{num_classes} capsules: number them from 0 to {num_classes - 1}"
+        )
+    return functional.one_hot(classes, num_classes).bool()
 
 
 class PartCapsules(nn.Module):

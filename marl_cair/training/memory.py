@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import math
 import sys
+import weakref
 from operator import attrgetter
 from typing import Any
+
+import torch
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves
 
 from marl_cair.checkpoint import count_weight_bytes
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Game, Representation
 from marl_cair.memory import require_memory
-from marl_cair.policies.q_network import QNetworkConfig
+from marl_cair.policies.q_network import QNetwork, QNetworkConfig
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.settings.config import TrainConfig
 
 _ENTRY_BYTES = 40  # of a step in replay, beside its observation and mask
-_NETWORK_COPIES = 6  # network, target, average, gradients, two moments
+_OTHER_COPIES = 5  # network, target, average, two moments; gradients are counted with activations
 
 
 def keep_freed_memory() -> None:
@@ -63,8 +69,66 @@ def require_memory_of_learning(
     ):
         count = attrgetter(name)(config)
         require_memory(f"{name} = {count}", count * num_bytes)
+    size = config.learner.batch_size
     weights = count_weight_bytes(policy, seen.shape, rows.num_actions)
-    require_memory(f"the network (policy.*) of {weights:,} bytes", _NETWORK_COPIES * weights)
+    require_memory(
+        f"the network (policy.*) of {weights:,} bytes, in updates of learner.batch_size = {size}",
+        count_update_bytes(policy, seen.shape, rows.num_actions, size),
+    )
+
+
+def count_update_bytes(
+    policy: QNetworkConfig, shape: tuple[int, ...], num_actions: int, num_rows: int
+) -> int:
+    """Bytes that an update from `num_rows` observations of `shape` needs, without doing it.
+
+    All copies of the weights, and what is alive at once while body, memory and head run forward and
+    backward: planes, the votes of dynamic routing, gradients. Memory that a kernel needs while it
+    computes is not counted. A body from outside that cannot run without data counts as weights.
+    """
+    with torch.device("meta"):  # shapes without data
+        network = QNetwork(policy, shape, num_actions)
+        seen = torch.empty(num_rows, *network.body.observation_shape)
+    alive = _LiveBytes()
+    with alive, contextlib.suppress(Exception):
+        features = network.body(seen)
+        if network.memory is not None:
+            features, _ = network.memory(features, seen.new_empty(num_rows, network.state_size))
+        network.head(features).sum().backward()
+    weights = sum(weight.nbytes for weight in network.parameters())
+    return _OTHER_COPIES * weights + max(alive.peak, weights)
+
+
+class _LiveBytes(TorchDispatchMode):  # type: ignore[no-untyped-call]  # torch gives no types
+    """Counts bytes of all tensors that are made while it is active.
+
+    Attributes:
+        peak: the most that were alive at once.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]  # torch gives no types
+        self.peak = self._alive = 0
+        self._known = weakref.WeakSet[torch.UntypedStorage]()
+
+    def __torch_dispatch__(
+        self, function: Any, types: Any, args: Any = (), kwargs: Any = None
+    ) -> Any:
+        result = function(*args, **(kwargs or {}))
+        for item in tree_leaves(result):
+            if isinstance(item, torch.Tensor):
+                self._count(item.untyped_storage())
+        return result
+
+    def _count(self, storage: torch.UntypedStorage) -> None:
+        if storage not in self._known:  # views share one
+            self._known.add(storage)
+            self._change(storage.nbytes())
+            weakref.finalize(storage, self._change, -storage.nbytes())
+
+    def _change(self, num_bytes: int) -> None:
+        self._alive += num_bytes
+        self.peak = max(self.peak, self._alive)
 
 
 def _observation_bytes(seen: Representation) -> int:

@@ -1,0 +1,9 @@
+"""The same as `python -m benchmarks.capsule_scaling`: python scripts/capsule_scaling.py --help."""
+
+import runpy
+import sys
+from pathlib import Path
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+    runpy.run_module("benchmarks.capsule_scaling", run_name="__main__")

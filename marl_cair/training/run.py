@@ -32,6 +32,7 @@ from marl_cair.stored import DamagedFileError, read_json
 from marl_cair.training import generators, memory, state_file
 from marl_cair.training.collecting.average_policy import AveragePolicy, OwnPolicies
 from marl_cair.training.collecting.demonstrations import Demonstrators
+from marl_cair.training.collecting.exploration import make_exploration
 from marl_cair.training.collecting.metrics import EpisodeStatistics, RunningMeans
 from marl_cair.training.collecting.opponents import OpponentBook
 from marl_cair.training.collecting.seats import SeatRouter
@@ -45,7 +46,7 @@ BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
 REPLAY_FOLDER, RESERVOIR_FOLDER = "replay", "reservoir"
 _SCORES = Range(-math.inf, math.inf, float)  # -inf before the first
-_NUM_SEEDS = 15
+_NUM_SEEDS = 16
 
 
 class TrainingRun:
@@ -178,11 +179,11 @@ class TrainingRun:
         self._trained_before = count_training(source)  # frames and updates
         wanted = (self.game.name, seen, shape, num_actions)
         network = make_initial_network(source, self.policy, wanted, seed=seeds[4])
-        self.learner = Learner(network, config.learner, config.demonstration)
-        exploration = MaskedEpsilonGreedy(seeds[5], self.spec.action_groups)
-        self.actor = PolicyActor(network, "learner", seen, exploration)
+        exploration = make_exploration(config.exploration, self.spec.action_groups)
+        self.learner = Learner(network, config.learner, config.demonstration, seeds[15])
+        self.actor = PolicyActor(network, "learner", seen, MaskedEpsilonGreedy(seeds[5]))
         self.rated = PolicyActor(self.learner.average, "learner", seen)
-        self.own, self.average_policy = OwnPolicies(self.actor, config.exploration), None
+        self.own, self.average_policy = OwnPolicies(self.actor, exploration), None
         if config.nfsp.enabled:
             network = make_q_network(self.policy, shape, num_actions, seed=seeds[10])
             rows = Reservoir(self.transition_spec, config.nfsp.capacity_rows, seeds[11])

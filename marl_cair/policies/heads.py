@@ -68,8 +68,9 @@ class NoisyLinear(nn.Linear):
     """A dense layer with learned, factorised noise (Fortunato et al. 2018, equations 8 to 11).
 
     y = (W + S * f(e') f(e)^T) x + b + s * f(e'), f(x) = sign(x) sqrt(|x|), with e [inputs] and e'
-    [outputs] from a standard normal distribution. Each row of a batch has noise of its own: worlds
-    that play side by side explore apart. S and s begin at 0.5 / sqrt(inputs).
+    [outputs] from a standard normal distribution. Each row of a batch has its own e, so that worlds
+    side by side explore apart, and all have one e': a draw of [rows, outputs] would cost as much as
+    the layer. S and s begin at 0.5 / sqrt(inputs).
 
     Attributes:
         generator: on the CPU, of the noise; None: y = W x + b. See `set_noise`.
@@ -89,12 +90,16 @@ class NoisyLinear(nn.Linear):
         plain = functional.linear(input, self.weight, self.bias)
         if self.generator is None:
             return plain
-        rows, sizes = input.shape[:-1], [self.in_features, self.out_features]
-        drawn = torch.randn(*rows, sum(sizes), generator=self.generator)
-        drawn = (drawn.sign() * drawn.abs().sqrt()).to(input.device)
-        of_input, of_output = torch.split(drawn, sizes, -1)
+        of_input, of_output = (
+            _scale_noise(torch.randn(shape, generator=self.generator)).to(input.device)
+            for shape in (input.shape, plain.shape[-1:])
+        )
         noise = functional.linear(input * of_input, self.weight_noise, self.bias_noise)
         return plain + noise * of_output
+
+
+def _scale_noise(drawn: Tensor) -> Tensor:
+    return drawn.sign() * drawn.abs().sqrt()
 
 
 def make_noisy(head: nn.Module) -> None:

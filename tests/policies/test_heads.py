@@ -92,15 +92,16 @@ def test_a_noisy_layer_has_the_numbers_of_its_formula():
     rows = torch.randn(4, 7, generator=torch.Generator().manual_seed(9))
     layer.generator = torch.Generator().manual_seed(3)
     found = layer(rows).detach().numpy()
-    drawn = torch.randn(4, 12, generator=torch.Generator().manual_seed(3)).double().numpy()
-    drawn = np.sign(drawn) * np.sqrt(np.abs(drawn))
+    again = torch.Generator().manual_seed(3)
+    drawn = [torch.randn(shape, generator=again).double().numpy() for shape in ((4, 7), (5,))]
+    of_input, of_output = (np.sign(one) * np.sqrt(np.abs(one)) for one in drawn)
     weight, bias, weight_noise, bias_noise = (
         getattr(layer, name).detach().double().numpy()
         for name in ("weight", "bias", "weight_noise", "bias_noise")
     )
-    for row, noise, one in zip(rows.double().numpy(), drawn, found, strict=True):
-        matrix = weight + weight_noise * np.outer(noise[7:], noise[:7])
-        np.testing.assert_allclose(one, matrix @ row + bias + bias_noise * noise[7:], rtol=1e-4)
+    for row, noise, one in zip(rows.double().numpy(), of_input, found, strict=True):
+        matrix = weight + weight_noise * np.outer(of_output, noise)
+        np.testing.assert_allclose(one, matrix @ row + bias + bias_noise * of_output, rtol=1e-4)
     layer.generator = None
     torch.testing.assert_close(
         layer(rows), torch.nn.functional.linear(rows, layer.weight, layer.bias)

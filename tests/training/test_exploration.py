@@ -18,7 +18,7 @@ from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import build_config, list_sources
 from marl_cair.training.settings.exploration import ExplorationSettings
 from marl_cair.training.settings.learner import LearnerSettings
-from tests.training.runs import make_agent, small, tiny, train, train_whole_and_in_parts
+from tests.training.runs import make_agent, small, train, train_whole_and_in_parts
 
 GROUPS = np.array([0, 1, 1, 1, 2], np.int16)
 NOISY = ExplorationSettings("noisy")
@@ -49,18 +49,17 @@ def test_noisy_exploration_is_greedy_and_draws_nothing():
     assert explore.epsilon_at(0) == 0.0
 
 
-def noisy(folder, frames=768, head="dueling", **changes):
+def noisy(folder, head="dueling"):
     policy = QNetworkConfig(hidden_width=16, head=head, noisy=True)
     algorithm = "quantile" if head == "quantile" else "dqn"
-    learner = LearnerSettings(batch_size=20, algorithm=algorithm, n_steps=3)
-    return tiny(folder, frames, policy=policy, exploration=NOISY, learner=learner, **changes)
+    learner = LearnerSettings(algorithm, batch_size=16, frames_per_update=16, n_steps=3)
+    return small(folder, "duel", policy=policy, exploration=NOISY, learner=learner)
 
 
+@pytest.mark.usefixtures("test_game")
 @pytest.mark.parametrize("head", ["dueling", "quantile"])
 def test_a_noisy_run_resumes_to_the_same_bits(tmp_path, head):
-    whole, _ = train_whole_and_in_parts(
-        tmp_path, lambda folder: noisy(folder, head=head), until=384
-    )
+    whole, _ = train_whole_and_in_parts(tmp_path, lambda folder: noisy(folder, head), until=256)
     agent = load_agent(whole / "latest")
     noise = [layer for layer in agent.network.modules() if isinstance(layer, NoisyLinear)]
     assert noise
@@ -75,6 +74,7 @@ def test_a_noisy_run_resumes_to_the_same_bits(tmp_path, head):
     np.testing.assert_array_equal(agent.values(seen, mask), agent.values(seen, mask))
 
 
+@pytest.mark.usefixtures("test_game")
 def test_the_collector_explores_by_noise_which_rated_networks_have_not(tmp_path):
     run = TrainingRun(noisy(tmp_path / "run"))
     data = next(iter(run.collector))
@@ -164,18 +164,20 @@ class Failing(Exploration):
 HERE = "tests.training.test_exploration"
 
 
+@pytest.mark.usefixtures("test_game")
 def test_an_exploration_from_outside_trains_and_resumes(tmp_path):
     name = f"{HERE}:Softmax"
-    config = tiny(tmp_path / "run", exploration=ExplorationSettings(name))
+
+    def make(folder):
+        return small(folder, "duel", exploration=ExplorationSettings(name))
+
+    config = make(tmp_path / "run")
     assert name in list_sources(config)
     assert build_config(dataclasses.asdict(config)) == config
-    train_whole_and_in_parts(
-        tmp_path,
-        lambda folder: tiny(folder, 512, exploration=ExplorationSettings(name)),
-        until=256,
-    )
+    train_whole_and_in_parts(tmp_path, make, until=256)
 
 
+@pytest.mark.usefixtures("test_game")
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
@@ -186,7 +188,7 @@ def test_an_exploration_from_outside_trains_and_resumes(tmp_path):
     ],
 )
 def test_a_wrong_exploration_is_refused_before_the_first_step(tmp_path, kind, message):
-    config = tiny(tmp_path / "run", exploration=ExplorationSettings(f"{HERE}:{kind}"))
+    config = small(tmp_path / "run", "duel", exploration=ExplorationSettings(f"{HERE}:{kind}"))
     with pytest.raises(OutsideCodeError, match=message):
         train(config)
     assert not (tmp_path / "run").exists()

@@ -9,7 +9,7 @@ MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
     "games": 17_420,
-    "policies": 2_120,
+    "policies": 2_130,
     "replay": 1_700,
     "generative": 3_460,
     "self_play": 990,

@@ -13,7 +13,7 @@ from marl_cair.policies.capsule_layers import (
     PartCapsules,
     measure_presence,
 )
-from marl_cair.policies.conv import ConvLayer, stack_convolutions
+from marl_cair.policies.conv import ConvLayer, replace_layers, stack_convolutions
 
 if TYPE_CHECKING:
     from marl_cair.policies.config import QNetworkConfig
@@ -37,10 +37,14 @@ class CapsuleBody(Body):
         super().__init__(observation_shape, config)
         num_planes, num_rows, num_columns = require_planes("capsule", observation_shape)
         sizes = config.capsule
-        layers = choose_trunk(observation_shape, sizes.trunk_channels)
+        layers = replace_layers(
+            choose_trunk(observation_shape, sizes.trunk_channels),
+            config.conv_channels,
+            config.conv_strides,
+        )
         self.num_routing_passes = sizes.num_routing_passes
         self.trunk = stack_convolutions(num_planes, layers, config.norm)
-        self.parts = PartCapsules(sizes.trunk_channels, sizes.num_part_types, sizes.part_pose_size)
+        self.parts = PartCapsules(layers[-1].channels, sizes.num_part_types, sizes.part_pose_size)
         for layer in (*layers, ConvLayer(0, 3, 2, 1)):
             num_rows, num_columns = layer.shrink(num_rows), layer.shrink(num_columns)
         self.pooling = GridPooling(num_rows, num_columns, sizes.grid_side)

@@ -12,6 +12,7 @@ THESIS_CAPSULE, LENGTH = "thesis_capsule", "length"  # a body and its head
 _NOT_OF_THESIS_CAPSULE = "hidden_width", "norm", "memory", "distances", "cell_values", "noisy"
 DUELING, QUANTILE = "dueling", "quantile"  # heads with advantages, which an embedding can have
 NUM_QUANTILES = 32
+NUM_LAYERS = {"conv": 3, "capsule": 2}  # convolutions that `conv_channels` can replace
 NO_CELL = -1  # of `action_cells`: the action points at no cell
 # Later settings, which are no part of an agent's fingerprint at these values: older agents keep
 # theirs.
@@ -63,7 +64,7 @@ class QNetworkConfig:
     num_quantiles: int | None = None  # of the quantile head; None: 32
     noisy: bool = False  # learned noise in the head's dense layers, for exploration.kind=noisy
     norm: str = "none"  # of the body's layers: none or layer (GroupNorm, LayerNorm)
-    conv_channels: tuple[int, ...] = ()  # of each layer of `conv`; empty: by the input's size
+    conv_channels: tuple[int, ...] = ()  # of conv's, capsule's convolutions; empty: by input size
     conv_strides: tuple[int, ...] = ()  # of each, with 3 x 3 kernels; empty: by the input's size
     memory: str = policies.NO_MEMORY  # between body and head: none, lstm or gru
     memory_width: int | None = None  # features after the memory; None: hidden_width
@@ -98,10 +99,10 @@ class QNetworkConfig:
         self._check_head()
 
     def _check_combinations(self) -> None:
-        if self.conv_channels and self.body != "conv":
+        if self.conv_channels and self.body not in NUM_LAYERS:
             raise ValueError(
                 f"conv_channels is {list(self.conv_channels)}, but body is {self.body!r}: leave it "
-                "empty, or use body='conv'"
+                f"empty, or use body={' or '.join(map(repr, NUM_LAYERS))}"
             )
         is_thesis = self.body == THESIS_CAPSULE
         if is_thesis != (self.head == LENGTH):
@@ -116,11 +117,13 @@ class QNetworkConfig:
                     "for features, and their lengths are its values: leave it out, or use "
                     "body='capsule'"
                 )
-        num_layers = len(self.conv_strides) or (3 if self.conv_channels else 0)
+        by_size = NUM_LAYERS.get(self.body, 0)
+        num_layers = len(self.conv_strides) or (by_size if self.conv_channels else 0)
         if len(self.conv_channels) != num_layers:
             raise ValueError(
                 f"conv_channels has {len(self.conv_channels)} entries, but conv_strides "
-                f"{len(self.conv_strides)}: give as many of both, or three channels and no strides"
+                f"{len(self.conv_strides)}: give as many of both, or {by_size} channels and no "
+                "strides"
             )
         if self.obstacle_planes and not self.distances:
             raise ValueError(

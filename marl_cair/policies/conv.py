@@ -77,18 +77,28 @@ def choose_layers(
         layers = LARGE_BOARD
     else:
         layers = SMALL_BOARD
-    if strides:
-        sizes = zip(channels, strides, strict=True)
-        layers = tuple(ConvLayer(count, 3, stride, 1) for count, stride in sizes)
-    elif channels:
-        by_size = zip(layers, channels, strict=True)
-        layers = tuple(layer._replace(channels=count) for layer, count in by_size)
+    layers = replace_layers(layers, channels, strides)
     for layer in layers:
         num_rows, num_columns = layer.shrink(num_rows), layer.shrink(num_columns)
     while num_rows * num_columns > MAX_MAP_CELLS:
         layers = (*layers, EXTRA)
         num_rows, num_columns = EXTRA.shrink(num_rows), EXTRA.shrink(num_columns)
     return layers, num_rows * num_columns
+
+
+def replace_layers(
+    layers: Sequence[ConvLayer], channels: Sequence[int], strides: Sequence[int]
+) -> tuple[ConvLayer, ...]:
+    """Return `layers` with other channels; with `strides`, 3 x 3 kernels of these in their place.
+    Without `channels` they stay.
+    """
+    if strides:
+        sizes = zip(channels, strides, strict=True)
+        return tuple(ConvLayer(count, 3, stride, 1) for count, stride in sizes)
+    if channels:
+        by_size = zip(layers, channels, strict=True)
+        return tuple(layer._replace(channels=count) for layer, count in by_size)
+    return tuple(layers)
 
 
 def stack_convolutions(

@@ -17,10 +17,10 @@ from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.transition import NO_ACTION
 from marl_cair.training.losses import Loss, measure_errors
 from marl_cair.training.settings.config import DemonstrationSettings
-from marl_cair.training.settings.learner import LOSSES, LearnerSettings
+from marl_cair.training.settings.learner import AVERAGED, LOSSES, LearnerSettings
 
-# Warm-up of the averaged weights: after n updates they average over at most about n / 10.
-_AVERAGE_WARMUP = 10
+# Warm-up of the averaged weights: after n updates they average over at most about n / 2.
+_AVERAGE_WARMUP = 3
 _OPTIMIZERS: dict[str, Callable[..., torch.optim.Optimizer]] = {
     "adam": torch.optim.Adam,
     "radam": torch.optim.RAdam,
@@ -43,10 +43,11 @@ class Learner:
 
     The loss is an entry of `LOSSES`. Neighbouring actions differ little in value, so a few updates
     can change the greedy policy; `average` is the exponential moving average of the weights (Polyak
-    and Juditsky 1992), whose policy is steady. The newest weights collect.
+    and Juditsky 1992), whose policy is steady. `behaviour` collects: the network, or another one
+    with the weights of `average`.
 
-    Noisy layers have noise in the network and the target network, from a generator with `seed`, and
-    none in `average`.
+    Noisy layers have noise in network, target network and `behaviour`, from a generator with
+    `seed`, and none in `average`.
     """
 
     def __init__(
@@ -63,14 +64,19 @@ class Learner:
         self.target = network
         if self.loss.HAS_TARGET_NETWORK:
             self.target = deepcopy(network).requires_grad_(False)
+        self.behaviour = network
+        if settings.behaviour == AVERAGED:
+            weights = [*self.average.parameters(), *self.average.buffers()]
+            self.behaviour = deepcopy(self.average, {id(weight): weight for weight in weights})
         self.noise = torch.Generator().manual_seed(seed)
-        for noisy in (self.network, self.target):
+        for noisy in (self.network, self.target, self.behaviour):
             set_noise(noisy, self.noise)
         self._parameters: list[Tensor] = list(network.parameters())
         self._targets: list[Tensor] = list(self.target.parameters())
         self._averaged: list[Tensor] = list(self.average.parameters())
         make_optimizer = _OPTIMIZERS[settings.optimizer]
-        self.optimizer = make_optimizer(self._parameters, lr=settings.learning_rate)
+        epsilon = {} if settings.optimizer == "sgd" else {"eps": settings.optimizer_epsilon}
+        self.optimizer = make_optimizer(self._parameters, lr=settings.learning_rate, **epsilon)
         self.updates = 0
 
     def update(self, batch: TensorDict, done: float = 0.0) -> dict[str, Tensor | float]:

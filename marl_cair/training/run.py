@@ -36,6 +36,7 @@ from marl_cair.training.collecting.exploration import make_exploration
 from marl_cair.training.collecting.metrics import EpisodeStatistics, RunningMeans
 from marl_cair.training.collecting.opponents import OpponentBook
 from marl_cair.training.collecting.seats import SeatRouter
+from marl_cair.training.collecting.stagger import stagger_starts
 from marl_cair.training.initial_network import count_training, fit_policy, make_initial_network
 from marl_cair.training.learner import Learner
 from marl_cair.training.run_log import RunLog
@@ -181,7 +182,8 @@ class TrainingRun:
         network = make_initial_network(source, self.policy, wanted, seed=seeds[4])
         exploration = make_exploration(config.exploration, self.spec.action_groups)
         self.learner = Learner(network, config.learner, config.demonstration, seeds[15])
-        self.actor = PolicyActor(network, "learner", seen, MaskedEpsilonGreedy(seeds[5]))
+        random = MaskedEpsilonGreedy(seeds[5])  # its generator is that of the exploration
+        self.actor = PolicyActor(self.learner.behaviour, "learner", seen, random)
         self.rated = PolicyActor(self.learner.average, "learner", seen)
         self.own, self.average_policy = OwnPolicies(self.actor, exploration), None
         if config.nfsp.enabled:
@@ -221,6 +223,9 @@ class TrainingRun:
         # The collector calls its policy once when it is made: those draws must not count.
         self.router.import_state(untouched[0])
         self.book.load_state_dict(untouched[1])
+        if config.collector.stagger_steps and not self._resumes:
+            stagger_starts(self.env, config.collector.stagger_steps, self._seeds[15])
+            self.collector._carrier.update(self.env.current())
 
     def describe_agent(self) -> AgentDescription:
         """The learner as it is now, for a checkpoint."""

@@ -192,6 +192,7 @@ class CollectorSettings:
     num_worlds: Count = 128  # environment copies
     steps_per_batch: Count = 16  # steps of each copy between two rounds of learning
     num_threads: Threads = 1  # CPU threads of the engine
+    stagger_steps: Natural = 256  # random steps within which the first games begin; 0: all at once
 
     def __post_init__(self) -> None:
         check_fields(self, "collector.")

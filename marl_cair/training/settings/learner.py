@@ -25,6 +25,7 @@ TARGET_UPDATES = ("soft", "hard")
 ERRORS = HUBER, _ = ("smooth_l1", "l2")
 OPTIMIZERS = ("adam", "radam", "rmsprop", "sgd")
 DQN = "dqn"
+AVERAGED, NEWEST = BEHAVIOURS = ("averaged", "newest")
 LOSSES: LazyTable[Any] = LazyTable(
     {
         DQN: "marl_cair.training.losses:DqnLoss",
@@ -48,6 +49,7 @@ class LearnerSettings:
     epochs: Count = 2  # times that each collected batch is learned from (pqn)
     minibatches: Count = 4  # updates of an epoch (pqn)
     optimizer: str = "adam"  # adam, radam, rmsprop or sgd
+    optimizer_epsilon: Positive = 1e-8  # of adam, radam, rmsprop: damps steps of small gradients
     learning_rate: Positive = 5e-4  # of the optimizer
     learning_rate_end: NonNegative | None = None  # at total_frames, falling linearly; None: same
     gamma: Share = 0.99  # discount per step
@@ -58,6 +60,7 @@ class LearnerSettings:
     target_tau: ShareAboveZero = 0.01  # share of the online weights taken at each update (soft)
     target_every_updates: Count = 500  # updates between two copies (hard)
     average_decay: ShareBelowOne = 0.995  # of the averaged weights per update; 0: newest weights
+    behaviour: str = AVERAGED  # weights that collect: averaged, as rated, or newest
     max_grad_norm: Positive = 10.0  # longer gradients are scaled down to it
     autocast: bool = False  # bodies of networks learn in bfloat16: quicker on GPUs, CPUs with AMX
     reward_scale: Positive = 1.0  # rewards are multiplied by it before they are stored
@@ -72,6 +75,7 @@ class LearnerSettings:
         require(
             self.algorithm != QUANTILE or self.loss == HUBER, "learner.loss", self.loss, allowed
         )
+        check_name("learner.behaviour", self.behaviour, BEHAVIOURS)
 
     @property
     def learns_from_replay(self) -> bool:

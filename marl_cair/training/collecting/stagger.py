@@ -1,0 +1,25 @@
+"""Spreads the first games of a run over time, so that a batch holds openings and endings."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from marl_cair.games.torchrl_env import BatchedGameEnv
+
+
+def stagger_starts(env: BatchedGameEnv, num_steps: int, seed: int) -> None:
+    """Play `num_steps` random legal steps in all worlds, and begin a new game in each at a random
+    one of them.
+
+    Worlds that begin together stay in phase for many games of about equal length. Batches are then
+    all openings or all endings, and a network that learns from the newest steps alone forgets the
+    other.
+    """
+    engine, rng = env.engine, np.random.default_rng(seed)
+    restart = rng.integers(0, num_steps, engine.num_worlds)
+    for step in range(num_steps):
+        mask = engine.action_mask()
+        engine.step(np.where(mask, rng.random(mask.shape, np.float32), -1.0).argmax(-1))
+        ended = engine.terminated | engine.truncated | (restart == step)
+        if ended.any():
+            engine.reset(env.seeds.next(ended), ended)

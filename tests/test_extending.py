@@ -21,6 +21,7 @@ from tests.processes import ROOT, read_output
 MARL_CAIR = ("-m", "marl_cair")
 FOLDER = ROOT / "docs" / "extending"
 SAMPLER = (FOLDER / "sampler.py").read_text("utf-8")
+EXPLORATION = (FOLDER / "exploration.py").read_text("utf-8")
 
 
 @pytest.fixture(autouse=True)
@@ -29,7 +30,7 @@ def examples_found(monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(str(FOLDER))
     monkeypatch.chdir(tmp_path)
     yield
-    for name in ("sampler", "generator", "loss"):
+    for name in ("sampler", "generator", "loss", "exploration"):
         sys.modules.pop(name, None)
 
 
@@ -85,6 +86,18 @@ def test_the_loss_trains_and_its_run_resumes_where_it_is_allowed(tmp_path):
     assert np.isfinite(result.last_row["loss/all"])
     assert result.updates > 0
     with pytest.raises(CodeNotAllowedError, match="loss:Mellowmax"):
+        load_config(tmp_path / "run")
+    config = load_config(tmp_path / "run", allow_code=True)
+    longer = dataclasses.replace(config, total_frames=2048)
+    assert train(longer, resume=True, show_progress=False).updates > result.updates
+
+
+def test_the_exploration_trains_and_its_run_resumes_where_it_is_allowed(tmp_path):
+    words = re.findall(r"marl-cair (train .*)$", EXPLORATION, re.MULTILINE)[0].split()
+    kind = compose_config(words[1:]).exploration.kind
+    result = train_with(tmp_path / "run", exploration={"kind": kind, "anneal_frames": 2048})
+    assert result.updates > 0
+    with pytest.raises(CodeNotAllowedError, match="exploration:Boltzmann"):
         load_config(tmp_path / "run")
     config = load_config(tmp_path / "run", allow_code=True)
     longer = dataclasses.replace(config, total_frames=2048)

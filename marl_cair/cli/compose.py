@@ -187,9 +187,16 @@ def read_value(word: str) -> Any:
 
 
 def list_choices(group: str) -> list[str]:
-    """The YAML files of a group, without the parts that they share (`_*.yaml`)."""
-    names = [entry.name for entry in (CONF / group).iterdir() if entry.name.endswith(".yaml")]
-    return sorted(name[: -len(".yaml")] for name in names if not name.startswith("_"))
+    """The YAML files of a group, those in folders as "folder/name", without the parts that they
+    share (`_*.yaml`).
+    """
+    choices: list[str] = []
+    for entry in (CONF / group).iterdir():
+        if entry.is_dir():
+            choices += [f"{entry.name}/{name}" for name in list_choices(f"{group}/{entry.name}")]
+        elif entry.name.endswith(".yaml") and not entry.name.startswith("_"):
+            choices.append(entry.name.removesuffix(".yaml"))
+    return sorted(choices)
 
 
 def read_about(recipe: str) -> str:
@@ -293,7 +300,7 @@ def _explain(words: Sequence[str], error: Exception) -> typing.NoReturn:
         name = full_name(word)
         if name in GROUPS:
             known = [*list_choices(name), *_MORE_CHOICES.get(name, dict)()]
-            for choice in value.split(","):
+            for choice in value.strip("[]").split(","):
                 check_name(f"{name} (marl-cair train {name}=...)", choice, known)
             continue
         if name in RENAMED_OPTIONS:

@@ -12,7 +12,8 @@ NUM_CHANNELS = 32
 
 
 class CellValues(nn.Module):
-    """Planes float32 [N, C, H, W], features [N, F] and values [N, A] -> values [N, A].
+    """Planes float32 [N, C, H, W], features [N, F] and values [N, A] -> values [N, A]; quantiles
+    [N, A, K] in place of values are shifted.
 
     A dense head learns the value of a tower or an order separately for each cell. Here the same
     kernels read every cell (5 x 5 cells around it) and the features of the whole board, as in
@@ -75,4 +76,6 @@ class CellValues(nn.Module):
             near = self.near(planes.contiguous(memory_format=torch.channels_last))
         seen = torch.relu(near.float() + self.far(features)[:, :, None, None])
         found = self.values(seen).flatten(1).index_select(1, self.places)
+        if values.ndim > found.ndim:
+            found = found.unsqueeze(-1).expand(-1, -1, values.shape[-1])
         return values.index_add(1, self.actions, found)

@@ -9,7 +9,9 @@ from marl_cair.outside import is_place
 
 NORMS = ("none", "layer")
 THESIS_CAPSULE, LENGTH = "thesis_capsule", "length"  # a body and its head
-_NOT_OF_THESIS_CAPSULE = "hidden_width", "norm", "memory", "distances", "cell_values"
+_NOT_OF_THESIS_CAPSULE = "hidden_width", "norm", "memory", "distances", "cell_values", "noisy"
+DUELING, QUANTILE = "dueling", "quantile"  # heads with advantages, which an embedding can have
+NUM_QUANTILES = 32
 NUM_LAYERS = {"conv": 3, "capsule": 2}  # convolutions that `conv_channels` can replace
 NO_CELL = -1  # of `action_cells`: the action points at no cell
 # Later settings, which are no part of an agent's fingerprint at these values: older agents keep
@@ -20,11 +22,12 @@ LATER: Mapping[str, object] = {
     "conv_strides": (),
     "memory": policies.NO_MEMORY,
     "memory_width": None,
+    "noisy": False,
+    "num_quantiles": None,
 }
 
-
-# The least numbers in lists.
-_LEAST = {
+_LEAST_NUMBERS = {"hidden_width": 1, "memory_width": 1, "num_quantiles": 1, "action_embedding": 0}
+_LEAST_IN_LISTS = {
     "conv_channels": 1,
     "conv_strides": 1,
     "obstacle_planes": 0,
@@ -55,9 +58,11 @@ class QNetworkConfig:
     """Body, head and their sizes. None: the body's default."""
 
     body: str = "conv"  # from the observation to features: a name, or module:Class
-    head: str = "dueling"  # from features to action values: dueling, plain, length, or module:Class
+    head: str = "dueling"  # from features to values: dueling, plain, quantile, length, module:Class
     hidden_width: int | None = None  # capsule 128, thesis_conv 512, other bodies 256
-    action_embedding: int | None = None  # of the dueling head; 0: full rank. capsule 32, others 0
+    action_embedding: int | None = None  # dueling, quantile; 0: full rank. capsule 32, others 0
+    num_quantiles: int | None = None  # of the quantile head; None: 32
+    noisy: bool = False  # learned noise in the head's dense layers, for exploration.kind=noisy
     norm: str = "none"  # of the body's layers: none or layer (GroupNorm, LayerNorm)
     conv_channels: tuple[int, ...] = ()  # of conv's, capsule's convolutions; empty: by input size
     conv_strides: tuple[int, ...] = ()  # of each, with 3 x 3 kernels; empty: by the input's size
@@ -77,20 +82,21 @@ class QNetworkConfig:
         check_name("network", self.body, policies.NETWORKS)
         check_name("head", self.head, policies.HEADS)
         check_name("memory", self.memory, (policies.NO_MEMORY,), policies.MEMORIES)
-        for name in ("distances", "cell_values", "frame_differences"):
+        for name in ("distances", "cell_values", "frame_differences", "noisy"):
             if not isinstance(getattr(self, name), bool):
                 raise ValueError(f"{name} is {getattr(self, name)!r}, it must be True or False")
-        for name, least in (("hidden_width", 1), ("memory_width", 1), ("action_embedding", 0)):
+        for name, least in _LEAST_NUMBERS.items():
             if getattr(self, name) is not None:
                 _require_at_least(least, name, getattr(self, name))
         check_name("norm", self.norm, NORMS)
-        for name, least in _LEAST.items():
+        for name, least in _LEAST_IN_LISTS.items():
             object.__setattr__(self, name, tuple(getattr(self, name)))
             for place, value in enumerate(getattr(self, name)):
                 _require_at_least(least, f"{name}[{place}]", value)
         for name in ("vector_low", "vector_high"):
             object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
         self._check_combinations()
+        self._check_head()
 
     def _check_combinations(self) -> None:
         if self.conv_channels and self.body not in NUM_LAYERS:
@@ -145,10 +151,17 @@ class QNetworkConfig:
             raise ValueError(
                 "frame_differences is for images, distances for boards: set one to False"
             )
-        if self.head != "dueling" and self.action_embedding:
+
+    def _check_head(self) -> None:
+        if self.head not in (DUELING, QUANTILE) and self.action_embedding:
             raise ValueError(
                 f"action_embedding is {self.action_embedding}, but head {self.head!r} has none: "
-                "set it to 0 or None, or use head='dueling'"
+                f"set it to 0 or None, or use head={DUELING!r} or head={QUANTILE!r}"
+            )
+        if self.head != QUANTILE and self.num_quantiles is not None:
+            raise ValueError(
+                f"num_quantiles is {self.num_quantiles}, but head {self.head!r} has no quantiles: "
+                f"leave it None, or use head={QUANTILE!r}"
             )
 
     def with_bounds(self, low: object, high: object) -> "QNetworkConfig":
@@ -179,11 +192,15 @@ class QNetworkConfig:
 
     def resolve_action_embedding(self) -> int:
         """Return the rank r of the action embedding, 0 without one."""
-        if self.head != "dueling":
+        if self.head not in (DUELING, QUANTILE):
             return 0
         if self.action_embedding is not None:
             return self.action_embedding
         return policies.NETWORKS[self.body].DEFAULT_ACTION_EMBEDDING
+
+    def resolve_num_quantiles(self) -> int:
+        """Return the number K of quantiles of each action, 0 for other heads than `quantile`."""
+        return (self.num_quantiles or NUM_QUANTILES) if self.head == QUANTILE else 0
 
     def list_code(self) -> list[str]:
         """Return the names that are classes `module:Class` of a user."""

@@ -18,6 +18,7 @@ from marl_cair.policies.body import (
 from marl_cair.policies.cell_values import CellValues
 from marl_cair.policies.config import CapsuleSizes, QNetworkConfig
 from marl_cair.policies.distances import DistanceMaps
+from marl_cair.policies.heads import make_noisy
 from marl_cair.policies.outside_check import check_outside
 
 __all__ = ["CapsuleSizes", "QNetwork", "QNetworkConfig", "make_q_network"]
@@ -33,6 +34,7 @@ class QNetwork(nn.Module):
 
     Attributes:
         state_size: S numbers of the state; 0 without memory.
+        num_quantiles: K of each action, with the head `quantile`; 0 with others.
 
     Raises ValueError for a shape that the body does not support, or `num_actions` below 1.
     """
@@ -78,11 +80,8 @@ class QNetwork(nn.Module):
             width = config.memory_width or config.resolve_hidden_width()
             memory = policies.MEMORIES[config.memory](num_features, width)
             self.memory, num_features, self.state_size = memory, width, memory.state_size
-        embedding = config.resolve_action_embedding()
-        self.head = policies.HEADS.make(config.head, num_features, num_actions, embedding)
-        if config.norm != "none":  # features do not shrink: large first values would hide rewards
-            for weight in self.head.parameters():
-                weight.data.mul_(FIRST_VALUES)
+        self.num_quantiles = config.resolve_num_quantiles()
+        self.head = self._make_head(num_features)
         self.cells: CellValues | None = None
         if config.cell_values:
             cells, kinds = config.action_cells, config.action_kinds
@@ -94,11 +93,27 @@ class QNetwork(nn.Module):
                 )
             self.cells = CellValues(self.observation_shape, num_features, cells, kinds)
 
-    def forward(self, observation: Tensor, state: Tensor | None = None) -> Any:
+    def _make_head(self, num_features: int) -> nn.Module:
+        sizes = [num_features, self.num_actions, self.config.resolve_action_embedding()]
+        sizes += [self.num_quantiles] if self.num_quantiles else []
+        head: nn.Module = policies.HEADS.make(self.config.head, *sizes)
+        if self.config.noisy:
+            make_noisy(head)
+        if self.config.norm != "none":  # features do not shrink: large values would hide rewards
+            for weight in head.parameters():
+                weight.data.mul_(FIRST_VALUES)
+        return head
+
+    def forward(
+        self, observation: Tensor, state: Tensor | None = None, quantiles: bool = False
+    ) -> Any:
         """Observation uint8 or float [..., *observation_shape] -> action values float32 [..., A].
 
         With memory: observation [N, *observation_shape] and state float32 [N, S] -> the values
         [N, A] and the next state [N, S]. Raises ValueError for another or no state.
+
+        quantiles: return the quantiles [..., A, K], whose mean is the values. Raises ValueError if
+        the head has none.
 
         uint8 is scaled to [0, 1] here: it is stored and moved as bytes. Floats are not scaled,
         except vectors with `vector_low` and `vector_high`. Images (from 64 x 64 on, of up to 12
@@ -110,7 +125,7 @@ class QNetwork(nn.Module):
         by less than its rounding.
         """
         if self.memory is None:
-            return self._find_values(observation)
+            return self._find_values(observation, quantiles=quantiles)
         before, after = self._check_state(state, observation.shape[0]), []
 
         def remember(features: Tensor) -> Tensor:
@@ -119,7 +134,7 @@ class QNetwork(nn.Module):
             after.append(following)
             return cast(Tensor, seen)
 
-        return self._find_values(observation, remember), after[0]
+        return self._find_values(observation, remember, quantiles), after[0]
 
     def _check_state(self, state: Tensor | None, num_rows: int) -> Tensor:
         if self.memory is None or state is None or state.shape != (num_rows, self.state_size):
@@ -132,7 +147,11 @@ class QNetwork(nn.Module):
         return state
 
     def unroll(
-        self, observations: Tensor, state: Tensor | None, starts: Tensor
+        self,
+        observations: Tensor,
+        state: Tensor | None,
+        starts: Tensor,
+        quantiles: bool = False,
     ) -> tuple[Tensor, Tensor]:
         """Values of sequences, by a network with memory: only the memory runs step by step.
 
@@ -140,6 +159,7 @@ class QNetwork(nn.Module):
             observations: uint8 or float [T, N, *observation_shape].
             state: float32 [N, S], before the first step.
             starts: bool [T, N], the steps that begin an episode: their state is 0.
+            quantiles: return quantiles [T, N, A, K] in place of values, as `forward`.
 
         Returns:
             Values float32 [T, N, A], and the state after each step, [T, N, S].
@@ -158,12 +178,21 @@ class QNetwork(nn.Module):
                 states.append(after)
             return torch.cat(seen)
 
-        return self._find_values(observations, remember), torch.stack(states[1:])
+        return self._find_values(observations, remember, quantiles), torch.stack(states[1:])
 
     def _find_values(
-        self, observation: Tensor, remember: Callable[[Tensor], Tensor] | None = None
+        self,
+        observation: Tensor,
+        remember: Callable[[Tensor], Tensor] | None = None,
+        quantiles: bool = False,
     ) -> Tensor:
-        """Values [..., A]; `remember` maps the features [rows, F] of the body for the head."""
+        """Values [..., A], or quantiles [..., A, K]; `remember` maps the features [rows, F] of the
+        body for the head.
+        """
+        if quantiles and not self.num_quantiles:
+            raise ValueError(
+                f"head {self.config.head!r} has no quantiles: use policy.head=quantile"
+            )
         num_axes = len(self.observation_shape)
         if tuple(observation.shape[-num_axes:]) != self.observation_shape:
             raise ValueError(
@@ -183,7 +212,9 @@ class QNetwork(nn.Module):
             values: Tensor = self.head(features)
             if self.cells is not None:
                 values = self.cells(seen, features, values, is_reduced)
-        return values.reshape(*batch_shape, self.num_actions)
+        if self.num_quantiles and not quantiles:
+            values = values.mean(-1)
+        return values.reshape(*batch_shape, *values.shape[1:])
 
     def _prepare(self, rows: Tensor) -> Tensor:
         seen = _to_float(rows)

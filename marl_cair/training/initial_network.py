@@ -9,8 +9,11 @@ from marl_cair.files import shorten_value
 from marl_cair.games.game import GameSpec, Representation
 from marl_cair.league.agents.load import is_checkpoint
 from marl_cair.policies import GREEDY
+from marl_cair.policies.config import QUANTILE
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
 from marl_cair.training.settings.config import TrainConfig
+from marl_cair.training.settings.exploration import EPSILON_GREEDY, NOISY
+from marl_cair.training.settings.learner import DQN
 
 # A learner with a trained network unlearns within minutes at the usual settings: with large steps
 # of a new optimiser, on the first few games alone.
@@ -44,7 +47,8 @@ def can_begin_as(agent: str) -> bool:
 
 def begin_as(agent: str, config: TrainConfig) -> TrainConfig:
     """The settings of a run that begins with the network of the agent in folder `agent`, explores
-    little, learns in small steps and from many games at once, and has no warm-up opponents.
+    little, learns in small steps and from many games at once, and has no warm-up opponents. Loss
+    and exploration are those that its head and noisy layers need.
 
     Raises CheckpointError if `agent` is no agent's folder.
     """
@@ -54,15 +58,22 @@ def begin_as(agent: str, config: TrainConfig) -> TrainConfig:
     snapshots = config.opponent.snapshot_every_frames
     first = min(replay.capacity_transitions, config.total_frames, snapshots) // KNOWING_SHARE
     low = min(start, exploration.epsilon_end)
+    policy = read_network_config(about, agent)
+    kind, algorithm = exploration.kind, learner.algorithm
+    if policy.noisy or kind == NOISY:
+        kind = NOISY if policy.noisy else EPSILON_GREEDY
+    if QUANTILE in (policy.head, algorithm):
+        algorithm = QUANTILE if policy.head == QUANTILE else DQN
     return change(
         config,
         initial_agent=agent,
-        policy=read_network_config(about, agent),
+        policy=policy,
         game=change(config.game, representation=about.representation),
         opponent=change(config.opponent, warmup_frames=0),
-        exploration=change(exploration, epsilon_start=start, epsilon_end=low),
+        exploration=change(exploration, kind=kind, epsilon_start=start, epsilon_end=low),
         learner=change(
             learner,
+            algorithm=algorithm,
             learning_rate=KNOWING_RATE * learner.learning_rate,
             learning_rate_end=None if end is None else KNOWING_RATE * end,
         ),

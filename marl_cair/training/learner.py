@@ -10,13 +10,14 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
+from marl_cair.policies.heads import set_noise
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.transition import NO_ACTION
 from marl_cair.training.losses import Loss, measure_errors
 from marl_cair.training.settings.config import DemonstrationSettings
-from marl_cair.training.settings.learner import LOSSES, LearnerSettings
+from marl_cair.training.settings.learner import AVERAGED, LOSSES, LearnerSettings
 
 # Warm-up of the averaged weights: after n updates they average over at most about n / 10.
 _AVERAGE_WARMUP = 10
@@ -42,7 +43,11 @@ class Learner:
 
     The loss is an entry of `LOSSES`. Neighbouring actions differ little in value, so a few updates
     can change the greedy policy; `average` is the exponential moving average of the weights (Polyak
-    and Juditsky 1992), whose policy is steady. The newest weights collect.
+    and Juditsky 1992), whose policy is steady. `behaviour` collects: the network, or another one
+    with the weights of `average`.
+
+    Noisy layers have noise in network, target network and `behaviour`, from a generator with
+    `seed`, and none in `average`.
     """
 
     def __init__(
@@ -50,6 +55,7 @@ class Learner:
         network: QNetwork,
         settings: LearnerSettings,
         demonstration: DemonstrationSettings | None = None,
+        seed: int = 0,
     ) -> None:
         self.network, self.settings = network, settings
         self.demonstration = demonstration or DemonstrationSettings()
@@ -58,6 +64,13 @@ class Learner:
         self.target = network
         if self.loss.HAS_TARGET_NETWORK:
             self.target = deepcopy(network).requires_grad_(False)
+        self.behaviour = network
+        if settings.behaviour == AVERAGED:
+            weights = [*self.average.parameters(), *self.average.buffers()]
+            self.behaviour = deepcopy(self.average, {id(weight): weight for weight in weights})
+        self.noise = torch.Generator().manual_seed(seed)
+        for noisy in (self.network, self.target, self.behaviour):
+            set_noise(noisy, self.noise)
         self._parameters: list[Tensor] = list(network.parameters())
         self._targets: list[Tensor] = list(self.target.parameters())
         self._averaged: list[Tensor] = list(self.average.parameters())
@@ -149,6 +162,7 @@ class Learner:
             **{name: dict(network.state_dict()) for name, network in self._networks().items()},
             "optimizer": self.optimizer.state_dict(),
             "updates": self.updates,
+            "noise": self.noise.get_state(),
         }
 
     def _networks(self) -> dict[str, QNetwork]:
@@ -163,6 +177,8 @@ class Learner:
             restore_weights(network, state[name], f"learner.{name}")
         restore_optimizer(self.optimizer, state["optimizer"], "learner.optimizer")
         self.updates = read_number(state, "updates", COUNT)
+        if "noise" in state:  # missing in states of version 0.1
+            self.noise.set_state(state["noise"])
 
 
 def _read_old_networks(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import partial
 from typing import ClassVar, NamedTuple
 
 import torch
@@ -65,6 +67,30 @@ class DqnLoss(Loss):
         return compare(network(batch["observation"]), batch, wanted, self.settings.loss)
 
 
+class QuantileLoss(DqnLoss):
+    """Quantile regression of the distribution of returns (Dabney et al. 2018), with the head
+    `quantile`; otherwise as `DqnLoss`.
+
+    The targets of a row are those of `DqnLoss` with each of the K quantiles of Q_target(s', a') in
+    place of the value, a' the best legal action by means. Their loss is `measure_quantiles`, and
+    the TD error is that of the means.
+    """
+
+    def __call__(self, network: QNetwork, target: QNetwork, batch: TensorDict) -> LossResult:
+        """batch: as `DqnLoss`. Raises ValueError for networks with another head."""
+        following = batch["next"]
+        with torch.no_grad():
+            seen, mask = following["observation"], following["action_mask"]
+            rated = target(seen, quantiles=True)
+            chooser = network(seen) if self.settings.double else rated.mean(-1)
+            ahead = select_quantiles(rated, mask_values(chooser, mask).argmax(-1))
+            wanted = find_targets(batch, ahead, self.settings.gamma)
+        found = network(batch["observation"], quantiles=True)
+        chosen = select_quantiles(found, batch["action"])
+        loss = average_rows(batch, chosen, wanted, measure_quantiles)
+        return LossResult(loss, (wanted - chosen).mean(-1).detach(), found.mean(-1))
+
+
 class PqnLoss(Loss):
     """Parallelised Q-learning on the newest steps of many worlds (Gallici et al. 2025): no replay
     buffer, no target network; the networks need normalisation (`policy.norm=layer`).
@@ -91,11 +117,16 @@ class PqnLoss(Loss):
 
 
 def find_targets(batch: TensorDict, ahead: Tensor, gamma: float) -> Tensor:
-    """R + gamma^k * (not terminated) * `ahead`, all float32 [N], of a batch of transitions."""
+    """R + gamma^k * (not terminated) * `ahead` of a batch of transitions, float32 [N].
+
+    ahead: float32 [N], or [N, K] for K targets of each row.
+    """
     following = batch["next"]
-    discount = gamma ** batch["steps_to_next_obs"].squeeze(-1)
-    rest: Tensor = (discount * ahead).masked_fill(following["terminated"].squeeze(-1), 0.0)
-    targets: Tensor = following["reward"].squeeze(-1) + rest
+    if ahead.ndim == batch.ndim:
+        return find_targets(batch, ahead.unsqueeze(-1), gamma).squeeze(-1)
+    discount = gamma ** batch["steps_to_next_obs"]
+    rest: Tensor = (discount * ahead).masked_fill(following["terminated"], 0.0)
+    targets: Tensor = following["reward"] + rest
     return targets
 
 
@@ -106,12 +137,26 @@ def compare(values: Tensor, batch: TensorDict, wanted: Tensor, measure: str) -> 
     those that are not "learned" bool [...], if there, do not count.
     """
     chosen = values.gather(-1, batch["action"].unsqueeze(-1)).squeeze(-1)
-    weights = batch.get("priority_weight", torch.ones_like(chosen))
-    learned = batch.get("learned", torch.ones_like(chosen, dtype=torch.bool))
-    # Selected first: NaN of steps that are not learned would reach the gradient even at weight 0.
-    losses = measure_errors(chosen[learned], wanted[learned], measure) * weights[learned]
-    loss = losses.sum() / weights[learned].sum()
+    loss = average_rows(batch, chosen, wanted, partial(measure_errors, measure=measure))
     return LossResult(loss, (wanted - chosen).detach(), values)
+
+
+def average_rows(
+    batch: TensorDict,
+    chosen: Tensor,
+    wanted: Tensor,
+    measure: Callable[[Tensor, Tensor], Tensor],
+) -> Tensor:
+    """Mean over the rows of `measure(chosen, wanted)`, weighted as `compare` describes.
+
+    chosen, wanted: float32 [...] or [..., K], of batch shape [...].
+    """
+    weights = batch.get("priority_weight", torch.ones(batch.shape, device=chosen.device))
+    learned = batch.get("learned", torch.ones(batch.shape, dtype=torch.bool, device=chosen.device))
+    # Selected first: NaN of steps that are not learned would reach the gradient even at weight 0.
+    losses = measure(chosen[learned], wanted[learned]) * weights[learned]
+    average: Tensor = losses.sum() / weights[learned].sum()
+    return average
 
 
 def measure_errors(chosen: Tensor, wanted: Tensor, measure: str) -> Tensor:
@@ -119,6 +164,27 @@ def measure_errors(chosen: Tensor, wanted: Tensor, measure: str) -> Tensor:
     if measure == "l2":
         return functional.mse_loss(chosen, wanted, reduction="none")
     return functional.smooth_l1_loss(chosen, wanted, reduction="none")
+
+
+def measure_quantiles(chosen: Tensor, wanted: Tensor) -> Tensor:
+    """Quantile Huber loss of each row, float32 [M] (Dabney et al. 2018, equations 9 and 10, with
+    kappa 1): the mean over all pairs i, j of |tau_i - [u < 0]| * huber(u), u = wanted_j - chosen_i,
+    tau_i = (2 i - 1) / (2 K). The paper's is K times as large, as it sums over i.
+
+    chosen, wanted: float32 [M, K].
+    """
+    num_quantiles = chosen.shape[-1]
+    tau = (torch.arange(num_quantiles, device=chosen.device) + 0.5) / num_quantiles
+    error = wanted.unsqueeze(-2) - chosen.unsqueeze(-1)
+    huber = functional.smooth_l1_loss(error, torch.zeros_like(error), reduction="none")
+    share = (tau.unsqueeze(-1) - (error < 0).float()).abs()
+    return (share * huber).mean((-2, -1))
+
+
+def select_quantiles(quantiles: Tensor, action: Tensor) -> Tensor:
+    """Of quantiles [..., A, K] those of the actions int64 [...]: [..., K]."""
+    index = action[..., None, None].expand(*action.shape, 1, quantiles.shape[-1])
+    return quantiles.gather(-2, index).squeeze(-2)
 
 
 def mask_values(values: Tensor, action_mask: Tensor) -> Tensor:

@@ -32,6 +32,7 @@ from marl_cair.stored import DamagedFileError, read_json
 from marl_cair.training import generators, memory, state_file
 from marl_cair.training.collecting.average_policy import AveragePolicy, OwnPolicies
 from marl_cair.training.collecting.demonstrations import Demonstrators
+from marl_cair.training.collecting.exploration import make_exploration
 from marl_cair.training.collecting.metrics import EpisodeStatistics, RunningMeans
 from marl_cair.training.collecting.opponents import OpponentBook
 from marl_cair.training.collecting.seats import SeatRouter
@@ -41,7 +42,6 @@ from marl_cair.training.learner import Learner
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import CONFIG_FILE, fixed_settings, save_config
-from marl_cair.training.settings.learner import AVERAGED
 
 BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
@@ -180,13 +180,12 @@ class TrainingRun:
         self._trained_before = count_training(source)  # frames and updates
         wanted = (self.game.name, seen, shape, num_actions)
         network = make_initial_network(source, self.policy, wanted, seed=seeds[4])
-        self.learner = Learner(network, config.learner, config.demonstration)
-        exploration = MaskedEpsilonGreedy(seeds[5], self.spec.action_groups)
-        is_averaged = config.learner.behaviour == AVERAGED
-        playing = self.learner.average if is_averaged else network
-        self.actor = PolicyActor(playing, "learner", seen, exploration)
+        exploration = make_exploration(config.exploration, self.spec.action_groups)
+        self.learner = Learner(network, config.learner, config.demonstration, seeds[15])
+        random = MaskedEpsilonGreedy(seeds[5])  # its generator is that of the exploration
+        self.actor = PolicyActor(self.learner.behaviour, "learner", seen, random)
         self.rated = PolicyActor(self.learner.average, "learner", seen)
-        self.own, self.average_policy = OwnPolicies(self.actor, config.exploration), None
+        self.own, self.average_policy = OwnPolicies(self.actor, exploration), None
         if config.nfsp.enabled:
             network = make_q_network(self.policy, shape, num_actions, seed=seeds[10])
             rows = Reservoir(self.transition_spec, config.nfsp.capacity_rows, seeds[11])

@@ -17,7 +17,7 @@ from marl_cair.policies.q_network import QNetwork
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.reservoir import Reservoir
-from marl_cair.training.settings.config import ExplorationSettings
+from marl_cair.training.collecting.exploration import Exploration
 from marl_cair.training.settings.learner import NfspSettings
 
 
@@ -81,10 +81,15 @@ class AveragePolicy:
 class OwnPolicies(NamedTuple):
     """The learner's policies in its own seats."""
 
-    answer: PolicyActor  # the Q-network, greedy but for `exploration`
-    exploration: ExplorationSettings
+    answer: PolicyActor  # the Q-network
+    exploration: Exploration  # its actions
     average: PolicyActor | None = None  # of NFSP; None: the Q-network always plays
     eta: float = 1.0  # share of games, drawn for each team, in which the Q-network plays
+
+    def explore(self, values: Tensor, action_mask: Tensor, frames: int) -> Tensor:
+        """The Q-network's actions int64 [N] after `frames` steps; values and mask [N, A]."""
+        generator = self.answer.exploration.generator
+        return self.exploration(values, action_mask, generator, frames)
 
     def draw_answering(
         self, rng: np.random.Generator, num_games: int, num_teams: int

@@ -98,7 +98,7 @@ class SeatRouter(TensorDictModuleBase):
 
     @property
     def epsilon(self) -> float:
-        """The chance of exploration at the current frame."""
+        """The chance of a random action at the current frame."""
         own: OwnPolicies = self.__dict__["own"]
         return own.exploration.epsilon_at(self.frames)
 
@@ -162,7 +162,7 @@ class SeatRouter(TensorDictModuleBase):
         if size:
             group.set("state", state.clone())
         values, state[rows] = own.answer.step(observation[rows], state[rows])
-        actions[rows] = own.answer.exploration(values, mask[rows], self.epsilon)
+        actions[rows] = own.explore(values, mask[rows], self.frames)
         if self._notes_values or starting.any():
             best = values.masked_fill(~mask[rows], -torch.inf).amax(-1)
             if starting.any():

@@ -17,7 +17,7 @@ from marl_cair.generative import GENERATORS
 from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.lookup import check_name
 from marl_cair.policies import NO_MEMORY
-from marl_cair.policies.config import QNetworkConfig
+from marl_cair.policies.config import QUANTILE, QNetworkConfig
 from marl_cair.replay import MAX_FRACTION
 from marl_cair.self_play.samplers import SAMPLERS
 from marl_cair.training.settings.checks import (
@@ -33,7 +33,13 @@ from marl_cair.training.settings.checks import (
     check_fields,
     require,
 )
-from marl_cair.training.settings.learner import LOSSES, LearnerSettings, NfspSettings, interpolate
+from marl_cair.training.settings.exploration import (
+    EPSILON_GREEDY,
+    EXPLORATIONS,
+    NOISY,
+    ExplorationSettings,
+)
+from marl_cair.training.settings.learner import LOSSES, LearnerSettings, NfspSettings
 
 # Half the newest policy, half older ones, after AlphaStar and OpenAI Five. It is not shown to be
 # the best mixture: `python -m benchmarks.opponents` compares.
@@ -193,22 +199,6 @@ class CollectorSettings:
 
 
 @dataclass(frozen=True)
-class ExplorationSettings:
-    """Epsilon-greedy: uniform over the legal kinds of action, then over those of the kind."""
-
-    epsilon_start: Share = 1.0  # chance of exploring at frame 0
-    epsilon_end: Share = 0.02  # chance of exploring from `anneal_frames` on
-    anneal_frames: Count = 60_000  # frames from start to end, linearly
-
-    def __post_init__(self) -> None:
-        check_fields(self, "exploration.")
-
-    def epsilon_at(self, frames: int) -> float:
-        """Linear from start to end over `anneal_frames`."""
-        return interpolate(self.epsilon_start, self.epsilon_end, frames / self.anneal_frames)
-
-
-@dataclass(frozen=True)
 class ReplaySettings:
     """The replay buffers of real and generated transitions."""
 
@@ -314,12 +304,31 @@ class TrainConfig:
     def __post_init__(self) -> None:
         check_fields(self)
         self._check_scenarios()
+        self._check_network()
         if not LOSSES.is_outside(self.learner.algorithm):
             self.check_algorithm()
         bots = GAMES[self.game.name].bots
         self.opponent.check_names(bots)
         for bot in (*self.evaluation.bots, *self.demonstration.bots):
             check_name(f"{self.game.name} bot", bot, bots)
+
+    def _check_network(self) -> None:
+        """Raise ValueError for a head without its loss, or noisy layers without their exploration,
+        or the reverse.
+        """
+        head, loss = self.policy.head, self.learner.algorithm
+        if (head == QUANTILE) != (loss == QUANTILE) and not LOSSES.is_outside(loss):
+            raise ValueError(
+                f"policy.head is {head!r} and learner.algorithm {loss!r}, but quantiles need this "
+                f"loss, and this loss needs quantiles: set both to {QUANTILE!r}, or neither"
+            )
+        noisy, kind = self.policy.noisy, self.exploration.kind
+        if noisy != (kind == NOISY) and not EXPLORATIONS.is_outside(kind):
+            raise ValueError(
+                f"policy.noisy is {str(noisy).lower()} and exploration.kind {kind!r}, but noisy "
+                "layers replace random actions: set policy.noisy=true exploration.kind=noisy, or "
+                f"policy.noisy=false exploration.kind={EPSILON_GREEDY}"
+            )
 
     def evaluated_scenarios(self) -> dict[str, Any]:
         """Scenarios on which the learner is rated, by option, as `EvaluationSettings.changes`."""

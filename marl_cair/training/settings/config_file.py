@@ -90,11 +90,11 @@ def load_config(folder: str | os.PathLike[str], allow_code: AllowCode = False) -
 
 def list_sources(config: TrainConfig) -> list[str]:
     """Names of code that a run may have: its agents, as `load_agent` takes them, and classes and
-    functions `module:attribute` of networks, heads, losses, samplers and generators.
+    functions `module:attribute` of networks, heads, losses, explorations, samplers and generators.
     """
     agents = [*config.opponent.agents.values(), *config.demonstration.agents.values()]
     names = [*config.opponent.mixture, *config.opponent.warmup_mixture, config.generator.name]
-    names.append(config.learner.algorithm)
+    names += [config.learner.algorithm, config.exploration.kind]
     return [*agents, *config.policy.list_code(), *filter(is_place, names)]
 
 

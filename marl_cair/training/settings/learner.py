@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from marl_cair.lookup import LazyTable, check_name
+from marl_cair.policies.config import QUANTILE
 from marl_cair.replay import MOST_STEPS
 from marl_cair.training.settings.checks import (
     Allowed,
@@ -21,13 +22,15 @@ from marl_cair.training.settings.checks import (
 
 Steps = Annotated[int, Allowed(lambda n: 1 <= n <= MOST_STEPS, f"1..{MOST_STEPS}")]
 TARGET_UPDATES = ("soft", "hard")
-ERRORS = ("smooth_l1", "l2")
+ERRORS = HUBER, _ = ("smooth_l1", "l2")
 OPTIMIZERS = ("adam", "radam", "rmsprop", "sgd")
+DQN = "dqn"
 AVERAGED, NEWEST = BEHAVIOURS = ("averaged", "newest")
 LOSSES: LazyTable[Any] = LazyTable(
     {
-        "dqn": "marl_cair.training.losses:DqnLoss",
+        DQN: "marl_cair.training.losses:DqnLoss",
         "pqn": "marl_cair.training.losses:PqnLoss",
+        QUANTILE: "marl_cair.training.losses:QuantileLoss",
     },
     group="marl_cair.losses",
     base="marl_cair.training.losses:Loss",
@@ -39,7 +42,7 @@ AVERAGE, GREEDY = PLAYED = ("average", "greedy")
 class LearnerSettings:
     """The Q-learning update."""
 
-    algorithm: str = "dqn"  # dqn: from a replay buffer; pqn: from the newest steps, without one
+    algorithm: str = DQN  # from a replay buffer: dqn, quantile; from the newest steps: pqn
     batch_size: Count = 128  # transitions, generated ones included (dqn)
     frames_per_update: Count = 64  # frames collected for each update (dqn)
     q_lambda: Share = 0.9  # share of longer returns in a target, per step (pqn)
@@ -68,6 +71,10 @@ class LearnerSettings:
         check_name("learner.loss", self.loss, ERRORS)
         check_name("learner.algorithm", self.algorithm, LOSSES)
         check_name("learner.optimizer", self.optimizer, OPTIMIZERS)
+        allowed = f"{HUBER} with learner.algorithm={QUANTILE}: squared errors estimate no quantiles"
+        require(
+            self.algorithm != QUANTILE or self.loss == HUBER, "learner.loss", self.loss, allowed
+        )
         check_name("learner.behaviour", self.behaviour, BEHAVIOURS)
 
     @property

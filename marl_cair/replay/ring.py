@@ -1,4 +1,4 @@
-"""Compiled loops over the ring of steps: check and append rollouts, build transitions and sequences.
+"""Compiled loops over the ring of steps: append rollouts, build transitions and sequences.
 
 Encoding of one entry's observation (a `row` of bytes) and of its action mask:
 

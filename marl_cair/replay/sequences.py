@@ -75,10 +75,10 @@ def read_sequences(
     wrong = gather_sequences(ring, slots, window[1], rows, spec.board_bytes, spec.num_cells)
     if wrong != NO_ENTRY:
         raise IndexError(f"slot {slots[wrong]} starts no sequence: take slots from a sampler")
-    arrays = {**rows._asdict(), transition.OBSERVATION: observation}
+    arrays: dict[str, NDArray[Any]] = {**rows._asdict(), "observation": observation}
     tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
     tensors[STATE] = tensors[STATE].unsqueeze(1).expand(*batch, spec.state_size)
-    tensors[transition.IS_GENERATED] = torch.zeros(batch, dtype=torch.bool)
+    tensors["is_generated"] = torch.zeros(batch, dtype=torch.bool)
     return TensorDict(tensors, batch)
 
 

@@ -110,10 +110,11 @@ class Learner:
         torch._foreach_lerp_(self._averaged, self._parameters, share)
 
     def _find_margin_loss(self, batch: TensorDict, values: Tensor) -> Tensor:
-        """Mean over the batch of max over legal a of (Q(s, a) + margin where a is not the expert's
-        action) - Q(s, the expert's action), 0 for rows without an expert's action.
+        """Mean over the learned steps of max over legal a of (Q(s, a) + margin where a is not the
+        expert's action) - Q(s, the expert's action), 0 for steps without an expert's action.
         """
-        shown = batch["expert_action"] != NO_ACTION
+        learned = _find_learned(batch)
+        shown = learned & (batch["expert_action"] != NO_ACTION)
         if not shown.any():
             return torch.zeros(())
         action, values = batch["expert_action"][shown, None], values[shown]
@@ -121,12 +122,12 @@ class Learner:
         rivals = (values + self.demonstration.margin).scatter(1, action, wanted)
         legal = batch["action_mask"][shown]
         best = rivals.masked_fill(~legal, -torch.inf).amax(1, keepdim=True)
-        loss: Tensor = (best - wanted).sum() / len(shown)
+        loss: Tensor = (best - wanted).sum() / learned.sum()
         return loss
 
     def _split(self, batch: TensorDict) -> dict[str, Tensor | float]:
         """Mean loss and TD error of real and of generated rows, apart."""
-        learned = batch.get("learned", torch.ones(batch.shape, dtype=torch.bool))
+        learned = _find_learned(batch)
         error = batch["td_error"].abs()[learned]
         loss = measure_errors(error, torch.zeros_like(error), self.settings.loss)
         generated = batch["is_generated"].view(batch.shape)[learned]
@@ -162,6 +163,12 @@ class Learner:
             restore_weights(network, state[name], f"learner.{name}")
         restore_optimizer(self.optimizer, state["optimizer"], "learner.optimizer")
         self.updates = read_number(state, "updates", COUNT)
+
+
+def _find_learned(batch: TensorDict) -> Tensor:
+    """Steps of `batch` [...] that are learned, bool [...]: all but for "learned" of sequences."""
+    learned: Tensor = batch.get("learned", torch.ones(batch.shape, dtype=torch.bool))
+    return learned
 
 
 def _read_old_networks(

@@ -111,7 +111,7 @@ class ListSequences:
             for name, value in defaults.items():
                 fields[name].append(here.get(name, value))
             follows_tail = is_there and place > places[0] and "action" not in entries[place - 1]
-            fields["starts"].append(torch.tensor(place == 0 and begin == 0 or follows_tail))
+            fields["starts"].append(torch.tensor((place == 0 and begin == 0) or follows_tail))
             has_next = place + 1 < min(len(entries), places[-1] + 1)
             learned = "action" in here and place >= begin and has_next
             fields["learned"].append(torch.tensor(learned))

@@ -4,9 +4,10 @@ TorchRL's RandomSampler cannot leave entries out and does not save its generator
 PrioritizedSampler needs a compiled extension that its wheels lack with this version of torch.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -22,11 +23,13 @@ _FACTS = {"highest": Range(1e-100, 1e100, float), "num_known": COUNT, "beta": SC
 _LEAST_ERROR = 1e-3  # added to each TD error: every start can be sampled
 
 
-class Sampler(Protocol):
-    """Chooses which stored transitions or sequences are learned from."""
+class Sampler(ABC):
+    """Chooses which stored transitions or sequences are learned from, by its seeded generator."""
 
-    generator: torch.Generator  # its only source of randomness
+    def __init__(self, seed: int) -> None:
+        self.generator = torch.Generator().manual_seed(seed)
 
+    @abstractmethod
     def sample(
         self, storage: EpisodeStorage, batch_size: int
     ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
@@ -35,27 +38,26 @@ class Sampler(Protocol):
         Raises RuntimeError while nothing can be sampled.
         """
 
-    def update(self, index: torch.Tensor, td_error: torch.Tensor) -> None:
+    def update(self, index: torch.Tensor, td_error: torch.Tensor) -> None:  # noqa: B027
         """Note the TD errors [N], of either sign, of the slots `index` int64 [N]."""
 
-    def anneal(self, done: float) -> None:
+    def anneal(self, done: float) -> None:  # noqa: B027
         """Follow the share `done` of the run, 0..1."""
+
+    def check_storage(self, storage: EpisodeStorage) -> None:  # noqa: B027
+        """Raise ValueError unless the loaded state belongs to the loaded storage."""
 
     def save(self, path: Path) -> None:
         """Write the state to a new folder."""
+        save_arrays(path, {"generator": self.generator.get_state().numpy()}, {})
 
     def load(self, path: Path) -> None:
         """Read a folder that `save` wrote. Raises ValueError for an invalid state."""
-
-    def check_storage(self, storage: EpisodeStorage) -> None:
-        """Raise ValueError unless a loaded state is of the loaded storage."""
+        restore_generator(self.generator, load_arrays(path)[0])
 
 
-class UniformSampler:
-    """Samples slots of an EpisodeStorage with replacement, from its own seeded generator."""
-
-    def __init__(self, seed: int) -> None:
-        self.generator = torch.Generator().manual_seed(seed)
+class UniformSampler(Sampler):
+    """Samples all slots with the same chance, with replacement."""
 
     def sample(
         self, storage: EpisodeStorage, batch_size: int
@@ -63,23 +65,8 @@ class UniformSampler:
         """Return slots int64 [batch_size], and no further fields."""
         return draw_uniformly(storage, batch_size, self.generator), {}
 
-    def update(self, index: torch.Tensor, td_error: torch.Tensor) -> None:
-        """Uniform sampling does not depend on errors."""
 
-    def anneal(self, done: float) -> None:
-        """Uniform sampling stays the same over the run."""
-
-    def check_storage(self, storage: EpisodeStorage) -> None:
-        """Uniform sampling has no state of the storage."""
-
-    def save(self, path: Path) -> None:
-        save_arrays(path, {"generator": self.generator.get_state().numpy()}, {})
-
-    def load(self, path: Path) -> None:
-        restore_generator(self.generator, load_arrays(path)[0])
-
-
-class PrioritizedSampler:
+class PrioritizedSampler(Sampler):
     """Samples slots of an EpisodeStorage in proportion to (|TD error| + 0.001)^alpha.
 
     Starts that were never sampled have the highest priority so far. A batch of n takes one draw
@@ -95,8 +82,7 @@ class PrioritizedSampler:
         for name, value in (("alpha", alpha), ("beta", beta)):
             if not 0.0 <= value <= 1.0:
                 raise ValueError(f"{name} is {value}, expected 0..1")
-        self._uniform = UniformSampler(seed)
-        self.generator = self._uniform.generator
+        super().__init__(seed)
         self.alpha, self.first_beta, self.beta = alpha, beta, beta
         self._capacity = capacity
         self._num_leaves = 1 << max(0, capacity - 1).bit_length()
@@ -152,7 +138,7 @@ class PrioritizedSampler:
         return torch.rand(number, generator=self.generator, dtype=torch.float64).numpy()
 
     def save(self, path: Path) -> None:
-        self._uniform.save(path / "uniform")
+        super().save(path / "uniform")
         facts = {"highest": self._highest, "num_known": self._num_known, "beta": self.beta}
         save_arrays(path / "priorities", {"priorities": self.priorities}, facts)
 
@@ -162,7 +148,7 @@ class PrioritizedSampler:
         like = np.dtype(np.float64), (self._capacity,)
         priorities = read_array(arrays, "priorities", like, _PRIORITY)
         read = {name: read_number(facts, name, allowed) for name, allowed in _FACTS.items()}
-        self._uniform.load(path / "uniform")
+        super().load(path / "uniform")
         self._sums[:] = 0.0
         set_priorities(self._sums, np.arange(self._capacity), np.asarray(priorities))
         self._highest, self._num_known = float(read["highest"]), read["num_known"]

@@ -1,6 +1,6 @@
 """Does a memory help where an observation does not show all that matters?
 
-    python scripts/memory_matters.py [--frames 400000] [--seeds 0 1 2] [--games 200]
+    python -m benchmarks.memory_matters [--frames 400000] [--seeds 0 1 2] [--games 200]
         [--kinds none lstm] [--out runs/memory_matters]
 
 Deep Maze 7x7 with line of sight, where what is out of sight is forgotten: without memory a network

@@ -9,12 +9,12 @@ MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
     "games": 17_420,
-    "policies": 2_200,
-    "replay": 1_700,
+    "policies": 2_230,
+    "replay": 2_060,
     "generative": 3_460,
     "self_play": 990,
     "league": 7_820,
-    "policies": 2_200,
+    "training": 5_900,
     "conf": 10,
     "cli": 2_940,
     "": 1_560,  # the modules that every part may import

@@ -190,6 +190,16 @@ class QNetworkConfig:
             return self.hidden_width
         return policies.NETWORKS[self.body].DEFAULT_HIDDEN_WIDTH
 
+    def resolve_memory_width(self) -> int:
+        """Return the number W of features after the memory."""
+        return self.memory_width or self.resolve_hidden_width()
+
+    def resolve_state_size(self) -> int:
+        """Return the size S of the recurrent state, 0 without memory."""
+        if self.memory == policies.NO_MEMORY:
+            return 0
+        return policies.MEMORIES[self.memory].STATES * self.resolve_memory_width()
+
     def resolve_action_embedding(self) -> int:
         """Return the rank r of the action embedding, 0 without one."""
         if self.head not in (DUELING, QUANTILE):

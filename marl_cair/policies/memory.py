@@ -1,5 +1,7 @@
 """Recurrent memories: cells between body and head that carry a state from step to step."""
 
+from typing import ClassVar
+
 import torch
 from torch import Tensor, nn
 
@@ -12,9 +14,11 @@ class LstmMemory(nn.Module):
         state_size: 2 W: the hidden state beside the cell state.
     """
 
+    STATES: ClassVar[int] = 2  # of W numbers each
+
     def __init__(self, num_features: int, width: int) -> None:
         super().__init__()
-        self.num_features, self.state_size = width, 2 * width
+        self.num_features, self.state_size = width, self.STATES * width
         self.cell = nn.LSTMCell(num_features, width)
 
     def forward(self, features: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
@@ -31,6 +35,8 @@ class GruMemory(nn.Module):
         num_features: W, the features it returns.
         state_size: W: the features are the state.
     """
+
+    STATES: ClassVar[int] = 1
 
     def __init__(self, num_features: int, width: int) -> None:
         super().__init__()

@@ -77,7 +77,7 @@ class QNetwork(nn.Module):
         self.state_size, num_features = 0, self.body.num_features
         self.memory: nn.Module | None = None
         if config.memory != policies.NO_MEMORY:
-            width = config.memory_width or config.resolve_hidden_width()
+            width = config.resolve_memory_width()
             memory = policies.MEMORIES[config.memory](num_features, width)
             self.memory, num_features, self.state_size = memory, width, memory.state_size
         self.num_quantiles = config.resolve_num_quantiles()

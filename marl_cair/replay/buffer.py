@@ -9,7 +9,12 @@ from tensordict import TensorDict
 
 from marl_cair.files import replaced_folder
 from marl_cair.replay.rollout import Rollout
-from marl_cair.replay.sampler import PrioritizedSampler, UniformSampler
+from marl_cair.replay.sampler import (
+    PrioritizedSampler,
+    Sampler,
+    UniformSampler,
+    draw_uniformly,
+)
 from marl_cair.replay.storage import EpisodeStorage
 from marl_cair.replay.transition import TransitionSpec
 
@@ -19,13 +24,15 @@ class ReplayConfig:
     """Settings of the replay buffer of real transitions."""
 
     capacity_transitions: int = 1_000_000  # entries of the ring: steps, and ends of episodes
-    batch_size: int = 32  # transitions per sample
+    batch_size: int = 32  # transitions per sample, or learned steps of sequences
     n_steps: int = 1  # steps of a return
     gamma: float = 0.99  # discount per step
     scratch_dir: str | None = None  # folder for observations on disk; None: in memory
     priority_alpha: float = 0.0  # exponent of TD errors in sampling; 0: uniform
     priority_beta: float = 0.4  # initial exponent of the importance weights
     seed: int = 0  # of the sampler
+    sequence_steps: int = 1  # learned steps of a sequence; 1: transitions
+    burn_in_steps: int = 0  # of a sequence, before the learned steps
 
 
 def make_replay_buffer(config: ReplayConfig, spec: TransitionSpec) -> "EpisodeReplayBuffer":
@@ -35,6 +42,11 @@ def make_replay_buffer(config: ReplayConfig, spec: TransitionSpec) -> "EpisodeRe
     """
     if config.batch_size < 1:
         raise ValueError(f"batch_size is {config.batch_size}, expected 1 or more")
+    if config.sequence_steps < 1 or config.batch_size % config.sequence_steps:
+        raise ValueError(
+            f"batch_size is {config.batch_size}, expected a multiple of sequence_steps, which is "
+            f"{config.sequence_steps} and must be 1 or more"
+        )
     capacity, alpha = config.capacity_transitions, config.priority_alpha
     storage = EpisodeStorage(
         spec,
@@ -42,21 +54,23 @@ def make_replay_buffer(config: ReplayConfig, spec: TransitionSpec) -> "EpisodeRe
         n_steps=config.n_steps,
         gamma=config.gamma,
         scratch_dir=config.scratch_dir,
+        sequence_steps=config.sequence_steps,
+        burn_in_steps=config.burn_in_steps,
     )
-    sampler = UniformSampler(config.seed)
+    sampler: Sampler = UniformSampler(config.seed)
     if alpha:
         sampler = PrioritizedSampler(config.seed, capacity, alpha, config.priority_beta)
     return EpisodeReplayBuffer(storage, sampler, config.batch_size)
 
 
 class EpisodeReplayBuffer:
-    """Stores rollouts and samples transitions from them.
+    """Stores rollouts and samples transitions, or sequences, from them.
 
     TorchRL's buffer takes single transitions and saves a pickle; this one takes rollouts, whose
     steps share their observations, and saves plain arrays.
     """
 
-    def __init__(self, storage: EpisodeStorage, sampler: UniformSampler, batch_size: int) -> None:
+    def __init__(self, storage: EpisodeStorage, sampler: Sampler, batch_size: int) -> None:
         self.storage, self.sampler, self.batch_size = storage, sampler, batch_size
 
     def __len__(self) -> int:
@@ -69,25 +83,34 @@ class EpisodeReplayBuffer:
 
     @property
     def num_sampleable(self) -> int:
-        """How many stored steps start a transition that can be sampled now."""
-        return self.storage.num_sampleable
+        """How many stored steps start a transition that can be sampled now; of sequences, about how
+        many learned steps they have.
+        """
+        return self.storage.num_sampleable * self.storage.sequence_steps
 
     def sample(self, batch_size: int | None = None) -> TensorDict:
-        """Sample a flat TensorDict [batch_size] with the keys of replay/transition.py.
+        """Sample a flat TensorDict [batch_size] with the keys of replay/transition.py, or
+        batch_size / sequence_steps sequences, TensorDict [N, T] (replay/sequences.py).
 
-        A prioritised sampler adds "priority_weight". Raises RuntimeError while no transition can be
+        A prioritised sampler adds "priority_weight". Raises RuntimeError while nothing can be
         sampled.
         """
-        num_rows = self.batch_size if batch_size is None else batch_size
+        num_steps = self.batch_size if batch_size is None else batch_size
+        num_rows = num_steps // self.storage.sequence_steps
         index, info = self.sampler.sample(self.storage, num_rows)
-        return self.storage.get(index).update({"index": index, **info})
+        batch = self.storage.get(index)
+        for name, value in {"index": index, **info}.items():
+            batch[name] = value.view(num_rows, *(1,) * (batch.ndim - 1)).expand(batch.shape)
+        return batch
 
     def sample_steps(self, num_rows: int, num_steps: int = 1) -> TensorDict:
         """Sample transitions [num_rows] of up to `num_steps` steps (1..n_steps) uniformly.
 
         Raises RuntimeError while no transition can be sampled.
         """
-        return self.read_steps(self.sampler.sample_uniformly(self.storage, num_rows), num_steps)
+        return self.read_steps(
+            draw_uniformly(self.storage, num_rows, self.sampler.generator), num_steps
+        )
 
     def read_steps(self, index: torch.Tensor, num_steps: int = 1) -> TensorDict:
         """Read transitions of up to `num_steps` steps (1..n_steps) that start at slots `index`
@@ -97,13 +120,12 @@ class EpisodeReplayBuffer:
         return self.storage.get(index, num_steps).set("index", index)
 
     def update_priority(self, index: torch.Tensor, td_error: torch.Tensor, done: float) -> None:
-        """Update the priorities of slots `index` [N], and anneal, if the sampler is prioritised.
+        """Give the sampler the TD errors [N], of either sign, of slots `index` [N].
 
-        td_error: [N], of either sign. done: share of the run, 0..1.
+        done: share of the run, 0..1.
         """
-        if isinstance(self.sampler, PrioritizedSampler):
-            self.sampler.update_priority(index, td_error)
-            self.sampler.anneal(done)
+        self.sampler.update(index, td_error)
+        self.sampler.anneal(done)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the buffer to folder `path` and replace an older one.

@@ -17,6 +17,7 @@ from marl_cair.replay import MAX_FRACTION, MOST_STEPS, transition
 from marl_cair.replay.array_folder import load_arrays, require_layout, save_arrays
 from marl_cair.replay.buffer import EpisodeReplayBuffer
 from marl_cair.replay.sampler import draw_integers, restore_generator
+from marl_cair.replay.sequences import find_sequence_errors
 from marl_cair.replay.transition import EXPERIENCE_KEYS, STEPS_TO_NEXT_OBS, Key, TransitionSpec
 
 _STORED_KEYS: tuple[Key, ...] = (*EXPERIENCE_KEYS, STEPS_TO_NEXT_OBS)
@@ -185,10 +186,14 @@ class MixedReplay:
     def note_errors(self, batch: TensorDict, done: float) -> None:
         """Set the priorities of a batch's real rows from their TD errors.
 
-        batch: from `sample`, with "td_error" [batch_size]; done: share of the run, 0..1.
+        batch: from `sample`, with "td_error" [batch_size], or [N, T] of sequences; done: share of
+        the run, 0..1.
         """
-        real = ~batch["is_generated"].flatten()
-        self.real.update_priority(batch["index"][real], batch["td_error"][real], done)
+        index, errors = batch["index"], batch["td_error"]
+        if batch.ndim == 2:
+            index, errors = index[:, 0], find_sequence_errors(errors, batch["learned"])
+        real = index != transition.NO_INDEX
+        self.real.update_priority(index[real], errors[real], done)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write both rings to folder `path` and replace an older one; no pickle."""

@@ -1,4 +1,4 @@
-"""Compiled loops over the ring of steps: check and append rollouts, build n-step transitions.
+"""Compiled loops over the ring of steps: append rollouts, build transitions and sequences.
 
 Encoding of one entry's observation (a `row` of bytes) and of its action mask:
 
@@ -8,6 +8,13 @@ Encoding of one entry's observation (a `row` of bytes) and of its action mask:
 Entries lie in time order: entry number n (counted from the first one ever written) is in slot
 n % capacity. A step's successor is always written after it, so it is overwritten after it as well:
 from an entry that is still there every chain of successors leads to entries that are still there.
+
+A run is a chain of entries of one stream; it goes on through ends of episodes, whose tails are
+entries of it, until a step is not learned. Windows of K entries, of which the loss is, tile each
+run: window i is at its entries i * K .. i * K + K - 1. It is sampled by the slot of its start, B
+entries before it; window 0 starts at its first entry, if an episode begins there. It can be sampled
+when the entry after it has been written, or when its run has ended. Transitions are windows of
+K = 1, B = 0.
 """
 
 from typing import Any, NamedTuple
@@ -17,18 +24,19 @@ from numba import njit
 from numpy.typing import NDArray
 
 NO_ENTRY = -1
-NUM_WRITTEN, NUM_SAMPLEABLE = range(2)  # what `Ring.counters` counts
+NO_START, ZERO_STATE, FIRST = -3, -2, -1  # `state_row` of: no start, state 0, first of a run
+NUM_WRITTEN, NUM_SAMPLEABLE, NUM_STATES = range(3)  # what `Ring.counters` counts
 SOUND, UNIFORM_FAULT, ACTION_FAULT, LEGAL_FAULT, EXPERT_FAULT, MASK_FAULT, TAIL_FAULT = range(7)
 SAVED_FAULTS = (
     "",
-    "has a successor, but no action",
+    "can be sampled, but starts no sequence with this state",
     "has an action that its mask does not allow",
     "leads to an entry without a legal action, but is not terminated",
 )
 
 
 class Ring(NamedTuple):
-    """The stored steps; the first axis of all but `counters` is the slot."""
+    """The stored steps; the first axis is the slot, of the last three fields another."""
 
     rows: NDArray[np.uint8]  # [capacity, row_bytes]
     masks: NDArray[np.uint8]  # [capacity, mask_bytes]
@@ -39,8 +47,19 @@ class Ring(NamedTuple):
     expert_action: NDArray[np.int32]  # the demonstrator's, or NO_ENTRY
     opponent: NDArray[np.int16]
     successor: NDArray[np.int64]  # slot of the stream's next entry, or NO_ENTRY
-    sampleable: NDArray[np.bool_]  # has a successor; never true for a tail
-    counters: NDArray[np.int64]  # [2]: NUM_WRITTEN, NUM_SAMPLEABLE
+    state_row: NDArray[np.int32]  # row in `states` of a start, or NO_START, ZERO_STATE, FIRST
+    sampleable: NDArray[np.bool_]  # is the start of a window that can be sampled
+    counters: NDArray[np.int64]  # [3]: NUM_WRITTEN, NUM_SAMPLEABLE, NUM_STATES
+    states: NDArray[np.float32]  # [R, S] recurrent states before starts, the newest R
+    state_owner: NDArray[np.int64]  # [R] entry number of the start
+
+
+class Streams(NamedTuple):
+    """Where each of S streams is."""
+
+    open_ends: NDArray[np.int64]  # [S] entry number of the run's newest entry, or NO_ENTRY
+    positions: NDArray[np.int64]  # [S] its place in the run, from 0
+    starts: NDArray[np.int64]  # [S, 2] entry numbers of the starts of windows i, at i % 2
 
 
 class Steps(NamedTuple):
@@ -55,6 +74,7 @@ class Steps(NamedTuple):
     learned: NDArray[np.bool_]  # [T * S]
     expert_action: NDArray[np.int64]  # [T * S]
     opponent: NDArray[np.int16]  # [T * S]
+    state: NDArray[np.float32]  # [T * S, state size]
     final_row: NDArray[np.int64]  # [T * S] row in the two fields below, or NO_ENTRY
     final_observation: NDArray[np.uint8]  # [K, C * H * W * itemsize]
     final_action_mask: NDArray[np.bool_]  # [K, A]
@@ -125,23 +145,24 @@ def has_uniform_planes(observation: Any, board_bytes: int, num_cells: int) -> bo
 
 @njit(cache=True, nogil=True)
 def append_steps(
-    ring: Ring, steps: Steps, open_ends: Any, slots: Any, board_bytes: int, num_cells: int
+    ring: Ring, steps: Steps, streams: Streams, slots: Any, window: Any, sizes: Any
 ) -> None:
-    """Write the learned steps into the ring and link each to its stream's step before.
+    """Write the learned steps into the ring and link each to its stream's entry before.
 
-    open_ends [S] int64: entry number of the newest step of each running stream, or NO_ENTRY;
-    updated. slots [T * S] int64: filled with the slot of each step, NO_ENTRY where not learned.
+    streams: updated. slots [T * S] int64: filled with the slot of each step, NO_ENTRY where not
+    learned. window: (K, B), sizes: (board_bytes, num_cells).
     """
-    num_streams = open_ends.shape[0]
+    num_streams = streams.open_ends.shape[0]
+    no_state = np.zeros(ring.states.shape[1], np.float32)
     for k in range(steps.action.shape[0]):
         stream = k % num_streams
         slots[k] = NO_ENTRY
         if not steps.learned[k]:
-            open_ends[stream] = NO_ENTRY  # a gap: later steps do not follow it
+            end_run(ring, streams, stream, window[0])  # a gap: later steps do not follow it
             continue
-        number = ring.counters[NUM_WRITTEN]
-        slot = write_entry(ring, steps.observation[k], steps.action_mask[k], board_bytes, num_cells)
-        link_entries(ring, open_ends[stream], slot)
+        observation, mask = steps.observation[k], steps.action_mask[k]
+        slot = write_entry(ring, observation, mask, sizes[0], sizes[1])
+        place_entry(ring, streams, stream, steps.state[k], False, window)
         slots[k] = slot
         done = steps.terminated[k] or steps.truncated[k]
         ring.action[slot] = steps.action[k]
@@ -150,12 +171,11 @@ def append_steps(
         ring.opponent[slot] = steps.opponent[k]
         ring.terminated[slot] = steps.terminated[k]
         ring.done[slot] = done
-        open_ends[stream] = NO_ENTRY if done else number
         if done:
             row = steps.final_row[k]
             observation, mask = steps.final_observation[row], steps.final_action_mask[row]
-            tail = write_entry(ring, observation, mask, board_bytes, num_cells)
-            link_entries(ring, number, tail)
+            write_entry(ring, observation, mask, sizes[0], sizes[1])
+            place_entry(ring, streams, stream, no_state, True, window)
 
 
 @njit(cache=True, nogil=True)
@@ -175,6 +195,7 @@ def write_entry(
     ring.opponent[slot] = NO_ENTRY
     ring.terminated[slot] = False
     ring.done[slot] = False
+    ring.state_row[slot] = NO_START
     row = ring.rows[slot]
     for i in range(board_bytes):
         row[i] = observation[i]
@@ -185,15 +206,82 @@ def write_entry(
 
 
 @njit(cache=True, nogil=True)
-def link_entries(ring: Ring, number: int, successor: int) -> None:
-    """Make slot `successor`, the newest, follow entry `number` if that is still in the ring."""
-    capacity = ring.successor.shape[0]
-    if number == NO_ENTRY or number < ring.counters[NUM_WRITTEN] - capacity:
+def place_entry(
+    ring: Ring, streams: Streams, stream: int, state: Any, is_tail: bool, window: Any
+) -> None:
+    """Make the newest entry the next one of its stream's run, or the first of a new run.
+
+    state: float32 [S], recurrent, before the entry; of tails 0: their episode is over.
+    """
+    length, burn_in = window
+    number = ring.counters[NUM_WRITTEN] - 1
+    before, starts = streams.open_ends[stream], streams.starts[stream]
+    streams.open_ends[stream] = number
+    position = 0 if before == NO_ENTRY else streams.positions[stream] + 1
+    streams.positions[stream] = position
+    if position == 0:
+        starts[:] = NO_ENTRY
+    else:
+        if is_stored(ring, before):
+            ring.successor[before % ring.successor.shape[0]] = number % ring.successor.shape[0]
+        if position % length == 0:
+            open_window(ring, starts[(position // length - 1) % 2])
+    if position > 0 and (position + burn_in) % length != 0:
         return
-    slot = number % capacity
-    ring.successor[slot] = successor
+    is_zero = not state.any()
+    is_start = (position > 0 or is_zero) and not (is_tail and length == 1)
+    starts[(position + burn_in) // length % 2] = number if is_start else NO_ENTRY
+    if is_start:
+        write_state(ring, number, state, is_zero, position == 0)
+
+
+@njit(cache=True, nogil=True)
+def write_state(ring: Ring, number: int, state: Any, is_zero: bool, is_first: bool) -> None:
+    """Write the state of the start `number`, if it is not 0, over the oldest one."""
+    slot = number % ring.successor.shape[0]
+    if is_zero:
+        ring.state_row[slot] = FIRST if is_first else ZERO_STATE
+        return
+    row = ring.counters[NUM_STATES] % ring.states.shape[0]
+    if ring.counters[NUM_STATES] >= ring.states.shape[0] and is_stored(ring, ring.state_owner[row]):
+        last = ring.state_owner[row] % ring.successor.shape[0]
+        ring.counters[NUM_SAMPLEABLE] -= ring.sampleable[last]
+        ring.sampleable[last] = False
+    ring.counters[NUM_STATES] += 1
+    ring.states[row] = state
+    ring.state_owner[row] = number
+    ring.state_row[slot] = row
+
+
+@njit(cache=True, nogil=True)
+def open_window(ring: Ring, start: int) -> None:
+    """Let the window of entry number `start` be sampled, if that is still in the ring."""
+    if start == NO_ENTRY or not is_stored(ring, start):
+        return
+    slot = start % ring.successor.shape[0]
+    row = ring.state_row[slot]
+    if row == NO_START or (row >= 0 and ring.state_owner[row] != start):
+        return
     ring.sampleable[slot] = True
     ring.counters[NUM_SAMPLEABLE] += 1
+
+
+@njit(cache=True, nogil=True)
+def end_run(ring: Ring, streams: Streams, stream: int, length: int) -> None:
+    """Let the last window be sampled if one of its steps is sure to have a successor."""
+    position, last = streams.positions[stream], streams.open_ends[stream]
+    streams.open_ends[stream] = NO_ENTRY
+    if last == NO_ENTRY:
+        return
+    is_tail = ring.action[last % ring.successor.shape[0]] == NO_ENTRY
+    if position % length > (0 if is_tail else 1):
+        open_window(ring, streams.starts[stream, position // length % 2])
+
+
+@njit(cache=True, nogil=True)
+def is_stored(ring: Ring, number: int) -> bool:
+    """Whether entry `number` has not been overwritten."""
+    return bool(number >= ring.counters[NUM_WRITTEN] - ring.successor.shape[0])
 
 
 @njit(cache=True, nogil=True)
@@ -269,10 +357,13 @@ def find_saved_fault(ring: Ring, size: int) -> tuple[int, int]:
     The range of each field is checked before (`EpisodeStorage.load`).
     """
     for slot in range(size):
-        following = ring.successor[slot]
-        if ring.action[slot] == NO_ENTRY:
-            if following != NO_ENTRY:
+        following, row = ring.successor[slot], ring.state_row[slot]
+        if ring.sampleable[slot]:
+            if following == NO_ENTRY or row == NO_START:
                 return slot, 1
+            if row >= 0 and ring.state_owner[row] % ring.successor.shape[0] != slot:
+                return slot, 1
+        if ring.action[slot] == NO_ENTRY:
             continue
         masks = ring.masks[slot]
         if not has_bit(masks, ring.action[slot]):

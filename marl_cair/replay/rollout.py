@@ -24,7 +24,8 @@ class Rollout:
     [T, S], of the step; terminated, truncated bool [T, S] (both: terminated counts); learned bool
     [T, S]: steps to store, a stream that pauses without an end is not linked over the gap;
     expert_action int64 [T, S], the demonstrator's action or NO_ACTION; opponent int16 [T, S],
-    number of the opponent or NO_OPPONENT.
+    number of the opponent or NO_OPPONENT. state float32 [T, S, size], the recurrent state before
+    the step, 0 when an episode begins; size 0: None.
     final_step int64 [K]: t * S + s of K terminated or truncated steps, each once;
     final_observation [K, *shape]; final_action_mask bool [K, A], which may be all false after a
     terminated step. Rows of steps that are not learned are skipped.
@@ -42,6 +43,7 @@ class Rollout:
     final_step: torch.Tensor
     final_observation: torch.Tensor
     final_action_mask: torch.Tensor
+    state: torch.Tensor | None = None
 
     @property
     def num_streams(self) -> int:
@@ -61,13 +63,15 @@ def check_rollout(rollout: Rollout, spec: TransitionSpec) -> ring.Steps:
     for name in ring.Steps._fields:
         if name == "final_row":
             continue
-        value: torch.Tensor = getattr(rollout, name)
+        value = _get_field(rollout, name)
         num_rows = len(rollout.final_step) if name.startswith("final") else rollout.action.numel()
         shape: tuple[int, ...] = (num_rows,)
         if name.endswith("observation"):
             shape = (num_rows, math.prod(spec.observation_shape))
         elif name.endswith("action_mask"):
             shape = (num_rows, spec.num_actions)
+        elif name == "state":
+            shape = (num_rows, spec.state_size)
         # Contiguous: numba would compile again for every other memory layout.
         array = np.ascontiguousarray(value.detach().reshape(shape).numpy())
         arrays[name] = array.view(np.uint8) if name.endswith("observation") else array
@@ -82,7 +86,7 @@ def check_rollout(rollout: Rollout, spec: TransitionSpec) -> ring.Steps:
 def _check_fields(rollout: Rollout, spec: TransitionSpec) -> None:
     if rollout.action.ndim != 2 or rollout.action.shape[1] == 0:
         raise ValueError(f"rollout.action has shape {list(rollout.action.shape)}, expected [T, S]")
-    others = {"reward": torch.float32, "opponent": torch.int16}
+    others = {"reward": torch.float32, "opponent": torch.int16, "state": torch.float32}
     others |= dict.fromkeys(("terminated", "truncated", "learned"), torch.bool)
     for field in fields(rollout):
         name = field.name
@@ -94,7 +98,14 @@ def _check_fields(rollout: Rollout, spec: TransitionSpec) -> None:
             dtype, shape = spec.observation_dtype, shape + spec.observation_shape
         elif name.endswith("action_mask"):
             dtype, shape = torch.bool, (*shape, spec.num_actions)
-        check_tensor(f"rollout.{name}", getattr(rollout, name), dtype, shape)
+        elif name == "state":
+            shape = (*shape, spec.state_size)
+        check_tensor(f"rollout.{name}", _get_field(rollout, name), dtype, shape)
+
+
+def _get_field(rollout: Rollout, name: str) -> torch.Tensor:
+    value: torch.Tensor | None = getattr(rollout, name)
+    return torch.zeros(*rollout.action.shape, 0) if value is None else value
 
 
 def _place_final_rows(rollout: Rollout) -> NDArray[np.int64]:

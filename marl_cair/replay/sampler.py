@@ -4,6 +4,7 @@ TorchRL's RandomSampler cannot leave entries out and does not save its generator
 PrioritizedSampler needs a compiled extension that its wheels lack with this version of torch.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,57 +20,57 @@ from marl_cair.replay.storage import EpisodeStorage
 _LIST_BELOW = 0.5  # share of sampleable entries below which listing them is faster than rejecting
 _PRIORITY = Range(0.0, 1e100, float)  # their sum is finite
 _FACTS = {"highest": Range(1e-100, 1e100, float), "num_known": COUNT, "beta": SCORE}
-_LEAST_ERROR = 1e-3  # added to each TD error: every step can be sampled
+_LEAST_ERROR = 1e-3  # added to each TD error: every start can be sampled
 
 
-class UniformSampler:
-    """Samples slots of an EpisodeStorage with replacement, from its own seeded generator."""
+class Sampler(ABC):
+    """Chooses which stored transitions or sequences are learned from, by its seeded generator."""
 
     def __init__(self, seed: int) -> None:
-        self._generator = torch.Generator().manual_seed(seed)
+        self.generator = torch.Generator().manual_seed(seed)
 
+    @abstractmethod
     def sample(
         self, storage: EpisodeStorage, batch_size: int
-    ) -> tuple[torch.Tensor, dict[str, Any]]:
-        """Return slots int64 [batch_size], and further fields of the rows (none).
+    ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        """Return slots int64 [batch_size], and further fields of the batch, [batch_size] each.
 
         Raises RuntimeError while nothing can be sampled.
         """
-        return self.sample_uniformly(storage, batch_size), {}
 
-    def sample_uniformly(self, storage: EpisodeStorage, num_rows: int) -> torch.Tensor:
-        """Return slots int64 [num_rows], uniform also if the sampler has priorities.
+    def update(self, index: torch.Tensor, td_error: torch.Tensor) -> None:  # noqa: B027
+        """Note the TD errors [N], of either sign, of the slots `index` int64 [N]."""
 
-        Raises RuntimeError while nothing can be sampled.
-        """
-        require_sampleable(storage)
-        if storage.num_sampleable < _LIST_BELOW * len(storage):
-            slots = storage.sampleable_slots()
-            return slots[draw_integers(len(slots), num_rows, self._generator)]
-        index = draw_integers(len(storage), num_rows, self._generator)
-        rejected = ~storage.is_sampleable(index)
-        while rejected.any():
-            index[rejected] = draw_integers(len(storage), int(rejected.sum()), self._generator)
-            rejected = ~storage.is_sampleable(index)
-        return index
+    def anneal(self, done: float) -> None:  # noqa: B027
+        """Follow the share `done` of the run, 0..1."""
 
-    def check_storage(self, storage: EpisodeStorage) -> None:
-        """Check a loaded state against the storage; uniform sampling depends on none."""
+    def check_storage(self, storage: EpisodeStorage) -> None:  # noqa: B027
+        """Raise ValueError unless the loaded state belongs to the loaded storage."""
 
     def save(self, path: Path) -> None:
         """Write the state to a new folder."""
-        save_arrays(path, {"generator": self._generator.get_state().numpy()}, {})
+        save_arrays(path, {"generator": self.generator.get_state().numpy()}, {})
 
     def load(self, path: Path) -> None:
-        """Read a folder that `save` wrote."""
-        restore_generator(self._generator, load_arrays(path)[0])
+        """Read a folder that `save` wrote. Raises ValueError for an invalid state."""
+        restore_generator(self.generator, load_arrays(path)[0])
 
 
-class PrioritizedSampler(UniformSampler):
+class UniformSampler(Sampler):
+    """Samples all slots with the same chance, with replacement."""
+
+    def sample(
+        self, storage: EpisodeStorage, batch_size: int
+    ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        """Return slots int64 [batch_size], and no further fields."""
+        return draw_uniformly(storage, batch_size, self.generator), {}
+
+
+class PrioritizedSampler(Sampler):
     """Samples slots of an EpisodeStorage in proportion to (|TD error| + 0.001)^alpha.
 
-    Steps that were never sampled have the highest priority so far. A batch of n takes one draw from
-    each n-th of the sum. The weight of a row in the loss is (steps * probability)^-beta, divided by
+    Starts that were never sampled have the highest priority so far. A batch of n takes one draw
+    from each n-th of the sum. The weight in the loss is (starts * probability)^-beta, divided by
     the largest of the batch: beta = 1 removes the sampling bias.
 
     capacity: entries of the storage. alpha: 0 samples uniformly, 1 in proportion to the error.
@@ -101,11 +102,8 @@ class PrioritizedSampler(UniformSampler):
 
     def sample(
         self, storage: EpisodeStorage, batch_size: int
-    ) -> tuple[torch.Tensor, dict[str, Any]]:
-        """Return slots int64 [batch_size] and their "priority_weight", float32 [batch_size].
-
-        Raises RuntimeError while nothing can be sampled.
-        """
+    ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        """Return slots int64 [batch_size] and their "priority_weight", float32 [batch_size]."""
         require_sampleable(storage)
         self._add_new_entries(storage)
         total = self._sums[1]
@@ -121,7 +119,7 @@ class PrioritizedSampler(UniformSampler):
         weights = torch.from_numpy((weights / weights.max()).astype(np.float32))
         return torch.from_numpy(slots), {"priority_weight": weights}
 
-    def update_priority(self, index: torch.Tensor, td_error: torch.Tensor) -> None:
+    def update(self, index: torch.Tensor, td_error: torch.Tensor) -> None:
         """Set priorities from the TD errors [N], of either sign, of the slots `index` int64 [N]."""
         errors = td_error.detach().abs().double().cpu().numpy()
         priorities = (np.where(np.isfinite(errors), errors, 0.0) + _LEAST_ERROR) ** self.alpha
@@ -132,12 +130,12 @@ class PrioritizedSampler(UniformSampler):
         """Give entries written since the last batch their first priority."""
         first = max(self._num_known, storage.num_written - self._capacity)
         slots = np.arange(first, storage.num_written) % self._capacity
-        is_step = storage.is_step(torch.from_numpy(slots)).numpy()
-        set_priorities(self._sums, slots, np.where(is_step, self._highest, 0.0))
+        is_start = storage.is_start(torch.from_numpy(slots)).numpy()
+        set_priorities(self._sums, slots, np.where(is_start, self._highest, 0.0))
         self._num_known = storage.num_written
 
     def _draw(self, number: int) -> Any:
-        return torch.rand(number, generator=self._generator, dtype=torch.float64).numpy()
+        return torch.rand(number, generator=self.generator, dtype=torch.float64).numpy()
 
     def save(self, path: Path) -> None:
         super().save(path / "uniform")
@@ -157,14 +155,14 @@ class PrioritizedSampler(UniformSampler):
         self.beta = float(read["beta"])
 
     def check_storage(self, storage: EpisodeStorage) -> None:
-        """Raise ValueError unless exactly the known steps have priorities above 0: sampling could
+        """Raise ValueError unless exactly the known starts have priorities above 0: sampling could
         loop forever.
         """
         known = np.arange(max(0, storage.num_written - self._capacity), self._num_known)
         slots = known % self._capacity
-        is_step = storage.is_step(torch.from_numpy(slots)).numpy()
+        is_start = storage.is_start(torch.from_numpy(slots)).numpy()
         has_priority = self._sums[self._num_leaves + slots] > 0.0
-        if self._num_known > storage.num_written or (has_priority != is_step).any():
+        if self._num_known > storage.num_written or (has_priority != is_start).any():
             raise ValueError("the saved priorities are not those of the saved replay")
 
 
@@ -201,6 +199,25 @@ def find_slots(sums: Any, places: Any) -> Any:
     return slots
 
 
+def draw_uniformly(
+    storage: EpisodeStorage, num_rows: int, generator: torch.Generator
+) -> torch.Tensor:
+    """Draw slots int64 [num_rows] that can be sampled, each with the same chance.
+
+    Raises RuntimeError while nothing can be sampled.
+    """
+    require_sampleable(storage)
+    if storage.num_sampleable < _LIST_BELOW * len(storage):
+        slots = storage.sampleable_slots()
+        return slots[draw_integers(len(slots), num_rows, generator)]
+    index = draw_integers(len(storage), num_rows, generator)
+    rejected = ~storage.is_sampleable(index)
+    while rejected.any():
+        index[rejected] = draw_integers(len(storage), int(rejected.sum()), generator)
+        rejected = ~storage.is_sampleable(index)
+    return index
+
+
 def restore_generator(generator: torch.Generator, saved: Mapping[str, Any]) -> None:
     """Continue from the state `generator` of `saved`. Raises ValueError for an invalid state."""
     own = generator.get_state().numpy()
@@ -216,7 +233,7 @@ def require_sampleable(storage: EpisodeStorage) -> None:
     if storage.num_sampleable == 0:
         raise RuntimeError(
             f"no transition to sample yet: the replay holds {len(storage)} entries, none of "
-            "which has a next observation; append more steps first"
+            "which has a next observation (or ends a sequence); append more steps first"
         )
 
 

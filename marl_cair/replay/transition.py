@@ -47,6 +47,7 @@ class TransitionSpec:
     num_actions: A.
     num_uniform: how many of the last planes are constant over the board (uint8 only).
     observation_dtype: dtype of the observation as the game gives it.
+    state_size: numbers of the recurrent state before a step.
     Raises ValueError for sizes out of range.
     """
 
@@ -54,6 +55,7 @@ class TransitionSpec:
     num_actions: int
     num_uniform: int = 0
     observation_dtype: torch.dtype = torch.uint8
+    state_size: int = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "observation_shape", tuple(int(n) for n in self.observation_shape))

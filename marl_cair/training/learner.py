@@ -19,8 +19,6 @@ from marl_cair.training.losses import Loss, measure_errors
 from marl_cair.training.settings.config import DemonstrationSettings
 from marl_cair.training.settings.learner import AVERAGED, LOSSES, LearnerSettings
 
-# Warm-up of the averaged weights: after n updates they average over at most about n / 10.
-_AVERAGE_WARMUP = 10
 _OPTIMIZERS: dict[str, Callable[..., torch.optim.Optimizer]] = {
     "adam": torch.optim.Adam,
     "radam": torch.optim.RAdam,
@@ -119,15 +117,14 @@ class Learner:
                 torch._foreach_lerp_(self._targets, self._parameters, settings.target_tau)
             elif self.updates % settings.target_every_updates == 0:
                 torch._foreach_copy_(self._targets, self._parameters)
-        warm = (1 + self.updates) / (_AVERAGE_WARMUP + self.updates)
-        share = 1.0 - min(settings.average_decay, warm)
-        torch._foreach_lerp_(self._averaged, self._parameters, share)
+        torch._foreach_lerp_(self._averaged, self._parameters, 1.0 - settings.average_decay)
 
     def _find_margin_loss(self, batch: TensorDict, values: Tensor) -> Tensor:
-        """Mean over the batch of max over legal a of (Q(s, a) + margin where a is not the expert's
-        action) - Q(s, the expert's action), 0 for rows without an expert's action.
+        """Mean over the learned steps of max over legal a of (Q(s, a) + margin where a is not the
+        expert's action) - Q(s, the expert's action), 0 for steps without an expert's action.
         """
-        shown = batch["expert_action"] != NO_ACTION
+        learned = _find_learned(batch)
+        shown = learned & (batch["expert_action"] != NO_ACTION)
         if not shown.any():
             return torch.zeros(())
         action, values = batch["expert_action"][shown, None], values[shown]
@@ -135,12 +132,12 @@ class Learner:
         rivals = (values + self.demonstration.margin).scatter(1, action, wanted)
         legal = batch["action_mask"][shown]
         best = rivals.masked_fill(~legal, -torch.inf).amax(1, keepdim=True)
-        loss: Tensor = (best - wanted).sum() / len(shown)
+        loss: Tensor = (best - wanted).sum() / learned.sum()
         return loss
 
     def _split(self, batch: TensorDict) -> dict[str, Tensor | float]:
         """Mean loss and TD error of real and of generated rows, apart."""
-        learned = batch.get("learned", torch.ones(batch.shape, dtype=torch.bool))
+        learned = _find_learned(batch)
         error = batch["td_error"].abs()[learned]
         loss = measure_errors(error, torch.zeros_like(error), self.settings.loss)
         generated = batch["is_generated"].view(batch.shape)[learned]
@@ -179,6 +176,12 @@ class Learner:
         self.updates = read_number(state, "updates", COUNT)
         if "noise" in state:  # missing in states of version 0.1
             self.noise.set_state(state["noise"])
+
+
+def _find_learned(batch: TensorDict) -> Tensor:
+    """Steps of `batch` [...] that are learned, bool [...]: all but for "learned" of sequences."""
+    learned: Tensor = batch.get("learned", torch.ones(batch.shape, dtype=torch.bool))
+    return learned
 
 
 def _read_old_networks(

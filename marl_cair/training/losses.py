@@ -13,6 +13,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from marl_cair.policies.q_network import QNetwork
+from marl_cair.training.sequence_returns import count_burn_in, find_step_returns, unroll_after
 from marl_cair.training.settings.learner import LearnerSettings
 
 
@@ -29,6 +30,7 @@ class Loss(ABC):
 
     LEARNS_FROM_REPLAY: ClassVar[bool]  # from sampled transitions, else from the newest steps
     HAS_TARGET_NETWORK: ClassVar[bool]
+    READS_SEQUENCES: ClassVar[bool] = False  # whether it can train networks with memory
 
     def __init__(self, settings: LearnerSettings) -> None:
         self.settings = settings
@@ -36,7 +38,8 @@ class Loss(ABC):
     @abstractmethod
     def __call__(self, network: QNetwork, target: QNetwork, batch: TensorDict) -> LossResult:
         """batch: TensorDict [N], of transitions with the keys of replay/transition.py, or of steps
-        as `newest_steps.make_rows` makes them. target: `network` itself if there is none.
+        as `newest_steps.make_rows` makes them; for networks with memory [N, T], of sequences
+        (replay/sequences.py). target: `network` itself if there is none.
         """
 
 
@@ -47,15 +50,21 @@ class DqnLoss(Loss):
     rewards; a' is the best legal action by the online network (double Q-learning, van Hasselt et
     al. 2016), or with `learner.double=false` by the target network. TorchRL's `DQNLoss` computes
     the same numbers, but gives neither Q(s, .) nor signed TD errors.
+
+    Networks with memory learn from sequences: both networks begin with the stored state and read
+    the burn-in steps first (R2D2, Kapturowski et al. 2019).
     """
 
     LEARNS_FROM_REPLAY: ClassVar[bool] = True
     HAS_TARGET_NETWORK: ClassVar[bool] = True
+    READS_SEQUENCES: ClassVar[bool] = True
 
     def __call__(self, network: QNetwork, target: QNetwork, batch: TensorDict) -> LossResult:
         """batch: TensorDict [N] with the keys of replay/transition.py; "priority_weight" float32
-        [N], if there, weighs the rows.
+        [N], if there, weighs the rows. For networks with memory [N, T], as `read_sequences`.
         """
+        if network.state_size:
+            return self._learn_sequences(network, target, batch)
         following = batch["next"]
         with torch.no_grad():
             seen, mask = following["observation"], following["action_mask"]
@@ -66,6 +75,21 @@ class DqnLoss(Loss):
             wanted = find_targets(batch, ahead, self.settings.gamma)
         return compare(network(batch["observation"]), batch, wanted, self.settings.loss)
 
+    def _learn_sequences(
+        self, network: QNetwork, target: QNetwork, batch: TensorDict
+    ) -> LossResult:
+        settings, burn_in = self.settings, count_burn_in(batch)
+        part, values = batch[:, burn_in:], unroll_after(burn_in, network, batch)
+        with torch.no_grad():
+            rated = unroll_after(burn_in, target, batch)
+            chooser = values if settings.double else rated
+            action = mask_values(chooser, part["action_mask"]).argmax(-1, keepdim=True)
+            value = rated.gather(-1, action).squeeze(-1)
+            wanted = find_step_returns(part, value, settings.gamma, settings.n_steps)
+        loss, td_error, _ = compare(values, part, wanted, settings.loss)
+        pad = functional.pad
+        return LossResult(loss, pad(td_error, (burn_in, 0)), pad(values, (0, 0, burn_in, 0)))
+
 
 class QuantileLoss(DqnLoss):
     """Quantile regression of the distribution of returns (Dabney et al. 2018), with the head
@@ -75,6 +99,8 @@ class QuantileLoss(DqnLoss):
     place of the value, a' the best legal action by means. Their loss is `measure_quantiles`, and
     the TD error is that of the means.
     """
+
+    READS_SEQUENCES: ClassVar[bool] = False
 
     def __call__(self, network: QNetwork, target: QNetwork, batch: TensorDict) -> LossResult:
         """batch: as `DqnLoss`. Raises ValueError for networks with another head."""
@@ -101,6 +127,7 @@ class PqnLoss(Loss):
 
     LEARNS_FROM_REPLAY: ClassVar[bool] = False
     HAS_TARGET_NETWORK: ClassVar[bool] = False
+    READS_SEQUENCES: ClassVar[bool] = True
 
     def __call__(self, network: QNetwork, target: QNetwork, batch: TensorDict) -> LossResult:
         """batch: TensorDict [N] with "observation", "action" and "target"; for networks with memory
@@ -108,9 +135,7 @@ class PqnLoss(Loss):
         `target` is not used.
         """
         if network.state_size:
-            sequence, starts = batch["observation"].transpose(0, 1), batch["starts"].T
-            values, _ = network.unroll(sequence, batch["state"][:, 0], starts)
-            values = values.transpose(0, 1)
+            values = unroll_after(0, network, batch)
         else:
             values = network(batch["observation"])
         return compare(values, batch, batch["target"], self.settings.loss)

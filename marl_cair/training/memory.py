@@ -57,12 +57,18 @@ def require_memory_of_learning(
     """Raise NotEnoughMemoryError for too large replay buffers, batches or networks."""
     in_ring = rows.mask_bytes + _ENTRY_BYTES
     in_ring += rows.row_bytes if config.replay.scratch_dir is None else 0
+    replay = config.replay
+    repeats = 1.0  # times that a batch holds each learned step
+    if rows.state_size:
+        starts = replay.sequence_steps - replay.burn_in_steps  # entries for each, at least
+        in_ring += -(-4 * rows.state_size // starts)
+        repeats += (replay.burn_in_steps + 1) / replay.sequence_steps
     whole = 2 * (_observation_bytes(seen) + rows.num_actions) + _ENTRY_BYTES
     for name, num_bytes in (
         ("replay.capacity_transitions", in_ring),
         ("replay.generated_capacity_transitions", whole),
         ("nfsp.capacity_rows", rows.row_bytes + rows.mask_bytes),
-        ("learner.batch_size", 4 * whole),
+        ("learner.batch_size", int(4 * whole * repeats)),
         ("nfsp.batch_size", 4 * whole),
         ("generator.batch_size", 4 * whole),
         ("generator.rows_per_refill", whole),

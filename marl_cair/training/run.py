@@ -145,11 +145,14 @@ class TrainingRun:
 
     def _make_replay(self) -> None:
         config, seen = self.config, self.seen
+        replay, learner = config.replay, config.learner
         dtype = torch.uint8 if seen.dtype is np.uint8 else torch.float32
-        spec = TransitionSpec(seen.shape, self.spec.num_actions, seen.num_uniform, dtype)
+        state_size = self.policy.resolve_state_size() if learner.learns_from_replay else 0
+        spec = TransitionSpec(
+            seen.shape, self.spec.num_actions, seen.num_uniform, dtype, state_size
+        )
         self.transition_spec = spec
         memory.require_memory_of_learning(config, self.policy, seen, spec)
-        replay, learner = config.replay, config.learner
         settings = ReplayConfig(
             capacity_transitions=replay.capacity_transitions,
             batch_size=learner.batch_size,
@@ -159,6 +162,8 @@ class TrainingRun:
             priority_alpha=replay.priority_alpha,
             priority_beta=replay.priority_beta,
             seed=self._seeds[1],
+            sequence_steps=replay.sequence_steps if state_size else 1,
+            burn_in_steps=replay.burn_in_steps if state_size else 0,
         )
         real = make_replay_buffer(settings, spec)
         generated = GeneratedReplay(spec, replay.generated_capacity_transitions, self._seeds[2])

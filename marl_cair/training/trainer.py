@@ -168,8 +168,7 @@ def _learn(run: TrainingRun, before: int, data: TensorDictBase) -> None:
     for _ in range(_count_due(before, run.frames, settings.frames_per_update)):
         batch = run.replay.sample()
         _update(run, batch, done)
-        if run.config.replay.priority_alpha:
-            run.replay.note_errors(batch, done)
+        run.replay.note_errors(batch, done)
 
 
 def _update(run: TrainingRun, batch: TensorDict, done: float) -> None:

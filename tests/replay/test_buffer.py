@@ -157,7 +157,8 @@ def saved(tmp_path):
     ring.action[:count], ring.expert_action[:count] = 1, -1
     ring.successor[:count] = [*range(1, count), -1]
     ring.sampleable[: count - 1] = True
-    ring.counters[:] = count, count - 1
+    ring.state_row[:count] = -1
+    ring.counters[:2] = count, count - 1
     buffer.sample(4)
     buffer.save(tmp_path / "replay")
     forget_checksums(tmp_path)
@@ -173,7 +174,7 @@ def saved(tmp_path):
         ("storage/successor", 10**12, r"successor holds .*, it must be in -1..19"),
         ("storage/successor", -2, "successor holds"),
         ("storage/action", 5, r"action holds 1..5, it must be in -1..4"),
-        ("storage/action", -1, "has a successor, but no action"),
+        ("storage/action", -1, "are not those of the saved replay"),
         ("storage/expert_action", 7, "expert_action holds"),
         ("storage/reward", np.nan, "reward holds nan"),
         ("storage/reward", np.inf, "reward holds"),

@@ -92,7 +92,7 @@ def test_rollouts_that_are_views_of_world_first_tensors_are_stored_alike():
     turned = {
         name: value.transpose(0, 1).contiguous().transpose(0, 1)
         for name, value in vars(rollout).items()
-        if not name.startswith("final")
+        if value is not None and not name.startswith("final")
     }
     plain, viewed = EpisodeStorage(SMALL, 20), EpisodeStorage(SMALL, 20)
     plain.append(rollout)

@@ -83,7 +83,7 @@ def set_random_errors(sampler: PrioritizedSampler, storage: EpisodeStorage) -> n
     sampler.sample(storage, 1)  # adds the stored entries
     errors = np.random.default_rng(3).exponential(size=CAPACITY).astype(np.float32)
     steps = storage.sampleable_slots()
-    sampler.update_priority(steps, torch.from_numpy(errors)[steps])
+    sampler.update(steps, torch.from_numpy(errors)[steps])
     priorities = np.zeros(CAPACITY)
     priorities[steps] = (errors[steps].astype(np.float64) + 1e-3) ** sampler.alpha
     return priorities
@@ -125,7 +125,7 @@ def test_new_steps_have_the_highest_priority_and_overwritten_ones_none():
     storage = fill_storage(1)
     sampler = PrioritizedSampler(5, CAPACITY, alpha=1.0)
     first = sampler.sample(storage, 1)[0]
-    sampler.update_priority(first, torch.tensor([-8.0]))  # of either sign
+    sampler.update(first, torch.tensor([-8.0]))  # of either sign
     rng = np.random.default_rng(4)
     written = storage.append(make_rollout(rng, 4, 3, end_rate=0.5, learned_rate=1.1))
     sampler.sample(storage, 1)
@@ -134,9 +134,9 @@ def test_new_steps_have_the_highest_priority_and_overwritten_ones_none():
         storage.append(make_rollout(rng, 5, 3, end_rate=0.3))
         slots = sampler.sample(storage, 30)[0]
         assert storage.is_sampleable(slots).all()
-        sampler.update_priority(slots, torch.zeros(len(slots)))
-        is_step = storage.is_step(torch.arange(len(storage))).numpy()
-        assert ((sampler.priorities[: len(storage)] > 0) == is_step).all()
+        sampler.update(slots, torch.zeros(len(slots)))
+        is_start = storage.is_start(torch.arange(len(storage))).numpy()
+        assert ((sampler.priorities[: len(storage)] > 0) == is_start).all()
         assert sampler._sums[1] == pytest.approx(sampler.priorities.sum())
 
 
@@ -158,7 +158,7 @@ def test_errors_that_are_not_finite_count_as_0():
     storage = fill_storage()
     sampler = PrioritizedSampler(5, CAPACITY)
     slots = sampler.sample(storage, 4)[0]
-    sampler.update_priority(slots, torch.tensor([float("nan"), float("inf"), 1.0, -1.0]))
+    sampler.update(slots, torch.tensor([float("nan"), float("inf"), 1.0, -1.0]))
     assert torch.isfinite(sampler.sample(storage, 50)[1]["priority_weight"]).all()
     assert np.isfinite(sampler._sums).all()
 

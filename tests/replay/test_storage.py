@@ -147,9 +147,9 @@ def test_a_slot_that_starts_no_transition_is_refused(slot):
         storage.get(torch.tensor([0, slot]))
 
 
-def test_a_step_of_deep_line_wars_takes_2759_bytes():
+def test_a_step_of_deep_line_wars_takes_2763_bytes():
     storage = EpisodeStorage(TransitionSpec((28, 10, 15), 185, num_uniform=10), 1000)
-    assert storage.nbytes_per_step == 18 * 150 + 10 + 24 + 4 + 4 + 1 + 1 + 4 + 2 + 8 + 1 == 2759
+    assert storage.nbytes_per_step == 18 * 150 + 10 + 24 + 4 + 4 + 1 + 1 + 4 + 2 + 8 + 4 + 1 == 2763
 
 
 def test_a_ring_on_disk_equals_one_in_memory_and_leaves_no_file(tmp_path: Path):

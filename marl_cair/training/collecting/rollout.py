@@ -16,6 +16,7 @@ def make_rollout(data: TensorDictBase, reward_scale: float) -> Rollout:
     """
     group, following = data[GROUP], data["next", GROUP]
     names = ("observation", "action_mask", "action", "learned", "expert_action", "opponent")
+    state = group.get("state", None)
     steps = {name: by_time(group[name]) for name in names}
     terminated = by_time(following["terminated"]).squeeze(-1)
     truncated = by_time(following["truncated"]).squeeze(-1) & ~terminated
@@ -32,6 +33,7 @@ def make_rollout(data: TensorDictBase, reward_scale: float) -> Rollout:
         final_step=final_step,
         final_observation=following["observation"][final],
         final_action_mask=following["action_mask"][final],
+        state=None if state is None else by_time(state),
     )
 
 

@@ -51,6 +51,7 @@ NO_GENERATOR = "none"
 ENDLESS_FRAMES = 10**9  # as total_frames: the clock ends the run
 _Margin = Annotated[float, Allowed(lambda x: 0 <= x < 0.5, "0 or more, below 0.5, or null")]
 _Fraction = Annotated[float, Allowed(lambda x: 0 <= x <= MAX_FRACTION, f"0..{MAX_FRACTION}")]
+_SequenceSteps = Annotated[int, Allowed(lambda n: n >= 2, "2 or more")]
 _Score = Annotated[float, Allowed(math.isfinite, "a number or null")]
 
 
@@ -208,9 +209,14 @@ class ReplaySettings:
     scratch_dir: str | None = None  # observations on disk in this folder; None: in memory
     priority_alpha: Share = 0.0  # how strongly TD errors decide what is sampled; 0: uniformly
     priority_beta: Share = 0.4  # how far weights correct for that at first; fully at total_frames
+    sequence_steps: _SequenceSteps = 16  # learned steps of a sequence, for networks with memory
+    burn_in_steps: Natural = 8  # of a sequence before them, which only move its stored state on
 
     def __post_init__(self) -> None:
         check_fields(self, "replay.")
+        steps, burn_in = self.sequence_steps, self.burn_in_steps
+        allowed = f"below replay.sequence_steps, which is {steps}"
+        require(burn_in < steps, "replay.burn_in_steps", burn_in, allowed)
         capacity, least = self.capacity_transitions, self.min_transitions
         require(capacity >= least, "replay.capacity_transitions", capacity, f"{least} or more")
 
@@ -351,12 +357,31 @@ class TrainConfig:
             self._check_memory()
 
     def _check_memory(self) -> None:
-        if self.learner.learns_from_replay or self.generator.name != NO_GENERATOR:
-            raise ValueError(
-                f"policy.memory is {self.policy.memory!r}, but replay buffer and generator hold "
-                "single transitions and no sequences, from which a memory learns nothing: set "
-                "learner.algorithm=pqn generator=none, or policy.memory=none"
-            )
+        """Raise ValueError for parts that cannot train a network with memory."""
+        learner, replay = self.learner, self.replay
+        has_generator = self.generator.name != NO_GENERATOR
+        reads_steps = not LOSSES[learner.algorithm].READS_SEQUENCES
+        for is_refused, reason, instead in (
+            (has_generator, "generated transitions have no history", "generator=none"),
+            (self.nfsp.enabled, "NFSP's reservoir holds single steps", "nfsp.enabled=false"),
+            (reads_steps, "this loss reads single transitions", "learner.algorithm=dqn or pqn"),
+        ):
+            if is_refused:
+                raise ValueError(
+                    f"policy.memory is {self.policy.memory!r}, which learns from sequences of "
+                    f"steps, but {reason}: set {instead}, or policy.memory=none"
+                )
+        if not learner.learns_from_replay:
+            return
+        size, steps = learner.batch_size, replay.sequence_steps
+        allowed = f"a multiple of replay.sequence_steps, which is {steps}, with policy.memory"
+        require(size % steps == 0, "learner.batch_size", size, allowed)
+        # Entries of two sequences of each stream, as many of them tails as steps.
+        streams = self.collector.num_worlds * self.game.spec.num_players
+        least = 2 * streams * (steps + replay.burn_in_steps + 1)
+        allowed = f"{least} or more, for the sequences of {streams} seats (policy.memory)"
+        capacity = replay.capacity_transitions
+        require(capacity >= least, "replay.capacity_transitions", capacity, allowed)
 
     def _check_scenarios(self) -> None:
         """Raise ValueError for an evaluated scenario of other observations or actions."""

@@ -158,6 +158,12 @@ def train_others(
         def seed(self, seed: int) -> None:
             pass
 
+        def state_dict(self) -> dict[str, Any]:
+            return {}
+
+        def load_state_dict(self, state: dict[str, Any]) -> None:
+            pass
+
         def act(self, observation: Any, action_mask: Any) -> Any:
             flat = observation.reshape(len(observation), -1).astype(np.float32)
             masks = {"action_masks": action_mask} if method == "sb3_ppo" else {}

@@ -171,10 +171,10 @@ def test_td_errors_fall(tmp_path, memory, priority_alpha):
         return float(found.td_error.abs()[whole["learned"]].mean())
 
     before = measure()
-    for number in range(100):
+    for number in range(200):
         batch = run.replay.sample()
         learner.update(batch)
-        run.replay.note_errors(batch, number / 100)
+        run.replay.note_errors(batch, number / 200)
     assert measure() < 0.7 * before
 
 

@@ -9,6 +9,7 @@ from tqdm import tqdm
 
 from benchmarks._ladders import _space_out
 from benchmarks.coverage import Case, find_truth, measure
+from benchmarks.time_to_strength import Look, find_reached
 from marl_cair.cli import main
 from marl_cair.league.ratings import rate as ratings_module
 from marl_cair.training.population.league_examples import EXAMPLES, PSRO_EXAMPLES
@@ -62,6 +63,29 @@ def test_recipes_of_one_player_are_trained_rated_and_drawn(tmp_path):
     for row in (ended, extra):
         assert (row["recipe"], row["seed"], row["games"]) == ("deep_maze_9x9", "3", "8")
         assert float(row["low"]) <= float(row["value"]) <= float(row["high"])
+
+
+def test_the_time_to_strength_is_measured_once_and_drawn(tmp_path):
+    picture = tmp_path / "looks.png"
+    words = ["--tasks", "deep_line_wars", "--methods", "pqn", "--networks", "conv", "--seeds", "3"]
+    words += ["--seconds", "0.2", "--every", "0.1", "--games", "4", "--out", str(tmp_path)]
+    words += ["--picture", str(picture), "collector.num_worlds=16", "max_ticks=100"]
+    tables = [read_table("time_to_strength", "| task", words) for _ in range(2)]
+    assert tables[0] == tables[1]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    rows = read_rows(tmp_path / "looks.csv")
+    assert [float(row["seconds"]) for row in rows] == pytest.approx([0.1, 0.2])
+    assert len(tables[0].splitlines()) == 2 + 2  # a row for each level
+
+
+def test_a_level_counts_when_two_looks_in_a_row_reach_it():
+    scores = [0.96, 0.5, 0.97, 0.95, 0.2]
+    looks = [
+        Look("deep_line_wars", "pqn", "conv", 0, 10.0 * n, 100 * n, score)
+        for n, score in enumerate(scores, start=1)
+    ]
+    assert find_reached(looks, 0.95) == looks[2]
+    assert find_reached(looks, 0.96) is None
 
 
 def test_mixtures_of_opponents_are_compared_once_and_shown_again(tmp_path):

@@ -15,6 +15,7 @@ from marl_cair.lookup import find_by_name
 HOURS = (
     *("doctrine_search", "learning", "league_learning", "opponents"),
     *("psro_learning", "self_play_learning", "solo_learning"),
+    *("capsule_scaling", "memory_matters", "time_to_strength"),
 )
 
 

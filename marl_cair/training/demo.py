@@ -22,7 +22,16 @@ from marl_cair.training.trainer import train
 
 FINISHED_FILE = "finished.txt"  # marks a run that a later call need not resume
 GAME, SCENARIO = "deep_line_wars", "11x11"
-NETWORKS = ("conv", "capsule")
+NETWORKS: dict[str, dict[str, object]] = {  # as policy=conv and policy=capsule
+    "conv": {
+        "body": "conv",
+        "norm": "layer",
+        "conv_channels": [32, 64],
+        "conv_strides": [2, 2],
+        "hidden_width": 128,
+    },
+    "capsule": {"body": "capsule"},
+}
 RIVAL = "random"  # the bot that a network must beat before it is rated
 # More bots than in the default: in minutes they teach more than a pool of beginners.
 MIXTURE = {"random": 0.5, "bots": 0.3, "latest": 0.2}
@@ -59,7 +68,7 @@ def make_config(settings: DemoSettings, network: str) -> TrainConfig:
     All networks after the first begin with the first one's generator.
     """
     frames, every = settings.frames, max(1, min(4_000, settings.frames // 4))
-    first = NETWORKS[0]
+    first = next(iter(NETWORKS))
     return build_config(
         {
             "out": f"{settings.out}/{network}",
@@ -69,7 +78,7 @@ def make_config(settings: DemoSettings, network: str) -> TrainConfig:
             "torch_threads": 1,
             "initial_generator": None if network == first else f"{settings.out}/{first}",
             "game": {"name": GAME, "scenario": SCENARIO},
-            "policy": {"body": network},
+            "policy": NETWORKS[network],
             "opponent": {"mixture": MIXTURE, "snapshot_every_frames": frames},
             "collector": {"num_worlds": settings.num_worlds},
             "exploration": {"anneal_frames": min(10_000, frames // 2)},
@@ -126,7 +135,8 @@ def _train(settings: DemoSettings, network: str) -> None:
     finished = Path(config.out) / FINISHED_FILE
     if finished.exists():
         return
-    done = {name: f"{settings.out}/{name}" for name in NETWORKS[: NETWORKS.index(network) + 1]}
+    names = list(NETWORKS)
+    done = {name: f"{settings.out}/{name}" for name in names[: names.index(network) + 1]}
     curves = Path(settings.out) / "curves.png"
     result = train(config, resume=True, listen=lambda row: draw_curves(done, curves))
     if result.was_interrupted:

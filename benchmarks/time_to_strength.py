@@ -5,7 +5,8 @@
         [--out runs/time_to_strength] [--picture docs/images/time_to_strength.png]
 
 A run trains in a process of its own, on one thread. Each `--every` seconds of processor time (not
-counting what follows) its greedy agent plays `--games` new games. A level is reached at the first
+counting what follows) its greedy agent plays `--games` new games, and once before it has learned
+anything: some untrained networks beat a weak opponent. A level is reached at the first
 of two looks in a row at or above it; it is held if all later looks are. Methods: `pqn` (recipe),
 `dqn` (20 % generated transitions), `dqn_real` (none), and of Stable-Baselines3, if it is installed
 (pip install stable-baselines3 sb3-contrib), `sb3_ppo` (with action masks) and `sb3_dqn` (without:
@@ -123,7 +124,7 @@ def train_ours(
     run = TrainingRun(compose_config([*words, *fixed]))
     steps = iterate(run, Timers())
     clock = Clock(every)
-    goes_on = True
+    goes_on = look(run.rated, 0)
     while goes_on:
         with clock:
             next(steps)
@@ -172,6 +173,7 @@ def train_others(
 
     class Looks(BaseCallback):
         def _on_training_start(self) -> None:
+            look(Player(self.model), 0)
             self.clock = Clock(every)
             self.clock.__enter__()
 
@@ -221,7 +223,7 @@ def run_one(case: dict[str, Any]) -> None:
     looks: list[Look] = []
 
     def look(agent: Any, frames: int) -> bool:
-        seconds = (len(looks) + 1) * case["every"]
+        seconds = len(looks) * case["every"]
         score = measure(agent, task, case["games"], len(looks))
         names = (case["task"], case["method"], case["network"], case["seed"])
         looks.append(Look(*names, seconds, frames, score))
@@ -260,8 +262,9 @@ def find_reached(looks: list[Look], level: float) -> Look | None:
 
 def print_table(runs: list[list[Look]]) -> None:
     """One row for each run and level."""
-    print("| task | method | network | seed | level | reached after | steps | lowest later look |")
-    print("|---|---|---|---|---|---|---|---|")
+    columns = ("task", "method", "network", "seed", "untrained", "level", "reached after", "steps")
+    print(f"| {' | '.join(columns)} | lowest later look |")
+    print(f"|{'---|' * (len(columns) + 1)}")
     for looks in runs:
         about = looks[0]
         for level in TASKS[about.task].levels:
@@ -270,8 +273,8 @@ def print_table(runs: list[list[Look]]) -> None:
             if found is not None:
                 later = min(one.score for one in looks if one.seconds >= found.seconds)
                 when = (f"{found.seconds:.0f} s", f"{found.frames:,}", f"{later:.1%}")
-            names = (about.task, about.method, about.network, about.seed, f"{level:.0%}")
-            print("|", " | ".join(map(str, (*names, *when))), "|")
+            names = (about.task, about.method, about.network, about.seed, f"{about.score:.0%}")
+            print("|", " | ".join(map(str, (*names, f"{level:.0%}", *when))), "|")
 
 
 def draw(runs: list[list[Look]], path: Path) -> None:

@@ -74,7 +74,7 @@ def test_the_time_to_strength_is_measured_once_and_drawn(tmp_path):
     assert tables[0] == tables[1]
     assert picture.read_bytes().startswith(b"\x89PNG")
     rows = read_rows(tmp_path / "looks.csv")
-    assert [float(row["seconds"]) for row in rows] == pytest.approx([0.1, 0.2])
+    assert [float(row["seconds"]) for row in rows] == pytest.approx([0.0, 0.1, 0.2])
     assert len(tables[0].splitlines()) == 2 + 2  # a row for each level
 
 

@@ -1,7 +1,7 @@
 """Processor time until an agent is strong and stays so, for our learners and Stable-Baselines3.
 
     python -m benchmarks.time_to_strength [--tasks deep_line_wars ...] [--methods pqn dqn ...]
-        [--networks conv capsule] [--seeds 0 1 2] [--seconds 360] [--every 10] [--games 500]
+        [--networks small_conv capsule] [--seeds 0 1 2] [--seconds 360] [--every 10] [--games 500]
         [--out runs/time_to_strength] [--picture docs/images/time_to_strength.png]
 
 A run trains in a process of its own, on one thread. Each `--every` seconds of processor time (not
@@ -307,7 +307,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS))
     parser.add_argument("--methods", nargs="+", choices=(*OURS, *OTHERS), default=list(OURS))
-    parser.add_argument("--networks", nargs="+", default=["conv", "capsule"])
+    parser.add_argument("--networks", nargs="+", default=["small_conv", "capsule"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
     parser.add_argument("--seconds", type=float, default=360.0, help="of training of each run")
     parser.add_argument("--every", type=float, default=10.0, help="seconds between two looks")

@@ -22,7 +22,7 @@ from marl_cair.training.trainer import train
 
 FINISHED_FILE = "finished.txt"  # marks a run that a later call need not resume
 GAME, SCENARIO = "deep_line_wars", "11x11"
-NETWORKS: dict[str, dict[str, object]] = {  # as policy=conv and policy=capsule
+NETWORKS: dict[str, dict[str, object]] = {  # as policy=small_conv and policy=capsule
     "conv": {
         "body": "conv",
         "norm": "layer",

@@ -45,11 +45,9 @@ def test_the_issues_example_composes():
 
 
 def test_no_words_give_the_defaults():
-    from marl_cair.policies.config import QNetworkConfig
     from marl_cair.training.settings.config import TrainConfig
 
-    sizes = {"conv_channels": (32, 64), "conv_strides": (2, 2), "hidden_width": 128}
-    assert compose_config([]) == TrainConfig(policy=QNetworkConfig(norm="layer", **sizes))
+    assert compose_config([]) == TrainConfig()
 
 
 @pytest.mark.parametrize("group", ["game", "policy", "generator"])

@@ -68,7 +68,7 @@ def test_the_readme_is_short_and_its_five_commands_run(tmp_path, monkeypatch):
     for words in commands:
         shorter = " ".join(words).replace("--games 100", "").split()
         assert main([*shorter, *SHORTER.get(words[0], "").split()]) == 0, words
-    assert (tmp_path / "runs/maze.png").stat().st_size > 0
+    assert (tmp_path / "runs/quick.png").stat().st_size > 0
     assert (tmp_path / "runs/league/report.html").stat().st_size > 0
 
 

@@ -26,6 +26,7 @@ from matplotlib.figure import Figure
 from torch import Tensor, nn
 from torch.nn import functional
 
+from marl_cair.files import atomic_path
 from marl_cair.policies.capsule_layers import (
     CapsuleDecoder,
     DenseCapsules,
@@ -175,7 +176,8 @@ def draw(rows: list[tuple[int, list[Tensor]]], path: Path) -> None:
     left, right = top[1].get_position().x0, top[-1].get_position().x1
     text = "change of one number of the digit's pose"
     figure.text((left + right) / 2, 0.965, text, ha="center", fontsize=10)
-    figure.savefig(path)
+    with atomic_path(path) as unfinished:
+        figure.savefig(unfinished)
 
 
 def main() -> None:

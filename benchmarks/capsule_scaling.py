@@ -35,6 +35,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator
 
+from marl_cair.files import atomic_path
+
 BODIES = "conv", "capsule", "thesis_capsule"
 SIDES, FIXED_ACTIONS = (16, 28, 42, 63, 84), 16
 ACTIONS, FIXED_SIDE = (2, 4, 16, 64, 300), 28
@@ -168,7 +170,10 @@ def read_costs(path: Path) -> dict[Case, Cost]:
 
 def write_costs(costs: dict[Case, Cost], path: Path) -> None:
     """Write what `read_costs` reads."""
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with (
+        atomic_path(path) as unfinished,
+        unfinished.open("w", newline="", encoding="utf-8") as file,
+    ):
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*Case._fields, *Cost._fields])
         for case, cost in costs.items():
@@ -236,7 +241,8 @@ def draw(costs: dict[Case, Cost], path: Path) -> None:
     panels[1, 0].plot([], [], "k-", marker="o", markersize=5, linewidth=1.5, label="measured")
     handles = [line for line in panels[1, 0].lines if not line.get_label().startswith("_")]
     panels[1, 0].legend(handles=handles, frameon=False, fontsize=9)
-    figure.savefig(path)
+    with atomic_path(path) as unfinished:
+        figure.savefig(unfinished)
 
 
 def _draw_body(panels: Any, body: str, rows: list[tuple[int, Cost]]) -> None:

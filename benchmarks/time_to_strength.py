@@ -147,8 +147,8 @@ def train_others(
 
     torch.set_num_threads(1)
     game = GAMES[task.game]
-    name = game.make_spec(game.scenario(task.scenario))
-    shape = name.representations["planes"].shape
+    spec = game.make_spec(game.scenario(task.scenario))
+    shape = spec.representations["planes"].shape
 
     class Player:
         name, representation = method, "planes"

@@ -80,16 +80,19 @@ def test_the_command_of_the_sampler_is_read():
     assert config.opponent.mixture == {"latest": 0.5, "sampler:hardest": 0.5}
 
 
+def assert_resumes_where_allowed(run, name, updates):
+    with pytest.raises(CodeNotAllowedError, match=name):
+        load_config(run)
+    longer = dataclasses.replace(load_config(run, allow_code=True), total_frames=2048)
+    assert train(longer, resume=True, show_progress=False).updates > updates
+
+
 def test_the_loss_trains_and_its_run_resumes_where_it_is_allowed(tmp_path):
     learner = {"batch_size": 16, "algorithm": "loss:Mellowmax"}
     result = train_with(tmp_path / "run", learner=learner)
     assert np.isfinite(result.last_row["loss/all"])
     assert result.updates > 0
-    with pytest.raises(CodeNotAllowedError, match="loss:Mellowmax"):
-        load_config(tmp_path / "run")
-    config = load_config(tmp_path / "run", allow_code=True)
-    longer = dataclasses.replace(config, total_frames=2048)
-    assert train(longer, resume=True, show_progress=False).updates > result.updates
+    assert_resumes_where_allowed(tmp_path / "run", "loss:Mellowmax", result.updates)
 
 
 def test_the_exploration_trains_and_its_run_resumes_where_it_is_allowed(tmp_path):
@@ -97,11 +100,7 @@ def test_the_exploration_trains_and_its_run_resumes_where_it_is_allowed(tmp_path
     kind = compose_config(words[1:]).exploration.kind
     result = train_with(tmp_path / "run", exploration={"kind": kind, "anneal_frames": 2048})
     assert result.updates > 0
-    with pytest.raises(CodeNotAllowedError, match="exploration:Boltzmann"):
-        load_config(tmp_path / "run")
-    config = load_config(tmp_path / "run", allow_code=True)
-    longer = dataclasses.replace(config, total_frames=2048)
-    assert train(longer, resume=True, show_progress=False).updates > result.updates
+    assert_resumes_where_allowed(tmp_path / "run", "exploration:Boltzmann", result.updates)
 
 
 def test_the_generator_gives_labelled_rows(tmp_path):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from importlib.resources import files
 from pathlib import Path
 
+import yaml
 from tqdm import tqdm
 
 from marl_cair.checkpoint import LATEST_FOLDER
@@ -22,16 +24,7 @@ from marl_cair.training.trainer import train
 
 FINISHED_FILE = "finished.txt"  # marks a run that a later call need not resume
 GAME, SCENARIO = "deep_line_wars", "11x11"
-NETWORKS: dict[str, dict[str, object]] = {  # as policy=small_conv and policy=capsule
-    "conv": {
-        "body": "conv",
-        "norm": "layer",
-        "conv_channels": [32, 64],
-        "conv_strides": [2, 2],
-        "hidden_width": 128,
-    },
-    "capsule": {"body": "capsule"},
-}
+NETWORKS = {"conv": "small_conv", "capsule": "capsule"}  # by name: a choice of policy=
 RIVAL = "random"  # the bot that a network must beat before it is rated
 # More bots than in the default: in minutes they teach more than a pool of beginners.
 MIXTURE = {"random": 0.5, "bots": 0.3, "latest": 0.2}
@@ -69,6 +62,7 @@ def make_config(settings: DemoSettings, network: str) -> TrainConfig:
     """
     frames, every = settings.frames, max(1, min(4_000, settings.frames // 4))
     first = next(iter(NETWORKS))
+    policy = files("marl_cair") / "conf" / "policy" / f"{NETWORKS[network]}.yaml"
     return build_config(
         {
             "out": f"{settings.out}/{network}",
@@ -78,7 +72,7 @@ def make_config(settings: DemoSettings, network: str) -> TrainConfig:
             "torch_threads": 1,
             "initial_generator": None if network == first else f"{settings.out}/{first}",
             "game": {"name": GAME, "scenario": SCENARIO},
-            "policy": NETWORKS[network],
+            "policy": yaml.safe_load(policy.read_text("utf-8")),
             "opponent": {"mixture": MIXTURE, "snapshot_every_frames": frames},
             "collector": {"num_worlds": settings.num_worlds},
             "exploration": {"anneal_frames": min(10_000, frames // 2)},

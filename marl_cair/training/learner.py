@@ -15,7 +15,7 @@ from marl_cair.policies.q_network import QNetwork
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.transition import NO_ACTION
-from marl_cair.training.losses import Loss, measure_errors
+from marl_cair.training.losses import Loss, find_learned, measure_errors
 from marl_cair.training.settings.config import DemonstrationSettings
 from marl_cair.training.settings.learner import AVERAGED, LOSSES, LearnerSettings
 
@@ -123,7 +123,7 @@ class Learner:
         """Mean over the learned steps of max over legal a of (Q(s, a) + margin where a is not the
         expert's action) - Q(s, the expert's action), 0 for steps without an expert's action.
         """
-        learned = _find_learned(batch)
+        learned = find_learned(batch, values.device)
         shown = learned & (batch["expert_action"] != NO_ACTION)
         if not shown.any():
             return torch.zeros(())
@@ -137,7 +137,7 @@ class Learner:
 
     def _split(self, batch: TensorDict) -> dict[str, Tensor | float]:
         """Mean loss and TD error of real and of generated rows, apart."""
-        learned = _find_learned(batch)
+        learned = find_learned(batch, batch["td_error"].device)
         error = batch["td_error"].abs()[learned]
         loss = measure_errors(error, torch.zeros_like(error), self.settings.loss)
         generated = batch["is_generated"].view(batch.shape)[learned]
@@ -176,12 +176,6 @@ class Learner:
         self.updates = read_number(state, "updates", COUNT)
         if "noise" in state:  # missing in states of version 0.1
             self.noise.set_state(state["noise"])
-
-
-def _find_learned(batch: TensorDict) -> Tensor:
-    """Steps of `batch` [...] that are learned, bool [...]: all but for "learned" of sequences."""
-    learned: Tensor = batch.get("learned", torch.ones(batch.shape, dtype=torch.bool))
-    return learned
 
 
 def _read_old_networks(

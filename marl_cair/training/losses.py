@@ -177,11 +177,17 @@ def average_rows(
     chosen, wanted: float32 [...] or [..., K], of batch shape [...].
     """
     weights = batch.get("priority_weight", torch.ones(batch.shape, device=chosen.device))
-    learned = batch.get("learned", torch.ones(batch.shape, dtype=torch.bool, device=chosen.device))
+    learned = find_learned(batch, chosen.device)
     # Selected first: NaN of steps that are not learned would reach the gradient even at weight 0.
     losses = measure(chosen[learned], wanted[learned]) * weights[learned]
     average: Tensor = losses.sum() / weights[learned].sum()
     return average
+
+
+def find_learned(batch: TensorDict, device: torch.device) -> Tensor:
+    """Steps of `batch` [...] that are learned, bool [...]: all but for "learned" of sequences."""
+    learned: Tensor = batch.get("learned", torch.ones(batch.shape, dtype=torch.bool, device=device))
+    return learned
 
 
 def measure_errors(chosen: Tensor, wanted: Tensor, measure: str) -> Tensor:

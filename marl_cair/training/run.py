@@ -47,7 +47,7 @@ BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
 REPLAY_FOLDER, RESERVOIR_FOLDER = "replay", "reservoir"
 _SCORES = Range(-math.inf, math.inf, float)  # -inf before the first
-_NUM_SEEDS = 16
+_NUM_SEEDS = 17
 
 
 class TrainingRun:
@@ -186,7 +186,7 @@ class TrainingRun:
         wanted = (self.game.name, seen, shape, num_actions)
         network = make_initial_network(source, self.policy, wanted, seed=seeds[4])
         exploration = make_exploration(config.exploration, self.spec.action_groups)
-        self.learner = Learner(network, config.learner, config.demonstration, seeds[15])
+        self.learner = Learner(network, config.learner, config.demonstration, seeds[16])
         random = MaskedEpsilonGreedy(seeds[5])  # its generator is that of the exploration
         self.actor = PolicyActor(self.learner.behaviour, "learner", seen, random)
         self.rated = PolicyActor(self.learner.average, "learner", seen)

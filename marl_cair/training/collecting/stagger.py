@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from marl_cair.games.players.random_player import draw_legal
 from marl_cair.games.torchrl_env import BatchedGameEnv
 
 
@@ -18,8 +19,7 @@ def stagger_starts(env: BatchedGameEnv, num_steps: int, seed: int) -> None:
     engine, rng = env.engine, np.random.default_rng(seed)
     restart = rng.integers(0, num_steps, engine.num_worlds)
     for step in range(num_steps):
-        mask = engine.action_mask()
-        engine.step(np.where(mask, rng.random(mask.shape, np.float32), -1.0).argmax(-1))
+        engine.step(draw_legal(engine.action_mask(), rng))
         ended = engine.terminated | engine.truncated | (restart == step)
         if ended.any():
             engine.reset(env.seeds.next(ended), ended)

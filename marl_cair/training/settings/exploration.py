@@ -24,7 +24,7 @@ EXPLORATIONS: LazyTable[Any] = LazyTable(
 class ExplorationSettings:
     """How the learner chooses actions while it collects; rated agents are greedy."""
 
-    kind: str = "epsilon_greedy"  # epsilon_greedy, noisy (with policy.noisy), or module:Class
+    kind: str = EPSILON_GREEDY  # epsilon_greedy, noisy (with policy.noisy), or module:Class
     epsilon_start: Share = 1.0  # chance of a random action at frame 0 (epsilon_greedy)
     epsilon_end: Share = 0.02  # the same from `anneal_frames` on
     anneal_frames: Count = 60_000  # frames from start to end, linearly

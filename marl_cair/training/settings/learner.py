@@ -22,7 +22,8 @@ from marl_cair.training.settings.checks import (
 
 Steps = Annotated[int, Allowed(lambda n: 1 <= n <= MOST_STEPS, f"1..{MOST_STEPS}")]
 TARGET_UPDATES = ("soft", "hard")
-ERRORS = HUBER, _ = ("smooth_l1", "l2")
+HUBER = "smooth_l1"
+ERRORS = (HUBER, "l2")
 OPTIMIZERS = ("adam", "radam", "rmsprop", "sgd")
 DQN = "dqn"
 AVERAGED, NEWEST = BEHAVIOURS = ("averaged", "newest")
@@ -55,7 +56,7 @@ class LearnerSettings:
     gamma: Share = 0.99  # discount per step
     n_steps: Steps = 8  # steps whose rewards are summed before the target network's value (dqn)
     double: bool = True  # the online network chooses the action that the target network values
-    loss: str = "smooth_l1"  # of the TD error: smooth_l1 or l2
+    loss: str = HUBER  # of the TD error: smooth_l1 or l2
     target: str = "soft"  # how the target network follows: soft (each update), hard (copies)
     target_tau: ShareAboveZero = 0.01  # share of the online weights taken at each update (soft)
     target_every_updates: Count = 500  # updates between two copies (hard)

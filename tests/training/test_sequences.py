@@ -171,10 +171,10 @@ def test_td_errors_fall(tmp_path, memory, priority_alpha):
         return float(found.td_error.abs()[whole["learned"]].mean())
 
     before = measure()
-    for number in range(200):
+    for number in range(300):
         batch = run.replay.sample()
         learner.update(batch)
-        run.replay.note_errors(batch, number / 200)
+        run.replay.note_errors(batch, number / 300)
     assert measure() < 0.7 * before
 
 

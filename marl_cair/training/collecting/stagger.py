@@ -10,7 +10,7 @@ from marl_cair.games.torchrl_env import BatchedGameEnv
 
 def stagger_starts(env: BatchedGameEnv, num_steps: int, seed: int) -> None:
     """Play `num_steps` random legal steps in all worlds, and begin a new game in each at a random
-    one of them.
+    one of them. Where a seat leaves its game, a new one begins too: every seat is in at the end.
 
     Worlds that begin together stay in phase for many games of about equal length. Batches are then
     all openings or all endings, and a network that learns from the newest steps alone forgets the
@@ -20,6 +20,6 @@ def stagger_starts(env: BatchedGameEnv, num_steps: int, seed: int) -> None:
     restart = rng.integers(0, num_steps, engine.num_worlds)
     for step in range(num_steps):
         engine.step(draw_legal(engine.action_mask(), rng))
-        ended = engine.terminated | engine.truncated | (restart == step)
+        ended = engine.terminated | engine.truncated | engine.eliminated.any(1) | (restart == step)
         if ended.any():
             engine.reset(env.seeds.next(ended), ended)

@@ -93,6 +93,12 @@ BRANCHES: dict[str, tuple[Box, Box, Box, Box]] = {
         Box("dense (of rank r)", "A advantages"),
         Box("V + A - mean A", "A values", OUTPUT),
     ),
+    "naf": (
+        FEATURES,
+        Box("dense", "V, one number"),
+        Box("dense", "mu, 3 numbers\nL, 6 numbers"),
+        Box("$V - |L^T (u - \\mu)|^2 / 2$", "A values", OUTPUT),
+    ),
 }
 
 

@@ -1,10 +1,10 @@
 """The forms in which users may name actions: `flat` as the engine has them, `factored` by kind and
-cell. A form maps actions and masks; it knows no environment.
+cell, `continuous` by a point. A form maps actions and masks; it knows no environment.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,8 @@ class FlatActions:
 
     sizes: NDArray[np.int64]
     mask_shape: Shape
+    dtype_kinds: ClassVar[str] = "iu"  # of the dtypes of actions, as `np.dtype.kind`
+    numbers: ClassVar[str] = "integers"
 
     def __init__(self, game: str, spec: GameSpec) -> None:
         self.sizes = np.full(spec.action_shape, spec.num_actions, np.int64)
@@ -42,7 +44,7 @@ class FlatActions:
         """The engine's mask bool [..., *action_shape, A] as int8 [..., *mask_shape]."""
         return mask.view(np.int8)
 
-    def draw(self, mask: NDArray[np.int8], rng: np.random.Generator) -> NDArray[np.int64]:
+    def draw(self, mask: NDArray[np.int8], rng: np.random.Generator) -> NDArray[Any]:
         """A random action [*sizes.shape] that `mask` [*mask_shape] allows; here all legal actions
         are equally likely at each place.
         """
@@ -106,13 +108,62 @@ class FactoredActions(FlatActions):
         legal: NDArray[np.bool_] = mask[..., self._actions] & self._exists
         return legal.view(np.int8)
 
-    def draw(self, mask: NDArray[np.int8], rng: np.random.Generator) -> NDArray[np.int64]:
+    def draw(self, mask: NDArray[np.int8], rng: np.random.Generator) -> NDArray[Any]:
         """First a legal kind, then a legal cell of it, each equally likely."""
         kind = draw_legal(mask.max(axis=1), rng)
         return np.array([kind, draw_legal(mask[kind], rng)], np.int64)
 
 
-ACTION_FORMS: dict[str, type[FlatActions]] = {"flat": FlatActions, "factored": FactoredActions}
+class ContinuousActions(FactoredActions):
+    """A point: three numbers in -1..1, the kind of action, the row and the column of its cell.
+
+    Each number's range is divided evenly: by G kinds, and by the H rows and W columns of the
+    representation `planes`. A point whose kind has no action at its cell plays the no-op. The mask
+    is that of factored actions. Raises ValueError as `FactoredActions`, or if no action points at a
+    cell.
+    """
+
+    dtype_kinds: ClassVar[str] = "f"
+    numbers: ClassVar[str] = "numbers in -1..1"
+
+    def __init__(self, game: str, spec: GameSpec) -> None:
+        super().__init__(game, spec)
+        if (np.asarray(spec.action_cells) == NO_CELL).all():
+            raise ValueError(
+                f"{game}: none of the actions points at a cell, so they are no points; leave out "
+                "action_form"
+            )
+        rows, columns = spec.representations["planes"].shape[-2:]
+        self._counts = np.array([self.mask_shape[0], rows, columns])
+        self.sizes = self._counts
+
+    def to_engine(self, actions: NDArray[Any], player: int) -> NDArray[np.int64]:
+        """The flat action [B] of each point float [B, 3]; the no-op where there is none."""
+        wrong = np.argwhere(~(np.abs(actions) <= 1.0))  # NaN too
+        if len(wrong):
+            world, axis = wrong[0].tolist()
+            raise ValueError(
+                f"{self._game}: the {('kind', 'row', 'column')[axis]} {actions[world, axis]} of "
+                f"player {player} in world {world} is outside -1..1"
+            )
+        places = ((actions.astype(np.float64) + 1.0) / 2.0 * self._counts).astype(np.int64)
+        kind, row, column = np.minimum(places, self._counts - 1).T
+        flat = self._actions[kind, row * self._counts[2] + column]
+        return np.where(flat == NO_ACTION, self._noop, flat)
+
+    def draw(self, mask: NDArray[np.int8], rng: np.random.Generator) -> NDArray[np.float32]:
+        """The centre of a legal kind and cell, drawn as factored actions are."""
+        kind, cell = super().draw(mask, rng)
+        place = np.array([kind, *divmod(int(cell), int(self._counts[2]))])
+        centre: NDArray[np.float32] = ((2 * place + 1) / self._counts - 1).astype(np.float32)
+        return centre
+
+
+ACTION_FORMS: dict[str, type[FlatActions]] = {
+    "flat": FlatActions,
+    "factored": FactoredActions,
+    "continuous": ContinuousActions,
+}
 
 
 def make_action_form(name: str, game: str, spec: GameSpec) -> FlatActions:

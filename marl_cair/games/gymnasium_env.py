@@ -48,12 +48,12 @@ class _LearnerEnv:
         places of an action shape in one row.
 
         Raises:
-            ValueError: the action form is "factored".
+            ValueError: the action form is "factored" or "continuous".
         """
         if isinstance(self._table.form, FactoredActions):
             raise ValueError(
                 f"{self.engine.game.name}: action_masks() has one mask for each number of an "
-                "action, a factored mask holds pairs of kind and cell; leave out action_form"
+                "action, this form's mask holds pairs of kind and cell; leave out action_form"
             )
         return self._table.mask().reshape(self.engine.num_worlds, -1)
 

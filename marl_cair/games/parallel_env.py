@@ -12,7 +12,7 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec
 
 from marl_cair.games import make_engine
-from marl_cair.games.action_forms import FlatActions, make_action_form
+from marl_cair.games.action_forms import ContinuousActions, FlatActions, make_action_form
 from marl_cair.games.checks.engine import check_count, check_num_worlds, check_seed, read_index
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.randomness import EpisodeSeeds
@@ -37,8 +37,9 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
             `Game.info`).
         vector: observations become a dict with the float32 economy vector under "vector".
         max_cycles: time limit in steps (default: the scenario's).
-        action_form: "flat" (Discrete, or MultiDiscrete [*action_shape]), or "factored": actions
-            are MultiDiscrete [kind, cell], see `action_forms.FactoredActions`.
+        action_form: "flat" (Discrete, or MultiDiscrete [*action_shape]); "factored": actions are
+            MultiDiscrete [kind, cell], see `action_forms.FactoredActions`; or "continuous": Box
+            [kind, row, column] of numbers in -1..1, see `action_forms.ContinuousActions`.
         options: fields of the scenario to change, for example `preset="2017"`.
 
     A legal action does what its name says, an illegal one nothing (it is counted in
@@ -182,8 +183,9 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
                 raise ValueError(f"{of_agent} is {action!r}, it must be {allowed}")
             return index
         action = np.asarray(action)
-        if action.shape != expected or action.dtype.kind not in "iu":
-            given, allowed = f"{action.dtype} {list(action.shape)}", f"integers {list(expected)}"
+        if action.shape != expected or action.dtype.kind not in self._form.dtype_kinds:
+            given = f"{action.dtype} {list(action.shape)}"
+            allowed = f"{self._form.numbers} {list(expected)}"
             raise ValueError(f"{of_agent} is {given}, it must be {allowed}")
         chosen: NDArray[np.int64] = self._form.to_engine(action[None], seat)[0]
         return chosen
@@ -219,6 +221,20 @@ class MaskedMultiDiscrete(spaces.MultiDiscrete):
         return super().sample(mask, probability)
 
 
+class MaskedBox(spaces.Box):
+    """Box of points whose `sample` also takes the mask, as `infos` hold it."""
+
+    def __init__(self, form: ContinuousActions) -> None:
+        super().__init__(-1.0, 1.0, form.sizes.shape, np.float32)
+        self._form = form
+
+    def sample(self, mask: Any = None, probability: Any = None) -> NDArray[Any]:
+        """A random point; with a mask, int8 [G, C], that of a legal action."""
+        if mask is not None:
+            return self._form.draw(mask, self.np_random)
+        return super().sample(None, probability)
+
+
 class SeatView(NamedTuple):
     """What each seat observes: one representation, in a dict where the mask or the vector is added.
 
@@ -243,8 +259,12 @@ class SeatView(NamedTuple):
         return spaces.Dict(parts) if len(parts) > 1 else box
 
     def make_action_space(self) -> spaces.Space[Any]:
-        """One seat's actions: Discrete where an action is one number, else MultiDiscrete."""
+        """One seat's actions: Discrete where an action is one number, Box of points, else
+        MultiDiscrete.
+        """
         sizes = self.form.sizes
+        if isinstance(self.form, ContinuousActions):
+            return MaskedBox(self.form)
         return MaskedMultiDiscrete(self.form) if sizes.shape else spaces.Discrete(int(sizes))
 
     def observe(self) -> NDArray[Any] | dict[str, NDArray[Any]]:

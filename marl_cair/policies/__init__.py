@@ -32,6 +32,7 @@ HEADS: LazyTable[Callable[[int, int, int], nn.Module]] = LazyTable(
         "dueling": "marl_cair.policies.heads:DuelingHead",
         "plain": "marl_cair.policies.heads:PlainHead",
         "quantile": "marl_cair.policies.heads:QuantileHead",
+        "naf": "marl_cair.policies.heads:NafHead",
         "length": "marl_cair.policies.thesis:LengthHead",
     },
     group="marl_cair.heads",

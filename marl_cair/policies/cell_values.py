@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from marl_cair.policies.config import NO_CELL
+from marl_cair.policies.config import NAF, NO_CELL, QNetworkConfig
 
 NUM_CHANNELS = 32
 
@@ -20,9 +20,7 @@ class CellValues(nn.Module):
     AlphaStar (Vinyals et al. 2019) and GridNet (Han et al. 2019); actions of one kind share
     weights. The result is added to the head's values, and is 0 initially. Values of actions without
     a cell do not change. The planes are those of the observation, without those of `DistanceMaps`.
-    With `is_reduced` the kernels compute in autocast's precision.
-    Raises ValueError if the observation is no board, no action points at a cell, or one points
-    beyond the board.
+    With `is_reduced` the kernels compute in autocast's precision. See `check_cells`.
     """
 
     actions: Tensor
@@ -36,24 +34,9 @@ class CellValues(nn.Module):
         action_kinds: Sequence[int],
     ) -> None:
         super().__init__()
-        if len(shape) != 3:
-            raise ValueError(
-                "cell_values reads boards [C, H, W], but the observation has shape "
-                f"{tuple(shape)}: take representation=planes, or set cell_values to False"
-            )
         num_planes, num_cells = shape[0], shape[1] * shape[2]
         cells, kinds = np.array(action_cells, np.int64), np.array(action_kinds, np.int64)
         pointing = np.flatnonzero(cells != NO_CELL)
-        if len(pointing) == 0:
-            raise ValueError(
-                "cell_values is True, but none of the actions points at a cell of the board: set "
-                "it to False"
-            )
-        if cells.max() >= num_cells:
-            raise ValueError(
-                f"an action points at cell {cells.max()}, but the observation has the cells "
-                f"0..{num_cells - 1}: take representation=planes, or set cell_values to False"
-            )
         pointing_kinds, which = np.unique(kinds[pointing], return_inverse=True)
         self.register_buffer("actions", torch.from_numpy(pointing), persistent=False)
         places = torch.from_numpy(which * num_cells + cells[pointing])
@@ -79,3 +62,32 @@ class CellValues(nn.Module):
         if values.ndim > found.ndim:
             found = found.unsqueeze(-1).expand(-1, -1, values.shape[-1])
         return values.index_add(1, self.actions, found)
+
+
+def check_cells(config: QNetworkConfig, shape: Sequence[int], num_actions: int) -> None:
+    """Raise ValueError unless a network that reads the cells of actions suits the game: the
+    observation is a board, there are a cell and a kind for each action, some action points at a
+    cell, and none beyond the board.
+    """
+    asked, instead = f"head is {NAF!r}", f"take another head than {NAF!r}"
+    if config.cell_values:
+        asked, instead = "cell_values is True", "set cell_values to False"
+    cells, kinds = config.action_cells, config.action_kinds
+    if len(shape) != 3:
+        raise ValueError(
+            f"{asked}, which reads boards [C, H, W], but the observation has shape "
+            f"{tuple(shape)}: take representation=planes, or {instead}"
+        )
+    if not len(cells) == len(kinds) == num_actions:
+        raise ValueError(
+            f"{asked} for {num_actions} actions, but action_cells has {len(cells)} entries and "
+            f"action_kinds {len(kinds)}: give one for each action, as "
+            "`QNetworkConfig.with_actions` does"
+        )
+    if max(cells) == NO_CELL:
+        raise ValueError(f"{asked}, but none of the actions points at a cell: {instead}")
+    if max(cells) >= shape[1] * shape[2]:
+        raise ValueError(
+            f"an action points at cell {max(cells)}, but the observation has the cells "
+            f"0..{shape[1] * shape[2] - 1}: take representation=planes, or {instead}"
+        )

@@ -11,6 +11,7 @@ NORMS = ("none", "layer")
 THESIS_CAPSULE, LENGTH = "thesis_capsule", "length"  # a body and its head
 _NOT_OF_THESIS_CAPSULE = "hidden_width", "norm", "memory", "distances", "cell_values", "noisy"
 DUELING, QUANTILE = "dueling", "quantile"  # heads with advantages, which an embedding can have
+NAF = "naf"  # a head of actions as points
 NUM_QUANTILES = 32
 NUM_LAYERS = {"conv": 3, "capsule": 2}  # convolutions that `conv_channels` can replace
 NO_CELL = -1  # of `action_cells`: the action points at no cell
@@ -58,7 +59,7 @@ class QNetworkConfig:
     """Body, head and their sizes. None: the body's default."""
 
     body: str = "conv"  # from the observation to features: a name, or module:Class
-    head: str = "dueling"  # from features to values: dueling, plain, quantile, length, module:Class
+    head: str = "dueling"  # features to values: dueling, plain, quantile, naf, length, module:Class
     hidden_width: int | None = None  # capsule 128, thesis_conv 512, other bodies 256
     action_embedding: int | None = None  # dueling, quantile; 0: full rank. capsule 32, others 0
     num_quantiles: int | None = None  # of the quantile head; None: 32
@@ -135,10 +136,10 @@ class QNetworkConfig:
                 f"memory_width is {self.memory_width}, but memory is {self.memory!r}: set it to "
                 f"{' or '.join(policies.MEMORIES)}, or leave memory_width None"
             )
-        if (self.action_cells or self.action_kinds) and not self.cell_values:
+        if (self.action_cells or self.action_kinds) and not self.reads_cells:
             raise ValueError(
                 "action_cells or action_kinds are given, but cell_values is False: set it to True, "
-                "or leave them empty"
+                f"use head={NAF!r}, or leave them empty"
             )
         pairs = list(zip(self.vector_low, self.vector_high, strict=False))
         is_equal = len(self.vector_low) == len(self.vector_high)
@@ -164,6 +165,11 @@ class QNetworkConfig:
                 f"leave it None, or use head={QUANTILE!r}"
             )
 
+    @property
+    def reads_cells(self) -> bool:
+        """Whether the network needs the cell and the kind of each action."""
+        return self.cell_values or self.head == NAF
+
     def with_bounds(self, low: object, high: object) -> "QNetworkConfig":
         """Return these settings with the bounds of a vector's entries, unless they have their own
         or `low` and `high` are single bounds of all entries.
@@ -173,10 +179,10 @@ class QNetworkConfig:
         return replace(self, vector_low=low, vector_high=high)
 
     def with_actions(self, cells: Sequence[int], kinds: Sequence[int]) -> "QNetworkConfig":
-        """Return these settings with the cell (or NO_CELL) and the kind of each action, if
-        `cell_values` needs them and they are not set.
+        """Return these settings with the cell (or NO_CELL) and the kind of each action, if they are
+        needed and not set.
         """
-        if not self.cell_values:
+        if not self.reads_cells:
             return self
         return replace(
             self,

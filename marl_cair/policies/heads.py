@@ -1,13 +1,18 @@
-"""Heads: features to action values (plain, dueling) or quantiles of returns, and noisy layers."""
+"""Heads: features to action values (plain, dueling, naf) or quantiles of returns; noisy layers."""
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from marl_cair.policies.config import NO_CELL
+
 FIRST_NOISE = 0.5  # sigma_0 of Fortunato et al. 2018
+FIRST_STEEPNESS = 0.1  # of NafHead: the farthest points are 0.06 below the best one initially
 
 
 class PlainHead(nn.Module):
@@ -62,6 +67,55 @@ class QuantileHead(nn.Module):
         value = self.state_value(features).unsqueeze(-2)
         quantiles: Tensor = value + advantage - advantage.mean(-2, keepdim=True)
         return quantiles
+
+
+class NafHead(nn.Module):
+    """Normalised advantage functions (Gu et al. 2016) of actions that are points u in [-1, 1]^3.
+
+    Q(s, u) = V(s) - 1/2 |L(s)^T (u - mu(s))|^2, with L lower triangular and its diagonal positive.
+    The best point is mu; values are those of the game's actions, whose points `find_points` gives:
+    the best legal one is the nearest to mu by L. Each row of a batch teaches the values of all.
+    """
+
+    points: Tensor
+    places: Tensor
+
+    def __init__(
+        self, num_features: int, num_actions: int, embedding_size: int, points: Tensor
+    ) -> None:
+        super().__init__()
+        self.register_buffer("points", points, persistent=False)
+        self.num_axes = size = points.shape[1]
+        self.state_value = _make_linear(num_features, 1)
+        self.best = _make_linear(num_features, size)
+        self.factor = _make_linear(num_features, size * (size + 1) // 2)  # the diagonal first
+        places = np.full((size, size), size * (size + 1) // 2)  # above the diagonal: 0
+        places[np.diag_indices(size)] = np.arange(size)
+        places[np.tril_indices(size, -1)] = np.arange(size, size * (size + 1) // 2)
+        self.register_buffer("places", torch.from_numpy(places.ravel()), persistent=False)
+
+    def forward(self, features: Tensor) -> Tensor:
+        size, entries = self.num_axes, self.factor(features)
+        diagonal, below = FIRST_STEEPNESS * entries[:, :size].exp(), entries[:, size:]
+        entries = functional.pad(torch.cat([diagonal, below], 1), (0, 1))
+        factor = entries.index_select(1, self.places).view(-1, size, size)
+        away = self.points - self.best(features).tanh().unsqueeze(1)
+        advantage = -0.5 * (away @ factor).square().sum(-1)
+        values: Tensor = self.state_value(features) + advantage
+        return values
+
+
+def find_points(kinds: Sequence[int], cells: Sequence[int], board: tuple[int, int]) -> Tensor:
+    """Actions as points float32 [A, 3]: kind, row and column of the cell, the centres of even parts
+    of -1..1 (as `games.action_forms.ContinuousActions`); row and column are 0 without a cell.
+
+    kinds: of each action, 0..G-1. cells: row * columns + column, or NO_CELL. board: rows, columns.
+    """
+    cell = np.array(cells)
+    places = np.stack([np.array(kinds), cell // board[1], cell % board[1]], 1)
+    points = (2.0 * places + 1.0) / np.array([max(kinds) + 1, *board]) - 1.0
+    points[cell == NO_CELL, 1:] = 0.0
+    return torch.from_numpy(points.astype(np.float32))
 
 
 class NoisyLinear(nn.Linear):

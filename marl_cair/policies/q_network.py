@@ -15,10 +15,10 @@ from marl_cair.policies.body import (
     standardise,
     standardise_changes,
 )
-from marl_cair.policies.cell_values import CellValues
-from marl_cair.policies.config import CapsuleSizes, QNetworkConfig
+from marl_cair.policies.cell_values import CellValues, check_cells
+from marl_cair.policies.config import NAF, CapsuleSizes, QNetworkConfig
 from marl_cair.policies.distances import DistanceMaps
-from marl_cair.policies.heads import make_noisy
+from marl_cair.policies.heads import find_points, make_noisy
 from marl_cair.policies.outside_check import check_outside
 
 __all__ = ["CapsuleSizes", "QNetwork", "QNetworkConfig", "make_q_network"]
@@ -81,22 +81,22 @@ class QNetwork(nn.Module):
             memory = policies.MEMORIES[config.memory](num_features, width)
             self.memory, num_features, self.state_size = memory, width, memory.state_size
         self.num_quantiles = config.resolve_num_quantiles()
+        cells, kinds = config.action_cells, config.action_kinds
+        if config.reads_cells:
+            check_cells(config, self.observation_shape, num_actions)
         self.head = self._make_head(num_features)
         self.cells: CellValues | None = None
         if config.cell_values:
-            cells, kinds = config.action_cells, config.action_kinds
-            if not len(cells) == len(kinds) == num_actions:
-                raise ValueError(
-                    f"cell_values is True for {num_actions} actions, but action_cells has "
-                    f"{len(cells)} entries and action_kinds {len(kinds)}: give one for each "
-                    "action, as `QNetworkConfig.with_actions` does"
-                )
             self.cells = CellValues(self.observation_shape, num_features, cells, kinds)
 
     def _make_head(self, num_features: int) -> nn.Module:
-        sizes = [num_features, self.num_actions, self.config.resolve_action_embedding()]
+        config = self.config
+        sizes: list[Any] = [num_features, self.num_actions, config.resolve_action_embedding()]
         sizes += [self.num_quantiles] if self.num_quantiles else []
-        head: nn.Module = policies.HEADS.make(self.config.head, *sizes)
+        if config.head == NAF:
+            board = self.observation_shape[1], self.observation_shape[2]
+            sizes += [find_points(config.action_kinds, config.action_cells, board)]
+        head: nn.Module = policies.HEADS.make(config.head, *sizes)
         if self.config.noisy:
             make_noisy(head)
         if self.config.norm != "none":  # features do not shrink: large values would hide rewards

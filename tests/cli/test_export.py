@@ -29,6 +29,7 @@ SIZES = {
     "mlp": {"body": "mlp", "hidden_width": 32},
     "distances": {"body": "conv", "hidden_width": 32, "distances": True, "obstacle_planes": (0,)},
     "cell_values": {"body": "capsule", "cell_values": True},
+    "naf": {"head": "naf", "hidden_width": 32},
     "rainbow": {"head": "quantile", "noisy": True, "hidden_width": 32, "num_quantiles": 8},
 }
 

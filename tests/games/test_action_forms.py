@@ -11,7 +11,12 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 from marl_cair.games import GAMES, make_engine
-from marl_cair.games.action_forms import FactoredActions, FlatActions, make_action_form
+from marl_cair.games.action_forms import (
+    ContinuousActions,
+    FactoredActions,
+    FlatActions,
+    make_action_form,
+)
 from marl_cair.games.game import NO_CELL
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
 from marl_cair.games.parallel_env import GameParallelEnv
@@ -134,6 +139,62 @@ def test_an_unknown_form_is_answered_with_the_nearest(spec):
         make_action_form("factor", "toy", spec)
     with pytest.raises(UnknownNameError, match="unknown deep_line_wars action form"):
         GameParallelEnv("deep_line_wars", action_form="multi")
+
+
+# --- the continuous form --------------------------------------------------------------------------
+
+
+def test_a_point_names_kind_row_and_column(spec):
+    form = ContinuousActions("toy", spec)
+    assert form.mask_shape == (4, 6)
+    points = [[-1, 0.3, 0.3], [-0.3, -1, 1], [0.1, -0.1, -1], [0.1, 1, 1], [1, 1, 0.2], [1, -1, 0]]
+    expected = [0, 1, 2, 4, 5, 0]
+    np.testing.assert_array_equal(form.to_engine(np.array(points), 0), expected)
+
+
+def test_drawn_points_are_legal_and_reach_everything(spec):
+    form, rng = ContinuousActions("toy", spec), np.random.default_rng(0)
+    mask = form.shape_mask(np.array([1, 0, 1, 0, 1, 1, 0], np.bool_))
+    drawn = np.array([form.draw(mask, rng) for _ in range(200)])
+    assert drawn.dtype == np.float32
+    assert set(form.to_engine(drawn, 0).tolist()) == {0, 2, 4, 5}
+
+
+@pytest.mark.parametrize(
+    ("point", "named"),
+    [([1.5, 0, 0], "kind 1.5"), ([0, -2, 0], "row -2.0"), ([0, 0, np.nan], "column nan")],
+)
+def test_points_outside_name_player_and_world(spec, point, named):
+    message = f"toy: the {named} of player 1 in world 1 is outside -1..1"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        ContinuousActions("toy", spec).to_engine(np.array([[0.0, 0, 0], point]), 1)
+
+
+def test_games_without_cells_have_no_points():
+    with pytest.raises(ValueError, match="flappy_bird: none of the actions points at a cell"):
+        GameParallelEnv("flappy_bird", action_form="continuous")
+
+
+@pytest.mark.filterwarnings("ignore:.*A Box action space maximum and minimum values")
+def test_environments_of_points():
+    options = {"action_form": "continuous", "max_ticks": MAX_TICKS}
+    parallel_api_test(GameParallelEnv("deep_line_wars", **options), num_cycles=100)
+    env = GameEnv("deep_line_wars", **options)
+    assert env.action_space == spaces.Box(-1.0, 1.0, (3,), np.float32)
+    check_env(env, skip_render_check=True)
+    _, info = env.reset(seed=1)
+    for _ in range(40):
+        point = env.action_space.sample(info["action_mask"])
+        assert env.action_space.contains(point)
+        _, _, _, _, info = env.step(point)
+    assert env.engine.illegal_actions.sum() == 0
+    with pytest.raises(
+        ValueError, match=r"are int64 \[1, 3\], they must be numbers in -1..1 \[1, 3"
+    ):
+        env.step([0, 0, 0])
+    vector = GameVectorEnv("deep_line_wars", num_envs=3, **options)
+    vector.reset(seed=1)
+    vector.step(vector.action_space.sample())
 
 
 # --- the flat form -------------------------------------------------------------------------------

@@ -138,9 +138,9 @@ def test_the_configuration_survives_a_checkpoint():
         (
             (6,),
             (0, -1),
-            r"cell_values reads boards \[C, H, W\], but the observation has shape \(6,\): take",
+            r"reads boards \[C, H, W\], but the observation has shape \(6,\): take representation",
         ),
-        ((3, 8, 8), (-1, -1), "none of the actions points at a cell of the board: set it to False"),
+        ((3, 8, 8), (-1, -1), "none of the actions points at a cell: set cell_values to False"),
         ((3, 8, 8), (64, -1), r"points at cell 64, but the observation has the cells 0\.\.63"),
         ((3, 8, 8), (0,), "for 2 actions, but action_cells has 1 entries and action_kinds 1: give"),
     ],

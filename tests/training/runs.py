@@ -69,7 +69,9 @@ def small(folder, scenario, mixture=None, frames=512, **changes):
             mixture or {"latest": 0.3, "random": 0.4, "uniform": 0.3}, snapshot_every_frames=128
         ),
         collector=settings.CollectorSettings(
-            num_worlds=8, steps_per_batch=16, stagger_steps=0  # whole games can be counted by hand
+            num_worlds=8,
+            steps_per_batch=16,
+            stagger_steps=0,  # whole games can be counted by hand
         ),
         exploration=settings.ExplorationSettings(anneal_frames=NEVER),
         replay=settings.ReplaySettings(3_000, 300, min_transitions=64),

@@ -41,6 +41,16 @@ def test_epsilon_greedy_is_that_of_actors_at_the_epsilon_of_the_frame():
         assert torch.equal(explore(*values, generator, frames), actor(*values, epsilon))
 
 
+def test_with_a_power_the_last_rows_explore_less_often():
+    settings = ExplorationSettings(epsilon_start=0.4, epsilon_end=0.4, epsilon_power=7.0)
+    explore, generator = make_exploration(settings, np.arange(100)), torch.Generator()
+    values, mask = torch.zeros(3, 100), torch.ones(3, 100, dtype=torch.bool)
+    drawn = torch.stack([explore(values, mask, generator, 0) for _ in range(4_000)])
+    shares = (drawn != 0).double().mean(0)  # values are equal: action 0 without exploration
+    for share, epsilon in zip(shares.tolist(), (0.4, 0.4**4.5, 0.4**8), strict=True):
+        assert share == pytest.approx(0.99 * epsilon, abs=4 * (epsilon / 4_000) ** 0.5)
+
+
 def test_noisy_exploration_is_greedy_and_draws_nothing():
     explore, values, generator = make_exploration(NOISY, GROUPS), make_values(), torch.Generator()
     before = generator.get_state()

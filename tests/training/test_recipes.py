@@ -33,6 +33,8 @@ def test_recipes_set_what_their_papers_add():
     assert (rainbow.policy.head, rainbow.policy.noisy) == ("quantile", True)
     assert (rainbow.learner.algorithm, rainbow.learner.n_steps) == ("quantile", 3)
     assert (rainbow.replay.priority_alpha, rainbow.exploration.kind) == (0.5, "noisy")
+    naf = compose("naf")
+    assert (naf.policy.head, naf.learner.double, naf.learner.target) == ("naf", True, "soft")
     bodies = {name: compose(name).policy.body for name in NETWORKS}
     assert [name for name in bodies if bodies[name] == "capsule"] == ["dcqn", "rcqn"]
     memories = {name: compose(name).policy.memory for name in NETWORKS}

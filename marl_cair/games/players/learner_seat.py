@@ -94,7 +94,7 @@ class LearnerSeat:
         """The learner's legal actions, bool [B, *action_shape, A]; fresh."""
         return self.engine.action_mask()[:, self.seat]
 
-    def play(self, actions: NDArray[np.int64], worlds: NDArray[np.bool_]) -> None:
+    def play(self, actions: NDArray[Any], worlds: NDArray[np.bool_]) -> None:
         """One step: the learner's actions [B, ...] in its form, the opponent's elsewhere.
 
         Args:
@@ -102,16 +102,16 @@ class LearnerSeat:
             worlds: bool [B], the worlds that play; the caller is to restart the others.
 
         Raises:
-            ValueError: wrong shape, not integers, or an action outside the space.
+            ValueError: wrong shape or dtype, or an action outside the space.
             OpponentError: the opponent crashed, or returned an illegal action.
         """
         engine = self.engine
         expected = (engine.num_worlds, *self.form.sizes.shape)
-        if actions.shape != expected or actions.dtype.kind not in "iu":
+        if actions.shape != expected or actions.dtype.kind not in self.form.dtype_kinds:
             axes = "worlds" + (", shape of an action" if self.form.sizes.shape else "")
             raise ValueError(
                 f"{engine.game.name}: the learner's actions are {actions.dtype} "
-                f"{list(actions.shape)}, they must be integers {list(expected)} ({axes})"
+                f"{list(actions.shape)}, they must be {self.form.numbers} {list(expected)} ({axes})"
             )
         shape = (engine.num_worlds, engine.num_players, *engine.spec.action_shape)
         everyone = np.full(shape, engine.spec.noop_action, np.int64)

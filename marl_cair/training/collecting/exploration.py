@@ -43,6 +43,9 @@ class Exploration(ABC):
 class EpsilonGreedy(Exploration):
     """The best legal action, or with probability epsilon a random one: uniform over the legal kinds
     of action, then over the actions of the kind. Epsilon falls linearly.
+
+    With `exploration.epsilon_power` p row i of N explores with epsilon ** (1 + p * i / (N - 1)), as
+    the actors of Ape-X (Horgan et al. 2018): most worlds follow the policy, a few leave it often.
     """
 
     def __init__(self, settings: ExplorationSettings, action_groups: NDArray[np.int16]) -> None:
@@ -53,7 +56,9 @@ class EpsilonGreedy(Exploration):
         self, values: Tensor, action_mask: Tensor, generator: torch.Generator, frames: int
     ) -> Tensor:
         self._choose.generator = generator
-        return self._choose(values, action_mask, self.epsilon_at(frames))
+        rows = torch.linspace(0.0, 1.0, len(values), dtype=torch.float64)
+        epsilon = self.epsilon_at(frames) ** (1.0 + self.settings.epsilon_power * rows)
+        return self._choose(values, action_mask, epsilon)
 
     def epsilon_at(self, frames: int) -> float:
         return self.settings.epsilon_at(frames)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from marl_cair.lookup import LazyTable, check_name
-from marl_cair.training.settings.checks import Count, Share, check_fields
+from marl_cair.training.settings.checks import Count, NonNegative, Share, check_fields
 from marl_cair.training.settings.learner import interpolate
 
 EPSILON_GREEDY, NOISY = "epsilon_greedy", "noisy"
@@ -27,6 +27,7 @@ class ExplorationSettings:
     kind: str = EPSILON_GREEDY  # epsilon_greedy, noisy (with policy.noisy), or module:Class
     epsilon_start: Share = 1.0  # chance of a random action at frame 0 (epsilon_greedy)
     epsilon_end: Share = 0.02  # the same from `anneal_frames` on
+    epsilon_power: NonNegative = 0.0  # how much less often the last world explores than the first
     anneal_frames: Count = 60_000  # frames from start to end, linearly
 
     def __post_init__(self) -> None:

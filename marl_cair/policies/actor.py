@@ -16,9 +16,9 @@ CHUNK_ROWS = 128  # their activations stay in the cache of a CPU core
 
 @torch.no_grad()
 def masked_argmax(values: Tensor, action_mask: Tensor) -> Tensor:
-    """Return the legal action of the largest value, the lowest index among equals: int64 [N].
+    """Return the legal action of the largest value, the lowest index among equals: int64 [...].
 
-    `values` float [N, A], `action_mask` bool [N, A]. NaN counts as the lowest value. Raises
+    `values` float [..., A], `action_mask` bool [..., A]. NaN counts as the lowest value. Raises
     ValueError if a row has no legal action, or the shapes differ.
     """
     if values.shape != action_mask.shape or action_mask.dtype != torch.bool:
@@ -34,14 +34,33 @@ def masked_argmax(values: Tensor, action_mask: Tensor) -> Tensor:
     return actions
 
 
+def best_values(values: Tensor, action_mask: Tensor) -> Tensor:
+    """The largest legal value of each row, float [N]; of values [N, H, W, A] `average_places`."""
+    best = values.masked_fill(~action_mask, torch.finfo(values.dtype).min).amax(-1)
+    return average_places(best, action_mask) if values.ndim > 2 else best
+
+
+def average_places(values: Tensor, action_mask: Tensor) -> Tensor:
+    """Values [N, H, W] of the actions at all places -> their mean over those that act, [N].
+
+    A place acts where it has more than one legal action, by action_mask bool [N, H, W, A]. Where
+    none does, it is the mean over all.
+    """
+    acts = (action_mask.sum(-1) > 1).flatten(1)
+    acts |= ~acts.any(1, keepdim=True)
+    sums: Tensor = values.flatten(1).masked_fill(~acts, 0.0).sum(1)
+    return sums / acts.sum(1)
+
+
 class MaskedEpsilonGreedy:
     """Epsilon-greedy over the legal actions of a batch, with its own random generator.
 
     An exploring row draws a group uniformly from those with a legal action, then a legal action
     uniformly within it: otherwise the 60 cells of one tower kind would outweigh the one action that
-    buys a unit. Without `action_groups` (int [A]) all legal actions are equally likely. Each call
-    always draws 3 numbers for each row: the stream depends on the number of rows alone. The
-    generator is on the CPU: every device draws the same actions.
+    buys a unit. Without `action_groups` (int [A]) all legal actions are equally likely. Where an
+    action has a shape, each place explores for itself. Each call always draws 3 numbers for each
+    row: the stream depends on the number of rows alone. The generator is on the CPU: every device
+    draws the same actions.
     """
 
     def __init__(self, seed: int, action_groups: npt.ArrayLike | Tensor | None = None) -> None:
@@ -57,8 +76,14 @@ class MaskedEpsilonGreedy:
     def __call__(self, values: Tensor, action_mask: Tensor, epsilon: float | Tensor) -> Tensor:
         """Values float [N, A], mask bool [N, A], epsilon a number or [N] -> actions int64 [N].
 
+        With an action shape: values and mask [N, H, W, A] -> actions [N, H, W].
         Raises ValueError if epsilon is outside 0..1 or a row has no legal action.
         """
+        if values.ndim > 2:
+            chances = torch.as_tensor(epsilon).expand(len(values))
+            chances = chances.repeat_interleave(values[0, ..., 0].numel())
+            flat = self(values.flatten(0, -2), action_mask.flatten(0, -2), chances)
+            return flat.view(values.shape[:-1])
         actions = self._exploit(values, action_mask)
         num_rows, num_actions = values.shape
         threshold = _check_epsilon(epsilon, num_rows)
@@ -122,7 +147,8 @@ class MaskedSampling(MaskedEpsilonGreedy):
 class PolicyActor:
     """A Q-network as an agent: observations and masks -> actions, without gradients.
 
-    `act` is the agent contract (NumPy in and out), `select_actions` the same on tensors.
+    `act` is the agent contract (NumPy in and out), `select_actions` the same on tensors. Where an
+    action is chosen at each cell, read [N, A] as [N, H, W, A] and actions [N] as [N, H, W].
 
     Attributes:
         state_size: S numbers of the recurrent state of each row; 0 without memory.
@@ -172,7 +198,7 @@ class PolicyActor:
             state: float32 [N, state_size], any device.
         """
         device = next(self.network.parameters()).device
-        values = torch.empty(len(observation), self.network.num_actions, device=device)
+        values = torch.empty(len(observation), *self.network.values_shape, device=device)
         after = state.to(device, copy=True)
         with torch.inference_mode():
             for start in range(0, len(observation), CHUNK_ROWS):

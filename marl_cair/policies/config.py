@@ -25,6 +25,7 @@ LATER: Mapping[str, object] = {
     "memory_width": None,
     "noisy": False,
     "num_quantiles": None,
+    "action_shape": (),
 }
 
 _LEAST_NUMBERS = {"hidden_width": 1, "memory_width": 1, "num_quantiles": 1, "action_embedding": 0}
@@ -34,6 +35,7 @@ _LEAST_IN_LISTS = {
     "obstacle_planes": 0,
     "action_cells": NO_CELL,
     "action_kinds": 0,
+    "action_shape": 1,
 }
 
 
@@ -74,6 +76,7 @@ class QNetworkConfig:
     cell_values: bool = False  # values of actions that point at a cell use the cells around it
     action_cells: tuple[int, ...] = ()  # of each action, -1: none; empty: the game's
     action_kinds: tuple[int, ...] = ()  # of each action; a kind shares weights; empty: the game's
+    action_shape: tuple[int, ...] = ()  # places of an action: the game's
     vector_low: tuple[float, ...] = ()  # of a vector's entries, scaled to -1; empty: the game's
     vector_high: tuple[float, ...] = ()  # of a vector's entries, scaled to 1; empty: the game's
     frame_differences: bool = False  # of stacked images: the newest, and the changes before it
@@ -104,6 +107,11 @@ class QNetworkConfig:
             raise ValueError(
                 f"conv_channels is {list(self.conv_channels)}, but body is {self.body!r}: leave it "
                 f"empty, or use body={' or '.join(map(repr, NUM_LAYERS))}"
+            )
+        if self.action_shape and (self.head != DUELING or self.cell_values or self.noisy):
+            raise ValueError(
+                f"actions have a place at each cell of {list(self.action_shape)}, which has a head "
+                f"of its own: use head={DUELING!r}, cell_values=False and noisy=False"
             )
         is_thesis = self.body == THESIS_CAPSULE
         if is_thesis != (self.head == LENGTH):
@@ -178,10 +186,14 @@ class QNetworkConfig:
             return self
         return replace(self, vector_low=low, vector_high=high)
 
-    def with_actions(self, cells: Sequence[int], kinds: Sequence[int]) -> "QNetworkConfig":
-        """Return these settings with the cell (or NO_CELL) and the kind of each action, if they are
-        needed and not set.
+    def with_actions(
+        self, cells: Sequence[int], kinds: Sequence[int], shape: Sequence[int] = ()
+    ) -> "QNetworkConfig":
+        """Return these settings with the shape of actions, and the cell (or NO_CELL) and the kind
+        of each, if they are needed and not set.
         """
+        if shape:
+            return replace(self, action_shape=tuple(shape))
         if not self.reads_cells:
             return self
         return replace(

@@ -15,7 +15,7 @@ from marl_cair.policies.body import (
     standardise,
     standardise_changes,
 )
-from marl_cair.policies.cell_values import CellValues, check_cells
+from marl_cair.policies.cell_values import CellValues, PlaceValues, check_cells
 from marl_cair.policies.config import NAF, CapsuleSizes, QNetworkConfig
 from marl_cair.policies.distances import DistanceMaps
 from marl_cair.policies.heads import find_points, make_noisy
@@ -35,6 +35,8 @@ class QNetwork(nn.Module):
     Attributes:
         state_size: S numbers of the state; 0 without memory.
         num_quantiles: K of each action, with the head `quantile`; 0 with others.
+        values_shape: of the values of one observation, (A,), or (H, W, A) where an action is chosen
+            at each cell (`config.action_shape`): read "[..., A]" so below.
 
     Raises ValueError for a shape that the body does not support, or `num_actions` below 1.
     """
@@ -51,6 +53,7 @@ class QNetwork(nn.Module):
         self.config = config
         self.observation_shape = tuple(int(size) for size in observation_shape)
         self.num_actions = num_actions
+        self.values_shape = (*config.action_shape, num_actions)
         is_stack = is_image(self.observation_shape) and self.observation_shape[0] > 1
         if config.frame_differences and not is_stack:
             raise ValueError(
@@ -91,6 +94,9 @@ class QNetwork(nn.Module):
 
     def _make_head(self, num_features: int) -> nn.Module:
         config = self.config
+        if config.action_shape:
+            places = config.action_shape
+            return PlaceValues(self.observation_shape, places, num_features, self.num_actions)
         sizes: list[Any] = [num_features, self.num_actions, config.resolve_action_embedding()]
         sizes += [self.num_quantiles] if self.num_quantiles else []
         if config.head == NAF:
@@ -209,12 +215,20 @@ class QNetwork(nn.Module):
             features = self._find_features(seen, is_reduced)
             if remember is not None:
                 features = remember(features)
-            values: Tensor = self.head(features)
-            if self.cells is not None:
-                values = self.cells(seen, features, values, is_reduced)
+            values = self.read_values(seen, features, is_reduced)
         if self.num_quantiles and not quantiles:
             values = values.mean(-1)
         return values.reshape(*batch_shape, *values.shape[1:])
+
+    def read_values(self, planes: Tensor, features: Tensor, is_reduced: bool = False) -> Tensor:
+        """What the head makes of prepared observations and features [N, F]: values [N, A], or
+        quantiles [N, A, K].
+        """
+        if self.config.action_shape:
+            values: Tensor = self.head(planes, features, is_reduced)
+            return values
+        values = self.head(features)
+        return values if self.cells is None else self.cells(planes, features, values, is_reduced)
 
     def _prepare(self, rows: Tensor) -> Tensor:
         seen = _to_float(rows)

@@ -37,7 +37,8 @@ def fit_policy(policy: QNetworkConfig, seen: Representation, spec: GameSpec) -> 
             f"show the {' x '.join(map(str, board.shape[1:]))} cells that actions point at: take "
             "representation=planes, or set policy.cell_values=false"
         )
-    return policy.with_actions(spec.action_cells.tolist(), spec.action_groups.tolist())
+    cells, kinds = spec.action_cells.tolist(), spec.action_groups.tolist()
+    return policy.with_actions(cells, kinds, spec.action_shape)
 
 
 def can_begin_as(agent: str) -> bool:

@@ -12,6 +12,7 @@ from tensordict import TensorDict
 from torch import Tensor
 from torch.nn import functional
 
+from marl_cair.policies.actor import average_places
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.training.sequence_returns import count_burn_in, find_step_returns, unroll_after
 from marl_cair.training.settings.learner import LearnerSettings
@@ -31,6 +32,7 @@ class Loss(ABC):
     LEARNS_FROM_REPLAY: ClassVar[bool]  # from sampled transitions, else from the newest steps
     HAS_TARGET_NETWORK: ClassVar[bool]
     READS_SEQUENCES: ClassVar[bool] = False  # whether it can train networks with memory
+    TAKES_ACTION_SHAPES: ClassVar[bool] = False  # whether it can train actions at each cell
 
     def __init__(self, settings: LearnerSettings) -> None:
         self.settings = settings
@@ -128,6 +130,7 @@ class PqnLoss(Loss):
     LEARNS_FROM_REPLAY: ClassVar[bool] = False
     HAS_TARGET_NETWORK: ClassVar[bool] = False
     READS_SEQUENCES: ClassVar[bool] = True
+    TAKES_ACTION_SHAPES: ClassVar[bool] = True
 
     def __call__(self, network: QNetwork, target: QNetwork, batch: TensorDict) -> LossResult:
         """batch: TensorDict [N] with "observation", "action" and "target"; for networks with memory
@@ -159,9 +162,13 @@ def compare(values: Tensor, batch: TensorDict, wanted: Tensor, measure: str) -> 
     """Loss of `values` float32 [..., A] at the actions taken, against `wanted` float32 [...].
 
     measure: "smooth_l1" (Huber) or "l2". Rows weigh as "priority_weight" float32 [...], if there;
-    those that are not "learned" bool [...], if there, do not count.
+    those that are not "learned" bool [...], if there, do not count. Actions [..., H, W] need
+    "action_mask" bool [..., H, W, A]: their value is that of `average_places`.
     """
     chosen = values.gather(-1, batch["action"].unsqueeze(-1)).squeeze(-1)
+    if chosen.ndim > batch.ndim:
+        mask = batch["action_mask"].flatten(0, batch.ndim - 1)
+        chosen = average_places(chosen.flatten(0, batch.ndim - 1), mask).view(batch.shape)
     loss = average_rows(batch, chosen, wanted, partial(measure_errors, measure=measure))
     return LossResult(loss, (wanted - chosen).detach(), values)
 

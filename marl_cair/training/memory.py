@@ -45,7 +45,8 @@ def require_memory_of_games(config: TrainConfig, game: Game, scenario: Any) -> N
     worlds, seen = collector.num_worlds, spec.representations[config.game.representation]
     one = sum(field.nbytes for field in BatchedEngine(game, scenario, 1).state_dict().values())
     require_memory(f"collector.num_worlds = {worlds}", worlds * one)
-    step = 2 * _observation_bytes(seen) + 2 * spec.num_actions + _ENTRY_BYTES
+    num_legal = spec.num_actions * math.prod(spec.action_shape)
+    step = 2 * _observation_bytes(seen) + 2 * num_legal + _ENTRY_BYTES
     steps = worlds * collector.steps_per_batch
     name = f"collector.num_worlds * steps_per_batch = {steps}"
     require_memory(name, steps * spec.num_players * step)
@@ -94,13 +95,14 @@ def count_update_bytes(
     """
     with torch.device("meta"):  # shapes without data
         network = QNetwork(policy, shape, num_actions)
+        planes = torch.empty(num_rows, *network.observation_shape)
         seen = torch.empty(num_rows, *network.body.observation_shape)
     alive = _LiveBytes()
     with alive, contextlib.suppress(Exception):
         features = network.body(seen)
         if network.memory is not None:
             features, _ = network.memory(features, seen.new_empty(num_rows, network.state_size))
-        network.head(features).sum().backward()
+        network.read_values(planes, features).sum().backward()  # type: ignore[no-untyped-call]
     weights = sum(weight.nbytes for weight in network.parameters())
     return _OTHER_COPIES * weights + max(alive.peak, weights)
 

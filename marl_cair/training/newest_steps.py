@@ -9,9 +9,9 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from marl_cair.games.torchrl_env import GROUP
-from marl_cair.policies.actor import PolicyActor
+from marl_cair.policies.actor import PolicyActor, best_values
 from marl_cair.training.collecting.rollout import by_time
-from marl_cair.training.losses import find_lambda_returns, find_targets, mask_values
+from marl_cair.training.losses import find_lambda_returns, find_targets
 from marl_cair.training.settings.learner import LearnerSettings
 
 
@@ -43,6 +43,8 @@ def make_rows(data: TensorDictBase, actor: PolicyActor, settings: LearnerSetting
         "target": returns,
         "is_generated": torch.zeros_like(learned),
     }
+    if group["action"].ndim > group["learned"].ndim:
+        rows["action_mask"] = by_time(group["action_mask"])
     if not actor.state_size:
         count = int(learned.sum())
         return TensorDict({name: value[learned] for name, value in rows.items()}, [count])
@@ -66,7 +68,7 @@ def _value_next(data: TensorDictBase, place: tuple[Tensor, ...], actor: PolicyAc
         _, state = actor.step(group["observation"][where], group["state"][where])
     values, _ = actor.step(following["observation"][where], state)
     mask = following["action_mask"][where].to(values.device)
-    return mask_values(values, mask).amax(-1).cpu()
+    return best_values(values, mask).cpu()
 
 
 def iterate_batches(
@@ -98,7 +100,7 @@ def _add_targets(
     """Generated transitions [N] as rows, with one-step targets."""
     following = generated["next"]
     values = actor.compute_values(following["observation"]).to(following["reward"].device)
-    best = mask_values(values, following["action_mask"]).amax(-1)
+    best = best_values(values, following["action_mask"])
     return TensorDict(
         {
             "observation": generated["observation"],

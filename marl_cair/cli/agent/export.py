@@ -40,11 +40,14 @@ def run(arguments: Sequence[str]) -> int:
     """Write the file and print its inputs and outputs; returns the exit code."""
     options = make_parser().parse_args(arguments)
     about = export_agent(options.agent, options.file)
+    places = "H, W, " if json.loads(about["network"]).get("action_shape") else ""
     sys.stdout.write(
         f"{options.file}: {about['name']} of {about['game']} {about['scenario']}\n"
         f"inputs   observation {about['observation_dtype']} [N, "
-        f"{', '.join(map(str, json.loads(about['observation_shape'])))}], action_mask bool [N, A]\n"
-        f"outputs  values float32 [N, A], action int64 [N]; A = {about['num_actions']}\n"
+        f"{', '.join(map(str, json.loads(about['observation_shape'])))}], action_mask bool "
+        f"[N, {places}A]\n"
+        f"outputs  values float32 [N, {places}A], action int64 [N{places and ', H, W'}]; "
+        f"A = {about['num_actions']}\n"
     )
     return EXIT_DONE
 
@@ -131,8 +134,8 @@ def write_model(
     rng = np.random.default_rng(0)
     shape = (_CHECKED_ROWS, *network.observation_shape)
     seen = rng.integers(0, 256, shape) if dtype == np.uint8 else rng.random(shape)
-    mask = rng.random((_CHECKED_ROWS, network.num_actions)) < 0.5
-    mask[:, 0] |= ~mask.any(1)
+    mask = rng.random((_CHECKED_ROWS, *network.values_shape)) < 0.5
+    mask[..., 0] |= ~mask.any(-1)
     given = {"observation": seen.astype(dtype), "action_mask": mask}
     outputs = ["values", "action"]
     if size:

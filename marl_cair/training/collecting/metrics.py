@@ -17,6 +17,7 @@ from marl_cair.games.game import NO_WINNER, GameSpec
 from marl_cair.games.torchrl_env import LastStep
 from marl_cair.league.play.standings import share_points
 from marl_cair.ranges import COUNT, MOST, SCORE, Range
+from marl_cair.replay.transition import NO_ACTION
 from marl_cair.self_play.win_rates import OPPONENT
 from marl_cair.training.collecting.opponents import Meeting
 
@@ -34,7 +35,7 @@ _RANGES = {  # of saved arrays
 class Decisions(NamedTuple):
     """One step of all seats of all worlds; the arrays are overwritten at the next step."""
 
-    actions: NDArray[np.int64]  # [B, P]
+    actions: NDArray[np.int64]  # [B, P], or [B, P, H, W] with NO_ACTION where no unit acts
     owned: NDArray[np.bool_]  # [B, P] seats of the learner
     shown: NDArray[np.bool_]  # [B, P] those of them that a demonstrator played
     assisted: NDArray[np.bool_]  # [B, P] those that a demonstrator has played in this game
@@ -123,7 +124,8 @@ class EpisodeStatistics:
         running["discount"] *= self._gamma
         running["decisions"] += 1
         own = taken.owned & ~taken.shown
-        kinds = self._groups[taken.actions[own & ~taken.out]]
+        chosen = taken.actions[own & ~taken.out]
+        kinds = self._groups[chosen[chosen != NO_ACTION]]
         running["actions"] += np.bincount(kinds, minlength=len(running["actions"]))
         for met in meetings:
             self._results.setdefault(met.opponent, []).append(met.points)

@@ -16,6 +16,7 @@ from marl_cair.games.game import Agent
 from marl_cair.games.players.recurrent import call_agent, find_state_size, widen_states
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
 from marl_cair.league.agents.foreign import require_answers
+from marl_cair.policies.actor import best_values
 from marl_cair.ranges import COUNT, MOST, NUMBER, Range, read_array, read_number, take_arrays
 from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT
 from marl_cair.self_play.samplers import LATEST_ID
@@ -76,7 +77,7 @@ class SeatRouter(TensorDictModuleBase):
         self.frames = 0
         seats, num_teams = (worlds, self._players), int(self._teams.max()) + 1
         self.taken = Decisions(
-            actions=np.zeros(seats, np.int64),
+            actions=np.zeros((*seats, *env.engine.spec.action_shape), np.int64),
             owned=np.zeros(seats, np.bool_),
             shown=np.zeros(seats, np.bool_),
             assisted=np.zeros(seats, np.bool_),
@@ -93,7 +94,7 @@ class SeatRouter(TensorDictModuleBase):
             "met": OPPONENT,
             "team": Range(0, num_teams - 1),
             "episode": Range(-1, MOST),
-            "actions": Range(0, env.engine.spec.num_actions - 1),
+            "actions": Range(NO_ACTION, env.engine.spec.num_actions - 1),
         }
 
     @property
@@ -130,11 +131,13 @@ class SeatRouter(TensorDictModuleBase):
         taken.assisted[starting] = False
         taken.assisted[:] |= taken.shown
         learned = taken.owned & ~taken.out
-        actions = torch.full(learned.shape, self._noop, dtype=torch.int64)
+        actions = torch.full(taken.actions.shape, self._noop, dtype=torch.int64)
         self._play_own(learned, starting, group, actions)
         self._play_opponents(group, actions)
         expert_actions = self._demonstrate(group, actions)
         taken.actions[:] = actions.numpy()
+        if actions.ndim > learned.ndim:
+            taken.actions[(group.get("action_mask").sum(-1) == 1).numpy()] = NO_ACTION
         group.set("action", actions)
         group.set("learned", torch.from_numpy(learned))
         group.set("expert_action", expert_actions)
@@ -164,11 +167,11 @@ class SeatRouter(TensorDictModuleBase):
         values, state[rows] = own.answer.step(observation[rows], state[rows])
         actions[rows] = own.explore(values, mask[rows], self.frames)
         if self._notes_values or starting.any():
-            best = values.masked_fill(~mask[rows], -torch.inf).amax(-1)
+            best = best_values(values, mask[rows])
             if starting.any():
                 self._statistics.note_first_values(starting, valued, best.numpy())
             if self._notes_values:
-                best_value = torch.full(actions.shape, torch.nan)
+                best_value = torch.full(valued.shape, torch.nan)
                 best_value[rows] = best
                 group.set("best_value", best_value)
         if own.average is not None:

@@ -66,14 +66,7 @@ class GameSettings:
     options: dict[str, Any] = field(default_factory=dict)  # fields of the scenario to change
 
     def __post_init__(self) -> None:
-        spec, scenario = self.spec, self.played_scenario
-        if spec.action_shape:
-            raise ValueError(
-                f"game.options.actions is {scenario.actions!r}, with an action at each place of "
-                f"{list(spec.action_shape)}, but a Q-network chooses one action per step: set it "
-                f"to {type(scenario).actions!r}, or train on the environments of {self.name} with "
-                "a method for such actions"
-            )
+        spec = self.spec
         check_name(f"{self.name} representation", self.representation, spec.representations)
         GAMES[self.name].scenario(self.scenario, reward=self.learned_reward)
         for name, owner in (("reward", "game.reward"), ("shaping_discount", "learner.gamma")):
@@ -355,6 +348,27 @@ class TrainConfig:
             require(is_fit, "learner.algorithm", self.learner.algorithm, allowed)
         if self.policy.memory != NO_MEMORY:
             self._check_memory()
+        if self.game.spec.action_shape:
+            self._check_action_shape()
+
+    def _check_action_shape(self) -> None:
+        """Raise ValueError for parts that cannot learn from an action at each cell."""
+        shape = list(self.game.spec.action_shape)
+        is_fit = LOSSES[self.learner.algorithm].TAKES_ACTION_SHAPES
+        for is_refused, reason, instead in (
+            (not is_fit, "this loss reads one action of each step", "learner.algorithm=pqn"),
+            (
+                self.generator.name != NO_GENERATOR,
+                "generators make transitions of one action",
+                "generator=none",
+            ),
+        ):
+            if is_refused:
+                raise ValueError(
+                    f"the scenario has an action at each cell of {shape}, but {reason}: set "
+                    f"{instead} (or recipe=pqn), or a scenario of one action, such as "
+                    "game.options.actions=unit of deep_rts"
+                )
 
     def _check_memory(self) -> None:
         """Raise ValueError for parts that cannot train a network with memory."""

@@ -52,6 +52,7 @@ def test_the_table_is_made_once_and_shown_again(tmp_path):
         assert f"| `{row['opponent']}` | 8 | {won} |" in table
 
 
+@pytest.mark.slow
 def test_recipes_of_one_player_are_trained_rated_and_drawn(tmp_path):
     words = ["--game", "deep_maze", "--recipes", "deep_maze_9x9", "--networks", "conv"]
     words += ["--seeds", "3", "--games", "8", "--out", str(tmp_path), *LEARNING, "max_ticks=40"]
@@ -65,6 +66,7 @@ def test_recipes_of_one_player_are_trained_rated_and_drawn(tmp_path):
         assert float(row["low"]) <= float(row["value"]) <= float(row["high"])
 
 
+@pytest.mark.slow
 def test_the_time_to_strength_is_measured_once_and_drawn(tmp_path):
     picture = tmp_path / "looks.png"
     words = ["--tasks", "deep_line_wars", "--methods", "pqn", "--networks", "conv", "--seeds", "3"]
@@ -88,6 +90,7 @@ def test_a_level_counts_when_two_looks_in_a_row_reach_it():
     assert find_reached(looks, 0.96) is None
 
 
+@pytest.mark.slow
 def test_mixtures_of_opponents_are_compared_once_and_shown_again(tmp_path):
     words = ["--mixtures", "default", "latest", "--seeds", "0", "--games", "2"]
     words += ["--frames", "1024", "--out", str(tmp_path), *SHORT, "scenario=11x11", "max_ticks=100"]
@@ -101,6 +104,7 @@ def test_mixtures_of_opponents_are_compared_once_and_shown_again(tmp_path):
     assert {line.split("|")[1].strip() for line in lines[2:]} == {"default", "latest"}
 
 
+@pytest.mark.slow
 def test_the_table_compares_generating_with_learning():
     lines = read_table("generator", "| work", ["--rows", "32", "--repeats", "2"]).splitlines()
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
@@ -134,6 +138,7 @@ def run_ladder(name, start, words, folder, picture):
     return rows, {(row["what"], row["against"]) for row in rows}
 
 
+@pytest.mark.slow
 def test_the_table_rates_the_main_agent_the_mixture_and_their_best_responses(tmp_path):
     league = {**EXAMPLES["tiny"], "league_exploiter": {"learners": 0}, "total_frames": 512}
     (tmp_path / "league.yaml").write_text(yaml.safe_dump(league), "utf-8")

@@ -14,6 +14,7 @@ from marl_cair.league.agents.load import load_agent
 SOURCE = "marl_cair.games.deep_rts.teacher:make_teacher"
 
 
+@pytest.mark.slow
 def test_the_teacher_beats_every_bot():
     game, engine = GAMES["deep_rts"], make_engine("deep_rts", "1v1-15x15", 64)
     teacher = load_agent(SOURCE, "deep_rts", "1v1-15x15")
@@ -40,6 +41,7 @@ def test_children_stay_within_the_ranges_and_have_an_army(monkeypatch):
     assert len(seen) > 400
 
 
+@pytest.mark.slow
 def test_the_search_prefers_what_wins_and_finds_the_same_again(monkeypatch):
     for name in ("FIRST_GAMES", "NEXT_GAMES", "LAST_GAMES"):
         monkeypatch.setattr(doctrine_search, name, 2)
@@ -58,6 +60,7 @@ def test_the_search_prefers_what_wins_and_finds_the_same_again(monkeypatch):
     assert found[0] == found[1]
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_doctrine_and_its_even_games_against_each_bot(monkeypatch, capsys):
     monkeypatch.setattr(doctrine_search, "NEXT_GAMES", 2)
     doctrine_search.main(["--generations", "0", "--games", "2"])

@@ -15,6 +15,7 @@ SHORT = {
     "league": "--games 2 --out runs/league",
     "plot_run": "seed_0 seed_1 --column win_rate/random --out curve.png",
 }
+SLOW = "torchrl_dqn", "own_network", "league"
 PRINTED = {
     "random_play": "player_1: mean return",
     "sb3": "mean return in 1 games",
@@ -38,7 +39,9 @@ def test_it_is_short_and_on_the_page(name):
     assert f"]({name}.py)" in (EXAMPLES / "README.md").read_text("utf-8")
 
 
-@pytest.mark.parametrize("name", SHORT)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in SHORT]
+)
 def test_it_runs(name, tmp_path):
     for seed, win_rate in enumerate((0.5, 1.0)):  # two logs for plot_run
         log = tmp_path / f"seed_{seed}" / "log.csv"

@@ -87,6 +87,7 @@ def assert_resumes_where_allowed(run, name, updates):
     assert train(longer, resume=True, show_progress=False).updates > updates
 
 
+@pytest.mark.slow
 def test_the_loss_trains_and_its_run_resumes_where_it_is_allowed(tmp_path):
     learner = {"batch_size": 16, "algorithm": "loss:Mellowmax"}
     result = train_with(tmp_path / "run", learner=learner)
@@ -95,6 +96,7 @@ def test_the_loss_trains_and_its_run_resumes_where_it_is_allowed(tmp_path):
     assert_resumes_where_allowed(tmp_path / "run", "loss:Mellowmax", result.updates)
 
 
+@pytest.mark.slow
 def test_the_exploration_trains_and_its_run_resumes_where_it_is_allowed(tmp_path):
     words = re.findall(r"marl-cair (train .*)$", EXPLORATION, re.MULTILINE)[0].split()
     kind = compose_config(words[1:]).exploration.kind
@@ -103,6 +105,7 @@ def test_the_exploration_trains_and_its_run_resumes_where_it_is_allowed(tmp_path
     assert_resumes_where_allowed(tmp_path / "run", "exploration:Boltzmann", result.updates)
 
 
+@pytest.mark.slow
 def test_the_generator_gives_labelled_rows(tmp_path):
     refills = {"evaluate_every_frames": 1024, "refill_every_frames": 512, "rows_per_refill": 64}
     generator = {"name": "generator:MemoryGenerator", **refills}
@@ -111,6 +114,7 @@ def test_the_generator_gives_labelled_rows(tmp_path):
     assert result.last_row["replay/generated"] > 0
 
 
+@pytest.mark.slow
 def test_the_opponent_plays(monkeypatch, tmp_path):
     shutil.copy(FOLDER / "opponent.py", tmp_path / "opponent.py")
     commands = (FOLDER / "opponent.py").read_text("utf-8")
@@ -140,6 +144,7 @@ def installed(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_game_is_listed_and_the_command_of_the_page_runs(installed):
     assert "tug_of_war" in json.loads(read_output(installed, *MARL_CAIR, "games", "--json"))
     page = (ROOT / "docs/extending.md").read_text("utf-8")

@@ -248,6 +248,7 @@ def load_in_a_process(folder, **environment):
     return run_python(folder.parent, "-c", code, **environment)
 
 
+@pytest.mark.slow
 def test_a_checkpoint_names_its_class_and_runs_it_only_if_allowed(here):
     network = make()
     save(here / "agent", network)

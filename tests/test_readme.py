@@ -38,6 +38,7 @@ SHORTER = {
 }
 
 
+@pytest.mark.slow
 def test_the_demo_writes_what_it_promises(tmp_path):
     """Cut short by its own options."""
     folder, short = tmp_path / "runs" / "demo", {"evaluation_games": 2, "num_worlds": 32}
@@ -87,6 +88,7 @@ def test_commands_name_only_folders_that_a_clone_has_or_that_a_command_before_ma
                         assert any(word.startswith(one) for one in made), line
 
 
+@pytest.mark.slow
 def test_a_demo_that_has_not_learned_says_so(tmp_path):
     settings = DemoSettings(
         str(tmp_path), score=1.01, frames=512, evaluation_games=2, num_worlds=32

@@ -56,6 +56,7 @@ def test_every_choice_of_a_group_composes(group):
         compose_config([f"{group}={choice}"])
 
 
+@pytest.mark.slow
 def test_every_bot_and_every_way_of_self_play_is_a_choice_that_composes():
     games = {bot: name for name in GAMES for bot in GAMES[name].bots}
     choices = list_opponents()
@@ -87,6 +88,7 @@ def test_a_sweep_composes_one_job_for_each_combination(capsys):
     assert len({job.name for job in jobs}) == 4
 
 
+@pytest.mark.slow
 def test_a_sweep_trains_each_job_and_begins_none_again(tmp_path, capsys):
     out = tmp_path / "sweep"
     words = ["train", "--multirun", *SMALL, "seed=0,1", "total_frames=256", f"out={out}"]
@@ -145,6 +147,7 @@ def test_every_recipe_composes_and_is_listed(name):
     assert f"{name}: " in describe_options()
 
 
+@pytest.mark.slow
 def test_words_beside_a_recipe_go_before_its_own():
     plain = compose_config(["recipe=deep_rts_duel"])
     words = ["learner.gamma=0.9", "scenario=1v1-31x31", "opponent=self_play"]
@@ -284,6 +287,7 @@ def test_train_resume_evaluate_and_league_from_end_to_end(tmp_path, capsys):
         assert store.settings["scenario"]["max_ticks"] == 40
 
 
+@pytest.mark.slow
 def test_an_interrupt_saves_and_exits_with_130(tmp_path, capsys):
     """Ctrl-C while it learns: the first agent has been saved."""
     run = tmp_path / "run"

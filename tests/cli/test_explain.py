@@ -23,6 +23,7 @@ def agent(tmp_path_factory):
     return _networks.save_network(folder, SCENARIO, "planes", config, options=options)
 
 
+@pytest.mark.slow
 def test_the_folder_holds_pictures_a_film_and_the_agents_numbers(agent, tmp_path, capsys):
     out = tmp_path / "why"
     words = ["explain", agent, "--opponent", "rusher", "--seed", "4", "--gamma", "0.9"]
@@ -55,6 +56,7 @@ def test_the_folder_holds_pictures_a_film_and_the_agents_numbers(agent, tmp_path
     assert f"overestimation {overestimation:+.3f}" in printed
 
 
+@pytest.mark.slow
 def test_values_of_a_recurrent_agent_are_those_that_it_played_by(tmp_path):
     config = QNetworkConfig(body="mlp", hidden_width=16, memory="gru", memory_width=8)
     folder = tmp_path / "gru"

@@ -63,7 +63,7 @@ def recorded():
     return {name: np.concatenate(rows) for name, rows in seen.items()}, np.concatenate(masks)
 
 
-SLOW = ("residual", "thesis_capsule", "thesis_conv")  # to export
+SLOW = {*SIZES} - {"conv", "mlp", "naf"}  # to export
 
 
 @pytest.mark.parametrize(
@@ -103,6 +103,7 @@ def test_actions_equal_the_agents_on_1000_observations(name, recorded, tmp_path)
     assert about["state_size"] == "0"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", ["lstm", "gru"])
 def test_an_exported_memory_continues_from_the_state_it_returns(memory, recorded, tmp_path):
     config = QNetworkConfig(hidden_width=16, memory=memory, memory_width=8)
@@ -133,6 +134,7 @@ assert "torch" not in sys.modules
 """
 
 
+@pytest.mark.slow
 def test_the_command_and_the_runner_without_torch(tmp_path, capsys):
     folder = save(tmp_path, "mlp")
     assert main(["export", folder, str(tmp_path / "agent.onnx")]) == 0

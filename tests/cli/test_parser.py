@@ -68,6 +68,7 @@ def test_old_spellings_give_the_new_one_in_a_line(capsys):
     assert "nearest are 'max_ticks'" in shown
 
 
+@pytest.mark.slow
 def test_fields_of_the_scenario_are_set_alike_in_match_evaluate_and_league(tmp_path, capsys):
     words = ["--game", "deep_line_wars", "--scenario", "11x11", "--games", "2"]
     words += ["--set", "max_ticks=50", "--set", "preset=2017"]
@@ -123,6 +124,7 @@ def test_help_imports_no_library_that_takes_seconds(command):
     assert imported_by([*command.split(), "--help"], watched) == "[]"
 
 
+@pytest.mark.slow
 def test_evaluation_of_bots_imports_no_torch():
     words = ["evaluate", "counter", "--game", "deep_line_wars", "--scenario", "11x11"]
     assert imported_by([*words, "--games", "2"], HEAVY) == "[]"

@@ -199,6 +199,7 @@ def check(read, folder, shown):
     assert time.monotonic() - begun < MOST_SECONDS, f"{shown} took {time.monotonic() - begun:.1f} s"
 
 
+@pytest.mark.slow
 def test_damaged_files_end_in_public_errors(stored, tmp_path):
     folder, _ = stored
     end, number = time.monotonic() + SECONDS / 2, 0
@@ -215,6 +216,7 @@ def test_damaged_files_end_in_public_errors(stored, tmp_path):
         number += 1
 
 
+@pytest.mark.slow
 def test_damaged_states_end_in_public_errors(stored, tmp_path):
     _, run = stored
     state, kept = run.folder / "resume", tmp_path / "kept"

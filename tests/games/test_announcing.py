@@ -68,6 +68,7 @@ marl_cair.make_engine("flappy_bird").reset(0)
 """
 
 
+@pytest.mark.slow
 def test_rules_that_were_compiled_before_are_read_without_a_word(tmp_path):
     shown = run_python(CALL_AT_ONCE, tmp_path, NUMBA_DISABLE_JIT="0")
     assert " ".join(shown) == NOTICE.replace("chess", "flappy_bird").strip()

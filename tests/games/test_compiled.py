@@ -276,6 +276,7 @@ def run_engine(tmp_path: Path, **setting: str) -> list[str]:
     return run_python(RUN_ENGINE.format(users=tmp_path / "users"), tmp_path, **setting)
 
 
+@pytest.mark.slow
 def test_compiled_code_is_kept_in_our_folder_and_not_in_the_users(tmp_path):
     printed = run_engine(tmp_path, NUMBA_DISABLE_JIT="0")
     assert printed == ["True", str(tmp_path / "users")]
@@ -307,6 +308,7 @@ print(sum(engine.game.reset.entry.stats.cache_misses.values()))
 """
 
 
+@pytest.mark.slow
 def test_of_processes_that_want_the_same_code_at_one_time_one_compiles(tmp_path):
     environment = {**os.environ, "MARL_CAIR_CACHE": str(tmp_path), "NUMBA_DISABLE_JIT": "0"}
     environment["PYTHONPATH"] = os.pathsep.join(sys.path)
@@ -371,6 +373,7 @@ except IndexError:
 """
 
 
+@pytest.mark.slow
 def test_bounds_are_checked_when_asked_for_whatever_was_cached_before(tmp_path):
     """Numba itself would load the unchecked code that the first run left behind."""
     printed = [

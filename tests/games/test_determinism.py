@@ -216,6 +216,7 @@ def run_plain_python() -> list[str]:
     return done.stdout.splitlines()
 
 
+@pytest.mark.slow
 def test_plain_python_plays_the_same_bits_as_compiled_code():
     expected = []
     for case in PLAIN_CASES:

@@ -89,6 +89,7 @@ envs.close()
 """
 
 
+@pytest.mark.slow
 def test_a_users_scenario_is_known_to_processes_that_gymnasium_spawns(tmp_path):
     done = run_python(tmp_path, "-c", IN_OTHER_PROCESSES)
     assert done.stdout == "(8, 9)\n", done.stderr
@@ -301,6 +302,7 @@ def test_a_package_may_look_games_up_while_it_is_imported(tmp_path):
     assert "BrokenGameWarning" not in warned
 
 
+@pytest.mark.slow
 def test_a_game_that_cannot_be_described_is_left_out_of_the_list(tmp_path):
     text = GAME_MODULE + FAILING + CHANGED.format("make_spec=fail")
     install(tmp_path, "foreign", "foreign_game", text)
@@ -335,6 +337,7 @@ print(json.dumps([*list_games()]))
 """
 
 
+@pytest.mark.slow
 def test_commands_leave_out_broken_packages(tmp_path):
     texts = {
         "absent": BROKEN,
@@ -354,6 +357,7 @@ def test_commands_leave_out_broken_packages(tmp_path):
         assert f"BrokenGameWarning: the game '{name}' of {name}_game" in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [FAILING.replace("fail", "make_late"), LATE])
 def test_the_rules_of_all_other_games_are_compiled(tmp_path, make):
     text = GAME_MODULE + make + CHANGED.format("make_spec=make_late")
@@ -373,6 +377,7 @@ raise SystemExit(main(["train", "game=foreign", "total_frames=2_048", "out=run"]
 """
 
 
+@pytest.mark.slow
 def test_a_game_without_a_random_bot_trains_at_defaults(tmp_path):
     only_idle = GAME_MODULE + CHANGED.format("bots={'idle': last_standing.GAME.bots['idle']}")
     install(tmp_path, "foreign", "foreign_game", only_idle)

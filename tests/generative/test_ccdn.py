@@ -34,6 +34,7 @@ def test_gradient_reaches_every_parameter(real_rows):
         assert parameter.grad.abs().sum() > 0.0, name
 
 
+@pytest.mark.slow
 def test_untrained_network_copies(real_rows):
     network = make_network()
     rows = real_rows[:64]

@@ -130,6 +130,7 @@ def test_invalid_bounds_are_refused(low, high, message):
         VectorCodec(low, high)
 
 
+@pytest.mark.slow
 def test_frames_are_learned_and_generated():
     generator = make_frame_generator()
     rows = train(generator, make_frame_rows, 4000, 64)
@@ -152,6 +153,7 @@ def test_frames_are_learned_and_generated():
     assert float((drawn - real)[accepted].abs().mean()) < 0.25
 
 
+@pytest.mark.slow
 def test_vectors_are_learned_generated_and_continued():
     generator = make_vector_generator()
     rows = train(generator, make_vector_rows, 6000, 128)

@@ -73,6 +73,7 @@ def test_gate_refuses_with_too_few_heldout_rows(real_rows):
     assert "held-out rows, 200 are needed" in report.reasons[0]
 
 
+@pytest.mark.slow
 def test_gate_refuses_a_generator_fed_with_shuffled_next_states(real_rows):
     shuffled = real_rows.clone()
     order = torch.randperm(real_rows.shape[0], generator=torch.Generator().manual_seed(0))

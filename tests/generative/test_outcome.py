@@ -1,5 +1,6 @@
 """Rewards and masks that depend on what stands on the next board, not on the current one."""
 
+import pytest
 import torch
 
 from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec
@@ -58,6 +59,7 @@ def draw_rows(num, random):
     return rows
 
 
+@pytest.mark.slow
 def test_reward_is_a_change_of_planes_and_mask_depends_on_the_marked_cell():
     random = torch.Generator().manual_seed(0)
     rows, held = draw_rows(6000, random), draw_rows(300, random)

@@ -52,6 +52,7 @@ def test_games_per_pair_count_pairs_and_not_line_ups(tmp_path, monkeypatch):
     assert plan_extension(tmp_path, ["scorer"]).games_per_pair == 24
 
 
+@pytest.mark.slow
 def test_a_league_resumes_with_another_limit(tmp_path):
     """A function has the same fingerprint with and without a limit."""
     source = "tests.league.players:make_first_legal"
@@ -78,6 +79,7 @@ def test_an_agent_of_the_league_is_refused(league, capsys):
     assert "turtle is given twice" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_agent_that_has_changed_is_refused(tmp_path):
     net = save_network(tmp_path / "net", seed=0)
     words = ["random", net, "--games", "2", "--out", str(tmp_path / "league")]

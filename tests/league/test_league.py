@@ -90,6 +90,7 @@ def test_the_order_of_the_agents_changes_nothing(tmp_path):
     assert len(tables) == len(games) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [(4, 8), (2, 10, 20), (8, 18)])
 def test_an_extended_league_is_a_fresh_one_of_its_size(tmp_path, steps):
     for games in steps:
@@ -98,6 +99,7 @@ def test_an_extended_league_is_a_fresh_one_of_its_size(tmp_path, steps):
     assert_same(tmp_path / "extended", tmp_path / "fresh")
 
 
+@pytest.mark.slow
 def test_a_league_cut_short_shows_the_games_of_a_short_one(tmp_path):
     play(tmp_path / "a", games_per_pair=20)
     play(tmp_path / "a", games_per_pair=4)
@@ -105,6 +107,7 @@ def test_a_league_cut_short_shows_the_games_of_a_short_one(tmp_path):
     assert read(tmp_path / "a") == read(tmp_path / "b")
 
 
+@pytest.mark.slow
 def test_an_agent_that_joins_later_changes_no_game_of_the_others(tmp_path):
     play(tmp_path / "a", agents=("random", "turtle"))
     before = read_games(tmp_path / "a")
@@ -163,6 +166,7 @@ def test_a_league_that_is_killed_again_and_again_resumes_to_the_same_tables(tmp_
     assert_same(tmp_path / "a", tmp_path / "b", moments)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changes", [{}, {"half_width_elo": 120.0, "games_per_pair": 60}])
 def test_the_number_of_workers_changes_nothing(tmp_path, changes):
     play(tmp_path / "a", workers=2, **{"games_per_pair": 40, **changes})
@@ -170,6 +174,7 @@ def test_the_number_of_workers_changes_nothing(tmp_path, changes):
     assert_same(tmp_path / "a", tmp_path / "b")
 
 
+@pytest.mark.slow
 def test_an_agent_that_is_another_in_the_workers_is_refused(tmp_path):
     config = make_config(tmp_path / "a", agents=("random", "rusher", "turtle"), workers=2)
     with pytest.raises(OSError, match=r"^rusher changed while the league was starting its work"):
@@ -242,6 +247,7 @@ class TestCheckpoints:
         assert {rating.name for rating in result.ratings} == {"random", "zz"}
         assert read_games(tmp_path / "league") == before
 
+    @pytest.mark.slow
     def test_networks_and_foreign_agents_play_the_same_games_in_workers(self, tmp_path):
         networks = [save_network(tmp_path / name, seed=len(name)) for name in ("one", "three")]
         agents = ("random", "tests.league.players:make_first_legal", *networks)

@@ -27,6 +27,7 @@ def test_weights_of_the_three_bodies():
     assert max(grid) < 1.05 * min(grid)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 def test_a_case_is_measured_in_a_process_of_its_own():
     cost = run(Case("capsule", 16, 4, 2), 1.0)

@@ -255,11 +255,8 @@ def draw_products(num_rows: int, generator: torch.Generator) -> tuple[Tensor, Te
 @pytest.mark.parametrize(
     ("body", "head", "draw", "num_updates"),
     [
-        *(
-            (body, head, draw_offsets, 120)
-            for body in PLANE_BODIES
-            for head in ("dueling", "plain")
-        ),
+        *((body, "dueling", draw_offsets, 120) for body in PLANE_BODIES),
+        pytest.param("capsule", "plain", draw_offsets, 120, marks=pytest.mark.slow),
         ("mlp", "dueling", draw_products, 300),
     ],
 )

@@ -120,6 +120,7 @@ def test_a_folder_without_replay_or_of_another_layout_is_refused(tmp_path: Path)
         )
 
 
+@pytest.mark.slow
 def test_scratch_files_are_gone_when_the_program_ends(tmp_path: Path):
     script = (
         "import sys\n"

@@ -89,6 +89,7 @@ def set_random_errors(sampler: PrioritizedSampler, storage: EpisodeStorage) -> n
     return priorities
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("alpha", "batch_size"), [(0.4, 16), (1.0, 1), (1.0, 16)])
 def test_draws_are_in_proportion_to_the_errors(alpha, batch_size):
     storage = fill_storage()

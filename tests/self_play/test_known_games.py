@@ -78,12 +78,17 @@ def test_the_history_of_latest_is_no_equilibrium_where_throws_differ_in_worth(tm
 
 
 @pytest.mark.parametrize("scenario", ["fair", "biased"])
-@pytest.mark.parametrize("mixture", [{"uniform": 1.0}, {"pfsp": 1.0}], ids="_".join)
+@pytest.mark.parametrize(
+    "mixture",
+    [pytest.param({"uniform": 1.0}, marks=pytest.mark.slow), {"pfsp": 1.0}],
+    ids="_".join,
+)
 def test_the_history_of_mixtures_converges_to_the_equilibrium(tmp_path, scenario, mixture):
     done = run(tmp_path, scenario, mixture, 150)
     assert exploitability(payoff(done.scenario), shares_of(done.throws)) <= 0.12
 
 
+@pytest.mark.slow
 def test_half_latest_is_too_much_for_exact_best_responses(tmp_path):
     """The default converges in the fair game, and nearly cycles in the biased one."""
     fair = run(tmp_path / "fair", "fair", WITHOUT_BOTS, 150)

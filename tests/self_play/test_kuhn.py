@@ -170,6 +170,7 @@ def kuhn():
     return game, read_tree(game)
 
 
+@pytest.mark.slow
 def test_the_best_pure_strategy_is_exploitable_by_a_sixth(kuhn):
     game, tree = kuhn
     tables = np.array(list(itertools.product((0, 1), repeat=len(tree.names))))
@@ -182,9 +183,9 @@ def test_the_best_pure_strategy_is_exploitable_by_a_sixth(kuhn):
     "mixture",
     [
         {"latest": 1.0},
-        {"uniform": 1.0},
-        {"latest": 0.5, "recent": 0.5},
-        {"latest": 0.35, "pfsp": 0.65},
+        pytest.param({"uniform": 1.0}, marks=pytest.mark.slow),
+        pytest.param({"latest": 0.5, "recent": 0.5}, marks=pytest.mark.slow),
+        pytest.param({"latest": 0.35, "pfsp": 0.65}, marks=pytest.mark.slow),
         WITHOUT_BOTS,
     ],
     ids="_".join,

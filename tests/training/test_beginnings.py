@@ -101,6 +101,7 @@ def test_a_state_that_another_process_saved_while_this_one_began_is_taken_up(tmp
     run.close()
 
 
+@pytest.mark.slow
 def test_a_run_begins_with_the_generator_of_another_and_trains_it_on(finished, tmp_path):
     """A resumed run does not read it again."""
     source = Path(shutil.copytree(finished, tmp_path / "first"))

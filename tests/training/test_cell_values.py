@@ -44,6 +44,7 @@ def test_a_game_without_cells_is_refused_before_anything_is_written(tmp_path):
     assert not (tmp_path / "a").exists()
 
 
+@pytest.mark.slow
 def test_pictures_do_not_show_the_cells_and_differing_policies_are_named_shortly(tmp_path):
     config = tiny(tmp_path / "a", 128, policy=POLICY, synthetic_fraction=0.0)
     game = dataclasses.replace(config.game, representation="image")

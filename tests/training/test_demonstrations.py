@@ -100,6 +100,7 @@ def make_saved(tmp_path):
     return runs.make_agent(small(tmp_path / "saved", "duel", {"random": 1.0}))
 
 
+@pytest.mark.slow
 def test_bots_functions_and_checkpoints_take_turns_and_say_what_they_would_do(tmp_path):
     agents = {"scorer": f"{__name__}:make_scorer", "saved": make_saved(tmp_path)}
     demonstration = shown_by("idle", agents=agents, share=1.0, advise=True)

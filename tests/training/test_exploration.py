@@ -66,6 +66,7 @@ def noisy(folder, head="dueling"):
     return small(folder, "duel", policy=policy, exploration=NOISY, learner=learner)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("test_game")
 @pytest.mark.parametrize("head", ["dueling", "quantile"])
 def test_a_noisy_run_resumes_to_the_same_bits(tmp_path, head):

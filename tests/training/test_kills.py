@@ -56,6 +56,7 @@ def resume(folder):
         return train(dataclasses.replace(load_config(folder), total_frames=128), resume=True)
 
 
+@pytest.mark.slow
 def test_training_killed_at_any_write_can_be_resumed(tmp_path):
     number, was_killed = 0, True
     while was_killed:
@@ -70,7 +71,9 @@ def test_training_killed_at_any_write_can_be_resumed(tmp_path):
     assert number > 5
 
 
-@pytest.mark.parametrize("number", [0, 1, 3, 5])
+@pytest.mark.parametrize(
+    "number", [0, *(pytest.param(number, marks=pytest.mark.slow) for number in (1, 3, 5))]
+)
 def test_a_league_in_training_is_resumed(tmp_path, number):
     settings = make_league(tmp_path / "a", total_frames=64, slice_frames=64)
     run_killed(lambda: train_league(settings, show_progress=False), number)
@@ -102,6 +105,7 @@ sys.exit(main([*words.split(), f"out={sys.argv[1]}"]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["hang up", signal.SIGTERM])
 def test_a_signal_saves_before_the_end(tmp_path, kind):
     main_end, terminal = pty.openpty()

@@ -95,6 +95,7 @@ def test_a_main_exploiter_begins_as_the_main_agents_in_turn(league):
             assert config.exploration.epsilon_start == (1.0 if main is None else 0.05)
 
 
+@pytest.mark.slow
 def test_a_new_generation_begins_with_the_weights_of_the_main_agent(tmp_path):
     settings = make_league(tmp_path, total_frames=384, slice_frames=384)
 
@@ -115,6 +116,7 @@ def test_a_new_generation_begins_with_the_weights_of_the_main_agent(tmp_path):
         assert same == is_main
 
 
+@pytest.mark.slow
 def test_a_league_of_learners_that_begin_with_an_agent_is_resumed(tmp_path):
     """Whether a learner began as a main agent is decided once, not at each turn."""
     settings = make_league(tmp_path / "first", total_frames=64, slice_frames=64)
@@ -173,6 +175,7 @@ def kill_at(patch, number):
     return count
 
 
+@pytest.mark.slow
 def test_a_league_that_was_stopped_and_killed_at_any_write_comes_to_the_same(league, tmp_path):
     """First with fewer frames, then with no time, then each attempt is cut at a later rename than
     the one before, and the next one resumes it.
@@ -244,6 +247,7 @@ def test_slices_need_only_their_folders(tmp_path):
     assert seen[0][1:] == ("shared", {"frames": 256, "total_frames": 256, "max_minutes": None})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["ffa-3", "teams"])
 def test_leagues_of_many_seats_and_of_average_policies_train_too(tmp_path, scenario):
     training = {
@@ -266,6 +270,7 @@ def test_leagues_of_many_seats_and_of_average_policies_train_too(tmp_path, scena
 # --- the end, and what is refused ------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_report_rates_the_learners_and_shows_their_payoffs(tmp_path):
     values = {"total_frames": 64, "final_games": 2, "final_bots": ["idle"]}
     result = train_league(make_league(tmp_path / "league", **values), show_progress=False)
@@ -281,6 +286,7 @@ def test_the_report_rates_the_learners_and_shows_their_payoffs(tmp_path):
     assert {Path(source).parent.name for source in mixture.sources} == {"members"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("final_past", [0, 2])
 def test_the_report_rates_what_learners_froze_last_too(tmp_path, final_past):
     values = {"total_frames": 384, "final_games": 2, "final_past": final_past}

@@ -32,6 +32,7 @@ def average_digest(folder):
     return parts, [path.read_bytes() for path in sorted(rows)]
 
 
+@pytest.mark.slow
 def test_the_q_network_plays_whole_games_of_whole_teams_in_its_share_of_them(tmp_path):
     run = TrainingRun(small(tmp_path / "a", "teams", {"latest": 1.0}, nfsp=NFSP))
     data = runs.collect(run, 12)
@@ -81,6 +82,7 @@ def test_generated_rows_are_a_fifth_of_what_q_learns_from_and_none_of_the_averag
     run.close()
 
 
+@pytest.mark.slow
 def test_a_resumed_run_equals_one_that_was_never_stopped(tmp_path):
     """With snapshots that draw their actions too."""
     folders = runs.train_whole_and_in_parts(
@@ -129,6 +131,7 @@ def test_the_same_weights_are_another_agent_where_they_are_sampled(tmp_path):
     run.close()
 
 
+@pytest.mark.slow
 def test_the_average_learns_what_the_q_network_does(tmp_path):
     """The Q-network always scores: the average policy learns to score."""
     config = small(

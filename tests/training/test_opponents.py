@@ -256,6 +256,7 @@ def test_each_member_of_a_mixture_is_an_opponent_by_a_name_and_a_share_of_its_ow
         make_run(tmp_path / "taken", "duel", {"mixed": 1.0}, agents=taken)
 
 
+@pytest.mark.slow
 def test_a_run_with_every_sampler_resumes_bit_for_bit(tmp_path):
     names = ("pfsp", "pfsp_variance", "pfsp_easy", "delta_uniform", "recent", "nash", "pfsp_bots")
     opponent = OpponentSettings(
@@ -270,6 +271,7 @@ def test_a_run_with_every_sampler_resumes_bit_for_bit(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_snapshots_after_the_saved_state_are_written_again_the_same(tmp_path):
     """After a crash between them and the next state."""
 

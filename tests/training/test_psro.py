@@ -81,6 +81,7 @@ def find_throws(folder):
     return shares
 
 
+@pytest.mark.slow
 def test_rounds_find_every_throw_and_mix_them_as_the_equilibrium_does(tmp_path):
     settings = {"rounds": 4, "round_frames": 2_048, "first_round_frames": 512, "games_per_pair": 20}
     result = run(tmp_path / "out", **settings)
@@ -106,6 +107,7 @@ def test_half_the_games_are_against_the_own_mixture_half_against_the_hardest_one
     assert weigh_opponents(scores, [0, 1, 2], 0.001, 0.0) == pytest.approx([1 / 3] * 3, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_resumes_to_the_same_bits(tmp_path, monkeypatch):
     whole = run(tmp_path / "whole")
     assert run(tmp_path / "parts", rounds=1).is_done  # and then one round more
@@ -126,6 +128,7 @@ def test_a_run_that_was_stopped_resumes_to_the_same_bits(tmp_path, monkeypatch):
     assert texts[0] == texts[1]
 
 
+@pytest.mark.slow
 def test_each_response_begins_with_what_the_generator_before_it_has_learned(tmp_path, monkeypatch):
     generator = {"name": "ccdn", "frames_per_update": 256, "batch_size": 8}
     training = {**TRAINING, "synthetic_fraction": 0.2, "generator": generator}
@@ -152,6 +155,7 @@ def begun(tmp_path_factory):
     return folder / "players" / "player_000"
 
 
+@pytest.mark.slow
 def test_begin_with_is_an_opponent_and_a_first_network_even_if_deleted_later(
     tmp_path, monkeypatch, begun
 ):
@@ -167,6 +171,7 @@ def test_begin_with_is_an_opponent_and_a_first_network_even_if_deleted_later(
     assert run("next", **again).is_done  # the same folder, spelled otherwise
 
 
+@pytest.mark.slow
 def test_a_state_left_by_a_kill_is_deleted_and_other_settings_are_refused(tmp_path):
     run(tmp_path / "out", rounds=1)
     left = tmp_path / "out" / "rounds" / "000" / "run" / "resume"

@@ -75,6 +75,7 @@ def test_the_loss_has_the_numbers_of_its_formula(double, is_weighted):
     torch.testing.assert_close(result.values, network(batch["observation"]))
 
 
+@pytest.mark.slow
 def test_the_quantiles_of_a_known_distribution_are_found():
     torch.manual_seed(0)
     quantiles = torch.zeros(1, 4, requires_grad=True)

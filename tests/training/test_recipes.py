@@ -69,8 +69,11 @@ def test_the_thesis_has_its_hyper_parameters():
 @pytest.mark.parametrize(
     "name",
     [
-        *NETWORKS,
         "rainbow policy=capsule",
+        *(
+            pytest.param(name, marks=() if name == "drqn" else pytest.mark.slow)
+            for name in NETWORKS
+        ),
         *(pytest.param(name, marks=pytest.mark.slow) for name in THESIS),
     ],
 )

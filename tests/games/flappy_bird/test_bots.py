@@ -39,6 +39,7 @@ def fly(engine: BatchedEngine, name: str, num_decisions: int) -> np.ndarray:
     return engine._worlds.pipes_passed.copy()
 
 
+@pytest.mark.slow
 def test_the_oracle_passes_a_thousand_classic_pipes():
     engine = start("classic", 4, max_ticks=38_000)
     assert (fly(engine, "oracle", 38_000) >= 1_000).all()

@@ -65,6 +65,7 @@ def test_an_agent_in_a_process_plays_as_in_this_one(source):
     assert not any(result.forfeit for result in results)
 
 
+@pytest.mark.slow
 def test_a_process_that_starts_again_goes_on_with_the_states():
     here, there = load(SOURCE), load(SOURCE, 60.0)
     state = other = np.zeros((4, here.state_size), np.float32)

@@ -46,6 +46,7 @@ def runs(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_league_of_runs_rates_what_they_have_saved(runs, capsys, monkeypatch):
     monkeypatch.chdir(runs.parent)
     shutil.copytree(runs, runs.parent / "runs", dirs_exist_ok=True)
@@ -208,6 +209,7 @@ def test_a_mixture_copies_only_the_newest_agent_of_a_run(tmp_path):
     assert not (tmp_path / "mix" / "members" / "00" / "run.json").exists()
 
 
+@pytest.mark.slow
 def test_new_agents_of_a_run_can_be_added(tmp_path, capsys):
     run = make_run(tmp_path / "a", (1, 2), latest=2)
     out = ["--out", str(tmp_path / "ladder"), "--games", "2", "--no-replays"]

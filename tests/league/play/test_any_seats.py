@@ -270,6 +270,7 @@ class TestLeague:
         assert {rating.name for rating in result.ratings} == set(agents)
         assert all(rating.games >= 12 for rating in result.ratings)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("scenario", ["ffa-3", "ffa-4", "ffa-8", "uneven"])
     def test_a_league_of_many_that_grows_is_a_fresh_one_of_its_size(self, tmp_path, scenario):
         names = ("random", "scorer", "finisher", "idle")
@@ -278,6 +279,7 @@ class TestLeague:
         fresh = play_league(tmp_path / "b", *names[::-1], scenario=scenario, games_per_pair=games)
         assert grown.text == fresh.text
 
+    @pytest.mark.slow
     def test_each_map_seed_is_played_by_all_agents_in_every_seat(self, tmp_path):
         for seating, games in (("ring", 4), ("all", 24)):
             folder = tmp_path / seating
@@ -323,6 +325,7 @@ class TestLeague:
         with pytest.raises(LeagueStoreError, match=message):
             play_league(tmp_path, "idle", "random", games_per_pair=4, seating="all")
 
+    @pytest.mark.slow
     def test_new_agents_play_a_ladder_that_does_not_play_again(self, tmp_path):
         ladder, duel = ("random", "idle", "scorer"), {"scenario": "duel"}
         play_league(tmp_path, *ladder, games_per_pair=8, **duel)

@@ -220,6 +220,7 @@ class TestAdaptive:
 # --- the end of a league ------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_time_ends_the_first_round_too(tmp_path, capsys, monkeypatch, workers):
     """With many agents the first round takes hours."""

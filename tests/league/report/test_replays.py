@@ -153,6 +153,7 @@ def test_the_report_of_a_league_has_films_which_are_not_made_again(league):
     assert read_page(league) == page
 
 
+@pytest.mark.slow
 def test_a_replay_that_differs_from_the_game_is_noted_and_not_shown(tmp_path):
     play(tmp_path, "random", "turtle", replays=False)
     assert "were left out (--no-replays)" in read_page(tmp_path)
@@ -163,6 +164,7 @@ def test_a_replay_that_differs_from_the_game_is_noted_and_not_shown(tmp_path):
     assert list((tmp_path / FOLDER).glob("*.differs"))
 
 
+@pytest.mark.slow
 def test_a_network_is_filmed_while_it_is_the_same(tmp_path):
     net, out = save_network(tmp_path / "run" / "latest"), tmp_path / "league"
     play(out, net, "turtle")
@@ -175,6 +177,7 @@ def test_a_network_is_filmed_while_it_is_the_same(tmp_path):
     assert films(out) == []
 
 
+@pytest.mark.slow
 def test_foreign_code_runs_where_games_are_played_and_not_in_a_report(tmp_path):
     play(tmp_path, "tests.league.players:make_first_legal", "turtle")
     assert films(tmp_path)

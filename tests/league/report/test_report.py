@@ -40,6 +40,7 @@ def test_no_name_with_an_id_is_that_of_another():
     assert name(*agents) == ["a", "a (2) (2)", "a (2) (3)"]
 
 
+@pytest.mark.slow
 def test_no_number_depends_on_what_agents_are_called(tmp_path):
     """Resampled by name, intervals of three of these four moved by up to 20 Elo."""
     agents = ("random", "turtle", "rusher", "economist")
@@ -71,6 +72,7 @@ def test_a_bot_and_a_command_of_its_name_are_distinguished(tmp_path):
     assert _short_names((command,), GAME) == [command.removeprefix("process:")]
 
 
+@pytest.mark.slow
 def test_the_zero_that_is_named_is_shown_and_one_that_is_not_there_is_refused(tmp_path):
     agents = ("rusher", "turtle", "economist")
     config = LeagueConfig(agents, scenario="11x11", games_per_pair=16, out=str(tmp_path))

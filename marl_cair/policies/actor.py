@@ -40,16 +40,26 @@ def best_values(values: Tensor, action_mask: Tensor) -> Tensor:
     return average_places(best, action_mask) if values.ndim > 2 else best
 
 
-def average_places(values: Tensor, action_mask: Tensor) -> Tensor:
-    """Values [N, H, W] of the actions at all places -> their mean over those that act, [N].
+def find_values(values: Tensor, action: Tensor, action_mask: Tensor | None = None) -> Tensor:
+    """Values of the actions int64 [...] out of values float [..., A]: float [...].
 
-    A place acts where it has more than one legal action, by action_mask bool [N, H, W, A]. Where
+    Actions [..., H, W] out of values [..., H, W, A] need action_mask bool [..., H, W, A]; their
+    values are those of `average_places`, float [...].
+    """
+    chosen = values.gather(-1, action.unsqueeze(-1)).squeeze(-1)
+    return chosen if action_mask is None else average_places(chosen, action_mask)
+
+
+def average_places(values: Tensor, action_mask: Tensor) -> Tensor:
+    """Values [..., H, W] of the actions at all places -> their mean over those that act, [...].
+
+    A place acts where it has more than one legal action, by action_mask bool [..., H, W, A]. Where
     none does, it is the mean over all.
     """
-    acts = (action_mask.sum(-1) > 1).flatten(1)
-    acts |= ~acts.any(1, keepdim=True)
-    sums: Tensor = values.flatten(1).masked_fill(~acts, 0.0).sum(1)
-    return sums / acts.sum(1)
+    acts = (action_mask.sum(-1) > 1).flatten(-2)
+    acts |= ~acts.any(-1, keepdim=True)
+    sums: Tensor = values.flatten(-2).masked_fill(~acts, 0.0).sum(-1)
+    return sums / acts.sum(-1)
 
 
 class MaskedEpsilonGreedy:

@@ -12,7 +12,7 @@ from tensordict import TensorDict
 from torch import Tensor
 from torch.nn import functional
 
-from marl_cair.policies.actor import average_places
+from marl_cair.policies.actor import find_values
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.training.sequence_returns import count_burn_in, find_step_returns, unroll_after
 from marl_cair.training.settings.learner import LearnerSettings
@@ -163,12 +163,10 @@ def compare(values: Tensor, batch: TensorDict, wanted: Tensor, measure: str) -> 
 
     measure: "smooth_l1" (Huber) or "l2". Rows weigh as "priority_weight" float32 [...], if there;
     those that are not "learned" bool [...], if there, do not count. Actions [..., H, W] need
-    "action_mask" bool [..., H, W, A]: their value is that of `average_places`.
+    "action_mask" bool [..., H, W, A], see `find_values`.
     """
-    chosen = values.gather(-1, batch["action"].unsqueeze(-1)).squeeze(-1)
-    if chosen.ndim > batch.ndim:
-        mask = batch["action_mask"].flatten(0, batch.ndim - 1)
-        chosen = average_places(chosen.flatten(0, batch.ndim - 1), mask).view(batch.shape)
+    action = batch["action"]
+    chosen = find_values(values, action, batch["action_mask"] if action.ndim > batch.ndim else None)
     loss = average_rows(batch, chosen, wanted, partial(measure_errors, measure=measure))
     return LossResult(loss, (wanted - chosen).detach(), values)
 

@@ -12,7 +12,7 @@ from marl_cair.games.torchrl_env import GROUP
 from marl_cair.policies.actor import PolicyActor, best_values
 from marl_cair.training.collecting.rollout import by_time
 from marl_cair.training.losses import find_lambda_returns, find_targets
-from marl_cair.training.settings.learner import LearnerSettings
+from marl_cair.training.settings.learner import WATKINS, LearnerSettings
 
 
 def make_rows(data: TensorDictBase, actor: PolicyActor, settings: LearnerSettings) -> TensorDict:
@@ -22,7 +22,7 @@ def make_rows(data: TensorDictBase, actor: PolicyActor, settings: LearnerSetting
     "learned" marks, with "state", the memory's before the step, and "starts" of episodes.
 
     actor: the network that has collected them, with "best_value" float32 [B, T, P] of each learned
-    step, its largest legal Q.
+    step, its largest legal Q, and "explored" bool [B, T, P], other actions than that of this value.
     """
     group, following = data[GROUP], data["next", GROUP]
     learned, best = by_time(group["learned"]), by_time(group["best_value"])
@@ -33,6 +33,8 @@ def make_rows(data: TensorDictBase, actor: PolicyActor, settings: LearnerSetting
     best_ahead = torch.cat([best[1:], best[:1]])
     place = (is_cut & learned & ~terminated).nonzero(as_tuple=True)
     best_ahead[place] = _value_next(data, place, actor)
+    if settings.traces == WATKINS:
+        is_cut |= torch.cat([by_time(group["explored"])[1:], none])
     reward = by_time(following["reward"]).squeeze(-1) * settings.reward_scale
     returns = find_lambda_returns(
         reward, best_ahead, terminated, is_cut, settings.gamma, settings.q_lambda

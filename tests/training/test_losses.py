@@ -100,9 +100,9 @@ def test_lambda_returns_are_the_weighted_mean_of_all_longer_returns():
             assert found[start, stream] == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("q_lambda", [0.0, 0.9])
-def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda):
-    settings = dataclasses.replace(PQN, q_lambda=q_lambda, gamma=0.9)
+@pytest.mark.parametrize(("q_lambda", "traces"), [(0.0, "peng"), (0.9, "peng"), (0.9, "watkins")])
+def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda, traces):
+    settings = dataclasses.replace(PQN, q_lambda=q_lambda, traces=traces, gamma=0.9)
     run = TrainingRun(runs.tiny(tmp_path / "run", learner=settings))
     data = next(iter(run.collector))
     rows = make_rows(data, run.actor, settings)
@@ -114,11 +114,17 @@ def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda):
     reward = following["reward"].squeeze(-1)
     found, learned = {}, data[GROUP, "learned"]
     ends = following["done"].squeeze(-1)
+    values = run.actor.compute_values(data[GROUP, "observation"].flatten(0, 2))
+    values = losses.mask_values(values, data[GROUP, "action_mask"].flatten(0, 2))
+    explored = data[GROUP, "action"].flatten() != values.argmax(-1)
+    explored = explored.view(learned.shape)
+    assert torch.equal(data[GROUP, "explored"][learned], explored[learned])
     for world, step, seat in learned.nonzero().tolist():
         rest, place = None, (world, step, seat)
         is_last = step == data.shape[1] - 1 or bool(ends[place])
         if not is_last and learned[world, step + 1, seat]:
-            rest = world, step + 1, seat
+            is_cut = traces == "watkins" and explored[world, step + 1, seat]
+            rest = None if is_cut else (world, step + 1, seat)
         found[place] = (float(reward[place]), float(best[place]), rest)
 
     def find_return(place):

@@ -16,7 +16,7 @@ from marl_cair.games.game import Agent
 from marl_cair.games.players.recurrent import call_agent, find_state_size, widen_states
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
 from marl_cair.league.agents.foreign import require_answers
-from marl_cair.policies.actor import best_values
+from marl_cair.policies.actor import best_values, find_values
 from marl_cair.ranges import COUNT, MOST, NUMBER, Range, read_array, read_number, take_arrays
 from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT
 from marl_cair.self_play.samplers import LATEST_ID
@@ -63,7 +63,7 @@ class SeatRouter(TensorDictModuleBase):
         super().__init__()
         self.in_keys = [(GROUP, "observation"), (GROUP, "action_mask"), (GROUP, "done")]
         written = ["action", "learned", "expert_action", "opponent"]
-        written += ["best_value"] if notes_values else []
+        written += ["best_value", "explored"] if notes_values else []
         written += ["answered"] if own.average is not None else []
         written += ["state"] if own.answer.state_size else []
         self.out_keys = [(GROUP, name) for name in written]
@@ -107,7 +107,8 @@ class SeatRouter(TensorDictModuleBase):
         """Write ("player", "action") int64, "learned" bool, "expert_action" int64 and "opponent"
         int16, each [B, P]; with NFSP "answered" bool too, the decisions of the Q-network.
 
-        "best_value" float32 [B, P] is the learner's largest legal Q, NaN where it was not computed.
+        "best_value" float32 [B, P] is the learner's largest legal Q, NaN where it was not computed;
+        "explored" bool [B, P], where the learner took an action of a smaller one.
 
         "expert_action" is the action of a demonstrator, or its advice, NO_ACTION elsewhere.
         "opponent" is the only one of the game, NO_OPPONENT if there are several or none. With a
@@ -174,6 +175,12 @@ class SeatRouter(TensorDictModuleBase):
                 best_value = torch.full(valued.shape, torch.nan)
                 best_value[rows] = best
                 group.set("best_value", best_value)
+                has_places = actions.ndim > learned.ndim
+                explored = torch.zeros(valued.shape, dtype=torch.bool)
+                explored[rows] = best > find_values(
+                    values, actions[rows], mask[rows] if has_places else None
+                )
+                group.set("explored", explored)
         if own.average is not None:
             rows = torch.from_numpy(chosen & ~answering)
             actions[rows] = own.average.select_actions(observation[rows], mask[rows])

@@ -27,6 +27,7 @@ ERRORS = (HUBER, "l2")
 OPTIMIZERS = ("adam", "radam", "rmsprop", "sgd")
 DQN = "dqn"
 AVERAGED, NEWEST = BEHAVIOURS = ("averaged", "newest")
+WATKINS, PENG = TRACES = ("watkins", "peng")
 LOSSES: LazyTable[Any] = LazyTable(
     {
         DQN: "marl_cair.training.losses:DqnLoss",
@@ -47,6 +48,7 @@ class LearnerSettings:
     batch_size: Count = 128  # transitions, generated ones included (dqn)
     frames_per_update: Count = 64  # frames collected for each update (dqn)
     q_lambda: Share = 0.9  # share of longer returns in a target, per step (pqn)
+    traces: str = WATKINS  # longer returns end before a random action (watkins) or not (peng)
     epochs: Count = 2  # times that each collected batch is learned from (pqn)
     minibatches: Count = 4  # updates of an epoch (pqn)
     optimizer: str = "adam"  # adam, radam, rmsprop or sgd
@@ -76,6 +78,7 @@ class LearnerSettings:
         require(
             self.algorithm != QUANTILE or self.loss == HUBER, "learner.loss", self.loss, allowed
         )
+        check_name("learner.traces", self.traces, TRACES)
         check_name("learner.behaviour", self.behaviour, BEHAVIOURS)
 
     @property

@@ -3,55 +3,89 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from marl_cair.games.torchrl_env import GROUP
-from marl_cair.policies.actor import PolicyActor, best_values
+from marl_cair.policies.actor import PolicyActor, find_values, masked_argmax
 from marl_cair.training.collecting.rollout import by_time
 from marl_cair.training.losses import find_lambda_returns, find_targets
 from marl_cair.training.settings.learner import WATKINS, LearnerSettings
 
 
-def make_rows(data: TensorDictBase, actor: PolicyActor, settings: LearnerSettings) -> TensorDict:
+class DoubleValues(NamedTuple):
+    """Values of states for targets, by two networks (double Q-learning, van Hasselt et al. 2016).
+
+    The largest of hundreds of values that err is too large. Actions by the averaged weights, and
+    their values by the newest, err apart; and the newest weights carry values back quickly.
+    """
+
+    chooser: PolicyActor  # the network that has collected; its action counts
+    judge: PolicyActor  # the newest network; its value of this action counts
+
+    def rate(
+        self,
+        observation: Tensor,
+        state: Tensor,
+        action_mask: Tensor,
+        action: Tensor | None = None,
+    ) -> Tensor:
+        """Values float32 [K] of observations [K, *shape] with state float32 [K, state_size].
+
+        action: int64 [K], that of the chooser; None: it chooses now, under action_mask bool [K, A].
+        """
+        values = self.judge.step(observation, state)[0].cpu()
+        if action is None:
+            action = masked_argmax(self.chooser.step(observation, state)[0].cpu(), action_mask)
+        return find_values(values, action, action_mask if action.ndim > 1 else None)
+
+
+def make_rows(data: TensorDictBase, double: DoubleValues, settings: LearnerSettings) -> TensorDict:
     """The learned steps of a collected batch [B, T], with their targets, as TensorDict [N].
 
     For a network with memory it is [S, T]: the streams (seats of worlds) with learned steps, which
     "learned" marks, with "state", the memory's before the step, and "starts" of episodes.
 
-    actor: the network that has collected them, with "best_value" float32 [B, T, P] of each learned
-    step, its largest legal Q, and "explored" bool [B, T, P], other actions than that of this value.
+    data: with "best_action" int64 [B, T, P], that of the chooser.
     """
     group, following = data[GROUP], data["next", GROUP]
-    learned, best = by_time(group["learned"]), by_time(group["best_value"])
+    learned, action = by_time(group["learned"]), by_time(group["action"])
+    best_action, mask = by_time(group["best_action"]), by_time(group["action_mask"])
     terminated = by_time(following["terminated"]).squeeze(-1)
     is_end = terminated | by_time(following["truncated"]).squeeze(-1)
     none = torch.zeros_like(learned[:1])
-    is_cut = is_end | ~torch.cat([learned[1:], none])
+    seen, state = by_time(group["observation"]), torch.zeros(*learned.shape, 0)
+    if double.chooser.state_size:
+        state = by_time(group["state"])
+    best = torch.zeros(learned.shape)
+    best[learned] = double.rate(seen[learned], state[learned], mask[learned], best_action[learned])
     best_ahead = torch.cat([best[1:], best[:1]])
+    is_cut = is_end | ~torch.cat([learned[1:], none])
     place = (is_cut & learned & ~terminated).nonzero(as_tuple=True)
-    best_ahead[place] = _value_next(data, place, actor)
+    best_ahead[place] = _value_next(data, place, double)
     if settings.traces == WATKINS:
-        is_cut |= torch.cat([by_time(group["explored"])[1:], none])
+        explored = (action != best_action).view(*learned.shape, -1).any(-1)
+        is_cut |= torch.cat([explored[1:], none])
     reward = by_time(following["reward"]).squeeze(-1) * settings.reward_scale
     returns = find_lambda_returns(
         reward, best_ahead, terminated, is_cut, settings.gamma, settings.q_lambda
     )
     rows = {
-        "observation": by_time(group["observation"]),
-        "action": by_time(group["action"]),
+        "observation": seen,
+        "action": action,
         "target": returns,
         "is_generated": torch.zeros_like(learned),
     }
-    if group["action"].ndim > group["learned"].ndim:
-        rows["action_mask"] = by_time(group["action_mask"])
-    if not actor.state_size:
+    if action.ndim > learned.ndim:
+        rows["action_mask"] = mask
+    if not double.chooser.state_size:
         count = int(learned.sum())
         return TensorDict({name: value[learned] for name, value in rows.items()}, [count])
     rows |= {
-        "state": by_time(group["state"]),
+        "state": state,
         "starts": torch.cat([none, is_end[:-1]]),
         "learned": learned,
     }
@@ -60,23 +94,21 @@ def make_rows(data: TensorDictBase, actor: PolicyActor, settings: LearnerSetting
     return TensorDict(sequences, [len(streams), len(learned)])
 
 
-def _value_next(data: TensorDictBase, place: tuple[Tensor, ...], actor: PolicyActor) -> Tensor:
-    """Largest legal Q float32 [K] after K steps; place: their time and stream, int64 [K] each."""
+def _value_next(data: TensorDictBase, place: tuple[Tensor, ...], double: DoubleValues) -> Tensor:
+    """Values float32 [K] after K steps; place: their time and stream, int64 [K] each."""
     group, following = data[GROUP], data["next", GROUP]
     num_players = group["learned"].shape[-1]
     where = (place[1] // num_players, place[0], place[1] % num_players)
     state = torch.zeros(len(place[0]), 0)
-    if actor.state_size:
-        _, state = actor.step(group["observation"][where], group["state"][where])
-    values, _ = actor.step(following["observation"][where], state)
-    mask = following["action_mask"][where].to(values.device)
-    return best_values(values, mask).cpu()
+    if double.chooser.state_size:
+        _, state = double.chooser.step(group["observation"][where], group["state"][where])
+    return double.rate(following["observation"][where], state, following["action_mask"][where])
 
 
 def iterate_batches(
     rows: TensorDict,
     settings: LearnerSettings,
-    actor: PolicyActor,
+    double: DoubleValues,
     sample_generated: Callable[[int], TensorDict | None],
     generator: torch.Generator,
 ) -> Iterator[TensorDict]:
@@ -92,22 +124,21 @@ def iterate_batches(
             batch = rows[part]
             generated = sample_generated(len(part))
             if generated is not None:
-                batch = torch.cat([batch, _add_targets(generated, actor, settings)])
+                batch = torch.cat([batch, _add_targets(generated, double, settings)])
             yield batch
 
 
 def _add_targets(
-    generated: TensorDict, actor: PolicyActor, settings: LearnerSettings
+    generated: TensorDict, double: DoubleValues, settings: LearnerSettings
 ) -> TensorDict:
     """Generated transitions [N] as rows, with one-step targets."""
-    following = generated["next"]
-    values = actor.compute_values(following["observation"]).to(following["reward"].device)
-    best = best_values(values, following["action_mask"])
+    following, none = generated["next"], torch.zeros(len(generated), 0)
+    ahead = double.rate(following["observation"], none, following["action_mask"])
     return TensorDict(
         {
             "observation": generated["observation"],
             "action": generated["action"],
-            "target": find_targets(generated, best, settings.gamma),
+            "target": find_targets(generated, ahead, settings.gamma),
             "is_generated": generated["is_generated"].squeeze(-1),
         },
         [len(generated)],

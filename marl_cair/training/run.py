@@ -189,6 +189,7 @@ class TrainingRun:
         self.learner = Learner(network, config.learner, config.demonstration, seeds[16])
         random = MaskedEpsilonGreedy(seeds[5])  # its generator is that of the exploration
         self.actor = PolicyActor(self.learner.behaviour, "learner", seen, random)
+        self.newest = PolicyActor(self.learner.network, "newest", seen)
         self.rated = PolicyActor(self.learner.average, "learner", seen)
         self.own, self.average_policy = OwnPolicies(self.actor, exploration), None
         if config.nfsp.enabled:
@@ -214,7 +215,7 @@ class TrainingRun:
             self.demonstrators,
             self.statistics,
             self._seeds[7],
-            notes_values=not self.learner.loss.LEARNS_FROM_REPLAY,
+            notes_best=not self.learner.loss.LEARNS_FROM_REPLAY,
         )
         untouched = self.router.export_state(), self.book.state_dict()
         self.collector = Collector(

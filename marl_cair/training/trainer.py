@@ -22,7 +22,7 @@ from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.collecting.rollout import make_rollout
 from marl_cair.training.evaluation import evaluate
 from marl_cair.training.learner import DivergedError
-from marl_cair.training.newest_steps import iterate_batches, make_rows
+from marl_cair.training.newest_steps import DoubleValues, iterate_batches, make_rows
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import ENDLESS_FRAMES, TrainConfig
 
@@ -157,9 +157,10 @@ def _learn(run: TrainingRun, before: int, data: TensorDictBase) -> None:
             run.means.add(values)
     settings, done = run.config.learner, run.frames / run.config.total_frames
     if not run.learner.loss.LEARNS_FROM_REPLAY:
-        rows = make_rows(data, run.actor, settings)
+        double = DoubleValues(run.actor, run.newest)
+        rows = make_rows(data, double, settings)
         generated = run.replay.sample_generated
-        batches = iterate_batches(rows, settings, run.actor, generated, run.shuffling)
+        batches = iterate_batches(rows, settings, double, generated, run.shuffling)
         for batch in batches if len(rows) else ():
             _update(run, batch, done)
         return

@@ -13,7 +13,7 @@ from marl_cair.league.play.match import play_match
 from marl_cair.policies.actor import MaskedEpsilonGreedy, average_places, best_values
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.transition import NO_ACTION
-from marl_cair.training.newest_steps import make_rows
+from marl_cair.training.newest_steps import DoubleValues, make_rows
 from marl_cair.training.run import TrainingRun
 from tests.training.runs import collect, train_whole_and_in_parts
 
@@ -92,7 +92,7 @@ def test_the_places_are_the_cells_of_the_observation():
 def test_only_places_that_act_are_learned_and_counted(tmp_path):
     run = TrainingRun(make_config(tmp_path / "run", "exploration.epsilon_start=1.0"))
     data = collect(run, 2)
-    rows = make_rows(data, run.actor, run.config.learner)
+    rows = make_rows(data, DoubleValues(run.actor, run.newest), run.config.learner)
     acts = rows["action_mask"].sum(-1) > 1
     assert (acts.flatten(1).sum(1) > 0).all()
     assert (acts.flatten(1).sum(1) < 20).all()
@@ -110,7 +110,7 @@ def test_only_places_that_act_are_learned_and_counted(tmp_path):
     ]
     assert torch.equal(found[0].td_error, found[1].td_error)
     errors = []
-    for _ in range(25):
+    for _ in range(80):
         run.learner.update(batch := rows.clone())
         errors.append(float(batch["td_error"].abs().mean()))
     assert errors[-1] < 0.8 * errors[0]

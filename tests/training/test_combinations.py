@@ -10,7 +10,7 @@ from marl_cair.policies.config import NAF
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.training import trainer
 from marl_cair.training.collecting.metrics import Timers
-from marl_cair.training.newest_steps import make_rows
+from marl_cair.training.newest_steps import DoubleValues, make_rows
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import CollectorSettings, GameSettings
 from marl_cair.training.settings.exploration import EXPLORATIONS, ExplorationSettings
@@ -131,7 +131,9 @@ def test_the_td_error_falls(tmp_path, combination):
 def collect(run) -> TensorDict:
     """A batch of the game's steps, as the loss reads them."""
     if not run.learner.loss.LEARNS_FROM_REPLAY:
-        return make_rows(next(iter(run.collector)), run.actor, run.config.learner)
+        return make_rows(
+            next(iter(run.collector)), DoubleValues(run.actor, run.newest), run.config.learner
+        )
     steps = trainer.iterate(run, Timers())
     while run.replay.real.num_sampleable < NUM_ROWS:
         next(steps)

@@ -17,7 +17,7 @@ from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training import losses
 from marl_cair.training.learner import DivergedError
-from marl_cair.training.newest_steps import iterate_batches, make_rows
+from marl_cair.training.newest_steps import DoubleValues, iterate_batches, make_rows
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import DemonstrationSettings, GeneratorSettings
 from marl_cair.training.settings.learner import LearnerSettings, NfspSettings
@@ -100,16 +100,25 @@ def test_lambda_returns_are_the_weighted_mean_of_all_longer_returns():
             assert found[start, stream] == pytest.approx(expected, abs=1e-9)
 
 
+def make_noise(network):
+    """Make the newest weights others than the averaged ones, which have collected."""
+    generator = torch.Generator().manual_seed(0)
+    with torch.no_grad():
+        for weight in network.parameters():
+            weight.add_(0.02 * torch.randn(weight.shape, generator=generator))
+
+
 @pytest.mark.parametrize(("q_lambda", "traces"), [(0.0, "peng"), (0.9, "peng"), (0.9, "watkins")])
 def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda, traces):
     settings = dataclasses.replace(PQN, q_lambda=q_lambda, traces=traces, gamma=0.9)
     run = TrainingRun(runs.tiny(tmp_path / "run", learner=settings))
     data = next(iter(run.collector))
-    rows = make_rows(data, run.actor, settings)
+    make_noise(run.learner.network)
+    rows = make_rows(data, DoubleValues(run.actor, run.newest), settings)
     following = data["next", GROUP]
-    values = run.actor.compute_values(following["observation"].flatten(0, 2))
-    best = losses.mask_values(values, following["action_mask"].flatten(0, 2)).amax(-1)
-    best = best.view(data[GROUP, "learned"].shape)
+    seen, mask = following["observation"].flatten(0, 2), following["action_mask"].flatten(0, 2)
+    action = losses.mask_values(run.actor.compute_values(seen), mask).argmax(-1, keepdim=True)
+    best = run.newest.compute_values(seen).gather(-1, action).view(data[GROUP, "learned"].shape)
     best = best.masked_fill(following["terminated"].squeeze(-1), 0.0)
     reward = following["reward"].squeeze(-1)
     found, learned = {}, data[GROUP, "learned"]
@@ -118,7 +127,8 @@ def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda, traces):
     values = losses.mask_values(values, data[GROUP, "action_mask"].flatten(0, 2))
     explored = data[GROUP, "action"].flatten() != values.argmax(-1)
     explored = explored.view(learned.shape)
-    assert torch.equal(data[GROUP, "explored"][learned], explored[learned])
+    found_explored = data[GROUP, "action"] != data[GROUP, "best_action"]
+    assert torch.equal(found_explored[learned], explored[learned])
     for world, step, seat in learned.nonzero().tolist():
         rest, place = None, (world, step, seat)
         is_last = step == data.shape[1] - 1 or bool(ends[place])
@@ -141,11 +151,12 @@ def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda, traces):
 
 def test_generated_transitions_join_with_their_share(tmp_path):
     run = TrainingRun(runs.tiny(tmp_path / "run", learner=PQN))
-    rows = make_rows(next(iter(run.collector)), run.actor, PQN)
+    rows = make_rows(next(iter(run.collector)), DoubleValues(run.actor, run.newest), PQN)
     kept = TransitionSpec(run.seen.shape, run.spec.num_actions)
     run.replay.generated.extend(make_transitions(np.random.default_rng(0), 64, kept))
 
-    given = rows, PQN, run.actor, run.replay.sample_generated
+    double = DoubleValues(run.actor, run.newest)
+    given = rows, PQN, double, run.replay.sample_generated
 
     def list_batches():
         return list(iterate_batches(*given, run.shuffling))
@@ -179,7 +190,8 @@ def test_targets_of_a_network_with_memory_continue_its_states(tmp_path, memory):
     batches = iter(run.collector)
     first = next(batches).clone()
     second = next(batches)
-    rows = make_rows(first, run.actor, run.config.learner)
+    make_noise(run.learner.network)
+    rows = make_rows(first, DoubleValues(run.actor, run.newest), run.config.learner)
     learned = first[GROUP, "learned"]
     streams = learned.transpose(0, 1).flatten(1).any(0).nonzero().squeeze(1)
     assert rows.shape == (len(streams), first.shape[1])
@@ -198,7 +210,9 @@ def test_targets_of_a_network_with_memory_continue_its_states(tmp_path, memory):
             after = (world, (step + 1) % first.shape[1], seat)
             if not ends[place] and later[GROUP, "learned"][after]:
                 expected = float(first["next", GROUP, "reward"][place])
-                expected += 0.9 * float(later[GROUP, "best_value"][after])
+                seen, kept = (later[GROUP, name][after][None] for name in ("observation", "state"))
+                values = run.newest.step(seen, kept)[0][0]
+                expected += 0.9 * float(values[later[GROUP, "best_action"][after]])
                 assert float(rows["target"][row, step]) == pytest.approx(expected, abs=1e-5)
                 compared += step + 1 == first.shape[1]
     assert compared > 8

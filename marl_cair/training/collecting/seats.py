@@ -16,7 +16,7 @@ from marl_cair.games.game import Agent
 from marl_cair.games.players.recurrent import call_agent, find_state_size, widen_states
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
 from marl_cair.league.agents.foreign import require_answers
-from marl_cair.policies.actor import best_values, find_values
+from marl_cair.policies.actor import best_values, masked_argmax
 from marl_cair.ranges import COUNT, MOST, NUMBER, Range, read_array, read_number, take_arrays
 from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT
 from marl_cair.self_play.samplers import LATEST_ID
@@ -47,7 +47,7 @@ class SeatRouter(TensorDictModuleBase):
         demonstrators: play the learner's team in a share of the games.
         statistics: gets the learner's first value of each game.
         seed: of the teams.
-        notes_values: whether to write "best_value".
+        notes_best: whether to write "best_value".
     """
 
     def __init__(
@@ -58,18 +58,18 @@ class SeatRouter(TensorDictModuleBase):
         demonstrators: Demonstrators,
         statistics: EpisodeStatistics,
         seed: int,
-        notes_values: bool = False,
+        notes_best: bool = False,
     ) -> None:
         super().__init__()
         self.in_keys = [(GROUP, "observation"), (GROUP, "action_mask"), (GROUP, "done")]
         written = ["action", "learned", "expert_action", "opponent"]
-        written += ["best_value", "explored"] if notes_values else []
+        written += ["best_action"] if notes_best else []
         written += ["answered"] if own.average is not None else []
         written += ["state"] if own.answer.state_size else []
         self.out_keys = [(GROUP, name) for name in written]
         worlds, self._players = env.engine.num_worlds, env.engine.num_players
         self._teams, self._noop = env.engine.spec.team_of_seat, env.engine.spec.noop_action
-        self._env, self._book, self._notes_values = env, book, notes_values
+        self._env, self._book, self._notes_best = env, book, notes_best
         self._demonstrators, self._statistics = demonstrators, statistics
         # Not as an attribute of the module: the collector must not copy or count its parameters.
         self.__dict__["own"] = own
@@ -107,8 +107,8 @@ class SeatRouter(TensorDictModuleBase):
         """Write ("player", "action") int64, "learned" bool, "expert_action" int64 and "opponent"
         int16, each [B, P]; with NFSP "answered" bool too, the decisions of the Q-network.
 
-        "best_value" float32 [B, P] is the learner's largest legal Q, NaN where it was not computed;
-        "explored" bool [B, P], where the learner took an action of a smaller one.
+        "best_action" int64 [B, P] is the learner's legal action of largest Q, the no-op where that
+        was not computed.
 
         "expert_action" is the action of a demonstrator, or its advice, NO_ACTION elsewhere.
         "opponent" is the only one of the game, NO_OPPONENT if there are several or none. With a
@@ -167,20 +167,13 @@ class SeatRouter(TensorDictModuleBase):
             group.set("state", state.clone())
         values, state[rows] = own.answer.step(observation[rows], state[rows])
         actions[rows] = own.explore(values, mask[rows], self.frames)
-        if self._notes_values or starting.any():
+        if starting.any():
             best = best_values(values, mask[rows])
-            if starting.any():
-                self._statistics.note_first_values(starting, valued, best.numpy())
-            if self._notes_values:
-                best_value = torch.full(valued.shape, torch.nan)
-                best_value[rows] = best
-                group.set("best_value", best_value)
-                has_places = actions.ndim > learned.ndim
-                explored = torch.zeros(valued.shape, dtype=torch.bool)
-                explored[rows] = best > find_values(
-                    values, actions[rows], mask[rows] if has_places else None
-                )
-                group.set("explored", explored)
+            self._statistics.note_first_values(starting, valued, best.numpy())
+        if self._notes_best:
+            best_action = torch.full_like(actions, self._noop)
+            best_action[rows] = masked_argmax(values, mask[rows])
+            group.set("best_action", best_action)
         if own.average is not None:
             rows = torch.from_numpy(chosen & ~answering)
             actions[rows] = own.average.select_actions(observation[rows], mask[rows])

@@ -27,6 +27,7 @@ def test_the_page_names_all():
         assert f"`{name}`" in page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=pytest.mark.slow if "deep_rts" in name else ()) for name in LEAST],

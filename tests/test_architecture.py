@@ -216,6 +216,7 @@ def test_game_never_imports_another_game():
     assert find_violations(GAMES_SOURCES, find) == []
 
 
+@pytest.mark.slow
 def test_libraries_enter_games_by_their_door_only():
     def find(path):
         for line, name in list_imports(path, runtime_tree(path)):
@@ -377,6 +378,7 @@ print(changing)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alone", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_every_module_imports_without_side_effects(tmp_path, alone):
     modules = [module_name(path) for path in SOURCES if path.name != "__main__.py"]

@@ -34,6 +34,7 @@ def read_rows(path):
 # --- learning ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_table_is_made_once_and_shown_again(tmp_path):
     words = ["--networks", "conv", "--seeds", "3", "--games", "8", "--out", str(tmp_path)]
     words += [*LEARNING, "scenario=11x11", "max_ticks=300"]
@@ -210,6 +211,7 @@ def test_intervals_hold_the_truth(monkeypatch, case):
     assert 0.90 <= found.differences <= 0.99
 
 
+@pytest.mark.slow
 def test_intervals_of_leagues_that_shared_map_seeds_hold_too(monkeypatch):
     """Resampled by line-up and map seed, 85 of 100 did."""
     assert cover(monkeypatch, Case("shared", 150.0, 2, 20), 60).ratings >= 0.90

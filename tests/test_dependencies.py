@@ -4,10 +4,13 @@ import re
 import sys
 import tomllib
 
+import pytest
+
 from tests import test_architecture
 from tests.test_architecture import PACKAGE, ROOT, SOURCES, list_imports, read_tree
 
 
+@pytest.mark.slow
 def test_every_imported_library_is_declared():
     known = {*sys.stdlib_module_names, "marl_cair", *declared_modules()}
 

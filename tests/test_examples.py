@@ -39,6 +39,7 @@ def test_it_is_short_and_on_the_page(name):
     assert f"]({name}.py)" in (EXAMPLES / "README.md").read_text("utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in SHORT]
 )

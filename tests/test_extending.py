@@ -61,6 +61,7 @@ def test_the_page_names_every_example():
         assert f"(extending/{path.name})" in page
 
 
+@pytest.mark.slow
 def test_the_sampler_chooses_the_hardest(tmp_path):
     win_rate = np.array([0.5, 0.9, 0.1, 0.6, 0.2, 0.3])
     kinds, payoffs = ("learner", *["snapshot"] * 5), np.full((6, 6), 0.5)
@@ -175,5 +176,6 @@ print("conforms")
 """
 
 
+@pytest.mark.slow
 def test_the_game_conforms(installed):
     assert "conforms" in read_output(installed, "-c", CONFORMANCE)

@@ -240,6 +240,7 @@ def test_folder_in_which_another_process_runs_is_refused(tmp_path, other_process
     assert names_in(tmp_path) == before
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="Windows locks files on any disk")
 def test_on_a_file_system_without_locks_a_folder_belongs_to_one_process_all_the_same(tmp_path):
     script = (
@@ -313,6 +314,7 @@ def test_folders_of_ones_own_beside_a_replaced_one_stay(tmp_path):
     assert (tmp_path / "best.old" / "mine").read_text() == "kept"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
 def test_folder_whose_replacement_was_killed_between_the_renames_comes_back(tmp_path):
     """By `recover_folder`, or by the next replacement."""

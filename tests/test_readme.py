@@ -50,6 +50,7 @@ def test_the_demo_writes_what_it_promises(tmp_path):
     assert "capsule" in ladder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", PROGRAMS, ids=range(len(PROGRAMS)))
 def test_the_programs_of_the_readme_run(program, tmp_path):
     shorter = program.replace("range(100)", "range(2)").replace("256", "4")

@@ -91,6 +91,7 @@ def foreign_league(played, here):
 
 
 class TestLeagueStore:
+    @pytest.mark.slow
     @EVERY_CODE
     @pytest.mark.parametrize("kind", ["bot", "network", "mixture", "foreign"])
     def test_a_report_runs_no_code_whatever_kind_the_file_calls_it(
@@ -102,6 +103,7 @@ class TestLeagueStore:
         page = (folder / "report.html").read_text("utf-8")
         assert "is foreign code, which is run only where games are played" in page
 
+    @pytest.mark.slow
     @pytest.mark.parametrize(
         "words", [["report"], ["status"], ["export"], ["report", "--no-replays"]], ids=" ".join
     )
@@ -111,6 +113,7 @@ class TestLeagueStore:
         assert main(["league", *words, str(foreign_league(COMMAND))]) == 0
         assert not ran(here)
 
+    @pytest.mark.slow
     @EVERY_CODE
     def test_a_league_with_code_is_not_added_to_unless_the_user_allows_it(
         self, foreign_league, here, source, capsys
@@ -246,6 +249,7 @@ class TestRun:
         assert "agents" in capsys.readouterr().err
         assert not ran(here)
 
+    @pytest.mark.slow
     def test_a_run_with_code_goes_on_where_that_is_allowed(self, here, capsys):
         folder = here / "own"
         demonstration = DemonstrationSettings(agents={"mine": FUNCTION}, share=0.5)
@@ -258,6 +262,7 @@ class TestRun:
         assert main([*words, "allow_code=true"]) == 0
         assert ran(here)
 
+    @pytest.mark.slow
     def test_a_run_without_code_needs_no_permission(self, run, capsys):
         assert main(["train", f"resume={run}", "total_frames=1280"]) == 0
 

@@ -9,7 +9,7 @@ MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
     "games": 17_490,
-    "policies": 2_390,
+    "policies": 2_400,
     "replay": 2_060,
     "generative": 3_460,
     "self_play": 990,

@@ -107,6 +107,7 @@ def test_gigantic_files_are_refused_by_size(tmp_path):
             read(tmp_path / name)
 
 
+@pytest.mark.slow
 def test_yaml_bombs(tmp_path):
     lines = ["a0: &a0 [x, x]"] + [f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]" for n in range(1, 40)]
     (tmp_path / "a.yaml").write_text("\n".join(lines))

@@ -64,6 +64,7 @@ def test_terms_of_the_field_are_used():
     assert found == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("codespell_lib") is None, reason="extra dev")
 def test_spelling():
     """Settings and allowed words are in pyproject.toml; tests misspell on purpose."""

@@ -84,6 +84,7 @@ def assert_clean(text):
     assert not bad
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["report", "status"])
 def test_the_terminal_shows_names_and_reasons_clean(league, capsys, command):
     words = ["--no-replays"] if command == "report" else []
@@ -93,6 +94,7 @@ def test_the_terminal_shows_names_and_reasons_clean(league, capsys, command):
     assert CLEAN in printed
 
 
+@pytest.mark.slow
 def test_all_files_of_a_report_are_clean(league):
     assert main(["league", "report", str(league), "--no-replays"]) == 0
     for name in ("report.html", "report.md", "ladder.txt"):

@@ -38,6 +38,7 @@ def test_absurd_sizes(tmp_path, capsys, word, message):
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_every_option_takes_or_refuses_absurd_values():
     numeric = [option for option in list_options() if type(option.default) in (int, float)]
     assert len(numeric) > 50

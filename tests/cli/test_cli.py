@@ -50,6 +50,7 @@ def test_no_words_give_the_defaults():
     assert compose_config([]) == TrainConfig()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", ["game", "policy", "generator"])
 def test_every_choice_of_a_group_composes(group):
     for choice in list_choices(group):
@@ -76,6 +77,7 @@ def test_opponents_in_a_game_are_its_bots_and_all_ways_of_self_play(game):
             build_config({"game": list_games()[game], "opponent": opponent})
 
 
+@pytest.mark.slow
 def test_a_sweep_composes_one_job_for_each_combination(capsys):
     jobs = run_hydra(["--multirun", "seed=0,1", "policy=conv,capsule", "total_frames=1e4"])
     assert [(job.config.seed, job.config.policy.body) for job in jobs] == [
@@ -101,6 +103,7 @@ def test_a_sweep_trains_each_job_and_begins_none_again(tmp_path, capsys):
         assert (folder / "log.csv").read_text() == logs[load_config(folder).seed]
 
 
+@pytest.mark.slow
 def test_settings_load_no_torch():
     code = "import sys; from marl_cair.training.settings.config_file import build_config as build; "
     code += "build({}); build({'learner': {'algorithm': 'pqn'}}); print('torch' in sys.modules)"
@@ -139,6 +142,7 @@ def test_a_mixture_takes_the_place_of_the_presets():
     assert config.opponent.mixture == {"latest": 0.5, "counter": 0.5}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list_choices("recipe"))
 def test_every_recipe_composes_and_is_listed(name):
     config = compose_config([f"recipe={name}", "policy=capsule", "seed=7"])
@@ -158,6 +162,7 @@ def test_words_beside_a_recipe_go_before_its_own():
     assert config.demonstration == plain.demonstration
 
 
+@pytest.mark.slow
 def test_a_single_weight_changes_a_mixture_that_is_given_whole():
     words = ["opponent.mixture={random: 1}", "opponent.mixture.latest=2"]
     assert compose_config(words).opponent.mixture == {"random": 1, "latest": 2}
@@ -166,6 +171,7 @@ def test_a_single_weight_changes_a_mixture_that_is_given_whole():
     assert config.opponent.mixture == {**plain, "archers": 0.3}
 
 
+@pytest.mark.slow
 def test_a_choice_beside_a_recipe_replaces_only_what_it_sets():
     config = compose_config(["recipe=deep_maze_9x9", "policy=capsule", "generator=none"])
     assert (config.policy.body, config.policy.distances) == ("capsule", True)

@@ -55,6 +55,7 @@ def run(folder, cache, *arguments):
     return done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("game", "scenario"),
     [("foreign", "duel"), pytest.param("flappy_bird", "race-4-windy", marks=pytest.mark.slow)],

@@ -26,6 +26,7 @@ def test_a_map(tmp_path, capsys, text, fact):
     assert str(path) in assert_refused(capsys, fact, *words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "fact"),
     [

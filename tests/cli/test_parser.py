@@ -111,6 +111,7 @@ def imported_by(words, watched):
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [

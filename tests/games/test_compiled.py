@@ -100,6 +100,7 @@ def test_the_digest_covers_all_that_rules_are_made_of():
     assert len(rules) > 30
 
 
+@pytest.mark.slow
 def test_the_rules_of_another_package_are_kept_under_the_digest_of_that_package(
     tmp_path, monkeypatch
 ):
@@ -150,6 +151,7 @@ print(mix.__module__, len(mix.entry.stats.cache_hits))
 """
 
 
+@pytest.mark.slow
 def test_two_installations_with_one_cache_compile_once(tmp_path):
     for number in (0, 1):
         shutil.copytree(
@@ -285,6 +287,7 @@ def test_compiled_code_is_kept_in_our_folder_and_not_in_the_users(tmp_path):
     assert any("reset" in path.name for path in rules.rglob("*.nbi"))
 
 
+@pytest.mark.slow
 def test_without_the_compiler_rules_are_plain_functions(tmp_path):
     assert run_engine(tmp_path, NUMBA_DISABLE_JIT="1")[0] == "False"
     assert not (tmp_path / "ours").exists()

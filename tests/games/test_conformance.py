@@ -159,6 +159,7 @@ def test_gymnasium_accepts(game, scenario, representation):
     check_env(env.unwrapped, skip_render_check=True)
 
 
+@pytest.mark.slow
 @EACH
 @pytest.mark.parametrize("mode", test_gymnasium_env.MODES)
 def test_gymnasiums_vectors_equal_single_games(game, scenario, representation, mode):
@@ -207,6 +208,7 @@ def ask(engine, bot, seat):
     return bot.act(engine.observe(bot.representation)[:, seat], engine.action_mask()[:, seat])
 
 
+@pytest.mark.slow
 @NUMBERS
 @pytest.mark.parametrize("players", ["luck", "bots"])
 def test_numbers_lie_within_their_bounds_in_whole_games(game, scenario, players):

@@ -95,6 +95,7 @@ print(*play(engine, Luck.draw(5, 2, engine.num_players)))
 """
 
 
+@pytest.mark.slow
 def test_an_engine_goes_on_in_another_process_as_here():
     """Vector environments send it there; the other process has the game by its name."""
     engine = make_engine("flappy_bird", num_worlds=2, num_threads=2)

@@ -151,6 +151,7 @@ def test_observing_and_masking_change_nothing(case):
         np.testing.assert_array_equal(value, before[name])
 
 
+@pytest.mark.slow
 @pytest.mark.plain_python
 def test_planes_written_in_place_are_those_written_again(case):
     """Whatever happened to the worlds since they were written last; as one read-only array."""

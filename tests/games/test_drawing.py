@@ -22,6 +22,7 @@ def blank(height=12, width=20):
     return np.zeros((3, height, width), np.uint8)
 
 
+@pytest.mark.slow
 def test_a_box_is_cut_at_the_edges():
     image = blank()
     fill_box(image, -2, 17, 5, 9, WHITE)
@@ -29,6 +30,7 @@ def test_a_box_is_cut_at_the_edges():
     assert image[:, :3, 17:].all()
 
 
+@pytest.mark.slow
 def test_a_disc_of_radius_one_is_a_cross():
     image = blank()
     fill_disc(image, 5, 5, 1, WHITE)
@@ -41,6 +43,7 @@ def test_a_disc_of_radius_one_is_a_cross():
     ]
 
 
+@pytest.mark.slow
 def test_a_bar_is_filled_by_its_share():
     image = blank()
     draw_bar(image, 0, 0, 1, 10, 0.3, WHITE, RED)
@@ -48,6 +51,7 @@ def test_a_bar_is_filled_by_its_share():
     assert image[0, 0, :10].tolist() == [255] * 10
 
 
+@pytest.mark.slow
 def test_numbers_read_from_left_to_right():
     image = blank()
     draw_number(image, 17, 0, 0, 1, WHITE, False)

@@ -204,7 +204,7 @@ def test_action_masks_are_the_mask(game_name, where):
 def test_action_masks_of_factored_actions_are_refused():
     env = GameEnv("deep_line_wars", action_form="factored")
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="a factored mask holds pairs of kind and cell"):
+    with pytest.raises(ValueError, match="this form's mask holds pairs of kind and cell"):
         env.action_masks()
 
 

@@ -44,6 +44,7 @@ def test_rows_are_played_by_the_members_that_are_drawn_for_them():
     assert (agent.act_as(drawn, np.zeros((4_000, 1)), masks) == drawn).all()
 
 
+@pytest.mark.slow
 def test_it_goes_on_from_a_state_as_if_nothing_had_happened():
     bots = [DEEP_LINE_WARS.bot("random", SCENARIO) for _ in range(2)]
     agent = MixedAgent(bots, (1, 2))
@@ -97,6 +98,7 @@ def test_it_is_drawn_again_for_each_game_of_an_environment():
     assert shares == pytest.approx([0.25, 0.25, 0.5], abs=0.08)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_know_the_game")
 def test_each_world_of_a_vector_environment_draws_its_own():
     env = GameVectorEnv(

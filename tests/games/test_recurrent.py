@@ -118,6 +118,7 @@ def test_an_opponent_begins_each_game_of_each_world_with_a_fresh_state(mode):
     assert max(steps.max() for steps, _ in agent.calls) > 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("epsilon", [0.0, 0.3])
 def test_a_recurrent_network_plays_in_many_worlds_as_in_one(epsilon):
     """Batches of one and of three, also where it explores with each world's own random stream."""

@@ -146,6 +146,7 @@ print(*(name for name in gymnasium.registry if name.startswith("marl_cair/")))
 """
 
 
+@pytest.mark.slow
 def test_importing_the_package_registers_ids_and_loads_no_rules(tmp_path):
     done = run_python(tmp_path, "-c", LIST_MODULES)
     before, modules, ids = (line.split() for line in done.stdout.split("\n")[:3])
@@ -205,6 +206,7 @@ def list_games(folder):
     return json.loads(done.stdout), done.stderr
 
 
+@pytest.mark.slow
 def test_a_package_adds_a_game_by_an_entry_point(tmp_path):
     install(tmp_path, "foreign", "foreign_game", GAME_MODULE)
     listed, warned = list_games(tmp_path)
@@ -240,6 +242,7 @@ CHANGED = "GAME = dataclasses.replace(GAME, {})\n"
 FAILING = "def fail(scenario):\n    1 / 0\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "text", "why"),
     [
@@ -272,6 +275,7 @@ def test_a_broken_package_is_left_out_with_a_warning(tmp_path, name, text, why):
         assert asked.startswith(f"GameLoadError the game '{name}' of foreign_game")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("warnings", ["default", "error"])
 def test_a_broken_package_does_not_keep_ours_from_being_imported(tmp_path, warnings):
     install(tmp_path, "foreign", "foreign_game", BROKEN)
@@ -282,6 +286,7 @@ def test_a_broken_package_does_not_keep_ours_from_being_imported(tmp_path, warni
     assert "BrokenGameWarning: the game 'foreign' of foreign_game" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_package_may_be_imported_before_ours(tmp_path):
     install(tmp_path, "foreign", "foreign_game", GAME_MODULE)
     program = """
@@ -294,6 +299,7 @@ print([*GAMES], gymnasium.make("marl_cair/Foreign-duel-v0").unwrapped.engine.num
     assert "BrokenGameWarning" not in done.stderr
 
 
+@pytest.mark.slow
 def test_a_package_may_look_games_up_while_it_is_imported(tmp_path):
     ask = "from marl_cair import GAMES\nassert GAMES['deep_maze'].scenarios\n"
     install(tmp_path, "foreign", "foreign_game", ask + GAME_MODULE)

@@ -39,6 +39,7 @@ def flags(stored, key):
     return stored["next", GROUP, key].squeeze(-1).tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", GAME.scenarios)
 def test_torchrl_accepts_games_that_seats_leave(scenario):
     torch.manual_seed(0)

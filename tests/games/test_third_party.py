@@ -250,6 +250,7 @@ def learn_from_pictures(env):
     return model.policy.features_extractor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("representation", ["planes", "gray", "image"])
 @pytest.mark.parametrize("game", [deep_line_wars, deep_maze, deep_rts, flappy_bird])
 def test_a_cnn_policy_sees_channels_first_as_our_page_says(game, representation):

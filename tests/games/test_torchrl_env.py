@@ -312,6 +312,7 @@ def address(array: np.ndarray) -> int:
     return array.__array_interface__["data"][0]
 
 
+@pytest.mark.slow
 def test_memory_returns_when_the_last_view_is_gone():
     pool = ArrayPool()
     array = pool.take((3, 4), np.uint8)
@@ -337,6 +338,7 @@ def test_shapes_and_types_are_kept_apart():
         assert array.dtype == dtype
 
 
+@pytest.mark.slow
 def test_no_more_than_a_bounded_number_is_kept():
     pool = ArrayPool()
     held = [pool.take((2,), np.uint8) for _ in range(MAX_SPARE + 5)]

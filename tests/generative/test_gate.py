@@ -173,6 +173,7 @@ def test_ends_that_are_hard_to_predict_are_doubtful_earlier():
     assert float(overlooked.float().mean()) == pytest.approx(0.2, abs=0.05)
 
 
+@pytest.mark.slow
 def test_the_bound_of_ends_that_is_checked_is_the_one_that_is_applied(real_rows, monkeypatch):
     """An ensemble that hardly predicts ends: one half of the rows tunes, the other one tests."""
     checked = []

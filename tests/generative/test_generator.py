@@ -102,6 +102,7 @@ def test_gate_refuses_a_generator_with_wrong_rewards(real_rows):
     )
 
 
+@pytest.mark.slow
 def test_an_open_gate_is_judged_with_slack(trained):
     """The same metrics keep it open that would not have opened it."""
     config = replace(trained.config, gate=replace(trained.config.gate, max_rare_missed=-0.3))
@@ -331,6 +332,7 @@ def live(generator, rows):
     return [losses, report, generator.generate(rows[:100], 30).to_dict(), generator.state_dict()]
 
 
+@pytest.mark.slow
 def test_a_resumed_generator_continues_with_the_same_bits(trained, real_rows, tmp_path):
     original = copy.deepcopy(trained)
     original.update(real_rows[:64])  # an odd number of updates: not the first member's turn

@@ -144,6 +144,7 @@ def test_real_steps_are_continued_and_earlier_ends_are_generated(trained, num_re
         assert torch.equal(made["next", "terminated"].flatten(), starts >= 9 - 4)
 
 
+@pytest.mark.slow
 def test_a_trained_generator_continues_like_the_game(trained, real_rows):
     generator = copy.deepcopy(trained)
     rollouts = Rollouts(generator, wait, 0, 4, GAMMA, ROUNDS)

@@ -93,6 +93,7 @@ def test_evaluate_plays_on_the_scenario_of_the_checkpoint(tmp_path, capsys):
     assert float(row["low"]) <= float(row["win_rate"]) <= float(row["high"])
 
 
+@pytest.mark.slow
 def test_an_agent_of_an_unknown_scenario_is_loaded_by_its_fields(tmp_path, capsys):
     """Another process has registered it."""
     net = save_network(tmp_path / "net", max_ticks=300)
@@ -133,6 +134,7 @@ def bytes_league(tmp_path_factory):
         yield out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["report", "status"])
 def test_commands_show_names_that_are_bytes(bytes_league, command, capsys):
     assert main(["league", command, str(bytes_league)]) == 0

@@ -66,6 +66,7 @@ def test_a_league_resumes_with_another_limit(tmp_path):
     assert source in plan_extension(tmp_path, ["turtle"], allow_code=allowed).ladder
 
 
+@pytest.mark.slow
 def test_a_new_agent_meets_all_others(league, capsys):
     before = count_games(league)
     assert main(["league", "add", "economist", "--games", "4", "--out", str(league)]) == 0

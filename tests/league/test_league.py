@@ -65,6 +65,7 @@ def assert_same(one, two, note=None):
     assert read_games(one) == read_games(two), note
 
 
+@pytest.mark.slow
 def test_a_league_writes_tables_and_a_picture(tmp_path):
     result = play(tmp_path / "league")
     assert {rating.name for rating in result.ratings} == {"random", "economist", "turtle"}
@@ -80,6 +81,7 @@ def test_a_league_writes_tables_and_a_picture(tmp_path):
     assert "Ladder" in result.text
 
 
+@pytest.mark.slow
 def test_the_order_of_the_agents_changes_nothing(tmp_path):
     tables, games = set(), set()
     first = ("random", "rusher", "turtle")
@@ -131,6 +133,7 @@ def test_an_interrupted_league_resumes_to_the_same_tables(tmp_path, calls):
     assert read(tmp_path / "a") == read(tmp_path / "b")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kills", "games"), [(2, 120), pytest.param(20, 2_000, marks=pytest.mark.slow)]
 )
@@ -189,6 +192,7 @@ def _count_games(folder):
         return 0
 
 
+@pytest.mark.slow
 def test_a_league_of_other_settings_is_not_mixed_in(tmp_path):
     play(tmp_path / "a")
     with pytest.raises(OutputFolderError, match="a league run with other settings .seed is 0"):
@@ -237,6 +241,7 @@ class TestCheckpoints:
         with pytest.raises(ValueError, match="are the same agent"):
             play(tmp_path / "league", agents=(one, two))
 
+    @pytest.mark.slow
     def test_a_moved_checkpoint_keeps_its_games(self, tmp_path):
         one = save_network(tmp_path / "a" / "latest", seed=1)
         play(tmp_path / "league", agents=("random", one))
@@ -255,6 +260,7 @@ class TestCheckpoints:
         play(tmp_path / "b", agents=agents, games_per_pair=16)
         assert_same(tmp_path / "a", tmp_path / "b")
 
+    @pytest.mark.slow
     def test_other_weights_play_their_own_games(self, tmp_path):
         one = save_network(tmp_path / "a" / "latest", seed=1)
         play(tmp_path / "league", agents=("random", one))
@@ -263,6 +269,7 @@ class TestCheckpoints:
         play(tmp_path / "league", agents=("random", one))
         assert len(read_games(tmp_path / "league")) == 2 * len(before)
 
+    @pytest.mark.slow
     def test_a_folder_does_not_take_the_name_of_a_bot(self, tmp_path):
         one = save_network(tmp_path / "runs" / "random" / "latest")
         names = {r.name for r in play(tmp_path / "league", agents=(one, "turtle")).ratings}
@@ -302,6 +309,7 @@ def test_a_path_without_a_checkpoint_is_refused(tmp_path):
         load_agent(tmp_path / "weights.pt")
 
 
+@pytest.mark.slow
 def test_networks_play_on_one_torch_thread(tmp_path):
     """Rounding depends on the number of threads."""
     seen = []

@@ -41,6 +41,7 @@ def random_batch(num_rows: int) -> tuple[np.ndarray, np.ndarray]:
 value = st.one_of(st.floats(-3, 3, width=32), st.sampled_from([NAN, INF, -INF]))
 
 
+@pytest.mark.slow
 @given(
     st.integers(1, 8).flatmap(
         lambda n: st.tuples(

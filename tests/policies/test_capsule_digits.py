@@ -90,6 +90,7 @@ def test_classes_that_are_refused(classes, message):
         CapsuleDecoder(3, 2, (4, 4))(torch.rand(2, 3, 2), classes)
 
 
+@pytest.mark.slow
 def test_held_out_images_are_apart_and_have_all_digits():
     pytest.importorskip("sklearn", reason="extra dev")
     seen, held = load(0)
@@ -101,6 +102,7 @@ def test_held_out_images_are_apart_and_have_all_digits():
     assert not torch.equal(load(1)[1].images, held.images)
 
 
+@pytest.mark.slow
 def test_a_few_steps_read_digits_and_reconstruct():
     pytest.importorskip("sklearn", reason="extra dev")
     seen, held = load(0)

@@ -18,6 +18,7 @@ from benchmarks.capsule_scaling import (
 )
 
 
+@pytest.mark.slow
 def test_weights_of_the_three_bodies():
     thesis = {case[1:3]: estimate(case).parameters for case in list_cases(("thesis_capsule",), 16)}
     assert thesis[28, 16] == 7_688_960

@@ -115,6 +115,7 @@ def find_missed(network, updates=60):
     return (network(planes)[:, 1 : 1 + CELLS].argmax(1) != marked).float().mean().item()
 
 
+@pytest.mark.slow
 def test_a_rule_for_one_cell_is_learned_for_all():
     shape = 3, ROWS, COLUMNS
     dense = make_q_network(QNetworkConfig(hidden_width=16), shape, NUM_ACTIONS, seed=0)

@@ -51,6 +51,7 @@ def test_a_sample_has_the_transition_keys_and_its_index():
     assert len(buffer.sample(5)) == 5
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -43,6 +43,7 @@ def test_sampled_rows_equal_the_added_ones(spec):
     assert sampled[OBSERVATION].dtype == spec.observation_dtype
 
 
+@pytest.mark.slow
 def test_every_row_is_kept_with_the_same_chance():
     """200 rows into 50 places: each is kept in a quarter of the trials, early or late."""
     kept = np.zeros(200)

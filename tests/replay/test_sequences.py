@@ -119,6 +119,7 @@ class ListSequences:
         return {name: torch.stack(values) for name, values in fields.items()}
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32 - 1),
     capacity=st.integers(20, 90),

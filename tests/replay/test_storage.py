@@ -49,6 +49,7 @@ def assert_equals_list_replay(storage: EpisodeStorage, slow: ListReplay) -> None
                 assert torch.equal(rows[key][row], value), (key, slot)
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32 - 1),
     capacity=st.integers(2, 40),

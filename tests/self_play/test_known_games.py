@@ -65,6 +65,7 @@ def shares_of(throws):
     return np.bincount(throws, minlength=3) / len(throws)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["fair", "biased"])
 def test_latest_cycles(tmp_path, scenario):
     """Each generation throws what beats the one before."""
@@ -72,6 +73,7 @@ def test_latest_cycles(tmp_path, scenario):
     assert all(new == (old + 1) % 3 for old, new in itertools.pairwise(throws))
 
 
+@pytest.mark.slow
 def test_the_history_of_latest_is_no_equilibrium_where_throws_differ_in_worth(tmp_path):
     done = run(tmp_path, "biased", {"latest": 1.0}, 60)
     assert exploitability(payoff(done.scenario), shares_of(done.throws)) >= 0.2

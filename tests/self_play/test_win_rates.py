@@ -75,6 +75,7 @@ def play_at(score, num_learners, num_games):
     return found.mean(1)
 
 
+@pytest.mark.slow
 def test_checking_after_each_game_is_wrong_for_one_in_40_at_most():
     by_test, by_interval = play_at(0.6, 400, 500)
     assert by_test <= 0.035  # 0.025, and the standard error of 400 learners

@@ -131,8 +131,11 @@ def test_a_run_resumes_to_the_same_bits_and_its_agent_plays(tmp_path, memory):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("learner.algorithm=dqn",), "this loss reads one action of each step: set learner.algo"),
-        (("generator=ccdn",), "generators make transitions of one action: set generator=none"),
+        (
+            ("learner.algorithm=dqn",),
+            r"each cell of \[15, 15\]: set recipe=pqn",
+        ),
+        (("generator=ccdn",), "learner.algorithm=pqn generator=none"),
         (("policy.cell_values=true",), "a head of its own: use head='dueling', cell_values=False"),
         (("policy.head=plain",), "a head of its own: use head='dueling'"),
         (("evaluation.bots=[rusher]",), "cannot play the action space 'grid'"),
@@ -147,5 +150,5 @@ def test_what_cannot_learn_actions_at_cells_is_refused(tmp_path, words, message)
 def test_the_default_learner_says_what_to_set(tmp_path):
     config = make_config(tmp_path / "run")
     learner = dataclasses.replace(config.learner, algorithm="dqn")
-    with pytest.raises(ValueError, match=r"action at each cell of \[15, 15\].*or recipe=pqn"):
+    with pytest.raises(ValueError, match=r"action at each cell of \[15, 15\]: set recipe=pqn"):
         dataclasses.replace(config, learner=learner)

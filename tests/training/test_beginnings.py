@@ -31,6 +31,7 @@ GRAY = GameSettings(scenario="11x11", representation="gray")
 NO_GENERATOR = {"synthetic_fraction": 0.0}
 
 
+@pytest.mark.slow
 def test_a_resumed_run_with_priorities_equals_one_that_was_never_stopped(tmp_path):
     replay = ReplaySettings(2_000, 300, min_transitions=300, priority_alpha=0.6)
     changes = {"frames": 768, "replay": replay, **NO_GENERATOR}
@@ -131,6 +132,7 @@ def test_a_run_begins_with_the_generator_of_another_and_trains_it_on(finished, t
     assert learned[0]["ensemble"]["num_updates"] > saved["num_updates"]
 
 
+@pytest.mark.slow
 def test_the_generators_file_is_on_disk_once_and_stays_when_the_state_is_deleted(
     finished_copy, tmp_path, monkeypatch
 ):

@@ -16,6 +16,7 @@ from tests.training.runs import tiny, train
 POLICY = QNetworkConfig(hidden_width=16, cell_values=True)
 
 
+@pytest.mark.slow
 def test_cells_are_the_games_and_go_with_the_agent(tmp_path):
     config = tiny(tmp_path / "a", 640, policy=POLICY, synthetic_fraction=0.0)
     latest = train(config).folder / "latest"
@@ -39,7 +40,7 @@ def test_a_game_without_cells_is_refused_before_anything_is_written(tmp_path):
     config = tiny(
         tmp_path / "a", game=game, policy=POLICY, opponent=OpponentSettings({"latest": 1.0})
     )
-    with pytest.raises(ValueError, match="none of the actions points at a cell of the board"):
+    with pytest.raises(ValueError, match="none of the actions points at a cell: set cell_values"):
         train(config)
     assert not (tmp_path / "a").exists()
 

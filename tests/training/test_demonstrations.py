@@ -38,6 +38,7 @@ def make_run(tmp_path, scenario, mixture, demonstration):
 # --- who plays -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["ffa-3", "teams", "alone"])
 def test_the_bot_plays_the_learners_team_for_whole_games_in_its_share_of_them(tmp_path, scenario):
     run = make_run(tmp_path, scenario, {"random": 1.0}, shown_by("idle", share=0.4))
@@ -52,6 +53,7 @@ def test_the_bot_plays_the_learners_team_for_whole_games_in_its_share_of_them(tm
     assert np.mean(shares) == pytest.approx(0.4, abs=0.15)
 
 
+@pytest.mark.slow
 def test_against_itself_one_team_is_shown_and_the_other_plays_on(tmp_path):
     run = make_run(tmp_path, "teams", {"latest": 1.0}, shown_by("idle", share=1.0))
     for game in by_game(collect(run)):
@@ -61,6 +63,7 @@ def test_against_itself_one_team_is_shown_and_the_other_plays_on(tmp_path):
         assert torch.equal(game["player", "learned"], ~was_out(game))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "turn", "opponent"),
     [("teams", None, "random"), ("alone", 5, "latest"), ("teams", 5, "latest")],
@@ -118,6 +121,7 @@ def test_bots_functions_and_checkpoints_take_turns_and_say_what_they_would_do(tm
     assert {"idle", "scorer"} <= seen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("advise", [False, True])
 def test_no_game_is_shown_after_until_frames(tmp_path, advise):
     demonstration = shown_by("idle", share=1.0, until_frames=256, advise=advise)
@@ -183,6 +187,7 @@ def test_replay_knows_which_actions_were_shown(tmp_path):
     run.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("bot", "turns"), [("scorer", {"share": 0.5}), ("idle", {"share": 0.3, "turn_decisions": 3})]
 )
@@ -237,6 +242,7 @@ def test_the_margin_loss_is_the_formula_over_legal_actions():
     assert float(learner.update(batch)["loss/margin"]) == pytest.approx(wanted / 4, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("actions", "experts", "least"),
     [
@@ -268,6 +274,7 @@ def test_without_demonstrators_an_experts_action_changes_nothing():
 # --- whole runs ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scenario", "turn"), [("teams", None), ("alone", 5)])
 def test_a_resumed_run_with_demonstrations_equals_one_that_was_never_stopped(
     tmp_path, scenario, turn

@@ -146,6 +146,7 @@ def test_a_board_of_another_size_is_refused():
         TrainConfig(evaluation=EvaluationSettings(options=small_board))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "expected"),
     [

@@ -41,6 +41,7 @@ def test_epsilon_greedy_is_that_of_actors_at_the_epsilon_of_the_frame():
         assert torch.equal(explore(*values, generator, frames), actor(*values, epsilon))
 
 
+@pytest.mark.slow
 def test_with_a_power_the_last_rows_explore_less_often():
     settings = ExplorationSettings(epsilon_start=0.4, epsilon_end=0.4, epsilon_power=7.0)
     explore, generator = make_exploration(settings, np.arange(100)), torch.Generator()
@@ -175,6 +176,7 @@ class Failing(Exploration):
 HERE = "tests.training.test_exploration"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("test_game")
 def test_an_exploration_from_outside_trains_and_resumes(tmp_path):
     name = f"{HERE}:Softmax"

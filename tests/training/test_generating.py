@@ -54,6 +54,7 @@ def run_until(run, frames):
         next(steps)
 
 
+@pytest.mark.slow
 def test_while_the_gate_is_open_rows_are_generated_and_the_generator_learns_less_often(
     tmp_path, monkeypatch
 ):
@@ -90,6 +91,7 @@ def test_a_replay_without_room_for_more_is_learned_from(tmp_path):
     run.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rollout_steps", "n_steps", "asked"), [(1, 8, 1), (3, 8, 3), (8, 2, 1), (1, 1, 0)]
 )

@@ -97,6 +97,7 @@ def learn(seed, eta):
     return policy, values
 
 
+@pytest.mark.slow
 def test_the_average_policy_comes_near_the_equilibrium_and_the_greedy_one_cannot():
     policy, values = learn(0, eta=0.2)
     assert exploit(np.eye(2)[values.argmax(1)]) >= 1 / 6 - 1e-9

@@ -126,6 +126,7 @@ def test_teams_of_the_learner_are_no_rivals_and_games_with_demonstrations_do_not
 # --- the pool --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_snapshot_is_of_the_averaged_weights_and_outlasts_further_updates(tmp_path):
     config = small(tmp_path / "run", "duel", {"latest": 0.5, "uniform": 0.5})
     train(config)

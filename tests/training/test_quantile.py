@@ -93,6 +93,7 @@ def test_the_quantiles_of_a_known_distribution_are_found():
     assert found.tolist() == sorted(found.tolist())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("demonstration", [None, DemonstrationSettings(bots=("counter",))])
 def test_a_learner_with_quantiles_learns_the_returns_of_its_batch(demonstration):
     settings = LearnerSettings(algorithm="quantile", learning_rate=3e-3, gamma=0.9)

@@ -50,6 +50,7 @@ def test_a_network_joins_the_recipe_of_a_game():
         compose("[deep_maze_9x9,rainbw]")
 
 
+@pytest.mark.slow
 def test_the_thesis_has_its_hyper_parameters():
     rates = {name.removeprefix("thesis/"): compose(name).learner.learning_rate for name in THESIS}
     slow = dict.fromkeys(("deep_line_wars", "deep_maze", "deep_rts"), 3e-5)
@@ -65,6 +66,7 @@ def test_the_thesis_has_its_hyper_parameters():
         assert compose(name, "policy=thesis_capsule").policy.head == "length"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("test_game")
 @pytest.mark.parametrize(
     "name",

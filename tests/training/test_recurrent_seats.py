@@ -52,6 +52,7 @@ def test_an_opponent_begins_each_game_with_a_fresh_state(tmp_path, scenario):
     run.close()
 
 
+@pytest.mark.slow
 def test_a_resumed_run_continues_the_states_of_its_games(tmp_path):
     config = make_config(tmp_path / "run", "ffa-3")
     run = TrainingRun(config)
@@ -89,6 +90,7 @@ def test_damaged_states_are_refused_and_older_runs_have_none(tmp_path, damage):
 # --- demonstrators -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["duel", "ffa-3"])
 @pytest.mark.parametrize("advise", [False, True])
 @pytest.mark.parametrize("turn", [None, 2])
@@ -161,6 +163,7 @@ def test_the_states_of_the_learner_are_those_of_its_network_over_each_game(
     run.close()
 
 
+@pytest.mark.slow
 def test_a_recurrent_learner_resumes_within_its_games_with_the_same_bits(
     tmp_path, recurrent_policy
 ):

@@ -58,6 +58,7 @@ def test_the_learner_plays_one_team_whose_points_returns_and_actions_are_reporte
         assert row[f"actions/{name}"] == pytest.approx((chosen == action).float().mean().item())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["ffa-8", "teams", "uneven", "alone"])
 def test_against_itself_the_learner_plays_every_seat_that_is_in(tmp_path, scenario):
     data = collect(make_run(tmp_path, scenario, {"latest": 1.0}))
@@ -68,6 +69,7 @@ def test_against_itself_the_learner_plays_every_seat_that_is_in(tmp_path, scenar
     assert (data["player", "opponent"] == opponent).all()
 
 
+@pytest.mark.slow
 def test_a_seat_that_is_out_plays_the_no_op_without_asking_a_policy(tmp_path):
     run = make_run(tmp_path, "ffa-4", {"random": 1.0})
     (member,) = run.book.pool.members
@@ -80,6 +82,7 @@ def test_a_seat_that_is_out_plays_the_no_op_without_asking_a_policy(tmp_path):
     assert {has_left for _, has_left, _ in bot.rows} == {0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["alone", "together"])
 def test_without_rivals_the_learner_plays_alone_whatever_the_mixture(tmp_path, scenario, capsys):
     run = make_run(tmp_path, scenario, {"random": 0.5, "uniform": 0.5})
@@ -116,6 +119,7 @@ def test_bots_that_are_no_opponents_need_not_fit_the_scenario(tmp_path, monkeypa
 # --- what is stored --------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["ffa-4", "uneven"])
 def test_the_step_at_which_a_seat_goes_out_is_terminal_and_its_last(tmp_path, scenario):
     data = collect(make_run(tmp_path, scenario, {"latest": 1.0}))

@@ -39,6 +39,7 @@ def recurrent(folder, frames=768, memory="lstm", priority_alpha=0.0, min_steps=3
     return runs.tiny(folder, frames, **settings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", ["lstm", "gru"])
 def test_sequences_are_what_was_collected_and_their_states_replay(tmp_path, memory):
     run = TrainingRun(recurrent(tmp_path / "run", memory=memory))
@@ -157,11 +158,13 @@ def test_the_loss_is_that_of_one_step_after_another(tmp_path, double, priority_a
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.parametrize("memory", ["lstm", "gru"])
 @pytest.mark.parametrize("priority_alpha", [0.0, 0.6])
-def test_td_errors_fall(tmp_path, memory, priority_alpha):
-    run = fill(tmp_path / "run", memory=memory, priority_alpha=priority_alpha)
-    still = LearnerSettings(n_steps=3, learning_rate=3e-3, target="hard", target_every_updates=999)
+def test_td_errors_fall(tmp_path, priority_alpha):
+    run = fill(tmp_path / "run", priority_alpha=priority_alpha)
+    # Targets that stay: neither the target network nor the chosen actions change.
+    still = LearnerSettings(
+        n_steps=3, learning_rate=3e-3, double=False, target="hard", target_every_updates=999
+    )
     learner, storage = Learner(run.learner.network, still), run.replay.real.storage
     whole = storage.get(storage.sampleable_slots())
 
@@ -171,13 +174,14 @@ def test_td_errors_fall(tmp_path, memory, priority_alpha):
         return float(found.td_error.abs()[whole["learned"]].mean())
 
     before = measure()
-    for number in range(300):
+    for number in range(80):
         batch = run.replay.sample()
         learner.update(batch)
-        run.replay.note_errors(batch, number / 300)
-    assert measure() < 0.7 * before
+        run.replay.note_errors(batch, number / 80)
+    assert measure() < 0.4 * before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("priority_alpha", [0.0, 0.6])
 def test_a_run_resumes_to_the_same_bits(tmp_path, priority_alpha):
     whole, _ = runs.train_whole_and_in_parts(

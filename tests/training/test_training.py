@@ -273,10 +273,6 @@ def test_the_log_holds_losses_action_shares_and_the_speed_of_each_sitting(finish
         (lambda: opposed(agents={"counter": "a:b"}), "agents is 'counter', .* bots have"),
         (lambda: GameSettings(options={"reward": "sparse"}), "left out: set game.reward"),
         (lambda: GameSettings(options={"shaping_discount": 0.9}), "left out: set learner.gamma"),
-        (
-            lambda: GameSettings("deep_rts", "1v1-15x15", options={"actions": "grid"}),
-            r"game.options.actions is 'grid', .* one action per step: set it to 'unit'",
-        ),
     ],
 )
 def test_bad_settings_are_refused(make, message):
@@ -296,6 +292,7 @@ def test_the_generator_needs_planes_frames_or_a_vector(tmp_path):
         TrainingRun(tiny(tmp_path / "a", game=settings))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="limits the files of a forked process")
 def test_a_full_disk_ends_the_run_with_a_clear_error_and_keeps_what_was_saved(finished_copy, capfd):
     """The operating system refuses the write, as it does on a full disk."""

@@ -312,9 +312,7 @@ class TrainConfig:
             check_name(f"{self.game.name} bot", bot, bots)
 
     def _check_network(self) -> None:
-        """Raise ValueError for a head without its loss, or noisy layers without their exploration,
-        or the reverse.
-        """
+        """Raise ValueError for a head or noisy layers without their loss or exploration."""
         head, loss = self.policy.head, self.learner.algorithm
         if (head == QUANTILE) != (loss == QUANTILE) and not LOSSES.is_outside(loss):
             raise ValueError(
@@ -353,22 +351,13 @@ class TrainConfig:
 
     def _check_action_shape(self) -> None:
         """Raise ValueError for parts that cannot learn from an action at each cell."""
-        shape = list(self.game.spec.action_shape)
-        is_fit = LOSSES[self.learner.algorithm].TAKES_ACTION_SHAPES
-        for is_refused, reason, instead in (
-            (not is_fit, "this loss reads one action of each step", "learner.algorithm=pqn"),
-            (
-                self.generator.name != NO_GENERATOR,
-                "generators make transitions of one action",
-                "generator=none",
-            ),
-        ):
-            if is_refused:
-                raise ValueError(
-                    f"the scenario has an action at each cell of {shape}, but {reason}: set "
-                    f"{instead} (or recipe=pqn), or a scenario of one action, such as "
-                    "game.options.actions=unit of deep_rts"
-                )
+        takes = LOSSES[self.learner.algorithm].TAKES_ACTION_SHAPES
+        if not takes or self.generator.name != NO_GENERATOR:
+            raise ValueError(
+                f"the scenario has an action at each cell of {list(self.game.spec.action_shape)}: "
+                "set recipe=pqn (learner.algorithm=pqn generator=none), or one action per step: "
+                "game.options.actions=unit of deep_rts"
+            )
 
     def _check_memory(self) -> None:
         """Raise ValueError for parts that cannot train a network with memory."""

@@ -60,6 +60,7 @@ def test_no_item_alone_beats_a_mix_of_the_others(item, alone_against_mix):
     assert_within_limit(alone_against_mix[item].wins, alone_against_mix[item].games)
 
 
+@pytest.mark.slow
 def test_the_thesis_numbers_fail_the_same_test():
     # In 2017 the first unit and few towers decide: the bound is one that can be missed.
     engine = make_engine("deep_line_wars", "10x15", 40, preset="2017", max_ticks=4_000)
@@ -90,6 +91,7 @@ def test_games_of_different_bots_end_by_a_winner_before_the_time_limit(bot_resul
     assert np.mean([result.mean_ticks for result in bot_results.values()]) < 0.75 * limit
 
 
+@pytest.mark.slow
 def test_players_who_mix_everything_come_to_an_end(engine):
     result = play_match(engine, make_mix(engine), make_mix(engine), SEED)
     assert result.wins + result.losses >= 0.9 * result.games
@@ -101,6 +103,7 @@ def test_a_projectile_lands_before_its_tower_can_fire_again():
         assert flight <= CHARGE_PER_SHOT // speed
 
 
+@pytest.mark.slow
 def test_a_match_gives_the_same_result_twice(engine):
     players = make_item_player(engine, 1), make_mix(engine, 1)
     assert play_match(engine, *players, SEED) == play_match(engine, *players, SEED)

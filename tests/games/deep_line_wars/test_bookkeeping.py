@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -91,6 +92,7 @@ class Books:
         assert min(*self.gold, *self.lumber) >= 0
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(seed=seeds, preset=presets, actions=action_spaces, gold=st.integers(0, 2_000))
 def test_gold_lumber_income_and_health_follow_from_the_events(seed, preset, actions, gold):
@@ -162,6 +164,7 @@ def check_effect(board: Board, player: int, name: str, changes: dict[str, np.nda
         assert set(changes) == {"cursor"}
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(
     seed=seeds,

@@ -76,6 +76,7 @@ def test_a_bot_repeats_continues_and_leaves_what_it_sees(name, positions):
         assert_answers_each_row_on_its_own(name, positions)
 
 
+@pytest.mark.slow
 def test_random_draws_kinds_evenly_and_then_actions_of_the_kind_evenly():
     engine = make_game(1)
     planes = np.repeat(engine.observe("planes")[:, 0], 40_000, 0)
@@ -90,6 +91,7 @@ def test_random_draws_kinds_evenly_and_then_actions_of_the_kind_evenly():
     assert cells.sum() == len(fast)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCRIPTED)
 def test_every_bot_beats_random_in_nine_games_of_ten_and_counter_beats_every_other(name):
     engine = make_game(200)

@@ -210,6 +210,7 @@ def test_the_heat_map_paints_own_towers_enemy_units_and_the_own_cursor():
     assert not Board().engine.observe("heatmap").any()  # spatial actions have no cursor
 
 
+@pytest.mark.slow
 @settings(max_examples=6)
 @given(
     actions=st.sampled_from(["spatial", "classic"]),

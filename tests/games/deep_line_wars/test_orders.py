@@ -70,6 +70,7 @@ def test_spawn_rows_are_uniform_and_independent():
         assert chisquare(np.bincount(drawn, minlength=size)).pvalue > 0.001
 
 
+@pytest.mark.slow
 def test_spawn_rows_of_one_player_are_uniform_along_a_game():
     board = Board(seed=11)
     rows = []

@@ -52,6 +52,7 @@ def make_twins(case, **options) -> BatchedEngine:
     return engine
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_game_with_swapped_seats_is_the_swapped_game_in_every_tick(case):
     engine = make_twins(case, reward="shaped")
@@ -59,6 +60,7 @@ def test_a_game_with_swapped_seats_is_the_swapped_game_in_every_tick(case):
     assert engine._worlds.num_units.sum() + engine._worlds.num_towers.sum() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES[:2], ids=str)
 def test_a_whole_game_to_its_decision_stays_mirrored(case):
     engine = make_twins(case)

@@ -129,6 +129,7 @@ def test_the_named_chases_keep_the_starts_of_version_1():
     assert optimal[183].tolist() == [42, 1, 1, 1]
 
 
+@pytest.mark.slow
 def test_in_a_single_way_the_hunted_start_between_the_goal_and_the_hunter():
     """Such a maze is seldom drawn: the start is drawn again in one that is laid."""
     table = Table("15x15-chase-4p", board=SNAKE, generator="prim", density=1.0, complexity=1.0)

@@ -15,6 +15,7 @@ ROOM = """
 """
 
 
+@pytest.mark.slow
 def test_the_picture_has_one_size_on_every_board():
     for scenario in ("7x7-stochastic", "55x55-stochastic"):
         table = Table(scenario)

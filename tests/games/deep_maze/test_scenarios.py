@@ -142,6 +142,7 @@ def test_a_scenario_is_made_again_from_its_fields():
     assert GAMES["deep_maze"].scenario("9x9-stochastic", **fields).max_ticks == 300
 
 
+@pytest.mark.slow
 def test_the_time_limit_is_above_the_number_of_cells_of_any_board():
     """No shortest way has more moves, whatever the maze."""
     for rows in range(5, 128):

@@ -52,6 +52,7 @@ def generated(draw, counts=range(1, 9)):
         return generate_map(draw(sides), draw(sides), num_players, draw(st.integers(0, 2**63 - 1)))
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(game_map=generated())
 def test_every_map_can_be_played_and_is_fair(game_map):
@@ -70,6 +71,7 @@ def test_every_map_can_be_played_and_is_fair(game_map):
         assert 2 * column <= columns - 1
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(game_map=generated(counts=(2, 4)))
 def test_two_and_four_seats_see_one_board(game_map):

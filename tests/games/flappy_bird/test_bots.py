@@ -53,6 +53,7 @@ def test_the_oracle_flies_a_while_in_plain_python():
     assert engine.truncated.all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "ticks", "ticks_per_step"),
     [
@@ -67,6 +68,7 @@ def test_the_oracle_does_not_die_without_wind(scenario, ticks, ticks_per_step):
     assert not engine.eliminated.any()
 
 
+@pytest.mark.slow
 def test_bots_are_as_strong_as_their_names():
     passed = {name: fly(start("classic", 32, max_ticks=1_500), name, 1_500) for name in BOTS}
     means = {name: counts.mean() for name, counts in passed.items()}

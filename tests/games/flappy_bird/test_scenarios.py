@@ -60,6 +60,7 @@ def test_whole_numbers_will_do_for_speeds():
     assert Scenario(pipe_speed=4.1).speed_hundredths == 410
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("speed", "wind", "gap"), SURELY_PLAYABLE)
 def test_scenarios_taken_for_playable_are(speed, wind, gap):
     """At the narrowest and at wider gaps, at that speed and slower, in that wind and less."""

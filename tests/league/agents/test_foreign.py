@@ -208,6 +208,7 @@ class TestLoading:
         with pytest.raises(ForeignAgentError, match=message):
             self.load(source)
 
+    @pytest.mark.slow
     def test_an_agent_that_exits_ends_neither_match_nor_league(self, capsys, tmp_path):
         """They must not end silently with exit code 0."""
         about = [f"--game={last_standing.NAME}", "--scenario=duel", "--games=8"]

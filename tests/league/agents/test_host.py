@@ -116,6 +116,7 @@ def test_it_answers_line_by_line(module):
     ]
 
 
+@pytest.mark.slow
 def test_a_function_with_a_limit_runs_in_a_process_of_its_own(module):
     agent = load(f"{module}:make_slow", 2.0)
     assert agent.act(*TWO_GAMES).tolist() == [-1, -1]
@@ -153,6 +154,7 @@ def test_a_function_that_makes_no_agent_is_refused(module, make, reason):
         load(f"{module}:{make}")
 
 
+@pytest.mark.slow
 def test_it_is_the_same_agent_and_plays_the_same_as_in_this_process(module):
     scenario = GAME.scenario("11x11", max_ticks=120)
     rival = load_agent("rusher", GAME.name, scenario)
@@ -164,6 +166,7 @@ def test_it_is_the_same_agent_and_plays_the_same_as_in_this_process(module):
     assert found[0][1].distinct_games > 2  # it draws
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [[], ["--answer-seconds", "0"]])
 def test_without_a_limit_it_runs_in_this_process(module, capsys, words):
     assert main(["match", f"{module}:make_failing", "random", *PLACE, *words]) == 0
@@ -171,10 +174,12 @@ def test_without_a_limit_it_runs_in_this_process(module, capsys, words):
     assert [int(number) == os.getpid() for number in numbers] == [bool(words)]
 
 
+@pytest.mark.slow
 def test_it_prints_beside_the_protocol_and_reads_nothing(module):
     assert load(f"{module}:make_printing").act(*TWO_GAMES).tolist() == [0, 0]
 
 
+@pytest.mark.slow
 def test_other_code_is_another_agent_wherever_the_command_is_from(tmp_path, monkeypatch):
     """The console script does not look for modules in the current folder; the host does."""
     (tmp_path / "bots").mkdir()
@@ -190,6 +195,7 @@ def test_other_code_is_another_agent_wherever_the_command_is_from(tmp_path, monk
     assert "bots" not in sys.modules  # foreign code would have no limit in this process
 
 
+@pytest.mark.slow
 def test_code_that_changes_before_a_restart_forfeits(module, tmp_path):
     agent = load(f"{module}:make_slow")._agent
     (tmp_path / "hosted_agents.py").write_text(f"{MODULE}# changed", "utf-8")
@@ -198,6 +204,7 @@ def test_code_that_changes_before_a_restart_forfeits(module, tmp_path):
         agent.act(*TWO_GAMES)
 
 
+@pytest.mark.slow
 def test_a_module_without_a_file_is_refused(tmp_path, monkeypatch):
     (tmp_path / "fileless.py").write_text(f"{PACKAGED}del __file__", "utf-8")
     monkeypatch.chdir(tmp_path)

@@ -178,6 +178,7 @@ def league(tmp_path_factory, nets):
     return folder
 
 
+@pytest.mark.slow
 def test_a_league_is_mixed_by_one_command(league, nets, tmp_path, capsys):
     names = ["a", "b", "c"]
     assert main(["league", "mix", str(league), "--out", str(tmp_path / "best"), *names]) == 0
@@ -208,6 +209,7 @@ def test_many_equals_are_all_members(league, monkeypatch):
     assert mix_league(league).weights == pytest.approx((1 / 3,) * 3)
 
 
+@pytest.mark.slow
 def test_only_the_newest_agent_of_a_folder_may_be_a_member(tmp_path, nets):
     own, words = str(tmp_path / "net"), ["--games", "2", "--no-replays"]
     words += ["--out", str(tmp_path / "league")]
@@ -226,6 +228,7 @@ def test_names_that_are_not_in_the_league_are_refused(league):
         mix_league(league, ("turtl",))
 
 
+@pytest.mark.slow
 def test_agents_that_have_not_met_cannot_be_mixed(tmp_path, nets):
     out = str(tmp_path / "league")
     words = ["--games", "2", "--no-replays", "--out", out]
@@ -235,6 +238,7 @@ def test_agents_that_have_not_met_cannot_be_mixed(tmp_path, nets):
         mix_league(tmp_path / "league", ("turtle", "random"))
 
 
+@pytest.mark.slow
 def test_a_league_without_networks_is_refused(tmp_path):
     out = str(tmp_path / "league")
     words = ["random", "turtle", "--scenario", "11x11", "--games", "2", "--no-replays"]

@@ -80,6 +80,7 @@ def test_a_wrong_answer_forfeits_and_is_reported(habit, reason):
     assert set(match.forfeits) == {f"bot {habit} {reason}"}
 
 
+@pytest.mark.slow
 @linux_only
 @pytest.mark.parametrize("habit", ["hangs", "escapes", "stops its supervisor"])
 def test_a_process_that_hangs_is_killed_with_all_that_it_started(tmp_path, habit):
@@ -118,6 +119,7 @@ def test_a_process_that_a_list_of_children_misses_is_killed_too():
     assert is_gone(done.stdout)
 
 
+@pytest.mark.slow
 @linux_only
 def test_a_pipe_that_an_escaped_process_holds_is_not_waited_for(tmp_path):
     agent = load("kills its supervisor", str(tmp_path / "ids"), seconds=2.0)
@@ -130,6 +132,7 @@ def test_a_pipe_that_an_escaped_process_holds_is_not_waited_for(tmp_path):
     os.kill(int(escaped), signal.SIGKILL)  # an agent that kills its supervisor escapes it
 
 
+@pytest.mark.slow
 @linux_only
 def test_agents_end_with_a_program_that_is_killed(tmp_path):
     script = (

@@ -55,6 +55,7 @@ def make_rows(num_rows, seed=0):
     return seen.astype(np.float32), np.ones((num_rows, SPEC.num_actions), np.bool_)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", [SOURCE, COUNTING])
 def test_an_agent_in_a_process_plays_as_in_this_one(source):
     here, there = load(source), load(source, 60.0)
@@ -137,6 +138,7 @@ def test_a_wrong_size_of_the_state_is_refused(tmp_path, habit, size):
         load_bot(tmp_path, habit)
 
 
+@pytest.mark.slow
 def test_a_wrong_state_is_the_same_fault_in_both_processes(tmp_path, monkeypatch):
     module = tmp_path / "wrong_states.py"
     module.write_text(

@@ -175,6 +175,7 @@ def response(tmp_path):
     return folder
 
 
+@pytest.mark.slow
 def test_best_responses_stand_for_their_mixture_or_for_the_best(tmp_path, capsys, mixed, response):
     for run, inside in ((mixed, "mixture"), (response, "candidates/seed_0_stage_002")):
         own, meant = load_agent(run), load_agent(run / inside)

@@ -250,11 +250,13 @@ class TestLeague:
             play_league(tmp_path / "a", "idle", "quitter", scenario="alone")
         assert not (tmp_path / "a").exists()
 
+    @pytest.mark.slow
     def test_teams_are_rated(self, tmp_path):
         names = ("idle", "quitter", "scorer")
         result = play_league(tmp_path, *names, scenario="teams", games_per_pair=4)
         assert result.ratings[-1].name == "quitter"
 
+    @pytest.mark.slow
     def test_a_free_for_all_is_rated_by_the_order_in_which_agents_went_out(self, tmp_path):
         names = ("idle", "quitter", "scorer", "finisher", "random")
         result = play_league(tmp_path, *names, games_per_pair=6)
@@ -264,6 +266,7 @@ class TestLeague:
         assert "team 4" in result.text
         assert "came in above the column's" in " ".join(result.text.split())
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("agents", [("random", "idle"), ("random", "idle", "scorer")])
     def test_fewer_agents_than_seats_play_more_than_one(self, tmp_path, agents):
         result = play_league(tmp_path, *agents, scenario="ffa-4", games_per_pair=12)
@@ -292,6 +295,7 @@ class TestLeague:
                 for seat in range(4):
                     assert set(np.bincount(seated[:, seat])[1:]) == {games // 4}
 
+    @pytest.mark.slow
     def test_each_line_up_has_map_seeds_of_its_own(self, tmp_path):
         play_league(tmp_path, "idle", "random", "scorer", scenario="duel", games_per_pair=8)
         stored = read_games(tmp_path)
@@ -300,6 +304,7 @@ class TestLeague:
         games = number_agents(stored, sorted(set(stored.agents.ravel().tolist())))
         assert len(np.unique(games.blocks)) == blocks
 
+    @pytest.mark.slow
     def test_games_of_leagues_that_shared_map_seeds_are_one_block(self, tmp_path):
         """New games have map seeds of their own; stored games keep theirs."""
         names = ("idle", "random", "scorer")
@@ -319,6 +324,7 @@ class TestLeague:
         sizes = np.bincount(games.blocks)
         assert sorted(sizes.tolist()) == [2] * 12 + [6] * 4
 
+    @pytest.mark.slow
     def test_a_league_of_another_seating_is_refused(self, tmp_path):
         play_league(tmp_path, "idle", "random", games_per_pair=4)
         message = "a league with seating = .ring.*cannot be mixed"
@@ -335,6 +341,7 @@ class TestLeague:
         assert games["random"] <= 8 + 8 + 16
         assert report_stored(tmp_path).ratings == result.ratings
 
+    @pytest.mark.slow
     def test_repeats_are_counted_once(self, tmp_path):
         changes = {"scenario": "duel", "scenario_options": {"gain": 0}}
         short = play_league(tmp_path / "a", "idle", "scorer", games_per_pair=8, **changes)
@@ -343,6 +350,7 @@ class TestLeague:
         assert {rating.games for rating in long.ratings} == {2}
         assert "78 of 80" in long.text
 
+    @pytest.mark.slow
     def test_commands_show_rate_and_export_stored_games(self, tmp_path, capsys):
         folder = str(tmp_path / "a")
         words = ["league", "random", "scorer", "idle", "--game", last_standing.NAME]
@@ -359,6 +367,7 @@ class TestLeague:
         assert main(["league", "status", str(tmp_path / "b")]) == 2
         assert "is not there: give the folder of a league" in capsys.readouterr().err
 
+    @pytest.mark.slow
     def test_the_adaptive_command_stops(self, tmp_path, capsys):
         words = ["league", "random", "scorer", "--game", last_standing.NAME, "--scenario", "duel"]
         assert main([*words, "--ci", "150", "--games", "64", "--out", str(tmp_path / "a")]) == 0

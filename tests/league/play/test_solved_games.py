@@ -68,6 +68,7 @@ def test_it_is_drawn_from_any_first_move():
     assert set(VALUES[bytes(18)].values()) == {0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seat", [0, 1])
 def test_perfect_play_loses_to_nothing_that_can_be_tried(seat):
     winners = play_all_lines(PERFECT, seat)
@@ -146,6 +147,7 @@ def test_perfect_play_is_rated_first_and_draws_are_halves(tmp_path, monkeypatch)
     assert ratings[0].score == pytest.approx((wins + draws / 2) / (wins + draws))
 
 
+@pytest.mark.slow
 def test_drawn_games_alone_rate_both_alike(tmp_path, monkeypatch):
     ratings, rows = run(tmp_path / "a", monkeypatch, "perfect", "twin", games=40)
     assert int(rows["perfect", "twin"]["draws"]) == ratings[0].games > 0

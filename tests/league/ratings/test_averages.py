@@ -65,6 +65,7 @@ def test_equilibria_without_ties_are_exact(size):
     assert exploitability(payoff, maximum_entropy_nash(payoff)) < 1e-7
 
 
+@pytest.mark.slow
 def test_many_agents_of_whom_only_neighbours_have_met():
     """Most payoffs are drawn from all that there can be: each draw is a game of its own, and some
     have equilibria whose rows lose by no more than a program's tolerance.
@@ -84,6 +85,7 @@ def test_the_average_of_one_that_beats_all_is_that_one(monkeypatch):
     assert found.low[0] > 0.9
 
 
+@pytest.mark.slow
 def test_intervals_are_wide_where_games_are_few(monkeypatch):
     """Sect. 2.5 of the notes: the best of a transitive league is often not the estimate's."""
     monkeypatch.setattr(averages_module, "NUM_SAMPLES", 100)

@@ -55,6 +55,7 @@ class TestLikelihood:
     def test_a_team_that_is_left_out_leaves_the_order_of_the_rest(self):
         assert split_ranking((2.0, 0.0, 1.0)) == ([0.0, 0.0, 1.0], [((2, 0), 1.0)])
 
+    @pytest.mark.slow
     def test_the_maximum_is_that_of_choix(self):
         """But for the prior, and the seat advantages, which choix does not have."""
         pairs = simulate([0.0, 1.5, 3.0, 4.5], 40, 2)
@@ -115,6 +116,7 @@ def use_resamples(monkeypatch, number):
     monkeypatch.setattr(ratings_module, "MOST_RESAMPLES", number)
 
 
+@pytest.mark.slow
 def test_another_seed_of_the_resampling_moves_ends_by_less_than_two_elo():
     """With 500 resamples ends of a league like this moved by up to 9 Elo."""
     games = simulate(np.linspace(-1.0, 1.0, 6), 20, 0)
@@ -145,6 +147,7 @@ def test_what_leagues_shared_their_map_seeds_is_resampled_by_seed():
     assert widths[1] > 1.25 * widths[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("elo", "games"), [(0, 4), (0, 8), (0, 40), (200, 8), (200, 40)])
 def test_the_difference_of_two_lies_in_19_of_20_intervals_after_few_games(monkeypatch, elo, games):
     """The bootstrap alone held 200 Elo in 67 and 91 of 100, and called equals unequal in 51, 15 and

@@ -39,6 +39,7 @@ def test_a_league_without_bounds_does_not_explain_them():
     assert "<=" not in describe_league(make(dict.fromkeys(EDGES, 25)))
 
 
+@pytest.mark.slow
 def test_half_points_reach_the_intervals(tmp_path):
     table = make({(0, 1): 0}, ["a", "random"], draws=1)  # half a point in 40 games
     write_report(tmp_path, make_report(table))
@@ -49,6 +50,7 @@ def test_half_points_reach_the_intervals(tmp_path):
     assert float(cells["a"]["low"]) == pytest.approx(mirrored, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_wins_draws_and_losses_of_each_pair_are_written(tmp_path):
     table = make({(0, 1): 25, (0, 2): 30, (1, 2): 0}, ["a", "b", "random"], draws=3)
     write_report(tmp_path, make_report(table))
@@ -101,6 +103,7 @@ def test_few_games_do_not_decide():
     assert "95%" in many
 
 
+@pytest.mark.slow
 def test_a_clean_sweep_of_one_map_seed_is_not_significant(tmp_path):
     games = from_rows([(0, 1, 0, 1.0), (1, 0, 0, 0.0)])
     table = make_table(["a", "b"], games)
@@ -111,6 +114,7 @@ def test_a_clean_sweep_of_one_map_seed_is_not_significant(tmp_path):
     assert bounds == {"a": "lower", "b": "upper"}
 
 
+@pytest.mark.slow
 def test_bounds_and_differences_of_all_pairs_are_written(tmp_path):
     write_report(tmp_path, make_report(make()))
     bounds = {row["agent"]: row["bound"] for row in read_cells(tmp_path, "ladder.csv")}
@@ -132,6 +136,7 @@ def test_no_number_of_the_report_is_infinite():
 LONG = ["process:" + "python3 bots/a.py " * 9, "b" * 60, "c", "random"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "wins"), [(2, 25), (4, 25), (4, 40)])
 def test_the_pictures_of_agents_with_long_names_are_drawn(tmp_path, number, wins):
     pairs = {pair: wins for pair in EDGES if max(pair) < number}

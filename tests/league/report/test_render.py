@@ -192,6 +192,7 @@ def headline(results, names=("a", "b", "c")):
     return report.headline, report.summary
 
 
+@pytest.mark.slow
 def test_the_headline_names_the_strongest_or_all_who_may_be():
     sure, summary = headline({(0, 1): 35, (0, 2): 38, (1, 2): 35})
     assert sure == "a is the strongest"
@@ -215,6 +216,7 @@ def runs():
     return table, Background(records=records)
 
 
+@pytest.mark.slow
 def test_a_run_with_two_snapshots_is_a_curve():
     table, background = runs()
     page = read_page(table, background)
@@ -314,6 +316,7 @@ def test_a_league_without_games_says_so(tmp_path, num_agents):
         assert "There are no games." in page.text[key]
 
 
+@pytest.mark.slow
 def test_agents_that_no_games_compare_have_a_matrix_and_no_ladder(tmp_path):
     page = write_page(tmp_path, unrated(NAMES, make_games({(0, 1): 25, (2, 3): 25})))
     for text in (page.text["ladder"], (tmp_path / "ladder.txt").read_text("utf-8")):
@@ -340,6 +343,7 @@ def test_a_free_for_all_is_reported_by_teams():
     assert "ties count half" in page.text["matrix"]
 
 
+@pytest.mark.slow
 def test_a_report_that_fails_leaves_the_old_one_whole(tmp_path, monkeypatch):
     table = make()
     write_report(tmp_path, make_report(table))

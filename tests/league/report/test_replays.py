@@ -137,6 +137,7 @@ def film_again(folder):
     return read_page(folder)
 
 
+@pytest.mark.slow
 def test_the_report_of_a_league_has_films_which_are_not_made_again(league):
     paths = films(league)
     assert 2 <= len(paths) <= 3
@@ -185,6 +186,7 @@ def test_foreign_code_runs_where_games_are_played_and_not_in_a_report(tmp_path):
     assert films(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_the_command_leaves_replays_out_and_stands_in_the_settings(tmp_path, capsys):
     words = ["league", "random", "turtle", "--scenario", "11x11", "--games", "8", "--no-replays"]
     assert main([*words, "--out", str(tmp_path)]) == 0
@@ -197,6 +199,7 @@ def test_the_command_leaves_replays_out_and_stands_in_the_settings(tmp_path, cap
     assert read_page(tmp_path) == page
 
 
+@pytest.mark.slow
 def test_a_league_without_games_has_a_report(tmp_path):
     play(tmp_path, "random", "turtle", replays=False)
     change_database(tmp_path, "DELETE FROM team", "DELETE FROM game", "DELETE FROM block")
@@ -235,6 +238,7 @@ def test_a_film_of_a_high_board_is_no_larger():
     assert shrink(np.zeros((100, 200, 3), np.uint8), 320).size == (320, 160)
 
 
+@pytest.mark.slow
 def test_a_film_is_written_again_until_it_is_small(league, tmp_path, monkeypatch):
     monkeypatch.setattr(replays, "MAX_BYTES", 20_000)
     shutil.copytree(league, tmp_path / "league")
@@ -243,6 +247,7 @@ def test_a_film_is_written_again_until_it_is_small(league, tmp_path, monkeypatch
     assert all(path.stat().st_size <= 20_000 for path in films(tmp_path / "league"))
 
 
+@pytest.mark.slow
 def test_a_game_too_long_for_the_memory_is_not_shown(league, tmp_path, monkeypatch):
     monkeypatch.setattr(replays, "MAX_ACTION_BYTES", 64)
     shutil.copytree(league, tmp_path / "league")

@@ -94,6 +94,7 @@ with locked_folder(sys.argv[1]):
 """
 
 
+@pytest.mark.slow
 def test_no_report_is_written_while_another_process_writes_there(tmp_path):
     config = LeagueConfig(
         ("random", "turtle"), scenario="11x11", games_per_pair=2, out=str(tmp_path)
@@ -112,6 +113,7 @@ def test_no_report_is_written_while_another_process_writes_there(tmp_path):
     assert (tmp_path / "report.html").is_file()
 
 
+@pytest.mark.slow
 def test_a_league_file_alone_is_enough_for_a_report(tmp_path):
     config = LeagueConfig(
         ("random", "turtle"), scenario="11x11", games_per_pair=2, out=str(tmp_path / "a")

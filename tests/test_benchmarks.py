@@ -202,6 +202,7 @@ def cover(monkeypatch, case, num_leagues):
         return measure(case, truth, num_leagues, 0, bar)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case", [Case("own", 150.0, 2, 8), Case("own", 0.0, 2, 40), Case("own", 0.0, 4, 8)], ids=str
 )

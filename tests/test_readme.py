@@ -112,6 +112,7 @@ def test_every_game_page_has_a_program():
     assert len(GAME_PROGRAMS) >= len(GAMES.load_own())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", GAME_PROGRAMS)
 def test_the_programs_of_the_game_pages_run(program, tmp_path):
     read_output(tmp_path, "-c", program)

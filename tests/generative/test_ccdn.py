@@ -42,6 +42,7 @@ def test_untrained_network_copies(real_rows):
     assert float((following == rows["observation"]).float().mean()) > 0.95
 
 
+@pytest.mark.slow
 def test_static_planes_are_copied_whatever_the_weights(real_rows):
     network = make_network()
     with torch.no_grad():

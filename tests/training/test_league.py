@@ -58,6 +58,7 @@ def read_all(folder):
 # --- roles -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_all_learners_train_to_the_end_each_with_its_own_replay(league):
     names = ["league_exploiter_0", "main_0", "main_1", "main_exploiter_0"]
     assert sorted(path.name for path in (league / "members").iterdir()) == names
@@ -70,6 +71,7 @@ def test_all_learners_train_to_the_end_each_with_its_own_replay(league):
         assert (run / "resume" / "replay").is_dir() == run.is_dir()
 
 
+@pytest.mark.slow
 def test_a_main_exploiter_is_reset_with_each_player_and_a_main_agent_never(league):
     exploiter = league / "members" / "main_exploiter_0"
     generation = read_member(exploiter).generation
@@ -83,6 +85,7 @@ def test_a_main_exploiter_is_reset_with_each_player_and_a_main_agent_never(leagu
     assert len(mains) >= 2 * (768 // 192)
 
 
+@pytest.mark.slow
 def test_a_main_exploiter_begins_as_the_main_agents_in_turn(league):
     for name, wanted in (
         ("main_0", [None]),
@@ -130,6 +133,7 @@ def test_a_league_of_learners_that_begin_with_an_agent_is_resumed(tmp_path):
         assert config.exploration.epsilon_start == start
 
 
+@pytest.mark.slow
 def test_opponents_of_each_role(league):
     met = {
         owner: {name for name, (_, _, count) in record["against"].items() if count}
@@ -145,6 +149,7 @@ def test_opponents_of_each_role(league):
     assert exploiters, "main agents play the players of exploiters"
 
 
+@pytest.mark.slow
 def test_a_player_holds_the_records_of_its_learner(league):
     players = read_players(league / "shared")
     later = [player for player in players if player.owner == "main_0"][-1]
@@ -224,6 +229,7 @@ def test_kill_minus_nine_at_twenty_moments_changes_nothing(league, tmp_path):
     assert read_all(tmp_path / "league") == read_all(league)
 
 
+@pytest.mark.slow
 def test_a_slice_that_is_done_does_nothing_when_it_is_run_again(league):
     before = read_all(league)
     name, _ = make_league(league).learners[-1]
@@ -305,6 +311,7 @@ def test_the_report_rates_what_learners_froze_last_too(tmp_path, final_past):
     assert len(rated) == 1 + 2 + 2 * max(0, final_past - 1)
 
 
+@pytest.mark.slow
 def test_a_folder_of_other_settings_is_refused(league):
     with pytest.raises(OutputFolderError, match="seed is 5 there, 6 here"):
         train_league(make_league(league, seed=6), show_progress=False)

@@ -28,10 +28,7 @@ def test_the_page_names_all():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.slow if "deep_rts" in name else ()) for name in LEAST],
-)
+@pytest.mark.parametrize("name", LEAST)
 def test_it_plays_as_well_as_the_page_says(name):
     folder = AGENTS / name
     one = folder if (folder / "agent.json").exists() else folder / "members" / "00"

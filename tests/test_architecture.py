@@ -379,7 +379,7 @@ print(changing)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("alone", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("alone", [False, True])
 def test_every_module_imports_without_side_effects(tmp_path, alone):
     modules = [module_name(path) for path in SOURCES if path.name != "__main__.py"]
     imported = {name for path in SOURCES for name in imported_modules(path, read_tree(path))}

@@ -15,7 +15,7 @@ SHORT = {
     "league": "--games 2 --out runs/league",
     "plot_run": "seed_0 seed_1 --column win_rate/random --out curve.png",
 }
-SLOW = "torchrl_dqn", "own_network", "league"
+SLOW = "sb3", "torchrl_dqn", "self_play", "own_network", "league"
 PRINTED = {
     "random_play": "player_1: mean return",
     "sb3": "mean return in 1 games",
@@ -39,7 +39,6 @@ def test_it_is_short_and_on_the_page(name):
     assert f"]({name}.py)" in (EXAMPLES / "README.md").read_text("utf-8")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in SHORT]
 )

@@ -100,7 +100,11 @@ class FactoredActions(FlatActions):
                 f"{self._game}: the {('kind', 'cell')[factor]} {actions[world, factor]} of player "
                 f"{player} in world {world} is outside 0..{self.sizes[factor] - 1}"
             )
-        flat = self._actions[actions[:, 0], actions[:, 1]]
+        return self._flatten(*actions.T)
+
+    def _flatten(self, kind: NDArray[Any], cell: NDArray[Any]) -> NDArray[np.int64]:
+        """The flat action [B] of each kind and cell; the no-op where there is none."""
+        flat = self._actions[kind, cell]
         return np.where(flat == NO_ACTION, self._noop, flat)
 
     def shape_mask(self, mask: NDArray[np.bool_]) -> NDArray[np.int8]:
@@ -134,8 +138,7 @@ class ContinuousActions(FactoredActions):
                 "action_form"
             )
         rows, columns = spec.representations["planes"].shape[-2:]
-        self._counts = np.array([self.mask_shape[0], rows, columns])
-        self.sizes = self._counts
+        self.sizes = np.array([self.mask_shape[0], rows, columns])
 
     def to_engine(self, actions: NDArray[Any], player: int) -> NDArray[np.int64]:
         """The flat action [B] of each point float [B, 3]; the no-op where there is none."""
@@ -146,16 +149,15 @@ class ContinuousActions(FactoredActions):
                 f"{self._game}: the {('kind', 'row', 'column')[axis]} {actions[world, axis]} of "
                 f"player {player} in world {world} is outside -1..1"
             )
-        places = ((actions.astype(np.float64) + 1.0) / 2.0 * self._counts).astype(np.int64)
-        kind, row, column = np.minimum(places, self._counts - 1).T
-        flat = self._actions[kind, row * self._counts[2] + column]
-        return np.where(flat == NO_ACTION, self._noop, flat)
+        places = ((actions.astype(np.float64) + 1.0) / 2.0 * self.sizes).astype(np.int64)
+        kind, row, column = np.minimum(places, self.sizes - 1).T
+        return self._flatten(kind, row * self.sizes[2] + column)
 
     def draw(self, mask: NDArray[np.int8], rng: np.random.Generator) -> NDArray[np.float32]:
         """The centre of a legal kind and cell, drawn as factored actions are."""
         kind, cell = super().draw(mask, rng)
-        place = np.array([kind, *divmod(int(cell), int(self._counts[2]))])
-        centre: NDArray[np.float32] = ((2 * place + 1) / self._counts - 1).astype(np.float32)
+        place = np.array([kind, *divmod(int(cell), int(self.sizes[2]))])
+        centre: NDArray[np.float32] = ((2 * place + 1) / self.sizes - 1).astype(np.float32)
         return centre
 
 

@@ -34,12 +34,6 @@ def masked_argmax(values: Tensor, action_mask: Tensor) -> Tensor:
     return actions
 
 
-def best_values(values: Tensor, action_mask: Tensor) -> Tensor:
-    """The largest legal value of each row, float [N]; of values [N, H, W, A] `average_places`."""
-    best = values.masked_fill(~action_mask, torch.finfo(values.dtype).min).amax(-1)
-    return average_places(best, action_mask) if values.ndim > 2 else best
-
-
 def find_values(values: Tensor, action: Tensor, action_mask: Tensor | None = None) -> Tensor:
     """Values of the actions int64 [...] out of values float [..., A]: float [...].
 
@@ -90,7 +84,7 @@ class MaskedEpsilonGreedy:
         Raises ValueError if epsilon is outside 0..1 or a row has no legal action.
         """
         if values.ndim > 2:
-            chances = torch.as_tensor(epsilon).expand(len(values))
+            chances = _check_epsilon(epsilon, len(values)).expand(len(values))
             chances = chances.repeat_interleave(values[0, ..., 0].numel())
             flat = self(values.flatten(0, -2), action_mask.flatten(0, -2), chances)
             return flat.view(values.shape[:-1])

@@ -12,7 +12,7 @@ NUM_CHANNELS = 32
 
 
 class _CellReader(nn.Module):
-    """Planes float32 [N, C, H, W] and features [N, F] -> float32 [N, NUM_CHANNELS, H, W].
+    """Values of cells, from planes float32 [N, C, H, W] and features [N, F].
 
     The same kernels read every cell (5 x 5 cells around it) and the features of the whole board, as
     in AlphaStar (Vinyals et al. 2019) and GridNet (Han et al. 2019).

@@ -189,15 +189,14 @@ class QNetworkConfig:
     def with_actions(
         self, cells: Sequence[int], kinds: Sequence[int], shape: Sequence[int] = ()
     ) -> "QNetworkConfig":
-        """Return these settings with the shape of actions, and the cell (or NO_CELL) and the kind
-        of each, if they are needed and not set.
+        """Return these settings with the shape of actions, and with the cell (or NO_CELL) and the
+        kind of each if they are needed and not set.
         """
-        if shape:
-            return replace(self, action_shape=tuple(shape))
+        fitted = replace(self, action_shape=tuple(shape))
         if not self.reads_cells:
-            return self
+            return fitted
         return replace(
-            self,
+            fitted,
             action_cells=self.action_cells or tuple(cells),
             action_kinds=self.action_kinds or tuple(kinds),
         )

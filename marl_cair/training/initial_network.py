@@ -9,7 +9,7 @@ from marl_cair.files import shorten_value
 from marl_cair.games.game import GameSpec, Representation
 from marl_cair.league.agents.load import is_checkpoint
 from marl_cair.policies import GREEDY
-from marl_cair.policies.config import QUANTILE
+from marl_cair.policies.config import NAF, QUANTILE
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.exploration import EPSILON_GREEDY, NOISY
@@ -31,11 +31,12 @@ def fit_policy(policy: QNetworkConfig, seen: Representation, spec: GameSpec) -> 
     """
     policy = policy.with_bounds(seen.low, seen.high)
     board = spec.representations.get("planes")
-    if policy.cell_values and board is not None and seen.shape[1:] != board.shape[1:]:
+    if policy.reads_cells and board is not None and seen.shape[1:] != board.shape[1:]:
+        asked = "policy.cell_values is True" if policy.cell_values else f"policy.head is {NAF!r}"
         raise ValueError(
-            f"policy.cell_values is True, but representation {seen.name!r} {seen.shape} does not "
-            f"show the {' x '.join(map(str, board.shape[1:]))} cells that actions point at: take "
-            "representation=planes, or set policy.cell_values=false"
+            f"{asked}, but representation {seen.name!r} {seen.shape} does not show the "
+            f"{' x '.join(map(str, board.shape[1:]))} cells that actions point at: take "
+            f"representation=planes, or policy.cell_values=false and another head than {NAF!r}"
         )
     cells, kinds = spec.action_cells.tolist(), spec.action_groups.tolist()
     return policy.with_actions(cells, kinds, spec.action_shape)

@@ -57,8 +57,7 @@ def run(folder, cache, *arguments):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("game", "scenario"),
-    [("foreign", "duel"), pytest.param("flappy_bird", "race-4-windy", marks=pytest.mark.slow)],
+    ("game", "scenario"), [("foreign", "duel"), ("flappy_bird", "race-4-windy")]
 )
 def test_after_it_nothing_is_compiled_any_more(tmp_path, game, scenario):
     install(tmp_path, "foreign", "foreign_game", GAME_MODULE)

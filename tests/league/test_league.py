@@ -134,9 +134,7 @@ def test_an_interrupted_league_resumes_to_the_same_tables(tmp_path, calls):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kills", "games"), [(2, 120), pytest.param(20, 2_000, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("kills", "games"), [(2, 120), (20, 2_000)])
 def test_a_league_that_is_killed_again_and_again_resumes_to_the_same_tables(tmp_path, kills, games):
     words = ["league", "random", "economist", "turtle", "--scenario", "11x11"]
     words += ["--games", str(games), "--out", str(tmp_path / "a")]

@@ -1,5 +1,7 @@
 """The head `naf`: its formula, actions as points, learning, refusals."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -101,6 +103,13 @@ def test_the_td_error_falls(tmp_path, algorithm, memory):
     errors = [float(run.learner.update(batch.clone())["td_error/real"]) for _ in range(60)]
     assert np.mean(errors[-5:]) < 0.7 * np.mean(errors[:5])
     run.close()
+
+
+def test_pictures_do_not_show_the_cells(tmp_path):
+    config = tiny(tmp_path / "run", policy=QNetworkConfig(head="naf"))
+    game = dataclasses.replace(config.game, representation="image")
+    with pytest.raises(ValueError, match="policy.head is 'naf', but representation 'image'"):
+        TrainingRun(dataclasses.replace(config, game=game))
 
 
 def test_only_actions_that_point_at_cells_of_a_board_are_points():

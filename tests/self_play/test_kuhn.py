@@ -179,7 +179,6 @@ def test_the_best_pure_strategy_is_exploitable_by_a_sixth(kuhn):
     assert least == pytest.approx(1 / 6, abs=1e-9)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "mixture",
     [

@@ -10,7 +10,12 @@ from marl_cair.cli.compose import compose_config
 from marl_cair.games import GAMES
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.match import play_match
-from marl_cair.policies.actor import MaskedEpsilonGreedy, average_places, best_values
+from marl_cair.policies.actor import (
+    MaskedEpsilonGreedy,
+    average_places,
+    find_values,
+    masked_argmax,
+)
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.transition import NO_ACTION
 from marl_cair.training.newest_steps import DoubleValues, make_rows
@@ -41,7 +46,7 @@ def make_values(num_rows=6):
 
 def test_the_value_of_an_action_is_the_mean_over_the_places_that_act():
     values, mask = make_values()
-    chosen, best = values[..., 2], best_values(values, mask)
+    chosen, best = values[..., 2], find_values(values, masked_argmax(values, mask), mask)
     found = average_places(chosen, mask)
     torch.testing.assert_close(found[0], chosen[0].mean())
     for row in range(1, len(values)):

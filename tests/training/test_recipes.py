@@ -66,7 +66,6 @@ def test_the_thesis_has_its_hyper_parameters():
         assert compose(name, "policy=thesis_capsule").policy.head == "length"
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("test_game")
 @pytest.mark.parametrize(
     "name",

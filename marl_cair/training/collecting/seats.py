@@ -16,7 +16,7 @@ from marl_cair.games.game import Agent
 from marl_cair.games.players.recurrent import call_agent, find_state_size, widen_states
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
 from marl_cair.league.agents.foreign import require_answers
-from marl_cair.policies.actor import best_values, masked_argmax
+from marl_cair.policies.actor import find_values, masked_argmax
 from marl_cair.ranges import COUNT, MOST, NUMBER, Range, read_array, read_number, take_arrays
 from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT
 from marl_cair.self_play.samplers import LATEST_ID
@@ -47,7 +47,7 @@ class SeatRouter(TensorDictModuleBase):
         demonstrators: play the learner's team in a share of the games.
         statistics: gets the learner's first value of each game.
         seed: of the teams.
-        notes_best: whether to write "best_value".
+        notes_best: whether to write "best_action".
     """
 
     def __init__(
@@ -167,13 +167,15 @@ class SeatRouter(TensorDictModuleBase):
             group.set("state", state.clone())
         values, state[rows] = own.answer.step(observation[rows], state[rows])
         actions[rows] = own.explore(values, mask[rows], self.frames)
-        if starting.any():
-            best = best_values(values, mask[rows])
-            self._statistics.note_first_values(starting, valued, best.numpy())
-        if self._notes_best:
+        if self._notes_best or starting.any():
             best_action = torch.full_like(actions, self._noop)
-            best_action[rows] = masked_argmax(values, mask[rows])
-            group.set("best_action", best_action)
+            best_action[rows] = best = masked_argmax(values, mask[rows])
+            if starting.any():
+                has_places = actions.ndim > learned.ndim
+                found = find_values(values, best, mask[rows] if has_places else None)
+                self._statistics.note_first_values(starting, valued, found.numpy())
+            if self._notes_best:
+                group.set("best_action", best_action)
         if own.average is not None:
             rows = torch.from_numpy(chosen & ~answering)
             actions[rows] = own.average.select_actions(observation[rows], mask[rows])

@@ -192,7 +192,8 @@ class QNetworkConfig:
         """Return these settings with the shape of actions, and with the cell (or NO_CELL) and the
         kind of each if they are needed and not set.
         """
-        fitted = replace(self, action_shape=tuple(shape))
+        has_shape = self.action_shape == tuple(shape)
+        fitted = self if has_shape else replace(self, action_shape=tuple(shape))
         if not self.reads_cells:
             return fitted
         return replace(

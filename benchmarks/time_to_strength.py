@@ -11,7 +11,8 @@ of two looks in a row at or above it; it is held if all later looks are. Methods
 `dqn` (20 % generated transitions), `dqn_real` (none), and of Stable-Baselines3, if it is installed
 (pip install stable-baselines3 sb3-contrib), `sb3_ppo` (with action masks) and `sb3_dqn` (without:
 it has none) on the same Gymnasium id. Runs that are finished are not repeated. Writes
-<out>/looks.csv, prints the table as Markdown and draws all looks.
+<out>/looks.csv, prints two tables as Markdown (levels, and strength at equal processor time and
+equal frames) and draws all looks.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ import io
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,9 +32,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.stats import bootstrap, trim_mean
 
+from benchmarks._timing import Clock
 from marl_cair.files import atomic_path, write_atomically
 from marl_cair.games import GAMES
+from marl_cair.games.registry import gymnasium_id
 from marl_cair.league.play.match import play_match
 from marl_cair.league.play.solo import play_alone
 from marl_cair.training.curves import COLOURS
@@ -42,40 +47,55 @@ FRESH_SEED = 2_000_000  # of the first look's games; no training has them
 NETWORKS_OF_OTHERS = "their own"
 
 
-class Task(NamedTuple):
-    """A game, and the levels of its measure."""
+@dataclass(frozen=True)
+class Task:
+    """A game, what is measured there, and its levels."""
 
     game: str
     scenario: str
     levels: tuple[float, ...]
-    measure: str  # points against the bot `random`, or a number of the game (`Game.info`)
+    bots: tuple[str, ...] = ()  # the measure is the lowest score against them, or
+    number: str = ""  # the median of a number of the game (`Game.info`) at the end of games
     options: tuple[str, ...] = ()  # of all our runs
-    environment_id: str = ""
+    settings: dict[str, Any] = field(
+        default_factory=dict
+    )  # of others' environments
+    fresh: dict[str, Any] = field(
+        default_factory=dict
+    )  # scenario of looks
 
 
+RANDOM = "opponent=random"
+BOTS = "opponent.mixture={latest: 0.2, bots: 0.8}"
+LINE_WARS = "deep_line_wars", "10x15"
+RTS = "deep_rts", "1v1-15x15"
+LONG_GAMES = "learner.gamma=0.997", "collector.stagger_steps=1000"
+SIX_BOTS = "mixed", "rusher", "economist", "archers", "boomer", "turtle"
 TASKS = {
-    "deep_line_wars": Task(
-        "deep_line_wars",
-        "10x15",
-        (0.95, 0.99),
-        "random",
-        environment_id="marl_cair/DeepLineWars-10x15-v0",
+    "deep_line_wars": Task(*LINE_WARS, (0.95, 0.99), ("random",), options=(RANDOM,)),
+    "deep_line_wars_bots": Task(
+        *LINE_WARS, (0.8,), ("counter", "economist", "turtle"), options=(BOTS,)
     ),
-    "deep_rts": Task(
-        "deep_rts",
-        "1v1-15x15",
-        (0.98,),
-        "random",
-        ("learner.gamma=0.997", "collector.stagger_steps=1000"),
-        "marl_cair/DeepRTS-1v1-15x15-v0",
-    ),
+    "deep_rts": Task(*RTS, (0.98,), ("random",), options=(RANDOM, *LONG_GAMES)),
+    "deep_rts_bots": Task(*RTS, (0.5,), SIX_BOTS, options=(BOTS, *LONG_GAMES)),
     "deep_maze": Task(
         "deep_maze",
         "9x9-stochastic",
         (0.99,),
-        "reached_goal",
-        ("policy.distances=true", "policy.obstacle_planes=[0]", "learner.gamma=0.96"),
-        "marl_cair/DeepMaze-9x9-stochastic-v0",
+        number="reached_goal",
+        options=("policy.distances=true", "policy.obstacle_planes=[0]", "learner.gamma=0.96"),
+    ),
+    "flappy_bird": Task(
+        "flappy_bird",
+        "classic",
+        (100.0,),
+        number="pipes_passed",
+        options=(
+            *("game.representation=gray_stack", "game.reward=alive", "learner.gamma=0.946"),
+            *("game.options={max_ticks: 1000, ticks_per_step: 2}", "policy.frame_differences=true"),
+        ),
+        settings={"representation": "gray_stack", "ticks_per_step": 2},
+        fresh={"ticks_per_step": 2},
     ),
 }
 OURS = {
@@ -96,125 +116,43 @@ class Look(NamedTuple):
     seconds: float  # of processor time in training
     frames: int  # environment steps
     score: float
+    overestimation: float = float("nan")  # of the games since the last look, as the log has it
 
 
 def measure(agent: Any, task: Task, games: int, look: int) -> float:
     """The task's measure of `agent` in games that no other look has."""
     game = GAMES[task.game]
-    scenario, seed = game.scenario(task.scenario), FRESH_SEED + look * games
-    if task.measure in game.bots and game.make_spec(scenario).num_teams > 1:
-        bot = game.bot(task.measure, scenario)
-        return play_match(agent, bot, game, scenario, games, seed).score
+    scenario = game.scenario(task.scenario, **task.fresh)
+    seed = FRESH_SEED + look * games
+    if task.bots:
+        bots = (game.bot(name, scenario) for name in task.bots)
+        return min(play_match(agent, bot, game, scenario, games, seed).score for bot in bots)
     result = play_alone(agent, game, scenario, games, seed)
-    if task.measure == "reached_goal":
+    if task.number == "reached_goal":
         return result.ended / result.games
-    return float(np.median(result.numbers[task.measure]))
+    return float(np.median(result.numbers[task.number]))
 
 
 def train_ours(
-    words: list[str], look: Callable[[Any, int], bool], every: float, folder: str
+    words: list[str], look: Callable[[Any, int, float], bool], every: float, folder: str
 ) -> None:
-    """Train until `look` (agent, frames) returns False; it is called each `every` seconds."""
+    """Train until `look` (agent, frames, overestimation), called each `every` seconds, is False."""
     from marl_cair.cli.compose import compose_config
     from marl_cair.training.collecting.metrics import Timers
     from marl_cair.training.run import TrainingRun
     from marl_cair.training.trainer import iterate
 
-    fixed = ["torch_threads=1", "opponent=random", f"out={folder}"]
-    run = TrainingRun(compose_config([*words, *fixed]))
+    run = TrainingRun(compose_config([*words, "torch_threads=1", f"out={folder}"]))
     steps = iterate(run, Timers())
     clock = Clock(every)
-    goes_on = look(run.rated, 0)
+    goes_on = look(run.rated, 0, float("nan"))
     while goes_on:
         with clock:
             next(steps)
         if clock.is_due():
-            goes_on = look(run.rated, run.frames)
+            row = run.statistics.report(run.book.name, run.spec.action_group_names)
+            goes_on = look(run.rated, run.frames, row.get("q/overestimation", float("nan")))
     run.close()
-
-
-def train_others(
-    method: str, task: Task, seed: int, look: Callable[[Any, int], bool], every: float
-) -> None:
-    """As `train_ours`, with Stable-Baselines3 at its own settings, 16 environments."""
-    import gymnasium
-    import torch
-    from gymnasium.wrappers import FlattenObservation
-    from sb3_contrib import MaskablePPO
-    from stable_baselines3 import DQN
-    from stable_baselines3.common.callbacks import BaseCallback
-    from stable_baselines3.common.env_util import make_vec_env
-
-    torch.set_num_threads(1)
-    game = GAMES[task.game]
-    spec = game.make_spec(game.scenario(task.scenario))
-    shape = spec.representations["planes"].shape
-
-    class Player:
-        name, representation = method, "planes"
-
-        def __init__(self, model: Any) -> None:
-            self.model = model
-
-        def seed(self, seed: int) -> None:
-            pass
-
-        def state_dict(self) -> dict[str, Any]:
-            return {}
-
-        def load_state_dict(self, state: dict[str, Any]) -> None:
-            pass
-
-        def act(self, observation: Any, action_mask: Any) -> Any:
-            flat = observation.reshape(len(observation), -1).astype(np.float32)
-            masks = {"action_masks": action_mask} if method == "sb3_ppo" else {}
-            actions, _ = self.model.predict(flat, deterministic=True, **masks)
-            return actions.astype(np.int64)
-
-    class Looks(BaseCallback):
-        def _on_training_start(self) -> None:
-            look(Player(self.model), 0)
-            self.clock = Clock(every)
-            self.clock.__enter__()
-
-        def _on_step(self) -> bool:
-            self.clock.__exit__()
-            goes_on = True
-            if self.clock.is_due():
-                goes_on = look(Player(self.model), self.num_timesteps)
-            self.clock.__enter__()
-            return goes_on
-
-    def make_env() -> Any:
-        return FlattenObservation(gymnasium.make(task.environment_id))
-
-    env = make_vec_env(make_env, 16, seed=seed)
-    wide = {"net_arch": [256, 256]}
-    if method == "sb3_ppo":
-        model: Any = MaskablePPO("MlpPolicy", env, seed=seed, policy_kwargs=wide, device="cpu")
-    else:
-        rows = min(100_000, 2_000_000_000 // (8 * int(np.prod(shape))))
-        model = DQN("MlpPolicy", env, seed=seed, policy_kwargs=wide, buffer_size=rows, device="cpu")
-    model.learn(1_000_000_000, callback=Looks())
-
-
-class Clock:
-    """Processor seconds of this process inside `with`, and whether a look is due."""
-
-    def __init__(self, every: float) -> None:
-        self.every, self.seconds, self._looked, self._begun = every, 0.0, 0, 0.0
-
-    def __enter__(self) -> None:
-        self._begun = time.process_time()
-
-    def __exit__(self, *error: object) -> None:
-        self.seconds += time.process_time() - self._begun
-
-    def is_due(self) -> bool:
-        """Whether another `every` seconds are over since this last said so."""
-        looks = int(self.seconds // self.every)
-        is_due, self._looked = looks > self._looked, looks
-        return is_due
 
 
 def run_one(case: dict[str, Any]) -> None:
@@ -222,16 +160,20 @@ def run_one(case: dict[str, Any]) -> None:
     task, path = TASKS[case["task"]], Path(case["path"])
     looks: list[Look] = []
 
-    def look(agent: Any, frames: int) -> bool:
+    def look(agent: Any, frames: int, overestimation: float = float("nan")) -> bool:
         seconds = len(looks) * case["every"]
         score = measure(agent, task, case["games"], len(looks))
         names = (case["task"], case["method"], case["network"], case["seed"])
-        looks.append(Look(*names, seconds, frames, score))
+        looks.append(Look(*names, seconds, frames, score, overestimation))
         print(*looks[-1], flush=True)
         return bool(seconds < case["seconds"])
 
     if case["method"] in OTHERS:
-        train_others(case["method"], task, case["seed"], look, case["every"])
+        from benchmarks._stable_baselines import train_others
+
+        name = gymnasium_id(GAMES[task.game].gymnasium_prefix, task.scenario)
+        rivals = [{"opponent": bot, **task.settings} for bot in task.bots] or [task.settings]
+        train_others(case["method"], name, rivals, case["seed"], look, case["every"])
     else:
         words = [f"game={task.game}", f"scenario={task.scenario}", f"policy={case['network']}"]
         words += [f"seed={case['seed']}", *OURS[case["method"]], *task.options, *case["words"]]
@@ -251,7 +193,8 @@ def read_looks(path: Path) -> Iterator[Look]:
     with path.open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
             numbers = float(row["seconds"]), int(row["frames"]), float(row["score"])
-            yield Look(row["task"], row["method"], row["network"], int(row["seed"]), *numbers)
+            names = row["task"], row["method"], row["network"], int(row["seed"])
+            yield Look(*names, *numbers, float(row["overestimation"]))
 
 
 def find_reached(looks: list[Look], level: float) -> Look | None:
@@ -275,6 +218,55 @@ def print_table(runs: list[list[Look]]) -> None:
                 when = (f"{found.seconds:.0f} s", f"{found.frames:,}", f"{later:.1%}")
             names = (about.task, about.method, about.network, about.seed, f"{about.score:.0%}")
             print("|", " | ".join(map(str, (*names, f"{level:.0%}", *when))), "|")
+
+
+def compare(runs: list[list[Look]]) -> None:
+    """Strength of each method and network over its seeds: one row for each task, and for all.
+
+    A run's strength is its mean score over a third of its looks, as a share of the task's highest
+    level, at most 1: the last third of the processor time, and of the frames that the slowest run
+    of the task has. Interquartile means over runs with 95 % intervals of the stratified bootstrap.
+    """
+    kinds = list(dict.fromkeys((one[0].method, one[0].network) for one in runs))
+    tasks = list(dict.fromkeys(one[0].task for one in runs))
+    print("| method | network | task | runs | equal time | equal frames | overestimation |")
+    print("|---|---|---|---|---|---|---|")
+    for method, network in kinds:
+        columns: list[list[NDArray[np.float64]]] = []
+        for task in tasks:
+            of_task = [looks for looks in runs if looks[0].task == task]
+            frames = min(looks[-1].frames for looks in of_task)
+            own = [one for one in of_task if (one[0].method, one[0].network) == (method, network)]
+            if own:
+                columns.append([*_summarise(own, frames, TASKS[task].levels[-1])])
+                cells = (task, str(len(own)), *(find_iqm([part]) for part in columns[-1]))
+                print("|", " | ".join((method, network, *cells)), "|")
+        parts = [find_iqm(list(part)) for part in zip(*columns, strict=True)]
+        print("|", " | ".join((method, network, "all", "", *parts)), "|")
+
+
+def _summarise(runs: list[list[Look]], frames: int, level: float) -> Iterator[NDArray[np.float64]]:
+    """Strength at equal time, at equal frames, and overestimation at equal time, float64 [runs]."""
+    last = [[one for one in looks if one.seconds > looks[-1].seconds * 2 / 3] for looks in runs]
+    equal = [[one for one in looks if frames * 2 / 3 < one.frames <= frames] for looks in runs]
+    for chosen in (last, equal):
+        means = [np.mean([one.score for one in looks]) for looks in chosen]
+        yield np.minimum(1.0, np.array(means) / level)
+    yield np.array([np.mean([one.overestimation for one in looks]) for looks in last])
+
+
+def find_iqm(strata: list[NDArray[np.float64]]) -> str:
+    """Interquartile mean of all values, with its interval; each stratum is drawn from apart."""
+
+    def iqm(*parts: Any, axis: int = -1) -> Any:
+        return trim_mean(np.concatenate(parts, axis), 0.25, axis)
+
+    value = f"{iqm(*strata):.3f}"
+    if min(map(len, strata)) < 2:
+        return value
+    drawn = bootstrap(strata, iqm, method="percentile", rng=np.random.default_rng(0))
+    low, high = drawn.confidence_interval
+    return f"{value} [{low:.3f}, {high:.3f}]"
 
 
 def draw(runs: list[list[Look]], path: Path) -> None:
@@ -338,6 +330,7 @@ def main() -> None:
     looks = [look for run in runs for look in run]
     write_atomically(options.out / "looks.csv", _write_csv(looks))
     print_table(runs)
+    compare(runs)
     if options.picture:
         draw(runs, options.picture)
 

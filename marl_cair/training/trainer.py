@@ -113,8 +113,10 @@ def train(
 
 
 def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
-    """Collect, store, learn and generate once per `next`; yields the frames before the round."""
-    batches = iter(run.collector)
+    """Collect, store, learn, generate and keep snapshots once per `next`; yields the frames before
+    the round.
+    """
+    batches, snapshot_every = iter(run.collector), run.config.opponent.snapshot_every_frames
     while True:
         before = run.frames
         with timers.measure("collect"):
@@ -124,6 +126,8 @@ def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
             _learn(run, before, data)
         with timers.measure("generate"):
             _generate(run, before)
+        if _is_due(before, run.frames, snapshot_every) or run.book.beats_the_best(run.frames):
+            run.add_snapshot()
         yield before
 
 
@@ -256,13 +260,9 @@ def _announce(run: TrainingRun, tag: str, text: str) -> None:
 
 
 def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
-    """Snapshot and evaluate when due, and write a row of the log; empty between rows."""
-    config = run.config
+    """Evaluate when due, and write a row of the log; empty between rows."""
     row: dict[str, float] = {}
-    every = config.opponent.snapshot_every_frames
-    if _is_due(before, run.frames, every) or run.book.beats_the_best(run.frames):
-        run.add_snapshot()
-    if _is_due(before, run.frames, config.evaluation.every_frames):
+    if _is_due(before, run.frames, run.config.evaluation.every_frames):
         with timers.measure("evaluate"):
             row |= _evaluate(run)
     if not row and not _is_due(before, run.frames, LOG_EVERY_FRAMES):

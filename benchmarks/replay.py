@@ -1,6 +1,6 @@
 """Measure the replay against TorchRL's LazyTensorStorage + RandomSampler of whole transitions.
 
-python benchmarks/replay.py [--capacity 200000] [--repeats 5] [--threads 1]
+python -m benchmarks.replay [--capacity 200000] [--repeats 5] [--threads 1]
 Times are the best of the repeats, each the mean over many calls, taken in turn in one process.
 """
 

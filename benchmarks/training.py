@@ -1,12 +1,12 @@
 """Frame rate of the whole training loop, as a ratio to a bare PyTorch loop without TorchRL.
 
-    python benchmarks/training.py [--policy conv] [--frames 40960] [--threads 2]
+    python -m benchmarks.training [--policy conv] [--frames 20480] [--threads 2] [--autocast]
 
 Both loops play the same engine with the newest self in every seat, store every transition, and
 make one update of 256 rows per 64 frames with the same network, double Q-learning, Adam and soft
 target updates; only the plumbing differs. A frame is one decision of one world. Best of 5 windows,
 taken in turn; the first window warms up. Generated transitions are off in both. The package's loop
-runs once more with `learner.autocast`, in bfloat16, which needs a CPU with AMX to be quicker.
+runs once more with `learner.autocast`, in bfloat16, if asked: many CPUs are slower with it.
 """
 
 from __future__ import annotations
@@ -51,7 +51,9 @@ class BareLoop:
     """Collect, store and learn with torch and NumPy alone: one-step transitions, whole rows."""
 
     def __init__(self, policy: str) -> None:
-        self.settings = LearnerSettings(BATCH, FRAMES_PER_UPDATE, n_steps=1)
+        self.settings = LearnerSettings(
+            batch_size=BATCH, frames_per_update=FRAMES_PER_UPDATE, n_steps=1
+        )
         self.engine = marl_cair.make_engine("deep_line_wars", "10x15", WORLDS, reward="shaped")
         shape = self.engine.representation("planes").shape
         actions = self.engine.num_actions
@@ -147,7 +149,9 @@ class FullLoop:
             opponent=OpponentSettings(latest, warmup_mixture=latest, snapshot_every_frames=10**9),
             collector=CollectorSettings(WORLDS, STEPS),
             replay=ReplaySettings(CAPACITY, min_transitions=MIN_TRANSITIONS),
-            learner=LearnerSettings(BATCH, FRAMES_PER_UPDATE, n_steps=1, autocast=autocast),
+            learner=LearnerSettings(
+                batch_size=BATCH, frames_per_update=FRAMES_PER_UPDATE, n_steps=1, autocast=autocast
+            ),
             evaluation=EvaluationSettings(every_frames=10**9, bots=()),
             checkpoint=CheckpointSettings(every_frames=10**9, include_replay=False),
         )
@@ -175,13 +179,15 @@ def main() -> None:
     parser.add_argument("--policy", default="conv")
     parser.add_argument("--frames", type=int, default=20_480, help="of each window")
     parser.add_argument("--threads", type=int, default=2, help="of torch")
+    parser.add_argument("--autocast", action="store_true", help="measure bfloat16 too")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     folder = tempfile.mkdtemp(prefix="marl_cair_benchmark_")
     try:
         loops = {"bare PyTorch": BareLoop(options.policy)}
         loops[FULL] = FullLoop(options.policy, f"{folder}/run")
-        loops[REDUCED] = FullLoop(options.policy, f"{folder}/reduced", autocast=True)
+        if options.autocast:
+            loops[REDUCED] = FullLoop(options.policy, f"{folder}/reduced", autocast=True)
         rates: dict[str, list[float]] = {name: [] for name in loops}
         for window in range(WINDOWS + 1):
             for name, loop in loops.items():

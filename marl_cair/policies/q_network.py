@@ -266,6 +266,8 @@ def make_q_network(
 
 def _to_float(observation: Tensor) -> Tensor:
     if observation.dtype == torch.uint8:
+        if observation.ndim == 4:  # bodies read channels last; bytes are moved 3 times as fast
+            observation = observation.contiguous(memory_format=torch.channels_last)
         return observation.float().mul_(UINT8_SCALE)
     if observation.is_floating_point():
         return observation.float()

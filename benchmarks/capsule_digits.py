@@ -1,6 +1,6 @@
 """Accuracy of a capsule network on scikit-learn's digits, and its reconstructions.
 
-    python scripts/capsule_digits.py [--seeds 0 1 2] [--epochs 40] [--out docs/images]
+    python -m benchmarks.capsule_digits [--seeds 0 1 2] [--epochs 40] [--out docs/images]
 
 The classification form of Sabour et al. 2017: a convolution, primary capsules, one capsule of 16
 numbers for each digit by three dynamic routings, the margin loss, and a decoder that draws the

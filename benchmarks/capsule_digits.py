@@ -104,14 +104,14 @@ def train(seen: Digits, epochs: int, seed: int) -> CapsuleClassifier:
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, epochs * num_batches)
     for _ in range(epochs):
         order = torch.randperm(len(seen.images))
-        for rows in order[: num_batches * BATCH].split(BATCH):
+        for rows in torch.split(order[: num_batches * BATCH], BATCH):
             images, classes = vary(seen.images[rows]), seen.classes[rows]
             capsules = network(images)
             loss = margin_loss(torch.linalg.vector_norm(capsules, dim=-1), classes)
             drawn = network.decoder(capsules, classes)
             loss += RECONSTRUCTION_WEIGHT * functional.mse_loss(drawn, images)
             optimiser.zero_grad()
-            loss.backward()
+            loss.backward()  # type: ignore[no-untyped-call]
             optimiser.step()
             schedule.step()
     return network.eval()

@@ -126,7 +126,7 @@ def make_update(case: Case) -> Callable[[], None]:
             wanted = rewards + 0.99 * target(then).gather(1, best)
         loss = functional.smooth_l1_loss(network(seen).gather(1, actions), wanted)
         optimiser.zero_grad()
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()
         with torch.no_grad():
             for mean, weight in zip(average.parameters(), network.parameters(), strict=True):

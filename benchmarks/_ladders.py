@@ -35,7 +35,7 @@ LABEL_HEIGHT = 0.033  # of a line of text beside the ladder, in heights of the p
 COLUMNS = ("what", "against", "value", "low", "high", "games")
 _VALUES = ("score", "low", "high", "games")  # as files of leagues call the last four
 
-Row = tuple[object, ...]  # of COLUMNS
+Row = tuple[Any, ...]  # of COLUMNS
 
 
 class Rated(NamedTuple):
@@ -239,7 +239,7 @@ def _print_rows(rows: list[Row]) -> None:
             shown = "not defined: no two ratings differ" if isnan(value) else f"{value:.2f}"
             print(f"| {what} | | {shown} | {number} agents |")
         else:
-            shares = (f"{100 * float(str(one)):.1f}" for one in (value, low, high))
+            shares = (f"{100 * float(one):.1f}" for one in (value, low, high))
             result = "{} % [{}, {}]".format(*shares)
             print(f"| {what} | `{against}` | {result} | {number} |")
 

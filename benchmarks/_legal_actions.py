@@ -39,9 +39,9 @@ def make_draw_legal() -> Callable[..., None]:
             action += 1
         return action
 
-    @numba.njit
     def draw(mask: NDArray[Any], draws: NDArray[Any], out: NDArray[Any]) -> None:
         for world, seat in np.ndindex(draws.shape):
             out[world, seat] = choose(mask[world, seat], draws[world, seat])
 
-    return draw
+    compiled: Callable[..., None] = numba.njit(draw)
+    return compiled

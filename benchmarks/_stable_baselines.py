@@ -91,6 +91,6 @@ def train_others(
     if method == PPO:
         model: Any = MaskablePPO(policy, env, **common)
     else:
-        size = int(np.prod(env.observation_space.shape))
+        size = int(np.prod(env.observation_space.shape or ()))
         model = DQN(policy, env, buffer_size=min(100_000, 2_000_000_000 // (8 * size)), **common)
     model.learn(1_000_000_000, callback=Looks())

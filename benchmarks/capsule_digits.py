@@ -1,6 +1,6 @@
 """Accuracy of a capsule network on scikit-learn's digits, and its reconstructions.
 
-    python scripts/capsule_digits.py [--seeds 0 1 2] [--epochs 40] [--out docs/images]
+    python -m benchmarks.capsule_digits [--seeds 0 1 2] [--epochs 40] [--out docs/images]
 
 The classification form of Sabour et al. 2017: a convolution, primary capsules, one capsule of 16
 numbers for each digit by three dynamic routings, the margin loss, and a decoder that draws the
@@ -104,14 +104,14 @@ def train(seen: Digits, epochs: int, seed: int) -> CapsuleClassifier:
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, epochs * num_batches)
     for _ in range(epochs):
         order = torch.randperm(len(seen.images))
-        for rows in order[: num_batches * BATCH].split(BATCH):
+        for rows in torch.split(order[: num_batches * BATCH], BATCH):
             images, classes = vary(seen.images[rows]), seen.classes[rows]
             capsules = network(images)
             loss = margin_loss(torch.linalg.vector_norm(capsules, dim=-1), classes)
             drawn = network.decoder(capsules, classes)
             loss += RECONSTRUCTION_WEIGHT * functional.mse_loss(drawn, images)
             optimiser.zero_grad()
-            loss.backward()
+            loss.backward()  # type: ignore[no-untyped-call]
             optimiser.step()
             schedule.step()
     return network.eval()

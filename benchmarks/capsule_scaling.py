@@ -1,6 +1,6 @@
 """How parameters, memory and time of an update grow with the input and the number of actions.
 
-    python scripts/capsule_scaling.py [--bodies conv ...] [--batch 16] [--out docs/images]
+    python -m benchmarks.capsule_scaling [--bodies conv ...] [--batch 16] [--out docs/images]
 
 For the bodies `conv`, `capsule` and `thesis_capsule`: images of one plane of side 16 to 84 with 16
 actions, and 2 to 300 actions at side 28. An update is that of double Q-learning on random numbers:
@@ -126,7 +126,7 @@ def make_update(case: Case) -> Callable[[], None]:
             wanted = rewards + 0.99 * target(then).gather(1, best)
         loss = functional.smooth_l1_loss(network(seen).gather(1, actions), wanted)
         optimiser.zero_grad()
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()
         with torch.no_grad():
             for mean, weight in zip(average.parameters(), network.parameters(), strict=True):

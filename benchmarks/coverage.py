@@ -96,7 +96,8 @@ def play(
     agents = np.take_along_axis(line_ups[:, None], seatings, axis=2)  # [K, games, players]
     strength = np.array(STRENGTHS)[agents] + np.take_along_axis(effects[:, None], agents, axis=2)
     luck = rng.gumbel(size=agents.shape)
-    ranks = 1.0 + np.argsort(np.argsort(-strength / ELO_PER_LOGIT - luck, axis=2), axis=2)
+    places = np.argsort(np.argsort(-strength / ELO_PER_LOGIT - luck, axis=2), axis=2)
+    ranks = 1.0 + places.astype(np.float64)
     blocks = np.repeat(maps, agents.shape[1])
     flat = agents.reshape(-1, case.players), ranks.reshape(-1, case.players)
     return Games(flat[0], 1.0 * (flat[1] == 1), flat[1], blocks, np.zeros(len(blocks), np.bool_))

@@ -177,7 +177,8 @@ def prepare(workload: Workload, num_worlds: int) -> tuple[Callable[[], int], Uni
     def choose(index: int) -> NDArray[np.int32]:
         if draw_legal:
             draw_legal(mask, draws[index], actions[index])
-        return actions[index]
+        chosen: NDArray[np.int32] = actions[index]
+        return chosen
 
     def step(chosen: NDArray[np.int32], restarted: NDArray[np.bool_]) -> None:
         engine.step(chosen)

@@ -36,7 +36,7 @@ REPEATS = 5
 ACTION_SETS = 64  # drawn before the clock starts
 
 
-def draw_actions(engine: object, num_sets: int, by_kind: bool) -> np.ndarray:
+def draw_actions(engine: BatchedEngine, num_sets: int, by_kind: bool) -> NDArray[np.int32]:
     """Random actions [num_sets, B, P]: uniform over all, or over kinds and then over a kind's."""
     spec, shape = engine.spec, (num_sets, engine.num_worlds, engine.num_players)
     rng = np.random.default_rng(0)

@@ -72,7 +72,8 @@ def main() -> None:
     clock = time.process_time if options.processor_time else time.perf_counter
     plain = measure_plain_python()
     print(f"flappy_bird, one thread, best of {REPEATS}")
-    rows = [(f"engine, {options.worlds} worlds, even", options.worlds, EVEN, None, "classic")]
+    rows: list[tuple[str, int, float, str | None, str]] = []
+    rows += [(f"engine, {options.worlds} worlds, even", options.worlds, EVEN, None, "classic")]
     rows += [(f"engine, {options.worlds} worlds, seldom", options.worlds, SELDOM, None, "classic")]
     rows += [("the same, windy", options.worlds, SELDOM, None, "windy")]
     rows += [("the same, race of 8", options.worlds, SELDOM, None, "race-8")]

@@ -82,7 +82,7 @@ def imitate(shown: Shown, config: QNetworkConfig, updates: int, seed: int) -> tu
         values = network(torch.from_numpy(seen[rows]))
         loss = functional.cross_entropy(values, torch.from_numpy(shown.choices[rows]))
         optimiser.zero_grad()
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(network.parameters(), MAX_GRAD_NORM)
         optimiser.step()
         schedule.step()

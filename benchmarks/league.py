@@ -12,6 +12,7 @@ import dataclasses
 import itertools
 import tempfile
 import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -58,7 +59,7 @@ def measure_ratings(num_agents: int, num_games: int) -> None:
     games = simulate(num_agents, num_games, 0)
     names = [f"agent {number:03}" for number in range(num_agents)]
     payoffs = find_payoffs(num_agents, games)
-    parts = {
+    parts: dict[str, Callable[[], object]] = {
         "ratings with intervals": lambda: rate(names, games),
         "payoffs with intervals": lambda: find_payoffs(num_agents, games),
         "test of fit": lambda: check_fit(num_agents, games),

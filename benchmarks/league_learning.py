@@ -35,10 +35,9 @@ from benchmarks._ladders import (
     trace_learner,
 )
 from benchmarks.learning import train, trained_minutes
-from marl_cair.checkpoint import LATEST_FOLDER, LIVE_FOLDER, SHARED, read_description
+from marl_cair.checkpoint import LATEST_FOLDER, LIVE_FOLDER, PLAYERS, SHARED, read_description
 from marl_cair.cli.league_train import format_options
 from marl_cair.files import write_atomically
-from marl_cair.self_play.shared_folder import PLAYERS
 from marl_cair.training.population.league_examples import EXAMPLES
 from marl_cair.training.population.league_run import MEMBERS, MIXTURE
 from marl_cair.training.population.league_settings import build_league, load_league

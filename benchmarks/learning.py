@@ -17,6 +17,7 @@ import io
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from marl_cair.checkpoint import read_description
 from marl_cair.cli import main as marl_cair
@@ -88,7 +89,7 @@ def main() -> None:
     parser.add_argument("--against", nargs="+", default=["random", "counter"])
     parser.add_argument("--out", type=Path, default=Path("runs/results"))
     options, words = parser.parse_known_args()
-    rows: list[tuple[object, ...]] = []
+    rows: list[tuple[Any, ...]] = []
     for network in options.networks:
         for seed in options.seeds:
             run = options.out / f"{network}-{seed}"

@@ -25,6 +25,7 @@ from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.solo import play_alone
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.training.settings import config as settings
+from marl_cair.training.settings.exploration import ExplorationSettings
 from marl_cair.training.settings.learner import LearnerSettings
 from marl_cair.training.trainer import train
 
@@ -53,8 +54,10 @@ def make_config(kind: str, seed: int, frames: int, out: Path) -> settings.TrainC
             algorithm="pqn", optimizer="radam", learning_rate=1e-3, learning_rate_end=0.0
         ),
         collector=settings.CollectorSettings(num_worlds=128, steps_per_batch=32),
-        exploration=settings.ExplorationSettings(1.0, 0.05, frames // 2),
-        generator=settings.GeneratorSettings("none"),
+        exploration=ExplorationSettings(
+            epsilon_start=1.0, epsilon_end=0.05, anneal_frames=frames // 2
+        ),
+        generator=settings.GeneratorSettings(name="none"),
         synthetic_fraction=0.0,
         evaluation=settings.EvaluationSettings(every_frames=NEVER, bots=()),
         checkpoint=settings.CheckpointSettings(every_frames=NEVER),
@@ -63,9 +66,9 @@ def make_config(kind: str, seed: int, frames: int, out: Path) -> settings.TrainC
 
 def measure(folder: Path, num_games: int) -> list[float]:
     """Share of new mazes that the agent of a run solves, for each of EPSILONS."""
-    game, agent, found = GAMES[GAME.name], load_agent(folder / LATEST_FOLDER), []
+    game, found = GAMES[GAME.name], []
     for epsilon in EPSILONS:
-        agent.epsilon = epsilon
+        agent = load_agent(folder / LATEST_FOLDER, epsilon=epsilon)
         result = play_alone(agent, game, GAME.rated_scenario, num_games, UNSEEN_SEED)
         found.append(result.ended / result.games)
     return found
@@ -73,9 +76,9 @@ def measure(folder: Path, num_games: int) -> list[float]:
 
 def describe(shares: list[float]) -> str:
     """Mean of the seeds with its interval, and each of them."""
-    mean, reach = np.mean(shares), 0.0
+    mean, reach = float(np.mean(shares)), 0.0
     if len(shares) > 1:
-        reach = stats.sem(shares) * stats.t.ppf(0.975, len(shares) - 1)
+        reach = float(stats.sem(shares) * stats.t.ppf(0.975, len(shares) - 1))
     each = ", ".join(f"{100 * share:.1f}" for share in shares)
     low, high = max(0.0, mean - reach), min(1.0, mean + reach)
     return f"{100 * mean:.1f} % [{100 * low:.1f}, {100 * high:.1f}] ({each})"
@@ -90,7 +93,7 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", choices=POLICIES, default=["none", "lstm"])
     parser.add_argument("--out", type=Path, default=Path("runs/memory_matters"))
     given = parser.parse_args()
-    shares = {kind: [] for kind in given.kinds}
+    shares: dict[str, list[list[float]]] = {kind: [] for kind in given.kinds}
     seconds = dict.fromkeys(given.kinds, 0.0)
     for seed in given.seeds:
         for kind in given.kinds:

@@ -133,10 +133,10 @@ def print_table(runs: dict[str, list[str]], scores: dict[tuple[str, str], float]
         rows.append((float(np.mean(means)), mixture, means, lowest, float(np.mean(bots))))
     print("| mixture | against agents of the others | seeds | lowest | against bots |")
     print("|---|---|---|---|---|")
-    for mean, mixture, means, lowest, bots in sorted(rows, reverse=True):
+    for mean, mixture, means, lowest, of_bots in sorted(rows, reverse=True):
         print(
             f"| {mixture} | {mean:.1%} | {min(means):.1%} to {max(means):.1%} "
-            f"| {lowest:.1%} | {bots:.1%} |"
+            f"| {lowest:.1%} | {of_bots:.1%} |"
         )
 
 

@@ -79,7 +79,8 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, help="default: runs/psro_<game>")
     parser.add_argument("--picture", type=Path, help="default: <out>/psro.png")
-    options, options.words = parser.parse_known_args()
+    options, words = parser.parse_known_args()
+    options.words = words
     out = options.out or Path("runs") / f"psro_{options.game}"
     settings = load_psro(options.psro) if options.psro else build_psro(PSRO_EXAMPLES[options.game])
     if options.begin is not None:

@@ -57,12 +57,8 @@ class Task:
     bots: tuple[str, ...] = ()  # the measure is the lowest score against them, or
     number: str = ""  # the median of a number of the game (`Game.info`) at the end of games
     options: tuple[str, ...] = ()  # of all our runs
-    settings: dict[str, Any] = field(
-        default_factory=dict
-    )  # of others' environments
-    fresh: dict[str, Any] = field(
-        default_factory=dict
-    )  # scenario of looks
+    settings: dict[str, Any] = field(default_factory=dict)  # of others' environments
+    fresh: dict[str, Any] = field(default_factory=dict)  # scenario of looks
 
 
 RANDOM = "opponent=random"

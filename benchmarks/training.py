@@ -129,12 +129,15 @@ class BareLoop:
         chosen = self.network(batch["observation"]).gather(-1, batch["action"].unsqueeze(-1))
         loss = smooth_l1_loss(chosen.squeeze(-1), goal)
         self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), settings.max_grad_norm)
         self.optimizer.step()
         with torch.no_grad():
-            weights = list(self.network.parameters())
-            torch._foreach_lerp_(list(self.target.parameters()), weights, settings.target_tau)
+            torch._foreach_lerp_(
+                list(self.target.parameters()),
+                list(self.network.parameters()),
+                settings.target_tau,
+            )
 
 
 class FullLoop:
@@ -184,7 +187,7 @@ def main() -> None:
     torch.set_num_threads(options.threads)
     folder = tempfile.mkdtemp(prefix="marl_cair_benchmark_")
     try:
-        loops = {"bare PyTorch": BareLoop(options.policy)}
+        loops: dict[str, BareLoop | FullLoop] = {"bare PyTorch": BareLoop(options.policy)}
         loops[FULL] = FullLoop(options.policy, f"{folder}/run")
         if options.autocast:
             loops[REDUCED] = FullLoop(options.policy, f"{folder}/reduced", autocast=True)

@@ -119,8 +119,9 @@ def draw(rooms: dict[str, Room]) -> None:
     axes = figure.subplots()
     for room, (x, y) in middles.items():
         corner = x - WIDTH / 2, y - HEIGHT / 2
-        style = {"facecolor": "#e8eef7", "edgecolor": "#33507a", "zorder": 3}
-        axes.add_patch(FancyBboxPatch(corner, WIDTH, HEIGHT, "round,pad=0.02", **style))
+        box = FancyBboxPatch(corner, WIDTH, HEIGHT, "round,pad=0.02", zorder=3)
+        box.set(facecolor="#e8eef7", edgecolor="#33507a")
+        axes.add_patch(box)
         axes.text(x, y, room.replace(".", "/"), ha="center", va="center", fontsize=12, zorder=4)
     for room, target in reduce_edges(rooms):
         (x0, y0), (x1, y1) = middles[room], middles[target]

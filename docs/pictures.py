@@ -119,7 +119,8 @@ def show(scene: Scene, game: str) -> NDArray[np.uint8]:
     engine = play(scene, game)
     if scene.representation is None:
         return engine.render(0, scene.seat)
-    return engine.observe(scene.representation)[0, scene.seat or 0, 0]
+    seen: NDArray[np.uint8] = engine.observe(scene.representation)[0, scene.seat or 0, 0]
+    return seen
 
 
 def draw_gallery(game: str) -> None:

@@ -9,6 +9,7 @@ import argparse
 import io
 import shutil
 from pathlib import Path
+from typing import Literal
 
 from PIL import Image
 from playwright.sync_api import Browser, sync_playwright
@@ -18,10 +19,11 @@ DESK, PHONE = 960, 380  # pixels wide
 HEIGHT, GAP, NUM_COLOURS = 1460, 24, 128
 
 
-def shoot(browser: Browser, path: Path, width: int, scheme: str, start: str = "") -> Image.Image:
+def shoot(
+    browser: Browser, path: Path, width: int, scheme: Literal["light", "dark"], start: str = ""
+) -> Image.Image:
     """The page from the section `start` on (default: the top)."""
-    view = {"width": width, "height": HEIGHT}
-    page = browser.new_page(viewport=view, color_scheme=scheme)
+    page = browser.new_page(viewport={"width": width, "height": HEIGHT}, color_scheme=scheme)
     page.goto(path.absolute().as_uri())
     if start:
         section = page.locator(f"[data-key={start}]")

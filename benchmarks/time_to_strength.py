@@ -208,12 +208,12 @@ def print_table(runs: list[list[Look]]) -> None:
         about = looks[0]
         for level in TASKS[about.task].levels:
             found = find_reached(looks, level)
-            when = ("never", "-", f"best {max(one.score for one in looks):.1%}")
+            when = ("never", "-", f"best {max(one.score for one in looks):.3g}")
             if found is not None:
                 later = min(one.score for one in looks if one.seconds >= found.seconds)
-                when = (f"{found.seconds:.0f} s", f"{found.frames:,}", f"{later:.1%}")
-            names = (about.task, about.method, about.network, about.seed, f"{about.score:.0%}")
-            print("|", " | ".join(map(str, (*names, f"{level:.0%}", *when))), "|")
+                when = (f"{found.seconds:.0f} s", f"{found.frames:,}", f"{later:.3g}")
+            names = (about.task, about.method, about.network, about.seed, f"{about.score:.2g}")
+            print("|", " | ".join(map(str, (*names, f"{level:g}", *when))), "|")
 
 
 def compare(runs: list[list[Look]]) -> None:

@@ -62,7 +62,7 @@ class Task:
 
 
 RANDOM = "opponent=random"
-BOTS = "opponent.mixture={latest: 0.2, bots: 0.8}"
+BOTS = "opponent=hard_bots"
 LINE_WARS = "deep_line_wars", "10x15"
 RTS = "deep_rts", "1v1-15x15"
 LONG_GAMES = "learner.gamma=0.997", "collector.stagger_steps=1000"

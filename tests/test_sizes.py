@@ -8,7 +8,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 17_490,
+    "games": 17_578,
     "policies": 2_400,
     "replay": 2_060,
     "generative": 3_460,

@@ -278,10 +278,10 @@ class BatchedEngine:
         shown = [field[world].ravel() for name, field in worlds.items() if name not in hidden]
         return np.concatenate(shown).astype(np.float32)
 
-    def info(self) -> dict[str, NDArray[Any]]:
+    def info(self, dtype: Any = None) -> dict[str, NDArray[Any]]:
         """Numbers of each seat beside what it observes, by name, fresh arrays [B, P]."""
         numbers = {} if self.game.info is None else self.game.info(self._worlds)
-        return {name: np.array(values) for name, values in numbers.items()}
+        return {name: np.array(values, dtype) for name, values in numbers.items()}
 
     def map_names(self) -> tuple[str, ...]:
         """The name of each world's map [B]; "" throughout where the game has no maps by name."""

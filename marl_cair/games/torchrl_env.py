@@ -6,8 +6,9 @@ in front, so a policy moves between them unchanged.
 
 from __future__ import annotations
 
+import math
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -28,6 +29,9 @@ from marl_cair.games.randomness import EpisodeSeeds
 GROUP = "player"  # as TorchRL's wrapper groups agents named player_0, player_1, ...
 MOST_EPISODES = 2**62  # of one world
 DONE_KEYS = ("done", "terminated", "truncated")
+USED = frozenset({"next", "_reset"}), frozenset({"reward", "_reset"})  # root, group
+SPECIAL = frozenset({"next", "_step"})  # inputs of a step beside actions
+SMALL = 1 << 21  # bytes that are read of all worlds sooner than of some
 MAX_SPARE = 64  # unused arrays of one shape that `ArrayPool` keeps
 
 
@@ -53,6 +57,24 @@ class ArrayPool:
 def _give_back(spare: list[NDArray[Any]], memory: NDArray[Any]) -> None:
     if len(spare) < MAX_SPARE:
         spare.append(memory)
+
+
+class Reader(NamedTuple):
+    """How the environment reads an array of all seats from the engine."""
+
+    take: Callable[[], NDArray[Any]]  # makes an array to write to
+    read: Callable[..., NDArray[Any]]  # writes to it; of some worlds as `engine.observe`
+    is_small: bool
+
+    def fill(self, only: NDArray[np.int64] | None, before: Tensor | None) -> Tensor:
+        """Read all worlds, or `only` some; the others are as `before`, or zeros."""
+        out = self.take()
+        if only is None or self.is_small:
+            return torch.from_numpy(self.read(out))
+        np.copyto(out, 0 if before is None else before.numpy())
+        if len(only):
+            out[only] = self.read(worlds=only)
+        return torch.from_numpy(out)
 
 
 class LastStep(NamedTuple):
@@ -127,13 +149,29 @@ class BatchedGameEnv(EnvBase):
         self.group_map = {GROUP: [f"player_{seat}" for seat in range(self.engine.num_players)]}
         self.seeds = EpisodeSeeds(num_worlds, None if seed is None else check_seed(game, seed))
         self._pool = ArrayPool()
+        self._seats = torch.Size((num_worlds, self.engine.num_players))
         self._shown: dict[str, Tensor] = {}  # see LegalActions
         self.last = LastStep(
             np.zeros((num_worlds, self.engine.num_players), np.float32),
             np.zeros(num_worlds, np.bool_),
             np.full(num_worlds, NO_WINNER, np.int8),
         )
+        self._readers = {
+            key: self._make_reader(partial(self.engine.observe, name), chosen.shape, chosen.dtype)
+            for key, name in self._representations.items()
+            for chosen in (self.engine.representation(name),)
+        }
+        legal = (*self.engine.spec.action_shape, self.engine.num_actions)
+        self._readers["action_mask"] = self._make_reader(self.engine.action_mask, legal, np.bool_)
         self._make_specs()
+
+    def _make_reader(
+        self, read: Callable[..., NDArray[Any]], shape: tuple[int, ...], dtype: Any
+    ) -> Reader:
+        shape = (self.engine.num_worlds, self.engine.num_players, *shape)
+        is_small = math.prod(shape) * np.dtype(dtype).itemsize < SMALL
+        make: Callable[..., NDArray[Any]] = np.empty if is_small else self._pool.take
+        return Reader(partial(make, shape, dtype), read, is_small)
 
     def _make_specs(self) -> None:
         worlds, seats = (self.engine.num_worlds,), (self.engine.num_worlds, self.engine.num_players)
@@ -182,9 +220,15 @@ class BatchedGameEnv(EnvBase):
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
         mask = self._read_reset_mask(tensordict)
         self.engine.check_reset(mask)
-        self.engine.reset(self.seeds.next(mask), mask)
         # TorchRL reads only the worlds that were reset.
-        return self._observe(None if mask is None or mask.all() else np.flatnonzero(mask))
+        return self._pack(self._observe(self._restart(mask)))
+
+    def _restart(self, mask: NDArray[np.bool_] | None) -> NDArray[np.int64] | None:
+        """Begin the next game of the worlds in `mask`; returns them, and None for all or most."""
+        self.engine.reset(self.seeds.next(mask), mask)
+        if mask is None or 2 * np.count_nonzero(mask) > len(mask):
+            return None
+        return np.flatnonzero(mask)
 
     def _read_reset_mask(self, tensordict: TensorDictBase | None) -> NDArray[np.bool_] | None:
         """The worlds to restart; a world restarts when any of its seats is asked to."""
@@ -198,13 +242,40 @@ class BatchedGameEnv(EnvBase):
         return None
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        return self._pack(self._play(tensordict))
+
+    def _play(self, tensordict: TensorDictBase) -> dict[str, Any]:
+        """Step the engine; returns the entries of "next"."""
         engine = self.engine
-        engine.step(tensordict[GROUP, "action"].numpy())
+        engine.step(tensordict.get(GROUP).get("action").numpy())
         ended = engine.terminated | engine.truncated
         self.last = LastStep(engine.rewards.copy(), ended, engine.winner.copy())
         seen = self._observe()
-        seen[GROUP, "reward"] = torch.from_numpy(self.last.rewards).unsqueeze(-1)
+        seen[GROUP]["reward"] = torch.from_numpy(self.last.rewards).unsqueeze(-1)
         return seen
+
+    def step_and_maybe_reset(
+        self, tensordict: TensorDictBase
+    ) -> tuple[TensorDictBase, TensorDictBase]:
+        """As TorchRL's own, with equal results, in a fraction of its time.
+
+        It does not check what this class returns by itself, and copies the batch at most once.
+        TorchRL's own does the rest: inputs with "_step" or "next", hooks, other containers.
+        """
+        if tensordict.device != self.device:
+            tensordict = tensordict.to(self.device)
+        known = type(tensordict) is TensorDict and tensordict.batch_size == self.batch_size
+        if not known or self._post_step_mdp_hooks or not SPECIAL.isdisjoint(tensordict.keys()):
+            return super().step_and_maybe_reset(tensordict)  # type: ignore[no-any-return]
+        seen = self._play(tensordict)
+        tensordict._set_str(
+            "next", self._pack(seen), validated=True, inplace=False, non_blocking=False
+        )
+        ended, restarted = self.last.ended, None
+        if ended.any():
+            seen = self._observe(self._restart(ended), seen[GROUP])
+            restarted = None if ended.all() else torch.from_numpy(ended)
+        return tensordict, self._pack(_carry(tensordict, seen, restarted))
 
     def key_of(self, representation: str) -> str:
         """The key in the group of a representation. Raises ValueError if it is not observed."""
@@ -218,34 +289,44 @@ class BatchedGameEnv(EnvBase):
 
     def current(self) -> TensorDictBase:
         """The observations of all seats now, as `reset` returns them: for `load_game_state`."""
-        return self._observe()
+        return self._pack(self._observe())
 
-    def _observe(self, only: NDArray[np.int64] | None = None) -> TensorDictBase:
-        """The observations of all seats; with `only`, of those worlds, and zeros for the others."""
-        engine = self.engine
-        worlds, players = engine.num_worlds, engine.num_players
-        seats: dict[str, Any] = {}
-        for key, name in self._representations.items():
-            chosen = engine.representation(name)
-            seen = self._pool.take((worlds, players, *chosen.shape), chosen.dtype)
-            seats[key] = _fill(seen, partial(engine.observe, name), only)
-        places = (worlds, players, *engine.spec.action_shape)
-        legal = self._pool.take((*places, engine.num_actions), np.bool_)
-        seats["action_mask"] = _fill(legal, engine.action_mask, only)
-        everywhere = seats["action_mask"] if only is None else engine.action_mask()
-        self._shown["mask"] = torch.as_tensor(everywhere)
-        if numbers := engine.info():
-            info = {name: _to_tensor(values, only) for name, values in numbers.items()}
-            seats["info"] = TensorDict._new_unsafe(info, batch_size=torch.Size([worlds, players]))
-        terminated = torch.from_numpy(engine.terminated).clone().unsqueeze(-1)
-        truncated = torch.from_numpy(engine.truncated).clone().unsqueeze(-1)
-        ended = dict(zip(DONE_KEYS, (terminated | truncated, terminated, truncated), strict=True))
-        out = torch.from_numpy(engine.eliminated).unsqueeze(-1)
-        for key, value in ended.items():
-            of_seats = value.unsqueeze(1).expand(worlds, players, 1)
-            seats[key] = of_seats.clone() if key == "truncated" else of_seats | out
-        group = TensorDict._new_unsafe(seats, batch_size=torch.Size([worlds, players]))
-        return TensorDict._new_unsafe({GROUP: group, **ended}, batch_size=self.batch_size)
+    def _observe(
+        self, only: NDArray[np.int64] | None = None, before: Mapping[str, Any] | None = None
+    ) -> dict[str, Any]:
+        """The entries of all seats' observations.
+
+        With `only`, large arrays are read of those worlds; the others are as in the group `before`,
+        or zeros.
+        """
+        engine, old = self.engine, before or {}
+        group: dict[str, Any] = {
+            # `LegalActions` looks at the masks of all worlds.
+            key: reader.fill(only if old or key != "action_mask" else None, old.get(key))
+            for key, reader in self._readers.items()
+        }
+        self._shown["mask"] = group["action_mask"]
+        if numbers := engine.info(np.float32):
+            group["info"] = {name: torch.from_numpy(values) for name, values in numbers.items()}
+        ends = np.zeros((3, *self.batch_size, 1), np.bool_)  # in the order of DONE_KEYS
+        of_seats = np.zeros((3, *self._seats, 1), np.bool_)
+        ended = engine.terminated | engine.truncated
+        if ended.any():
+            ends[..., 0] = ended, engine.terminated, engine.truncated
+            of_seats[:] = ends[:, :, None]
+        if engine.eliminated.any():
+            of_seats[:2, ..., 0] |= engine.eliminated
+        group.update(zip(DONE_KEYS, torch.from_numpy(of_seats).unbind(), strict=True))
+        at_root = zip(DONE_KEYS, torch.from_numpy(ends).unbind(), strict=True)
+        return {GROUP: group, **dict(at_root)}
+
+    def _pack(self, entries: dict[str, Any], *, depth: int = 0) -> TensorDictBase:
+        packed = {
+            key: self._pack(value, depth=depth + 1) if type(value) is dict else value
+            for key, value in entries.items()
+        }
+        batch_size = self._seats if depth else self.batch_size
+        return TensorDict._new_unsafe(packed, batch_size=batch_size, device=self.device)
 
     def game_state(self) -> dict[str, Any]:
         """All worlds and the seeding as plain arrays.
@@ -278,21 +359,28 @@ class BatchedGameEnv(EnvBase):
         self.last = last
 
 
-def _to_tensor(values: NDArray[Any], only: NDArray[np.int64] | None) -> Tensor:
-    """A game's own numbers [B, P] as float32; of worlds that are left out, zeros."""
-    shown = values.astype(np.float32)
-    if only is not None:
-        shown[np.setdiff1d(np.arange(len(values)), only)] = 0.0
-    return torch.from_numpy(shown)
+def _carry(
+    old: TensorDictBase, new: dict[str, Any], restarted: Tensor | None, depth: int = 0
+) -> dict[str, Any]:
+    """The entries of `new` without rewards, and what only `old` has, 0 where `restarted` [B].
+
+    So do TorchRL's `step_mdp` and `reset` with the action and what a policy has written.
+    """
+    entries = {key: value for key, value in new.items() if key != "reward"}
+    for key, value in old.items():
+        if type(entries.get(key)) is dict:
+            entries[key] = _carry(value, entries[key], restarted, 1)
+        elif key not in entries and key not in USED[depth]:
+            entries[key] = _blank(value, restarted)
+    return entries
 
 
-def _fill(
-    out: NDArray[Any], read: Callable[..., NDArray[Any]], only: NDArray[np.int64] | None
-) -> Tensor:
-    """Write what `read` returns of all worlds, or of some and zeros for the others."""
-    if only is None:
-        return torch.from_numpy(read(out))
-    out.fill(0)
-    if len(only):
-        out[only] = read(worlds=only)
-    return torch.from_numpy(out)
+def _blank(value: Any, restarted: Tensor | None) -> Any:
+    if isinstance(value, Tensor):
+        if restarted is None:
+            return value
+        return value.masked_fill(restarted.view(-1, *[1] * (value.ndim - 1)), 0)
+    copied = value.copy()
+    if restarted is not None:
+        copied.where(~restarted, other=copied.empty(), out=copied, pad=0)
+    return copied

@@ -51,7 +51,9 @@ def write(seen: TensorDict, number: int) -> TensorDict:
     return seen.set_non_tensor("note", str(number))
 
 
-@pytest.mark.parametrize("whole", [True, False], ids=["whole", "rows"])
+@pytest.mark.parametrize(
+    "whole", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["whole", "rows"]
+)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_it_equals_torchrls_own(case, whole, monkeypatch):
     monkeypatch.setattr(torchrl_env, "SMALL", torchrl_env.SMALL if whole else 0)

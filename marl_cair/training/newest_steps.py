@@ -26,21 +26,19 @@ class DoubleValues(NamedTuple):
     chooser: PolicyActor  # the network that has collected; its action counts
     judge: PolicyActor  # the newest network; its value of this action counts
 
-    def rate(
-        self,
-        observation: Tensor,
-        state: Tensor,
-        action_mask: Tensor,
-        action: Tensor | None = None,
-    ) -> Tensor:
-        """Values float32 [K] of observations [K, *shape] with state float32 [K, state_size].
-
-        action: int64 [K], that of the chooser; None: it chooses now, under action_mask bool [K, A].
+    def rate(self, observation: Tensor, state: Tensor, action_mask: Tensor) -> Tensor:
+        """Values float32 [K] of observations [K, *shape] with state float32 [K, state_size], under
+        action_mask bool [K, A].
         """
+        action = masked_argmax(self.chooser.step(observation, state)[0].cpu(), action_mask)
+        return self.judge_actions(observation, state, action_mask, action)[0]
+
+    def judge_actions(
+        self, observation: Tensor, state: Tensor, action_mask: Tensor, *actions: Tensor
+    ) -> list[Tensor]:
+        """The judge's values float32 [K] of each of `actions` int64 [K]; the rest as in `rate`."""
         values = self.judge.step(observation, state)[0].cpu()
-        if action is None:
-            action = masked_argmax(self.chooser.step(observation, state)[0].cpu(), action_mask)
-        return find_values(values, action, action_mask if action.ndim > 1 else None)
+        return [find_values(values, one, action_mask if one.ndim > 1 else None) for one in actions]
 
 
 def make_rows(data: TensorDictBase, double: DoubleValues, settings: LearnerSettings) -> TensorDict:
@@ -60,8 +58,10 @@ def make_rows(data: TensorDictBase, double: DoubleValues, settings: LearnerSetti
     seen, state = by_time(group["observation"]), torch.zeros(*learned.shape, 0)
     if double.chooser.state_size:
         state = by_time(group["state"])
-    best = torch.zeros(learned.shape)
-    best[learned] = double.rate(seen[learned], state[learned], mask[learned], best_action[learned])
+    best, taken = torch.zeros(2, *learned.shape)
+    best[learned], taken[learned] = double.judge_actions(
+        *(part[learned] for part in (seen, state, mask, best_action, action))
+    )
     best_ahead = torch.cat([best[1:], best[:1]])
     is_cut = is_end | ~torch.cat([learned[1:], none])
     place = (is_cut & learned & ~terminated).nonzero(as_tuple=True)
@@ -76,7 +76,7 @@ def make_rows(data: TensorDictBase, double: DoubleValues, settings: LearnerSetti
     rows = {
         "observation": seen,
         "action": action,
-        "target": returns,
+        "target": returns - settings.action_gap * (best - taken).relu(),
         "is_generated": torch.zeros_like(learned),
     }
     if action.ndim > learned.ndim:
@@ -134,11 +134,14 @@ def _add_targets(
     """Generated transitions [N] as rows, with one-step targets."""
     following, none = generated["next"], torch.zeros(len(generated), 0)
     ahead = double.rate(following["observation"], none, following["action_mask"])
+    seen, mask, action = (generated[name] for name in ("observation", "action_mask", "action"))
+    (taken,) = double.judge_actions(seen, none, mask, action)
+    missed = (double.rate(seen, none, mask) - taken).relu()
     return TensorDict(
         {
-            "observation": generated["observation"],
-            "action": generated["action"],
-            "target": find_targets(generated, ahead, settings.gamma),
+            "observation": seen,
+            "action": action,
+            "target": find_targets(generated, ahead, settings.gamma) - settings.action_gap * missed,
             "is_generated": generated["is_generated"].squeeze(-1),
         },
         [len(generated)],

@@ -108,9 +108,12 @@ def make_noise(network):
             weight.add_(0.02 * torch.randn(weight.shape, generator=generator))
 
 
-@pytest.mark.parametrize(("q_lambda", "traces"), [(0.0, "peng"), (0.9, "peng"), (0.9, "watkins")])
-def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda, traces):
-    settings = dataclasses.replace(PQN, q_lambda=q_lambda, traces=traces, gamma=0.9)
+@pytest.mark.parametrize(
+    ("q_lambda", "traces", "gap"),
+    [(0.0, "peng", 0.0), (0.9, "peng", 0.0), (0.9, "watkins", 0.0), (0.9, "watkins", 0.7)],
+)
+def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda, traces, gap):
+    settings = dataclasses.replace(PQN, q_lambda=q_lambda, traces=traces, gamma=0.9, action_gap=gap)
     run = TrainingRun(runs.tiny(tmp_path / "run", learner=settings))
     data = next(iter(run.collector))
     make_noise(run.learner.network)
@@ -129,6 +132,13 @@ def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda, traces):
     explored = explored.view(learned.shape)
     found_explored = data[GROUP, "action"] != data[GROUP, "best_action"]
     assert torch.equal(found_explored[learned], explored[learned])
+    own = run.newest.compute_values(data[GROUP, "observation"].flatten(0, 2))
+    best_now, taken = (
+        own.gather(-1, data[GROUP, name].view(-1, 1)).view(learned.shape)
+        for name in ("best_action", "action")
+    )
+    lost = gap * (best_now - taken).clamp(min=0.0)
+    assert (lost[learned] > 0).any() == (gap > 0)
     for world, step, seat in learned.nonzero().tolist():
         rest, place = None, (world, step, seat)
         is_last = step == data.shape[1] - 1 or bool(ends[place])
@@ -143,7 +153,7 @@ def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda, traces):
         return gain + 0.9 * (q_lambda * longer + (1 - q_lambda) * ahead)
 
     by_time = sorted(found, key=lambda place: (place[1], place[0], place[2]))
-    expected = torch.tensor([find_return(place) for place in by_time])
+    expected = torch.tensor([find_return(place) - float(lost[place]) for place in by_time])
     torch.testing.assert_close(rows["target"], expected, atol=1e-5, rtol=1e-4)
     chosen = torch.stack([data[GROUP, "action"][place] for place in by_time])
     assert torch.equal(rows["action"], chosen)

@@ -49,6 +49,7 @@ class LearnerSettings:
     frames_per_update: Count = 64  # frames collected for each update (dqn)
     q_lambda: Share = 0.9  # share of longer returns in a target, per step (pqn)
     traces: str = WATKINS  # longer returns end before a random action (watkins) or not (peng)
+    action_gap: ShareBelowOne = 0.0  # share of (best value - taken action's) off a target (pqn)
     epochs: Count = 2  # times that each collected batch is learned from (pqn)
     minibatches: Count = 4  # updates of an epoch (pqn)
     optimizer: str = "adam"  # adam, radam, rmsprop or sgd

@@ -1,6 +1,6 @@
 """Does a memory help where an observation does not show all that matters?
 
-    python -m benchmarks.memory_matters [--frames 400000] [--seeds 0 1 2] [--games 200]
+    python -m benchmarks.memory_matters [--frames 1500000] [--seeds 0 1 2] [--games 200]
         [--kinds none lstm] [--out runs/memory_matters]
 
 Deep Maze 7x7 with line of sight, where what is out of sight is forgotten: without memory a network
@@ -87,7 +87,7 @@ def describe(shares: list[float]) -> str:
 def main() -> None:
     """Train, play and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--frames", type=int, default=400_000)
+    parser.add_argument("--frames", type=int, default=1_500_000)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--games", type=int, default=200)
     parser.add_argument("--kinds", nargs="+", choices=POLICIES, default=["none", "lstm"])

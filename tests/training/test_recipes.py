@@ -6,6 +6,7 @@ import math
 import pytest
 
 from marl_cair.cli.compose import compose_config, list_choices
+from marl_cair.games import GAMES
 from marl_cair.league.agents.load import load_agent
 from tests.training.runs import train
 
@@ -39,6 +40,11 @@ def test_recipes_set_what_their_papers_add():
     assert [name for name in bodies if bodies[name] == "capsule"] == ["dcqn", "rcqn"]
     memories = {name: compose(name).policy.memory for name in NETWORKS}
     assert [name for name in memories if memories[name] == "lstm"] == ["drqn", "rcqn"]
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_parallelised_q_learning_composes_with_each_game(game):
+    assert compose("pqn", f"game={game}").game.name == game
 
 
 def test_a_network_joins_the_recipe_of_a_game():

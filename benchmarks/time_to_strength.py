@@ -62,7 +62,8 @@ class Task:
 
 
 RANDOM = "opponent=random"
-BOTS = "opponent=hard_bots"
+HARD_BOTS = "opponent=hard_bots"
+LINE_WARS_BOTS = "opponent=deep_line_wars_bots"
 LINE_WARS = "deep_line_wars", "10x15"
 RTS = "deep_rts", "1v1-15x15"
 LONG_GAMES = "learner.gamma=0.997", "collector.stagger_steps=1000"
@@ -70,10 +71,10 @@ SIX_BOTS = "mixed", "rusher", "economist", "archers", "boomer", "turtle"
 TASKS = {
     "deep_line_wars": Task(*LINE_WARS, (0.95, 0.99), ("random",), options=(RANDOM,)),
     "deep_line_wars_bots": Task(
-        *LINE_WARS, (0.8,), ("counter", "economist", "turtle"), options=(BOTS,)
+        *LINE_WARS, (0.8,), ("counter", "economist", "turtle"), options=(LINE_WARS_BOTS,)
     ),
     "deep_rts": Task(*RTS, (0.98,), ("random",), options=(RANDOM, *LONG_GAMES)),
-    "deep_rts_bots": Task(*RTS, (0.5,), SIX_BOTS, options=(BOTS, *LONG_GAMES)),
+    "deep_rts_bots": Task(*RTS, (0.5,), SIX_BOTS, options=(HARD_BOTS, *LONG_GAMES)),
     "deep_maze": Task(
         "deep_maze",
         "9x9-stochastic",

@@ -159,6 +159,13 @@ def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda, traces, gap
     assert torch.equal(rows["action"], chosen)
 
 
+def test_an_action_gap_without_its_learner_is_refused():
+    with pytest.raises(
+        ValueError, match=r"action_gap is 0.7.*0 with learner.algorithm=dqn"
+    ):
+        LearnerSettings(action_gap=0.7)
+
+
 def test_generated_transitions_join_with_their_share(tmp_path):
     run = TrainingRun(runs.tiny(tmp_path / "run", learner=PQN))
     rows = make_rows(next(iter(run.collector)), DoubleValues(run.actor, run.newest), PQN)

@@ -79,6 +79,9 @@ class LearnerSettings:
         require(
             self.algorithm != QUANTILE or self.loss == HUBER, "learner.loss", self.loss, allowed
         )
+        has_gap = self.action_gap == 0 or not self.learns_from_replay
+        allowed = f"0 with learner.algorithm={self.algorithm}: set learner.algorithm=pqn"
+        require(has_gap, "learner.action_gap", self.action_gap, allowed)
         check_name("learner.traces", self.traces, TRACES)
         check_name("learner.behaviour", self.behaviour, BEHAVIOURS)
 

@@ -53,11 +53,11 @@ def train_others(
     environment: str,
     settings: Sequence[dict[str, Any]],
     seed: int,
-    look: Callable[[Any, int], bool],
+    look: Callable[[Any, float, int], bool],
     every: float,
 ) -> None:
-    """Train at the library's own settings until `look` (agent, frames) returns False; it is called
-    each `every` seconds of processor time.
+    """Train at the library's own settings until `look` (agent, seconds, frames) is False; it is
+    called when `every` seconds of processor time are over.
 
     environment: Gymnasium id. settings: of environments, which take them in turn.
     """
@@ -66,7 +66,7 @@ def train_others(
 
     class Looks(BaseCallback):
         def _on_training_start(self) -> None:
-            look(Player(self.model, method, shown), 0)
+            look(Player(self.model, method, shown), 0.0, 0)
             self.clock = Clock(every)
             self.clock.__enter__()
 
@@ -74,7 +74,8 @@ def train_others(
             self.clock.__exit__()
             goes_on = True
             if self.clock.is_due():
-                goes_on = look(Player(self.model, method, shown), self.num_timesteps)
+                player = Player(self.model, method, shown)
+                goes_on = look(player, self.clock.seconds, self.num_timesteps)
             self.clock.__enter__()
             return goes_on
 

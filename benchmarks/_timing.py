@@ -17,7 +17,7 @@ def best_seconds(
 
 
 class Clock:
-    """Processor seconds of this process inside `with`, and whether a look is due."""
+    """Processor seconds of this process inside `with`, and whether `every` seconds are over."""
 
     def __init__(self, every: float) -> None:
         self.every, self.seconds, self._looked, self._begun = every, 0.0, 0, 0.0

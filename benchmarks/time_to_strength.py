@@ -10,9 +10,9 @@ anything: some untrained networks beat a weak opponent. A level is reached at th
 of two looks in a row at or above it; it is held if all later looks are. Methods: `pqn` (recipe),
 `dqn` (20 % generated transitions), `dqn_real` (none), and of Stable-Baselines3, if it is installed
 (pip install stable-baselines3 sb3-contrib), `sb3_ppo` (with action masks) and `sb3_dqn` (without:
-it has none) on the same Gymnasium id. Runs that are finished are not repeated. Writes
-<out>/looks.csv, prints two tables as Markdown (levels, and strength at equal processor time and
-equal frames) and draws all looks.
+it has none) on the same Gymnasium id, with its own reward; ours learn from the shaped one. Runs
+that are finished are not repeated. Writes <out>/looks.csv, prints two tables as Markdown (levels,
+and strength at equal processor time and equal frames) and draws all looks.
 """
 
 from __future__ import annotations
@@ -131,9 +131,11 @@ def measure(agent: Any, task: Task, games: int, look: int) -> float:
 
 
 def train_ours(
-    words: list[str], look: Callable[[Any, int, float], bool], every: float, folder: str
+    words: list[str], look: Callable[[Any, float, int, float], bool], every: float, folder: str
 ) -> None:
-    """Train until `look` (agent, frames, overestimation), called each `every` seconds, is False."""
+    """Train until `look` (agent, seconds, frames, overestimation) is False; it is called when
+    `every` seconds are over.
+    """
     from marl_cair.cli.compose import compose_config
     from marl_cair.training.collecting.metrics import Timers
     from marl_cair.training.run import TrainingRun
@@ -142,13 +144,14 @@ def train_ours(
     run = TrainingRun(compose_config([*words, "torch_threads=1", f"out={folder}"]))
     steps = iterate(run, Timers())
     clock = Clock(every)
-    goes_on = look(run.rated, 0, float("nan"))
+    goes_on = look(run.rated, 0.0, 0, float("nan"))
     while goes_on:
         with clock:
             next(steps)
         if clock.is_due():
             row = run.statistics.report(run.book.name, run.spec.action_group_names)
-            goes_on = look(run.rated, run.frames, row.get("q/overestimation", float("nan")))
+            excess = row.get("q/overestimation", float("nan"))
+            goes_on = look(run.rated, clock.seconds, run.frames, excess)
     run.close()
 
 
@@ -157,11 +160,10 @@ def run_one(case: dict[str, Any]) -> None:
     task, path = TASKS[case["task"]], Path(case["path"])
     looks: list[Look] = []
 
-    def look(agent: Any, frames: int, overestimation: float = float("nan")) -> bool:
-        seconds = len(looks) * case["every"]
+    def look(agent: Any, seconds: float, frames: int, overestimation: float = float("nan")) -> bool:
         score = measure(agent, task, case["games"], len(looks))
         names = (case["task"], case["method"], case["network"], case["seed"])
-        looks.append(Look(*names, seconds, frames, score, overestimation))
+        looks.append(Look(*names, round(seconds, 2), frames, score, overestimation))
         print(*looks[-1], flush=True)
         return bool(seconds < case["seconds"])
 
@@ -169,8 +171,8 @@ def run_one(case: dict[str, Any]) -> None:
         from benchmarks._stable_baselines import train_others
 
         name = gymnasium_id(GAMES[task.game].gymnasium_prefix, task.scenario)
-        rivals = [{"opponent": bot, **task.settings} for bot in task.bots] or [task.settings]
-        train_others(case["method"], name, rivals, case["seed"], look, case["every"])
+        settings = [{"opponent": bot, **task.settings} for bot in task.bots] or [task.settings]
+        train_others(case["method"], name, settings, case["seed"], look, case["every"])
     else:
         words = [f"game={task.game}", f"scenario={task.scenario}", f"policy={case['network']}"]
         words += [f"seed={case['seed']}", *OURS[case["method"]], *task.options, *case["words"]]
@@ -191,7 +193,7 @@ def read_looks(path: Path) -> Iterator[Look]:
         for row in csv.DictReader(file):
             numbers = float(row["seconds"]), int(row["frames"]), float(row["score"])
             names = row["task"], row["method"], row["network"], int(row["seed"])
-            yield Look(*names, *numbers, float(row["overestimation"]))
+            yield Look(*names, *numbers, float(row.get("overestimation", "nan")))
 
 
 def find_reached(looks: list[Look], level: float) -> Look | None:
@@ -220,9 +222,10 @@ def print_table(runs: list[list[Look]]) -> None:
 def compare(runs: list[list[Look]]) -> None:
     """Strength of each method and network over its seeds: one row for each task, and for all.
 
-    A run's strength is its mean score over a third of its looks, as a share of the task's highest
-    level, at most 1: the last third of the processor time, and of the frames that the slowest run
-    of the task has. Interquartile means over runs with 95 % intervals of the stratified bootstrap.
+    A run's strength is its mean score over the last third of its time, as a share of the task's
+    highest level, at most 1: of processor time, and of the frames that the slowest run of the task
+    has, at 20 even places between looks. Interquartile means over runs (of less than four: means)
+    with 95 % intervals of the stratified bootstrap.
     """
     kinds = list(dict.fromkeys((one[0].method, one[0].network) for one in runs))
     tasks = list(dict.fromkeys(one[0].task for one in runs))
@@ -239,17 +242,23 @@ def compare(runs: list[list[Look]]) -> None:
                 cells = (task, str(len(own)), *(find_iqm([part]) for part in columns[-1]))
                 print("|", " | ".join((method, network, *cells)), "|")
         parts = [find_iqm(list(part)) for part in zip(*columns, strict=True)]
-        print("|", " | ".join((method, network, "all", "", *parts)), "|")
+        print("|", " | ".join((method, network, "all", "", *parts[:2], "")), "|")
 
 
 def _summarise(runs: list[list[Look]], frames: int, level: float) -> Iterator[NDArray[np.float64]]:
     """Strength at equal time, at equal frames, and overestimation at equal time, float64 [runs]."""
     last = [[one for one in looks if one.seconds > looks[-1].seconds * 2 / 3] for looks in runs]
-    equal = [[one for one in looks if frames * 2 / 3 < one.frames <= frames] for looks in runs]
-    for chosen in (last, equal):
-        means = [np.mean([one.score for one in looks]) for looks in chosen]
-        yield np.minimum(1.0, np.array(means) / level)
-    yield np.array([np.mean([one.overestimation for one in looks]) for looks in last])
+    means = [np.mean([one.score for one in looks]) for looks in last]
+    yield np.minimum(1.0, np.array(means) / level)
+    places = np.linspace(frames * 2 / 3, frames, 20)
+    means = [
+        np.mean(np.interp(places, [one.frames for one in looks], [one.score for one in looks]))
+        for looks in runs
+    ]
+    yield np.minimum(1.0, np.array(means) / level)
+    excess = ([one.overestimation for one in looks] for looks in last)
+    known = ([value for value in values if not np.isnan(value)] for values in excess)
+    yield np.array([np.mean(values) if values else np.nan for values in known])
 
 
 def find_iqm(strata: list[NDArray[np.float64]]) -> str:
@@ -286,7 +295,7 @@ def draw(runs: list[list[Look]], path: Path) -> None:
             panel.axhline(level, color="0.6", lw=0.8, ls=":")
         panel.set(title=task.replace("_", " "), xlabel="processor seconds of training")
         panel.legend(fontsize=7, frameon=False, loc="lower right")
-    panels[0].set_ylabel("points against random, or share of goals")
+    panels[0].set_ylabel("points against bots, share of goals, or pipes")
     with atomic_path(path) as unfinished:
         figure.savefig(unfinished, dpi=150, format="png")
 

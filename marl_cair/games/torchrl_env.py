@@ -31,7 +31,7 @@ MOST_EPISODES = 2**62  # of one world
 DONE_KEYS = ("done", "terminated", "truncated")
 USED = frozenset({"next", "_reset"}), frozenset({"reward", "_reset"})  # root, group
 SPECIAL = frozenset({"next", "_step"})  # inputs of a step beside actions
-SMALL = 1 << 21  # bytes that are read of all worlds sooner than of some
+SMALL = 1 << 21  # bytes; smaller arrays are read for all worlds
 MAX_SPARE = 64  # unused arrays of one shape that `ArrayPool` keeps
 
 
@@ -247,7 +247,7 @@ class BatchedGameEnv(EnvBase):
     def _play(self, tensordict: TensorDictBase) -> dict[str, Any]:
         """Step the engine; returns the entries of "next"."""
         engine = self.engine
-        engine.step(tensordict.get(GROUP).get("action").numpy())
+        engine.step(tensordict.get(GROUP)["action"].numpy())
         ended = engine.terminated | engine.truncated
         self.last = LastStep(engine.rewards.copy(), ended, engine.winner.copy())
         seen = self._observe()

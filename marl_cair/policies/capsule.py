@@ -31,6 +31,7 @@ class CapsuleBody(Body):
     """
 
     DEFAULT_HIDDEN_WIDTH: ClassVar[int] = 128
+    READS_CHANNELS_LAST: ClassVar[bool] = True
     DEFAULT_ACTION_EMBEDDING: ClassVar[int] = 32
 
     def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:

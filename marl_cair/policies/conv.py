@@ -43,6 +43,7 @@ class ConvBody(Body):
     """
 
     DEFAULT_HIDDEN_WIDTH: ClassVar[int] = 256
+    READS_CHANNELS_LAST: ClassVar[bool] = True
     DEFAULT_ACTION_EMBEDDING: ClassVar[int] = 0
 
     def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:

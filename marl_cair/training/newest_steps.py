@@ -30,8 +30,12 @@ class DoubleValues(NamedTuple):
         """Values float32 [K] of observations [K, *shape] with state float32 [K, state_size], under
         action_mask bool [K, A].
         """
-        action = masked_argmax(self.chooser.step(observation, state)[0].cpu(), action_mask)
+        action = self.choose(observation, state, action_mask)
         return self.judge_actions(observation, state, action_mask, action)[0]
+
+    def choose(self, observation: Tensor, state: Tensor, action_mask: Tensor) -> Tensor:
+        """The chooser's best legal actions int64 [K]; arguments as in `rate`."""
+        return masked_argmax(self.chooser.step(observation, state)[0].cpu(), action_mask)
 
     def judge_actions(
         self, observation: Tensor, state: Tensor, action_mask: Tensor, *actions: Tensor
@@ -134,14 +138,17 @@ def _add_targets(
     """Generated transitions [N] as rows, with one-step targets."""
     following, none = generated["next"], torch.zeros(len(generated), 0)
     ahead = double.rate(following["observation"], none, following["action_mask"])
+    target = find_targets(generated, ahead, settings.gamma)
     seen, mask, action = (generated[name] for name in ("observation", "action_mask", "action"))
-    (taken,) = double.judge_actions(seen, none, mask, action)
-    missed = (double.rate(seen, none, mask) - taken).relu()
+    if settings.action_gap:
+        chosen = double.choose(seen, none, mask)
+        best, taken = double.judge_actions(seen, none, mask, chosen, action)
+        target = target - settings.action_gap * (best - taken).relu()
     return TensorDict(
         {
             "observation": seen,
             "action": action,
-            "target": find_targets(generated, ahead, settings.gamma) - settings.action_gap * missed,
+            "target": target,
             "is_generated": generated["is_generated"].squeeze(-1),
         },
         [len(generated)],

@@ -160,9 +160,7 @@ def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda, traces, gap
 
 
 def test_an_action_gap_without_its_learner_is_refused():
-    with pytest.raises(
-        ValueError, match=r"action_gap is 0.7.*0 with learner.algorithm=dqn"
-    ):
+    with pytest.raises(ValueError, match=r"action_gap is 0.7.*0 with learner.algorithm=dqn"):
         LearnerSettings(action_gap=0.7)
 
 

@@ -49,7 +49,7 @@ class LearnerSettings:
     frames_per_update: Count = 64  # frames collected for each update (dqn)
     q_lambda: Share = 0.9  # share of longer returns in a target, per step (pqn)
     traces: str = WATKINS  # longer returns end before a random action (watkins) or not (peng)
-    action_gap: ShareBelowOne = 0.0  # share of (best value - taken action's) off a target (pqn)
+    action_gap: ShareBelowOne = 0.0  # share of the gap to the best value, off targets (pqn)
     epochs: Count = 2  # times that each collected batch is learned from (pqn)
     minibatches: Count = 4  # updates of an epoch (pqn)
     optimizer: str = "adam"  # adam, radam, rmsprop or sgd
@@ -79,9 +79,9 @@ class LearnerSettings:
         require(
             self.algorithm != QUANTILE or self.loss == HUBER, "learner.loss", self.loss, allowed
         )
-        has_gap = self.action_gap == 0 or not self.learns_from_replay
+        is_used = self.action_gap == 0 or self.algorithm not in (DQN, QUANTILE)
         allowed = f"0 with learner.algorithm={self.algorithm}: set learner.algorithm=pqn"
-        require(has_gap, "learner.action_gap", self.action_gap, allowed)
+        require(is_used, "learner.action_gap", self.action_gap, allowed)
         check_name("learner.traces", self.traces, TRACES)
         check_name("learner.behaviour", self.behaviour, BEHAVIOURS)
 

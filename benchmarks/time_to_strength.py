@@ -293,9 +293,12 @@ def draw(runs: list[list[Look]], path: Path) -> None:
             panel.plot(seconds, [one.score for one in looks], color=colour, lw=1.2, label=label)
         for level in TASKS[task].levels:
             panel.axhline(level, color="0.6", lw=0.8, ls=":")
-        panel.set(title=task.replace("_", " "), xlabel="processor seconds of training")
+        measured = TASKS[task].number.replace("_", " ")
+        if bots := TASKS[task].bots:
+            measured = f"points against {bots[0] if len(bots) == 1 else 'the hardest bot'}"
+        panel.set(title=task.replace("_", " "), ylabel=measured)
+        panel.set_xlabel("processor seconds of training")
         panel.legend(fontsize=7, frameon=False, loc="lower right")
-    panels[0].set_ylabel("points against bots, share of goals, or pipes")
     with atomic_path(path) as unfinished:
         figure.savefig(unfinished, dpi=150, format="png")
 

@@ -8,10 +8,10 @@ A run trains in a process of its own, on one thread. Each `--every` seconds of p
 counting what follows) its greedy agent plays `--games` new games, and once before it has learned
 anything: some untrained networks beat a weak opponent. A level is reached at the first
 of two looks in a row at or above it; it is held if all later looks are. Methods: `pqn` (recipe),
-`dqn` (20 % generated transitions), `dqn_real` (none), and of Stable-Baselines3, if it is installed
-(pip install stable-baselines3 sb3-contrib), `sb3_ppo` (with action masks) and `sb3_dqn` (without:
-it has none) on the same Gymnasium id, with its own reward; ours learn from the shaped one. Runs
-that are finished are not repeated. Writes <out>/looks.csv, prints two tables as Markdown (levels,
+`dqn` (`recipe=quick`, 20 % generated transitions), `dqn_real` (none), and of Stable-Baselines3, if
+it is installed (pip install stable-baselines3 sb3-contrib), `sb3_ppo` (with action masks) and
+`sb3_dqn` (without: it has none) on the same Gymnasium id, with its own reward; ours learn from the
+shaped one. Runs that are finished are not repeated. Writes <out>/looks.csv, prints two tables as Markdown (levels,
 and strength at equal processor time and equal frames) and draws all looks.
 """
 
@@ -97,8 +97,8 @@ TASKS = {
 }
 OURS = {
     "pqn": ("recipe=pqn",),
-    "dqn": (),
-    "dqn_real": ("generator=none", "synthetic_fraction=0"),
+    "dqn": ("recipe=quick",),
+    "dqn_real": ("recipe=quick", "generator=none", "synthetic_fraction=0"),
 }
 OTHERS = ("sb3_ppo", "sb3_dqn")
 

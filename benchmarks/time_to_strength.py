@@ -11,8 +11,8 @@ of two looks in a row at or above it; it is held if all later looks are. Methods
 `dqn` (`recipe=quick`, 20 % generated transitions), `dqn_real` (none), and of Stable-Baselines3, if
 it is installed (pip install stable-baselines3 sb3-contrib), `sb3_ppo` (with action masks) and
 `sb3_dqn` (without: it has none) on the same Gymnasium id, with its own reward; ours learn from the
-shaped one. Runs that are finished are not repeated. Writes <out>/looks.csv, prints two tables as Markdown (levels,
-and strength at equal processor time and equal frames) and draws all looks.
+shaped one. Runs that are finished are not repeated. Writes <out>/looks.csv, prints two tables as
+Markdown (levels, and strength at equal processor time and equal frames) and draws all looks.
 """
 
 from __future__ import annotations

@@ -22,7 +22,10 @@ PPO = "sb3_ppo"
 
 
 class Player:
-    """A model as an agent of the league. Boards are flat vectors to it, frames are not."""
+    """A model as an agent of the league. Boards are flat vectors to it, frames are not.
+
+    No `ForeignAgent`: that forfeits at an illegal action, and DQN without masks plays them.
+    """
 
     def __init__(self, model: Any, name: str, representation: str) -> None:
         self.model, self.name, self.representation = model, name, representation
@@ -51,6 +54,7 @@ def are_frames(representation: str) -> bool:
 def train_others(
     method: str,
     environment: str,
+    shown: str,
     settings: Sequence[dict[str, Any]],
     seed: int,
     look: Callable[[Any, float, int], bool],
@@ -59,28 +63,29 @@ def train_others(
     """Train at the library's own settings until `look` (agent, seconds, frames) is False; it is
     called when `every` seconds of processor time are over.
 
-    environment: Gymnasium id. settings: of environments, which take them in turn.
+    environment: Gymnasium id. shown: representation. settings: of environments, which take them
+    in turn.
     """
     torch.set_num_threads(1)
-    shown = settings[0].get("representation", "planes")
 
     class Looks(BaseCallback):
         def _on_training_start(self) -> None:
             look(Player(self.model, method, shown), 0.0, 0)
             self.clock = Clock(every)
-            self.clock.__enter__()
+            self.clock.start()
 
         def _on_step(self) -> bool:
-            self.clock.__exit__()
+            self.clock.stop()
             goes_on = True
             if self.clock.is_due():
                 player = Player(self.model, method, shown)
                 goes_on = look(player, self.clock.seconds, self.num_timesteps)
-            self.clock.__enter__()
+            self.clock.start()
             return goes_on
 
     def make_env(number: int) -> Any:
-        env = gymnasium.make(environment, **settings[number % len(settings)])
+        chosen = settings[number % len(settings)]
+        env = gymnasium.make(environment, representation=shown, **chosen)
         return env if are_frames(shown) else FlattenObservation(env)
 
     env = DummyVecEnv([partial(make_env, number) for number in range(NUM_ENVS)])

@@ -17,15 +17,15 @@ def best_seconds(
 
 
 class Clock:
-    """Processor seconds of this process inside `with`, and whether `every` seconds are over."""
+    """Processor seconds between `start` and `stop`, and whether `every` seconds are over."""
 
     def __init__(self, every: float) -> None:
         self.every, self.seconds, self._looked, self._begun = every, 0.0, 0, 0.0
 
-    def __enter__(self) -> None:
+    def start(self) -> None:
         self._begun = time.process_time()
 
-    def __exit__(self, *error: object) -> None:
+    def stop(self) -> None:
         self.seconds += time.process_time() - self._begun
 
     def is_due(self) -> bool:

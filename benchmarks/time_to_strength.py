@@ -57,13 +57,13 @@ class Task:
     bots: tuple[str, ...] = ()  # the measure is the lowest score against them, or
     number: str = ""  # the median of a number of the game (`Game.info`) at the end of games
     options: tuple[str, ...] = ()  # of all our runs
-    settings: dict[str, Any] = field(default_factory=dict)  # of others' environments
-    fresh: dict[str, Any] = field(default_factory=dict)  # scenario of looks
+    representation: str = "planes"
+    changes: dict[str, Any] = field(
+        default_factory=dict
+    )  # of the scenario: in looks, and of others
 
 
 RANDOM = "opponent=random"
-HARD_BOTS = "opponent=hard_bots"
-LINE_WARS_BOTS = "opponent=deep_line_wars_bots"
 LINE_WARS = "deep_line_wars", "10x15"
 RTS = "deep_rts", "1v1-15x15"
 LONG_GAMES = "learner.gamma=0.997", "collector.stagger_steps=1000"
@@ -71,10 +71,13 @@ SIX_BOTS = "mixed", "rusher", "economist", "archers", "boomer", "turtle"
 TASKS = {
     "deep_line_wars": Task(*LINE_WARS, (0.95, 0.99), ("random",), options=(RANDOM,)),
     "deep_line_wars_bots": Task(
-        *LINE_WARS, (0.8,), ("counter", "economist", "turtle"), options=(LINE_WARS_BOTS,)
+        *LINE_WARS,
+        (0.8,),
+        ("counter", "economist", "turtle"),
+        options=("opponent=deep_line_wars_bots",),
     ),
     "deep_rts": Task(*RTS, (0.98,), ("random",), options=(RANDOM, *LONG_GAMES)),
-    "deep_rts_bots": Task(*RTS, (0.5,), SIX_BOTS, options=(HARD_BOTS, *LONG_GAMES)),
+    "deep_rts_bots": Task(*RTS, (0.5,), SIX_BOTS, options=("opponent=hard_bots", *LONG_GAMES)),
     "deep_maze": Task(
         "deep_maze",
         "9x9-stochastic",
@@ -88,11 +91,11 @@ TASKS = {
         (100.0,),
         number="pipes_passed",
         options=(
-            *("game.representation=gray_stack", "game.reward=alive", "learner.gamma=0.946"),
-            *("game.options={max_ticks: 1000, ticks_per_step: 2}", "policy.frame_differences=true"),
+            *("game.reward=alive", "learner.gamma=0.946", "policy.frame_differences=true"),
+            "game.options={max_ticks: 1000, ticks_per_step: 2}",
         ),
-        settings={"representation": "gray_stack", "ticks_per_step": 2},
-        fresh={"ticks_per_step": 2},
+        representation="gray_stack",
+        changes={"ticks_per_step": 2},
     ),
 }
 OURS = {
@@ -119,7 +122,7 @@ class Look(NamedTuple):
 def measure(agent: Any, task: Task, games: int, look: int) -> float:
     """The task's measure of `agent` in games that no other look has."""
     game = GAMES[task.game]
-    scenario = game.scenario(task.scenario, **task.fresh)
+    scenario = game.scenario(task.scenario, **task.changes)
     seed = FRESH_SEED + look * games
     if task.bots:
         bots = (game.bot(name, scenario) for name in task.bots)
@@ -146,8 +149,9 @@ def train_ours(
     clock = Clock(every)
     goes_on = look(run.rated, 0.0, 0, float("nan"))
     while goes_on:
-        with clock:
-            next(steps)
+        clock.start()
+        next(steps)
+        clock.stop()
         if clock.is_due():
             row = run.statistics.report(run.book.name, run.spec.action_group_names)
             excess = row.get("q/overestimation", float("nan"))
@@ -171,11 +175,13 @@ def run_one(case: dict[str, Any]) -> None:
         from benchmarks._stable_baselines import train_others
 
         name = gymnasium_id(GAMES[task.game].gymnasium_prefix, task.scenario)
-        settings = [{"opponent": bot, **task.settings} for bot in task.bots] or [task.settings]
-        train_others(case["method"], name, settings, case["seed"], look, case["every"])
+        settings = [{"opponent": bot, **task.changes} for bot in task.bots] or [task.changes]
+        what = case["method"], name, task.representation, settings
+        train_others(*what, case["seed"], look, case["every"])
     else:
         words = [f"game={task.game}", f"scenario={task.scenario}", f"policy={case['network']}"]
-        words += [f"seed={case['seed']}", *OURS[case["method"]], *task.options, *case["words"]]
+        words += [f"representation={task.representation}", f"seed={case['seed']}"]
+        words += [*OURS[case["method"]], *task.options, *case["words"]]
         folder = str(path.with_suffix(""))
         train_ours(words, look, case["every"], folder)
     write_atomically(path, _write_csv(looks))

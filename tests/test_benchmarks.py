@@ -77,9 +77,10 @@ def test_the_time_to_strength_is_measured_once_and_drawn(tmp_path):
     assert tables[0] == tables[1]
     assert picture.read_bytes().startswith(b"\x89PNG")
     rows = read_rows(tmp_path / "looks.csv")
-    seconds = [float(row["seconds"]) for row in rows]
-    assert seconds == sorted(seconds)
-    assert seconds[-1] >= 0.2
+    # No bound of speed: the look that comes after --seconds is the last.
+    *before, last = [float(row["seconds"]) for row in rows]
+    assert before[0] == 0.0
+    assert max(before) < 0.2 <= last
     lines = tables[0].splitlines()
     assert sum(line.startswith("| deep_line_wars") for line in lines) == 2  # a row for each level
 

@@ -125,7 +125,7 @@ class BatchedGameEnv(EnvBase):
     resets. A seat that is out while others continue is terminated and done in the group from that
     step on: it can only play the no-op, and its later observations must not be learned from.
     `rand_action`, and a collector without a policy, draw legal actions (`LegalActions`). The engine
-    writes into the returned tensors: nothing is copied, and steps share no memory.
+    writes into returned tensors, later steps do not; "next" and the next root may share them.
     """
 
     def __init__(

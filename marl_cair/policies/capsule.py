@@ -31,8 +31,8 @@ class CapsuleBody(Body):
     """
 
     DEFAULT_HIDDEN_WIDTH: ClassVar[int] = 128
-    READS_CHANNELS_LAST: ClassVar[bool] = True
     DEFAULT_ACTION_EMBEDDING: ClassVar[int] = 32
+    READS_CHANNELS_LAST: ClassVar[bool] = True
 
     def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:
         super().__init__(observation_shape, config)

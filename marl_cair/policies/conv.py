@@ -43,8 +43,8 @@ class ConvBody(Body):
     """
 
     DEFAULT_HIDDEN_WIDTH: ClassVar[int] = 256
-    READS_CHANNELS_LAST: ClassVar[bool] = True
     DEFAULT_ACTION_EMBEDDING: ClassVar[int] = 0
+    READS_CHANNELS_LAST: ClassVar[bool] = True
 
     def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:
         super().__init__(observation_shape, config)

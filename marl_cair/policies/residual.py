@@ -1,7 +1,7 @@
 """The `residual` body: stages of residual blocks, then one dense layer."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -26,6 +26,8 @@ class ResidualBody(Body):
     relu(x)))). The first stage of boards up to 20 x 20 does not pool: one cell may decide a game.
     Further stages bound the dense layer for any input size.
     """
+
+    READS_CHANNELS_LAST: ClassVar[bool] = True
 
     def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:
         super().__init__(observation_shape, config)

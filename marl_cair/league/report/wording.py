@@ -85,7 +85,7 @@ def _list_close_pairs(table: LeagueTable) -> str:
     if not close:
         return "All agents differ significantly."
     more = len(close) - SHOWN_PAIRS
-    rest = f"; and {more} more pairs" if more > 0 else ""
+    rest = f"; and {more} more pair{'s' if more > 1 else ''}" if more > 0 else ""
     return f"Pairs without a significant difference: {'; '.join(close[:SHOWN_PAIRS])}{rest}."
 
 

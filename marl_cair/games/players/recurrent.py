@@ -49,10 +49,10 @@ def call_agent(
 
     Raises ValueError for a returned state that is not finite, or of another shape.
     """
-    size, act = find_state_size(agent), act or agent.act
-    if not size:
+    act = act or agent.act
+    if not getattr(agent, "state_size", 0):
         return np.asarray(act(observation, action_mask))
-    held = states[..., :size]
+    held = states[..., : (size := find_state_size(agent))]
     actions, state = act(observation, action_mask, held[places])
     held[places] = check_state(state, (len(action_mask), size))
     return np.asarray(actions)

@@ -206,11 +206,12 @@ def play(
                     act = partial(agent.act_as, members[entry][place][acts])
                 chosen = call_agent(agent, recurrent, at, *rows, act)
                 states[place] = agent.state_dict()
-                if (given_up := (chosen.reshape(len(chosen), -1) == FORFEIT).any(1)).any():
+                if (gave_up := chosen == FORFEIT).any():
+                    given_up = gave_up.reshape(len(chosen), -1).any(1)
                     reason = f"{agent.name} {getattr(agent, 'failure', 'gave up')}"
                     lost = np.stack(at, 1)[given_up].tolist()
                     forfeits |= dict.fromkeys(map(tuple, lost), reason)
-                    chosen = np.where(chosen == FORFEIT, engine.spec.noop_action, chosen)
+                    chosen = np.where(gave_up, engine.spec.noop_action, chosen)
                 actions[at] = chosen
         stopped[[world for world, _ in forfeits]] = True
         engine.step(actions)

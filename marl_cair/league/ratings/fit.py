@@ -79,12 +79,12 @@ def check_fit(num_agents: int, games: Games, seed: int = 0) -> FitTest | None:
     point = model.fit(pairs.scores @ model.cell_of_row)
     found = model.judge(pairs.scores[None], point[None], point)
     rng = np.random.default_rng(seed)
-    strength = point[games.agents] + point[num_agents:]
+    scale = np.exp(-point[games.agents] - point[num_agents:]).astype(np.float32)
     parts = []
-    for part in split_work(NUM_SIMULATIONS, strength.size, 2 * MAX_NUMBERS):
+    for part in split_work(NUM_SIMULATIONS, scale.size, 2 * MAX_NUMBERS):
         # The first in a race of exponential times is Plackett-Luce's choice.
-        shape = part.stop - part.start, *strength.shape
-        times = rng.standard_exponential(shape) * np.exp(-strength)
+        shape = part.stop - part.start, *scale.shape
+        times = rng.standard_exponential(shape, np.float32) * scale
         own, other = (times[:, pairs.games, pairs.teams[:, side]] for side in (0, 1))
         scores = (own < other).astype(np.float64)
         points = model.refit(scores @ model.cell_of_row, point)
@@ -112,8 +112,10 @@ def _count_free(num_agents: int, pairs: PairGames) -> int:
 
 def _group(*keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], csr_array]:
     """The different rows of keys [N, ...], sorted, and which of them each row is, [N, rows]."""
-    unique, place = np.unique(np.column_stack(keys), axis=0, return_inverse=True)
-    return unique, indicate(np.arange(place.size), place.ravel(), (place.size, len(unique)))
+    rows = np.column_stack(keys)
+    codes = np.ravel_multi_index(tuple(rows.T), tuple(rows.max(0) + 1))
+    _, first, place = np.unique(codes, return_index=True, return_inverse=True)
+    return rows[first], indicate(np.arange(place.size), place, (place.size, first.size))
 
 
 class _PairModel:

@@ -54,7 +54,7 @@ class Task:
     game: str
     scenario: str
     levels: tuple[float, ...]
-    bots: tuple[str, ...] = ()  # the measure is the lowest score against them, or
+    bots: tuple[str, ...] = ()  # the score is the lowest against one of them, or
     number: str = ""  # the median of a number of the game (`Game.info`) at the end of games
     options: tuple[str, ...] = ()  # of all our runs
     representation: str = "planes"
@@ -115,22 +115,26 @@ class Look(NamedTuple):
     seed: int
     seconds: float  # of processor time in training
     frames: int  # environment steps
-    score: float
+    score: float  # against the hardest of the task's bots, or the task's number
+    mean: float  # over the task's bots
     overestimation: float = float("nan")  # of the games since the last look, as the log has it
 
 
-def measure(agent: Any, task: Task, games: int, look: int) -> float:
-    """The task's measure of `agent` in games that no other look has."""
+def measure(agent: Any, task: Task, games: int, look: int) -> tuple[float, float]:
+    """The score and the mean of `agent` in games that no other look has."""
     game = GAMES[task.game]
     scenario = game.scenario(task.scenario, **task.changes)
     seed = FRESH_SEED + look * games
     if task.bots:
         bots = (game.bot(name, scenario) for name in task.bots)
-        return min(play_match(agent, bot, game, scenario, games, seed).score for bot in bots)
+        scores = [play_match(agent, bot, game, scenario, games, seed).score for bot in bots]
+        return min(scores), float(np.mean(scores))
     result = play_alone(agent, game, scenario, games, seed)
     if task.number == "reached_goal":
-        return result.ended / result.games
-    return float(np.median(result.numbers[task.number]))
+        number = result.ended / result.games
+    else:
+        number = float(np.median(result.numbers[task.number]))
+    return number, number
 
 
 def train_ours(
@@ -165,9 +169,9 @@ def run_one(case: dict[str, Any]) -> None:
     looks: list[Look] = []
 
     def look(agent: Any, seconds: float, frames: int, overestimation: float = float("nan")) -> bool:
-        score = measure(agent, task, case["games"], len(looks))
+        scores = measure(agent, task, case["games"], len(looks))
         names = (case["task"], case["method"], case["network"], case["seed"])
-        looks.append(Look(*names, round(seconds, 2), frames, score, overestimation))
+        looks.append(Look(*names, round(seconds, 2), frames, *scores, overestimation))
         print(*looks[-1], flush=True)
         return bool(seconds < case["seconds"])
 
@@ -197,9 +201,9 @@ def read_looks(path: Path) -> Iterator[Look]:
     """The looks that `run_one` wrote."""
     with path.open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
-            numbers = float(row["seconds"]), int(row["frames"]), float(row["score"])
             names = row["task"], row["method"], row["network"], int(row["seed"])
-            yield Look(*names, *numbers, float(row.get("overestimation", "nan")))
+            numbers = (float(row[name]) for name in ("score", "mean", "overestimation"))
+            yield Look(*names, float(row["seconds"]), int(row["frames"]), *numbers)
 
 
 def find_reached(looks: list[Look], level: float) -> Look | None:
@@ -228,8 +232,8 @@ def print_table(runs: list[list[Look]]) -> None:
 def compare(runs: list[list[Look]]) -> None:
     """Strength of each method and network over its seeds: one row for each task, and for all.
 
-    A run's strength is its mean score over the last third of its time, as a share of the task's
-    highest level, at most 1: of processor time, and of the frames that the slowest run of the task
+    A run's strength is its mean points over the last third of its time, as a share of the task's
+    highest level, at most 1 (against several bots: the mean over them): of processor time, and of the frames that the slowest run of the task
     has, at 20 even places between looks. Interquartile means over runs (of less than four: means)
     with 95 % intervals of the stratified bootstrap.
     """
@@ -254,11 +258,11 @@ def compare(runs: list[list[Look]]) -> None:
 def _summarise(runs: list[list[Look]], frames: int, level: float) -> Iterator[NDArray[np.float64]]:
     """Strength at equal time, at equal frames, and overestimation at equal time, float64 [runs]."""
     last = [[one for one in looks if one.seconds > looks[-1].seconds * 2 / 3] for looks in runs]
-    means = [np.mean([one.score for one in looks]) for looks in last]
+    means = [np.mean([one.mean for one in looks]) for looks in last]
     yield np.minimum(1.0, np.array(means) / level)
     places = np.linspace(frames * 2 / 3, frames, 20)
     means = [
-        np.mean(np.interp(places, [one.frames for one in looks], [one.score for one in looks]))
+        np.mean(np.interp(places, [one.frames for one in looks], [one.mean for one in looks]))
         for looks in runs
     ]
     yield np.minimum(1.0, np.array(means) / level)

@@ -88,7 +88,7 @@ def test_the_time_to_strength_is_measured_once_and_drawn(tmp_path):
 def test_a_level_counts_when_two_looks_in_a_row_reach_it():
     scores = [0.96, 0.5, 0.97, 0.95, 0.2]
     looks = [
-        Look("deep_line_wars", "pqn", "conv", 0, 10.0 * n, 100 * n, score)
+        Look("deep_line_wars", "pqn", "conv", 0, 10.0 * n, 100 * n, score, score)
         for n, score in enumerate(scores, start=1)
     ]
     assert find_reached(looks, 0.95) == looks[2]
@@ -101,7 +101,7 @@ def test_runs_are_compared_at_equal_time_and_equal_frames(capsys):
         about = ("deep_line_wars", method, "conv")
         return [
             [
-                Look(*about, seed, t, int(t * frames), score, 0.5)
+                Look(*about, seed, t, int(t * frames), score, score, 0.5)
                 for t, score in zip(times, scores, strict=True)
             ]
             for seed in range(4)

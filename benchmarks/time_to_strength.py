@@ -234,7 +234,8 @@ def compare(runs: list[list[Look]]) -> None:
 
     A run's strength is its mean points over the last third of its time, as a share of the task's
     highest level, at most 1 (against several bots: the mean over them): of processor time, and of
-    the frames that the slowest run of the task has, at 20 even places between looks. Interquartile means over runs (of less than four: means)
+    the frames that the slowest run of the task has, at 20 even places between looks.
+    Interquartile means over runs (of less than four: means)
     with 95 % intervals of the stratified bootstrap.
     """
     kinds = list(dict.fromkeys((one[0].method, one[0].network) for one in runs))

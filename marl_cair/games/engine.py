@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
@@ -26,6 +27,10 @@ class Outcome(NamedTuple):
     truncated: NDArray[np.bool_]  # [B]
     winner: NDArray[np.int8]  # [B] seat, or NO_WINNER
     eliminated: NDArray[np.bool_]  # [B, P] seats that are out, while others may play on
+
+
+class NoSnapshotError(RuntimeError):
+    """The game's state cannot be copied or saved; names what was asked for."""
 
 
 class Snapshot(NamedTuple):
@@ -84,10 +89,12 @@ class BatchedEngine:
         self._has_started = False
         self._kernels: dict[tuple[Callable[..., None], str], Callable[..., None]] = {}
         self._in_place: dict[str, tuple[tuple[Any, ...], NDArray[Any]]] = {}
+        if not game.has_snapshots:
+            weakref.finalize(self, self._rules.close)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy, here or in another process, has rules, threads and machine code of its own."""
-        held = self.snapshot() if self._has_started else None
+        held = self.snapshot() if self._has_started and self.game.has_snapshots else None
         return _copy_engine, (self.game, self.scenario, self.num_worlds, self.num_threads, held)
 
     @cached_property
@@ -212,7 +219,11 @@ class BatchedEngine:
         return find_by_name(kind, name, self.spec.representations)
 
     def snapshot(self, worlds: NDArray[np.int64] | list[int] | None = None) -> Snapshot:
-        """An exact copy of the given worlds (default all): for search, branching, checkpoints."""
+        """An exact copy of the given worlds (default all): for search, branching, checkpoints.
+
+        Raises NoSnapshotError if the game has none (`Game.has_snapshots`).
+        """
+        self._require_snapshots("a snapshot was asked for")
         rows = self._check_worlds(worlds)
         return Snapshot(
             self.scenario,
@@ -226,10 +237,12 @@ class BatchedEngine:
         """Put a snapshot's worlds into the given slots (default all).
 
         Raises:
+            NoSnapshotError: the game has none (`Game.has_snapshots`).
             ValueError: the snapshot is of another scenario, or of another number of worlds, or
                 the engine begins with it and it is not for all worlds; or it holds what no game of
                 the scenario can hold (names field, world, value and range).
         """
+        self._require_snapshots("a snapshot was to be restored")
         rows = self._check_worlds(worlds)
         if not self._has_started:
             checks.check_start(self.game.name, len(set(rows.tolist())), self.num_worlds)
@@ -250,7 +263,8 @@ class BatchedEngine:
         self._has_started = True
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """All worlds as plain arrays by name (copies)."""
+        """All worlds as plain arrays by name (copies). Raises NoSnapshotError as `snapshot`."""
+        self._require_snapshots("a state was to be saved")
         state = {f"world.{name}": value.copy() for name, value in self._worlds._asdict().items()}
         reported = self._outcome._asdict().items()
         return state | {f"outcome.{name}": value.copy() for name, value in reported}
@@ -269,6 +283,20 @@ class BatchedEngine:
         arrays = [np.asarray(state[name]) for name in names]
         world, outcome = tuple(arrays[:count]), Outcome._make(arrays[count:])
         self.restore(Snapshot(self.scenario, world, outcome))
+
+    def _require_snapshots(self, what: str) -> None:
+        if not self.game.has_snapshots:
+            raise NoSnapshotError(
+                f"{self.game.name}: {what}, but its games run outside of this process and cannot be "
+                "copied or saved: reset and play again with the same seeds and actions"
+            )
+
+    def close(self) -> None:
+        """Free what the game holds outside of this process, as browsers; others hold nothing. A
+        later reset may begin again.
+        """
+        if not self.game.has_snapshots:
+            self._rules.close()
 
     def public_state(self, world: int) -> NDArray[np.float32]:
         """All state of one world as a flat float32 vector [S], the same for all seats, but for what

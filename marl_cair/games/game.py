@@ -200,6 +200,9 @@ class Game:
     state_limits: Callable[[Any], StateLimits] | None = None
     # Older versions whose agents can play: observations and actions still mean the same.
     agents_of: tuple[str, ...] = ()
+    # False: the game runs outside of the arrays (in a browser, on a server), so that its state can
+    # be neither copied nor saved. Engines then have few worlds, and the rules a method `close`.
+    has_snapshots: bool = True
 
     def __post_init__(self) -> None:
         if RANDOM not in self.bots:

@@ -170,7 +170,8 @@ class GameParallelEnv(ParallelEnv[str, Any, Any]):
         return self.engine.render(0) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Free what the game holds, see `BatchedEngine.close`."""
+        self.engine.close()
 
     def _read_action(self, agent: str, seat: int, action: Any) -> int | NDArray[np.int64]:
         """An agent's action as the engine takes it."""

@@ -31,6 +31,7 @@ def list_parts(games: Sequence[str]) -> list[Part]:
         UnknownNameError: no such game; names the nearest.
         GameLoadError: a game of an installed package that fails.
     """
+    games = [name for name in games if GAMES[name].has_snapshots]  # others have no rules here
     uses: dict[str, list[str]] = {use: list(games) for use in _USES}
     for name in games:
         for use in GAMES.apply(name, list_representations):

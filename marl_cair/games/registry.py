@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from marl_cair.games.game import Game
 
 ENTRY_POINTS = "marl_cair.games"  # the group in which a package lists its games
-_OWN = ("deep_line_wars", "deep_rts", "deep_maze", "flappy_bird")
+_OWN = ("deep_line_wars", "deep_rts", "deep_maze", "flappy_bird", "flash")
 _NAME = re.compile(r"[A-Za-z0-9][\w.-]*")  # a part of a Gymnasium id
 _NAME_RULE = "it must start with a letter or digit and contain only letters, digits, _, - and ."
 

@@ -329,18 +329,21 @@ class BatchedGameEnv(EnvBase):
         return TensorDict._new_unsafe(packed, batch_size=batch_size, device=self.device)
 
     def game_state(self) -> dict[str, Any]:
-        """All worlds and the seeding as plain arrays.
+        """All worlds and the seeding as plain arrays; without the worlds of a game that has no
+        snapshots.
 
         Not named `state_dict`: TorchRL's collectors call that for another purpose.
         """
+        engine = self.engine.state_dict() if self.engine.game.has_snapshots else None
         return {
-            "engine": self.engine.state_dict(),
+            "engine": engine,
             "seeds": self.seeds.state_dict(),
             "last": {name: value.copy() for name, value in self.last._asdict().items()},
         }
 
     def load_game_state(self, state: dict[str, Any]) -> None:
-        """Continue from `game_state` of an environment with the same settings.
+        """Continue from `game_state` of an environment with the same settings; a game without
+        snapshots begins new games.
 
         Raises:
             ValueError: an array has another shape or type, or a value that no game has; nothing has
@@ -354,9 +357,13 @@ class BatchedGameEnv(EnvBase):
         check_outcome(game, last, self.engine.num_players)
         check_range(game, "episodes", counts, Range(0, MOST_EPISODES))
         seed = check_seed(game, state["seeds"]["seed"])
-        self.engine.load_state_dict(state["engine"])
+        if self.engine.game.has_snapshots:
+            self.engine.load_state_dict(state["engine"])
         self.seeds.load_state_dict({"seed": seed, "episodes": counts})
         self.last = last
+        if not self.engine.game.has_snapshots:
+            everywhere = np.ones(self.engine.num_worlds, np.bool_)
+            self.engine.reset(self.seeds.next(everywhere))
 
 
 def _carry(

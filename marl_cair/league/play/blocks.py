@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.play import playing
-from marl_cair.league.play.playing import CHUNKS_AT_ONCE, Chunk, Places, Seating
+from marl_cair.league.play.playing import Chunk, Places, Seating
 from marl_cair.league.store.records import PlayedGame
 
 GAMES_PER_CHUNK = 8  # at least, in whole blocks
@@ -102,8 +102,9 @@ def play_blocks(
     teams = game.make_spec(scenario).team_of_seat
     map_seed = seed if map_seed is None else map_seed
     played: list[PlayedGame] = []
-    for start in range(0, len(chunks), CHUNKS_AT_ONCE):
-        numbers = chunks[start : start + CHUNKS_AT_ONCE]
+    at_once = playing.count_chunks(game)
+    for start in range(0, len(chunks), at_once):
+        numbers = chunks[start : start + at_once]
         part = [make_chunk(number, design, blocks_per_chunk, teams) for number in numbers]
         engine = playing.start_engine(game, scenario, map_seed, part)
         ended = playing.play_out(engine, part, seatings, seed)

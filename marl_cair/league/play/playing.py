@@ -105,6 +105,11 @@ def start_engine(
     return engine
 
 
+def count_chunks(game: Game) -> int:
+    """Chunks that one engine plays at once: the games do not depend on it."""
+    return CHUNKS_AT_ONCE if game.has_snapshots else 1
+
+
 def play_out(
     engine: BatchedEngine,
     chunks: Sequence[Chunk],

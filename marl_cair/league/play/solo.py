@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.play import playing
-from marl_cair.league.play.playing import CHUNKS_AT_ONCE, Chunk, Places, Seating
+from marl_cair.league.play.playing import Chunk, Places, Seating
 from marl_cair.league.ratings.intervals import mean_interval
 
 GAMES_PER_CHUNK = 8
@@ -99,10 +99,11 @@ def play_alone(
     seatings = (Seating(agent, (identity or agent.name,)),)
     numbers = range(-(-num_games // GAMES_PER_CHUNK))
     results: list[SoloGame] = []
-    for start in numbers[::CHUNKS_AT_ONCE]:
+    at_once = playing.count_chunks(game)
+    for start in numbers[::at_once]:
         part = [
             _make_chunk(number, spec.num_players)
-            for number in numbers[start : start + CHUNKS_AT_ONCE]
+            for number in numbers[start : start + at_once]
         ]
         engine = playing.start_engine(game, scenario, seed, part)
         ended = playing.play_out(engine, part, seatings, seed)

@@ -1,0 +1,49 @@
+"""Recognises the end of games that report nothing: by a picture of a region, or by the scene."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from marl_cair.games.flash.description import Description, DescriptionError, Ending
+from marl_cair.games.flash.scenes import SceneClassifier
+
+
+class EndReader:
+    """Whether a picture uint8 [H, W, 3] of a SWF shows the end of a game."""
+
+    def __init__(self, described: Description) -> None:
+        self._ending = described.done if isinstance(described.done, Ending) else Ending()
+
+    def is_over(self, picture: NDArray[np.uint8]) -> bool:
+        """Raises DescriptionError if the description's picture does not fit its region."""
+        if self._ending.scenes is not None:
+            return self._classifier.find_scene(picture) in self._ending.names
+        x, y, width, height = self._ending.region or (0, 0, *picture.shape[1::-1])
+        seen = picture[y : y + height, x : x + width].astype(np.int16)
+        if self._expected.shape != seen.shape:
+            raise DescriptionError(
+                f"{self._ending.picture} has {self._expected.shape[1::-1]} pixels, the region "
+                f"{seen.shape[1::-1]}: give a picture of the region"
+            )
+        return bool(np.abs(seen - self._expected).mean() / 255.0 <= self._ending.within)
+
+    @cached_property
+    def _expected(self) -> NDArray[np.int16]:
+        return read_picture(self._ending.picture or Path()).astype(np.int16)
+
+    @cached_property
+    def _classifier(self) -> SceneClassifier:
+        return SceneClassifier.load(self._ending.scenes or Path())
+
+
+def read_picture(path: Path) -> NDArray[np.uint8]:
+    """A PNG as uint8 [H, W, 3]. Raises DescriptionError if it is none."""
+    try:
+        return np.asarray(Image.open(path).convert("RGB"))
+    except OSError as error:
+        raise DescriptionError(f"{path} is no picture: {error}") from None

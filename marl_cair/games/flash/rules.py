@@ -1,0 +1,316 @@
+"""Steps of Flash games: keys to the browsers, their pictures and numbers back into the arrays."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.flash import state as s
+from marl_cair.games.flash.description import (
+    Description,
+    Region,
+    check_digest,
+    find_description,
+    find_value,
+)
+from marl_cair.games.flash.ending import EndReader
+from marl_cair.games.flash.scenarios import Scenario
+from marl_cair.games.flash.server import FlashError, FlashServer, key_event, mouse_event
+from marl_cair.games.game import NO_WINNER
+
+SMALL = s.SIDE, s.SIDE
+ALIVE = 0.1  # of a step, in the reward `alive`
+MAX_REFUSALS = 3  # loads of a SWF that may fail one after another
+_LUMA = np.array((299, 587, 114), np.uint32)
+
+logger = logging.getLogger(__name__)
+
+
+class Action(NamedTuple):
+    """Keys to hold, or a place to click."""
+
+    name: str
+    keys: tuple[int, ...] = ()  # of the player's
+    place: tuple[int, int] | None = None
+
+
+def list_actions(described: Description, kind: str) -> tuple[Action, ...]:
+    """No key, each key and all pairs; or no click and a click in each place of the grid."""
+    nothing = Action("noop")
+    if kind == "keys":
+        names = described.keys[0]
+        chosen = [pair for size in (1, 2) for pair in combinations(range(len(names)), size)]
+        return nothing, *(Action("+".join(names[k] for k in keys), keys) for keys in chosen)
+    columns, rows = described.mouse_grid
+    width, height = described.size
+    return nothing, *(
+        Action(
+            f"click {column} {row}",
+            place=((2 * column + 1) * width // (2 * columns), (2 * row + 1) * height // (2 * rows)),
+        )
+        for row in range(rows)
+        for column in range(columns)
+    )
+
+
+class Browsers:
+    """The browsers of an engine, one for each world, each started when its first game begins."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario, self.described = scenario, find_description(scenario.description)
+        self.actions = list_actions(self.described, scenario.actions)
+        self.ending = EndReader(self.described)
+        self.picture = self.described.size if self.described.reads_pixels else SMALL
+        self._servers: dict[int, FlashServer] = {}
+        self._pool: ThreadPoolExecutor | None = None
+
+    def run(self, play: Callable[[int], None], rows: Sequence[int]) -> None:
+        """`play` each row, all at the same time."""
+        if len(rows) <= 1:
+            for row in rows:
+                play(row)
+            return
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(32, "flash")
+        for _ in self._pool.map(play, rows):
+            pass
+
+    def server(self, slot: int) -> FlashServer:
+        if slot not in self._servers:
+            check_digest(self.described)
+            self._servers[slot] = FlashServer(
+                self.described.swf,
+                self.described.size,
+                self.described.fps,
+                mode="lockstep",
+                transport=self.scenario.transport,
+            )
+        return self._servers[slot]
+
+    def drop(self, slot: int) -> None:
+        """Close a browser that has failed: the next game starts another one."""
+        if slot in self._servers:
+            self._servers.pop(slot).close()
+
+    def close(self) -> None:
+        """Close all browsers; a later game starts new ones."""
+        for slot in list(self._servers):
+            self.drop(slot)
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+
+# --- kernels, as `games.game.Game` describes them ------------------------------------------------
+
+
+def reset(
+    worlds: s.World, browsers: Browsers, seeds: Any, mask: Any, first: int, last: int
+) -> None:
+    """Load the SWF again in the browsers of the masked worlds, and start its game."""
+
+    def begin(row: int) -> None:
+        slot = int(worlds.slot[row])
+        for attempt in range(1, MAX_REFUSALS + 1):
+            try:
+                shown = _start(browsers, slot, int(seeds[row]))
+                break
+            except FlashError as error:
+                browsers.drop(slot)
+                if attempt == MAX_REFUSALS:
+                    raise
+                logger.warning("flash: %s; a new browser is started", error)
+        for field in (worlds.tick, worlds.phase, worlds.score, worlds.held, worlds.illegal):
+            field[row] = 0
+        _read(worlds, browsers, row, shown)
+        worlds.film[row] = worlds.film[row, -1]
+
+    browsers.run(begin, [row for row in range(first, last) if mask[row]])
+
+
+def _start(browsers: Browsers, slot: int, seed: int) -> NDArray[np.uint8]:
+    """The first picture of a game."""
+    server = browsers.server(slot)
+    server.reset(seed)
+    for item in browsers.described.start:
+        if isinstance(item, int):
+            server.step(item, picture=None)
+        elif isinstance(item, str):
+            server.step(1, [key_event(item, True)], picture=None)
+            server.step(1, [key_event(item, False)], picture=None)
+        else:
+            server.step(1, [mouse_event("down", item)], picture=None)
+            server.step(1, [mouse_event("up", item)], picture=None)
+    return _shown(server.step(1, picture=browsers.picture))
+
+
+def _shown(picture: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
+    if picture is None:
+        raise FlashError("the page sent no picture")
+    return picture
+
+
+def step(
+    worlds: s.World, browsers: Browsers, actions: Any, outcome: Any, first: int, last: int
+) -> None:
+    """Advance the running worlds; a browser that fails ends its game as truncated."""
+
+    def advance(row: int) -> None:
+        slot, before = int(worlds.slot[row]), worlds.score[row].copy()
+        try:
+            picture = _play(worlds, browsers, row, actions[row])
+            is_done, winner = _read(worlds, browsers, row, picture)
+        except FlashError as error:
+            logger.warning("flash: %s; this game ends as truncated", error)
+            browsers.drop(slot)
+            worlds.phase[row] = s.TRUNCATED
+        else:
+            worlds.tick[row] += browsers.scenario.ticks_per_step
+            if is_done:
+                worlds.phase[row] = s.TERMINATED
+            elif worlds.tick[row] >= browsers.scenario.max_ticks:
+                worlds.phase[row] = s.TRUNCATED
+            gained = worlds.score[row] - before
+            outcome.rewards[row] = _pay(browsers, gained, is_done, winner)
+            outcome.winner[row] = winner if is_done else NO_WINNER
+        outcome.terminated[row] = worlds.phase[row] == s.TERMINATED
+        outcome.truncated[row] = worlds.phase[row] == s.TRUNCATED
+
+    running = worlds.phase[first:last] == s.RUNNING
+    outcome.rewards[first:last] = 0.0
+    browsers.run(advance, (first + np.flatnonzero(running)).tolist())
+
+
+def _play(
+    worlds: s.World, browsers: Browsers, row: int, actions: Iterable[int]
+) -> NDArray[np.uint8]:
+    """Hold keys or click, run the frames of a step; returns the last one's picture."""
+    events, described = [], browsers.described
+    for player, number in enumerate(actions):
+        action = browsers.actions[number]
+        for key, name in enumerate(described.keys[player]):
+            is_down = key in action.keys
+            if is_down != worlds.held[row, player, key]:
+                events.append(key_event(name, is_down))
+                worlds.held[row, player, key] = is_down
+        if action.place is not None:
+            events += [mouse_event("down", action.place), mouse_event("up", action.place)]
+    server = browsers.server(int(worlds.slot[row]))
+    ticks = browsers.scenario.ticks_per_step
+    return _shown(server.step(ticks, events, picture=browsers.picture))
+
+
+def _read(
+    worlds: s.World, browsers: Browsers, row: int, picture: NDArray[np.uint8]
+) -> tuple[bool, int]:
+    """Write what a browser shows and reports to a row; whether the game is over, and who has won.
+    """
+    described = browsers.described
+    server = browsers.server(int(worlds.slot[row]))
+    told = server.call(described.callback) if described.callback else {}
+    if described.callback and told is None:
+        raise FlashError(f"the SWF has no callback {described.callback!r}, or it returned nothing")
+    if isinstance(described.score, Region):
+        worlds.score[row] = read_brightness(picture, described.score)
+    elif described.scores:
+        worlds.score[row] = find_value(told, described.scores)
+    elif described.score:
+        worlds.score[row] = find_value(told, described.score)
+    else:
+        worlds.score[row] += browsers.scenario.ticks_per_step
+    for place, (path, low, high) in enumerate(described.numbers):
+        value = float(find_value(told, path, missing=lambda: 0.0))
+        worlds.numbers[row, place] = min(high, max(low, value))
+    small = picture if browsers.picture == SMALL else shrink(picture)
+    worlds.picture[row] = small.transpose(2, 0, 1)
+    worlds.film[row, :-1] = worlds.film[row, 1:]
+    worlds.film[row, -1] = small @ _LUMA // 1000
+    if isinstance(described.done, str):
+        is_done = bool(find_value(told, described.done))
+    else:
+        is_done = browsers.ending.is_over(picture)
+    winner = int(find_value(told, described.winner)) if described.winner else NO_WINNER
+    return is_done, winner
+
+
+def read_brightness(picture: NDArray[np.uint8], region: Region) -> float:
+    """The mean of a region of a picture [H, W, 3], 0..1."""
+    x, y, width, height = region
+    return float(picture[y : y + height, x : x + width].mean() / 255.0)
+
+
+def shrink(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture [H, W, 3] at 84 x 84: the nearest pixel of each."""
+    rows, columns = ((2 * np.arange(s.SIDE) + 1) * n // (2 * s.SIDE) for n in picture.shape[:2])
+    return picture[rows[:, None], columns]
+
+
+def _pay(
+    browsers: Browsers, gained: NDArray[np.float64], is_done: bool, winner: int
+) -> NDArray[np.float32]:
+    """The reward of each player, float32 [P]."""
+    if len(gained) > 1:
+        paid = np.zeros(len(gained), np.float32)
+        if is_done and winner != NO_WINNER:
+            paid[:] = -1.0
+            paid[winner] = 1.0
+        return paid
+    if browsers.scenario.reward == "alive":
+        return np.array([-1.0 if is_done else ALIVE], np.float32)
+    most = browsers.described.most_points
+    return np.clip(gained, -most, most).astype(np.float32)
+
+
+def legal_actions(worlds: s.World, browsers: Browsers, out: Any, first: int, last: int) -> None:
+    """All actions are legal, out bool [B, P, A]."""
+    out[first:last] = True
+
+
+def observe_small(worlds: s.World, browsers: Browsers, out: Any, first: int, last: int) -> None:
+    """The picture at 84 x 84, out uint8 [B, P, 3, 84, 84]."""
+    _show(browsers, worlds.picture[first:last], out[first:last])
+
+
+def observe_gray(worlds: s.World, browsers: Browsers, out: Any, first: int, last: int) -> None:
+    """The luma of the last one or four steps, out uint8 [B, P, 1 or 4, 84, 84]."""
+    _show(browsers, worlds.film[first:last, -out.shape[2] :], out[first:last])
+
+
+def observe_image(worlds: s.World, browsers: Browsers, out: Any, first: int, last: int) -> None:
+    """The picture at full size, which each browser sends again; out uint8 [B, P, 3, H, W]."""
+
+    def see(row: int) -> None:
+        picture = draw(worlds, browsers, row)
+        _show(browsers, picture.transpose(2, 0, 1)[None], out[row : row + 1])
+
+    browsers.run(see, range(first, last))
+
+
+def observe_numbers(worlds: s.World, browsers: Browsers, out: Any, first: int, last: int) -> None:
+    """The numbers that the SWF reports, after the player's own; out float32 [B, P, 1 + V]."""
+    out[first:last, :, 0] = np.arange(out.shape[1])
+    out[first:last, :, 1:] = worlds.numbers[first:last, None]
+
+
+def _show(browsers: Browsers, pictures: NDArray[np.uint8], out: Any) -> None:
+    """Pictures [N, C, H, W] of all players, the second half of them mirrored where it must be."""
+    out[:] = pictures[:, None]
+    if browsers.described.is_mirrored:
+        half = out.shape[1] // 2
+        out[:, half:] = pictures[:, None, :, :, ::-1]
+
+
+def draw(
+    worlds: s.World, browsers: Browsers, world: int, player: int | None = None
+) -> NDArray[np.uint8]:
+    """What a browser shows now, uint8 [H, W, 3]."""
+    server = browsers.server(int(worlds.slot[world]))
+    picture = _shown(server.step(0, picture=browsers.described.size))
+    mirrors = browsers.described.is_mirrored and player is not None
+    return picture[:, ::-1] if mirrors and 2 * player >= worlds.score.shape[1] else picture

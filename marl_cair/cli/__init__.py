@@ -14,7 +14,7 @@ from marl_cair.text import clean_text
 # Modules of this package with `run(arguments) -> exit code`.
 COMMANDS = (
     *("train", "curves", "evaluate", "match", "league"),
-    *("export", "explain", "games", "verify", "compile", "benchmark"),
+    *("export", "explain", "flash", "games", "verify", "compile", "benchmark"),
 )
 _IN_FOLDERS = {"export": "agent.export", "explain": "agent.explain"}  # modules of commands
 # The tasks in the order of a user's work: the words of the command, and a description.

@@ -135,6 +135,10 @@ class GameEnv(_LearnerEnv, gymnasium.Env[Any, Any]):
         """The spectator's picture, uint8 [h, w, 3], in render mode "rgb_array"."""
         return self.engine.render(0) if self.render_mode == "rgb_array" else None
 
+    def close(self) -> None:
+        """Free what the game holds, see `BatchedEngine.close`."""
+        self.engine.close()
+
     def _observe(self) -> tuple[Any, dict[str, Any]]:
         observations, infos = self._observe_worlds()
         info = {n: v[0] if n == "action_mask" else v[0].item() for n, v in infos.items()}
@@ -254,6 +258,10 @@ class GameVectorEnv(_LearnerEnv, VectorEnv[Any, Any, Any]):
         if self.render_mode is None:
             return None
         return tuple(self.engine.render(world) for world in range(self.num_envs))
+
+    def close_extras(self, **options: Any) -> None:
+        """Free what the game holds, see `BatchedEngine.close`."""
+        self.engine.close()
 
     def _pack_final(self, observations: Any, infos: dict[str, Any]) -> dict[str, Any]:
         """The last observations of the ended worlds, as Gymnasium's own vector environments give

@@ -1,0 +1,128 @@
+"""Writes the description of a SWF file: what `marl-cair flash add` does."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import lzma
+import shutil
+import zlib
+from pathlib import Path
+from typing import Any
+
+from marl_cair.files import write_atomically
+from marl_cair.games.flash.description import read_description
+
+_HEADER_BYTES = 64  # that hold the size of the stage and the frame rate
+_SIGNATURES = b"FWS", b"CWS", b"ZWS"  # plain, zlib, LZMA
+
+
+def describe_swf(
+    swf: Path,
+    name: str | None,
+    keys: str,
+    mouse_grid: str | None,
+    start: str,
+    callback: str,
+    reward: str,
+    done: str,
+    out: Path,
+) -> str:
+    """Write <out>/<name>.toml and a copy of the SWF beside it; returns what to do next.
+
+    Raises:
+        ValueError: the file is no SWF, or an option cannot be used; nothing is written then.
+        FileExistsError: there is such a description.
+    """
+    name = name or swf.stem
+    path = out / f"{name}.toml"
+    if path.exists():
+        raise FileExistsError(f"{path} exists already: give another --name, or delete it")
+    data = swf.read_bytes()
+    (width, height), fps = read_header(swf.name, data)
+    entries: dict[str, Any] = {
+        "title": name,
+        "swf": f"{name}.swf",
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "size": [width, height],
+        "fps": max(1, round(fps)),
+        "start": [_read_input(word) for word in start.split(";") if word],
+        "keys": [[key for key in part.split(",") if key] for part in keys.split(";")],
+        "callback": callback,
+        "done": _read_ending(done),
+    }
+    if mouse_grid:
+        entries["mouse_grid"] = _read_numbers("--mouse-grid", mouse_grid.split("x"), 2)
+    if reward != "alive":
+        parts = reward.split(",")
+        region = {"region": _read_numbers("--reward", parts, 4)}
+        entries["score"] = reward if len(parts) == 1 else region
+    text = "".join(f"{key} = {_format(value)}\n" for key, value in entries.items() if value != "")
+    out.mkdir(parents=True, exist_ok=True)
+    target = out / f"{name}.swf"
+    if not target.exists():
+        shutil.copyfile(swf, target)
+    try:
+        write_atomically(path, text)
+        read_description(path)
+    except ValueError:
+        path.unlink()
+        raise
+    return (
+        f"{path} describes {width} x {height} pixels at {fps:g} frames per second. Next:\n"
+        f"  marl-cair flash play {path}\n"
+        f"  marl-cair train recipe=flash 'game.options={{description: {path}}}'\n"
+    )
+
+
+def read_header(name: str, data: bytes) -> tuple[tuple[int, int], float]:
+    """The stage's size in pixels and the frames per second of a SWF.
+
+    Raises ValueError if it is none.
+    """
+    signature, packed = data[:3], data[8:]
+    try:
+        if signature not in _SIGNATURES:
+            raise ValueError(f"it begins with {signature!r}")
+        if signature == b"CWS":
+            packed = zlib.decompressobj().decompress(packed, _HEADER_BYTES)
+        elif signature == b"ZWS":  # a length, the properties, then a raw stream
+            header = packed[4:9] + b"\xff" * 8
+            packed = lzma.LZMADecompressor().decompress(header + packed[9:], _HEADER_BYTES)
+        bits = packed[0] >> 3
+        whole = int.from_bytes(packed[: _HEADER_BYTES // 2], "big")
+        total = 8 * len(packed[: _HEADER_BYTES // 2])
+        sides = [
+            (whole >> (total - 5 - bits * (n + 1))) & ((1 << bits) - 1) for n in range(4)
+        ]  # in twentieths of a pixel: left, right, top, bottom
+        end = (5 + 4 * bits + 7) // 8
+        fps = packed[end] / 256 + packed[end + 1]
+    except (ValueError, IndexError, zlib.error, lzma.LZMAError) as error:
+        raise ValueError(f"{name} is no SWF file ({error})") from None
+    return ((sides[1] - sides[0]) // 20, (sides[3] - sides[2]) // 20), fps
+
+
+def _read_input(word: str) -> str | int:
+    return int(word) if word.isdecimal() and len(word) > 1 else word
+
+
+def _read_ending(done: str) -> str | dict[str, Any]:
+    *region, last = done.split(",")
+    if not region:
+        return done
+    return {"region": _read_numbers("--done", region, 4), "picture": str(Path(last).resolve())}
+
+
+def _read_numbers(option: str, parts: list[str], count: int) -> list[int]:
+    if len(parts) != count or not all(part.strip().isdecimal() for part in parts):
+        if len(parts) == 1:
+            return []
+        raise ValueError(f"{option} has {parts}, give {count} whole numbers")
+    return [int(part) for part in parts]
+
+
+def _format(value: Any) -> str:
+    """TOML of plain data: JSON but for tables."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_format(one)}" for key, one in value.items()) + " }"
+    return json.dumps(value, ensure_ascii=False)

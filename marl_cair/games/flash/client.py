@@ -1,0 +1,163 @@
+"""`Game`: frames and keys of a Flash game in real time, as FlashRL had them.
+
+The two ways of access of the thesis: frames are pushed to a callback at a fixed rate, or taken on
+demand (`render`) by any thread.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.flash.description import check_digest, find_description
+from marl_cair.games.flash.rules import shrink
+from marl_cair.games.flash.scenes import SceneClassifier
+from marl_cair.games.flash.server import FlashServer
+
+Frame = NDArray[Any]
+Callback = Callable[[Frame, int, str, "Game"], None]
+
+
+class Game:
+    """A Flash game that runs by the clock in a virtual display; a context manager.
+
+    Args:
+        name: `multitask`, `duel`, or the TOML file of a SWF.
+        fps: frames pushed per second.
+        frame_callback: called in a thread of its own with (frame, its number, its scene, this game)
+            for each frame; None: frames are taken by `render` alone. An exception in it is raised
+            by `close`.
+        grayscale: frames are [84, 84, 1] instead of [84, 84, 3].
+        normalized: frames are float32 in 0..1 instead of uint8.
+        scenes: a classifier that names the scene of each frame; None: scenes are "".
+
+    Raises:
+        FlashError: the browser or its display cannot be started; the message says what to install.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        fps: int = 10,
+        frame_callback: Callback | None = None,
+        *,
+        grayscale: bool = False,
+        normalized: bool = False,
+        scenes: SceneClassifier | None = None,
+    ) -> None:
+        if fps < 1:
+            raise ValueError(f"fps is {fps}, it must be 1 or more")
+        self.description = find_description(name)
+        check_digest(self.description)
+        self._fps, self._callback, self._scenes = fps, frame_callback, scenes
+        self._is_gray, self._is_normalized = grayscale, normalized
+        size, swf_fps = self.description.size, self.description.fps
+        self._server = FlashServer(self.description.swf, size, swf_fps, mode="realtime")
+        self._client = self._server.connect()
+        self._error: BaseException | None = None
+        self._is_over = threading.Event()
+        self._thread = threading.Thread(target=self._push, name="flash frames", daemon=True)
+        if frame_callback is not None:
+            self._thread.start()
+
+    @property
+    def address(self) -> Path:
+        """The UNIX socket of the VNC server, for any VNC viewer."""
+        return self._server.address
+
+    def render(self) -> Frame:
+        """The newest frame, [84, 84, 3 or 1] uint8 0..255 or float32 0..1."""
+        return self._prepare(self._client.frame())
+
+    def screen(self) -> NDArray[np.uint8]:
+        """The newest picture at full size, uint8 [H, W, 3]."""
+        return self._client.frame()
+
+    def find_scene(self) -> str:
+        """The scene of the newest picture; "" without a classifier."""
+        return self._scenes.find_scene(self._client.frame()) if self._scenes else ""
+
+    def send_key(self, name: str, seconds: float = 0.1) -> None:
+        """Press a key, hold it so long, and release it."""
+        self._client.press(name)
+        time.sleep(seconds)
+        self._client.release(name)
+
+    def press(self, name: str) -> None:
+        """Press a key and hold it until `release`."""
+        self._client.press(name)
+
+    def release(self, name: str) -> None:
+        """Release a key."""
+        self._client.release(name)
+
+    def hold(self, name: str, num_frames: int) -> None:
+        """Hold a key for so many frames of the game."""
+        self.send_key(name, num_frames / self.description.fps)
+
+    def click(self, x: int, y: int, button: str = "left") -> None:
+        """Press and release a mouse button at a pixel of the game."""
+        self._client.click(x, y, button)
+
+    def mouse_down(self, x: int, y: int, button: str = "left") -> None:
+        """Press a mouse button at a pixel and hold it."""
+        self._client.move(x, y)
+        self._client.mouse_down(button)
+
+    def mouse_up(self, x: int, y: int, button: str = "left") -> None:
+        """Release a mouse button at a pixel."""
+        self._client.move(x, y)
+        self._client.mouse_up(button)
+
+    def move(self, x: int, y: int) -> None:
+        """Move the mouse to a pixel of the game."""
+        self._client.move(x, y)
+
+    def close(self) -> None:
+        """End the game, its browser and its display. Raises what the callback raised."""
+        self._is_over.set()
+        if self._thread.is_alive() and threading.current_thread() is not self._thread:
+            self._thread.join()
+        self._client.close()
+        self._server.close()
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _prepare(self, picture: NDArray[np.uint8]) -> Frame:
+        small: Frame = shrink(picture)
+        if self._is_gray:
+            small = (small @ np.array((299, 587, 114), np.uint32) // 1000).astype(np.uint8)[..., None]
+        return small.astype(np.float32) / 255.0 if self._is_normalized else small
+
+    def _push(self) -> None:
+        assert self._callback is not None
+        number, due = 0, time.monotonic()
+        try:
+            while not self._is_over.wait(max(0.0, due - time.monotonic())):
+                picture = self._client.frame()
+                scene = self._scenes.find_scene(picture) if self._scenes else ""
+                self._callback(self._prepare(picture), number, scene, self)
+                number += 1
+                due = max(due + 1.0 / self._fps, time.monotonic())
+        except BaseException as error:
+            self._error = error
+            self._is_over.set()

@@ -145,7 +145,9 @@ class Game:
     def _prepare(self, picture: NDArray[np.uint8]) -> Frame:
         small: Frame = shrink(picture)
         if self._is_gray:
-            small = (small @ np.array((299, 587, 114), np.uint32) // 1000).astype(np.uint8)[..., None]
+            small = (small @ np.array((299, 587, 114), np.uint32) // 1000).astype(np.uint8)[
+                ..., None
+            ]
         return small.astype(np.float32) / 255.0 if self._is_normalized else small
 
     def _push(self) -> None:

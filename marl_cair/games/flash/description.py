@@ -210,7 +210,7 @@ class _Reader:
 
     def check_key(self, name: str, value: Any) -> str:
         if not isinstance(value, str):
-            raise self.fail(name, value, "a key, as in \"left\"")
+            raise self.fail(name, value, 'a key, as in "left"')
         try:
             find_key(value)
         except UnknownNameError as error:

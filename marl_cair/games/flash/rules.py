@@ -209,8 +209,7 @@ def _play(
 def _read(
     worlds: s.World, browsers: Browsers, row: int, picture: NDArray[np.uint8]
 ) -> tuple[bool, int]:
-    """Write what a browser shows and reports to a row; whether the game is over, and who has won.
-    """
+    """Write what a browser shows and reports to a row; whether the game is over, and who has won."""
     described = browsers.described
     server = browsers.server(int(worlds.slot[row]))
     told = server.call(described.callback) if described.callback else {}

@@ -79,8 +79,10 @@ class SceneClassifier:
 
 def _reduce(picture: NDArray[np.uint8]) -> NDArray[np.float64]:
     """Mean colours of 12 x 16 parts, -1..1, and a 1: float64 [577]."""
-    edges = [np.linspace(0, n, parts + 1).astype(int) for n, parts in
-             zip(picture.shape[:2], (ROWS, COLUMNS), strict=True)]
+    edges = [
+        np.linspace(0, n, parts + 1).astype(int)
+        for n, parts in zip(picture.shape[:2], (ROWS, COLUMNS), strict=True)
+    ]
     sums = np.add.reduceat(picture.astype(np.float64), edges[0][:-1], axis=0)
     sums = np.add.reduceat(sums, edges[1][:-1], axis=1)
     areas = np.diff(edges[0])[:, None, None] * np.diff(edges[1])[None, :, None]

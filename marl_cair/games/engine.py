@@ -287,8 +287,8 @@ class BatchedEngine:
     def _require_snapshots(self, what: str) -> None:
         if not self.game.has_snapshots:
             raise NoSnapshotError(
-                f"{self.game.name}: {what}, but its games run outside of this process and cannot be "
-                "copied or saved: reset and play again with the same seeds and actions"
+                f"{self.game.name}: {what}, but its games run outside of this process and "
+                "cannot be copied or saved: reset and play again with the same seeds and actions"
             )
 
     def close(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from marl_cair.cli import EXIT_DAMAGED, EXIT_DONE
 from marl_cair.cli.parser import Parser
@@ -30,7 +31,7 @@ def run(arguments: Sequence[str]) -> int:
     elif chosen.command == "add":
         from marl_cair.cli.flash.add import describe_swf
 
-        sys.stdout.write(describe_swf(**{k: v for k, v in vars(chosen).items() if k != "command"}))
+        sys.stdout.write(describe_swf(chosen))
     else:
         from marl_cair.cli.flash.play import play_by_hand
 
@@ -38,10 +39,8 @@ def run(arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
-def _add_add(commands: "object") -> None:
-    add = commands.add_parser(  # type: ignore[attr-defined]
-        "add", help="describe a SWF file, so that agents can play it"
-    )
+def _add_add(commands: Any) -> None:
+    add = commands.add_parser("add", help="describe a SWF file, so that agents can play it")
     add.add_argument("swf", type=Path, metavar="GAME.swf")
     add.add_argument("--name", help="of the description that is written (default: the SWF's)")
     add.add_argument("--keys", default="", help="as left,right,up,down; players divided by ;")
@@ -52,8 +51,8 @@ def _add_add(commands: "object") -> None:
     add.add_argument("--reward", default="alive", help="alive (a point per frame, the default), "
                      "the name of a number in that object, or x,y,width,height: the brightness of "
                      "that part of the picture")  # fmt: skip
-    add.add_argument("--done", required=True, help="the end: the name of a truth value in that "
-                     "object, or x,y,width,height,PICTURE.png: that part looks like it")  # fmt: skip
+    add.add_argument("--done", required=True, help="the end: name of a truth value in that "
+                     "object, or x,y,width,height,PICTURE.png: the part that looks so")  # fmt: skip
     add.add_argument("--out", type=Path, default=Path(), help="folder to write to (default: here)")
 
 
@@ -62,8 +61,8 @@ def _report_missing() -> int:
     from marl_cair.games.flash.installing import diagnose
 
     missing = diagnose()
-    for name, command in missing.items():
-        sys.stdout.write(f"missing: {name}\n  install it with: {command}\n")
+    for part in missing:
+        sys.stdout.write(f"missing: {part.name} ({part.purpose})\n  {part.command}\n")
     if not missing:
         sys.stdout.write("nothing is missing: try `marl-cair flash play multitask`\n")
     return EXIT_DAMAGED if missing else EXIT_DONE

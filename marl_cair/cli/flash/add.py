@@ -7,6 +7,7 @@ import json
 import lzma
 import shutil
 import zlib
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
@@ -17,24 +18,16 @@ _HEADER_BYTES = 64  # that hold the size of the stage and the frame rate
 _SIGNATURES = b"FWS", b"CWS", b"ZWS"  # plain, zlib, LZMA
 
 
-def describe_swf(
-    swf: Path,
-    name: str | None,
-    keys: str,
-    mouse_grid: str | None,
-    start: str,
-    callback: str,
-    reward: str,
-    done: str,
-    out: Path,
-) -> str:
-    """Write <out>/<name>.toml and a copy of the SWF beside it; returns what to do next.
+def describe_swf(chosen: Namespace) -> str:
+    """Write <out>/<name>.toml, as the options say, and a copy of the SWF beside it; returns what to
+    do next.
 
     Raises:
         ValueError: the file is no SWF, or an option cannot be used; nothing is written then.
         FileExistsError: there is such a description.
     """
-    name = name or swf.stem
+    swf, out = chosen.swf, chosen.out
+    name = chosen.name or swf.stem
     path = out / f"{name}.toml"
     if path.exists():
         raise FileExistsError(f"{path} exists already: give another --name, or delete it")
@@ -46,17 +39,17 @@ def describe_swf(
         "sha256": hashlib.sha256(data).hexdigest(),
         "size": [width, height],
         "fps": max(1, round(fps)),
-        "start": [_read_input(word) for word in start.split(";") if word],
-        "keys": [[key for key in part.split(",") if key] for part in keys.split(";")],
-        "callback": callback,
-        "done": _read_ending(done),
+        "start": [_read_input(word) for word in chosen.start.split(";") if word],
+        "keys": [[key for key in part.split(",") if key] for part in chosen.keys.split(";")],
+        "callback": chosen.callback,
+        "done": _read_ending(chosen.done),
     }
-    if mouse_grid:
-        entries["mouse_grid"] = _read_numbers("--mouse-grid", mouse_grid.split("x"), 2)
-    if reward != "alive":
-        parts = reward.split(",")
-        region = {"region": _read_numbers("--reward", parts, 4)}
-        entries["score"] = reward if len(parts) == 1 else region
+    if chosen.mouse_grid:
+        entries["mouse_grid"] = _read_numbers("--mouse-grid", chosen.mouse_grid.split("x"), 2)
+    if "," in chosen.reward:
+        entries["score"] = {"region": _read_numbers("--reward", chosen.reward.split(","), 4)}
+    elif chosen.reward != "alive":
+        entries["score"] = chosen.reward
     text = "".join(f"{key} = {_format(value)}\n" for key, value in entries.items() if value != "")
     out.mkdir(parents=True, exist_ok=True)
     target = out / f"{name}.swf"
@@ -115,8 +108,6 @@ def _read_ending(done: str) -> str | dict[str, Any]:
 
 def _read_numbers(option: str, parts: list[str], count: int) -> list[int]:
     if len(parts) != count or not all(part.strip().isdecimal() for part in parts):
-        if len(parts) == 1:
-            return []
         raise ValueError(f"{option} has {parts}, give {count} whole numbers")
     return [int(part) for part in parts]
 

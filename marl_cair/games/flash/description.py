@@ -1,4 +1,4 @@
-"""Descriptions of SWF files (TOML): size, keys, how to start, what the score is and when it ends."""
+"""Descriptions of SWF files (TOML): size, keys, how to start, the score and the end."""
 
 from __future__ import annotations
 

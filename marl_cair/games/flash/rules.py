@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -21,12 +20,12 @@ from marl_cair.games.flash.description import (
 )
 from marl_cair.games.flash.ending import EndReader
 from marl_cair.games.flash.scenarios import Scenario
-from marl_cair.games.flash.server import FlashError, FlashServer, key_event, mouse_event
+from marl_cair.games.flash.server import Event, FlashError, FlashServer, KeyEvent, MouseEvent
 from marl_cair.games.game import NO_WINNER
 
 SMALL = s.SIDE, s.SIDE
 ALIVE = 0.1  # of a step, in the reward `alive`
-MAX_REFUSALS = 3  # loads of a SWF that may fail one after another
+MOST_FAILURES = 2  # browsers of one game that are replaced when they fail
 _LUMA = np.array((299, 587, 114), np.uint32)
 
 logger = logging.getLogger(__name__)
@@ -68,29 +67,19 @@ class Browsers:
         self.ending = EndReader(self.described)
         self.picture = self.described.size if self.described.reads_pixels else SMALL
         self._servers: dict[int, FlashServer] = {}
-        self._pool: ThreadPoolExecutor | None = None
-
-    def run(self, play: Callable[[int], None], rows: Sequence[int]) -> None:
-        """`play` each row, all at the same time."""
-        if len(rows) <= 1:
-            for row in rows:
-                play(row)
-            return
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(32, "flash")
-        for _ in self._pool.map(play, rows):
-            pass
 
     def server(self, slot: int) -> FlashServer:
         if slot not in self._servers:
             check_digest(self.described)
-            self._servers[slot] = FlashServer(
+            server = self._servers[slot] = FlashServer(
                 self.described.swf,
                 self.described.size,
                 self.described.fps,
                 mode="lockstep",
                 transport=self.scenario.transport,
             )
+            if self.described.callback:
+                server.watch(self.described.callback)
         return self._servers[slot]
 
     def drop(self, slot: int) -> None:
@@ -102,9 +91,6 @@ class Browsers:
         """Close all browsers; a later game starts new ones."""
         for slot in list(self._servers):
             self.drop(slot)
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
 
 
 # --- kernels, as `games.game.Game` describes them ------------------------------------------------
@@ -114,39 +100,35 @@ def reset(
     worlds: s.World, browsers: Browsers, seeds: Any, mask: Any, first: int, last: int
 ) -> None:
     """Load the SWF again in the browsers of the masked worlds, and start its game."""
-
-    def begin(row: int) -> None:
-        slot = int(worlds.slot[row])
-        for attempt in range(1, MAX_REFUSALS + 1):
-            try:
-                shown = _start(browsers, slot, int(seeds[row]))
-                break
-            except FlashError as error:
-                browsers.drop(slot)
-                if attempt == MAX_REFUSALS:
-                    raise
-                logger.warning("flash: %s; a new browser is started", error)
-        for field in (worlds.tick, worlds.phase, worlds.score, worlds.held, worlds.illegal):
-            field[row] = 0
-        _read(worlds, browsers, row, shown)
-        worlds.film[row] = worlds.film[row, -1]
-
-    browsers.run(begin, [row for row in range(first, last) if mask[row]])
+    for row in range(first, last):
+        if mask[row]:
+            picture = _start(browsers, int(worlds.slot[row]), int(seeds[row]))
+            for field in (worlds.tick, worlds.phase, worlds.score, worlds.held, worlds.illegal):
+                field[row] = 0
+            _read(worlds, browsers, row, picture)
+            worlds.film[row] = worlds.film[row, -1]
 
 
 def _start(browsers: Browsers, slot: int, seed: int) -> NDArray[np.uint8]:
-    """The first picture of a game."""
-    server = browsers.server(slot)
+    """The first picture of a game; a browser that fails is replaced by another one."""
+    for _ in range(MOST_FAILURES):
+        try:
+            return _begin(browsers, browsers.server(slot), seed)
+        except FlashError as error:
+            browsers.drop(slot)
+            logger.warning("flash: %s; another browser is started", error)
+    return _begin(browsers, browsers.server(slot), seed)
+
+
+def _begin(browsers: Browsers, server: FlashServer, seed: int) -> NDArray[np.uint8]:
     server.reset(seed)
     for item in browsers.described.start:
         if isinstance(item, int):
             server.step(item, picture=None)
-        elif isinstance(item, str):
-            server.step(1, [key_event(item, True)], picture=None)
-            server.step(1, [key_event(item, False)], picture=None)
-        else:
-            server.step(1, [mouse_event("down", item)], picture=None)
-            server.step(1, [mouse_event("up", item)], picture=None)
+            continue
+        for is_down in (True, False):
+            event = KeyEvent(item, is_down) if isinstance(item, str) else MouseEvent(*item, is_down)
+            server.step(1, [event], picture=None)
     return _shown(server.step(1, picture=browsers.picture))
 
 
@@ -159,60 +141,70 @@ def _shown(picture: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
 def step(
     worlds: s.World, browsers: Browsers, actions: Any, outcome: Any, first: int, last: int
 ) -> None:
-    """Advance the running worlds; a browser that fails ends its game as truncated."""
-
-    def advance(row: int) -> None:
-        slot, before = int(worlds.slot[row]), worlds.score[row].copy()
-        try:
-            picture = _play(worlds, browsers, row, actions[row])
-            is_done, winner = _read(worlds, browsers, row, picture)
-        except FlashError as error:
-            logger.warning("flash: %s; this game ends as truncated", error)
-            browsers.drop(slot)
-            worlds.phase[row] = s.TRUNCATED
-        else:
-            worlds.tick[row] += browsers.scenario.ticks_per_step
-            if is_done:
-                worlds.phase[row] = s.TERMINATED
-            elif worlds.tick[row] >= browsers.scenario.max_ticks:
-                worlds.phase[row] = s.TRUNCATED
-            gained = worlds.score[row] - before
-            outcome.rewards[row] = _pay(browsers, gained, is_done, winner)
-            outcome.winner[row] = winner if is_done else NO_WINNER
-        outcome.terminated[row] = worlds.phase[row] == s.TERMINATED
-        outcome.truncated[row] = worlds.phase[row] == s.TRUNCATED
-
-    running = worlds.phase[first:last] == s.RUNNING
+    """Advance the running worlds, all browsers at the same time; one that fails ends its game as
+    truncated.
+    """
+    running = (first + np.flatnonzero(worlds.phase[first:last] == s.RUNNING)).tolist()
     outcome.rewards[first:last] = 0.0
-    browsers.run(advance, (first + np.flatnonzero(running)).tolist())
+    ticks, begun = browsers.scenario.ticks_per_step, []
+    for row in running:
+        events = _press(worlds, browsers, row, actions[row])
+        try:
+            browsers.server(int(worlds.slot[row])).begin_step(ticks, events, browsers.picture)
+            begun.append(row)
+        except FlashError as error:
+            _truncate(worlds, browsers, row, error)
+    for row in begun:
+        try:
+            _advance(worlds, browsers, row, outcome)
+        except FlashError as error:
+            _truncate(worlds, browsers, row, error)
+    outcome.terminated[first:last] = worlds.phase[first:last] == s.TERMINATED
+    outcome.truncated[first:last] = worlds.phase[first:last] == s.TRUNCATED
 
 
-def _play(
-    worlds: s.World, browsers: Browsers, row: int, actions: Iterable[int]
-) -> NDArray[np.uint8]:
-    """Hold keys or click, run the frames of a step; returns the last one's picture."""
-    events, described = [], browsers.described
+def _truncate(worlds: s.World, browsers: Browsers, row: int, error: FlashError) -> None:
+    logger.warning("flash: %s; this game ends as truncated", error)
+    browsers.drop(int(worlds.slot[row]))
+    worlds.phase[row] = s.TRUNCATED
+
+
+def _press(worlds: s.World, browsers: Browsers, row: int, actions: Iterable[int]) -> list[Event]:
+    """The changes of keys that a step begins with, and its clicks."""
+    events: list[Event] = []
     for player, number in enumerate(actions):
         action = browsers.actions[number]
-        for key, name in enumerate(described.keys[player]):
+        for key, name in enumerate(browsers.described.keys[player]):
             is_down = key in action.keys
             if is_down != worlds.held[row, player, key]:
-                events.append(key_event(name, is_down))
+                events.append(KeyEvent(name, is_down))
                 worlds.held[row, player, key] = is_down
         if action.place is not None:
-            events += [mouse_event("down", action.place), mouse_event("up", action.place)]
-    server = browsers.server(int(worlds.slot[row]))
-    ticks = browsers.scenario.ticks_per_step
-    return _shown(server.step(ticks, events, picture=browsers.picture))
+            events += [MouseEvent(*action.place, is_down) for is_down in (True, False)]
+    return events
+
+
+def _advance(worlds: s.World, browsers: Browsers, row: int, outcome: Any) -> None:
+    """Write the results of a step that was begun."""
+    before = worlds.score[row].copy()
+    picture = _shown(browsers.server(int(worlds.slot[row])).end_step())
+    is_done, winner = _read(worlds, browsers, row, picture)
+    worlds.tick[row] += browsers.scenario.ticks_per_step
+    if is_done:
+        worlds.phase[row] = s.TERMINATED
+    elif worlds.tick[row] >= browsers.scenario.max_ticks:
+        worlds.phase[row] = s.TRUNCATED
+    outcome.rewards[row] = _pay(browsers, worlds.score[row] - before, is_done, winner)
+    outcome.winner[row] = winner if is_done else NO_WINNER
 
 
 def _read(
     worlds: s.World, browsers: Browsers, row: int, picture: NDArray[np.uint8]
 ) -> tuple[bool, int]:
-    """Write what a browser shows and reports to a row; whether the game is over, and who has won."""
+    """Write what a browser shows and reports to a row: is the game over, and who has won?"""
     described = browsers.described
     server = browsers.server(int(worlds.slot[row]))
-    told = server.call(described.callback) if described.callback else {}
+    told = server.values.get(described.callback)
     if described.callback and told is None:
         raise FlashError(f"the SWF has no callback {described.callback!r}, or it returned nothing")
     if isinstance(described.score, Region):
@@ -283,12 +275,9 @@ def observe_gray(worlds: s.World, browsers: Browsers, out: Any, first: int, last
 
 def observe_image(worlds: s.World, browsers: Browsers, out: Any, first: int, last: int) -> None:
     """The picture at full size, which each browser sends again; out uint8 [B, P, 3, H, W]."""
-
-    def see(row: int) -> None:
+    for row in range(first, last):
         picture = draw(worlds, browsers, row)
         _show(browsers, picture.transpose(2, 0, 1)[None], out[row : row + 1])
-
-    browsers.run(see, range(first, last))
 
 
 def observe_numbers(worlds: s.World, browsers: Browsers, out: Any, first: int, last: int) -> None:

@@ -1,6 +1,6 @@
-"""Recognises scenes (menu, stage, over) of SWFs that report nothing: a small trainable classifier.
+"""Recognises scenes (menu, stage, over) of SWFs that report nothing: a trainable classifier.
 
-As in FlashRL, whose classifier was a network; here it is softmax regression on 16 x 12 colours of the
+FlashRL had a network for it; here it is softmax regression on 16 x 12 colours of the
 picture, which takes a second to train on a few pictures of each scene.
 """
 

@@ -102,8 +102,7 @@ def play_alone(
     at_once = playing.count_chunks(game)
     for start in numbers[::at_once]:
         part = [
-            _make_chunk(number, spec.num_players)
-            for number in numbers[start : start + at_once]
+            _make_chunk(number, spec.num_players) for number in numbers[start : start + at_once]
         ]
         engine = playing.start_engine(game, scenario, seed, part)
         ended = playing.play_out(engine, part, seatings, seed)

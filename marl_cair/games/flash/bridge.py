@@ -44,7 +44,9 @@ class Bridge:
 
     def __init__(self, files: Mapping[str, Path]) -> None:
         self._server = _Server(files)
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True)
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(0.05,), daemon=True
+        )
         self._thread.start()
         self._page: socket.socket | None = None
 
@@ -123,7 +125,9 @@ class Bridge:
         elif size == 127:
             (size,) = struct.unpack(">Q", self._read(8, timeout_s))
         if not second & 0x80 or size > _MAX_MESSAGE:
-            raise BridgeError(f"the page sent a frame of {size} bytes that is too long or not masked")
+            raise BridgeError(
+                f"the page sent a frame of {size} bytes that is too long or not masked"
+            )
         mask = np.frombuffer(self._read(4, timeout_s), np.uint32)
         data = self._read(size, timeout_s)
         padding = -size % 4

@@ -21,9 +21,7 @@ RUFFLE_VERSION = "0.6.0"
 FOLDER_VARIABLE = "MARL_CAIR_RUFFLE"  # a folder with an unpacked npm package
 _PACKAGE = "@ruffle-rs/ruffle"
 # What the registry gives as `dist.integrity` of this version.
-_SHA512 = (
-    "P2X1zDENBoiLt2ZjPcsUzaDxoR7fVF2e1U/bi7hbIAQEjkykxljSoG8AgbywHvlVVzL9Y5tIZMRqDwIm31jgPA=="
-)
+_SHA512 = "P2X1zDENBoiLt2ZjPcsUzaDxoR7fVF2e1U/bi7hbIAQEjkykxljSoG8AgbywHvlVVzL9Y5tIZMRqDwIm31jgPA=="
 _REGISTRY = "https://registry.npmjs.org"
 _TIMEOUT_S = 60.0
 # The player, its part for browsers with WebAssembly extensions, and that part's machine code.
@@ -68,7 +66,7 @@ def find_ruffle() -> Path:
 
 
 def install_ruffle() -> Path:
-    """Fetch Ruffle from the user's npm registry, about 10 MB, unless it is there; return its folder.
+    """Fetch Ruffle from the user's npm registry (10 MB) unless it is there; return its folder.
 
     Raises InstallError: no connection, another content than expected.
     """

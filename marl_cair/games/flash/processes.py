@@ -13,6 +13,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, Self
 
+from marl_cair.files import require_free_space
+
 _MAX_PATH = 60  # characters: programs put sockets in the folder, whose paths have 107 at most
 _MIN_FREE = 64 << 20  # bytes that a browser's profile may need
 _NUM_LOG_LINES = 8
@@ -73,12 +75,7 @@ class PrivateFolder:
                 f"the path of the folder for temporary files has {len(str(place))} characters, at "
                 f"most {_MAX_PATH} are allowed: {place}. Set TMPDIR to a shorter one"
             )
-        free = shutil.disk_usage(place).free
-        if free < _MIN_FREE:
-            raise OSError(
-                f"{place} has {free >> 20} MiB free, {_MIN_FREE >> 20} MiB are needed. Free some, "
-                "or set TMPDIR to another folder"
-            )
+        require_free_space(place, _MIN_FREE)
         self.path = Path(tempfile.mkdtemp(prefix="flash-"))
         self._programs: dict[str, subprocess.Popen[bytes]] = {}
         self._watcher = subprocess.Popen(

@@ -9,13 +9,12 @@ import os
 import shutil
 import subprocess
 import tarfile
-import tempfile
 import urllib.error
 import urllib.request
 from pathlib import Path
 from typing import NamedTuple
 
-from marl_cair.games.compiled import cache_root
+from marl_cair.files import write_atomically
 
 RUFFLE_VERSION = "0.6.0"
 FOLDER_VARIABLE = "MARL_CAIR_RUFFLE"  # a folder with an unpacked npm package
@@ -26,11 +25,11 @@ _REGISTRY = "https://registry.npmjs.org"
 _TIMEOUT_S = 60.0
 # The player, its part for browsers with WebAssembly extensions, and that part's machine code.
 _KEPT = (
-    "ruffle.js",
-    "core.ruffle.c80159b526e567babaf5.js",
-    "826bb0938097485a2c9d.wasm",
     "LICENSE_MIT",
     "LICENSE_APACHE",
+    "826bb0938097485a2c9d.wasm",
+    "core.ruffle.c80159b526e567babaf5.js",
+    "ruffle.js",  # last: where it is, all are
 )
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -49,6 +48,8 @@ class Missing(NamedTuple):
 
 def default_folder() -> Path:
     """Where `install_ruffle` puts Ruffle, in the user's cache folder."""
+    from marl_cair.games.compiled import cache_root
+
     return cache_root() / f"ruffle-{RUFFLE_VERSION}"
 
 
@@ -66,12 +67,12 @@ def find_ruffle() -> Path:
 
 
 def install_ruffle() -> Path:
-    """Fetch Ruffle from the user's npm registry, about 10 MB, unless it is there; return its folder.
+    """Fetch Ruffle from the user's npm registry (10 MB) unless it is there; return its folder.
 
-    Raises InstallError: no connection, another content than expected.
+    Raises InstallError (no connection, another content than expected) and OSError (a full disk).
     """
     folder = default_folder()
-    if folder.is_dir():
+    if (folder / _KEPT[-1]).is_file():
         return folder
     data = _download(f"{find_registry()}/{_PACKAGE}/-/ruffle-{RUFFLE_VERSION}.tgz")
     digest = base64.b64encode(hashlib.sha512(data).digest()).decode()
@@ -80,17 +81,11 @@ def install_ruffle() -> Path:
             f"the download of {_PACKAGE} {RUFFLE_VERSION} has the SHA-512 {digest}, it must be "
             f"{_SHA512}. Nothing was installed; check the npm registry {find_registry()}"
         )
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".ruffle.unfinished") as unfinished:
-        _unpack(data, Path(unfinished))
-        Path(unfinished).chmod(0o755)
-        try:
-            Path(unfinished).rename(folder)
-        except OSError:
-            if not folder.is_dir():  # else another process was faster
-                raise
-        else:
-            Path(unfinished).mkdir()  # for TemporaryDirectory to remove
+    with tarfile.open(fileobj=io.BytesIO(data), mode="r:gz") as archive:
+        for name in _KEPT:
+            part = archive.extractfile(f"package/{name}")
+            if part is not None:
+                write_atomically(folder / name, part.read())
     return folder
 
 
@@ -121,15 +116,6 @@ def _download(address: str) -> bytes:
             return data
     except (OSError, urllib.error.URLError) as error:
         raise InstallError(f"could not fetch {address}: {error}") from error
-
-
-def _unpack(data: bytes, folder: Path) -> None:
-    with tarfile.open(fileobj=io.BytesIO(data), mode="r:gz") as archive:
-        for name in _KEPT:
-            part = archive.extractfile(f"package/{name}")
-            if part is None:
-                raise InstallError(f"{_PACKAGE} {RUFFLE_VERSION} holds no file {name}")
-            (folder / name).write_bytes(part.read())
 
 
 def find_browser() -> str | None:

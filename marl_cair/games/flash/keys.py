@@ -32,23 +32,25 @@ _NAMED = {
     "end": Key(0xFF57, "End", "End", 35),
     "page_up": Key(0xFF55, "PageUp", "PageUp", 33),
     "page_down": Key(0xFF56, "PageDown", "PageDown", 34),
+    "pause": Key(0xFF13, "Pause", "Pause", 19),
+    "scroll_lock": Key(0xFF14, "ScrollLock", "ScrollLock", 145),
     "shift": Key(0xFFE1, "ShiftLeft", "Shift", 16),
     "control": Key(0xFFE3, "ControlLeft", "Control", 17),
     "alt": Key(0xFFE9, "AltLeft", "Alt", 18),
 }
-# DOM code -> keyCode, character, character with shift
+# Character -> DOM code and keyCode. Characters with shift are no keys: press "shift" too.
 _PUNCTUATION = {
-    "Backquote": (192, "`~"),
-    "Minus": (189, "-_"),
-    "Equal": (187, "=+"),
-    "BracketLeft": (219, "[{"),
-    "BracketRight": (221, "]}"),
-    "Backslash": (220, "\\|"),
-    "Semicolon": (186, ";:"),
-    "Quote": (222, "'\""),
-    "Comma": (188, ",<"),
-    "Period": (190, ".>"),
-    "Slash": (191, "/?"),
+    "`": ("Backquote", 192),
+    "-": ("Minus", 189),
+    "=": ("Equal", 187),
+    "[": ("BracketLeft", 219),
+    "]": ("BracketRight", 221),
+    "\\": ("Backslash", 220),
+    ";": ("Semicolon", 186),
+    "'": ("Quote", 222),
+    ",": ("Comma", 188),
+    ".": ("Period", 190),
+    "/": ("Slash", 191),
 }
 # The keysym of a printed character is its code point.
 KEYS: dict[str, Key] = {
@@ -56,20 +58,12 @@ KEYS: dict[str, Key] = {
     **{f"f{n}": Key(0xFFBD + n, f"F{n}", f"F{n}", 111 + n) for n in range(1, 13)},
     **{c: Key(ord(c), f"Key{c.upper()}", c, ord(c.upper())) for c in "abcdefghijklmnopqrstuvwxyz"},
     **{c: Key(ord(c), f"Digit{c}", c, ord(c)) for c in "0123456789"},
-    **{
-        c: Key(ord(c), f"Digit{digit}", c, ord(digit))
-        for digit, c in zip("1234567890", "!@#$%^&*()", strict=True)
-    },
-    **{
-        c: Key(ord(c), code, c, key_code)
-        for code, (key_code, both) in _PUNCTUATION.items()
-        for c in both
-    },
+    **{c: Key(ord(c), code, c, key_code) for c, (code, key_code) in _PUNCTUATION.items()},
 }
 
 
 def find_key(name: str) -> Key:
-    """The key of that name: "left", "space", "f1", "a", "7", "?", ... Raises UnknownNameError with
+    """The key of that name: "left", "space", "f1", "a", "7", "/", ... Raises UnknownNameError with
     the nearest names.
     """
     return find_by_name("key", name, KEYS)

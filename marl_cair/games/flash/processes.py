@@ -13,9 +13,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, Self
 
+from marl_cair.files import require_free_space
+
 _MAX_PATH = 60  # characters: programs put sockets in the folder, whose paths have 107 at most
 _MIN_FREE = 64 << 20  # bytes that a browser's profile may need
 _NUM_LOG_LINES = 8
+_FOLDERS = (
+    *("HOME", "TMPDIR", "XDG_RUNTIME_DIR", "XDG_CONFIG_HOME", "XDG_CACHE_HOME"),
+    *("XDG_DATA_HOME", "XDG_STATE_HOME"),
+)
 
 # Reads lines until "end", or until Python is gone: "KILL 12" and "TERM 13" are signals and process
 # groups, "X 13 4" is X display 4 of process 13, whose files stay if it is killed.
@@ -69,16 +75,12 @@ class PrivateFolder:
                 f"the path of the folder for temporary files has {len(str(place))} characters, at "
                 f"most {_MAX_PATH} are allowed: {place}. Set TMPDIR to a shorter one"
             )
-        free = shutil.disk_usage(place).free
-        if free < _MIN_FREE:
-            raise OSError(
-                f"{place} has {free >> 20} MiB free, {_MIN_FREE >> 20} MiB are needed. Free some, "
-                "or set TMPDIR to another folder"
-            )
+        require_free_space(place, _MIN_FREE)
         self.path = Path(tempfile.mkdtemp(prefix="flash-"))
         self._programs: dict[str, subprocess.Popen[bytes]] = {}
         self._watcher = subprocess.Popen(
             ["sh", "-c", _WATCHER, "sh", str(self.path)],
+            bufsize=0,
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -93,10 +95,10 @@ class PrivateFolder:
         self.close()
 
     def environment(self) -> dict[str, str]:
-        """This process's environment, with all folders of the user replaced by the private one."""
-        names = ("HOME", "TMPDIR", "XDG_RUNTIME_DIR", "XDG_CONFIG_HOME", "XDG_CACHE_HOME")
-        names += ("XDG_DATA_HOME", "XDG_STATE_HOME")
-        return {**os.environ, **dict.fromkeys(names, str(self.path)), "TZ": "UTC", "LC_ALL": "C"}
+        """This process's environment with the private folder for all others, without a display."""
+        hidden = ("DISPLAY", "WAYLAND_DISPLAY", "XAUTHORITY", "DBUS_SESSION_BUS_ADDRESS")
+        others = {name: os.environ[name] for name in os.environ.keys() - set(hidden)}
+        return {**others, **dict.fromkeys(_FOLDERS, str(self.path)), "TZ": "UTC", "LC_ALL": "C"}
 
     def start(
         self,
@@ -111,6 +113,7 @@ class PrivateFolder:
         with (self.path / f"{name}.log").open("wb") as log:
             program = subprocess.Popen(
                 ["sh", "-c", _WAIT_THEN_RUN, "sh", *command],
+                bufsize=0,
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=log,
@@ -121,16 +124,13 @@ class PrivateFolder:
             )
         self._programs[name] = program
         self.tell_watcher(f"{end_by} {program.pid}")
-        assert program.stdin is not None
-        with contextlib.suppress(BrokenPipeError), program.stdin:
-            program.stdin.write(b"\n")
+        _write_line(program, "")
         return program.pid
 
     def tell_watcher(self, line: str) -> None:
-        assert self._watcher.stdin is not None
+        """Send a line that the watcher's script reads."""
         try:
-            self._watcher.stdin.write(line.encode() + b"\n")
-            self._watcher.stdin.flush()
+            _write_line(self._watcher, line)
         except BrokenPipeError:
             raise FlashError(f"the process that watches over {self.path} was killed") from None
 
@@ -173,6 +173,12 @@ class PrivateFolder:
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
-        with contextlib.suppress(BrokenPipeError):
-            self._watcher.stdin.close()  # type: ignore[union-attr]
+        for process in (*self._programs.values(), self._watcher):
+            if process.stdin is not None:
+                process.stdin.close()
         shutil.rmtree(self.path, ignore_errors=True)
+
+
+def _write_line(process: subprocess.Popen[bytes], line: str) -> None:
+    if process.stdin is not None:
+        process.stdin.write(line.encode() + b"\n")

@@ -1,12 +1,8 @@
-"""Runs a Flash game in Chromium: in real time on a virtual display, or in lockstep, frame by frame."""
+"""Runs a Flash game in Chromium: in real time on a virtual display, or in lockstep."""
 
 from __future__ import annotations
 
 import json
-import os
-import secrets
-import select
-import shutil
 import struct
 import time
 from collections.abc import Sequence
@@ -18,8 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.flash.bridge import Bridge
-from marl_cair.games.flash.installing import diagnose, find_browser, find_ruffle
+from marl_cair.games.flash.installing import find_ruffle
 from marl_cair.games.flash.keys import find_key
+from marl_cair.games.flash.launching import (
+    VNC_SOCKET,
+    Window,
+    check_programs,
+    start_browser,
+    start_display,
+)
 from marl_cair.games.flash.links import (
     Event,
     KeyEvent,
@@ -39,20 +42,6 @@ REPLY_LIMIT_S = 30.0
 _FRAME_LIMIT_S = 0.1  # what each frame of a step adds to the limit
 _MAX_SIZE = 4096
 _PAGE = Path(__file__).parent / "page"
-
-_CHROMIUM = """
---disable-gpu --disable-quic --no-first-run --no-default-browser-check --disable-background-networking
---disable-component-update --disable-sync --disable-extensions --mute-audio --disable-dev-shm-usage
---autoplay-policy=no-user-gesture-required --disable-backgrounding-occluded-windows
---disable-renderer-backgrounding --disable-background-timer-throttling --force-device-scale-factor=1
---force-color-profile=srgb --password-store=basic --disk-cache-size=1 --disable-breakpad
---force-webrtc-ip-handling-policy=disable_non_proxied_udp --window-position=0,0 --lang=en-US
-""".split()
-# No TCP at all. -r: the display repeats no held keys, the browser would report them.
-_DISPLAY = """
--depth 24 -rfbport -1 -rfbunixmode 384 -SecurityTypes None -nolisten tcp -nolisten local -noreset
--FrameRate 1000 -AlwaysShared -SendCutText=0 -AcceptCutText=0 -AcceptSetDesktopSize=0 -s 0
-""".split()
 
 
 class FlashServer:
@@ -96,7 +85,7 @@ class FlashServer:
         self._has_display = mode == "realtime" or self._is_in_band
         self._pending: tuple[int, tuple[int, int] | None] | None = None  # frames, picture
         _check_swf(swf)
-        self._check_programs()
+        check_programs(needs_display=self._has_display)
         self._link: Link | None = None
         self._bridge: Bridge | None = None
         self._folder = PrivateFolder()
@@ -127,7 +116,7 @@ class FlashServer:
         """The UNIX socket of the VNC server, which only this user can open."""
         if not self._has_display:
             raise ValueError('mode="lockstep" with transport="bridge" has no display to connect to')
-        return self._folder.path / "rfb.sock"
+        return self._folder.path / VNC_SOCKET
 
     def connect(self, **options: Any) -> RFBClient:
         """A new VNC client of the game; `options` are those of RFBClient."""
@@ -136,8 +125,8 @@ class FlashServer:
     # --- the game --------------------------------------------------------------------------------
 
     def watch(self, *names: str) -> None:
-        """Call these callbacks of the SWF (without arguments) at the end of each `reset` and `step`;
-        `values` holds what they returned. This is faster than calls of their own.
+        """Call these callbacks of the SWF, without arguments, after each `reset` and `step`:
+        `values` holds what they returned. Faster than `call` after each step.
         """
         self._watched = names
 
@@ -269,112 +258,27 @@ class FlashServer:
 
     # --- starting --------------------------------------------------------------------------------
 
-    def _check_programs(self) -> None:
-        missing = diagnose(needs_display=self._has_display)
-        if missing:
-            lines = [f"{part.name} ({part.purpose}): {part.command}" for part in missing]
-            raise FlashError("missing for Flash games:\n" + "\n".join(lines))
-
     def _start(self, swf: Path, renderer: str) -> None:
         width, height = self.size
-        rows = height + count_reply_rows(width, height) if self._is_in_band else height
-        environment = self._folder.environment()
-        environment.pop("DISPLAY", None)
-        environment.pop("WAYLAND_DISPLAY", None)
-        if self._has_display:
-            environment.update(self._start_display(width, rows))
-        settings = {
-            "width": width,
-            "height": height,
-            "fps": self.fps,
-            "mode": self.mode,
-            "rows": rows - height,
-            "renderer": renderer,
-        }
+        rows = count_reply_rows(width, height) if self._is_in_band else 0
+        settings = {"width": width, "height": height, "rows": rows, "fps": self.fps}
+        query = urlencode({**settings, "mode": self.mode, "renderer": renderer})
+        window = Window(width, height + rows, renderer, self._is_in_band)
         ruffle = find_ruffle()
-        files = {path.name: path for path in (*_PAGE.iterdir(), *ruffle.glob("*.js"))}
-        files |= {path.name: path for path in ruffle.glob("*.wasm")}
-        self._bridge = bridge = Bridge({**files, "game.swf": swf})
-        self._start_browser(bridge, urlencode(settings), (width, rows), renderer, environment)
-        self._wait_for_page(bridge)
-        self._link = SocketLink(bridge)
-        self._receive(0)
-        if self._is_in_band:
-            self._link = ScreenLink(self.address, height, self._check_running)
-
-    def _start_display(self, width: int, height: int) -> dict[str, str]:
-        """Start Xtigervnc; return the variables of its clients."""
-        authority = self._folder.path / "xauth"
-        authority.touch(0o600)
-        authority.write_bytes(_pack_cookie())  # first: a display without a cookie is open to all
-        read_end, write_end = os.pipe()
-        try:
-            command = ["Xtigervnc", "-displayfd", str(write_end), "-geometry", f"{width}x{height}"]
-            command += [*_DISPLAY, "-rfbunixpath", str(self.address), "-auth", str(authority)]
-            if self._is_in_band:
-                command.append("-r")
-            program = self._folder.start(
-                "Xtigervnc",
-                command,
-                end_by="TERM",  # so that it removes its lock and its socket
-                environment=self._folder.environment(),
-                pass_fds=[write_end],
-            )
-        finally:
-            os.close(write_end)
-        with open(read_end, "rb") as numbers:
-            if not select.select([numbers], [], [], START_LIMIT_S)[0]:
-                raise FlashError(f"Xtigervnc was not ready within {START_LIMIT_S:g} s")
-            display = numbers.readline().decode().strip()
-        if not display:
-            self._folder.wait_for_end("Xtigervnc")
-        self._folder.tell_watcher(f"X {program} {display}")
-        return {"DISPLAY": f":{display}", "XAUTHORITY": str(authority)}
-
-    def _start_browser(
-        self,
-        bridge: Bridge,
-        settings: str,
-        window: tuple[int, int],
-        renderer: str,
-        environment: dict[str, str],
-    ) -> None:
-        # The page's address holds a token, and all users see the command line: a file forwards to it.
-        address = f"{bridge.address}index.html?{settings}"
-        start = self._folder.path / "start.html"
-        refresh = address.replace("&", "&amp;")
-        start.write_text(f'<meta http-equiv="refresh" content="0;url={refresh}">', "utf-8")
-        command = [str(find_browser()), *_CHROMIUM, f"--user-data-dir={self._folder.path}/profile"]
-        command.append(f"--host-resolver-rules=MAP * 127.0.0.1:{bridge.port}")
-        if os.geteuid() == 0:
-            command.append("--no-sandbox")  # Chromium has none for root
-        if renderer == "webgl":
-            command.append("--enable-unsafe-swiftshader")
-        if self._is_in_band:
-            command += ["--disable-frame-rate-limit", "--disable-gpu-vsync"]
-        if self._has_display:
-            # Without a window manager the page is one pixel smaller than the window.
-            command += ["--kiosk", f"--window-size={window[0] + 1},{window[1] + 1}"]
-            command.append(f"--app={start.as_uri()}")
-        else:
-            command += ["--headless", "--window-size={},{}".format(*window), start.as_uri()]
-        self._folder.start("chromium", command, end_by="KILL", environment=environment)
-
-    def _wait_for_page(self, bridge: Bridge) -> None:
+        files = [*_PAGE.iterdir(), *ruffle.glob("*.js"), *ruffle.glob("*.wasm")]
+        self._bridge = bridge = Bridge({**{path.name: path for path in files}, "game.swf": swf})
+        display = start_display(self._folder, window) if self._has_display else None
+        start_browser(self._folder, f"{bridge.address}index.html?{query}", window, display)
         deadline = time.monotonic() + START_LIMIT_S
         while not bridge.wait_for_page(0.1):
             self._folder.check_running()
             if time.monotonic() > deadline:
                 log = self._folder.describe_log("chromium")
                 raise FlashError(f"the page was not ready within {START_LIMIT_S:g} s.{log}")
-
-
-def _pack_cookie() -> bytes:
-    """An Xauthority entry with a random key, for every display of every host (FamilyWild)."""
-    name, key = b"MIT-MAGIC-COOKIE-1", secrets.token_bytes(16)
-    fields = [b"", b"", name, key]  # address, display
-    packed = b"".join(struct.pack(">H", len(field)) + field for field in fields)
-    return struct.pack(">H", 0xFFFF) + packed
+        self._link = SocketLink(bridge)
+        self._receive(0)
+        if self._is_in_band:
+            self._link = ScreenLink(self.address, height, self._check_running)
 
 
 def _check_swf(swf: Path) -> None:

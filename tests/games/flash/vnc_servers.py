@@ -44,14 +44,15 @@ def run_program(command: list[str], **options: object) -> Iterator[subprocess.Po
 
 @contextlib.contextmanager
 def run_x_server(command: list[str]) -> Iterator[dict[str, str]]:
-    """Yields the environment of programs that draw on the server."""
+    """Yields the environment of programs that draw on the server, and its SERVER_PID."""
     reader, writer = os.pipe()
-    with run_program([*command, "-displayfd", str(writer)], pass_fds=[writer]):
+    with run_program([*command, "-displayfd", str(writer)], pass_fds=[writer]) as server:
         os.close(writer)
         with os.fdopen(reader) as numbers:
             number = numbers.readline().strip()
         assert number, f"{command[0]} did not start"
-        yield {**os.environ, "DISPLAY": f":{number}"}
+        yield {**os.environ, "DISPLAY": f":{number}", "SERVER_PID": str(server.pid)}
+    Path(f"/tmp/.X11-unix/X{number}").unlink(missing_ok=True)  # noqa: S108 (left if it was killed)
 
 
 @contextlib.contextmanager

@@ -184,6 +184,10 @@ class EpisodeStorage:
         ring.append_steps(self._ring, steps, streams, slots, self._window, sizes)
         return torch.from_numpy(slots[steps.learned])
 
+    def forget_streams(self) -> None:
+        """The next rollout follows no stored step: running games were given up."""
+        self._streams = None
+
     def get(self, index: torch.Tensor, num_steps: int | None = None) -> TensorDict:
         """Return the transitions [N] that start at slots `index` int64 [N], or the sequences
         (`sequences.read_sequences`).

@@ -343,13 +343,16 @@ class TrainingRun:
         # Snapshots from after this state was saved do not count.
         self.book.pool.save_index()
         self.router.import_state(state["router"])
-        self.statistics.import_state(state["statistics"])
+        if self.game.has_snapshots:  # the running games, else given up
+            self.statistics.import_state(state["statistics"])
         self.means.import_state(state["means"])
         self.env.load_game_state(state_file.to_arrays(state["env"]))
         if self.generator:
             generators.restore_generator(self.generator, folder, state["generator"])
         if (folder / REPLAY_FOLDER).is_dir():
             self.replay.load(folder / REPLAY_FOLDER)
+            if not self.game.has_snapshots:
+                self.replay.real.storage.forget_streams()
         self.replay.generated_open = self.gate_is_open
         if self.average_policy:
             self.average_policy.load_state_dict(state["average_policy"])

@@ -18,7 +18,7 @@ from marl_cair.games import GAMES
 from marl_cair.games.checks.state import Range
 from marl_cair.games.compiled import is_compiling
 from marl_cair.games.engine import BatchedEngine, Snapshot
-from tests.games.cases import QUICK_CASES, Case, choose_actions
+from tests.games.cases import IN_PROCESS, QUICK_CASES, Case, choose_actions
 
 if is_compiling() and not numba.config.BOUNDSCHECK:
     pytest.skip("needs NUMBA_BOUNDSCHECK=1 or NUMBA_DISABLE_JIT=1", allow_module_level=True)
@@ -133,7 +133,7 @@ def test_a_damaged_state_is_refused_or_plays_on(case, fuzz_rounds):
         faulthandler.cancel_dump_traceback_later()
 
 
-@pytest.mark.parametrize("game", GAMES)
+@pytest.mark.parametrize("game", IN_PROCESS)
 def test_every_field_has_a_range_and_no_value_outside_of_it_is_taken(game):
     engine, snapshots = play_snapshots(Case(game, GAMES[game].default_scenario))
     luck = np.random.default_rng(2)

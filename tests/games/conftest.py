@@ -2,8 +2,7 @@
 
 import pytest
 
-from marl_cair.games import GAMES
-from tests.games.cases import CASES, Case
+from tests.games.cases import CASES, IN_PROCESS, Case
 
 
 def pytest_addoption(parser):
@@ -14,9 +13,9 @@ def pytest_addoption(parser):
     )
 
 
-@pytest.fixture(scope="module", params=list(GAMES), ids=str)
+@pytest.fixture(scope="module", params=IN_PROCESS, ids=str)
 def game_name(request):
-    """Each game's name."""
+    """Each game's name, but those of games in browsers."""
     return request.param
 
 

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from marl_cair.games import GAMES
 from marl_cair.games.gymnasium_env import GameEnv, GameVectorEnv
 from marl_cair.games.players.mixed_agent import MixedAgent
-from tests.games.cases import REPRESENTATIONS, FirstLegalAgent, choose_action, ticks_of
+from tests.games.cases import IN_PROCESS, REPRESENTATIONS, FirstLegalAgent, choose_action, ticks_of
 
 IDS = sorted(name for name in gymnasium.registry if name.startswith("marl_cair/"))
 MAX_DECISIONS = 8  # a game lasts at most so long
@@ -70,7 +70,7 @@ def test_every_scenario_has_its_id():
     assert sorted(expected) == IDS
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("env_id", [name for name in IDS if "/Flash-" not in name])
 def test_gymnasium_accepts_every_registered_environment(env_id):
     env = gymnasium.make(env_id)
     check_env(env.unwrapped, skip_render_check=True)  # which needs an environment for each mode
@@ -162,7 +162,9 @@ def test_a_limit_of_decisions_ends_games_in_both_forms_alike(game_name, mode):
     assert play_both(first_id(game_name), mode, 1, max_episode_steps=4) >= 5 * NUM_WORLDS
 
 
-@pytest.mark.parametrize("game", [game for game in GAMES if "race-2" not in GAMES[game].scenarios])
+@pytest.mark.parametrize(
+    "game", [game for game in IN_PROCESS if "race-2" not in GAMES[game].scenarios]
+)
 def test_both_forms_draw_the_same_members_of_a_mixture(game):
     scenario = GAMES[game].scenario()
     bots = [GAMES[game].bot(name, scenario) for name in list(GAMES[game].bots)[:3]]
@@ -257,7 +259,7 @@ def play_idly(game: str, bot: str, seed: int) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("game", "bot"), [(game, bot) for game in GAMES for bot in GAMES[game].bots]
+    ("game", "bot"), [(game, bot) for game in IN_PROCESS for bot in GAMES[game].bots]
 )
 def test_the_same_seed_gives_the_same_game_against_every_bot(game, bot):
     assert play_idly(game, bot, seed=0) == play_idly(game, bot, seed=0)

@@ -77,9 +77,7 @@ def _dodge(task: State) -> str | None:
 
 
 def _must_jump(task: State) -> bool:
-    is_near = any(
-        HURDLE_BEHIND < hurdle["distance"] < JUMP_DISTANCE for hurdle in task["hurdles"]
-    )
+    is_near = any(HURDLE_BEHIND < hurdle["distance"] < JUMP_DISTANCE for hurdle in task["hurdles"])
     return is_near and task["height"] == 0
 
 

@@ -56,15 +56,17 @@ class Game:
             raise ValueError(f"fps is {fps}, it must be 1 or more")
         self.description = find_description(name)
         check_digest(self.description)
-        self._fps, self._callback, self._scenes = fps, frame_callback, scenes
+        self._fps, self._scenes = fps, scenes
         self._is_gray, self._is_normalized = grayscale, normalized
         size, swf_fps = self.description.size, self.description.fps
         self._server = FlashServer(self.description.swf, size, swf_fps, mode="realtime")
         self._client = self._server.connect()
-        self._error: BaseException | None = None
+        self._error: Exception | None = None
         self._is_over = threading.Event()
-        self._thread = threading.Thread(target=self._push, name="flash frames", daemon=True)
+        self._thread: threading.Thread | None = None
         if frame_callback is not None:
+            arguments = (frame_callback,)
+            self._thread = threading.Thread(target=self._push, args=arguments, daemon=True)
             self._thread.start()
 
     @property
@@ -123,8 +125,9 @@ class Game:
     def close(self) -> None:
         """End the game, its browser and its display. Raises what the callback raised."""
         self._is_over.set()
-        if self._thread.is_alive() and threading.current_thread() is not self._thread:
-            self._thread.join()
+        thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            thread.join()
         self._client.close()
         self._server.close()
         if self._error is not None:
@@ -150,16 +153,14 @@ class Game:
             ]
         return small.astype(np.float32) / 255.0 if self._is_normalized else small
 
-    def _push(self) -> None:
-        assert self._callback is not None
+    def _push(self, push: Callback) -> None:
         number, due = 0, time.monotonic()
         try:
             while not self._is_over.wait(max(0.0, due - time.monotonic())):
                 picture = self._client.frame()
                 scene = self._scenes.find_scene(picture) if self._scenes else ""
-                self._callback(self._prepare(picture), number, scene, self)
+                push(self._prepare(picture), number, scene, self)
                 number += 1
                 due = max(due + 1.0 / self._fps, time.monotonic())
-        except BaseException as error:
+        except Exception as error:  # noqa: BLE001  # whatever the user's code raises: see `close`
             self._error = error
-            self._is_over.set()

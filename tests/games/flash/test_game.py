@@ -1,0 +1,124 @@
+"""Flash as a game like the others: determinism, and all environments, in real browsers."""
+
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from torchrl.envs.utils import check_env_specs
+
+import marl_cair
+from marl_cair.games import flash
+from marl_cair.games.engine import NoSnapshotError
+from marl_cair.games.flash.installing import diagnose
+from marl_cair.league.play.match import play_match
+from tests.games.flash.vnc_servers import IS_NEEDED
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # PettingZoo's own, of its example games
+    from pettingzoo.test import parallel_api_test
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _needs_browsers():
+    missing = [f"{part.name}: {part.command}" for part in diagnose()]
+    if missing:
+        (pytest.fail if IS_NEEDED else pytest.skip)("; ".join(missing))
+
+
+def play(engine, seeds, num_steps):
+    """Observations, rewards and numbers of random play, as bytes for each world."""
+    engine.reset(np.array(seeds, np.uint64))
+    rngs = [np.random.default_rng(seed) for seed in seeds]
+    seen = [[] for _ in seeds]
+    for _ in range(num_steps):
+        shown = engine.observe("gray_stack"), engine.observe("rgb84"), engine.observe("vector")
+        for world, parts in enumerate(seen):
+            parts += [values[world].tobytes() for values in (*shown, engine.rewards)]
+        actions = [rng.integers(0, engine.num_actions, engine.num_players) for rng in rngs]
+        engine.step(np.array(actions))
+    return [b"".join(parts) for parts in seen]
+
+
+@pytest.mark.parametrize("scenario", ["multitask", "duel"])
+def test_a_seed_gives_the_same_game_in_any_world_and_again(scenario):
+    engine = marl_cair.make_engine("flash", scenario, num_worlds=2)
+    first = play(engine, [5, 9], 40)
+    assert first[0] != first[1]
+    assert play(engine, [9, 5], 40) == first[::-1]
+    engine.close()
+
+
+def test_both_transports_show_the_same_game():
+    shown = []
+    for transport in ("bridge", "vnc"):
+        engine = marl_cair.make_engine("flash", "multitask", transport=transport)
+        shown.append(play(engine, [3], 20))
+        engine.close()
+    assert shown[0] == shown[1]
+
+
+def test_games_end_and_their_score_is_paid():
+    engine = marl_cair.make_engine("flash", "multitask")
+    engine.reset(0)
+    total = 0.0
+    while not engine.terminated[0]:
+        engine.step(np.zeros((1, 1), np.int64))
+        total += engine.rewards[0, 0]
+    score = engine.info()["score"][0, 0]
+    assert 0 < total <= score  # the score of the frames before the first step is not paid
+    assert score - total <= 5
+    engine.close()
+
+
+def test_the_second_player_of_duel_sees_the_game_from_its_side():
+    engine = marl_cair.make_engine("flash", "duel")
+    engine.reset(0)
+    own, other = engine.observe("rgb84")[0]
+    assert (own == other[:, :, ::-1]).all()
+    engine.close()
+
+
+def test_what_needs_a_snapshot_says_so():
+    engine = marl_cair.make_engine("flash", "duel")
+    engine.reset(0)
+    for ask in (engine.snapshot, engine.state_dict):
+        with pytest.raises(NoSnapshotError, match="flash"):
+            ask()
+    engine.close()
+
+
+def test_a_browser_that_dies_truncates_its_game_alone():
+    engine = marl_cair.make_engine("flash", "multitask", num_worlds=2)
+    engine.reset(np.array([1, 2], np.uint64))
+    actions = np.zeros((2, 1), np.int64)
+    engine.step(actions)
+    engine._rules.server(0).close()
+    engine.step(actions)
+    assert engine.truncated.tolist() == [True, False]
+    engine.reset(np.array([1, 2], np.uint64), np.array([True, False]))
+    engine.step(actions)
+    assert not engine.truncated.any()
+    engine.close()
+
+
+def test_the_environments_accept_it():
+    env = flash.parallel_env("duel", representation="gray_stack")
+    parallel_api_test(env, num_cycles=10)
+    env.close()
+    alone = gymnasium.make("marl_cair/Flash-multitask-v0", representation="gray_stack")
+    check_env(alone.unwrapped, skip_render_check=True)
+    alone.close()
+    batched = marl_cair.make_torchrl_env(
+        "flash", "duel", num_worlds=2, representation="gray_stack", seed=0
+    )
+    check_env_specs(batched, break_when_any_done="both")
+    batched.engine.close()
+
+
+@pytest.mark.parametrize(("scenario", "bot"), [("duel", "duelist")])
+def test_the_bot_beats_random(scenario, bot):
+    game, chosen = marl_cair.GAMES["flash"], marl_cair.GAMES["flash"].scenario(scenario)
+    result = play_match(game.bot(bot, chosen), game.bot("random", chosen), game, chosen, 8, 0)
+    assert result.score >= 0.75

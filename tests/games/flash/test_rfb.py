@@ -1,10 +1,8 @@
 """The VNC client against a server of this file that sends exact bytes, right and wrong ones."""
 
 import contextlib
-import random
 import socket
 import struct
-import sys
 import threading
 import time
 from pathlib import Path
@@ -13,45 +11,22 @@ import numpy as np
 import pytest
 
 from marl_cair.games.flash.rfb import RFBClient, RFBError
-from marl_cair.games.flash.rfb_messages import Conversation, encode_password
 from marl_cair.lookup import UnknownNameError
-
-WIDTH, HEIGHT = 6, 4
-GREETING = b"RFB 003.008\n"
-OPEN = b"\1\1" + bytes(4)  # one security type, none; log-in is right
-PICTURE = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
-FULL_REQUEST = struct.pack(">BBHHHH", 3, 0, 0, 0, WIDTH, HEIGHT)
-CHANGES_REQUEST = struct.pack(">BBHHHH", 3, 1, 0, 0, WIDTH, HEIGHT)
-NUM_SETTINGS = 20 + 16  # bytes of SetPixelFormat and SetEncodings
-
-
-def pack_init(width=WIDTH, height=HEIGHT, name=b"test"):
-    return struct.pack(">HH16xI", width, height, len(name)) + name
-
-
-def rectangle(x, y, width, height, encoding, data=b""):
-    return struct.pack(">HHHHi", x, y, width, height, encoding) + data
-
-
-def raw(x, y, pixels):
-    height, width = pixels.shape[:2]
-    wire = np.full((height, width, 4), 77, np.uint8)
-    wire[..., :3] = pixels
-    return rectangle(x, y, width, height, 0, wire.tobytes())
-
-
-def update(*rectangles):
-    return struct.pack(">BxH", 0, len(rectangles)) + b"".join(rectangles)
-
-
-SESSION = GREETING + OPEN + pack_init() + update(raw(0, 0, PICTURE))
-CHANGE = np.full((2, 3, 3), 9, np.uint8)
-
-
-def changed_picture():
-    picture = PICTURE.copy()
-    picture[1:3, 2:5] = CHANGE
-    return picture
+from tests.games.flash.rfb_bytes import (
+    CHANGE,
+    CHANGES_REQUEST,
+    FULL_REQUEST,
+    GREETING,
+    HEIGHT,
+    NUM_SETTINGS,
+    PICTURE,
+    SESSION,
+    WIDTH,
+    changed_picture,
+    raw,
+    rectangle,
+    update,
+)
 
 
 def receive(connection, num_bytes):
@@ -144,39 +119,6 @@ def test_log_in_and_input_are_byte_exact(serve):
         client.click(1, 2, "right")
 
 
-def test_cursor_is_announced_to_keep_it_out_of_the_frame(serve):
-    shape = rectangle(0, 0, 9, 2, -239, bytes(9 * 2 * 4 + 2 * 2))
-
-    def talk(connection):
-        connection.sendall(GREETING + OPEN + pack_init() + update(shape, raw(0, 0, PICTURE)))
-        settings = receive(connection, 12 + 1 + 1 + NUM_SETTINGS + 4)
-        assert settings.endswith(struct.pack(">BxH4i", 2, 4, 1, 0, -223, -239))
-        drain(connection)
-
-    with RFBClient(serve(talk), with_cursor=False) as client:
-        np.testing.assert_array_equal(client.frame(), PICTURE)
-
-
-@pytest.mark.parametrize(
-    ("greeting", "answer", "log_in"),
-    [
-        (b"RFB 003.003\n", b"RFB 003.003\n\1", struct.pack(">I", 1)),
-        (b"RFB 003.005\n", b"RFB 003.003\n\1", struct.pack(">I", 1)),
-        (b"RFB 003.007\n", b"RFB 003.007\n\1\1", b"\2\2\1"),
-        (b"RFB 003.889\n", b"RFB 003.008\n\1\1", b"\2\2\1" + bytes(4)),
-        (b"RFB 005.000\n", b"RFB 003.008\n\1\1", OPEN),
-    ],
-)
-def test_other_versions_of_the_protocol(serve, greeting, answer, log_in):
-    def talk(connection):
-        connection.sendall(greeting + log_in + pack_init() + update(raw(0, 0, PICTURE)))
-        assert receive(connection, len(answer)) == answer
-        drain(connection)
-
-    with RFBClient(serve(talk)) as client:
-        np.testing.assert_array_equal(client.frame(), PICTURE)
-
-
 def test_messages_torn_into_bytes(serve):
     def talk(connection):
         for byte in SESSION + b"\2" + update(raw(2, 1, CHANGE)):
@@ -206,17 +148,6 @@ def test_a_message_that_a_timeout_interrupts_continues_in_the_next_call(serve):
         np.testing.assert_array_equal(client.frame(), PICTURE)
         is_late.set()
         np.testing.assert_array_equal(client.wait_for_update(), changed_picture())
-
-
-def test_what_moves_is_copied_and_other_messages_are_skipped(serve):
-    skipped = (
-        b"\2" + struct.pack(">BxHH", 1, 0, 2) + bytes(12) + struct.pack(">B3xI", 3, 5) + b"hello"
-    )
-    copy = rectangle(1, 1, 5, 3, 1, struct.pack(">HH", 0, 0))  # source and target overlap
-    with RFBClient(serve(send_then_wait(SESSION, skipped, update(copy)))) as client:
-        expected = PICTURE.copy()
-        expected[1:4, 1:6] = PICTURE[:3, :5]
-        np.testing.assert_array_equal(client.wait_for_update(), expected)
 
 
 def test_a_frame_of_a_new_size_is_requested_whole(serve):
@@ -252,56 +183,6 @@ def test_refresh_takes_no_old_changes_for_the_whole(serve):
         with pytest.raises(TimeoutError):
             client.wait_for_update(0.02)
         np.testing.assert_array_equal(client.refresh(), PICTURE)
-
-
-VIOLATIONS = {
-    "a rectangle of 3x2 pixels at (4, 0) from .* is outside the frame of 6x4": update(
-        raw(4, 0, CHANGE)
-    ),
-    "a rectangle of 2x2 pixels at (65535, 3) .* outside the frame of 6x4": update(
-        rectangle(0, 0, 2, 2, 1, struct.pack(">HH", 65535, 3))
-    ),
-    "has a frame of 65535x65535 pixels, it must be of 1 to 16777216": update(
-        rectangle(0, 0, 65535, 65535, -223)
-    ),
-    "has a frame of 0x9 pixels": update(rectangle(0, 0, 0, 9, -223)),
-    "a cursor of 1025x1 pixels, at most 1024 a side": update(rectangle(0, 0, 1025, 1, -239)),
-    "encoding 16 from .* was not asked for": update(rectangle(0, 0, 1, 1, 16)),
-    "unknown message 200 from .*, known are 0 to 3": b"\xc8",
-    "a clipboard of 4294967295 bytes, at most 1048576": struct.pack(">B3xI", 3, 2**32 - 1),
-}
-
-
-@pytest.mark.parametrize("message", VIOLATIONS)
-def test_violations_of_the_protocol_end_the_client(serve, message):
-    pattern = message.replace("(", r"\(").replace(")", r"\)")
-    with RFBClient(serve(send_then_wait(SESSION, VIOLATIONS[message]))) as client:
-        for _ in range(2):
-            with pytest.raises(RFBError, match=pattern):
-                client.wait_for_update()
-        with pytest.raises(RFBError, match=pattern):
-            client.press("a")
-        np.testing.assert_array_equal(client.frame(), PICTURE)
-
-
-REFUSALS = {
-    "is no VNC server, it begins with b'HTTP/1.1 400'": b"HTTP/1.1 400 Bad Request",
-    "is no VNC server, it begins with b'RFB 003.002": b"RFB 003.002\n",
-    "refused the connection: 'too many'": GREETING + b"\0" + struct.pack(">I", 8) + b"too many",
-    "refused the connection: 'full'": b"RFB 003.003\n" + struct.pack(">II", 0, 4) + b"full",
-    "refused the log-in: 'no'": GREETING + b"\1\1" + struct.pack(">II", 1, 2) + b"no",
-    "a reason of 4294967295 bytes": GREETING + b"\0" + b"\xff" * 4,
-    r"offers the security types \[2, 19\]: without a password it must": GREETING + b"\2\2\x13",
-    "has a frame of 0x0 pixels": GREETING + OPEN + pack_init(0, 0),
-    "has a frame of 65535x300 pixels": GREETING + OPEN + pack_init(65535, 300),
-    "a name of 2097152 bytes": GREETING + OPEN + struct.pack(">HH16xI", 6, 4, 2**21),
-}
-
-
-@pytest.mark.parametrize("message", REFUSALS)
-def test_refusals(serve, message):
-    with pytest.raises(RFBError, match=message):
-        RFBClient(serve(send_then_wait(REFUSALS[message])))
 
 
 @pytest.mark.parametrize("num_bytes", [0, 5, 12, 13, 16, 20, 45, 70])
@@ -441,44 +322,14 @@ def test_no_server(tmp_path):
         RFBClient(address)
 
 
-def test_password_without_cryptography(serve, monkeypatch):
-    monkeypatch.setitem(sys.modules, "cryptography.hazmat.primitives.ciphers", None)
-    monkeypatch.setitem(sys.modules, "cryptography", None)
-    server = serve(send_then_wait(GREETING, b"\1\2", bytes(16)))
-    with pytest.raises(RFBError, match=r"pip install 'marl_cair\[vnc\]'"):
-        RFBClient(server, password="x" * 8)
+def test_an_error_of_the_protocol_ends_the_client(serve):
+    with RFBClient(serve(send_then_wait(SESSION, b"\xc8"))) as client:
+        for call in (client.wait_for_update, client.refresh, lambda: client.press("a")):
+            with pytest.raises(RFBError, match="unknown message 200 from .*, known are 0 to 3"):
+                call()
+        np.testing.assert_array_equal(client.frame(), PICTURE)
 
 
-def test_password_key_has_the_bits_of_each_byte_reversed():
-    assert encode_password("\x01\x80A") == b"\x80\x01\x82" + bytes(5)
-    assert encode_password("123456789") == encode_password("12345678")
-
-
-def test_damaged_bytes_raise_only_rfb_errors_and_need_little_memory():
-    valid = bytearray(
-        SESSION
-        + update(raw(2, 1, CHANGE), rectangle(1, 1, 5, 3, 1, bytes(4)))
-        + update(rectangle(0, 0, 3, 2, -223), rectangle(0, 0, 9, 2, -239, bytes(76)))
-    )
-    draw = random.Random(0)
-    num_errors = 0
-    for _ in range(2000):
-        data = bytearray(valid)
-        for _ in range(draw.randint(1, 4)):
-            data[draw.randrange(len(data))] = draw.choice([0, 1, 127, 255, draw.randrange(256)])
-        try:
-            converse(bytes(data))
-        except RFBError:
-            num_errors += 1
-    assert 500 < num_errors < 2000
-
-
-def converse(data):
-    """Feed the bytes of a server to the client's protocol."""
-    messages = Conversation("test", lambda _: None, None, with_cursor=False).listen()
-    for wanted in messages:
-        assert len(wanted) < 2**27
-        if len(wanted) > len(data):
-            return
-        wanted[:] = data[: len(wanted)]
-        data = data[len(wanted) :]
+def test_a_refusal_closes_the_connection(serve):
+    with pytest.raises(RFBError, match="refused the connection: 'too many'"):
+        RFBClient(serve(send_then_wait(GREETING, b"\0", struct.pack(">I", 8), b"too many")))

@@ -65,8 +65,8 @@ def _send(game: Game, pygame: Any, event: Any) -> bool:
         (game.press if event.type == pygame.KEYDOWN else game.release)(name)
     elif event.type == pygame.MOUSEMOTION:
         game.move(*event.pos)
-    elif event.type == pygame.MOUSEBUTTONDOWN and event.button in _BUTTONS:
-        game.mouse_down(*event.pos, _BUTTONS[event.button])
-    elif event.type == pygame.MOUSEBUTTONUP and event.button in _BUTTONS:
-        game.mouse_up(*event.pos, _BUTTONS[event.button])
+    elif event.type in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP) and event.button in _BUTTONS:
+        move = game.mouse_down if event.type == pygame.MOUSEBUTTONDOWN else game.mouse_up
+        x, y = event.pos
+        move(x, y, _BUTTONS[event.button])
     return bool(event.type == pygame.QUIT)

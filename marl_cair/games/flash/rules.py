@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from marl_cair.games.flash import state as s
 from marl_cair.games.flash.description import (
@@ -24,6 +25,7 @@ from marl_cair.games.flash.server import Event, FlashError, FlashServer, KeyEven
 from marl_cair.games.game import NO_WINNER
 
 SMALL = s.SIDE, s.SIDE
+Transport = Literal["bridge", "vnc"]
 ALIVE = 0.1  # of a step, in the reward `alive`
 MOST_FAILURES = 2  # browsers of one game that are replaced when they fail
 _LUMA = np.array((299, 587, 114), np.uint32)
@@ -76,7 +78,7 @@ class Browsers:
                 self.described.size,
                 self.described.fps,
                 mode="lockstep",
-                transport=self.scenario.transport,
+                transport=cast("Transport", self.scenario.transport),
             )
             if self.described.callback:
                 server.watch(self.described.callback)
@@ -237,9 +239,9 @@ def read_brightness(picture: NDArray[np.uint8], region: Region) -> float:
 
 
 def shrink(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A picture [H, W, 3] at 84 x 84: the nearest pixel of each."""
-    rows, columns = ((2 * np.arange(s.SIDE) + 1) * n // (2 * s.SIDE) for n in picture.shape[:2])
-    return picture[rows[:, None], columns]
+    """A picture [H, W, 3] at 84 x 84: means of its pixels."""
+    small = Image.fromarray(picture).resize(SMALL, Image.Resampling.BOX)
+    return np.asarray(small, np.uint8)
 
 
 def _pay(
@@ -300,5 +302,5 @@ def draw(
     """What a browser shows now, uint8 [H, W, 3]."""
     server = browsers.server(int(worlds.slot[world]))
     picture = _shown(server.step(0, picture=browsers.described.size))
-    mirrors = browsers.described.is_mirrored and player is not None
-    return picture[:, ::-1] if mirrors and 2 * player >= worlds.score.shape[1] else picture
+    is_second = player is not None and 2 * player >= worlds.score.shape[1]
+    return picture[:, ::-1] if is_second and browsers.described.is_mirrored else picture

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import logging
 from collections.abc import Iterable
 from itertools import combinations
+from pathlib import Path
 from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
@@ -27,6 +29,7 @@ from marl_cair.games.game import NO_WINNER
 SMALL = s.SIDE, s.SIDE
 Transport = Literal["bridge", "vnc"]
 ALIVE = 0.1  # of a step, in the reward `alive`
+MOST_SPARE = 16  # browsers of a SWF that wait for another engine
 MOST_FAILURES = 2  # browsers of one game that are replaced when they fail
 _LUMA = np.array((299, 587, 114), np.uint32)
 
@@ -60,29 +63,50 @@ def list_actions(described: Description, kind: str) -> tuple[Action, ...]:
     )
 
 
+# Browsers of engines that were closed, for the next ones: to start one takes seconds.
+_spare: dict[tuple[Path, str], list[FlashServer]] = {}
+
+
+def close_spare_browsers() -> None:
+    """Close the browsers that wait for another engine."""
+    while _spare:
+        for server in _spare.popitem()[1]:
+            server.close()
+
+
+atexit.register(close_spare_browsers)
+
+
 class Browsers:
-    """The browsers of an engine, one for each world, each started when its first game begins."""
+    """The browsers of an engine, one for each world, each taken when its first game begins."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario, self.described = scenario, find_description(scenario.description)
         self.actions = list_actions(self.described, scenario.actions)
         self.ending = EndReader(self.described)
         self.picture = self.described.size if self.described.reads_pixels else SMALL
+        self._kind = self.described.swf, scenario.transport
         self._servers: dict[int, FlashServer] = {}
 
     def server(self, slot: int) -> FlashServer:
         if slot not in self._servers:
-            check_digest(self.described)
-            server = self._servers[slot] = FlashServer(
-                self.described.swf,
-                self.described.size,
-                self.described.fps,
-                mode="lockstep",
-                transport=cast("Transport", self.scenario.transport),
-            )
-            if self.described.callback:
-                server.watch(self.described.callback)
+            spare = _spare.get(self._kind, [])
+            self._servers[slot] = spare.pop() if spare else self._open()
         return self._servers[slot]
+
+    def _open(self) -> FlashServer:
+        described = self.described
+        check_digest(described)
+        server = FlashServer(
+            described.swf,
+            described.size,
+            described.fps,
+            mode="lockstep",
+            transport=cast("Transport", self.scenario.transport),
+        )
+        if described.callback:
+            server.watch(described.callback)
+        return server
 
     def drop(self, slot: int) -> None:
         """Close a browser that has failed: the next game starts another one."""
@@ -90,9 +114,12 @@ class Browsers:
             self._servers.pop(slot).close()
 
     def close(self) -> None:
-        """Close all browsers; a later game starts new ones."""
-        for slot in list(self._servers):
-            self.drop(slot)
+        """Give all browsers back: the next engine of the same SWF takes them, up to MOST_SPARE."""
+        spare = _spare.setdefault(self._kind, [])
+        spare += self._servers.values()
+        self._servers.clear()
+        while len(spare) > MOST_SPARE:
+            spare.pop().close()
 
 
 # --- kernels, as `games.game.Game` describes them ------------------------------------------------

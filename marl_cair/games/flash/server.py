@@ -251,8 +251,10 @@ class FlashServer:
                 self._folder.check_running()
                 time.sleep(0.02)
             self._folder.check_running()
-            hint = ". The page crashed, or the game left it, or it runs forever"
-            raise FlashError(f"{error}{hint}{self._folder.describe_log('chromium')}") from error
+            cause = "the page crashed, or the game left it"
+            if isinstance(error, TimeoutError):
+                cause = "the game runs forever, or the machine is too busy"
+            raise FlashError(f"{error}: {cause}.{self._folder.describe_log('chromium')}") from error
         finally:
             self.close()
 

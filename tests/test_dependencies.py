@@ -26,8 +26,8 @@ def declared_modules() -> set[str]:
     """Import names of what pyproject.toml names as needed, or as needed for an extra of users."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    for_users = [need for name in ("parquet", "openspiel", "export") for need in extras[name]]
-    requirements = project["dependencies"] + for_users
+    for_users = ("parquet", "openspiel", "export", "vnc")
+    requirements = project["dependencies"] + [need for name in for_users for need in extras[name]]
     names = {re.match(r"[\w.-]+", requirement).group() for requirement in requirements}
     renamed = {"hydra-core": "hydra", "pillow": "PIL", "pyyaml": "yaml", "open-spiel": "open_spiel"}
     return {renamed.get(name, name) for name in names}

@@ -17,18 +17,19 @@ ARROW_LENGTH = 42.0  # half an arrow, half the avatar and some pixels
 AVATAR_LIMIT, AVATAR_STEP = 64, 4  # pixels
 AVATAR_MOVES = {0: None, -AVATAR_STEP: "up", AVATAR_STEP: "down"}
 DODGE_HORIZON = 50  # ticks
-JUMP_DISTANCE = 44.0  # pixels to a hurdle at which the runner jumps
-HURDLE_BEHIND = -10.0
+SPARE_TICKS = 8  # be out of an arrow's way so much earlier
+JUMP_DISTANCE, JUMP_TICKS = 21.0, 11.0  # jump so far before a hurdle, and so many of its ticks
 
-# duel: the keys of each player and the direction in which its opponent is
+# duel: the keys of each player
 DUEL_KEYS = (
     {"up": "w", "down": "s", "fire": "d", "shield": "a"},
     {"up": "up", "down": "down", "fire": "left", "shield": "right"},
 )
-SHIP_X = 200.0
-HIT_HEIGHT = 33.0  # half a ship and half a bolt
+SHIP_X, SHIP_STEP, SHIP_HALF_HEIGHT = 200.0, 5.0, 30.0
+MISS = 42.0  # pixels between the centres of ship and bolt at which the bolt misses
+KEEP_OFF = 66.0  # do not move towards the enemy while a bolt flies by so near
 SHIELD_TICKS = 6  # a bolt that arrives so soon is met with the shield
-DODGE_TICKS = 22
+DODGE_TICKS = 24
 
 
 def play_multitask(state: State) -> set[str]:
@@ -57,27 +58,31 @@ def _balance(task: State) -> tuple[str | None, bool]:
 
 
 def _dodge(task: State) -> str | None:
-    """The move after which the avatar can live longest, by dynamic programming over its heights."""
-    lives = dict.fromkeys(range(-AVATAR_LIMIT, AVATAR_LIMIT + 1, AVATAR_STEP), 0)
+    """The move with the fewest ticks in danger, by dynamic programming over the avatar's heights."""
+    danger = dict.fromkeys(range(-AVATAR_LIMIT, AVATAR_LIMIT + 1, AVATAR_STEP), 0)
     for tick in range(DODGE_HORIZON, 0, -1):
         heights = [
             arrow["y"]
             for arrow in task["arrows"]
-            if abs(arrow["x"] + tick * arrow["speed"]) < ARROW_LENGTH
+            if -ARROW_LENGTH / abs(arrow["speed"])
+            < -arrow["x"] / arrow["speed"] - tick
+            < ARROW_LENGTH / abs(arrow["speed"]) + SPARE_TICKS
         ]
-        lives = {
-            y: 0
-            if any(abs(y - height) < ARROW_MARGIN for height in heights)
-            else 1 + max(lives.get(y + move, 0) for move in AVATAR_MOVES)
-            for y in lives
+        danger = {
+            y: sum(abs(y - height) < ARROW_MARGIN for height in heights)
+            + min(danger[y + move] for move in AVATAR_MOVES if y + move in danger)
+            for y in danger
         }
     y = AVATAR_STEP * round(task["y"] / AVATAR_STEP)
-    best = max(AVATAR_MOVES, key=lambda move: lives.get(y + move, -1))
+    best = min(AVATAR_MOVES, key=lambda move: danger.get(y + move, DODGE_HORIZON))
     return AVATAR_MOVES[best]
 
 
 def _must_jump(task: State) -> bool:
-    is_near = any(HURDLE_BEHIND < hurdle["distance"] < JUMP_DISTANCE for hurdle in task["hurdles"])
+    is_near = any(
+        -JUMP_DISTANCE < hurdle["distance"] < JUMP_DISTANCE + JUMP_TICKS * hurdle["speed"]
+        for hurdle in task["hurdles"]
+    )
     return is_near and task["height"] == 0
 
 
@@ -92,32 +97,32 @@ def play_duel(state: State, player: int) -> set[str]:
         return set()
     own, enemy = state["players"][player], state["players"][1 - player]
     ticks, dy = _next_bolt(state, player)
-    if ticks < SHIELD_TICKS and own["energy"] > 15:
-        return {keys["shield"]}
-    if ticks < DODGE_TICKS:
-        is_up = dy > 0 if abs(own["y"]) < state["wall"] - 60 else own["y"] > 0
-        return {keys["up" if is_up else "down"]}
+    if ticks < DODGE_TICKS and abs(dy) < MISS:
+        room = state["wall"] - SHIP_HALF_HEIGHT
+        ways = [(MISS - dy, "up", room + own["y"]), (MISS + dy, "down", room - own["y"])]
+        open_ways = [(pixels / SHIP_STEP, way) for pixels, way, space in ways if pixels < space]
+        steps, way = min(open_ways, default=(DODGE_TICKS, "shield"))
+        if steps > ticks:
+            way = "shield"
+        return {keys[way]} if way != "shield" or ticks < SHIELD_TICKS else set()
     distance = enemy["y"] - own["y"]
     block = state["block"]
     is_covered = abs(own["y"] - block["y"]) < block["half_height"] + 8
     pressed = set()
-    if abs(distance) > 8:
+    if abs(distance) > 8 and ticks > DODGE_TICKS:
         pressed.add(keys["down" if distance > 0 else "up"])
-    if abs(distance) < 40 and own["energy"] > 40 and not is_covered:
+    if abs(distance) < 40 and own["energy"] > 60 and not is_covered:
         pressed.add(keys["fire"])
     return pressed
 
 
 def _next_bolt(state: State, player: int) -> tuple[float, float]:
-    """Ticks until the first bolt that would hit the player, and its height below the player."""
+    """Ticks until the first bolt that would come near the player, and its height below it."""
     ship = (-SHIP_X, SHIP_X)[player]
     arrivals = [(float("inf"), 0.0)]
     for bolt in state["bolts"]:
         ticks = (ship - bolt["x"]) / bolt["vx"]
         dy = bolt["y"] + bolt["vy"] * ticks - state["players"][player]["y"]
-        if bolt["owner"] != player and ticks > 0 and abs(dy) < HIT_HEIGHT + 4:
+        if bolt["owner"] != player and ticks > 0 and abs(dy) < KEEP_OFF:
             arrivals.append((ticks, dy))
     return min(arrivals)
-
-
-BOTS: dict[str, Any] = {}

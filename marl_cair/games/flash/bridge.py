@@ -78,10 +78,11 @@ class Bridge:
         self._thread.join()
 
     def close(self) -> None:
+        """End the page's socket, and the server if it still listens."""
         if self._page is None:
             self._stop_listening()
-        else:
-            self._page.close()
+        if self._server.page is not None:
+            self._server.page.close()
 
     def check_open(self) -> None:
         """Raise BridgeError if the page is gone. Only for a page that has nothing to send."""

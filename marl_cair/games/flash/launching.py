@@ -102,7 +102,7 @@ def start_browser(
     start.write_text(f'<meta http-equiv="refresh" content="0;url={refresh}">', "utf-8")
     server = address.split("/")[2]
     command = [str(find_browser()), *_CHROMIUM, f"--user-data-dir={folder.path}/profile"]
-    command.append(f"--host-resolver-rules=MAP * {server}")
+    command.append(f"--host-resolver-rules=MAP 127.0.0.1 {server},MAP * ~NOTFOUND")
     if os.geteuid() == 0:
         command.append("--no-sandbox")  # Chromium has none for root
     if window.renderer == "webgl":

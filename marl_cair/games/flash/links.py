@@ -17,7 +17,7 @@ from marl_cair.games.flash.bridge import Bridge
 from marl_cair.games.flash.keys import find_key
 from marl_cair.games.flash.rfb import RFBClient
 
-# Keys that the page takes for itself (player.js). Games hardly use them, and players have them.
+# Keys that the page takes for itself (player.js), and that games hardly use.
 RUN_KEY, TYPE_KEY = "pause", "scroll_lock"
 MAX_ANSWER = 1 << 16  # bytes of values that the SWF returns, in-band
 _HEAD = struct.Struct("<IIII")  # "FLSH", number of the reply, its Adler-32, its length
@@ -108,13 +108,25 @@ class ScreenLink:
             self._release_all()
         text = json.dumps(request, separators=(",", ":"))
         if text != self._typed:
-            self._client.tap(TYPE_KEY)
-            for byte in text.encode():
-                self._client.tap(_NIBBLES[byte >> 4])
-                self._client.tap(_NIBBLES[byte & 15])
-            self._client.tap(TYPE_KEY)
-            self._typed = text
+            self._type(text)
         self._client.tap(RUN_KEY)
+
+    def _type(self, text: str) -> None:
+        """Type a request. Keys that the game holds are released meanwhile, unseen by the game: they
+        may be needed.
+        """
+        held = sorted(self._held)
+        self._client.tap(TYPE_KEY)
+        for name in held:
+            self._client.release(name)
+        for byte in text.encode():
+            self._client.tap(_NIBBLES[byte >> 4])
+            self._client.tap(_NIBBLES[byte & 15])
+        self._client.tap(TYPE_KEY)
+        for name in held:
+            self._client.press(name)
+        self._client.tap(TYPE_KEY)
+        self._typed = text
 
     def _send_event(self, event: Event) -> None:
         if isinstance(event, KeyEvent):

@@ -24,32 +24,39 @@ _FOLDERS = (
 )
 
 # Reads lines until "end", or until Python is gone: "KILL 12" and "TERM 13" are signals and process
-# groups, "X 13 4" is X display 4 of process 13, whose files stay if it is killed.
+# groups, "X 13 4" is display 4 of process 13, whose files stay if it is killed. Only what is sent
+# TERM is waited for: what is killed changes no files, and may be a zombie for seconds.
 _WATCHER = r"""
 trap '' HUP INT QUIT TERM
-groups= locks=
+groups= ending= displays=
 while read -r word pid display && [ "$word" != end ]; do
     case $word in
-    X) locks="$locks $pid:$display" ;;
-    *) groups="$groups $word:$pid" ;;
+    KILL) groups="$groups $pid" ;;
+    TERM) ending="$ending $pid" ;;
+    X) displays="$displays $pid:$display" ;;
     esac
 done
-for group in $groups; do kill -s "${group%:*}" -- "-${group#*:}" 2>/dev/null; done
+for pid in $groups; do kill -s KILL -- "-$pid"; done
+for pid in $ending; do kill -s TERM -- "-$pid"; done
 tries=0
-for group in $groups; do
-    while kill -s 0 -- "-${group#*:}" 2>/dev/null && [ $tries -lt 60 ]; do
+for pid in $ending; do
+    while kill -s 0 -- "-$pid" && [ $tries -lt 60 ]; do
         sleep 0.05
         tries=$((tries + 1))
     done
-    kill -s KILL -- "-${group#*:}" 2>/dev/null
+    kill -s KILL -- "-$pid"
 done
-for lock in $locks; do
-    file=/tmp/.X${lock#*:}-lock
-    if [ -f "$file" ] && [ "$(tr -d ' \n' <"$file")" = "${lock%:*}" ]; then
-        rm -f -- "$file" "/tmp/.X11-unix/X${lock#*:}"
+for pair in $displays; do
+    lock=/tmp/.X${pair#*:}-lock
+    if [ -f "$lock" ] && [ "$(tr -d ' \n' <"$lock")" = "${pair%:*}" ]; then
+        rm -f -- "$lock" "/tmp/.X11-unix/X${pair#*:}"
     fi
 done
-rm -rf -- "$1"
+tries=0
+until rm -rf -- "$1" || [ $tries -ge 60 ]; do
+    sleep 0.05
+    tries=$((tries + 1))
+done
 """
 # The program starts only when Python has registered it with the watcher.
 _WAIT_THEN_RUN = 'read -r _ && exec "$@" </dev/null'
@@ -77,6 +84,7 @@ class PrivateFolder:
             )
         require_free_space(place, _MIN_FREE)
         self.path = Path(tempfile.mkdtemp(prefix="flash-"))
+        self._is_closed = False
         self._programs: dict[str, subprocess.Popen[bytes]] = {}
         self._watcher = subprocess.Popen(
             ["sh", "-c", _WATCHER, "sh", str(self.path)],
@@ -157,11 +165,15 @@ class PrivateFolder:
             text = (self.path / f"{name}.log").read_text("utf-8", errors="replace")
         except OSError:
             return ""
-        lines = text.strip().splitlines()[-_NUM_LOG_LINES:]
+        lines = [line for line in text.splitlines() if "dbus" not in line and line.strip()]
+        lines = lines[-_NUM_LOG_LINES:]
         return "\nIts last lines:\n" + "\n".join(line[:300] for line in lines) if lines else ""
 
     def close(self) -> None:
         """End the programs and remove the folder; takes up to 4 s if a program does not end."""
+        if self._is_closed:
+            return
+        self._is_closed = True
         with contextlib.suppress(FlashError):
             self.tell_watcher("end")
         deadline = time.monotonic() + 4.0

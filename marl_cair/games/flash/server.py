@@ -24,6 +24,8 @@ from marl_cair.games.flash.launching import (
     start_display,
 )
 from marl_cair.games.flash.links import (
+    RUN_KEY,
+    TYPE_KEY,
     Event,
     KeyEvent,
     Link,
@@ -198,13 +200,16 @@ class FlashServer:
         self.values = dict(zip(self._watched, values, strict=False))
 
     def _is_change(self, event: Event) -> bool:
-        """False for a key that is already down or up. Raises ValueError outside the game."""
+        """False for a key that is already down or up. Raises ValueError for what cannot be sent."""
         if isinstance(event, MouseEvent):
             for axis, value, size in zip("xy", event[:2], self.size, strict=True):
                 if not 0 <= value < size:
                     raise ValueError(f"{axis} of {event} must be from 0 to {size - 1}")
             return True
-        if find_key(event.name) and event.is_down == (event.name in self._held):
+        find_key(event.name)
+        if self._is_in_band and event.name in (RUN_KEY, TYPE_KEY):
+            raise ValueError(f'transport="vnc" takes the key {event.name!r} itself; use "bridge"')
+        if event.is_down == (event.name in self._held):
             return False
         (self._held.add if event.is_down else self._held.remove)(event.name)
         return True
@@ -251,8 +256,10 @@ class FlashServer:
                 self._folder.check_running()
                 time.sleep(0.02)
             self._folder.check_running()
-            hint = ". The page crashed, or the game left it, or it runs forever"
-            raise FlashError(f"{error}{hint}{self._folder.describe_log('chromium')}") from error
+            cause = "the page crashed, or the game left it"
+            if isinstance(error, TimeoutError):
+                cause = "the game runs forever, or the machine is too busy"
+            raise FlashError(f"{error}: {cause}.{self._folder.describe_log('chromium')}") from error
         finally:
             self.close()
 

@@ -6,9 +6,10 @@ const isLockstep = settings.mode === "lockstep";
 
 const clock = (() => {
   const frameTime = 1000 / Number(settings.fps); // milliseconds
-  const START = Date.UTC(2020, 0, 1); // the date at which every game begins
+  const FIRST_DATE = Date.UTC(2020, 0, 1);
   let words = new Uint32Array(4); // state of the generator sfc32
   let now = 0; // milliseconds since the SWF was loaded
+  let date = FIRST_DATE; // at time zero
   let numTicks = 0;
   let waiting = new Map(); // callbacks of requestAnimationFrame by their number
   let lastNumber = 0;
@@ -22,13 +23,15 @@ const clock = (() => {
     return sum;
   }
 
-  // Begins again at time zero. `seed`: two 32-bit numbers.
+  // Begins again at time zero. `seed`: two 32-bit numbers. Ruffle seeds the game's Math.random with
+  // the date when it is first called, so the date follows from the seed: one from 2020 to 2054.
   function reset(seed) {
     words = Uint32Array.of(seed[0], seed[1], 0x9e3779b9, 1);
     for (let round = 0; round < 15; round++) nextWord();
     now = 0;
     numTicks = 0;
     waiting.clear();
+    date = FIRST_DATE + nextWord() * 2 ** 8 + (nextWord() >>> 24);
   }
 
   // Runs what waits for the next animation frame. All but the first tick are 0.01 ms late: then
@@ -54,10 +57,10 @@ const clock = (() => {
     const RealDate = Date;
     globalThis.Date = class extends RealDate {
       constructor(...parts) {
-        super(...(parts.length ? parts : [START + now]));
+        super(...(parts.length ? parts : [date + now]));
       }
       static now() {
-        return START + now;
+        return date + now;
       }
     };
     performance.now = () => now;

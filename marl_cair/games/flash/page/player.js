@@ -157,28 +157,32 @@ function openSocket(firstReply) {
 // --- in-band over VNC: requests are typed, replies are drawn --------------------------------------
 
 const RUN_KEY = "Pause";
-const TYPE_KEY = "ScrollLock"; // before and after a request
-let typed = null; // hexadecimal digits, a to p, of a request that is being typed
-let request = {};
+// Pressed three times: a request is typed, keys that the game holds are pressed again, done.
+const TYPE_KEY = "ScrollLock";
+const [PLAYING, TYPING, RESTORING] = [0, 1, 2];
+let keyMode = PLAYING;
+let typed = ""; // hexadecimal digits, a to p
+let lastRequest = {};
 let numReplies = 0;
 
 function takeKey(event) {
   if (!event.isTrusted) return;
-  const isOurs = typed !== null || event.key === RUN_KEY || event.key === TYPE_KEY;
-  if (!isOurs && !event.repeat) finishMove();
   event.preventDefault(); // the browser's own keys
-  if (!isOurs && !event.repeat) return; // the game's
+  const isOurs = event.key === RUN_KEY || event.key === TYPE_KEY;
+  if (keyMode === PLAYING && !isOurs && !event.repeat) {
+    finishMove();
+    return; // the game takes it
+  }
   event.stopImmediatePropagation();
-  if (!isOurs || event.repeat || event.type === "keyup") return;
+  if (event.repeat || event.type === "keyup") return;
   if (event.key === RUN_KEY) {
-    run(request).then(draw);
-  } else if (event.key !== TYPE_KEY) {
+    run(lastRequest).then(draw);
+  } else if (event.key === TYPE_KEY) {
+    keyMode = (keyMode + 1) % 3;
+    if (keyMode === TYPING) typed = "";
+    if (keyMode === RESTORING) lastRequest = JSON.parse(decode(typed));
+  } else if (keyMode === TYPING) {
     typed += event.key;
-  } else if (typed === null) {
-    typed = "";
-  } else {
-    request = JSON.parse(decode(typed));
-    typed = null;
   }
 }
 

@@ -14,11 +14,11 @@ class Duel implements Game {
 	static inline var EDGE = 262.0; // a bolt that is further from the middle is gone
 	static inline var WIDE = 160.0; // half the height of the arena before the walls close in
 	static inline var NARROW = 60.0; // and in the end
-	static inline var CLOSING_TICKS = 600; // when the walls begin to close in
-	static inline var CLOSING_SPEED = 0.1;
+	static inline var CLOSING_TICKS = 300; // when the walls begin to close in
+	static inline var CLOSING_SPEED = 0.15;
 	static inline var HALF_BLOCK = 14.0; // width of the block
 	static inline var BLOCK_SPEED = 1.5;
-	static inline var LIMIT_TICKS = 2400;
+	static inline var LIMIT_TICKS = 1800;
 
 	public var title = "DUEL";
 	public var help = "Blue: W S move, D fires, A shields\nOrange: Up Down move, Left fires, Right shields\nClick PLAY or press Enter";
@@ -99,8 +99,9 @@ class Duel implements Game {
 	// A comet in the colour of its owner, its head in front
 	function paint(bolt:Bolt):Void {
 		bolt.shape.graphics.clear();
-		Pen.polygon(bolt.shape, COLORS[bolt.owner], [-30, 0, 10, -8, 20, -5, 20, 5, 10, 8]);
-		Pen.disc(bolt.shape, Pen.WHITE, 11, 0, 7);
+		Pen.polygon(bolt.shape, COLORS[bolt.owner], [-32, 0, 4, -9, 4, 9]);
+		Pen.disc(bolt.shape, COLORS[bolt.owner], 8, 0, 11);
+		Pen.disc(bolt.shape, Pen.WHITE, 8, 0, 7);
 		bolt.shape.scaleX = bolt.vx > 0 ? 1 : -1;
 	}
 

@@ -6,14 +6,14 @@ typedef Controls = {up:Int, down:Int, fire:Int, shield:Int};
 
 class Fighter {
 	public static inline var X = 200.0; // distance from the middle
-	public static inline var HALF_HEIGHT = 26.0;
+	public static inline var HALF_HEIGHT = 30.0;
 	public static inline var HALF_WIDTH = 16.0;
 	static inline var LIVES = 3;
 	static inline var STEP = 5.0; // pixels per tick
 	static inline var SHIELDED_STEP = 2.0;
 	static inline var MAX_ENERGY = 100.0;
-	static inline var ENERGY_GAIN = 0.8; // per tick without shield
-	static inline var SHOT_ENERGY = 35.0;
+	static inline var ENERGY_GAIN = 1.0; // per tick without shield
+	static inline var SHOT_ENERGY = 30.0;
 	static inline var SHOT_TICKS = 12; // shortest time between two shots
 	static inline var SHIELD_ENERGY = 2.5; // per tick
 	static inline var RAISE_ENERGY = 15.0; // needed to raise the shield
@@ -43,12 +43,12 @@ class Fighter {
 		view.scaleX = facing;
 		hull = Pen.sprite(view);
 		var body = Pen.shape(hull);
-		Pen.polygon(body, color, [-16, -26, -2, -26, 16, -10, 16, 10, -2, 26, -16, 26]);
+		Pen.polygon(body, color, [-16, -30, -2, -30, 16, -12, 16, 12, -2, 30, -16, 30]);
 		Pen.box(body, color, 10, -7, 20, 14, 4);
 		Pen.disc(body, Pen.NIGHT, -2, 0, 8);
-		Pen.box(Pen.shape(view), 0x33405E, -34, -26, 12, 52);
-		gauge = Pen.shape(view, -34, 26);
-		Pen.box(gauge, Pen.WHITE, 0, -52, 12, 52);
+		Pen.box(Pen.shape(view), 0x33405E, -34, -30, 12, 60);
+		gauge = Pen.shape(view, -34, 30);
+		Pen.box(gauge, Pen.WHITE, 0, -60, 12, 60);
 		shield = Pen.shape(view, 36);
 		Pen.box(shield, Pen.WHITE, -6, -38, 12, 76, 12);
 		for (i in 0...LIVES) {

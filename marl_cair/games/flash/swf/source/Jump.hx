@@ -10,7 +10,7 @@ class Jump implements Task {
 	static inline var HALF_HURDLE = 8.0;
 	static inline var GROUND = 52.0;
 	static inline var START_X = 135.0;
-	static inline var JUMP_SPEED = 7.5; // pixels per tick
+	static inline var JUMP_SPEED = 8.0; // pixels per tick
 	static inline var GRAVITY = 0.5; // pixels per tick^2
 	static inline var HURDLE_SPEED = 3.0;
 
@@ -24,6 +24,7 @@ class Jump implements Task {
 	var runner:Shape;
 	var legs:Shape;
 	var stride = 0.0;
+	var speed = HURDLE_SPEED;
 
 	public function new(random:Random) {
 		this.random = random;
@@ -48,9 +49,10 @@ class Jump implements Task {
 			ticksToHurdle += random.between(55, 100) / hardness;
 			launch();
 		}
+		speed = HURDLE_SPEED * hardness;
 		var isHit = false;
 		for (hurdle in hurdles.copy()) {
-			hurdle.x -= HURDLE_SPEED * hardness;
+			hurdle.x -= speed;
 			hurdle.shape.x = hurdle.x;
 			if (Math.abs(hurdle.x - RUNNER_X) < HALF_RUNNER + HALF_HURDLE && height < hurdle.height)
 				isHit = true;
@@ -70,7 +72,7 @@ class Jump implements Task {
 	}
 
 	function launch():Void {
-		var height = random.between(18, 32);
+		var height = random.between(16, 28);
 		var shape = Pen.shape(view, START_X, GROUND);
 		Pen.box(shape, Pen.WHITE, -HALF_HURDLE, -height, 2 * HALF_HURDLE, height + 4, 6);
 		hurdles.push({x: START_X, height: height, shape: shape});
@@ -80,7 +82,7 @@ class Jump implements Task {
 		return {
 			height: height,
 			velocity: velocity,
-			hurdles: [for (hurdle in hurdles) {distance: hurdle.x - RUNNER_X, height: hurdle.height}]
+			hurdles: [for (hurdle in hurdles) {distance: hurdle.x - RUNNER_X, height: hurdle.height, speed: speed}]
 		};
 	}
 }

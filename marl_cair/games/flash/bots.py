@@ -6,8 +6,17 @@ called every tick or every few ticks.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marl_cair.games.flash.description import find_description
+from marl_cair.games.flash.scenarios import Scenario
+from marl_cair.games.game import Agent, GameSpec
+from marl_cair.games.players.random_player import RANDOM, RandomPlayer
 
 State = Mapping[str, Any]
 
@@ -126,3 +135,94 @@ def _next_bolt(state: State, player: int) -> tuple[float, float]:
         if bolt["owner"] != player and ticks > 0 and abs(dy) < KEEP_OFF:
             arrivals.append((ticks, dy))
     return min(arrivals)
+
+
+class VectorPlayer:
+    """A scripted player as an agent: it sees the representation `vector`.
+
+    play: keys to hold, of a state as `getState` returns it and a player's number.
+    """
+
+    representation = "vector"
+
+    def __init__(
+        self,
+        name: str,
+        play: Callable[[State, int], set[str]],
+        paths: Sequence[str],
+        keys: Sequence[Sequence[str]],
+        action_names: Sequence[str],
+    ) -> None:
+        self.name, self._play, self._paths, self._keys = name, play, paths, keys
+        actions = [frozenset(action.split("+")) for action in action_names]
+        self._numbers = {action: number for number, action in enumerate(actions)}
+
+    def seed(self, seed: int) -> None:
+        """Nothing is drawn."""
+
+    def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+        chosen = np.zeros(len(observation), np.int64)
+        for row, (seat, *values) in enumerate(observation.tolist()):
+            player = int(seat)
+            state = restore_state(self._paths, values)
+            held = self._play({**state, "scene": "stage"}, player)
+            # Actions have the names of the first player's keys.
+            names = {self._keys[0][self._keys[player].index(key)] for key in held}
+            chosen[row] = self._numbers[frozenset(names or {"noop"})]
+        return chosen
+
+    def state_dict(self) -> dict[str, Any]:
+        return {}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Nothing is drawn."""
+
+
+def restore_state(paths: Sequence[str], values: Sequence[float]) -> dict[str, Any]:
+    """Nested dicts and lists from the values at `paths`; parts that are 0 throughout, as missing
+    arrows, are left out.
+    """
+    tree: dict[str, Any] = {}
+    for path, value in zip(paths, values, strict=True):
+        *parents, name = path.split(".")
+        node = tree
+        for parent in parents:
+            node = node.setdefault(parent, {})
+        node[name] = value
+    lists = {name: [] for name in ("bolts",)}  # that a state always has
+    return lists | {name: _prune(part) for name, part in tree.items() if _has_values(part)}
+
+
+def _prune(part: Any) -> Any:
+    if not isinstance(part, dict):
+        return part
+    if all(name.isdecimal() for name in part):
+        return [_prune(one) for one in part.values() if _has_values(one)]
+    return {name: _prune(one) for name, one in part.items()}
+
+
+def _has_values(part: Any) -> bool:
+    return any(map(_has_values, part.values())) if isinstance(part, dict) else part != 0
+
+
+def make_bot(name: str, scenario: Scenario, spec: GameSpec) -> Agent:
+    """A bot of BOTS. Raises ValueError for another game, or another action space than `keys`."""
+    game, play = _PLAYERS[name]
+    described = find_description(scenario.description)
+    if (described.title.lower(), scenario.actions) != (game, "keys"):
+        raise ValueError(
+            f"flash: the bot {name} plays {game} with actions=keys, not {scenario.description} with "
+            f"actions={scenario.actions}: take the bot {RANDOM}"
+        )
+    paths = [number.path for number in described.numbers]
+    return VectorPlayer(name, play, paths, described.keys, spec.action_names)
+
+
+_PLAYERS: dict[str, tuple[str, Callable[[State, int], set[str]]]] = {
+    "juggler": ("multitask", lambda state, player: play_multitask(state)),
+    "duelist": ("duel", play_duel),
+}
+BOTS: dict[str, Callable[[Scenario, GameSpec], Agent]] = {
+    RANDOM: RandomPlayer,
+    **{name: partial(make_bot, name) for name in _PLAYERS},
+}

@@ -32,6 +32,8 @@ _NAMED = {
     "end": Key(0xFF57, "End", "End", 35),
     "page_up": Key(0xFF55, "PageUp", "PageUp", 33),
     "page_down": Key(0xFF56, "PageDown", "PageDown", 34),
+    "pause": Key(0xFF13, "Pause", "Pause", 19),
+    "scroll_lock": Key(0xFF14, "ScrollLock", "ScrollLock", 145),
     "shift": Key(0xFFE1, "ShiftLeft", "Shift", 16),
     "control": Key(0xFFE3, "ControlLeft", "Control", 17),
     "alt": Key(0xFFE9, "AltLeft", "Alt", 18),

@@ -1,0 +1,257 @@
+"""Every way in which a Flash game can fail or end: a clear error in time, and nothing is left."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from marl_cair.games.flash import server as server_module
+from marl_cair.games.flash.processes import FlashError, PrivateFolder
+from marl_cair.games.flash.server import FlashServer
+from tests.games.flash.flash_files import PROBE, SIZE, need_flash
+from tests.games.flash.vnc_servers import wait_until
+from tests.processes import ROOT
+
+CHILD = """
+import sys, time
+from pathlib import Path
+from marl_cair.games.flash.server import FlashServer
+server = FlashServer(Path(sys.argv[1]), (480, 360), 30, mode="lockstep", transport="vnc")
+server.step()
+print(server.address.parent, flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.fixture
+def make_server():
+    need_flash()
+    servers = []
+
+    def make(swf=PROBE, **options):
+        servers.append(FlashServer(swf, SIZE, 30, mode="lockstep", **options))
+        return servers[-1]
+
+    yield make
+    for server in servers:
+        server.close()
+        wait_until(lambda folder=server._folder.path: not list_traces(folder))
+
+
+def list_traces(folder):
+    """What is left of a server: its folder, its processes, its display's files."""
+    processes = find_processes(folder).values()
+    displays = [path for path in Path("/tmp").glob(".X*-lock") if is_orphan(path)]  # noqa: S108
+    return [*([folder] if folder.exists() else []), *processes, *displays]
+
+
+def find_processes(folder):
+    """Process id -> command line of the programs of a folder."""
+    found = {}
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            command = (path / "cmdline").read_text("utf-8", errors="replace")
+        except OSError:
+            continue
+        if str(folder) in command:
+            found[int(path.name)] = command.replace("\0", " ")
+    return found
+
+
+def is_orphan(lock):
+    try:
+        return not Path(f"/proc/{lock.read_text('utf-8').strip()}").exists()
+    except OSError:
+        return False
+
+
+def find_process(folder, mark):
+    """Id of a program whose command line contains `mark`."""
+    marked = [number for number, command in find_processes(folder).items() if mark in command]
+    assert marked, mark
+    return min(marked)
+
+
+def test_close_leaves_nothing_and_may_be_repeated(make_server):
+    server = make_server(transport="vnc")
+    folder = server._folder.path
+    assert find_process(folder, "Xtigervnc")
+    assert find_process(folder, "--kiosk")
+    server.close()
+    server.close()
+    wait_until(lambda: not list_traces(folder))
+    with pytest.raises(FlashError, match="is closed; make another one"):
+        server.step()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_nothing_is_left_when_python_is_killed(number):
+    need_flash()
+    with subprocess.Popen(
+        [sys.executable, "-c", CHILD, str(PROBE)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    ) as python:
+        folder = Path(python.stdout.readline().strip())
+        assert find_process(folder, "Xtigervnc")
+        os.kill(python.pid, number)
+        python.wait(10)
+        wait_until(lambda: not list_traces(folder))
+
+
+def step_often(server):
+    for _ in range(1000):
+        server.step()
+
+
+@pytest.mark.parametrize(
+    ("transport", "mark", "message"),
+    [
+        ("bridge", "--headless", r"chromium ended \(SIGKILL\)"),
+        ("vnc", "Xtigervnc", r"Xtigervnc ended \(SIGKILL\)|chromium ended"),
+        ("vnc", "--type=renderer", "the page crashed"),
+    ],
+)
+def test_a_program_that_is_killed_is_named_at_once(make_server, transport, mark, message):
+    server = make_server(transport=transport)
+    server.step()
+    os.kill(find_process(server._folder.path, mark), signal.SIGKILL)
+    start = time.monotonic()
+    with pytest.raises(FlashError, match=message):
+        step_often(server)
+    assert time.monotonic() - start < 10
+    with pytest.raises(FlashError, match="is closed"):
+        server.reset(0)
+
+
+def test_a_game_that_runs_forever_is_ended(make_server, monkeypatch):
+    monkeypatch.setattr(server_module, "REPLY_LIMIT_S", 1.0)
+    server = make_server()
+    with pytest.raises(FlashError, match=r"no reply within 1 s: the game runs forever"):
+        server.call("runForever")
+
+
+@pytest.mark.parametrize("transport", ["bridge", "vnc"])
+def test_a_broken_flash_file_is_refused_with_ruffles_words(make_server, tmp_path, transport):
+    swf = tmp_path / "broken.swf"
+    swf.write_bytes(PROBE.read_bytes()[:40])
+    start = time.monotonic()
+    with pytest.raises(FlashError, match=r"the game failed: .*"):
+        make_server(swf, transport=transport)
+    assert time.monotonic() - start < 30
+
+
+def test_what_is_no_flash_file_is_refused(tmp_path):
+    need_flash()
+    swf = tmp_path / "page.swf"
+    swf.write_text("<html>", "utf-8")
+    with pytest.raises(ValueError, match="begins with b'<ht', not FWS, CWS or ZWS"):
+        FlashServer(swf, SIZE, 30)
+    with pytest.raises(FileNotFoundError, match=r"missing.swf"):
+        FlashServer(tmp_path / "missing.swf", SIZE, 30)
+
+
+def test_a_browser_that_does_not_start_is_named_with_its_words(tmp_path, monkeypatch):
+    need_flash()
+    browser = tmp_path / "chromium"
+    browser.write_text("#!/bin/sh\necho No usable sandbox >&2; exit 3\n", "utf-8")
+    browser.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    with pytest.raises(FlashError, match=r"chromium ended \(exit status 3\).\n.*\nNo usable sand"):
+        FlashServer(PROBE, SIZE, 30, mode="lockstep")
+
+
+def test_a_browser_that_shows_no_page_is_a_timeout(tmp_path, monkeypatch):
+    need_flash()
+    browser = tmp_path / "chromium"
+    browser.write_text("#!/bin/sh\nexec sleep 60\n", "utf-8")
+    browser.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setattr(server_module, "START_LIMIT_S", 0.3)
+    with pytest.raises(FlashError, match=r"the page was not ready within 0.3 s"):
+        FlashServer(PROBE, SIZE, 30, mode="lockstep")
+
+
+def test_a_display_that_does_not_start_is_named_with_its_words(tmp_path, monkeypatch):
+    need_flash()
+    display = tmp_path / "Xtigervnc"
+    display.write_text("#!/bin/sh\necho Server is already active; exit 1\n", "utf-8")
+    display.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    with pytest.raises(FlashError, match=r"Xtigervnc ended \(exit status 1\).\n.*\nServer is alr"):
+        FlashServer(PROBE, SIZE, 30)
+
+
+def test_a_full_disk_is_named(tmp_path, monkeypatch):
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=1m", "flash", str(tmp_path)],
+        capture_output=True,
+        check=False,
+    )
+    if mounted.returncode != 0:
+        pytest.skip("mounting a small disk needs root")
+    try:
+        monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+        monkeypatch.setattr("marl_cair.games.flash.processes._MAX_PATH", 500)
+        with pytest.raises(OSError, match=r"needs 64\S* MiB, but its disk has .* free"):
+            PrivateFolder()
+        assert not any(tmp_path.iterdir())
+    finally:
+        subprocess.run(["umount", str(tmp_path)], check=True)
+
+
+def test_a_path_that_is_too_long_for_sockets_is_named(monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", "/tmp/" + "long/" * 20)  # noqa: S108
+    with pytest.raises(OSError, match=r"has 104 characters, at most 60 .* Set TMPDIR to a shorter"):
+        PrivateFolder()
+
+
+def start_sleep(folder, name="sleeper"):
+    # A program that ignores SIGTERM, and one of its own beside it.
+    script = f"trap '' TERM; sleep 61 & echo {folder.path}; sleep 60"
+    command = ["sh", "-c", script]
+    return folder.start(name, command, end_by="TERM", environment=folder.environment())
+
+
+def test_programs_that_do_not_end_are_killed():
+    with PrivateFolder() as folder:
+        program = start_sleep(folder)
+        wait_until((folder.path / "sleeper.log").read_text)
+    wait_until(lambda: not Path(f"/proc/{program}").exists())
+    assert not folder.path.exists()
+
+
+def test_a_watcher_that_is_killed_is_named_and_replaced_at_the_end():
+    folder = PrivateFolder()
+    program = start_sleep(folder)
+    folder._watcher.kill()
+    folder._watcher.wait()
+    with pytest.raises(FlashError, match="the process that watches over .* was killed"):
+        start_sleep(folder, "another")
+    folder.close()
+    assert not folder.path.exists()
+    assert not Path(f"/proc/{program}").exists()
+
+
+def test_files_of_a_display_that_was_killed_go_too():
+    with PrivateFolder() as folder:
+        lock = Path("/tmp/.X9876-lock")  # noqa: S108
+        lock.write_text(f"{os.getpid():10}\n", "utf-8")
+        folder.tell_watcher(f"X {os.getpid()} 9876")
+    assert not lock.exists()
+
+
+def test_files_of_anothers_display_stay():
+    lock = Path("/tmp/.X9877-lock")  # noqa: S108
+    lock.write_text(f"{os.getpid():10}\n", "utf-8")
+    try:
+        with PrivateFolder() as folder:
+            folder.tell_watcher("X 1 9877")
+        assert lock.exists()
+    finally:
+        lock.unlink()

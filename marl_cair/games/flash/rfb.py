@@ -218,7 +218,7 @@ class RFBClient:
 
         Raises the error with its cause for errors of the socket.
         """
-        reason = str(error) or type(error).__name__
+        reason = str(error) or f"the client was interrupted by {type(error).__name__}"
         if isinstance(error, TimeoutError):
             reason = f"{self.address} took no message in {self._timeout_s:g} s: the client gave up"
         self._end(reason)

@@ -91,6 +91,16 @@ GALLERIES = {
             Scene("classic", ("oracle",), 262, 0, "gray"),
         ),
     ),
+    "flash": Gallery(
+        1,
+        (15, 3.4),
+        (
+            Scene("multitask", ("juggler",), 70),
+            Scene("multitask", ("juggler",), 455),
+            Scene("duel", ("duelist", "random"), 42, seed=2),
+            Scene("duel", ("duelist", "duelist"), 400),
+        ),
+    ),
 }
 
 

@@ -67,7 +67,7 @@ def _balance(task: State) -> tuple[str | None, bool]:
 
 
 def _dodge(task: State) -> str | None:
-    """The move with the fewest ticks in danger, by dynamic programming over the avatar's heights."""
+    """The move with the fewest ticks in danger, by dynamic programming over the heights."""
     danger = dict.fromkeys(range(-AVATAR_LIMIT, AVATAR_LIMIT + 1, AVATAR_STEP), 0)
     for tick in range(DODGE_HORIZON, 0, -1):
         heights = [
@@ -189,8 +189,7 @@ def restore_state(paths: Sequence[str], values: Sequence[float]) -> dict[str, An
         for parent in parents:
             node = node.setdefault(parent, {})
         node[name] = value
-    lists = {name: [] for name in ("bolts",)}  # that a state always has
-    return lists | {name: _prune(part) for name, part in tree.items() if _has_values(part)}
+    return {"bolts": []} | {name: _prune(part) for name, part in tree.items() if _has_values(part)}
 
 
 def _prune(part: Any) -> Any:
@@ -211,8 +210,8 @@ def make_bot(name: str, scenario: Scenario, spec: GameSpec) -> Agent:
     described = find_description(scenario.description)
     if (described.title.lower(), scenario.actions) != (game, "keys"):
         raise ValueError(
-            f"flash: the bot {name} plays {game} with actions=keys, not {scenario.description} with "
-            f"actions={scenario.actions}: take the bot {RANDOM}"
+            f"flash: the bot {name} plays {game} with actions=keys, not {scenario.description} "
+            f"with actions={scenario.actions}: take the bot {RANDOM}"
         )
     paths = [number.path for number in described.numbers]
     return VectorPlayer(name, play, paths, described.keys, spec.action_names)

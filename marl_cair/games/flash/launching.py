@@ -6,6 +6,7 @@ import os
 import secrets
 import select
 import struct
+from pathlib import Path
 from typing import NamedTuple
 
 from marl_cair.games.flash.installing import diagnose, find_browser
@@ -24,8 +25,10 @@ _CHROMIUM = (
     *("--mute-audio", "--disable-dev-shm-usage", "--disable-breakpad", "--lang=en-US"),
     *("--password-store=basic", "--disk-cache-size=1", "--window-position=0,0"),
 )
+# It keeps its abstract socket (no `-nolisten local`): by that other X servers see that the number of
+# the display is taken. Without it they would take over its socket.
 _DISPLAY = (
-    *("-depth", "24", "-noreset", "-s", "0", "-nolisten", "tcp", "-nolisten", "local"),
+    *("-depth", "24", "-noreset", "-s", "0", "-nolisten", "tcp"),
     *("-rfbport", "-1", "-rfbunixmode", "384", "-SecurityTypes", "None", "-AlwaysShared"),
     *("-FrameRate", "1000", "-SendCutText=0", "-AcceptCutText=0", "-AcceptSetDesktopSize=0"),
 )
@@ -63,7 +66,7 @@ def start_display(folder: PrivateFolder, window: Window) -> dict[str, str]:
         command.append("-r")
     try:
         # TERM, so that it removes its lock and its socket.
-        program = folder.start(
+        folder.start(
             "Xtigervnc",
             command,
             end_by="TERM",
@@ -78,7 +81,8 @@ def start_display(folder: PrivateFolder, window: Window) -> dict[str, str]:
         display = numbers.readline().decode().strip()
     if not display:
         folder.wait_for_end("Xtigervnc")
-    folder.tell_watcher(f"X {program} {display}")
+    x_socket = Path(f"/tmp/.X11-unix/X{display}")  # noqa: S108 (X servers put it there)
+    folder.tell_watcher(f"FILE {x_socket.stat().st_ino} {x_socket}")
     return {"DISPLAY": f":{display}", "XAUTHORITY": str(authority)}
 
 

@@ -24,16 +24,16 @@ _FOLDERS = (
 )
 
 # Reads lines until "end", or until Python is gone: "KILL 12" and "TERM 13" are signals and process
-# groups, "X 13 4" is display 4 of process 13, whose files stay if it is killed. Only what is sent
-# TERM is waited for: what is killed changes no files, and may be a zombie for seconds.
+# groups, "FILE 14 /path" is a file and its inode, which a program leaves if it is killed. Only what
+# is sent TERM is waited for: what is killed changes no files, and may be a zombie for seconds.
 _WATCHER = r"""
 trap '' HUP INT QUIT TERM
-groups= ending= displays=
-while read -r word pid display && [ "$word" != end ]; do
+groups= ending= files=
+while read -r word number file && [ "$word" != end ]; do
     case $word in
-    KILL) groups="$groups $pid" ;;
-    TERM) ending="$ending $pid" ;;
-    X) displays="$displays $pid:$display" ;;
+    KILL) groups="$groups $number" ;;
+    TERM) ending="$ending $number" ;;
+    FILE) files="$files $number:$file" ;;
     esac
 done
 for pid in $groups; do kill -s KILL -- "-$pid"; done
@@ -46,11 +46,9 @@ for pid in $ending; do
     done
     kill -s KILL -- "-$pid"
 done
-for pair in $displays; do
-    lock=/tmp/.X${pair#*:}-lock
-    if [ -f "$lock" ] && [ "$(tr -d ' \n' <"$lock")" = "${pair%:*}" ]; then
-        rm -f -- "$lock" "/tmp/.X11-unix/X${pair#*:}"
-    fi
+for pair in $files; do
+    file=${pair#*:}
+    [ "$(stat -c %i -- "$file")" = "${pair%%:*}" ] && rm -f -- "$file"
 done
 tries=0
 until rm -rf -- "$1" || [ $tries -ge 60 ]; do

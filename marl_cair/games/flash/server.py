@@ -90,6 +90,7 @@ class FlashServer:
         check_programs(needs_display=self._has_display)
         self._link: Link | None = None
         self._bridge: Bridge | None = None
+        self._display: dict[str, str] | None = None  # environment variables of its clients
         self._folder = PrivateFolder()
         try:
             self._start(swf, renderer)
@@ -274,8 +275,9 @@ class FlashServer:
         ruffle = find_ruffle()
         files = [*_PAGE.iterdir(), *ruffle.glob("*.js"), *ruffle.glob("*.wasm")]
         self._bridge = bridge = Bridge({**{path.name: path for path in files}, "game.swf": swf})
-        display = start_display(self._folder, window) if self._has_display else None
-        start_browser(self._folder, f"{bridge.address}index.html?{query}", window, display)
+        if self._has_display:
+            self._display = start_display(self._folder, window)
+        start_browser(self._folder, f"{bridge.address}index.html?{query}", window, self._display)
         deadline = time.monotonic() + START_LIMIT_S
         while not bridge.wait_for_page(0.1):
             self._folder.check_running()

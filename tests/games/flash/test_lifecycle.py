@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -43,10 +44,22 @@ def make_server():
 
 
 def list_traces(folder):
-    """What is left of a server: its folder, its processes, its display's files."""
+    """What is left of a server: its folder, its processes, its display's socket."""
     processes = find_processes(folder).values()
-    displays = [path for path in Path("/tmp").glob(".X*-lock") if is_orphan(path)]  # noqa: S108
-    return [*([folder] if folder.exists() else []), *processes, *displays]
+    sockets = [path for path in X_SOCKETS.glob("X*") if is_dead(path) and path not in DEAD_BEFORE]
+    return [*([folder] if folder.exists() else []), *processes, *sockets]
+
+
+def is_dead(path):
+    """Whether no X server listens at this socket."""
+    with socket.socket(socket.AF_UNIX) as client:
+        try:
+            client.connect(str(path))
+        except ConnectionRefusedError:
+            return True
+        except FileNotFoundError:
+            return False
+    return False
 
 
 def find_processes(folder):
@@ -62,11 +75,8 @@ def find_processes(folder):
     return found
 
 
-def is_orphan(lock):
-    try:
-        return not Path(f"/proc/{lock.read_text('utf-8').strip()}").exists()
-    except OSError:
-        return False
+X_SOCKETS = Path("/tmp/.X11-unix")  # noqa: S108
+DEAD_BEFORE = {path for path in X_SOCKETS.glob("X*") if is_dead(path)}
 
 
 def find_process(folder, mark):
@@ -134,6 +144,23 @@ def test_a_game_that_runs_forever_is_ended(make_server, monkeypatch):
     server = make_server()
     with pytest.raises(FlashError, match=r"no reply within 1 s: the game runs forever"):
         server.call("runForever")
+
+
+def test_a_step_that_is_interrupted_ends_the_server(make_server):
+    server = make_server()
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    previous = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.3)
+        with pytest.raises(KeyboardInterrupt):
+            server.step(100_000)
+    finally:
+        signal.signal(signal.SIGALRM, previous)
+    with pytest.raises(FlashError, match="is closed"):  # else it would return that step's picture
+        server.step()
 
 
 @pytest.mark.parametrize("transport", ["bridge", "vnc"])
@@ -238,20 +265,12 @@ def test_a_watcher_that_is_killed_is_named_and_replaced_at_the_end():
     assert not Path(f"/proc/{program}").exists()
 
 
-def test_files_of_a_display_that_was_killed_go_too():
+def test_files_that_a_program_leaves_go_too_but_not_anothers(tmp_path):
+    for name in ("left", "anothers"):
+        (tmp_path / name).touch()
     with PrivateFolder() as folder:
-        lock = Path("/tmp/.X9876-lock")  # noqa: S108
-        lock.write_text(f"{os.getpid():10}\n", "utf-8")
-        folder.tell_watcher(f"X {os.getpid()} 9876")
-    assert not lock.exists()
-
-
-def test_files_of_anothers_display_stay():
-    lock = Path("/tmp/.X9877-lock")  # noqa: S108
-    lock.write_text(f"{os.getpid():10}\n", "utf-8")
-    try:
-        with PrivateFolder() as folder:
-            folder.tell_watcher("X 1 9877")
-        assert lock.exists()
-    finally:
-        lock.unlink()
+        inode = (tmp_path / "left").stat().st_ino
+        folder.tell_watcher(f"FILE {inode} {tmp_path / 'left'}")
+        folder.tell_watcher(f"FILE {inode} {tmp_path / 'anothers'}")
+        folder.tell_watcher(f"FILE {inode} {tmp_path / 'missing'}")
+    assert [path.name for path in tmp_path.iterdir()] == ["anothers"]

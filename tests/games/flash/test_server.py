@@ -69,7 +69,7 @@ def play(server, seed, max_pause_s=0.0):
     """States and pictures of an episode, as one text each."""
     server.reset(seed)
     trace = [json.dumps(server.values)]
-    for number in range(2 * len(EVENTS)):
+    for number in range(len(EVENTS) + 2):
         time.sleep(random.uniform(0, max_pause_s))
         size = SIZE if number % 8 == 5 else (84, 84)
         picture = server.step(1 + number % 3, EVENTS[number % len(EVENTS)], picture=size)
@@ -238,6 +238,37 @@ def test_the_vnc_server_is_private(in_real_time):
     folder = in_real_time.address.parent
     assert folder.stat().st_mode & 0o777 == 0o700
     assert (folder / "xauth").stat().st_mode & 0o777 == 0o600
+
+
+def test_the_display_lets_nobody_in_without_the_cookie(in_real_time, over_vnc):
+    numbers = {each._display["DISPLAY"][1:] for each in (in_real_time, over_vnc)}
+    assert len(numbers) == 2
+    for number in numbers:
+        for place in (f"/tmp/.X11-unix/X{number}", f"\0/tmp/.X11-unix/X{number}"):  # noqa: S108
+            with socket.socket(socket.AF_UNIX) as client:
+                client.connect(place)
+                client.sendall(b"l\0\x0b\0" + bytes(8))  # X11, little endian, no authorization
+                assert client.recv(1) == b"\0"  # refused
+
+
+def test_no_tcp_port_is_open(in_real_time, over_bridge):
+    ports = set()
+    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
+        for line in Path(table).read_text("utf-8").splitlines()[1:]:
+            fields = line.split()
+            if fields[3] == "0A":  # listens
+                ports.add(fields[9])
+    for each in (in_real_time, over_bridge):
+        for program in each._folder._programs.values():
+            assert not ports & set(list_sockets(program.pid))
+
+
+def list_sockets(process_id):
+    """Inodes of the sockets of a process."""
+    for path in Path(f"/proc/{process_id}/fd").iterdir():
+        name = str(path.readlink())
+        if name.startswith("socket:["):
+            yield name[8:-1]
 
 
 def test_no_command_line_holds_the_token(in_real_time):

@@ -33,7 +33,7 @@ async function load(seed) {
     forceScale: true,
     frameRate: Number(settings.fps),
     preferredRenderer: settings.renderer,
-    allowScriptAccess: true,
+    allowScriptAccess: true, // for callbacks; functions of the page need eval, which the CSP forbids
     allowNetworking: "all", // otherwise Ruffle turns off ExternalInterface; the CSP closes the network
     openUrlMode: "deny",
     upgradeToHttps: false,

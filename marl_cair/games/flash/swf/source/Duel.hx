@@ -46,7 +46,7 @@ class Duel implements Game {
 		time = 0;
 		wall = WIDE;
 		bolts = [];
-		blockY = 0;
+		blockY = random.between(-60, 60);
 		blockStep = random.sign() * BLOCK_SPEED;
 		view.removeChildren();
 		Pen.box(Pen.shape(view), Pen.NIGHT, 0, 0, 480, 360);

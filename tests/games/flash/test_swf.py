@@ -196,7 +196,7 @@ def test_random_player_fails_early(multitask):
 
 
 def play_random_keys(duel, seed, mirrored, picture=None):
-    """States (and last picture) of a game of random keys, those of both players exchanged or not."""
+    """States and last picture of a game of random keys; `mirrored` exchanges the players' keys."""
     keys = random.Random(3)
     duel.start(seed)
     states = []

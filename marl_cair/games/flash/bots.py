@@ -1,7 +1,6 @@
 """Scripted players of multitask and duel: functions of what `getState` of the game returns.
 
-Each returns the set of keys to hold until the next call, at most two of them. They are meant to be
-called every tick or every few ticks.
+Each returns the keys to hold until the next call, at most two, and may be called every few ticks.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ def _balance(task: State) -> tuple[str | None, bool]:
 
 
 def _dodge(task: State) -> str | None:
-    """The move with the fewest ticks in danger, by dynamic programming over the heights."""
+    """The move with the fewest ticks in danger, by dynamic programming over heights."""
     danger = dict.fromkeys(range(-AVATAR_LIMIT, AVATAR_LIMIT + 1, AVATAR_STEP), 0)
     for tick in range(DODGE_HORIZON, 0, -1):
         heights = [

@@ -46,11 +46,13 @@ class Duel implements Game {
 		time = 0;
 		wall = WIDE;
 		bolts = [];
-		blockY = 0;
+		blockY = random.between(-60, 60);
 		blockStep = random.sign() * BLOCK_SPEED;
 		view.removeChildren();
 		Pen.box(Pen.shape(view), Pen.NIGHT, 0, 0, 480, 360);
 		arena = Pen.sprite(view, 240, 195);
+		for (i in -8...9)
+			Pen.box(Pen.shape(arena), 0x1C2436, -4, 20 * i - 5, 8, 10, 4);
 		boltLayer = Pen.sprite(arena);
 		block = Pen.shape(arena);
 		Pen.box(block, 0x9AA8C7, -HALF_BLOCK, -HALF_BLOCK, 2 * HALF_BLOCK, 2 * HALF_BLOCK);

@@ -76,15 +76,15 @@ class Game:
 
     def render(self) -> Frame:
         """The newest frame, [84, 84, 3 or 1] uint8 0..255 or float32 0..1."""
-        return self._prepare(self._client.frame())
+        return self._prepare(self._client.refresh())
 
     def screen(self) -> NDArray[np.uint8]:
         """The newest picture at full size, uint8 [H, W, 3]."""
-        return self._client.frame()
+        return self._client.refresh()
 
     def find_scene(self) -> str:
         """The scene of the newest picture; "" without a classifier."""
-        return self._scenes.find_scene(self._client.frame()) if self._scenes else ""
+        return self._scenes.find_scene(self._client.refresh()) if self._scenes else ""
 
     def send_key(self, name: str, seconds: float = 0.1) -> None:
         """Press a key, hold it so long, and release it."""
@@ -157,7 +157,7 @@ class Game:
         number, due = 0, time.monotonic()
         try:
             while not self._is_over.wait(max(0.0, due - time.monotonic())):
-                picture = self._client.frame()
+                picture = self._client.refresh()
                 scene = self._scenes.find_scene(picture) if self._scenes else ""
                 push(self._prepare(picture), number, scene, self)
                 number += 1

@@ -34,7 +34,7 @@ _KEPT = (
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
-class InstallError(RuntimeError):
+class InstallError(OSError):
     """Ruffle could not be fetched, or is not what was expected."""
 
 

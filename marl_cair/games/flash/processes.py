@@ -60,7 +60,7 @@ done
 _WAIT_THEN_RUN = 'read -r _ && exec "$@" </dev/null'
 
 
-class FlashError(RuntimeError):
+class FlashError(OSError):
     """The browser, the display or the game failed: the message says which, and how."""
 
 

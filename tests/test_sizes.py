@@ -8,7 +8,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 17_578,
+    "games": 20_900,
     "policies": 2_400,
     "replay": 2_060,
     "generative": 3_460,
@@ -16,7 +16,7 @@ MAX_LINES = {
     "league": 7_820,
     "training": 5_900,
     "conf": 10,
-    "cli": 2_940,
+    "cli": 3_200,
     "": 1_560,  # the modules that every part may import
 }
 

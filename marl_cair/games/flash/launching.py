@@ -25,8 +25,8 @@ _CHROMIUM = (
     *("--mute-audio", "--disable-dev-shm-usage", "--disable-breakpad", "--lang=en-US"),
     *("--password-store=basic", "--disk-cache-size=1", "--window-position=0,0"),
 )
-# It keeps its abstract socket (no `-nolisten local`): by that other X servers see that the number
-# of the display is taken. Without it they would take over its socket.
+# It keeps its abstract socket (no `-nolisten local`): by that other X servers see that this number
+# is taken. Without it they would take over its other socket.
 _DISPLAY = (
     *("-depth", "24", "-noreset", "-s", "0", "-nolisten", "tcp"),
     *("-rfbport", "-1", "-rfbunixmode", "384", "-SecurityTypes", "None", "-AlwaysShared"),

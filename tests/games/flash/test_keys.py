@@ -37,7 +37,7 @@ def test_keys_by_name():
     assert find_key("z") == Key(0x7A, "KeyZ", "z", 90)
     assert find_key("7") == Key(0x37, "Digit7", "7", 55)
     assert find_key("/") == Key(0x2F, "Slash", "/", 191)
-    assert len(KEYS) == 18 + 12 + 26 + 10 + 11
+    assert len(KEYS) == 20 + 12 + 26 + 10 + 11
 
 
 @pytest.mark.parametrize(("name", "nearest"), [("Left", "left"), ("entre", "enter"), ("A", "a")])

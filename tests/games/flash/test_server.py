@@ -14,7 +14,7 @@ import pytest
 from marl_cair.games.flash.links import read_reply
 from marl_cair.games.flash.server import FlashError, FlashServer, KeyEvent, MouseEvent
 from marl_cair.lookup import UnknownNameError
-from tests.games.flash.flash_files import PROBE, SIZE, need_flash
+from tests.games.flash.flash_files import PROBE, SIZE, need_flash, pack_timeline
 
 FRAME_MS = 1000 / 30
 
@@ -86,6 +86,18 @@ def test_one_step_is_one_frame_from_the_first_on(server):
             assert state(server)["frames"] == frame
         server.step(25)
         assert state(server)["frames"] == 64
+
+
+def test_frames_of_an_old_file_without_scripts_are_counted_too(tmp_path):
+    need_flash()
+    swf = tmp_path / "timeline.swf"
+    swf.write_bytes(pack_timeline(6))
+    with FlashServer(swf, SIZE, 60, mode="lockstep") as server:
+        for seed in (0, 1):
+            server.reset(seed)
+            for frame in range(9):
+                picture = server.step(min(frame, 1), picture=SIZE)
+                assert find_ball(picture) == 40 * (frame % 6) + 19.5
 
 
 def test_the_clock_stands_still_between_steps(server):

@@ -23,7 +23,7 @@ def run(arguments: Sequence[str]) -> int:
     play.add_argument("--vnc", action="store_true", help="print the VNC socket and wait; no window")
     chosen = parser.parse_args(arguments)
     if chosen.command == "install":
-        from marl_cair.games.flash.installing import install_ruffle
+        from marl_cair.games.flash.browser.installing import install_ruffle
 
         sys.stdout.write(f"Ruffle is in {install_ruffle()}\n")
     elif chosen.command == "doctor":
@@ -58,7 +58,7 @@ def _add_add(commands: Any) -> None:
 
 def _report_missing() -> int:
     """Print what is missing; exit code 1 where something is."""
-    from marl_cair.games.flash.installing import diagnose
+    from marl_cair.games.flash.browser.installing import diagnose
 
     missing = diagnose()
     for part in missing:

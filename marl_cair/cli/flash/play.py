@@ -6,8 +6,8 @@ import sys
 import time
 from typing import Any
 
+from marl_cair.games.flash.browser.keys import find_key
 from marl_cair.games.flash.client import Game
-from marl_cair.games.flash.keys import find_key
 from marl_cair.lookup import UnknownNameError
 
 _NAMES = {"return": "enter", "left shift": "shift", "right shift": "shift", "left ctrl": "control",

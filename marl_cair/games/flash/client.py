@@ -16,10 +16,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from marl_cair.games.flash.browser.server import FlashServer
 from marl_cair.games.flash.description import check_digest, find_description
 from marl_cair.games.flash.rules import shrink
 from marl_cair.games.flash.scenes import SceneClassifier
-from marl_cair.games.flash.server import FlashServer
 
 Frame = NDArray[Any]
 Callback = Callable[[Frame, int, str, "Game"], None]

@@ -11,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marl_cair.games.flash.keys import find_key
+from marl_cair.games.flash.browser.keys import find_key
 from marl_cair.lookup import UnknownNameError, find_by_name
 
 FOLDER = Path(__file__).parent / "swf"  # of the games that ship

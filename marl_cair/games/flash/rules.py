@@ -14,6 +14,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from marl_cair.games.flash import state as s
+from marl_cair.games.flash.browser.server import (
+    Event,
+    FlashError,
+    FlashServer,
+    KeyEvent,
+    MouseEvent,
+)
 from marl_cair.games.flash.description import (
     Description,
     Region,
@@ -23,7 +30,6 @@ from marl_cair.games.flash.description import (
 )
 from marl_cair.games.flash.ending import EndReader
 from marl_cair.games.flash.scenarios import Scenario
-from marl_cair.games.flash.server import Event, FlashError, FlashServer, KeyEvent, MouseEvent
 from marl_cair.games.game import NO_WINNER
 
 SMALL = s.SIDE, s.SIDE

@@ -5,10 +5,10 @@ import threading
 import numpy as np
 import pytest
 
+from marl_cair.games.flash.browser.installing import diagnose
 from marl_cair.games.flash.client import Game
-from marl_cair.games.flash.installing import diagnose
 from marl_cair.games.flash.scenes import SceneClassifier
-from tests.games.flash.vnc_servers import IS_NEEDED, wait_until
+from tests.games.flash.browser.vnc_servers import IS_NEEDED, wait_until
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -11,9 +11,9 @@ from torchrl.envs.utils import check_env_specs
 import marl_cair
 from marl_cair.games import flash
 from marl_cair.games.engine import NoSnapshotError
-from marl_cair.games.flash.installing import diagnose
+from marl_cair.games.flash.browser.installing import diagnose
 from marl_cair.league.play.match import play_match
-from tests.games.flash.vnc_servers import IS_NEEDED
+from tests.games.flash.browser.vnc_servers import IS_NEEDED
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # PettingZoo's own, of its example games

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from marl_cair.games.flash import bots
-from marl_cair.games.flash.server import FlashServer, KeyEvent, MouseEvent
-from tests.games.flash.flash_files import SIZE, need_flash
+from marl_cair.games.flash.browser.server import FlashServer, KeyEvent, MouseEvent
+from tests.games.flash.browser.flash_files import SIZE, need_flash
 
 SWF = Path(bots.__file__).parent / "swf"
 NAMES = ["multitask", "duel"]

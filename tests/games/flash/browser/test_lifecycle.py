@@ -11,16 +11,16 @@ from pathlib import Path
 import pytest
 
 from marl_cair.games.flash import server as server_module
-from marl_cair.games.flash.processes import FlashError, PrivateFolder
-from marl_cair.games.flash.server import FlashServer
-from tests.games.flash.flash_files import PROBE, SIZE, need_flash
-from tests.games.flash.vnc_servers import wait_until
+from marl_cair.games.flash.browser.processes import FlashError, PrivateFolder
+from marl_cair.games.flash.browser.server import FlashServer
+from tests.games.flash.browser.flash_files import PROBE, SIZE, need_flash
+from tests.games.flash.browser.vnc_servers import wait_until
 from tests.processes import ROOT
 
 CHILD = """
 import sys, time
 from pathlib import Path
-from marl_cair.games.flash.server import FlashServer
+from marl_cair.games.flash.browser.server import FlashServer
 server = FlashServer(Path(sys.argv[1]), (480, 360), 30, mode="lockstep", transport="vnc")
 server.step()
 print(server.address.parent, flush=True)
@@ -224,7 +224,7 @@ def test_a_full_disk_is_named(tmp_path, monkeypatch):
         pytest.skip("mounting a small disk needs root")
     try:
         monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-        monkeypatch.setattr("marl_cair.games.flash.processes._MAX_PATH", 500)
+        monkeypatch.setattr("marl_cair.games.flash.browser.processes._MAX_PATH", 500)
         with pytest.raises(OSError, match=r"needs 64\S* MiB, but its disk has .* free"):
             PrivateFolder()
         assert not any(tmp_path.iterdir())

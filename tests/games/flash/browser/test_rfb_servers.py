@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from marl_cair.games.flash.rfb import RFBClient, RFBError
-from tests.games.flash.vnc_servers import (
+from marl_cair.games.flash.browser.rfb import RFBClient, RFBError
+from tests.games.flash.browser.vnc_servers import (
     find_free_port,
     list_socket_options,
     need_program,

@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from marl_cair.games.flash.rfb_messages import Conversation, RFBError, encode_password
-from tests.games.flash.rfb_bytes import (
+from marl_cair.games.flash.browser.rfb_messages import Conversation, RFBError, encode_password
+from tests.games.flash.browser.rfb_bytes import (
     CHANGE,
     FULL_REQUEST,
     GREETING,

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marl_cair.games.flash.links import read_reply
-from marl_cair.games.flash.server import FlashError, FlashServer, KeyEvent, MouseEvent
+from marl_cair.games.flash.browser.links import read_reply
+from marl_cair.games.flash.browser.server import FlashError, FlashServer, KeyEvent, MouseEvent
 from marl_cair.lookup import UnknownNameError
-from tests.games.flash.flash_files import PROBE, SIZE, need_flash, pack_timeline
+from tests.games.flash.browser.flash_files import PROBE, SIZE, need_flash, pack_timeline
 
 FRAME_MS = 1000 / 30
 

@@ -13,8 +13,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.flash.keys import find_key
-from marl_cair.games.flash.rfb_messages import Conversation, RFBError, encode_password
+from marl_cair.games.flash.browser.keys import find_key
+from marl_cair.games.flash.browser.rfb_messages import Conversation, RFBError, encode_password
 from marl_cair.lookup import find_by_name
 
 __all__ = ["BUTTONS", "RFBClient", "RFBError"]

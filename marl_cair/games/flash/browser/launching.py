@@ -9,8 +9,8 @@ import struct
 from pathlib import Path
 from typing import NamedTuple
 
-from marl_cair.games.flash.installing import diagnose, find_browser
-from marl_cair.games.flash.processes import FlashError, PrivateFolder
+from marl_cair.games.flash.browser.installing import diagnose, find_browser
+from marl_cair.games.flash.browser.processes import FlashError, PrivateFolder
 
 VNC_SOCKET = "rfb.sock"  # in the private folder
 _DISPLAY_LIMIT_S = 20.0

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from marl_cair.games.flash.installing import diagnose
-from tests.games.flash.vnc_servers import IS_NEEDED
+from marl_cair.games.flash.browser.installing import diagnose
+from tests.games.flash.browser.vnc_servers import IS_NEEDED
 
 PROBE = Path(__file__).parent / "probe" / "probe.swf"  # see Probe.hx
 SIZE = (480, 360)

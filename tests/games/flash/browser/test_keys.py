@@ -7,10 +7,10 @@ import time
 
 import pytest
 
-from marl_cair.games.flash.keys import KEYS, Key, find_key
-from marl_cair.games.flash.rfb import RFBClient
+from marl_cair.games.flash.browser.keys import KEYS, Key, find_key
+from marl_cair.games.flash.browser.rfb import RFBClient
 from marl_cair.lookup import UnknownNameError
-from tests.games.flash.vnc_servers import (
+from tests.games.flash.browser.vnc_servers import (
     list_socket_options,
     need_program,
     run_program,

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.flash.bridge import Bridge
-from marl_cair.games.flash.keys import find_key
-from marl_cair.games.flash.rfb import RFBClient
+from marl_cair.games.flash.browser.bridge import Bridge
+from marl_cair.games.flash.browser.keys import find_key
+from marl_cair.games.flash.browser.rfb import RFBClient
 
 # Keys that the page takes for itself (player.js), and that games hardly use.
 RUN_KEY, TYPE_KEY = "pause", "scroll_lock"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from marl_cair.games.flash import installing
-from marl_cair.games.flash.installing import (
+from marl_cair.games.flash.browser.installing import (
     InstallError,
     diagnose,
     find_registry,

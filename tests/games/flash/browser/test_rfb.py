@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marl_cair.games.flash.rfb import RFBClient, RFBError
+from marl_cair.games.flash.browser.rfb import RFBClient, RFBError
 from marl_cair.lookup import UnknownNameError
-from tests.games.flash.rfb_bytes import (
+from tests.games.flash.browser.rfb_bytes import (
     CHANGE,
     CHANGES_REQUEST,
     FULL_REQUEST,

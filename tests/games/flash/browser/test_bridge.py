@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from marl_cair.games.flash.bridge import Bridge, BridgeError
+from marl_cair.games.flash.browser.bridge import Bridge, BridgeError
 
 MASK = b"\x12\x34\x56\x78"
 

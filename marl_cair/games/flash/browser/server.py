@@ -13,17 +13,17 @@ from urllib.parse import urlencode
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.flash.bridge import Bridge
-from marl_cair.games.flash.installing import find_ruffle
-from marl_cair.games.flash.keys import find_key
-from marl_cair.games.flash.launching import (
+from marl_cair.games.flash.browser.bridge import Bridge
+from marl_cair.games.flash.browser.installing import find_ruffle
+from marl_cair.games.flash.browser.keys import find_key
+from marl_cair.games.flash.browser.launching import (
     VNC_SOCKET,
     Window,
     check_programs,
     start_browser,
     start_display,
 )
-from marl_cair.games.flash.links import (
+from marl_cair.games.flash.browser.links import (
     RUN_KEY,
     TYPE_KEY,
     Event,
@@ -34,8 +34,8 @@ from marl_cair.games.flash.links import (
     SocketLink,
     count_reply_rows,
 )
-from marl_cair.games.flash.processes import FlashError, PrivateFolder
-from marl_cair.games.flash.rfb import RFBClient, RFBError
+from marl_cair.games.flash.browser.processes import FlashError, PrivateFolder
+from marl_cair.games.flash.browser.rfb import RFBClient, RFBError
 
 __all__ = ["Event", "FlashError", "FlashServer", "KeyEvent", "MouseEvent"]
 

@@ -5,6 +5,7 @@ Each returns the keys to hold until the next call, at most two, and may be calle
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -18,7 +19,6 @@ from marl_cair.games.game import Agent, GameSpec
 from marl_cair.games.players.random_player import RANDOM, RandomPlayer
 
 State = Mapping[str, Any]
-
 # multitask
 ARROW_MARGIN = 22.0  # pixels between the centres of avatar and arrow that are safe
 ARROW_LENGTH = 42.0  # half an arrow, half the avatar and some pixels
@@ -36,8 +36,7 @@ DUEL_KEYS = (
 SHIP_X, SHIP_STEP, SHIP_HALF_HEIGHT = 200.0, 5.0, 30.0
 MISS = 42.0  # pixels between the centres of ship and bolt at which the bolt misses
 KEEP_OFF = 66.0  # do not move towards the enemy while a bolt flies by so near
-SHIELD_TICKS = 6  # a bolt that arrives so soon is met with the shield
-DODGE_TICKS = 24
+SHIELD_TICKS, DODGE_TICKS = 6, 24  # shield against, or dodge, a bolt that arrives so soon
 
 
 def play_multitask(state: State) -> set[str]:
@@ -48,17 +47,16 @@ def play_multitask(state: State) -> set[str]:
     if "jump" in state and _must_jump(state["jump"]):
         return {"left", "right"}
     move = _dodge(state["dodge"]) if "dodge" in state else None
-    if "hover" in state and not is_urgent and move is None:
-        balloon = state["hover"]
-        if balloon["y"] + 12 * balloon["velocity"] > 0:
-            return {"up", "down"}
+    must_heat = "hover" in state and state["hover"]["y"] + 12 * state["hover"]["velocity"] > 0
+    if must_heat and not is_urgent and move is None:
+        return {"up", "down"}
     return {key for key in (tilt, move) if key is not None}
 
 
 def _balance(task: State) -> tuple[str | None, bool]:
     """Tilts against the ball's position and speed; urgent when the ball is far out or fast."""
-    wanted_angle = -0.004 * task["position"] - 0.06 * task["velocity"]
-    error = wanted_angle - task["angle"] - 6 * task["turn"]
+    wanted = -0.004 * task["position"] - 0.06 * task["velocity"]
+    error = wanted - task["angle"] - 6 * task["turn"]
     is_urgent = abs(task["position"]) > 45 or abs(task["velocity"]) > 2
     if abs(error) < 0.02:
         return None, is_urgent
@@ -87,19 +85,14 @@ def _dodge(task: State) -> str | None:
 
 
 def _must_jump(task: State) -> bool:
-    is_near = any(
+    return task["height"] == 0 and any(
         -JUMP_DISTANCE < hurdle["distance"] < JUMP_DISTANCE + JUMP_TICKS * hurdle["speed"]
         for hurdle in task["hurdles"]
     )
-    return is_near and task["height"] == 0
 
 
 def play_duel(state: State, player: int) -> set[str]:
-    """Keys of player 0 or 1 of duel: dodge or shield bolts, else aim and fire.
-
-    Raises:
-        IndexError: player is neither 0 nor 1.
-    """
+    """Keys of player 0 or 1 of duel (else IndexError): dodge or shield bolts, else aim and fire."""
     keys = DUEL_KEYS[player]
     if state["scene"] != "stage":
         return set()
@@ -108,14 +101,13 @@ def play_duel(state: State, player: int) -> set[str]:
     if ticks < DODGE_TICKS and abs(dy) < MISS:
         room = state["wall"] - SHIP_HALF_HEIGHT
         ways = [(MISS - dy, "up", room + own["y"]), (MISS + dy, "down", room - own["y"])]
-        open_ways = [(pixels / SHIP_STEP, way) for pixels, way, space in ways if pixels < space]
-        steps, way = min(open_ways, default=(DODGE_TICKS, "shield"))
-        if steps > ticks:
-            way = "shield"
-        return {keys[way]} if way != "shield" or ticks < SHIELD_TICKS else set()
+        free = [(pixels, way) for pixels, way, space in ways if pixels < space]
+        pixels, way = min(free, default=(math.inf, ""))
+        if pixels <= ticks * SHIP_STEP:
+            return {keys[way]}
+        return {keys["shield"]} if ticks < SHIELD_TICKS else set()
     distance = enemy["y"] - own["y"]
-    block = state["block"]
-    is_covered = abs(own["y"] - block["y"]) < block["half_height"] + 8
+    is_covered = abs(own["y"] - state["block"]["y"]) < state["block"]["half_height"] + 8
     pressed = set()
     if abs(distance) > 8 and ticks > DODGE_TICKS:
         pressed.add(keys["down" if distance > 0 else "up"])
@@ -127,7 +119,7 @@ def play_duel(state: State, player: int) -> set[str]:
 def _next_bolt(state: State, player: int) -> tuple[float, float]:
     """Ticks until the first bolt that would come near the player, and its height below it."""
     ship = (-SHIP_X, SHIP_X)[player]
-    arrivals = [(float("inf"), 0.0)]
+    arrivals = [(math.inf, 0.0)]
     for bolt in state["bolts"]:
         ticks = (ship - bolt["x"]) / bolt["vx"]
         dy = bolt["y"] + bolt["vy"] * ticks - state["players"][player]["y"]

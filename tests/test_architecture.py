@@ -229,7 +229,7 @@ def test_libraries_enter_games_by_their_door_only():
 
 # A bot may import scenarios, numbers of the rules, and constants of its game, such as the index of
 # a plane or an action; functions and classes of other files could read the state of the world.
-KNOWN_TO_BOTS = {"scenarios", "rulebook", "tables"}
+KNOWN_TO_BOTS = {"scenarios", "rulebook", "tables", "description"}
 OPEN_TO_BOTS = {
     module
     for module in map(module_name, SOURCES)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from marl_cair.games.flash.description import find_description
 from marl_cair.games.flash.scenarios import Scenario
 from marl_cair.games.game import Agent, GameSpec
-from marl_cair.games.players.random_player import RANDOM, RandomPlayer
 
 State = Mapping[str, Any]
 # multitask
@@ -202,7 +201,7 @@ def make_bot(name: str, scenario: Scenario, spec: GameSpec) -> Agent:
     if (described.title.lower(), scenario.actions) != (game, "keys"):
         raise ValueError(
             f"flash: the bot {name} plays {game} with actions=keys, not {scenario.description} "
-            f"with actions={scenario.actions}: take the bot {RANDOM}"
+            f"with actions={scenario.actions}: take the bot random"
         )
     paths = [number.path for number in described.numbers]
     return VectorPlayer(name, play, paths, described.keys, spec.action_names)
@@ -213,6 +212,5 @@ _PLAYERS: dict[str, tuple[str, Callable[[State, int], set[str]]]] = {
     "duelist": ("duel", play_duel),
 }
 BOTS: dict[str, Callable[[Scenario, GameSpec], Agent]] = {
-    RANDOM: RandomPlayer,
-    **{name: partial(make_bot, name) for name in _PLAYERS},
+    name: partial(make_bot, name) for name in _PLAYERS
 }

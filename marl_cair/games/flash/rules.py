@@ -239,29 +239,29 @@ def _read(
     """Write what a browser shows and reports to a row: is the game over, and who has won?"""
     described = browsers.described
     server = browsers.server(int(worlds.slot[row]))
-    told = server.values.get(described.callback)
-    if described.callback and told is None:
+    reported = server.values.get(described.callback)
+    if described.callback and reported is None:
         raise FlashError(f"the SWF has no callback {described.callback!r}, or it returned nothing")
     if isinstance(described.score, Region):
         worlds.score[row] = read_brightness(picture, described.score)
     elif described.scores:
-        worlds.score[row] = find_value(told, described.scores)
+        worlds.score[row] = find_value(reported, described.scores)
     elif described.score:
-        worlds.score[row] = find_value(told, described.score)
+        worlds.score[row] = find_value(reported, described.score)
     else:
         worlds.score[row] += browsers.scenario.ticks_per_step
     for place, (path, low, high) in enumerate(described.numbers):
-        value = float(find_value(told, path, missing=lambda: 0.0))
+        value = float(find_value(reported, path, missing=lambda: 0.0))
         worlds.numbers[row, place] = min(high, max(low, value))
     small = picture if browsers.picture == SMALL else shrink(picture)
     worlds.picture[row] = small.transpose(2, 0, 1)
     worlds.film[row, :-1] = worlds.film[row, 1:]
     worlds.film[row, -1] = small @ _LUMA // 1000
     if isinstance(described.done, str):
-        is_done = bool(find_value(told, described.done))
+        is_done = bool(find_value(reported, described.done))
     else:
         is_done = browsers.ending.is_over(picture)
-    winner = int(find_value(told, described.winner)) if described.winner else NO_WINNER
+    winner = int(find_value(reported, described.winner)) if described.winner else NO_WINNER
     return is_done, winner
 
 

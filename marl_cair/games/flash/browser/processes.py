@@ -129,11 +129,11 @@ class PrivateFolder:
                 start_new_session=True,
             )
         self._programs[name] = program
-        self.tell_watcher(f"{end_by} {program.pid}")
+        self.inform_watcher(f"{end_by} {program.pid}")
         _write_line(program, "")
         return program.pid
 
-    def tell_watcher(self, line: str) -> None:
+    def inform_watcher(self, line: str) -> None:
         """Send a line that the watcher's script reads."""
         try:
             _write_line(self._watcher, line)
@@ -173,7 +173,7 @@ class PrivateFolder:
             return
         self._is_closed = True
         with contextlib.suppress(FlashError):
-            self.tell_watcher("end")
+            self.inform_watcher("end")
         deadline = time.monotonic() + 4.0
         for process in (*self._programs.values(), self._watcher):
             with contextlib.suppress(subprocess.TimeoutExpired):

@@ -270,7 +270,7 @@ def test_files_that_a_program_leaves_go_too_but_not_anothers(tmp_path):
         (tmp_path / name).touch()
     with PrivateFolder() as folder:
         inode = (tmp_path / "left").stat().st_ino
-        folder.tell_watcher(f"FILE {inode} {tmp_path / 'left'}")
-        folder.tell_watcher(f"FILE {inode} {tmp_path / 'anothers'}")
-        folder.tell_watcher(f"FILE {inode} {tmp_path / 'missing'}")
+        folder.inform_watcher(f"FILE {inode} {tmp_path / 'left'}")
+        folder.inform_watcher(f"FILE {inode} {tmp_path / 'anothers'}")
+        folder.inform_watcher(f"FILE {inode} {tmp_path / 'missing'}")
     assert [path.name for path in tmp_path.iterdir()] == ["anothers"]

@@ -113,7 +113,7 @@ def _count_free(num_agents: int, pairs: PairGames) -> int:
 def _group(*keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], csr_array]:
     """The different rows of keys [N, ...], sorted, and which of them each row is, [N, rows]."""
     rows = np.column_stack(keys)
-    codes = np.ravel_multi_index(tuple(rows.T), tuple(rows.max(0) + 1))
+    codes = np.ravel_multi_index(tuple(rows.T), tuple(rows.max(0, initial=0) + 1))
     _, first, place = np.unique(codes, return_index=True, return_inverse=True)
     return rows[first], indicate(np.arange(place.size), place, (place.size, first.size))
 

@@ -117,8 +117,9 @@ def test_the_environments_accept_it():
     batched.engine.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scenario", "bot"), [("duel", "duelist")])
-def test_the_bot_beats_random(scenario, bot):
+def test_the_bot_beats_random_in_a_match(scenario, bot):
     game, chosen = marl_cair.GAMES["flash"], marl_cair.GAMES["flash"].scenario(scenario)
     result = play_match(game.bot(bot, chosen), game.bot("random", chosen), game, chosen, 8, 0)
     assert result.score >= 0.75

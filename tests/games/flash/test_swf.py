@@ -167,6 +167,7 @@ def test_keys_tilt_the_paddle(multitask):
     assert multitask.state["balance"]["angle"] < 0 < right
 
 
+@pytest.mark.slow
 def test_scripted_player_keeps_four_tasks_going(multitask):
     multitask.start(2)
     stages = {}

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from marl_cair.games.flash import installing
+from marl_cair.games.flash.browser import installing
 from marl_cair.games.flash.browser.installing import (
     InstallError,
     diagnose,

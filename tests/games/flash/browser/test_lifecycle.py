@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from marl_cair.games.flash import server as server_module
+from marl_cair.games.flash.browser import server as server_module
 from marl_cair.games.flash.browser.processes import FlashError, PrivateFolder
 from marl_cair.games.flash.browser.server import FlashServer
 from tests.games.flash.browser.flash_files import PROBE, SIZE, need_flash

@@ -43,10 +43,9 @@ def require_memory_of_games(config: TrainConfig, game: Game, scenario: Any) -> N
     """Raise NotEnoughMemoryError for too many worlds or too long batches."""
     spec, collector = game.make_spec(scenario), config.collector
     worlds, seen = collector.num_worlds, spec.representations[config.game.representation]
-    if not game.has_snapshots:  # its memory is another process's
-        return
-    one = sum(field.nbytes for field in BatchedEngine(game, scenario, 1).state_dict().values())
-    require_memory(f"collector.num_worlds = {worlds}", worlds * one)
+    if game.has_snapshots:  # else worlds are in other processes
+        one = sum(field.nbytes for field in BatchedEngine(game, scenario, 1).state_dict().values())
+        require_memory(f"collector.num_worlds = {worlds}", worlds * one)
     num_legal = spec.num_actions * math.prod(spec.action_shape)
     step = 2 * _observation_bytes(seen) + 2 * num_legal + _ENTRY_BYTES
     steps = worlds * collector.steps_per_batch

@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games.flash.browser.server import FlashServer
 from marl_cair.games.flash.description import check_digest, find_description
-from marl_cair.games.flash.rules import shrink
+from marl_cair.games.flash.rules import find_luma, shrink
 from marl_cair.games.flash.scenes import SceneClassifier
 
 Frame = NDArray[Any]
@@ -137,20 +136,13 @@ class Game:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _prepare(self, picture: NDArray[np.uint8]) -> Frame:
         small: Frame = shrink(picture)
         if self._is_gray:
-            small = (small @ np.array((299, 587, 114), np.uint32) // 1000).astype(np.uint8)[
-                ..., None
-            ]
+            small = find_luma(small)[..., None]
         return small.astype(np.float32) / 255.0 if self._is_normalized else small
 
     def _push(self, push: Callback) -> None:

@@ -6,7 +6,6 @@ import atexit
 import logging
 from collections.abc import Iterable
 from itertools import combinations
-from pathlib import Path
 from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
@@ -70,7 +69,7 @@ def list_actions(described: Description, kind: str) -> tuple[Action, ...]:
 
 
 # Browsers of engines that were closed, for the next ones: to start one takes seconds.
-_spare: dict[tuple[Path, str], list[FlashServer]] = {}
+_spare: dict[tuple[Description, str], list[FlashServer]] = {}
 
 
 def close_spare_browsers() -> None:
@@ -91,7 +90,7 @@ class Browsers:
         self.actions = list_actions(self.described, scenario.actions)
         self.ending = EndReader(self.described)
         self.picture = self.described.size if self.described.reads_pixels else SMALL
-        self._kind = self.described.swf, scenario.transport
+        self._kind = self.described, scenario.transport
         self._servers: dict[int, FlashServer] = {}
 
     def server(self, slot: int) -> FlashServer:
@@ -256,7 +255,7 @@ def _read(
     small = picture if browsers.picture == SMALL else shrink(picture)
     worlds.picture[row] = small.transpose(2, 0, 1)
     worlds.film[row, :-1] = worlds.film[row, 1:]
-    worlds.film[row, -1] = small @ _LUMA // 1000
+    worlds.film[row, -1] = find_luma(small)
     if isinstance(described.done, str):
         is_done = bool(find_value(reported, described.done))
     else:
@@ -275,6 +274,11 @@ def shrink(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """A picture [H, W, 3] at 84 x 84: means of its pixels."""
     small = Image.fromarray(picture).resize(SMALL, Image.Resampling.BOX)
     return np.asarray(small, np.uint8)
+
+
+def find_luma(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The brightness uint8 [H, W] of a picture [H, W, 3]."""
+    return (picture @ _LUMA // 1000).astype(np.uint8)
 
 
 def _pay(

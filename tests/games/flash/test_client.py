@@ -5,17 +5,15 @@ import threading
 import numpy as np
 import pytest
 
-from marl_cair.games.flash.browser.installing import diagnose
 from marl_cair.games.flash.client import Game
 from marl_cair.games.flash.scenes import SceneClassifier
-from tests.games.flash.browser.vnc_servers import IS_NEEDED, wait_until
+from tests.games.flash.browser.flash_files import need_flash
+from tests.games.flash.browser.vnc_servers import wait_until
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _needs_browsers():
-    missing = [f"{part.name}: {part.command}" for part in diagnose()]
-    if missing:
-        (pytest.fail if IS_NEEDED else pytest.skip)("; ".join(missing))
+    need_flash()
 
 
 def test_frames_are_pushed_with_their_scenes_and_taken_on_demand():

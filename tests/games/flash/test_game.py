@@ -11,9 +11,8 @@ from torchrl.envs.utils import check_env_specs
 import marl_cair
 from marl_cair.games import flash
 from marl_cair.games.engine import NoSnapshotError
-from marl_cair.games.flash.browser.installing import diagnose
 from marl_cair.league.play.match import play_match
-from tests.games.flash.browser.vnc_servers import IS_NEEDED
+from tests.games.flash.browser.flash_files import need_flash
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # PettingZoo's own, of its example games
@@ -22,9 +21,7 @@ with warnings.catch_warnings():
 
 @pytest.fixture(scope="module", autouse=True)
 def _needs_browsers():
-    missing = [f"{part.name}: {part.command}" for part in diagnose()]
-    if missing:
-        (pytest.fail if IS_NEEDED else pytest.skip)("; ".join(missing))
+    need_flash()
 
 
 def play(engine, seeds, num_steps):

@@ -183,22 +183,23 @@ def test_what_is_no_flash_file_is_refused(tmp_path):
         FlashServer(tmp_path / "missing.swf", SIZE, 30)
 
 
+def put_in_place(program, script, monkeypatch):
+    """A shell script that is found in place of the installed program of its name."""
+    program.write_text(f"#!/bin/sh\n{script}\n", "utf-8")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
+
+
 def test_a_browser_that_does_not_start_is_named_with_its_words(tmp_path, monkeypatch):
     need_flash()
-    browser = tmp_path / "chromium"
-    browser.write_text("#!/bin/sh\necho No usable sandbox >&2; exit 3\n", "utf-8")
-    browser.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    put_in_place(tmp_path / "chromium", "echo No usable sandbox >&2; exit 3", monkeypatch)
     with pytest.raises(FlashError, match=r"chromium ended \(exit status 3\).\n.*\nNo usable sand"):
         FlashServer(PROBE, SIZE, 30, mode="lockstep")
 
 
 def test_a_browser_that_shows_no_page_is_a_timeout(tmp_path, monkeypatch):
     need_flash()
-    browser = tmp_path / "chromium"
-    browser.write_text("#!/bin/sh\nexec sleep 60\n", "utf-8")
-    browser.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    put_in_place(tmp_path / "chromium", "exec sleep 60", monkeypatch)
     monkeypatch.setattr(server_module, "START_LIMIT_S", 0.3)
     with pytest.raises(FlashError, match=r"the page was not ready within 0.3 s"):
         FlashServer(PROBE, SIZE, 30, mode="lockstep")
@@ -206,10 +207,7 @@ def test_a_browser_that_shows_no_page_is_a_timeout(tmp_path, monkeypatch):
 
 def test_a_display_that_does_not_start_is_named_with_its_words(tmp_path, monkeypatch):
     need_flash()
-    display = tmp_path / "Xtigervnc"
-    display.write_text("#!/bin/sh\necho Server is already active; exit 1\n", "utf-8")
-    display.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    put_in_place(tmp_path / "Xtigervnc", "echo Server is already active; exit 1", monkeypatch)
     with pytest.raises(FlashError, match=r"Xtigervnc ended \(exit status 1\).\n.*\nServer is alr"):
         FlashServer(PROBE, SIZE, 30)
 

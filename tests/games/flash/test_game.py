@@ -11,6 +11,7 @@ from torchrl.envs.utils import check_env_specs
 import marl_cair
 from marl_cair.games import flash
 from marl_cair.games.engine import NoSnapshotError
+from marl_cair.games.flash.description import FOLDER
 from marl_cair.league.play.match import play_match
 from tests.games.flash.browser.flash_files import need_flash
 
@@ -120,3 +121,23 @@ def test_the_bot_beats_random_in_a_match(scenario, bot):
     game, chosen = marl_cair.GAMES["flash"], marl_cair.GAMES["flash"].scenario(scenario)
     result = play_match(game.bot(bot, chosen), game.bot("random", chosen), game, chosen, 8, 0)
     assert result.score >= 0.75
+
+
+def test_a_browser_is_kept_for_the_same_description_alone(tmp_path):
+    engine = marl_cair.make_engine("flash", "multitask")
+    engine.reset(0)
+    kept = engine._rules.server(0)
+    engine.close()
+    text = (FOLDER / "multitask.toml").read_text("utf-8")
+    text = text.replace('"multitask.swf"', f'"{FOLDER / "multitask.swf"}"')
+    small = tmp_path / "small.toml"
+    small.write_text(text.replace("size = [480, 360]", "size = [240, 180]"), "utf-8")
+    other = marl_cair.make_engine("flash", "multitask", description=str(small))
+    other.reset(0)
+    assert other.render(0).shape == (180, 240, 3)
+    assert other._rules.server(0).size == (240, 180)
+    again = marl_cair.make_engine("flash", "multitask")
+    again.reset(0)
+    assert again._rules.server(0) is kept
+    other.close()
+    again.close()

@@ -33,9 +33,6 @@ class Arcade {
 		drawMenu();
 		drawOver();
 		drawCursor();
-		for (layer in [game.view, menu, over])
-			flash.Lib.current.addChild(layer);
-		flash.Lib.current.addChild(cursor);
 		game.start(random);
 		show(MENU);
 		listen(stage);
@@ -79,8 +76,12 @@ class Arcade {
 
 	function show(scene:String):Void {
 		this.scene = scene;
-		menu.visible = scene == MENU;
-		over.visible = scene == OVER;
+		// What is not shown is no child: the player visits all children in every frame, seen or not
+		var root = flash.Lib.current;
+		root.removeChildren();
+		for (layer in [game.view, scene == MENU ? menu : over, cursor])
+			if (layer == game.view || scene != STAGE)
+				root.addChild(layer);
 		cursor.visible = scene != STAGE && (cursor.x != 0 || cursor.y != 0);
 		if (ExternalInterface.available)
 			ExternalInterface.call("flashEvent", "scene", scene);

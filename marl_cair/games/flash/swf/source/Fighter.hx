@@ -28,13 +28,15 @@ class Fighter {
 	public var hasShield = false;
 
 	var controls:Controls;
+	var color:Int;
 	var ticksToShot = 0;
 	var hurt = 0;
 	var view:Sprite;
 	var hull:Sprite;
 	var shield:Shape;
 	var gauge:Shape;
-	var pips:Array<Shape> = [];
+	var pips:Shape; // one for each life
+	var shownLives = -1;
 
 	public function new(arena:Sprite, hud:Sprite, facing:Int, color:Int, controls:Controls) {
 		this.facing = facing;
@@ -51,11 +53,8 @@ class Fighter {
 		Pen.box(gauge, Pen.WHITE, 0, -60, 12, 60);
 		shield = Pen.shape(view, 36);
 		Pen.box(shield, Pen.WHITE, -6, -38, 12, 76, 12);
-		for (i in 0...LIVES) {
-			var pip = Pen.shape(hud, -facing * (222 - 30 * i), -180);
-			Pen.disc(pip, color, 0, 0, 11);
-			pips.push(pip);
-		}
+		this.color = color;
+		pips = Pen.shape(hud, -facing * 222, -180);
 		draw();
 	}
 
@@ -86,8 +85,12 @@ class Fighter {
 		if (hurt > 0)
 			hurt -= 1;
 		hull.alpha = hurt % 4 > 1 ? 0.2 : 1;
-		for (i in 0...LIVES)
-			pips[i].visible = i < lives;
+		if (shownLives != lives) {
+			shownLives = lives;
+			pips.graphics.clear();
+			for (i in 0...lives)
+				Pen.disc(pips, color, facing * 30 * i, 0, 11);
+		}
 	}
 
 	public function describe():Dynamic {

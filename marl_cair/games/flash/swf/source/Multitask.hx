@@ -9,8 +9,8 @@ class Multitask implements Game {
 	static var OPEN_TICKS = [0, 300, 900, 1800]; // when each task begins
 	static inline var HARDER_TICKS = 6000.0; // a task is twice as hard this many ticks after it began
 	static inline var BAR = 24; // height of the bar with score and stage
-	// Keys of each task as two caps; an angle of degrees clockwise from "up"
-	static var CAPS = [[270, 90], [0, 180], [270, 90], [0, 180]];
+	// Keys of each task as two caps, each with the direction of its arrow
+	static var CAPS = [[[-1, 0], [1, 0]], [[0, -1], [0, 1]], [[-1, 0], [1, 0]], [[0, -1], [0, 1]]];
 	static var IS_CHORD = [false, false, true, true];
 
 	public var title = "MULTITASK";
@@ -19,12 +19,13 @@ class Multitask implements Game {
 
 	var random:Random;
 	var tasks:Array<Task>;
-	var panels:Array<Sprite>;
+	var ground:Shape; // panels behind the tasks
+	var layer:Sprite; // the tasks
+	var frame:Shape; // around the panels: it hides what leaves them
 	var progress:Shape;
 	var time = 0;
 	var failed = -1;
 	var score:TextField;
-	var stage:TextField;
 
 	static function main():Void {
 		new Arcade(new Multitask());
@@ -38,10 +39,12 @@ class Multitask implements Game {
 		failed = -1;
 		tasks = [];
 		view.removeChildren();
-		Pen.box(Pen.shape(view), Pen.NIGHT, 0, 0, 480, 360);
-		panels = [for (i in 0...4) drawLocked(i)];
+		ground = Pen.shape(view);
+		layer = Pen.sprite(view);
+		frame = Pen.shape(view);
+		progress = Pen.shape(view);
+		Pen.box(progress, Pen.WHITE, 0, 0, 160, 12);
 		score = Pen.text(view, "0", 16, Pen.WHITE, 64, 0);
-		stage = Pen.text(view, "", 16, Pen.WHITE, 416, 0);
 		open();
 	}
 
@@ -74,42 +77,67 @@ class Multitask implements Game {
 			case 2: new Jump(random);
 			default: new Hover(random);
 		};
+		task.view.x = centerX(i);
+		task.view.y = centerY(i);
+		layer.addChild(task.view);
 		tasks.push(task);
-		panels[i].removeChildren();
-		Pen.box(Pen.shape(panels[i]), COLORS[i], -117, -81, 234, 162, 16);
-		panels[i].addChild(task.view);
-		var edge = Pen.shape(panels[i]);
-		Pen.box(edge, 0, -117, -81, 234, 162);
-		task.view.mask = edge;
-		stage.text = "STAGE " + (i + 1);
-		if (i < 3) {
-			progress = Pen.shape(panels[i + 1], -80, 44);
-			Pen.box(progress, Pen.WHITE, 0, 0, 160, 12);
-			progress.scaleX = 0;
-		}
+		drawGround();
+		drawFrame();
+		progress.visible = i < 3;
+		progress.x = centerX(i + 1) - 80;
+		progress.y = centerY(i + 1) + 44;
+		progress.scaleX = 0;
+	}
+
+	static function centerX(i:Int):Float {
+		return 120 + 240 * (i % 2);
+	}
+
+	static function centerY(i:Int):Float {
+		return BAR + 84 + 168 * (i >> 1);
+	}
+
+	// One shape, because every shape costs the player time in every frame
+	function drawGround():Void {
+		ground.graphics.clear();
+		for (i in 0...4)
+			if (i < tasks.length)
+				Pen.box(ground, COLORS[i], centerX(i) - 118, centerY(i) - 82, 236, 164);
+			else
+				drawLocked(i);
 	}
 
 	// A dark panel with the keys of the task to come and an empty progress bar
-	function drawLocked(i:Int):Sprite {
-		var panel = Pen.sprite(view, 120 + 240 * (i % 2), BAR + 84 + 168 * (i >> 1));
-		Pen.box(Pen.shape(panel), 0x1C2436, -117, -81, 234, 162, 16);
+	function drawLocked(i:Int):Void {
+		var x = centerX(i);
+		var y = centerY(i);
+		Pen.box(ground, 0x1C2436, x - 118, y - 82, 236, 164);
 		for (side in 0...2) {
-			var cap = Pen.shape(panel, (side * 2 - 1) * 32, -14);
-			Pen.box(cap, 0x33405E, -24, -24, 48, 48, 14);
-			var arrow = Pen.shape(panel, cap.x, cap.y);
-			Pen.polygon(arrow, 0x8D9BBD, [0, -12, 12, 9, -12, 9]);
-			arrow.rotation = CAPS[i][side];
+			var capX = x + (side * 2 - 1) * 32;
+			Pen.box(ground, 0x33405E, capX - 24, y - 38, 48, 48, 14);
+			Pen.arrow(ground, 0x8D9BBD, capX, y - 14, CAPS[i][side]);
 		}
 		if (IS_CHORD[i])
-			Pen.box(Pen.shape(panel), 0x8D9BBD, -12, -18, 24, 8);
-		Pen.box(Pen.shape(panel), 0x33405E, -80, 44, 160, 12);
-		return panel;
+			Pen.box(ground, 0x8D9BBD, x - 12, y - 32, 24, 8);
+		Pen.box(ground, 0x33405E, x - 80, y + 44, 160, 12);
+	}
+
+	// The bar with one lamp for each stage, and the edges of the panels
+	function drawFrame():Void {
+		var graphics = frame.graphics;
+		graphics.clear();
+		graphics.beginFill(Pen.NIGHT);
+		graphics.drawRect(-20, -20, 520, 400);
+		for (i in 0...4)
+			graphics.drawRoundRect(centerX(i) - 117, centerY(i) - 81, 234, 162, 16, 16);
+		graphics.endFill();
+		for (i in 0...4)
+			Pen.box(frame, i < tasks.length ? Pen.WHITE : 0x33405E, 384 + 20 * i, 6, 14, 14, 6);
 	}
 
 	function drawFailed():Void {
-		var frame = Pen.shape(panels[failed]);
 		frame.graphics.lineStyle(10, Pen.RED);
-		frame.graphics.drawRoundRect(-112, -76, 224, 152, 14, 14);
+		frame.graphics.drawRoundRect(centerX(failed) - 112, centerY(failed) - 76, 224, 152, 14, 14);
 	}
 
 	public function describe(state:Dynamic):Void {

@@ -35,6 +35,15 @@ class Pen {
 		on.graphics.endFill();
 	}
 
+	// An arrowhead around (x, y) that points in a direction, left (-1, 0) or down (0, 1)
+	public static function arrow(on:Shape, color:Int, x:Float, y:Float, to:Array<Int>):Void {
+		polygon(on, color, [
+			x + 12 * to[0], y + 12 * to[1],
+			x - 9 * to[0] - 12 * to[1], y - 9 * to[1] + 12 * to[0],
+			x - 9 * to[0] + 12 * to[1], y - 9 * to[1] - 12 * to[0]
+		]);
+	}
+
 	public static function shape(into:Sprite, x = 0.0, y = 0.0):Shape {
 		var shape = new Shape();
 		shape.x = x;

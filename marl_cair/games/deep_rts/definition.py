@@ -69,7 +69,7 @@ def _reward_bound(scenario: Scenario) -> float:
     """A win from far behind, or more score than one step can bring."""
     if scenario.goal == "score":
         return 100.0
-    return 1.0 + (1.6 if scenario.reward == "shaped" else 0.0)
+    return 1.0 + (1.6 if scenario.reward != "sparse" else 0.0)
 
 
 # --- actions: names, and the group of each -------------------------------------------------------

@@ -22,7 +22,11 @@ ACTION_SPACES = {
     "classic": "the original's 16 actions for the unit under the cursor",
     "grid": "one order for each own unit at once, at the cell where it stands",
 }
-REWARDS = {"sparse": "+1 win, -1 loss, 0 draw", "shaped": "sparse plus a potential difference"}
+REWARDS = {
+    "sparse": "+1 win, -1 loss, 0 draw",
+    "shaped": "sparse plus a potential difference, which keeps the optimal policy",
+    "gains": "sparse plus the change of the own share in all worth",
+}
 # The reward of each goal: of the last player or team standing, and of races; {}: goal_amount.
 GOALS = {
     "conquest": "+1 last standing, -1 fallen",
@@ -58,7 +62,7 @@ class Scenario:
     goal: str = "conquest"  # see GOALS
     goal_amount: int = 0  # of the goals gold, lumber and army
     army: tuple[int, ...] = ()  # units of each mobile kind at the start, in place of a base
-    reward: str = "sparse"  # or "shaped"; only of conquest
+    reward: str = "sparse"  # see REWARDS; others only of conquest
     shaping_discount: float = 0.99  # gamma of the potential difference, per decision
     fog: bool = False
     ticks_per_step: int = 10  # game ticks that one decision lasts

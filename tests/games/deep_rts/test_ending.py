@@ -264,3 +264,15 @@ def test_shaped_rewards_sum_to_the_sparse_ones_less_the_first_potential():
     paid = play_to_end(game).tolist()
     assert outcome(game) == (True, False, 0)
     assert paid == pytest.approx([1 - potentials[0], -1 - potentials[1]], abs=1e-5)
+
+
+def test_gains_pay_the_win_and_the_share_that_was_gained():
+    game = conquest(reward="gains", shaping_discount=0.5)  # the discount does not count
+    soldier, victim = game.put(0, t.FOOTMAN, 12, 12), game.units_of(1)[0]
+    game.set(victim, s.UNIT_HEALTH, 1)
+    first, second = 50 + 80, 50 / 30
+    before = [0.8 * (2 * worth / (1 + first + second) - 1) for worth in (first, second)]
+    after = 0.8 * (2 * first / (1 + first) - 1)  # of the winner; who has fallen owns nothing
+    game.attack(soldier, victim)
+    paid = play_to_end(game).tolist()
+    assert paid == pytest.approx([1 + after - before[0], -1 - before[1]], abs=1e-5)

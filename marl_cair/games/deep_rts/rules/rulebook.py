@@ -96,6 +96,7 @@ class Rules(NamedTuple):
     max_ticks: int
     shaping: float
     discount: float
+    keeps_potential: bool  # at the end of the game
 
 
 def make_rules(scenario: Scenario) -> Rules:
@@ -124,8 +125,9 @@ def make_rules(scenario: Scenario) -> Rules:
         slots=scenario.slots_per_player,
         action_space=list(ACTION_SPACES).index(scenario.actions),
         goal=list(GOALS).index(scenario.goal),
-        shaping=float(scenario.reward == "shaped"),
-        discount=float(scenario.shaping_discount),
+        shaping=float(scenario.reward != "sparse"),
+        discount=1.0 if scenario.reward == "gains" else float(scenario.shaping_discount),
+        keeps_potential=scenario.reward == "gains",
     )
 
 

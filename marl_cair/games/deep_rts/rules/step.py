@@ -99,8 +99,10 @@ def step_world(world: Any, rules: Any, actions: Any, rewards: Any) -> None:
     """Carry out the orders of all players, play the ticks of a step, write the rewards.
 
     Shaping adds discount * potential(after) - potential(before), with potential 0 once the game
-    has terminated, which keeps the optimal policy (Ng, Harada, Russell 1999). All is summed in
-    float32: plain Python and compiled code would else round differently.
+    has terminated, which keeps the optimal policy (Ng, Harada, Russell 1999). The reward "gains"
+    has discount 1, and keeps the potential of who is alive in the end: it pays the change of the
+    share in all worth, and a win in full beside it. All is summed in float32: plain Python and
+    compiled code would else round differently.
     """
     for player in range(rules.num_players):
         rewards[player] = 0.0
@@ -121,8 +123,8 @@ def step_world(world: Any, rules: Any, actions: Any, rewards: Any) -> None:
             break
     for player in range(rules.num_players):
         rewards[player] += np.float32(judging.measure(world, rules, player))
-        is_shaped = rules.shaping > 0.0 and world.clock[s.PHASE] != s.TERMINATED
-        if is_shaped and world.players[player, s.IS_ALIVE]:
+        counts = rules.keeps_potential or world.clock[s.PHASE] != s.TERMINATED
+        if rules.shaping > 0.0 and counts and world.players[player, s.IS_ALIVE]:
             after = rules.discount * judging.potential(world, rules, player)
             rewards[player] += np.float32(rules.shaping * after)
 

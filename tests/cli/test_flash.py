@@ -1,14 +1,22 @@
-"""`marl-cair flash`: what it writes for a SWF, and what it refuses."""
+"""`marl-cair flash`: descriptions of SWF files, what is refused, and games played by hand."""
 
 import lzma
+import signal
 import struct
+import subprocess
+import sys
 import zlib
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from marl_cair.cli import EXIT_DONE, EXIT_REFUSED, main
 from marl_cair.cli.flash.add import read_header
+from marl_cair.games.flash.browser.rfb import RFBClient
 from marl_cair.games.flash.description import FOLDER, Region, find_description
+from tests.games.flash.browser.flash_files import need_flash
+from tests.games.flash.browser.vnc_servers import list_socket_options, run_tigervnc, wait_until
 
 MULTITASK = (FOLDER / "multitask.swf").read_bytes()
 PLAIN = b"FWS" + MULTITASK[3:8] + zlib.decompress(MULTITASK[8:])
@@ -79,3 +87,70 @@ def test_what_cannot_be_used_leaves_no_description(tmp_path, capsys, words, name
     assert code == EXIT_REFUSED
     assert named in shown.err
     assert not (tmp_path / "out/game.toml").exists()
+
+
+# --- by hand ------------------------------------------------------------------------------------
+
+PLAY = [sys.executable, "-m", "marl_cair", "flash", "play", "multitask"]
+BUTTON, PANEL = (170, 190), (20, 60)  # x, y: of the menu, of the first task
+YELLOW, BLUE = (255, 209, 64), (30, 78, 128)
+
+
+def shows(screen, place, colour):
+    x, y = place
+    return np.abs(screen.refresh()[y, x].astype(int) - colour).max() < 12
+
+
+def play_by_hand(screen):
+    """Clicks PLAY, lets the ball roll off, and presses Enter: back to the menu."""
+    wait_until(lambda: shows(screen, BUTTON, YELLOW), 60)
+    screen.click(240, 190)
+    wait_until(lambda: shows(screen, PANEL, BLUE))
+    screen.press("left")
+    wait_until(lambda: not shows(screen, PANEL, BLUE))
+    screen.release("left")
+    screen.tap("enter")
+    wait_until(lambda: shows(screen, BUTTON, YELLOW))
+
+
+def end(player):
+    player.send_signal(signal.SIGINT)
+    assert player.wait(20) == 130
+
+
+def test_a_window_shows_the_game_and_takes_mouse_and_keys(tmp_path):
+    need_flash()
+    pytest.importorskip("pygame", reason="the window needs the extra `dev`")
+    display = tmp_path / "rfb"
+    with run_tigervnc(*list_socket_options(display)) as environment:
+        window = {**environment, "SDL_VIDEODRIVER": "x11"}
+        with subprocess.Popen(PLAY, env=window) as player, RFBClient(display) as screen:
+            play_by_hand(screen)
+            end(player)
+
+
+def test_a_vnc_viewer_plays_at_the_address_that_is_printed():
+    need_flash()
+    with subprocess.Popen([*PLAY, "--vnc"], stdout=subprocess.PIPE, text=True) as player:
+        address = Path(player.stdout.readline().removeprefix("VNC server: ").strip())
+        assert f"xtigervncviewer {address} " in player.stdout.readline()
+        assert f"UNIX-CONNECT:{address}\n" in player.stdout.readline()
+        with RFBClient(address) as screen:
+            play_by_hand(screen)
+        end(player)
+    assert not address.parent.exists()
+
+
+@pytest.mark.parametrize("driver", ["offscreen", "dummy", "nonsense"])
+def test_a_window_without_a_display_is_refused(driver, monkeypatch, capsys):
+    pygame = pytest.importorskip("pygame", reason="the window needs the extra `dev`")
+    monkeypatch.setenv("SDL_VIDEODRIVER", driver)
+    assert main(["flash", "play", "multitask"]) == EXIT_REFUSED
+    assert "there is no display for a window: set DISPLAY" in capsys.readouterr().err
+    pygame.display.quit()
+
+
+def test_a_window_without_pygame_is_refused(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    assert main(["flash", "play", "multitask"]) == EXIT_REFUSED
+    assert "pip install pygame-ce" in capsys.readouterr().err

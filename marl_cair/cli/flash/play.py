@@ -12,6 +12,7 @@ from marl_cair.lookup import UnknownNameError
 
 _NAMES = {"return": "enter", "left shift": "shift", "right shift": "shift", "left ctrl": "control",
           "right ctrl": "control", "left alt": "alt", "right alt": "alt"}  # fmt: skip
+_WINDOWLESS = ("offscreen", "dummy", "evdev")  # what SDL takes where it finds no display
 _BUTTONS = {1: "left", 2: "middle", 3: "right"}
 
 
@@ -19,30 +20,48 @@ def play_by_hand(name: str, *, with_window: bool = True) -> None:
     """Run the game until its window is closed or the command is interrupted.
 
     Raises:
-        ValueError: there is no such game, or no pygame for a window.
+        ValueError: there is no such game; or no pygame, or no display, for a window.
         FlashError: browser or display cannot be started.
     """
+    pygame = _open_display() if with_window else None
     with Game(name) as game:
-        if with_window:
-            _show(game)
+        if pygame is not None:
+            _show(game, pygame)
             return
         sys.stdout.write(f"VNC server: {game.address}\n")
         sys.stdout.write(f"connect with: xtigervncviewer {game.address}   (end with Ctrl-C)\n")
+        sys.stdout.write("viewers without UNIX sockets connect to 127.0.0.1:5900 after: socat ")
+        sys.stdout.write(f"TCP-LISTEN:5900,bind=127.0.0.1,fork UNIX-CONNECT:{game.address}\n")
         sys.stdout.flush()
         while True:
             time.sleep(1.0)
 
 
-def _show(game: Game) -> None:
+def _open_display() -> Any:
+    """Pygame, with its display."""
     try:
         import pygame
     except ModuleNotFoundError:
         raise ValueError(
             "a window needs pygame-ce: pip install pygame-ce; or give --vnc and use a VNC viewer"
         ) from None
-    pygame.display.init()
+    try:
+        pygame.display.init()
+        has_windows = pygame.display.get_driver() not in _WINDOWLESS
+    except pygame.error:  # SDL_VIDEODRIVER has one that is not available
+        has_windows = False
+    if not has_windows:
+        raise ValueError(
+            "there is no display for a window: set DISPLAY or WAYLAND_DISPLAY; or give --vnc and "
+            "use a VNC viewer"
+        )
+    return pygame
+
+
+def _show(game: Game, pygame: Any) -> None:
     window = pygame.display.set_mode(game.description.size)
     pygame.display.set_caption(game.description.title)
+    pygame.mouse.set_visible(False)  # the game's own mouse cursor is in its picture
     clock = pygame.time.Clock()
     try:
         while not any(_send(game, pygame, event) for event in pygame.event.get()):

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import sys
 import time
+from itertools import count
+from pathlib import Path
 from typing import Any
+
+from PIL import Image
 
 from marl_cair.games.flash.browser.keys import find_key
 from marl_cair.games.flash.client import Game
@@ -12,6 +16,7 @@ from marl_cair.lookup import UnknownNameError
 
 _NAMES = {"return": "enter", "left shift": "shift", "right shift": "shift", "left ctrl": "control",
           "right ctrl": "control", "left alt": "alt", "right alt": "alt"}  # fmt: skip
+_SAVE_KEY = "f12"
 _WINDOWLESS = ("offscreen", "dummy", "evdev")  # what SDL takes where it finds no display
 _BUTTONS = {1: "left", 2: "middle", 3: "right"}
 
@@ -59,8 +64,8 @@ def _open_display() -> Any:
 
 
 def _show(game: Game, pygame: Any) -> None:
-    window = pygame.display.set_mode(game.description.size)
-    pygame.display.set_caption(game.description.title)
+    window = pygame.display.set_mode(game.stage.size)
+    pygame.display.set_caption(f"{game.stage.title} (F12 saves the picture)")
     pygame.mouse.set_visible(False)  # the game's own mouse cursor is in its picture
     clock = pygame.time.Clock()
     try:
@@ -77,6 +82,10 @@ def _send(game: Game, pygame: Any, event: Any) -> bool:
     if event.type in (pygame.KEYDOWN, pygame.KEYUP):
         name = pygame.key.name(event.key)
         name = _NAMES.get(name, name)
+        if name == _SAVE_KEY:
+            if event.type == pygame.KEYDOWN:
+                _save_picture(game)
+            return False
         try:
             find_key(name)
         except UnknownNameError:
@@ -89,3 +98,12 @@ def _send(game: Game, pygame: Any, event: Any) -> bool:
         x, y = event.pos
         move(x, y, _BUTTONS[event.button])
     return bool(event.type == pygame.QUIT)
+
+
+def _save_picture(game: Game) -> None:
+    """Write the newest frame to the first name of <SWF>-1.png, -2.png, ... that is free."""
+    paths = (Path(f"{game.stage.swf.stem}-{number}.png") for number in count(1))
+    path = next(path for path in paths if not path.exists())
+    Image.fromarray(game.screen()).save(path)
+    sys.stdout.write(f"saved {path}\n")
+    sys.stdout.flush()

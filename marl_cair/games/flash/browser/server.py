@@ -188,6 +188,11 @@ class FlashServer:
             return None
         return pixels.reshape(picture[1], picture[0], 3)
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether it runs, and no step was begun without its end."""
+        return self._link is not None and self._pending is None
+
     def call(self, name: str, *arguments: Any) -> Any:
         """Call a callback of the SWF (ExternalInterface) with JSON values; None if it has none of
         this name, as before its first frame has run.

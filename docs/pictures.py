@@ -1,4 +1,4 @@
-"""Draws the pictures of scenarios in the documentation: `python docs/pictures.py [game]`.
+"""Draws the pictures and films of scenarios in the documentation: `python docs/pictures.py [game]`.
 
 Bots play, seeded; each picture is what a spectator or one seat sees after so many decisions.
 """
@@ -6,6 +6,7 @@ Bots play, seeded; each picture is what a spectator or one seat sees after so ma
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games import make_engine
 from marl_cair.games.engine import BatchedEngine
+from marl_cair.league.play.film import Size, shrink, write_film
 from marl_cair.lookup import find_by_name
 from marl_cair.training.demo import film_win
 
@@ -104,8 +106,27 @@ GALLERIES = {
 }
 
 
-def play(scene: Scene, game: str) -> BatchedEngine:
-    """The scene's world after its decisions, or at its end."""
+class Film(NamedTuple):
+    """Parts of a game, as numbers of decisions."""
+
+    scene: Scene
+    parts: tuple[range, ...]
+
+
+FILM = Size(200, 360, 128, 130)  # about as quick as the game
+FILMS = {
+    "flash": (
+        Film(
+            Scene("multitask", ("juggler",), 1_000),
+            (range(50), range(190, 240), range(560, 620), range(930, 1_000)),
+        ),
+        Film(Scene("duel", ("duelist", "random"), 300, seed=2), (range(300),)),
+    ),
+}
+
+
+def play(scene: Scene, game: str) -> Iterator[BatchedEngine]:
+    """The scene's world after each of its decisions, up to its end."""
     engine = make_engine(game, scene.scenario)
     agents = [engine.game.bot(name, engine.scenario) for name in scene.bots]
     for seat, agent in enumerate(agents):
@@ -119,14 +140,14 @@ def play(scene: Scene, game: str) -> BatchedEngine:
             for seat, agent in enumerate(agents)
         ]
         engine.step(np.array([chosen]))
+        yield engine
         if engine.terminated[0] or engine.truncated[0]:
             break
-    return engine
 
 
 def show(scene: Scene, game: str) -> NDArray[np.uint8]:
     """The picture of a scene."""
-    engine = play(scene, game)
+    *_, engine = play(scene, game)
     if scene.representation is None:
         return engine.render(0, scene.seat)
     seen: NDArray[np.uint8] = engine.observe(scene.representation)[0, scene.seat or 0, 0]
@@ -150,12 +171,24 @@ def draw_gallery(game: str) -> None:
     plt.close(figure)
 
 
+def draw_film(film: Film, game: str) -> None:
+    """Draw every second decision of the parts of a film, as images/<scenario>.gif."""
+    images = [
+        shrink(engine.render(0), FILM.width)
+        for number, engine in enumerate(play(film.scene, game))
+        if number % 2 == 0 and any(number in part for part in film.parts)
+    ]
+    write_film(IMAGES / f"{film.scene.scenario}.gif", images, FILM)
+
+
 def main() -> None:
     """Draw the pictures of the named games, or of all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("games", nargs="*", help=f"of {', '.join(GALLERIES)} (default: all)")
     for game in parser.parse_args().games or GALLERIES:
         draw_gallery(game)
+        for film in FILMS.get(game, ()):
+            draw_film(film, game)
         if game == "deep_line_wars":
             agent = str(IMAGES.parents[1] / "agents/deep_line_wars_10x15")
             film_win(agent, "counter", game, "10x15", 0, IMAGES / f"{game}.gif")

@@ -1,16 +1,20 @@
 """The benchmarks behind the tables of the documentation, on runs of seconds."""
 
 import csv
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 import yaml
 from tqdm import tqdm
 
+from benchmarks import flash
 from benchmarks._ladders import _space_out
 from benchmarks.coverage import Case, find_truth, measure
 from benchmarks.time_to_strength import Look, compare, find_reached
 from marl_cair.cli import main
+from marl_cair.games.flash.browser.swf_header import read_header
 from marl_cair.league.ratings import rate as ratings_module
 from marl_cair.training.population.league_examples import EXAMPLES, PSRO_EXAMPLES
 from tests.benchmark_runs import read_table
@@ -260,3 +264,23 @@ def test_93_to_97_of_100_intervals_hold(monkeypatch, players, effect):
 
 def test_a_ring_of_the_replay_takes_the_steps_of_its_benchmark():
     assert "5000 steps" in read_table("replay", "bytes per step", ["--memory", 5000])
+
+
+def test_processor_time_and_memory_of_flash_games_are_those_of_child_processes():
+    script = "sum(range(10**7)); print(flush=True); input()"
+    with subprocess.Popen(
+        ["sh", "-c", '"$0" -c "$1"; true', sys.executable, script],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    ) as process:
+        process.stdout.readline()
+        used = dict(flash.find_children())
+        assert used[process.pid] < 0.05 < sum(used.values())  # its child has computed
+        assert 3 < flash.measure_memory() < 100
+        process.communicate(b"\n")
+
+
+def test_the_empty_flash_file_is_a_flash_file(tmp_path):
+    swf = tmp_path / "empty.swf"
+    swf.write_bytes(flash.pack_empty())
+    assert read_header(swf) == (flash.SIZE, 30.0)

@@ -16,7 +16,7 @@ MAX_LINES = {
     "league": 7_820,
     "training": 5_900,
     "conf": 10,
-    "cli": 3_200,
+    "cli": 3_220,
     "": 1_560,  # the modules that every part may import
 }
 

@@ -19,7 +19,9 @@ def run(arguments: Sequence[str]) -> int:
     commands.add_parser("doctor", help="list what is missing, and the command that installs it")
     _add_add(commands)
     play = commands.add_parser("play", help="play by hand, in a window or in any VNC viewer")
-    play.add_argument("game", help="multitask, duel, or a description (.toml)")
+    play.add_argument(
+        "game", help="multitask, duel, a Flash file (.swf) or its description (.toml)"
+    )
     play.add_argument("--vnc", action="store_true", help="print the VNC socket and wait; no window")
     chosen = parser.parse_args(arguments)
     if chosen.command == "install":

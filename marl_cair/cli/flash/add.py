@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-import lzma
 import shutil
-import zlib
 from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
 from marl_cair.files import write_atomically
+from marl_cair.games.flash.browser.swf_header import read_header
 from marl_cair.games.flash.description import read_description
-
-_HEADER_BYTES = 64  # that hold the size of the stage and the frame rate
-_SIGNATURES = b"FWS", b"CWS", b"ZWS"  # plain, zlib, LZMA
+from marl_cair.games.flash.ending import EndReader
 
 
 def describe_swf(chosen: Namespace) -> str:
@@ -32,7 +29,7 @@ def describe_swf(chosen: Namespace) -> str:
     if path.exists():
         raise FileExistsError(f"{path} exists already: give another --name, or delete it")
     data = swf.read_bytes()
-    (width, height), fps = read_header(swf.name, data)
+    (width, height), fps = read_header(swf)
     entries: dict[str, Any] = {
         "title": name,
         "swf": f"{name}.swf",
@@ -57,7 +54,7 @@ def describe_swf(chosen: Namespace) -> str:
         shutil.copyfile(swf, target)
     try:
         write_atomically(path, text)
-        read_description(path)
+        EndReader(read_description(path)).check()
     except ValueError:
         path.unlink()
         raise
@@ -66,33 +63,6 @@ def describe_swf(chosen: Namespace) -> str:
         f"  marl-cair flash play {path}\n"
         f"  marl-cair train recipe=multitask game.options.description={path}\n"
     )
-
-
-def read_header(name: str, data: bytes) -> tuple[tuple[int, int], float]:
-    """The stage's size in pixels and the frames per second of a SWF.
-
-    Raises ValueError if it is none.
-    """
-    signature, packed = data[:3], data[8:]
-    try:
-        if signature not in _SIGNATURES:
-            raise ValueError(f"it begins with {signature!r}")
-        if signature == b"CWS":
-            packed = zlib.decompressobj().decompress(packed, _HEADER_BYTES)
-        elif signature == b"ZWS":  # a length, the properties, then a raw stream
-            header = packed[4:9] + b"\xff" * 8
-            packed = lzma.LZMADecompressor().decompress(header + packed[9:], _HEADER_BYTES)
-        bits = packed[0] >> 3
-        whole = int.from_bytes(packed[: _HEADER_BYTES // 2], "big")
-        total = 8 * len(packed[: _HEADER_BYTES // 2])
-        sides = [
-            (whole >> (total - 5 - bits * (n + 1))) & ((1 << bits) - 1) for n in range(4)
-        ]  # in twentieths of a pixel: left, right, top, bottom
-        end = (5 + 4 * bits + 7) // 8
-        fps = packed[end] / 256 + packed[end + 1]
-    except (ValueError, IndexError, zlib.error, lzma.LZMAError) as error:
-        raise ValueError(f"{name} is no SWF file ({error})") from None
-    return ((sides[1] - sides[0]) // 20, (sides[3] - sides[2]) // 20), fps
 
 
 def _read_input(word: str) -> str | int:

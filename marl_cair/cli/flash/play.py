@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import sys
 import time
+from itertools import count
+from pathlib import Path
 from typing import Any
+
+from PIL import Image
 
 from marl_cair.games.flash.browser.keys import find_key
 from marl_cair.games.flash.client import Game
@@ -12,6 +16,8 @@ from marl_cair.lookup import UnknownNameError
 
 _NAMES = {"return": "enter", "left shift": "shift", "right shift": "shift", "left ctrl": "control",
           "right ctrl": "control", "left alt": "alt", "right alt": "alt"}  # fmt: skip
+_SAVE_KEY = "f12"
+_WINDOWLESS = ("offscreen", "dummy", "evdev")  # what SDL takes where it finds no display
 _BUTTONS = {1: "left", 2: "middle", 3: "right"}
 
 
@@ -19,30 +25,48 @@ def play_by_hand(name: str, *, with_window: bool = True) -> None:
     """Run the game until its window is closed or the command is interrupted.
 
     Raises:
-        ValueError: there is no such game, or no pygame for a window.
+        ValueError: there is no such game; or no pygame, or no display, for a window.
         FlashError: browser or display cannot be started.
     """
+    pygame = _open_display() if with_window else None
     with Game(name) as game:
-        if with_window:
-            _show(game)
+        if pygame is not None:
+            _show(game, pygame)
             return
         sys.stdout.write(f"VNC server: {game.address}\n")
         sys.stdout.write(f"connect with: xtigervncviewer {game.address}   (end with Ctrl-C)\n")
+        sys.stdout.write("viewers without UNIX sockets connect to 127.0.0.1:5900 after: socat ")
+        sys.stdout.write(f"TCP-LISTEN:5900,bind=127.0.0.1,fork UNIX-CONNECT:{game.address}\n")
         sys.stdout.flush()
         while True:
             time.sleep(1.0)
 
 
-def _show(game: Game) -> None:
+def _open_display() -> Any:
+    """Pygame, with its display."""
     try:
         import pygame
     except ModuleNotFoundError:
         raise ValueError(
             "a window needs pygame-ce: pip install pygame-ce; or give --vnc and use a VNC viewer"
         ) from None
-    pygame.display.init()
-    window = pygame.display.set_mode(game.description.size)
-    pygame.display.set_caption(game.description.title)
+    try:
+        pygame.display.init()
+        has_windows = pygame.display.get_driver() not in _WINDOWLESS
+    except pygame.error:  # SDL_VIDEODRIVER has one that is not available
+        has_windows = False
+    if not has_windows:
+        raise ValueError(
+            "there is no display for a window: set DISPLAY or WAYLAND_DISPLAY; or give --vnc and "
+            "use a VNC viewer"
+        )
+    return pygame
+
+
+def _show(game: Game, pygame: Any) -> None:
+    window = pygame.display.set_mode(game.stage.size)
+    pygame.display.set_caption(f"{game.stage.title} (F12 saves the picture)")
+    pygame.mouse.set_visible(False)  # the game's own mouse cursor is in its picture
     clock = pygame.time.Clock()
     try:
         while not any(_send(game, pygame, event) for event in pygame.event.get()):
@@ -58,6 +82,10 @@ def _send(game: Game, pygame: Any, event: Any) -> bool:
     if event.type in (pygame.KEYDOWN, pygame.KEYUP):
         name = pygame.key.name(event.key)
         name = _NAMES.get(name, name)
+        if name == _SAVE_KEY:
+            if event.type == pygame.KEYDOWN:
+                _save_picture(game)
+            return False
         try:
             find_key(name)
         except UnknownNameError:
@@ -70,3 +98,12 @@ def _send(game: Game, pygame: Any, event: Any) -> bool:
         x, y = event.pos
         move(x, y, _BUTTONS[event.button])
     return bool(event.type == pygame.QUIT)
+
+
+def _save_picture(game: Game) -> None:
+    """Write the newest frame to the first name of <SWF>-1.png, -2.png, ... that is free."""
+    paths = (Path(f"{game.stage.swf.stem}-{number}.png") for number in count(1))
+    path = next(path for path in paths if not path.exists())
+    Image.fromarray(game.screen()).save(path)
+    sys.stdout.write(f"saved {path}\n")
+    sys.stdout.flush()

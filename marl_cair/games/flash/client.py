@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.flash.browser.server import FlashServer
-from marl_cair.games.flash.description import check_digest, find_description
+from marl_cair.games.flash.description import find_stage
 from marl_cair.games.flash.rules import find_luma, shrink
 from marl_cair.games.flash.scenes import SceneClassifier
 
@@ -28,7 +28,7 @@ class Game:
     """A Flash game that runs by the clock in a virtual display; a context manager.
 
     Args:
-        name: `multitask`, `duel`, or the TOML file of a SWF.
+        name: `multitask`, `duel`, a SWF, or its TOML file.
         fps: frames pushed per second.
         frame_callback: called in a thread of its own with (frame, its number, its scene, this game)
             for each frame; None: frames are taken by `render` alone. An exception in it is raised
@@ -53,12 +53,10 @@ class Game:
     ) -> None:
         if fps < 1:
             raise ValueError(f"fps is {fps}, it must be 1 or more")
-        self.description = find_description(name)
-        check_digest(self.description)
+        self.stage = find_stage(name)
         self._fps, self._scenes = fps, scenes
         self._is_gray, self._is_normalized = grayscale, normalized
-        size, swf_fps = self.description.size, self.description.fps
-        self._server = FlashServer(self.description.swf, size, swf_fps, mode="realtime")
+        self._server = FlashServer(*self.stage[1:], mode="realtime")
         self._client = self._server.connect()
         self._error: Exception | None = None
         self._is_over = threading.Event()
@@ -101,7 +99,7 @@ class Game:
 
     def hold(self, name: str, num_frames: int) -> None:
         """Hold a key for so many frames of the game."""
-        self.send_key(name, num_frames / self.description.fps)
+        self.send_key(name, num_frames / self.stage.fps)
 
     def click(self, x: int, y: int, button: str = "left") -> None:
         """Press and release a mouse button at a pixel of the game."""

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from marl_cair.games.flash.browser.keys import find_key
+from marl_cair.games.flash.browser.swf_header import read_header
 from marl_cair.lookup import UnknownNameError, find_by_name
 
 FOLDER = Path(__file__).parent / "swf"  # of the games that ship
@@ -278,6 +279,32 @@ class _Reader:
 def _fits(region: Region, size: tuple[int, int]) -> bool:
     right, bottom = region.x + region.width, region.y + region.height
     return bool(region.width and region.height) and right <= size[0] and bottom <= size[1]
+
+
+class Stage(NamedTuple):
+    """What a SWF needs to run: pixels, frames per second."""
+
+    title: str
+    swf: Path
+    size: tuple[int, int]
+    fps: int
+
+
+def find_stage(name: str) -> Stage:
+    """The stage of a SWF, or of what `find_description` finds.
+
+    Raises:
+        DescriptionError: as `find_description` and `check_digest`.
+        ValueError: the SWF is no Flash file.
+        OSError: the SWF cannot be read.
+    """
+    if name.endswith(".swf"):
+        swf = Path(name)
+        header = read_header(swf)
+        return Stage(swf.stem, swf, header.size, max(1, round(header.fps)))
+    found = find_description(name)
+    check_digest(found)
+    return Stage(found.title, found.swf, found.size, found.fps)
 
 
 def check_digest(description: Description) -> None:

@@ -18,23 +18,36 @@ class EndReader:
 
     def __init__(self, described: Description) -> None:
         self._ending = described.done if isinstance(described.done, Ending) else Ending()
+        self._size = described.size
+
+    def check(self) -> None:
+        """Raise DescriptionError if the end's picture is none, or does not fit its region."""
+        if self._ending.picture is not None:
+            _ = self._expected
 
     def is_over(self, picture: NDArray[np.uint8]) -> bool:
-        """Raises DescriptionError if the description's picture does not fit its region."""
+        """Raises DescriptionError as `check` does."""
         if self._ending.scenes is not None:
             return self._classifier.find_scene(picture) in self._ending.names
-        x, y, width, height = self._ending.region or (0, 0, *picture.shape[1::-1])
-        seen = picture[y : y + height, x : x + width].astype(np.int16)
-        if self._expected.shape != seen.shape:
-            raise DescriptionError(
-                f"{self._ending.picture} has {self._expected.shape[1::-1]} pixels, the region "
-                f"{seen.shape[1::-1]}: give a picture of the region"
-            )
-        return bool(np.abs(seen - self._expected).mean() / 255.0 <= self._ending.within)
+        difference = np.abs(self._crop(picture).astype(np.int16) - self._expected)
+        return bool(difference.mean() / 255.0 <= self._ending.within)
+
+    def _crop(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        x, y, width, height = self._ending.region or (0, 0, *self._size)
+        return picture[y : y + height, x : x + width]
 
     @cached_property
     def _expected(self) -> NDArray[np.int16]:
-        return read_picture(self._ending.picture or Path()).astype(np.int16)
+        picture = read_picture(self._ending.picture or Path())
+        _, _, *region = self._ending.region or (0, 0, *self._size)
+        if picture.shape[1::-1] == self._size:
+            picture = self._crop(picture)
+        if list(picture.shape[1::-1]) != region:
+            raise DescriptionError(
+                f"{self._ending.picture} has {picture.shape[1::-1]} pixels: give a picture of the "
+                f"whole game, {self._size}, or of the region, {tuple(region)}"
+            )
+        return picture.astype(np.int16)
 
     @cached_property
     def _classifier(self) -> SceneClassifier:

@@ -34,7 +34,7 @@ from marl_cair.games.game import NO_WINNER
 SMALL = s.SIDE, s.SIDE
 Transport = Literal["bridge", "vnc"]
 ALIVE = 0.1  # of a step, in the reward `alive`
-MOST_SPARE = 16  # browsers of a SWF that wait for another engine
+MOST_SPARE = 8  # browsers of a SWF that wait for another engine
 MOST_FAILURES = 2  # browsers of one game that are replaced when they fail
 _LUMA = np.array((299, 587, 114), np.uint32)
 
@@ -119,12 +119,16 @@ class Browsers:
             self._servers.pop(slot).close()
 
     def close(self) -> None:
-        """Give all browsers back: the next engine of the same SWF takes them, up to MOST_SPARE."""
+        """Keep up to MOST_SPARE browsers for the next engine of the same SWF, but none within a
+        step; close the others.
+        """
         spare = _spare.setdefault(self._kind, [])
-        spare += self._servers.values()
+        for server in self._servers.values():
+            if server.is_idle and len(spare) < MOST_SPARE:
+                spare.append(server)
+            else:
+                server.close()
         self._servers.clear()
-        while len(spare) > MOST_SPARE:
-            spare.pop().close()
 
 
 # --- kernels, as `games.game.Game` describes them ------------------------------------------------

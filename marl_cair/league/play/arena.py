@@ -19,7 +19,7 @@ from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents.load import find_fingerprint
 from marl_cair.league.play import blocks
 from marl_cair.league.play.blocks import Entrant
-from marl_cair.league.play.playing import CHUNKS_AT_ONCE, line_up_seed
+from marl_cair.league.play.playing import CHUNKS_AT_ONCE, line_up_seed, size_chunk
 from marl_cair.league.play.schedule import Job
 from marl_cair.league.store.records import PlayedGame
 from marl_cair.league.store.store import LeagueStore
@@ -74,7 +74,7 @@ class Rules:
 
     @property
     def blocks_per_chunk(self) -> int:
-        return max(1, blocks.GAMES_PER_CHUNK // self.games_per_block)
+        return max(1, size_chunk(self.game, blocks.GAMES_PER_CHUNK) // self.games_per_block)
 
     @property
     def games_per_chunk(self) -> int:

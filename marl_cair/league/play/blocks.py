@@ -108,6 +108,7 @@ def play_blocks(
         part = [make_chunk(number, design, blocks_per_chunk, teams) for number in numbers]
         engine = playing.start_engine(game, scenario, map_seed, part)
         ended = playing.play_out(engine, part, seatings, seed)
+        engine.close()
         blocks = np.concatenate([chunk.blocks for chunk in part])
         seeds = playing.map_seeds(map_seed, blocks)
         for world, block in enumerate(blocks.tolist()):

@@ -64,8 +64,9 @@ def save_film(
 
 def write_film(path: str | os.PathLike[str], images: Sequence[Image.Image], size: Size) -> None:
     """Write pictures as a GIF that loops, with the colours and pace of `size`."""
-    # One palette for all frames, so that colours do not flicker, from a late frame.
-    palette = images[len(images) * 3 // 4].quantize(size.num_colours)
+    # One palette for all frames, so that colours do not flicker, from some of them.
+    some = np.concatenate([np.asarray(image) for image in images[:: len(images) // 4 or 1]])
+    palette = Image.fromarray(some).quantize(size.num_colours)
     films = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     durations = [size.frame_milliseconds] * (len(films) - 1) + [LAST_FRAME_MILLISECONDS]
     with atomic_path(path) as unfinished:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games.game import NO_WINNER, Agent, Game
 from marl_cair.league.play.blocks import Design, Entrant, make_chunk, play_blocks, seat_line_up
-from marl_cair.league.play.playing import Seating, play, start_engine
+from marl_cair.league.play.playing import Seating, play, size_chunk, start_engine
 
 BLOCKS_PER_CHUNK = 4
 
@@ -135,7 +135,7 @@ def play_match(
             f"num_games is {num_games}, it must be {needed}: every map seed is played once in each "
             f"{'seat' if num_teams == game.make_spec(scenario).num_players else 'team'}"
         )
-    chunks = range(-(-num_games // (num_teams * BLOCKS_PER_CHUNK)))
+    chunks = range(-(-num_games // (num_teams * size_chunk(game, BLOCKS_PER_CHUNK))))
     match = play_chunks(first, second, game, scenario, seed, chunks, identities)
     return MatchResult(match.results[:num_games], num_teams)
 
@@ -151,9 +151,9 @@ def play_chunks(
 ) -> MatchResult:
     """Play whole chunks; games do not depend on which chunks are played together.
 
-    Chunk c holds the blocks c * BLOCKS_PER_CHUNK onwards. Block k has the map seed of (seed, k) for
-    all pairs of agents. Each agent has its own random stream in each chunk, from the seed, the
-    chunk and both identities, which default to the agents' names.
+    Chunk c holds the blocks c * BLOCKS_PER_CHUNK onwards (see `playing.size_chunk`). Block k has
+    the map seed of (seed, k) for all pairs of agents. Each agent has its own random stream in each
+    chunk, from the seed, the chunk and both identities, which default to the agents' names.
 
     Raises ValueError if there is no chunk, or only one team.
     """
@@ -167,7 +167,7 @@ def play_chunks(
         seed,
         chunks,
         _one_against_all(num_teams),
-        BLOCKS_PER_CHUNK,
+        size_chunk(game, BLOCKS_PER_CHUNK),
     )
     results = (
         GameResult(
@@ -195,7 +195,8 @@ def record_game(
     """
     num_teams = require_rivals(game, scenario)
     teams = game.make_spec(scenario).team_of_seat
-    chunk = make_chunk(0, _one_against_all(num_teams), BLOCKS_PER_CHUNK, teams)
+    size = size_chunk(game, BLOCKS_PER_CHUNK)
+    chunk = make_chunk(0, _one_against_all(num_teams), size, teams)
     engine = start_engine(game, scenario, seed, (chunk,))
     steps = play(engine, (chunk,), _seat((first, second), None), seed)
     return np.array([step.actions[0].copy() for step in steps if step.running[0]], np.int32)

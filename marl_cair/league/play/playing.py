@@ -110,6 +110,11 @@ def count_chunks(game: Game) -> int:
     return CHUNKS_AT_ONCE if game.has_snapshots else 1
 
 
+def size_chunk(game: Game, size: int) -> int:
+    """Games or blocks in a chunk: half of `size` if each game is a program that takes memory."""
+    return size if game.has_snapshots else size // 2
+
+
 def play_out(
     engine: BatchedEngine,
     chunks: Sequence[Chunk],

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.play import match
 from marl_cair.league.play.match import BLOCKS_PER_CHUNK, GameResult, MatchResult
-from marl_cair.league.play.playing import CHUNKS_AT_ONCE
+from marl_cair.league.play.playing import CHUNKS_AT_ONCE, size_chunk
 
 ERROR_RATE = 0.05  # probability of deciding for the wrong difference, either way
 PSEUDO_COUNT = 1e-3  # blocks of each outcome, so that no outcome is impossible
@@ -124,7 +124,7 @@ def play_sequentially(
     counted: list[GameResult] = []
     outcomes = start_count(num_teams)
     seen: set[tuple[int, str]] = set()
-    chunks = range(-(-num_blocks // BLOCKS_PER_CHUNK))
+    chunks = range(-(-num_blocks // size_chunk(game, BLOCKS_PER_CHUNK)))
     for start in chunks[::CHUNKS_AT_ONCE]:
         part = chunks[start : start + CHUNKS_AT_ONCE]
         played = match.play_chunks(*agents, game, scenario, seed, part, identities).results

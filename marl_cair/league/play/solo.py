@@ -97,18 +97,21 @@ def play_alone(
     if num_games < 1:
         raise ValueError(f"num_games is {num_games}, it must be 1 or more")
     seatings = (Seating(agent, (identity or agent.name,)),)
-    numbers = range(-(-num_games // GAMES_PER_CHUNK))
+    size = playing.size_chunk(game, GAMES_PER_CHUNK)
+    numbers = range(-(-num_games // size))
     results: list[SoloGame] = []
     at_once = playing.count_chunks(game)
     for start in numbers[::at_once]:
         part = [
-            _make_chunk(number, spec.num_players) for number in numbers[start : start + at_once]
+            _make_chunk(number, spec.num_players, size)
+            for number in numbers[start : start + at_once]
         ]
         engine = playing.start_engine(game, scenario, seed, part)
         ended = playing.play_out(engine, part, seatings, seed)
         if reason := next(filter(None, ended.reasons), ""):
             raise ValueError(f"{reason}: a solo game cannot be forfeited; fix the agent")
         info = {name: values.mean(1).tolist() for name, values in engine.info().items()}
+        engine.close()
         rows = zip(
             np.concatenate([chunk.blocks for chunk in part]).tolist(),
             ended.returns.mean(1).tolist(),
@@ -140,8 +143,8 @@ def _estimate(values: NDArray[np.float64]) -> Estimate:
     return Estimate(float(values.mean()), *mean_interval(values))
 
 
-def _make_chunk(number: int, num_players: int) -> Chunk:
-    games = np.arange(GAMES_PER_CHUNK)
-    seats = np.tile(np.arange(num_players), GAMES_PER_CHUNK)
-    blocks = number * GAMES_PER_CHUNK + games
+def _make_chunk(number: int, num_players: int, size: int) -> Chunk:
+    games = np.arange(size)
+    seats = np.tile(np.arange(num_players), size)
+    blocks = number * size + games
     return Chunk(number, blocks, (Places(np.repeat(games, num_players), seats),))

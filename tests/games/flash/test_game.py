@@ -1,5 +1,6 @@
 """Flash as a game like the others: determinism, and all environments, in real browsers."""
 
+import dataclasses
 import warnings
 
 import gymnasium
@@ -11,8 +12,11 @@ from torchrl.envs.utils import check_env_specs
 import marl_cair
 from marl_cair.games import flash
 from marl_cair.games.engine import NoSnapshotError
-from marl_cair.games.flash.description import FOLDER
+from marl_cair.games.flash import rules
+from marl_cair.games.flash.browser.server import FlashError
+from marl_cair.games.flash.description import FOLDER, find_description
 from marl_cair.league.play.match import play_match
+from marl_cair.league.play.solo import play_alone
 from tests.games.flash.browser.flash_files import need_flash
 
 with warnings.catch_warnings():
@@ -121,6 +125,28 @@ def test_the_bot_beats_random_in_a_match(scenario, bot):
     game, chosen = marl_cair.GAMES["flash"], marl_cair.GAMES["flash"].scenario(scenario)
     result = play_match(game.bot(bot, chosen), game.bot("random", chosen), game, chosen, 8, 0)
     assert result.score >= 0.75
+
+
+def test_a_browser_within_a_step_is_not_kept():
+    engine = marl_cair.make_engine("flash", "multitask")
+    engine.reset(0)
+    busy = engine._rules.server(0)
+    busy.begin_step(1)
+    engine.close()
+    engine.reset(0)
+    assert engine._rules.server(0) is not busy
+    engine.step(np.zeros((1, 1), np.int64))
+    assert not engine.truncated[0]
+    engine.close()
+    with pytest.raises(FlashError, match="closed"):
+        busy.end_step()
+
+
+def test_many_games_are_played_in_four_browsers():
+    game = marl_cair.GAMES["flash"]
+    short = dataclasses.replace(game.scenario("multitask"), max_ticks=8)
+    assert play_alone(game.bot("random", short), game, short, 9, 0).games == 9
+    assert len(rules._spare[find_description("multitask"), "bridge"]) == 4
 
 
 def test_a_browser_is_kept_for_the_same_description_alone(tmp_path):

@@ -2,6 +2,10 @@
 
 Every address begins with a random token, and the socket takes one page, of the same origin. After
 that page has connected nothing listens any more.
+
+Why not the package `websockets` (17.4): a step with a picture of 84 x 84 took 15 % more processor
+time (3.6 ms instead of 3.1, browser included; medians of 12 runs in turns), because a thread of its
+own reads the messages. Its server also cannot stop listening and keep a page.
 """
 
 from __future__ import annotations

@@ -36,6 +36,7 @@ from marl_cair.games.flash.browser.links import (
 )
 from marl_cair.games.flash.browser.processes import FlashError, PrivateFolder
 from marl_cair.games.flash.browser.rfb import RFBClient, RFBError
+from marl_cair.games.flash.browser.swf_header import check_signature
 
 __all__ = ["Event", "FlashError", "FlashServer", "KeyEvent", "MouseEvent"]
 
@@ -86,7 +87,7 @@ class FlashServer:
         self._is_in_band = mode == "lockstep" and transport == "vnc"
         self._has_display = mode == "realtime" or self._is_in_band
         self._pending: tuple[int, tuple[int, int] | None] | None = None  # frames, picture
-        _check_swf(swf)
+        check_signature(swf)
         check_programs(needs_display=self._has_display)
         self._link: Link | None = None
         self._bridge: Bridge | None = None
@@ -186,6 +187,11 @@ class FlashServer:
         if picture is None:
             return None
         return pixels.reshape(picture[1], picture[0], 3)
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether it runs, and no step was begun without its end."""
+        return self._link is not None and self._pending is None
 
     def call(self, name: str, *arguments: Any) -> Any:
         """Call a callback of the SWF (ExternalInterface) with JSON values; None if it has none of
@@ -288,13 +294,6 @@ class FlashServer:
         self._receive(0)
         if self._is_in_band:
             self._link = ScreenLink(self.address, height, self._check_running)
-
-
-def _check_swf(swf: Path) -> None:
-    with swf.open("rb") as file:
-        head = file.read(3)
-    if head not in (b"FWS", b"CWS", b"ZWS"):
-        raise ValueError(f"{swf} is no Flash file: it begins with {head!r}, not FWS, CWS or ZWS")
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:

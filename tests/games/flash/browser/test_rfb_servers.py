@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 
+import asyncvnc
 import numpy as np
 import pytest
 from PIL import Image
@@ -118,8 +119,6 @@ def test_the_screen_changes_its_size(tigervnc):
 
 
 def test_frames_equal_those_of_asyncvnc(tigervnc):
-    asyncvnc = pytest.importorskip("asyncvnc")
-
     async def capture():
         reader, writer = await asyncio.open_unix_connection(str(tigervnc[1]))
         client = await asyncvnc.Client.create(reader, writer)
@@ -132,7 +131,6 @@ def test_frames_equal_those_of_asyncvnc(tigervnc):
 
 
 def test_frames_equal_those_of_vncdotool(tigervnc, tmp_path):
-    pytest.importorskip("vncdotool", exc_type=ImportError)
     command = [
         sys.executable,
         "-m",
@@ -187,7 +185,6 @@ def connect_when_ready(port, **options):
 
 
 def test_passwords(tmp_path):
-    pytest.importorskip("cryptography")
     need_program("vncpasswd", "tigervnc-tools")
     (tmp_path / "key").write_bytes(
         subprocess.run(["vncpasswd", "-f"], input=PASSWORD.encode(), stdout=-1, check=True).stdout

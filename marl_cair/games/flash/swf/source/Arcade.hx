@@ -83,6 +83,7 @@ class Arcade {
 			if (layer == game.view || scene != STAGE)
 				root.addChild(layer);
 		cursor.visible = scene != STAGE && (cursor.x != 0 || cursor.y != 0);
+		root.stage.focus = root.stage; // keys go nowhere while a button that was removed has it
 		if (ExternalInterface.available)
 			ExternalInterface.call("flashEvent", "scene", scene);
 	}

@@ -21,7 +21,7 @@ import struct
 import time
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -78,9 +78,9 @@ class Replay:
     actions: NDArray[np.int32]
     winner: int | None
     is_complete: bool
-    values: Mapping[str, NDArray[np.float16]] | None
-    hashes: Mapping[int, bytes]
-    extra: Mapping[str, Any]
+    values: Mapping[str, NDArray[np.float16]] | None = None
+    hashes: Mapping[int, bytes] = field(default_factory=dict)
+    extra: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def spec(self) -> GameSpec:
@@ -144,8 +144,13 @@ class ReplayWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *error: object) -> None:
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        """Close; after an exception without an end, as the game was cut off."""
+        if kind is None:
+            self.close()
+        elif not self._file.closed:
+            with self._file:
+                self._write_steps()
 
     def add(self, actions: NDArray[Any], values: Mapping[str, NDArray[Any]] | None = None) -> None:
         """Record one step, after `engine.step`: actions [P, *action_shape] and, for viewers,
@@ -161,24 +166,28 @@ class ReplayWriter:
             self._declare_values(values or {})
         self._pending += chosen.astype(self._dtype).tobytes()
         self._pending += self._pack_values(values or {})
-        self._pass_steps(1)
+        self._steps += 1
 
-    def extend(self, actions: NDArray[Any]) -> None:
-        """Record steps without values, after the last of them: actions [T, P, *action_shape]."""
-        if self._shapes is None:
-            self._declare_values({})
-        self._pending += actions.astype(self._dtype).tobytes()
-        self._pass_steps(len(actions))
-
-    def _pass_steps(self, count: int) -> None:
-        self._steps += count
         if self._steps >= self._hashed + HASH_EVERY_STEPS:
-            self._write_steps()
             self._write_hash()
         if time.monotonic() >= self._flushed + FLUSH_SECONDS:
-            self._write_steps()
-            self._file.flush()
-            self._flushed = time.monotonic()
+            self.flush()
+
+    def extend(self, actions: NDArray[Any]) -> None:
+        """Record steps without values, after the last of them: actions [T, P, *action_shape].
+        They are not checked.
+        """
+        self._shapes = self._shapes or {}
+        self._pending += actions.astype(self._dtype).tobytes()
+        self._steps += len(actions)
+        if self._steps >= self._hashed + HASH_EVERY_STEPS:
+            self._write_hash()
+
+    def flush(self) -> None:
+        """Write all steps so far to the file."""
+        self._write_steps()
+        self._file.flush()
+        self._flushed = time.monotonic()
 
     def close(self, winner: int | None = None) -> None:
         """End the recording, before the engine's next step or reset. `winner`: the first seat of
@@ -189,7 +198,6 @@ class ReplayWriter:
         if winner is None:
             winner = int(self._engine.winner[self._world])
         with self._file:
-            self._write_steps()
             self._write_hash()
             end = {"winner": None if winner == NO_WINNER else winner}
             self._write(_END, json.dumps(end).encode())
@@ -225,6 +233,8 @@ class ReplayWriter:
             self._pending.clear()
 
     def _write_hash(self) -> None:
+        """Write the steps so far, and the hash of the state after them."""
+        self._write_steps()
         self._hashed = self._steps
         self._write(_HASH, _HASHED.pack(self._steps, hash_state(self._engine, self._world)))
 
@@ -239,12 +249,12 @@ def hash_state(engine: BatchedEngine, world: int = 0) -> bytes:
     digest = hashlib.sha256()
     if engine.game.has_snapshots:
         held = engine.snapshot([world])
-        fields: Sequence[NDArray[Any]] = (*held.world, *held.outcome)
+        arrays: Sequence[NDArray[Any]] = (*held.world, *held.outcome)
     else:
         reported = engine.rewards, engine.terminated, engine.truncated, engine.winner
-        fields = [field[world] for field in reported]
-    for field in fields:
-        digest.update(np.ascontiguousarray(field).data)
+        arrays = [values[world] for values in reported]
+    for values in arrays:
+        digest.update(np.ascontiguousarray(values).data)
     return digest.digest()[:HASH_BYTES]
 
 
@@ -271,6 +281,19 @@ def replay_steps(replay: Replay) -> Iterator[BatchedEngine]:
             yield engine
     finally:
         engine.close()
+
+
+def write_replay(path: str | os.PathLike[str], replay: Replay) -> None:
+    """Write a replay that was not recorded, without `values`: it is played again for the hashes.
+
+    Raises as `ReplayWriter`.
+    """
+    steps = replay_steps(replay)
+    seed, players, extra = replay.map_seed, replay.players, replay.extra
+    with ReplayWriter(path, next(steps), map_seed=seed, players=players, extra=extra) as writer:
+        for actions, _ in zip(replay.actions, steps, strict=True):
+            writer.add(actions)
+        writer.close(NO_WINNER if replay.winner is None else replay.winner)
 
 
 def read_replay(path: str | os.PathLike[str]) -> Replay:

@@ -14,9 +14,13 @@ from marl_cair.text import clean_text
 # Modules of this package with `run(arguments) -> exit code`.
 COMMANDS = (
     *("train", "curves", "evaluate", "match", "league"),
-    *("export", "explain", "flash", "games", "verify", "compile", "benchmark"),
+    *("replay", "export", "explain", "flash", "games", "verify", "compile", "benchmark"),
 )
-_IN_FOLDERS = {"export": "agent.export", "explain": "agent.explain"}  # modules of commands
+_IN_FOLDERS = {  # modules of commands
+    "export": "agent.export",
+    "explain": "agent.explain",
+    "replay": "viewing.replay",
+}
 # The tasks in the order of a user's work: the words of the command, and a description.
 TASKS = {
     "games": "list games, scenarios, representations, actions and bots",
@@ -27,6 +31,7 @@ TASKS = {
     "evaluate": "win rates of one agent against others, with 95 % intervals",
     "match": "compare two agents in any scenario",
     "league": "rate agents by a round-robin, with 95 % intervals",
+    "replay": "print a recorded game, or export it as film, pictures or states",
     "league train": "train a population of agents (league psro: best responses in turn)",
     "league exploit": "train against one agent: how far can it be exploited?",
 }

@@ -143,11 +143,12 @@ def write_mp4(path: str | os.PathLike[str], frames: Iterable[Frame], fps: int) -
         ) from error
     with atomic_path(path) as unfinished, av.open(str(unfinished), "w") as file:
         stream = file.add_stream("libx264", rate=fps, options={"crf": "18"})
-        stream.pix_fmt = "yuv420p"
-        for frame in frames:
+        stream.pix_fmt = "yuv420p"  # needs even sizes
+        for number, frame in enumerate(frames):
             height, width = frame.shape[:2]
             padded = np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
-            stream.height, stream.width = padded.shape[:2]
+            if number == 0:
+                stream.height, stream.width = padded.shape[:2]
             file.mux(stream.encode(av.VideoFrame.from_ndarray(padded, format="rgb24")))
         file.mux(stream.encode())
         return int(stream.frames)

@@ -219,6 +219,7 @@ class EvaluationSettings:
     bots: tuple[str, ...] = ("random",)  # opponents; with one team, policies to compare with
     options: dict[str, Any] = field(default_factory=dict)  # changes to the scenario, {map: ...}
     scenarios: dict[str, dict[str, Any]] = field(default_factory=dict)  # held-out ones, {name: ...}
+    record: bool = True  # keep replays of the last evaluation's first map in <out>/games
 
     def __post_init__(self) -> None:
         check_fields(self, "evaluation.")

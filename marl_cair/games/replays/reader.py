@@ -160,7 +160,7 @@ class _Records:
 
 
 def _describe(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}"
+    return f"{error}" if type(error) is ValueError else f"{type(error).__name__}: {error}"
 
 
 def _damaged(path: str | os.PathLike[str], problem: str) -> ReplayError:

@@ -92,7 +92,7 @@ def give_up_in(step):
 
 def test_a_forfeited_game_has_the_winner_that_is_left(tmp_path, monkeypatch):
     game = last_standing.GAME
-    monkeypatch.setitem(GAMES.modules, game.name, last_standing)
+    last_standing.register(monkeypatch)
     idle = game.bots["idle"](None, None)
     record = Recording(tmp_path, ("mine", "idle"))
     match = play_match(give_up_in(2), idle, game, game.scenario("duel"), 2, 0, record=record)

@@ -5,15 +5,15 @@ from marl_cair.games.replays.reader import read_replay
 from marl_cair.games.replays.replay import Replay, ReplayError, hash_state, replay_steps
 from marl_cair.games.replays.writer import (
     FLUSH_SECONDS,
-    HASH_EVERY_STEPS,
+    CommonHead,
     ReplayWriter,
     write_replay,
 )
 
 __all__ = [
     "FLUSH_SECONDS",
-    "HASH_EVERY_STEPS",
     "REPLAY_SUFFIX",
+    "CommonHead",
     "Replay",
     "ReplayError",
     "ReplayWriter",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -60,16 +60,12 @@ def hash_state(engine: BatchedEngine, world: int = 0) -> bytes:
     """The first HASH_BYTES of SHA-256 of all state arrays of one world and its outcome, in their
     order. Of games without snapshots: of the outcome alone.
     """
-    digest = hashlib.sha256()
     if engine.game.has_snapshots:
-        held = engine.snapshot([world])
-        arrays: Sequence[NDArray[Any]] = (*held.world, *held.outcome)
+        state = engine.state_bytes(world)
     else:
         reported = engine.rewards, engine.terminated, engine.truncated, engine.winner
-        arrays = [values[world] for values in reported]
-    for values in arrays:
-        digest.update(np.ascontiguousarray(values).data)
-    return digest.digest()[:HASH_BYTES]
+        state = b"".join(values[world].tobytes() for values in reported)
+    return hashlib.sha256(state).digest()[:HASH_BYTES]
 
 
 def replay_steps(replay: Replay) -> Iterator[BatchedEngine]:

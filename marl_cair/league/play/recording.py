@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
-import json
+import math
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -16,18 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import NO_WINNER
-from marl_cair.games.replays import (
-    FLUSH_SECONDS,
-    HASH_EVERY_STEPS,
-    REPLAY_SUFFIX,
-    ReplayWriter,
-)
+from marl_cair.games.replays import FLUSH_SECONDS, REPLAY_SUFFIX, CommonHead, ReplayWriter
+from marl_cair.games.replays.layout import action_type
 from marl_cair.league.play.playing import Chunk, Step, find_remaining
 
 if TYPE_CHECKING:
     from marl_cair.games.engine import BatchedEngine
 
 _MOST_LETTERS = 80  # of the players in a file's name
+_MOST_STEPS, _MOST_BYTES = 256, 16 << 20  # that are gathered before they reach the files' buffers
 
 
 class Recording(NamedTuple):
@@ -74,31 +70,37 @@ class _Recorder:
 
     def __init__(self, engine: BatchedEngine, writers: dict[int, ReplayWriter]) -> None:
         self._engine, self._writers = engine, writers
-        self._actions: list[NDArray[np.int32]] = []  # [B, P, ...] each, since the last writing
-        self._written = time.monotonic()
+        self._is_open = np.zeros(engine.num_worlds, np.bool_)
+        self._is_open[list(writers)] = True
+        shape = (engine.num_worlds, engine.num_players, *engine.spec.action_shape)
+        kind = action_type(engine.spec)
+        most = max(1, min(_MOST_STEPS, _MOST_BYTES // (math.prod(shape) * kind.itemsize)))
+        self._steps, self._count = np.empty((most, *shape), kind), 0  # since the last gathering
+        self._flushed = time.monotonic()
 
     def note(self, step: Step) -> None:
         """Note one step of all worlds; close the files of games that have ended by it."""
-        self._actions.append(step.actions)
-        ended = self._engine.terminated | self._engine.truncated
-        given_up = {world for world, _ in step.forfeits}
-        over = [world for world in self._writers if ended[world] or world in given_up]
-        if over:
-            self._write(over)
-        for world in over:
+        self._steps[self._count] = step.actions
+        self._count += 1
+        over = self._engine.terminated | self._engine.truncated
+        given_up = [world for world, _ in step.forfeits]
+        if given_up:
+            over[given_up] = True
+        over &= self._is_open
+        for world in over.nonzero()[0].tolist():
             winner = _find_survivor(self._engine, step, world) if world in given_up else None
-            self._writers.pop(world).close(winner)
-        is_late = time.monotonic() >= self._written + FLUSH_SECONDS
-        if is_late or len(self._actions) >= HASH_EVERY_STEPS:
-            self._write(self._writers)
-            self._actions.clear()
-            self._written = time.monotonic()
-
-    def _write(self, worlds: Sequence[int] | dict[int, ReplayWriter]) -> None:
-        steps = np.array(self._actions)
-        for world in worlds:
-            self._writers[world].extend(steps[:, world])
-            self._writers[world].flush()
+            self._writers[world].extend(self._steps[: self._count, world])
+            self._writers[world].close(winner)
+            self._is_open[world] = False
+        is_late = time.monotonic() >= self._flushed + FLUSH_SECONDS
+        if is_late or self._count == len(self._steps):
+            for world in self._is_open.nonzero()[0].tolist():
+                self._writers[world].extend(self._steps[: self._count, world])
+                if is_late:
+                    self._writers[world].flush()
+            self._count = 0
+        if is_late:
+            self._flushed = time.monotonic()
 
 
 def _find_survivor(engine: BatchedEngine, step: Step, world: int) -> int:
@@ -120,22 +122,27 @@ def _open_files(
         - np.unique(blocks, return_index=True)[1][np.unique(blocks, return_inverse=True)[1]]
     )
     players = _name_players(record, engine, chunks)
+    common = CommonHead(engine)
+    digest = hashlib.sha256(common.text.encode())
+    record.folder.mkdir(parents=True, exist_ok=True)
     letters = "-v-".join(re.sub(r"[^\w.]+", "_", name).strip("_") for name in record.names)
+    place = record.folder / letters[:_MOST_LETTERS]
     writers = {}
     for world, (block, turn) in enumerate(zip(blocks.tolist(), turns.tolist(), strict=True)):
         if record.num_blocks is not None and block >= record.num_blocks:
             continue
         # Other agents and scenarios may have names as these in the same folder.
-        about = [engine.game.name, dataclasses.asdict(engine.scenario), int(seeds[world])]
-        digest = hashlib.sha256(json.dumps([*about, players[world]]).encode()).hexdigest()[:8]
-        name = f"{letters[:_MOST_LETTERS]}-{block:04}-{turn}-{digest}{REPLAY_SUFFIX}"
+        own = digest.copy()
+        own.update(f"{seeds[world]} {players[world]}".encode())
+        ending = f"{block:04}-{turn}-{own.hexdigest()[:8]}{REPLAY_SUFFIX}"
         writers[world] = ReplayWriter(
-            record.folder / name,
+            f"{place}-{ending}",
             engine,
             map_seed=int(seeds[world]),
             players=players[world],
             extra={"block": block, "game": turn},
             world=world,
+            common=common,
         )
     return writers
 

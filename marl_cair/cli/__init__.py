@@ -31,7 +31,6 @@ TASKS = {
     "evaluate": "win rates of one agent against others, with 95 % intervals",
     "match": "compare two agents in any scenario",
     "league": "rate agents by a round-robin, with 95 % intervals",
-    "replay": "print a recorded game, or export it as film, pictures or states",
     "league train": "train a population of agents (league psro: best responses in turn)",
     "league exploit": "train against one agent: how far can it be exploited?",
 }

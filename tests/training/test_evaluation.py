@@ -106,7 +106,7 @@ def test_a_run_ends_at_its_stop_score(tmp_path, stop_score, anneal_frames, frame
 def test_a_score_that_new_games_do_not_confirm_does_not_end_a_run(tmp_path, monkeypatch):
     seen = []
 
-    def rate(agent, game, config, seed):
+    def rate(agent, game, config, seed, record=None):
         seen.append(seed)
         return [1.0 if seed == seen[0] else 0.0], {}
 

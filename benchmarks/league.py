@@ -1,5 +1,5 @@
-"""Measure a league: games a minute on Deep Line Wars 10x15, what ratings of many games take, and
-what their report takes.
+"""Measure a league: games a minute on Deep Line Wars 10x15, what recording them, ratings of many
+games and their report take.
 
 python -m benchmarks.league [--agents 100] [--games 100000] [--play-games 960] [--workers 2]
     [--network-games 512] [--skip-play] [--skip-ratings] [--skip-report]
@@ -167,6 +167,30 @@ def measure_play(title: str, sources: list[str], num_games: int, workers: int, o
     )
 
 
+def measure_recording(title: str, sources: list[str], num_chunks: int, out: Path) -> None:
+    """Print the processor time of games with and without --record, the least of three each."""
+    game = GAMES[GAME]
+    scenario = game.scenario(SCENARIO, reward=game.rated_reward)
+    rules = Rules(game, scenario, 0, "all")
+    agents = [load_agent(source, GAME, scenario) for source in sources]
+    line_up = [Entrant(one.name, find_fingerprint(one, game), one) for one in agents]
+    rules.play(line_up, range(1))  # compiles rules
+    used: dict[Path | None, list[float]] = {None: [], out / title: []}
+    for _ in range(3):
+        for record, seconds in used.items():
+            start = time.process_time()
+            played = len(rules.play(line_up, range(num_chunks), record))
+            seconds.append(time.process_time() - start)
+    plain, recorded = map(min, used.values())
+    sizes = [path.stat().st_size for path in (out / title).iterdir()]
+    print(
+        f"{title}: {played} games take {plain:.2f} s of CPU, {recorded:.2f} s with --record "
+        f"({recorded / plain - 1.0:+.1%}, {1e6 * (recorded - plain) / played:.0f} us a game); "
+        f"{np.mean(sizes):.0f} bytes a game",
+        flush=True,
+    )
+
+
 def main() -> None:
     """Measure what the options ask for."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -195,6 +219,8 @@ def main() -> None:
             for seed in (0, 1)
         ]
         measure_play("conv", networks, options.network_games, options.workers, out)
+        measure_recording("recorded bots", list(BOTS[:2]), 64, out)
+        measure_recording("recorded conv", networks, 16, out)
 
 
 if __name__ == "__main__":

@@ -66,7 +66,7 @@ GAMES_DOORS: dict[str, set[str]] = {
     "pettingzoo": {"parallel_env.py"},
     "gymnasium": {"gymnasium_env.py", "parallel_env.py"},
 }
-OPTIONAL = {"cryptography", "pyarrow", "open_spiel", "onnx", "onnxruntime"}
+OPTIONAL = {"av", "cryptography", "pyarrow", "open_spiel", "onnx", "onnxruntime"}
 # Imported when used: each alone takes longer than `import marl_cair` may (0.3 s).
 NOT_AT_IMPORT = [*sorted(TORCH), "numba", "matplotlib.pyplot", "scipy.stats", "pygame", "hydra"]
 

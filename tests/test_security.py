@@ -25,8 +25,8 @@ from marl_cair.training.population.league_run import train_league
 from marl_cair.training.population.league_settings import load_league
 from marl_cair.training.population.league_slice import Budget, run_slice
 from marl_cair.training.population.psro_settings import load_psro
-from marl_cair.training.settings.config import DemonstrationSettings
 from marl_cair.training.settings.config_file import load_config
+from marl_cair.training.settings.demonstration import DemonstrationSettings
 from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
 from tests.games import last_standing

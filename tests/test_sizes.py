@@ -8,15 +8,15 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 20_900,
+    "games": 21_320,
     "policies": 2_400,
     "replay": 2_060,
     "generative": 3_460,
     "self_play": 990,
-    "league": 7_820,
-    "training": 5_900,
+    "league": 8_160,
+    "training": 6_100,
     "conf": 10,
-    "cli": 3_220,
+    "cli": 3_520,
     "": 1_560,  # the modules that every part may import
 }
 

@@ -14,9 +14,13 @@ from marl_cair.text import clean_text
 # Modules of this package with `run(arguments) -> exit code`.
 COMMANDS = (
     *("train", "curves", "evaluate", "match", "league"),
-    *("export", "explain", "flash", "games", "verify", "compile", "benchmark"),
+    *("replay", "export", "explain", "flash", "games", "verify", "compile", "benchmark"),
 )
-_IN_FOLDERS = {"export": "agent.export", "explain": "agent.explain"}  # modules of commands
+_IN_FOLDERS = {  # modules of commands
+    "export": "agent.export",
+    "explain": "agent.explain",
+    "replay": "viewing.replay",
+}
 # The tasks in the order of a user's work: the words of the command, and a description.
 TASKS = {
     "games": "list games, scenarios, representations, actions and bots",

@@ -79,7 +79,10 @@ def _rate_against(
     rows: list[tuple[object, ...]] = []
     for source, opponent in zip(options.against, opponents, strict=True):
         identities = find_fingerprint(agent, game), find_fingerprint(opponent, game)
-        played = play_match(agent, opponent, game, scenario, num_games, options.seed, identities)
+        record = shared.choose_recording(options.record, options.agent, source)
+        played = play_match(
+            agent, opponent, game, scenario, num_games, options.seed, identities, record
+        )
         match = played.without_repeats()
         doubts = describe_doubts(num_games, match)
         counts = match.games, match.wins, match.draws, match.losses
@@ -100,7 +103,8 @@ def _rate_alone(
     rows: list[tuple[object, ...]] = []
     for source, agent in zip(sources, agents, strict=True):
         identity = find_fingerprint(agent, game)
-        result = play_alone(agent, game, scenario, options.games, options.seed, identity)
+        record = shared.choose_recording(options.record, source)
+        result = play_alone(agent, game, scenario, options.games, options.seed, identity, record)
         low, high = share_interval(result.ended, result.games)
         share = result.ended / result.games
         sys.stdout.write(f"{source}: {share:.1%} [{low:.1%}, {high:.1%}] ended before their time\n")
@@ -140,7 +144,7 @@ def make_parser() -> Parser:
     )
     shared.add_options(
         parser,
-        *shared.MATCH_OPTIONS,
+        *(*shared.MATCH_OPTIONS, "--record"),
         games_of="against each opponent",
         games="%(default)s",
         trained="agent",

@@ -54,6 +54,7 @@ def run(arguments: Sequence[str]) -> int:
             max_seconds=max_seconds,
             replays=not options.no_replays,
             zero=options.zero,
+            record=options.record,
             command=shared.format_command("league", arguments),
         ),
         shared.choose_load(options),
@@ -128,6 +129,7 @@ SUBCOMMANDS: LazyTable[Callable[[Sequence[str]], int]] = LazyTable(
         "report": "marl_cair.cli.league:report",
         "status": "marl_cair.cli.league:print_status",
         "export": "marl_cair.cli.league:export",
+        "replay": "marl_cair.cli.viewing.league_replay:run",
         "add": "marl_cair.cli.league_members:add",
         "mix": "marl_cair.cli.league_members:mix",
         "exploit": "marl_cair.cli.exploit:run",
@@ -143,9 +145,9 @@ def make_parser() -> Parser:
         "games or agents it plays only the new ones.",
         epilog="`marl-cair league report FOLDER` rates all stored games, `league status FOLDER` "
         f"lists them, `league export FOLDER` writes them ({', '.join(QUERIES)}) as CSV, JSON or "
-        "Parquet. `league add AGENT` adds an agent, `league mix FOLDER` mixes agents, `league "
-        "exploit AGENT` trains against one, `league train FILE` trains a league, `league psro "
-        "FILE` trains best responses in turn. See their --help.",
+        "Parquet, `league replay FOLDER` as replays. `league add AGENT` adds an agent, `league mix "
+        "FOLDER` mixes agents, `league exploit AGENT` trains against one, `league train FILE` "
+        "trains a league, `league psro FILE` trains best responses in turn. See their --help.",
     )
     parser.add_argument(
         "agents",
@@ -157,7 +159,7 @@ def make_parser() -> Parser:
     shared.add_options(
         parser,
         *shared.MATCH_OPTIONS,
-        *("--workers", "--no-replays"),
+        *("--workers", "--no-replays", "--record"),
         games_of="of each pair",
         games=GAMES_PER_PAIR,
         trained="first checkpoint",

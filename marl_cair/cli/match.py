@@ -33,6 +33,8 @@ class Pairing(NamedTuple):
     scenario: Any
     seed: int
     identities: tuple[str, str]  # fingerprints of the agents
+    sources: tuple[str, str]
+    record: str  # folder, or ""
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -46,7 +48,8 @@ def run(arguments: Sequence[str]) -> int:
     for number, (label, scenario) in enumerate(variants.items()):
         agents = load(first, game.name, scenario), load(second, game.name, scenario)
         identities = find_fingerprint(agents[0], game), find_fingerprint(agents[1], game)
-        pairing = Pairing(agents, game, scenario, options.seed, identities)
+        more = (first, second), options.record
+        pairing = Pairing(agents, game, scenario, options.seed, identities, *more)
         has_opponents = game.make_spec(scenario).num_teams > 1
         if options.sprt:
             test = read_test(options.sprt, has_opponents)
@@ -89,11 +92,12 @@ def read_variants(game: Game, scenario: Any, words: Sequence[str]) -> dict[str, 
 
 def compare_opponents(pairing: Pairing, num_games: int) -> tuple[str, str, str]:
     """Play a fixed number of games between A and B."""
-    agents, game, scenario, seed, identities = pairing
+    agents, game, scenario, seed, identities, sources, folder = pairing
     spec = game.make_spec(scenario)
     num_teams = spec.num_teams
     num_games = shared.round_games(num_games, spec)
-    played = play_match(*agents, game, scenario, num_games, seed, identities)
+    record = shared.choose_recording(folder, *sources)
+    played = play_match(*agents, game, scenario, num_games, seed, identities, record)
     match = played.without_repeats()
     low, high = match.interval()
     place = "seat" if num_teams == spec.num_players else "team"
@@ -109,10 +113,20 @@ def compare_opponents(pairing: Pairing, num_games: int) -> tuple[str, str, str]:
 
 def compare_scores(pairing: Pairing, num_games: int) -> tuple[str, str, str]:
     """Play a fixed number of games of A and of B alone."""
-    agents, game, scenario, seed, identities = pairing
+    _, game, scenario, seed, *_ = pairing
     first, second = (
-        play_alone(agent, game, scenario, num_games, seed, identity)
-        for agent, identity in zip(agents, identities, strict=True)
+        play_alone(
+            agent,
+            game,
+            scenario,
+            num_games,
+            seed,
+            identity,
+            shared.choose_recording(pairing.record, source),
+        )
+        for agent, identity, source in zip(
+            pairing.agents, pairing.identities, pairing.sources, strict=True
+        )
     )
     gain = compare(first, second)
     verdict = _choose(gain.low, gain.high, 0.0, "A scores more than B.", "A scores less than B.")
@@ -140,8 +154,9 @@ def read_test(text: str, has_opponents: bool) -> SequentialTest:
 
 def decide_match(pairing: Pairing, test: SequentialTest, max_games: int) -> tuple[str, str, str]:
     """Play games between A and B until a sequential test decides."""
-    agents, game, scenario, seed, identities = pairing
-    result = play_sequentially(agents, game, scenario, test, max_games, seed, identities)
+    agents, game, scenario, seed, identities, sources, folder = pairing
+    record = shared.choose_recording(folder, *sources)
+    result = play_sequentially(agents, game, scenario, test, max_games, seed, identities, record)
     match, lower, higher = result.match, f"{test.lower:g}", f"{test.higher:g}"
     ends = [_format_elo(share, match.num_teams) for share in (match.score, *match.interval())]
     verdict = {
@@ -210,7 +225,7 @@ def make_parser() -> Parser:
     parser.add_argument("agents", nargs=2, metavar="AGENT", help=help_of_agents)
     shared.add_options(
         parser,
-        *shared.MATCH_OPTIONS,
+        *(*shared.MATCH_OPTIONS, "--record"),
         games_of="of each variant",
         games="%(default)s",
         trained="first checkpoint",

@@ -9,6 +9,7 @@ import re
 import shlex
 import sys
 from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from marl_cair.cli import EXIT_DONE
@@ -20,6 +21,7 @@ from marl_cair.league.agents.allowed_code import ANSWER_SECONDS, FUNCTION_SECOND
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.agents.run_folders import Expansion, expand_runs
 from marl_cair.league.play.arena import Load
+from marl_cair.league.play.recording import Recording
 from marl_cair.training.settings.config_file import read_options
 
 if TYPE_CHECKING:
@@ -70,6 +72,12 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "--no-replays": {
         "action": "store_true",
         "help": "show no games in the report: they are played again for it (default: three)",
+    },
+    "--record": {
+        "default": "",
+        "metavar": "FOLDER",
+        "help": "record the games that are played, each in a file that `marl-cair replay` reads "
+        "(default: none is recorded)",
     },
     "--allow-code": {
         "action": "store_true",
@@ -162,6 +170,11 @@ def expand_agents(sources: Sequence[str], known: Collection[str] = ()) -> Expans
     found = expand_runs(sources, known)
     sys.stderr.writelines(f"{line}\n" for line in found.notes)
     return found
+
+
+def choose_recording(folder: str, *names: str) -> Recording | None:
+    """Where --record records games between agents of these names; None without a folder."""
+    return Recording(Path(folder), names) if folder else None
 
 
 def round_games(num_games: int, spec: GameSpec) -> int:

@@ -124,10 +124,17 @@ def _check_league(path: Path) -> str:
     return ""
 
 
+def _check_replay(path: Path) -> str:
+    from marl_cair.games.replays import read_replay  # and the game
+
+    return "" if read_replay(path).is_complete else "was cut off before its end"
+
+
 _CHECKS: dict[str, Callable[[Path], str | None]] = {
     "league.sqlite": _check_league,
     ".json": _check_json,
     ".yaml": _check_settings,
     ".pt": _check_tensors,
     ".gif": _check_film,
+    ".replay": _check_replay,
 }

@@ -262,6 +262,14 @@ class BatchedEngine:
             field[rows] = saved
         self._has_started = True
 
+    def state_bytes(self, world: int) -> bytes:
+        """All state arrays of one world and its outcome, in their order, for hashes.
+
+        Raises NoSnapshotError as `snapshot`.
+        """
+        self._require_snapshots("the bytes of a state were asked for")
+        return b"".join(field[world].tobytes() for field in (*self._worlds, *self._outcome))
+
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """All worlds as plain arrays by name (copies). Raises NoSnapshotError as `snapshot`."""
         self._require_snapshots("a state was to be saved")

@@ -58,6 +58,7 @@ class LeagueConfig:
     replays: bool = True  # whether the report shows a few games
     zero: str = ""  # the agent that is rated 0; "": the mean of those that are connected
     command: str = ""  # the command line, for the report
+    record: str = ""  # folder to record the games in that are played now; "": none
 
     def __post_init__(self) -> None:
         sources = list(self.sources)
@@ -224,7 +225,9 @@ class _League:
         """Play the missing games of the schedule; returns its jobs."""
         config, rules = self.config, self.rules
         ladder = frozenset(n for n, one in enumerate(self.entrants) if one.source in config.ladder)
-        arena = Arena(rules, self.entrants, self.ids, self.store, config.workers, self._load)
+        record = Path(config.record) if config.record else None
+        workers, load = config.workers, self._load
+        arena = Arena(rules, self.entrants, self.ids, self.store, workers, load, record)
         with closing(arena), tqdm(unit=" games", disable=not self._show_progress) as bar:
             if config.is_adaptive:
                 jobs = self._play_adaptively(arena, bar, ladder)

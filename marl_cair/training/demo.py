@@ -16,7 +16,7 @@ from marl_cair.games import GAMES
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.league.play.film import save_film
-from marl_cair.league.play.match import play_match
+from marl_cair.league.play.match import play_match, record_game
 from marl_cair.training.curves import draw_curves
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import build_config
@@ -160,4 +160,4 @@ def film_win(agent: str, opponent: str, game: str, scenario: str, seed: int, pat
     agents = load_agent(agent, game, played), load_agent(opponent, game, played)
     seeds = range(seed, seed + 50)
     won = (s for s in seeds if play_match(*agents, rules, played, 2, s).results[0].winner == 0)
-    save_film(*agents, rules, played, next(won, seed), path)
+    save_film(path, record_game(*agents, rules, played, next(won, seed)))

@@ -16,7 +16,7 @@ from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.transition import NO_ACTION
 from marl_cair.training.losses import Loss, find_learned, measure_errors
-from marl_cair.training.settings.config import DemonstrationSettings
+from marl_cair.training.settings.demonstration import DemonstrationSettings
 from marl_cair.training.settings.learner import AVERAGED, LOSSES, LearnerSettings
 
 _OPTIMIZERS: dict[str, Callable[..., torch.optim.Optimizer]] = {

@@ -35,6 +35,7 @@ from marl_cair.training.collecting.demonstrations import Demonstrators
 from marl_cair.training.collecting.exploration import make_exploration
 from marl_cair.training.collecting.metrics import EpisodeStatistics, RunningMeans
 from marl_cair.training.collecting.opponents import OpponentBook
+from marl_cair.training.collecting.recorded import fill_from_replays
 from marl_cair.training.collecting.seats import SeatRouter
 from marl_cair.training.collecting.stagger import stagger_starts
 from marl_cair.training.initial_network import count_training, fit_policy, make_initial_network
@@ -166,6 +167,9 @@ class TrainingRun:
             burn_in_steps=replay.burn_in_steps if state_size else 0,
         )
         real = make_replay_buffer(settings, spec)
+        if config.demonstration.replays is not None:
+            played = config.demonstration, self.env.engine
+            fill_from_replays(real.storage, *played, seen.name, learner.reward_scale)
         generated = GeneratedReplay(spec, replay.generated_capacity_transitions, self._seeds[2])
         share = config.synthetic_fraction
         self.replay = MixedReplay(real, generated, share, generated_open=False)

@@ -27,6 +27,7 @@ from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import ENDLESS_FRAMES, TrainConfig
 
 DIVERGED_FILE = "diverged_batch.pt"
+GAMES_FOLDER = "games"  # replays of the last evaluation
 LOG_EVERY_FRAMES = 10_000
 
 
@@ -283,7 +284,8 @@ def _write_row(run: TrainingRun, row: dict[str, float], timers: Timers) -> dict[
 
 
 def _evaluate(run: TrainingRun) -> dict[str, float]:
-    scores, row = evaluate(run.rated, run.game, run.config, run.evaluation_seed)
+    record = run.folder / GAMES_FOLDER if run.config.evaluation.record else None
+    scores, row = evaluate(run.rated, run.game, run.config, run.evaluation_seed, record)
     run.save_agent()
     if scores:
         score = sum(scores) / len(scores)

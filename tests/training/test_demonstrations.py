@@ -13,7 +13,8 @@ from marl_cair.training.collecting.demonstrations import Demonstrators
 from marl_cair.training.collecting.rollout import make_rollout
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
-from marl_cair.training.settings.config import DemonstrationSettings, TrainConfig
+from marl_cair.training.settings.config import TrainConfig
+from marl_cair.training.settings.demonstration import DemonstrationSettings
 from tests.games import last_standing
 from tests.games.last_standing import NOOP, SCORE
 from tests.training import runs

@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 
+from marl_cair.games.replays import read_replay
 from marl_cair.training.curves import draw_curves
 from marl_cair.training.evaluation import evaluate, rate_on
 from marl_cair.training.run import TrainingRun
@@ -53,15 +54,14 @@ def test_held_out_scenarios_are_rated_beside_the_training_one(tmp_path):
     assert {"return/learner@heldout/low", "return_gain/idle@short/high"} <= set(row)
 
 
-def test_the_best_agent_is_chosen_in_games_of_its_own(tmp_path):
-    """Games a sixth as long in the evaluation, and those held out as long as in training."""
-    settings = EvaluationSettings(
-        games=4, bots=("idle",), options={"max_ticks": 2}, scenarios={"long": {}}
-    )
-    config = small(tmp_path, "alone", evaluation=settings)
-    scores, row = evaluate(agent("scorer"), GAME, config, 0)
-    assert scores == [row["return/learner"]]
-    assert row["return/learner"] == pytest.approx(row["return/learner@long"] / 6)
+def test_replays_of_the_first_map_are_kept_of_the_newest_evaluation(tmp_path):
+    settings = EvaluationSettings(games=8, bots=("idle",), scenarios={"short": {"max_ticks": 2}})
+    config = small(tmp_path, "duel", evaluation=settings)
+    for _ in range(2):
+        evaluate(agent("finisher"), GAME, config, 0, tmp_path)
+    replays = [read_replay(path) for path in tmp_path.glob("*.replay")]
+    assert len(replays) == 4  # one in each seat, on two scenarios
+    assert {one.players[one.winner] for one in replays} == {"learner"}
 
 
 def test_the_best_agent_is_chosen_by_the_training_scenario(tmp_path):
@@ -106,7 +106,7 @@ def test_a_run_ends_at_its_stop_score(tmp_path, stop_score, anneal_frames, frame
 def test_a_score_that_new_games_do_not_confirm_does_not_end_a_run(tmp_path, monkeypatch):
     seen = []
 
-    def rate(agent, game, config, seed):
+    def rate(agent, game, config, seed, record=None):
         seen.append(seed)
         return [1.0 if seed == seen[0] else 0.0], {}
 

@@ -19,7 +19,8 @@ from marl_cair.training import losses
 from marl_cair.training.learner import DivergedError
 from marl_cair.training.newest_steps import DoubleValues, iterate_batches, make_rows
 from marl_cair.training.run import TrainingRun
-from marl_cair.training.settings.config import DemonstrationSettings, GeneratorSettings
+from marl_cair.training.settings.config import GeneratorSettings
+from marl_cair.training.settings.demonstration import DemonstrationSettings
 from marl_cair.training.settings.learner import LearnerSettings, NfspSettings
 from tests.replay.streams import make_transitions
 from tests.training import runs

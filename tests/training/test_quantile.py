@@ -10,7 +10,8 @@ from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.replay.transition import NO_ACTION, TransitionSpec
 from marl_cair.training import losses
 from marl_cair.training.learner import Learner
-from marl_cair.training.settings.config import DemonstrationSettings, TrainConfig
+from marl_cair.training.settings.config import TrainConfig
+from marl_cair.training.settings.demonstration import DemonstrationSettings
 from marl_cair.training.settings.learner import LearnerSettings
 from tests.replay.streams import make_transitions
 

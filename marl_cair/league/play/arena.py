@@ -9,6 +9,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cache
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from tqdm import tqdm
@@ -20,6 +21,7 @@ from marl_cair.league.agents.load import find_fingerprint
 from marl_cair.league.play import blocks
 from marl_cair.league.play.blocks import Entrant
 from marl_cair.league.play.playing import CHUNKS_AT_ONCE, line_up_seed, size_chunk
+from marl_cair.league.play.recording import Recording
 from marl_cair.league.play.schedule import Job
 from marl_cair.league.store.records import PlayedGame
 from marl_cair.league.store.store import LeagueStore
@@ -77,6 +79,11 @@ class Rules:
         return max(1, size_chunk(self.game, blocks.GAMES_PER_CHUNK) // self.games_per_block)
 
     @property
+    def plan(self) -> blocks.Plan:
+        """The games of a chunk."""
+        return blocks.Plan(self.design, self.blocks_per_chunk)
+
+    @property
     def games_per_chunk(self) -> int:
         return self.games_per_block * self.blocks_per_chunk
 
@@ -91,8 +98,10 @@ class Rules:
         """For workers: a game is pickled by its name."""
         return _restore_rules, (self.game.name, self.scenario, self.seed, self.seating)
 
-    def play(self, line_up: Sequence[Entrant], chunks: Sequence[int]) -> list[PlayedGame]:
-        """Games of whole chunks; see `blocks.play_blocks`."""
+    def play(
+        self, line_up: Sequence[Entrant], chunks: Sequence[int], record: Path | None = None
+    ) -> list[PlayedGame]:
+        """Games of whole chunks; see `blocks.play_blocks`. record: folder to record them in."""
         prints = [entrant.fingerprint for entrant in line_up]
         with one_torch_thread():
             return blocks.play_blocks(
@@ -101,9 +110,9 @@ class Rules:
                 self.scenario,
                 self.seed,
                 chunks,
-                self.design,
-                self.blocks_per_chunk,
+                self.plan,
                 line_up_seed(self.seed, prints),
+                Recording(record, tuple(one.name for one in line_up)) if record else None,
             )
 
 
@@ -121,6 +130,7 @@ class Arena:
         store: of the league; this process alone writes to it.
         num_workers: processes that play; with 1 this one plays. Results do not depend on it.
         load: loads the entrants in a worker: `load(source, game=..., scenario=...)`.
+        record: folder to record all games in, if any.
     """
 
     def __init__(
@@ -131,9 +141,11 @@ class Arena:
         store: LeagueStore,
         num_workers: int,
         load: Load,
+        record: Path | None = None,
     ) -> None:
         self.rules, self.entrants, self.ids = rules, entrants, ids
         self._store, self._num_workers, self._load = store, num_workers, load
+        self._record = record
         self._pool: ProcessPoolExecutor | None = None
 
     def play(
@@ -175,15 +187,15 @@ class Arena:
         if self._num_workers == 1 or len(batches) < 2:
             for batch in batches:
                 line_up = [self.entrants[number] for number in batch.line_up]
-                yield batch, self.rules.play(line_up, batch.chunks)
+                yield batch, self.rules.play(line_up, batch.chunks, self._record)
             return
         if self._pool is None:  # kept for later jobs: a worker takes seconds to start
-            prints = {entrant.source: entrant.fingerprint for entrant in self.entrants}
+            about = [(one.name, one.fingerprint, one.source) for one in self.entrants]
             self._pool = ProcessPoolExecutor(
                 self._num_workers,
                 get_context("spawn"),  # not forked: torch and numba hold threads
                 _start_worker,
-                (self.rules, prints, self._load),
+                (self.rules, about, self._load, self._record),
             )
         futures = {self._pool.submit(_play_in_worker, batch): batch for batch in batches}
         try:
@@ -204,7 +216,7 @@ class Arena:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
 
-# Of a worker process: rules, fingerprints by source in the order of the entrants, and `load`.
+# Of a worker process: rules; name, fingerprint and source of each entrant; `load`; `record`.
 _context: list[Any] = []
 
 
@@ -215,20 +227,20 @@ def _start_worker(*context: Any) -> None:
 def _play_in_worker(batch: Batch) -> list[PlayedGame]:
     line_up = [_load_entrants()[number] for number in batch.line_up]
     rules: Rules = _context[0]
-    return rules.play(line_up, batch.chunks)
+    return rules.play(line_up, batch.chunks, _context[3])
 
 
 @cache
 def _load_entrants() -> list[Entrant]:
     """Load all agents, at the first batch: an error in `_start_worker` would have no message."""
-    rules, prints, load = _context
+    rules, about, load, _ = _context
     entrants = []
-    for source, fingerprint in prints.items():
+    for name, fingerprint, source in about:
         agent = load(source, game=rules.game.name, scenario=rules.scenario)
         if find_fingerprint(agent, rules.game) != fingerprint:
             raise OSError(
                 f"{source} changed while the league was starting its workers: name no checkpoint "
                 "that is being trained, or give --workers 1; the same command resumes the league"
             )
-        entrants.append(Entrant("", fingerprint, agent, source))
+        entrants.append(Entrant(name, fingerprint, agent, source))
     return entrants

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.play import playing
 from marl_cair.league.play.playing import Chunk, Places, Seating
+from marl_cair.league.play.recording import Recording, recording
 from marl_cair.league.store.records import PlayedGame
 
 GAMES_PER_CHUNK = 8  # at least, in whole blocks
@@ -25,6 +26,13 @@ MAX_TEAMS_FOR_ALL = 4  # 24 orders; five teams would have 120
 
 # Maps the number of a block to the entry of each team, int64 [games of a block, teams].
 Design = Callable[[int], NDArray[np.int64]]
+
+
+class Plan(NamedTuple):
+    """The games of a chunk."""
+
+    design: Design
+    blocks_per_chunk: int
 
 
 class Entrant(NamedTuple):
@@ -84,16 +92,16 @@ def play_blocks(
     scenario: Any,
     seed: int,
     chunks: Sequence[int],
-    design: Design,
-    blocks_per_chunk: int,
+    plan: Plan,
     map_seed: int | None = None,
+    record: Recording | None = None,
 ) -> list[PlayedGame]:
     """Play whole chunks; the games, sorted by block and number, do not depend on which chunks are
     played together.
 
-    Chunk c holds the blocks c * blocks_per_chunk onwards. Each entry has its own random stream in
-    each chunk, from the seed, the chunk and the names of its seating. Block k has the map seed of
-    (map_seed, k); default: of (seed, k).
+    Chunk c holds the blocks c * plan.blocks_per_chunk onwards. Each entry has its own random stream
+    in each chunk, from the seed, the chunk and the names of its seating. Block k has the map seed
+    of (map_seed, k); default: of (seed, k). `record`: where to record the games.
 
     Raises ValueError if there is no chunk.
     """
@@ -105,12 +113,13 @@ def play_blocks(
     at_once = playing.count_chunks(game)
     for start in range(0, len(chunks), at_once):
         numbers = chunks[start : start + at_once]
-        part = [make_chunk(number, design, blocks_per_chunk, teams) for number in numbers]
+        part = [make_chunk(number, plan, teams) for number in numbers]
         engine = playing.start_engine(game, scenario, map_seed, part)
-        ended = playing.play_out(engine, part, seatings, seed)
-        engine.close()
         blocks = np.concatenate([chunk.blocks for chunk in part])
         seeds = playing.map_seeds(map_seed, blocks)
+        with recording(record, engine, part, seeds) as watch:
+            ended = playing.play_out(engine, part, seatings, seed, watch)
+        engine.close()
         for world, block in enumerate(blocks.tolist()):
             number = played[-1].number + 1 if played and played[-1].block == block else 0
             winner = int(ended.winner[world])
@@ -119,7 +128,7 @@ def play_blocks(
                     block=block,
                     number=number,
                     map_seed=int(seeds[world]),
-                    entries=tuple(design(block)[number].tolist()),
+                    entries=tuple(plan.design(block)[number].tolist()),
                     points=tuple(ended.points[world].tolist()),
                     ranks=tuple(ended.ranks[world].tolist()),
                     winner=winner if winner < 0 else int(teams[winner]),
@@ -133,18 +142,16 @@ def play_blocks(
     return played
 
 
-def make_chunk(
-    number: int, design: Design, blocks_per_chunk: int, teams: NDArray[np.int64]
-) -> Chunk:
+def make_chunk(number: int, plan: Plan, teams: NDArray[np.int64]) -> Chunk:
     """The chunk of this number; teams int64 [P] of the seats.
 
     Each entry observes its seats sorted by block and own team, so that a match between two teams is
     the same from both sides.
     """
-    first = number * blocks_per_chunk
-    designs = [design(block) for block in range(first, first + blocks_per_chunk)]
+    first = number * plan.blocks_per_chunk
+    designs = [plan.design(block) for block in range(first, first + plan.blocks_per_chunk)]
     entries = np.concatenate(designs)
-    blocks = first + np.repeat(np.arange(blocks_per_chunk), [len(one) for one in designs])
+    blocks = first + np.repeat(np.arange(plan.blocks_per_chunk), [len(one) for one in designs])
     grid = np.meshgrid(np.arange(len(entries)), np.arange(len(teams)), indexing="ij")
     game, seat = (axis.ravel() for axis in grid)
     order = np.lexsort((seat, game, teams[seat], blocks[game]))

@@ -1,27 +1,29 @@
-"""Renders a game as an animated GIF, replayed from its seed and actions."""
+"""Films of recorded games: animated GIF, MP4 video, and pictures as PNG files."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from marl_cair.files import atomic_path
-from marl_cair.games.engine import BatchedEngine
-from marl_cair.games.game import Agent, Game
-from marl_cair.league.play.match import record_game
-from marl_cair.league.play.playing import map_seeds
+from marl_cair.games.replays import Replay, replay_steps
 
 LAST_FRAME_MILLISECONDS = 2_500
 MOST_HIGH = 2  # times the width of a film: a higher board is shown narrower
+MOST_GIF_FPS = 50  # programs show faster GIFs slowly
+NUM_COLOURS, MOST_GIF_BYTES = 256, 1 << 30
+
+Frame = NDArray[np.uint8]  # [height, width, 3], RGB
 
 
 class Size(NamedTuple):
-    """Limits of a film; longer games keep every second, third, ... frame."""
+    """Limits of a small film; longer games keep every second, third, ... frame."""
 
     max_frames: int
     width: int  # pixels
@@ -33,32 +35,26 @@ FULL = Size(300, 480, 160, 80)
 SMALL = Size(120, 320, 96, 100)  # some hundred KiB: a report holds several
 
 
-def film_game(
-    game: Game, scenario: Any, map_seed: int, actions: NDArray[np.int32], size: Size
-) -> list[Image.Image]:
-    """Pictures of the start, the steps (actions [T, P, ...]) that `size` keeps, and the end."""
-    engine = BatchedEngine(game, scenario)
-    engine.reset(np.array([map_seed], np.uint64))
-    every = -(-(len(actions) + 1) // size.max_frames)
-    images = [shrink(engine.render(0), size.width)]
-    for number, chosen in enumerate(actions, start=1):
-        engine.step(chosen[None])
-        if number % every == 0 or number == len(actions):
-            images.append(shrink(engine.render(0), size.width))
-    return images
+def render_frames(replay: Replay, every: int = 1, player: int | None = None) -> Iterator[Frame]:
+    """Pictures of the start, each `every`-th step and the end; `player`: in that seat's view.
 
-
-def save_film(
-    first: Agent, second: Agent, game: Game, scenario: Any, seed: int, path: str | os.PathLike[str]
-) -> int:
-    """Play the first game of `play_match`, `first` in seat 0, and write it as a GIF.
-
-    Returns the number of frames.
+    Raises ReplayError as `replay_steps`.
     """
-    actions = record_game(first, second, game, scenario, seed)
-    map_seed = int(map_seeds(seed, np.zeros(1, np.int64))[0])
-    images = film_game(game, scenario, map_seed, actions, FULL)
-    write_film(path, images, FULL)
+    for step, engine in enumerate(replay_steps(replay)):
+        if step % every == 0 or step == len(replay.actions):
+            yield engine.render(0, player)
+
+
+def film_game(replay: Replay, size: Size) -> list[Image.Image]:
+    """Pictures of a small film: the start, the steps that `size` keeps, and the end."""
+    every = -(-(len(replay.actions) + 1) // size.max_frames)
+    return [shrink(frame, size.width) for frame in render_frames(replay, every)]
+
+
+def save_film(path: str | os.PathLike[str], replay: Replay, size: Size = FULL) -> int:
+    """Write a small GIF of a game; returns the number of frames."""
+    images = film_game(replay, size)
+    write_film(path, images, size)
     return len(images)
 
 
@@ -69,21 +65,114 @@ def write_film(path: str | os.PathLike[str], images: Sequence[Image.Image], size
     palette = Image.fromarray(some).quantize(size.num_colours)
     films = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     durations = [size.frame_milliseconds] * (len(films) - 1) + [LAST_FRAME_MILLISECONDS]
+    _save_gif(path, films, durations)
+
+
+def _save_gif(
+    path: str | os.PathLike[str], films: Sequence[Image.Image], duration: int | list[int]
+) -> None:
     with atomic_path(path) as unfinished:
         films[0].save(
             unfinished,
             format="GIF",
             save_all=True,
             append_images=films[1:],
-            duration=durations,
+            duration=duration,
             loop=0,
             optimize=True,  # unchanged pixels are written once: a third of the size
         )
 
 
-def shrink(frame: NDArray[np.uint8], width: int) -> Image.Image:
-    """Scale a picture uint8 [h, w, 3] to `width` pixels; to fewer if it would be too high."""
+def shrink(frame: Frame, width: int) -> Image.Image:
+    """Scale a picture to `width` pixels; to fewer if it would be too high."""
     image = Image.fromarray(frame)
     width = min(width, max(1, round(MOST_HIGH * width * image.width / image.height)))
     height = max(1, round(image.height * width / image.width))
     return image.resize((width, height), Image.Resampling.LANCZOS, reducing_gap=2.0)
+
+
+# --- each writes all frames in their full size and returns their number -------------------------
+
+
+def write_gif(path: str | os.PathLike[str], frames: Iterable[Frame], fps: int) -> int:
+    """A GIF that loops; up to 256 colours are exact.
+
+    Raises ValueError for more frames per second than programs show, or more frames than fit into
+    memory.
+    """
+    if fps > MOST_GIF_FPS:
+        raise ValueError(
+            f"{fps} frames per second are too many for a GIF, programs show {MOST_GIF_FPS}: give "
+            "fewer, leave frames out, or write an .mp4"
+        )
+    places = np.zeros(1 << 24, np.uint16)  # of each colour among `colours`, from 1; 0: not seen
+    colours: list[int] = []
+    pictures: list[NDArray[np.uint16]] = []
+    room = MOST_GIF_BYTES
+    for frame in frames:
+        pixels = frame.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+        new = np.unique(pixels[places[pixels] == 0])
+        places[new] = np.arange(len(colours) + 1, len(colours) + len(new) + 1)
+        colours += new.tolist()
+        pictures.append((places[pixels] - 1).astype(np.min_scalar_type(len(colours) - 1)))
+        room -= pictures[-1].nbytes
+        if room < 0:
+            raise ValueError(
+                f"the game has more pictures than a GIF can hold ({len(pictures)} have "
+                f"{MOST_GIF_BYTES >> 20} MiB): leave frames out, or write an .mp4"
+            )
+    listed = np.array(colours, ">u4").view(np.uint8).reshape(1, -1, 4)[..., 1:]
+    palette = Image.fromarray(np.ascontiguousarray(listed)).quantize(NUM_COLOURS)
+    shown = np.asarray(palette)[0]
+    films = [Image.fromarray(shown[picture]) for picture in pictures]
+    for film in films:
+        film.putpalette(palette.getpalette() or [])
+    _save_gif(path, films, round(1000 / fps))
+    return len(films)
+
+
+def write_mp4(path: str | os.PathLike[str], frames: Iterable[Frame], fps: int) -> int:
+    """A video (H.264) that every browser plays; odd sizes get one more line of pixels.
+
+    Raises ValueError without PyAV.
+    """
+    try:
+        import av
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            "an .mp4 needs PyAV: pip install 'marl_cair[video]', or write a .gif"
+        ) from error
+    with atomic_path(path) as unfinished, av.open(str(unfinished), "w") as file:
+        stream = file.add_stream("libx264", rate=fps, options={"crf": "18"})
+        stream.pix_fmt = "yuv420p"  # needs even sizes
+        for number, frame in enumerate(frames):
+            height, width = frame.shape[:2]
+            padded = np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
+            if number == 0:
+                stream.height, stream.width = padded.shape[:2]
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(padded, format="rgb24")))
+        file.mux(stream.encode())
+        return int(stream.frames)
+
+
+def write_pngs(path: str | os.PathLike[str], frames: Iterable[Frame], fps: int) -> int:
+    """A new folder of pictures, 00000.png and so on; `fps` has no effect.
+
+    Raises ValueError where the folder holds files.
+    """
+    folder = Path(path)
+    folder.mkdir(parents=True, exist_ok=True)
+    if any(folder.iterdir()):
+        raise ValueError(f"{folder} is not empty: give a new folder for the pictures")
+    count = 0
+    for count, frame in enumerate(frames, start=1):
+        Image.fromarray(frame).save(folder / f"{count - 1:05}.png")
+    return count
+
+
+# By the suffix of the file.
+WRITERS: dict[str, Callable[[str | os.PathLike[str], Iterable[Frame], int], int]] = {
+    ".gif": write_gif,
+    ".mp4": write_mp4,
+    "": write_pngs,
+}

@@ -12,11 +12,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from marl_cair.games.game import NO_WINNER, Agent, Game
-from marl_cair.league.play.blocks import Design, Entrant, make_chunk, play_blocks, seat_line_up
-from marl_cair.league.play.playing import Seating, play, size_chunk, start_engine
+from marl_cair.games.replays import Replay
+from marl_cair.league.play.blocks import (
+    Design,
+    Entrant,
+    Plan,
+    make_chunk,
+    play_blocks,
+    seat_line_up,
+)
+from marl_cair.league.play.playing import Seating, map_seeds, play, size_chunk, start_engine
+from marl_cair.league.play.recording import Recording
 
 BLOCKS_PER_CHUNK = 4
 
@@ -120,11 +128,12 @@ def play_match(
     num_games: int,
     seed: int,
     identities: tuple[str, str] | None = None,
+    record: Recording | None = None,
 ) -> MatchResult:
     """Play `num_games` games, equally many with `first` in each team, with the rated reward.
 
     A longer match begins with the games of a shorter one, and with two teams the match of `second`
-    against `first` has the same games. `identities` as in `play_chunks`.
+    against `first` has the same games. `identities` and `record` as in `play_chunks`.
 
     Raises ValueError: num_games is no multiple of the number of teams, or there is only one team.
     """
@@ -136,7 +145,8 @@ def play_match(
             f"{'seat' if num_teams == game.make_spec(scenario).num_players else 'team'}"
         )
     chunks = range(-(-num_games // (num_teams * size_chunk(game, BLOCKS_PER_CHUNK))))
-    match = play_chunks(first, second, game, scenario, seed, chunks, identities)
+    record = record and record.limit(num_games // num_teams)
+    match = play_chunks(first, second, game, scenario, seed, chunks, identities, record)
     return MatchResult(match.results[:num_games], num_teams)
 
 
@@ -148,27 +158,23 @@ def play_chunks(
     seed: int,
     chunks: Sequence[int],
     identities: tuple[str, str] | None = None,
+    record: Recording | None = None,
 ) -> MatchResult:
     """Play whole chunks; games do not depend on which chunks are played together.
 
     Chunk c holds the blocks c * BLOCKS_PER_CHUNK onwards (see `playing.size_chunk`). Block k has
     the map seed of (seed, k) for all pairs of agents. Each agent has its own random stream in each
     chunk, from the seed, the chunk and both identities, which default to the agents' names.
+    `record`: where to record games.
 
     Raises ValueError if there is no chunk, or only one team.
     """
     num_teams = require_rivals(game, scenario)
     teams = game.make_spec(scenario).team_of_seat
     first_seats = np.unique(teams, return_index=True)[1]
-    played = play_blocks(
-        _seat((first, second), identities),
-        game,
-        scenario,
-        seed,
-        chunks,
-        _one_against_all(num_teams),
-        size_chunk(game, BLOCKS_PER_CHUNK),
-    )
+    plan = Plan(_one_against_all(num_teams), size_chunk(game, BLOCKS_PER_CHUNK))
+    seatings = _seat((first, second), identities)
+    played = play_blocks(seatings, game, scenario, seed, chunks, plan, record=record)
     results = (
         GameResult(
             one.block,
@@ -185,21 +191,29 @@ def play_chunks(
     return MatchResult(tuple(results), num_teams)
 
 
-def record_game(
-    first: Agent, second: Agent, game: Game, scenario: Any, seed: int
-) -> NDArray[np.int32]:
-    """Actions [T, P, *action_shape] of the first game of `play_match`, `first` in the first seat.
+def record_game(first: Agent, second: Agent, game: Game, scenario: Any, seed: int) -> Replay:
+    """The first game of `play_match`, `first` in the first seat, which is not written to a file.
 
-    They are the whole game with the map seed of block 0. Raises ValueError if there is only one
-    team.
+    Raises ValueError if there is only one team.
     """
     num_teams = require_rivals(game, scenario)
     teams = game.make_spec(scenario).team_of_seat
-    size = size_chunk(game, BLOCKS_PER_CHUNK)
-    chunk = make_chunk(0, _one_against_all(num_teams), size, teams)
+    plan = Plan(_one_against_all(num_teams), size_chunk(game, BLOCKS_PER_CHUNK))
+    chunk = make_chunk(0, plan, teams)
     engine = start_engine(game, scenario, seed, (chunk,))
     steps = play(engine, (chunk,), _seat((first, second), None), seed)
-    return np.array([step.actions[0].copy() for step in steps if step.running[0]], np.int32)
+    actions = [step.actions[0].copy() for step in steps if step.running[0]]
+    winner = int(engine.winner[0])
+    return Replay(
+        game.name,
+        engine.scenario,
+        game.version,
+        int(map_seeds(seed, chunk.blocks[:1])[0]),
+        tuple(second.name if team else first.name for team in teams),
+        np.array(actions, np.int32),
+        None if winner == NO_WINNER else winner,
+        is_complete=True,
+    )
 
 
 def require_rivals(game: Game, scenario: Any) -> int:

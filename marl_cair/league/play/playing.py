@@ -237,13 +237,21 @@ def _end_forfeited(
     """Change winner [G] and out_since [G, P] of games in which teams [G, T] have forfeited."""
     for world in np.flatnonzero(forfeited.any(1)).tolist():
         winner[world] = NO_WINNER
-        still_in = np.unique(teams[out_since[world] == STILL_IN])
-        left = still_in[~forfeited[world, still_in]]
+        left = find_remaining(out_since[world] == STILL_IN, forfeited[world], teams)
         if len(left) == 0:  # all remaining teams forfeit at once: a draw between them
             continue
         out_since[world, forfeited[world, teams]] = -1  # below seats that went out by the rules
         if len(left) == 1:
             winner[world] = np.flatnonzero(teams == left[0])[0]
+
+
+def find_remaining(
+    is_in: NDArray[np.bool_], forfeited: NDArray[np.bool_], teams: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """The teams with a seat that is in [P] that have not forfeited [T]; teams [P] of the seats."""
+    still_in = np.unique(teams[is_in])
+    left: NDArray[np.int64] = still_in[~forfeited[still_in]]
+    return left
 
 
 def _add_boards(digests: Sequence[Any], engine: BatchedEngine, which: NDArray[np.bool_]) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -22,6 +21,7 @@ from marl_cair.games.game import Agent, Game
 from marl_cair.league.play import match
 from marl_cair.league.play.match import BLOCKS_PER_CHUNK, GameResult, MatchResult
 from marl_cair.league.play.playing import CHUNKS_AT_ONCE, size_chunk
+from marl_cair.league.play.recording import Recording
 
 ERROR_RATE = 0.05  # probability of deciding for the wrong difference, either way
 PSEUDO_COUNT = 1e-3  # blocks of each outcome, so that no outcome is impossible
@@ -109,11 +109,11 @@ def play_sequentially(
     max_games: int,
     seed: int,
     identities: tuple[str, str] | None = None,
-    listen: Callable[[float, int], None] | None = None,
+    record: Recording | None = None,
 ) -> SequentialResult:
     """Play the blocks of `play_match` in their order until the test decides.
 
-    listen: called with the ratio and the number of games after each round.
+    record: where to record all games that are played for it.
 
     Raises ValueError if there is only one team, or max_games is less than a block.
     """
@@ -127,7 +127,7 @@ def play_sequentially(
     chunks = range(-(-num_blocks // size_chunk(game, BLOCKS_PER_CHUNK)))
     for start in chunks[::CHUNKS_AT_ONCE]:
         part = chunks[start : start + CHUNKS_AT_ONCE]
-        played = match.play_chunks(*agents, game, scenario, seed, part, identities).results
+        played = match.play_chunks(*agents, game, scenario, seed, part, identities, record).results
         before = len(counted)
         for first in range(0, len(played), num_teams):
             block = played[first : first + num_teams]
@@ -143,8 +143,6 @@ def play_sequentially(
                 return SequentialResult(verdict, ratio, MatchResult(tuple(counted), num_teams))
         if len(counted) == before:
             return SequentialResult("repeats", ratio, MatchResult(tuple(counted), num_teams))
-        if listen is not None:
-            listen(ratio, len(counted))
     return SequentialResult("undecided", ratio, MatchResult(tuple(counted), num_teams))
 
 

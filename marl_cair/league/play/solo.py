@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.play import playing
 from marl_cair.league.play.playing import Chunk, Places, Seating
+from marl_cair.league.play.recording import Recording, recording
 from marl_cair.league.ratings.intervals import mean_interval
 
 GAMES_PER_CHUNK = 8
@@ -79,12 +80,19 @@ class SoloResult:
 
 
 def play_alone(
-    agent: Agent, game: Game, scenario: Any, num_games: int, seed: int, identity: str | None = None
+    agent: Agent,
+    game: Game,
+    scenario: Any,
+    num_games: int,
+    seed: int,
+    identity: str | None = None,
+    record: Recording | None = None,
 ) -> SoloResult:
     """Play `num_games` games with the agent in all seats, with the rated reward.
 
     Game k has the map seed of (seed, k) for every agent. A longer series begins with the games of a
     shorter one. The agent's draws are seeded by the seed and its identity (default: its name).
+    `record`: where to record the games.
 
     Raises ValueError for less than one game, or a scenario with opponents.
     """
@@ -100,6 +108,7 @@ def play_alone(
     size = playing.size_chunk(game, GAMES_PER_CHUNK)
     numbers = range(-(-num_games // size))
     results: list[SoloGame] = []
+    record = record and record.limit(num_games)
     at_once = playing.count_chunks(game)
     for start in numbers[::at_once]:
         part = [
@@ -107,13 +116,16 @@ def play_alone(
             for number in numbers[start : start + at_once]
         ]
         engine = playing.start_engine(game, scenario, seed, part)
-        ended = playing.play_out(engine, part, seatings, seed)
+        blocks = np.concatenate([chunk.blocks for chunk in part])
+        seeds = playing.map_seeds(seed, blocks)
+        with recording(record, engine, part, seeds) as watch:
+            ended = playing.play_out(engine, part, seatings, seed, watch)
         if reason := next(filter(None, ended.reasons), ""):
             raise ValueError(f"{reason}: a solo game cannot be forfeited; fix the agent")
         info = {name: values.mean(1).tolist() for name, values in engine.info().items()}
         engine.close()
         rows = zip(
-            np.concatenate([chunk.blocks for chunk in part]).tolist(),
+            blocks.tolist(),
             ended.returns.mean(1).tolist(),
             ended.truncated.tolist(),
             ended.decisions.tolist(),

@@ -18,7 +18,7 @@ from marl_cair.league.play.arena import Rules
 from marl_cair.league.ratings.games import Games
 from marl_cair.league.ratings.payoffs import Share, find_map_shares
 from marl_cair.league.ratings.rate import Rating, describe_method
-from marl_cair.league.report.replays import Replay
+from marl_cair.league.report.replays import ShownGame
 from marl_cair.league.store.records import AgentRecord
 from marl_cair.league.store.store import LeagueStore, StoredGames
 
@@ -62,7 +62,7 @@ class Background:
     map_shares: Mapping[tuple[str, str], Share] = field(default_factory=dict)
     map_words: str = "The maps of these games are unknown."
     num_truncated: int = 0
-    replays: tuple[Replay, ...] = ()
+    replays: tuple[ShownGame, ...] = ()
     replay_words: str = "There is no league file to replay games from."
 
 
@@ -71,7 +71,7 @@ def read_background(
     stored: StoredGames,
     names: Mapping[int, str],
     games: Games,
-    replays: Sequence[Replay],
+    replays: Sequence[ShownGame],
     replay_words: str,
 ) -> Background:
     """Read it for stored games; `names` by id, `games` has agents by place in `names`."""

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 
 from marl_cair.files import write_atomically
+from marl_cair.games.game import NO_WINNER
+from marl_cair.games.replays import Replay
 from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
 from marl_cair.league.agents.load import find_fingerprint, read_source
 from marl_cair.league.play.arena import Load, Rules, one_torch_thread
@@ -34,7 +36,7 @@ MAX_BYTES = 1_100_000  # of one film: three of them, as text, are below 5 MB
 MAX_ACTION_BYTES = 256 << 20  # of the actions of one game, held while it is replayed
 
 
-class Replay(NamedTuple):
+class ShownGame(NamedTuple):
     """One game of a report; `path` is None where it cannot be shown, and `note` says why."""
 
     title: str
@@ -58,8 +60,18 @@ class Choice(NamedTuple):
     place: int
 
 
-class _NotShownError(Exception):
+class NotShownError(Exception):
     """A game cannot be shown; the message is the reason."""
+
+
+class ReplayDiffersError(NotShownError):
+    """A game that was played again is another."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "The replay differs from the game, so it is not shown: an agent uses random numbers "
+            "that do not come from its seed, or something that it depends on has changed."
+        )
 
 
 def choose_games(
@@ -159,15 +171,16 @@ class ReplayRenderer:
     def _records(self) -> Mapping[int, AgentRecord]:
         return self.store.read_agents()
 
-    def render(self, choice: Choice) -> Replay:
+    def render(self, choice: Choice) -> ShownGame:
         """The chosen game, replayed unless there is a film of it."""
-        caption = f"{choice.why} {self._describe(choice.place)}"
+        caption = f"{choice.why} {self.describe(choice.place)}"
         try:
-            return Replay(choice.title, caption, self._film(choice.place))
-        except _NotShownError as error:
-            return Replay(choice.title, caption, None, str(error))
+            return ShownGame(choice.title, caption, self._film(choice.place))
+        except NotShownError as error:
+            return ShownGame(choice.title, caption, None, str(error))
 
-    def _describe(self, place: int) -> str:
+    def describe(self, place: int) -> str:
+        """Players, winner and length of a game, in a sentence."""
         stored, spec = self.stored, self._rules.game.make_spec(self._rules.scenario)
         seats = "seat" if spec.num_teams == spec.num_players else "team"
         names = [self.names[one] for one in stored.agents[place].tolist()]
@@ -182,11 +195,7 @@ class ReplayRenderer:
 
     def _film(self, place: int) -> Path:
         rules, block, turn = self._rules, *self._find_block(place)
-        entries = rules.design(block)[turn]
-        line_up = [0] * len(entries)
-        for entry, agent in zip(entries.tolist(), self.stored.agents[place].tolist(), strict=True):
-            line_up[entry] = agent
-        prints = [self._records[agent].fingerprint for agent in line_up]
+        prints = [self._records[agent].fingerprint for agent in self._find_line_up(place)]
         about = [prints, rules.seed, block, turn, self.stored.trajectories[place], *SMALL]
         digest = hashlib.blake2b(json.dumps(about).encode(), digest_size=12).hexdigest()
         path = self.folder / f"{digest}.gif"
@@ -194,26 +203,34 @@ class ReplayRenderer:
             return path
         differs = path.with_suffix(".differs")  # so that it is not replayed at each report
         if not differs.is_file():
-            actions = self._play_again(place, line_up)
-            if actions is not None:
-                _write_small(path, rules, int(self.stored.map_seeds[place]), actions)
+            try:
+                _write_small(path, self.play_again(place))
+            except ReplayDiffersError:
+                write_atomically(differs, f"block {block}, game {turn}\n")
+            else:
                 return path
-            write_atomically(differs, f"block {block}, game {turn}\n")
-        raise _NotShownError(
-            "The replay differs from the game, so it is not shown: an agent uses random numbers "
-            "that do not come from its seed, or something that it depends on has changed."
-        )
+        raise ReplayDiffersError
+
+    def _find_line_up(self, place: int) -> list[int]:
+        """The agents of a game by entry."""
+        block, turn = self._find_block(place)
+        entries = self._rules.design(block)[turn]
+        line_up = [0] * len(entries)
+        for entry, agent in zip(entries.tolist(), self.stored.agents[place].tolist(), strict=True):
+            line_up[entry] = agent
+        return line_up
 
     def _find_block(self, place: int) -> tuple[int, int]:
         """The number of the game's block within its line-up, and of the game within the block."""
         return int(self.stored.numbers[place]), int(self.stored.turns[place])
 
-    def _play_again(self, place: int, line_up: Sequence[int]) -> NDArray[np.int32] | None:
-        """The actions [T, P, ...] of a game; None where it differs from the stored one."""
+    def play_again(self, place: int) -> Replay:
+        """The game, played again from its seed. Raises NotShownError if that cannot be done."""
         rules, block, turn = self._rules, *self._find_block(place)
+        line_up = self._find_line_up(place)
         version = str(self.store.settings["game_version"])
         if version != rules.game.version:
-            raise _NotShownError(
+            raise NotShownError(
                 f"It was played by version {version} of the rules, this is {rules.game.version}."
             )
         _check_size(rules, int(self.stored.decisions[place]))
@@ -221,7 +238,7 @@ class ReplayRenderer:
         seatings = seat_line_up([entrants[number] for number in line_up])
         number = block // rules.blocks_per_chunk
         teams = rules.game.make_spec(rules.scenario).team_of_seat
-        chunk = make_chunk(number, rules.design, rules.blocks_per_chunk, teams)
+        chunk = make_chunk(number, rules.plan, teams)
         world = int(np.flatnonzero(chunk.blocks == block)[turn])
         actions: list[NDArray[np.int32]] = []
 
@@ -235,25 +252,37 @@ class ReplayRenderer:
         engine = start_engine(rules.game, rules.scenario, map_seed, (chunk,))
         with one_torch_thread():
             ended = play_out(engine, (chunk,), seatings, rules.seed, keep)
-        is_same = ended.trajectories[world] == self.stored.trajectories[place]
-        return np.array(actions, np.int32) if is_same else None
+        if ended.trajectories[world] != self.stored.trajectories[place]:
+            raise ReplayDiffersError
+        winner = int(ended.winner[world])
+        return Replay(
+            rules.game.name,
+            engine.scenario,
+            rules.game.version,
+            int(self.stored.map_seeds[place]),
+            tuple(self.names[int(self.stored.agents[place, team])] for team in teams),
+            np.array(actions, np.int32),
+            None if winner == NO_WINNER else winner,
+            is_complete=True,
+            extra={"block": block, "game": turn},
+        )
 
     def _load_entrant(self, number: int) -> Entrant:
         record, name, rules = self._records[number], self.names[number], self._rules
         if not (source := read_source(record)):
-            raise _NotShownError(f"The league file does not say where {name} is from.")
+            raise NotShownError(f"The league file does not say where {name} is from.")
         try:  # by its source, whatever kind the file calls it
             require_allowed([source], self.allow_code, self.folder)
         except CodeNotAllowedError as error:
-            raise _NotShownError(
+            raise NotShownError(
                 f"{name} is foreign code, which is run only where games are played."
             ) from error
         try:
             agent = self.load(source, game=rules.game.name, scenario=rules.scenario)
         except (ValueError, OSError) as error:
-            raise _NotShownError(f"{name} cannot be loaded any more: {error}") from error
+            raise NotShownError(f"{name} cannot be loaded any more: {error}") from error
         if find_fingerprint(agent, rules.game) != record.fingerprint:
-            raise _NotShownError(f"{name} is no longer the agent that has played.")
+            raise NotShownError(f"{name} is no longer the agent that has played.")
         return Entrant(name, record.fingerprint, agent, str(source))
 
 
@@ -262,15 +291,15 @@ def _check_size(rules: Rules, num_decisions: int) -> None:
     spec = rules.game.make_spec(rules.scenario)
     num_bytes = 4 * num_decisions * spec.num_players * math.prod(spec.action_shape)
     if num_bytes > MAX_ACTION_BYTES:
-        raise _NotShownError(
+        raise NotShownError(
             f"It is too long to be shown: the actions of its {num_decisions:,} decisions take "
             f"{num_bytes >> 20:,} MiB, at most {MAX_ACTION_BYTES >> 20:,} MiB are replayed."
         )
 
 
-def _write_small(path: Path, rules: Rules, map_seed: int, actions: NDArray[np.int32]) -> None:
+def _write_small(path: Path, replay: Replay) -> None:
     """A film of at most MAX_BYTES: a larger one is written again with half the frames."""
-    images = film_game(rules.game, rules.scenario, map_seed, actions, SMALL)
+    images = film_game(replay, SMALL)
     write_film(path, images, SMALL)
     while path.stat().st_size > MAX_BYTES and len(images) > 1:
         images = [*images[:-1:2], images[-1]] if len(images) > 2 else images[-1:]

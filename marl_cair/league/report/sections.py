@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from marl_cair.league.ratings.payoffs import Share
 from marl_cair.league.report import wording
 from marl_cair.league.report.background import Background, Curve, describe_training, find_curves
-from marl_cair.league.report.replays import Replay
+from marl_cair.league.report.replays import ShownGame
 from marl_cair.league.report.table import LeagueTable
 
 NO_GAMES = ("There are no games.",)
@@ -36,7 +36,7 @@ class Section:
     chart: str = ""  # its name in `charts`; "": none
     tables: Sequence[Table] = ()
     items: Sequence[str] = ()  # a list of sentences
-    replays: Sequence[Replay] = ()
+    replays: Sequence[ShownGame] = ()
     notes: Sequence[str] = ()
     in_text: bool = True  # whether a terminal shows it
 

@@ -14,7 +14,7 @@ from marl_cair.league.agents.load import load_agent
 from marl_cair.ranges import COUNT, Range, read_array, read_numbers
 from marl_cair.training.collecting.opponents import export_rng, import_rng
 from marl_cair.training.settings.checks import require
-from marl_cair.training.settings.config import DemonstrationSettings
+from marl_cair.training.settings.demonstration import DemonstrationSettings
 
 NO_DEMONSTRATOR = -1
 

@@ -33,6 +33,7 @@ from marl_cair.training.settings.checks import (
     check_fields,
     require,
 )
+from marl_cair.training.settings.demonstration import DemonstrationSettings
 from marl_cair.training.settings.exploration import (
     EPSILON_GREEDY,
     EXPLORATIONS,
@@ -152,34 +153,6 @@ class OpponentSettings:
 
 
 @dataclass(frozen=True)
-class DemonstrationSettings:
-    """Games in which a bot, or another agent, plays the learner's seats, and the learner learns
-    from its actions: deep Q-learning from demonstrations (Hester et al. 2018). With `advise` they
-    also label the states in which the learner plays (DAgger, Ross et al. 2011).
-    """
-
-    bots: tuple[str, ...] = ()  # bots that demonstrate, one for each such game; (): none
-    agents: dict[str, str] = field(default_factory=dict)  # by name: folder or module:function
-    share: Share = 0.25  # of games
-    until_frames: Natural | None = None  # frames after which they stop; None: never
-    advise: bool = False  # they also give their own action wherever the learner plays
-    turn_decisions: Count | None = None  # steps after which turns are drawn again; None: never
-    margin: NonNegative = 0.1  # by which the demonstrated action's value is to exceed all others
-    margin_weight: NonNegative = 1.0  # of that loss, beside the TD error's
-
-    def __post_init__(self) -> None:
-        check_fields(self, "demonstration.")
-        allowed = "false where demonstration.bots and demonstration.agents are empty"
-        given = not self.advise or self.is_given
-        require(given, "demonstration.advise", self.advise, allowed)
-
-    @property
-    def is_given(self) -> bool:
-        """Whether there are demonstrators."""
-        return bool(self.bots or self.agents)
-
-
-@dataclass(frozen=True)
 class CollectorSettings:
     """How experience is gathered."""
 
@@ -246,6 +219,7 @@ class EvaluationSettings:
     bots: tuple[str, ...] = ("random",)  # opponents; with one team, policies to compare with
     options: dict[str, Any] = field(default_factory=dict)  # changes to the scenario, {map: ...}
     scenarios: dict[str, dict[str, Any]] = field(default_factory=dict)  # held-out ones, {name: ...}
+    record: bool = True  # keep replays of the last evaluation's first map in <out>/games
 
     def __post_init__(self) -> None:
         check_fields(self, "evaluation.")

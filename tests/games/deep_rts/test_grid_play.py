@@ -138,4 +138,4 @@ def test_random_bots_play_matches_of_the_grid():
     scenario = game.scenario("Skirmish-15x15", actions="grid", max_ticks=100)
     first, second = (game.bot("random", scenario) for _ in range(2))
     assert play_match(first, second, game, scenario, 2, seed=0).games == 2
-    assert record_game(first, second, game, scenario, seed=0).shape[1:] == (2, 15, 15)
+    assert record_game(first, second, game, scenario, seed=0).actions.shape[1:] == (2, 15, 15)

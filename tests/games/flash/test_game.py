@@ -15,6 +15,7 @@ from marl_cair.games.engine import NoSnapshotError
 from marl_cair.games.flash import rules
 from marl_cair.games.flash.browser.server import FlashError
 from marl_cair.games.flash.description import FOLDER, find_description
+from marl_cair.games.replays import ReplayWriter, read_replay, replay_steps
 from marl_cair.league.play.match import play_match
 from marl_cair.league.play.solo import play_alone
 from tests.games.flash.browser.flash_files import need_flash
@@ -59,6 +60,24 @@ def test_both_transports_show_the_same_game():
         shown.append(play(engine, [3], 20))
         engine.close()
     assert shown[0] == shown[1]
+
+
+def test_a_recorded_game_is_played_again(tmp_path):
+    """Without states: the hashes are of rewards and endings."""
+    engine = marl_cair.make_engine("flash", "multitask")
+    engine.reset(np.array([5], np.uint64))
+    rng, shown = np.random.default_rng(0), []
+    path = tmp_path / "a.replay"
+    with ReplayWriter(path, engine, map_seed=5, players=["a"]) as recorder:
+        for _ in range(60):
+            actions = rng.integers(0, engine.num_actions, (1, 1))
+            engine.step(actions)
+            recorder.add(actions[0])
+            shown.append((engine.rewards[0, 0], engine.observe("rgb84").tobytes()))
+    engine.close()
+    steps = replay_steps(read_replay(path))
+    next(steps)
+    assert shown == [(one.rewards[0, 0], one.observe("rgb84").tobytes()) for one in steps]
 
 
 def test_games_end_and_their_score_is_paid():

@@ -11,7 +11,7 @@ from marl_cair.games.game import NO_WINNER
 from marl_cair.league.agents.allowed_code import is_foreign
 from marl_cair.league.agents.foreign import ForeignAgent, ForeignAgentError
 from marl_cair.league.agents.load import describe_agent, load_agent
-from marl_cair.league.play.blocks import Entrant, make_design, play_blocks, seat_line_up
+from marl_cair.league.play.blocks import Entrant, Plan, make_design, play_blocks, seat_line_up
 from marl_cair.league.play.match import play_match
 from tests.games import last_standing
 from tests.games.last_standing import FINISH, GAME, NOOP
@@ -115,7 +115,7 @@ def test_a_seat_that_was_out_by_the_rules_ranks_above_one_that_forfeits():
     bots = [GAME.bots[name](None, None) for name in ("quitter", "idle", "idle")]
     line_up = [Entrant(agent.name, agent.name, agent) for agent in (wrap(act, "ffa-4"), *bots)]
     design = make_design(4, "ring", 0)
-    games = play_blocks(seat_line_up(line_up), GAME, scenario, 0, (0,), design, 1)
+    games = play_blocks(seat_line_up(line_up), GAME, scenario, 0, (0,), Plan(design, 1))
     for game in games:
         by_entry = np.argsort(game.entries)
         assert np.array(game.ranks)[by_entry].tolist() == [4.0, 3.0, 1.5, 1.5]

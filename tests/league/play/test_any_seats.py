@@ -108,8 +108,9 @@ def test_a_match_between_two_teams_is_the_same_from_both_sides():
 
 
 def test_a_recorded_game_of_many_is_the_first_of_the_match():
-    actions = matches.record_game(bot("finisher"), bot("idle"), GAME, GAME.scenario("teams"), 3)
-    assert actions.tolist() == [[FINISH, NOOP, NOOP, FINISH]]
+    replay = matches.record_game(bot("finisher"), bot("idle"), GAME, GAME.scenario("teams"), 3)
+    assert replay.actions.tolist() == [[FINISH, NOOP, NOOP, FINISH]]
+    assert replay.players == ("finisher", "idle", "idle", "finisher")
 
 
 # --- points and their interval -----------------------------------------------------------------

@@ -1,14 +1,12 @@
 """Matches: balanced, repeatable, and the same in parts as in one go."""
 
-import numpy as np
 import pytest
 from PIL import Image
 
-from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.replays import replay_steps
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.film import save_film
 from marl_cair.league.play.match import BLOCKS_PER_CHUNK, play_chunks, play_match, record_game
-from marl_cair.league.play.playing import map_seeds
 from tests.league.players import GAME, save_network
 
 GAMES_PER_CHUNK = 2 * BLOCKS_PER_CHUNK
@@ -76,22 +74,21 @@ def test_an_odd_number_of_games_is_refused(scenario, num_games):
 
 
 def test_a_recorded_game_is_the_first_of_the_match(scenario):
-    actions = record_game(bot("economist", scenario), bot("random", scenario), GAME, scenario, 3)
+    replay = record_game(bot("economist", scenario), bot("random", scenario), GAME, scenario, 3)
+    actions = replay.actions
     first = play("economist", "random", scenario, 2).results[0]
     assert actions.shape == (first.decisions, 2)
-    engine = BatchedEngine(GAME, scenario)
-    engine.reset(map_seeds(3, np.zeros(1, np.int64)))
-    for chosen in actions:
-        assert not engine.terminated[0] | engine.truncated[0]
-        engine.step(chosen[None])
-    assert engine.winner[0] == first.winner
+    for step, engine in enumerate(replay_steps(replay)):
+        assert (engine.terminated[0] | engine.truncated[0]) == (step == len(actions))
+    assert engine.winner[0] == first.winner == replay.winner
+    assert replay.players == ("economist", "random")
     assert engine.truncated[0] == first.is_truncated
 
 
 def test_a_game_is_filmed(tmp_path):
     scenario = GAME.scenario("11x11", max_ticks=300)
     first, second = bot("economist", scenario), bot("turtle", scenario)
-    frames = save_film(first, second, GAME, scenario, 0, tmp_path / "game.gif")
+    frames = save_film(tmp_path / "game.gif", record_game(first, second, GAME, scenario, 0))
     with Image.open(tmp_path / "game.gif") as film:
         assert film.format == "GIF"
         assert 2 <= film.n_frames <= frames == 31

@@ -10,7 +10,7 @@ from marl_cair.league.play.film import SMALL, shrink, write_film
 from marl_cair.league.ratings.payoffs import Share
 from marl_cair.league.report.background import Background
 from marl_cair.league.report.render import render_html
-from marl_cair.league.report.replays import Replay
+from marl_cair.league.report.replays import ShownGame
 from marl_cair.league.report.sections import make_report
 from marl_cair.league.store.records import AgentRecord
 from tests.league.leagues import EDGES, make, make_games
@@ -94,8 +94,8 @@ def page_file(tmp_path_factory):
         },
         map_shares={(name, f"map {n}"): Share(0.5, 0, 1, 8) for name in NAMES for n in range(9)},
         replays=(
-            Replay("The best two", "a v b", folder / "a.gif"),
-            Replay("The longest game", "a v b", None, "The replay differs."),
+            ShownGame("The best two", "a v b", folder / "a.gif"),
+            ShownGame("The longest game", "a v b", None, "The replay differs."),
         ),
         replay_words="",
     )

@@ -20,7 +20,7 @@ from marl_cair.league.report.render import (
     render_text,
     use_unicode_signs,
 )
-from marl_cair.league.report.replays import Replay
+from marl_cair.league.report.replays import ShownGame
 from marl_cair.league.report.sections import Table, make_report
 from marl_cair.league.report.table import make_table
 from marl_cair.league.report.wording import format_rating
@@ -158,7 +158,7 @@ def test_names_that_are_code_do_not_run():
         records={EVIL: record(EVIL, "/r", 5)},
         map_shares={(EVIL, EVIL): Share(0.5, 0.4, 0.6, 8)},
         map_words=EVIL,
-        replays=(Replay(EVIL, EVIL, None, EVIL),),
+        replays=(ShownGame(EVIL, EVIL, None, EVIL),),
     )
     table = make(EVEN, names, forfeits=((EVIL, 1),))
     page = read_page(table, background)
@@ -287,7 +287,7 @@ def test_films_are_within_the_page_and_named_in_the_markdown(tmp_path):
     film = tmp_path / "replays" / "a.gif"
     film.parent.mkdir()
     film.write_bytes(b"GIF89a")
-    replays = (Replay("Best", "a v b", film), Replay("Upset", "c v d", None, "It differs."))
+    replays = (ShownGame("Best", "a v b", film), ShownGame("Upset", "c v d", None, "It differs."))
     report = make_report(make(), Background(replays=replays, replay_words=""))
     page = Page(render_html(report))
     images = [about["src"] for tag, about in page.elements if tag == "img"]

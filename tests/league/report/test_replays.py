@@ -213,12 +213,13 @@ def test_a_film_keeps_few_frames_and_the_last(tmp_path):
     game = GAMES["deep_line_wars"]
     scenario = game.scenario("11x11")
     players = [game.bot(name, scenario) for name in ("random", "turtle")]
-    actions = record_game(*players, game, scenario, 0)
-    images = film_game(game, scenario, 3, actions[:100], SMALL._replace(max_frames=10))
+    whole = record_game(*players, game, scenario, 0)
+    replay = dataclasses.replace(whole, map_seed=3, actions=whole.actions[:100])
+    images = film_game(replay, SMALL._replace(max_frames=10))
     engine = BatchedEngine(game, scenario)
     engine.reset(np.array([3], np.uint64))
     states = [engine.render(0)]
-    for chosen in actions[:100]:
+    for chosen in replay.actions:
         engine.step(chosen[None])
         states.append(engine.render(0))
     kept = [*range(0, 100, 11), 100]  # ten of 101, and the last

@@ -1,0 +1,144 @@
+"""Recorded games fill the replay buffer as demonstrations."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from marl_cair.games import GAMES
+from marl_cair.games.replays import read_replay, replay_steps
+from marl_cair.league.play.match import play_match
+from marl_cair.league.play.recording import Recording
+from marl_cair.training.run import TrainingRun
+from marl_cair.training.run_log import read_log
+from marl_cair.training.settings.config import ReplaySettings
+from marl_cair.training.settings.demonstration import DemonstrationSettings
+from tests.training.runs import tiny, train
+
+GAME = GAMES["deep_line_wars"]
+OPTIONS = {"max_ticks": 300}  # as `tiny` plays: 30 steps
+
+
+@pytest.fixture(scope="module")
+def games(tmp_path_factory):
+    """A folder of four games between `random` and `turtle`, none of which is won."""
+    folder = tmp_path_factory.mktemp("games")
+    scenario = GAME.scenario("11x11", **OPTIONS)
+    agents = [GAME.bot(name, scenario) for name in ("random", "turtle")]
+    play_match(*agents, GAME, scenario, 4, 0, record=Recording(folder, ("random", "turtle")))
+    return folder
+
+
+def make(tmp_path, source, *players, **changes):
+    demonstration = DemonstrationSettings(replays=str(source), players=players)
+    return tiny(tmp_path / "run", demonstration=demonstration, **changes)
+
+
+def test_the_steps_of_a_player_are_demonstrations(tmp_path, games):
+    run = TrainingRun(make(tmp_path, games, "turtle"))
+    run.close()
+    replays = [read_replay(path) for path in sorted(games.iterdir())]
+    storage = run.replay.real.storage
+    assert len(storage) == sum(len(one.actions) + 1 for one in replays)
+    rows = storage.get(storage.sampleable_slots(), num_steps=1)
+    played = np.concatenate([one.actions[:, one.players.index("turtle")] for one in replays])
+    assert rows["expert_action"].tolist() == rows["action"].tolist()
+    assert sorted(rows["action"].tolist()) == sorted(played.tolist())
+    seen = {row.numpy().tobytes() for row in rows["observation"]}
+    replay = replays[1]
+    steps = [engine.observe("planes")[0] for engine in replay_steps(replay)]
+    assert {one[replay.players.index("turtle")].tobytes() for one in steps[:-1]} <= seen
+    assert not {one[replay.players.index("random")].tobytes() for one in steps[9:-1]} & seen
+    assert rows["next", "done"].sum() == 4  # the time was up
+    assert rows["next", "terminated"].sum() == 0
+
+
+def test_rewards_are_those_of_the_run(tmp_path, games):
+    config = make(tmp_path, games, "turtle")
+    run = TrainingRun(config)
+    run.close()
+    storage = run.replay.real.storage
+    rewards = storage.get(storage.sampleable_slots(), num_steps=1)["next", "reward"]
+    scenario = run.env.engine.scenario
+    assert scenario.reward == "shaped"
+    expected = 0.0
+    for path in games.iterdir():
+        replay = read_replay(path)
+        steps = replay_steps(dataclasses.replace(replay, scenario=scenario, hashes={}))
+        expected += sum(one.rewards[0, replay.players.index("turtle")] for one in steps)
+    assert rewards.sum().item() == pytest.approx(expected * config.learner.reward_scale, rel=1e-4)
+    assert rewards.abs().sum() > 0
+
+
+@pytest.mark.slow
+def test_a_run_learns_from_them_and_resumes(tmp_path, games):
+    config = make(tmp_path, games, "turtle", frames=512)
+    result = train(config)
+    assert result.frames == 512
+    assert read_log(result.folder)
+    further = dataclasses.replace(config, total_frames=640)
+    assert train(further, resume=True).frames == 640
+
+
+def test_without_names_the_winners_demonstrate(tmp_path):
+    scenario = GAME.scenario("11x11", max_ticks=3_000)
+    agents = [GAME.bot(name, scenario) for name in ("rusher", "turtle")]
+    folder = tmp_path / "games"
+    play_match(*agents, GAME, scenario, 2, 0, record=Recording(folder, ("rusher", "turtle")))
+    config = make(tmp_path, folder)
+    config = dataclasses.replace(
+        config, game=dataclasses.replace(config.game, options={"max_ticks": 3_000})
+    )
+    run = TrainingRun(config)
+    run.close()
+    replays = [read_replay(path) for path in folder.iterdir()]
+    assert all(one.winner is not None for one in replays)
+    assert len(run.replay.real) == sum(len(one.actions) + 1 for one in replays)
+    storage = run.replay.real.storage
+    rows = storage.get(storage.sampleable_slots(), num_steps=1)
+    assert rows["next", "terminated"].sum() == 2
+
+
+@pytest.mark.parametrize(
+    ("source", "players", "changes", "message"),
+    [
+        ("games", ("human",), {}, "players are human, who play in no game of .* random, turtle"),
+        ("games", (), {}, "have 0 demonstrated steps and ends, allowed are 1..3000"),
+        ("empty", (), {}, "a folder without replays .*--record FOLDER"),
+        ("none", (), {}, "none"),
+        (
+            "games",
+            ("turtle",),
+            {"replay": ReplaySettings(100, 10, min_transitions=10)},
+            "have 124 demonstrated steps and ends, allowed are 1..100",
+        ),
+    ],
+)
+def test_replays_that_do_not_fit_are_refused(tmp_path, games, source, players, changes, message):
+    (tmp_path / "empty").mkdir()
+    place = games if source == "games" else tmp_path / source
+    with pytest.raises((ValueError, FileNotFoundError), match=message):
+        TrainingRun(make(tmp_path, place, *players, **changes))
+    assert not (tmp_path / "run").exists()
+
+
+def test_other_scenarios_and_games_are_refused(tmp_path, games):
+    config = make(tmp_path, games, "turtle")
+    longer = dataclasses.replace(config.game, options={"max_ticks": 400})
+    message = "of another scenario: max_ticks is 300 there, 400 in this run"
+    with pytest.raises(ValueError, match=message):
+        TrainingRun(dataclasses.replace(config, game=longer))
+    maze = GAMES["deep_maze"]
+    scenario = maze.scenario("7x7-full_deterministic")
+    from marl_cair.league.play.solo import play_alone
+
+    record = Recording(tmp_path / "maze", ("oracle",))
+    play_alone(maze.bot("oracle", scenario), maze, scenario, 1, 0, record=record)
+    with pytest.raises(ValueError, match="is a game of deep_maze, the run plays deep_line_wars"):
+        TrainingRun(make(tmp_path, tmp_path / "maze"))
+
+
+def test_players_without_replays_are_refused():
+    message = r"demonstration\.players.*\(\) without demonstration\.replays"
+    with pytest.raises(ValueError, match=message):
+        DemonstrationSettings(players=("turtle",))

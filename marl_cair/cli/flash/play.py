@@ -48,7 +48,8 @@ def _open_display() -> Any:
         import pygame
     except ModuleNotFoundError:
         raise ValueError(
-            "a window needs pygame-ce: pip install pygame-ce; or give --vnc and use a VNC viewer"
+            'a window needs pygame-ce: pip install "marl_cair[play]"; or give --vnc and use a VNC '
+            "viewer"
         ) from None
     try:
         pygame.display.init()

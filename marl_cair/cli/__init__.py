@@ -13,7 +13,7 @@ from marl_cair.text import clean_text
 
 # Modules of this package with `run(arguments) -> exit code`.
 COMMANDS = (
-    *("train", "curves", "evaluate", "match", "league", "play", "watch", "replay"),
+    *("train", "curves", "dashboard", "evaluate", "match", "league", "play", "watch", "replay"),
     *("export", "explain", "flash", "games", "verify", "compile", "benchmark"),
 )
 _IN_FOLDERS = {  # modules of commands
@@ -30,6 +30,7 @@ TASKS = {
     "train --multirun": "train one agent for each combination of values: seeds, networks",
     "train resume=RUN": "continue an interrupted run",
     "curves": "plot learning curves of training runs",
+    "dashboard": "show training runs on a local page while they train",
     "evaluate": "win rates of one agent against others, with 95 % intervals",
     "match": "compare two agents in any scenario",
     "play": "play a game by hand against bots, trained agents or people",

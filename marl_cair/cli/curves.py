@@ -43,16 +43,21 @@ def make_parser() -> Parser:
     return parser
 
 
-def name_runs(folders: Sequence[str]) -> dict[str, Path]:
+def name_runs(folders: Sequence[str], needed: str = RunLog.FILE) -> dict[str, Path]:
     """Runs by their folders' names; by their paths below the common folder where two are equal.
 
-    Raises ValueError for a folder without logged rows, and for one that is given twice.
+    needed: the file of a run without which a folder is refused; a log must have rows.
+    Raises ValueError for such a folder, and for one that is given twice.
     """
     paths = [Path(folder).resolve() for folder in folders]
     for given, path in zip(folders, paths, strict=True):
         if paths.count(path) > 1:
             raise ValueError(f"{given!r} is given twice: name each run once")
-        if not read_log(path / RunLog.FILE):
+        if needed != RunLog.FILE and not (path / needed).is_file():
+            raise ValueError(
+                f"{given!r} has no {needed}: give the folder of a run (`marl-cair train out=...`)"
+            )
+        if needed == RunLog.FILE and not read_log(path / needed):
             raise ValueError(
                 f"{given!r} has no {RunLog.FILE} with rows: give the folder of a run "
                 "(`marl-cair train out=...`) that has logged something"

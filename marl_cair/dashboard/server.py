@@ -1,0 +1,129 @@
+"""Serves the page of training runs on this machine alone, and writes it as one HTML file."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Callable, Mapping
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+from marl_cair.dashboard.runs import list_pictures, read_runs
+from marl_cair.files import write_atomically
+from marl_cair.stored import DamagedFileError
+
+HOST = "127.0.0.1"
+DEFAULT_PORT = 8420
+_PAGE = Path(__file__).with_name("page.html")
+_TYPES = {".png": "image/png", ".gif": "image/gif"}
+# Scripts and styles of the page itself; Plotly makes styles and pictures as it draws.
+_POLICY = (
+    "default-src 'none'; script-src 'self' 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src 'self' data: blob:; connect-src 'self'"
+)
+
+
+def make_server(runs: Mapping[str, Path], port: int) -> ThreadingHTTPServer:
+    """A server of the page on 127.0.0.1; call `serve_forever`. Port 0: any free one.
+
+    It answers with the page, the numbers of `runs` (label -> folder) and their pictures, and with
+    nothing else. Raises OSError for a port in use, ModuleNotFoundError without Plotly.
+    """
+    script = read_plotly().encode()
+    page = _make_page(None, "/plotly.js").encode()
+
+    def find(path: str) -> tuple[str, bytes] | None:
+        """Type and content of what `path` names."""
+        if path == "/":
+            return "text/html; charset=utf-8", page
+        if path == "/plotly.js":
+            return "text/javascript", script
+        if path == "/data.json":
+            return "application/json", json.dumps(read_runs(runs)).encode()
+        parts = path.split("/")
+        if len(parts) == 4 and parts[1] == "pictures" and parts[2] in runs:
+            folder = runs[parts[2]]
+            if parts[3] in list_pictures(folder):
+                picture = folder / parts[3]
+                return _TYPES[picture.suffix], picture.read_bytes()
+        return None
+
+    return ThreadingHTTPServer((HOST, port), _make_handler(find))
+
+
+def write_dashboard(runs: Mapping[str, Path], path: Path) -> None:
+    """Write the page with all numbers and pictures of now as one HTML file of about 5 MB, which
+    needs neither a network nor a server.
+    """
+    data = read_runs(runs)
+    for run, folder in zip(data["runs"], runs.values(), strict=True):
+        run["pictures"] = {name: _encode(folder / name) for name in run["pictures"]}
+    write_atomically(path, _make_page(data, None))
+
+
+def read_plotly() -> str:
+    """The JavaScript of Plotly. Raises ModuleNotFoundError without the extra `dashboard`."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            'the dashboard draws with Plotly: pip install "marl_cair[dashboard]"'
+        ) from error
+    script: str = get_plotlyjs()
+    return script
+
+
+def _make_page(data: Mapping[str, Any] | None, script: str | None) -> str:
+    """The page with `data`, or one that asks a server for it; Plotly is read from the address
+    `script`, or is part of the page.
+    """
+    text = json.dumps(data).replace("</", "<\\/")  # the end of a script inside of one
+    plotly = f'<script src="{script}"></script>' if script else f"<script>{read_plotly()}</script>"
+    page = _PAGE.read_text("utf-8")
+    return page.replace("<!-- plotly -->", plotly).replace("/* data */ null", text)
+
+
+def _encode(picture: Path) -> str:
+    content = base64.b64encode(picture.read_bytes()).decode()
+    return f"data:{_TYPES[picture.suffix]};base64,{content}"
+
+
+def _make_handler(
+    find: Callable[[str], tuple[str, bytes] | None],
+) -> type[BaseHTTPRequestHandler]:
+    class Handler(BaseHTTPRequestHandler):
+        """Answers GET with what `find` returns."""
+
+        def do_GET(self) -> None:
+            # A page of another site could reach this server by a host name that leads here.
+            host = urlsplit(f"//{self.headers.get('Host', '')}").hostname
+            if host not in (HOST, "localhost"):
+                self.send_error(HTTPStatus.FORBIDDEN, "open the page as http://127.0.0.1")
+                return
+            try:
+                found = find(unquote(urlsplit(self.path).path))
+            except (DamagedFileError, OSError) as error:
+                self._send(HTTPStatus.SERVICE_UNAVAILABLE, "text/plain", str(error).encode())
+                return
+            if found is None:
+                self.send_error(HTTPStatus.NOT_FOUND)
+                return
+            self._send(HTTPStatus.OK, *found)
+
+        def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
+            self.send_response(status)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(content)))
+            self.send_header("Cache-Control", "no-store" if kind.endswith("json") else "no-cache")
+            self.send_header("Content-Security-Policy", _POLICY)
+            self.send_header("X-Content-Type-Options", "nosniff")
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, format: str, *args: Any) -> None:
+            """Print nothing: the page asks every few seconds."""
+
+    return Handler

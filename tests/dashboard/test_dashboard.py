@@ -1,0 +1,168 @@
+"""The dashboard: its numbers, what its server answers, and the page in a real browser."""
+
+import json
+import threading
+from contextlib import contextmanager
+from http.client import HTTPConnection
+
+import pytest
+from PIL import Image
+
+from marl_cair.cli import main
+from marl_cair.cli.compose import compose_config
+from marl_cair.dashboard.runs import read_runs
+from marl_cair.dashboard.server import make_server, write_dashboard
+from marl_cair.training.run_log import format_rows
+from marl_cair.training.settings.config_file import save_config
+from tests.browser import launch_chromium, need_browser
+
+pytest.importorskip("plotly", reason="plotly is of the extra `dashboard`")
+ROWS = [
+    {"frames": 1000.0, "win_rate/random": 0.5, "win_rate/random/low": 0.4, "epsilon": 0.9},
+    {"frames": 2000.0, "win_rate/random": 0.75, "win_rate/random/low": 0.6, "td_error/real": 0.1},
+]
+
+
+def make_run(folder, *words, rows=ROWS):
+    """A folder as a run leaves it after two rows of its log."""
+    folder.mkdir()
+    save_config(compose_config([*words, f"out={folder}", "total_frames=4000"]))
+    (folder / "log.csv").write_text(format_rows(rows))
+    Image.new("RGB", (8, 8), "teal").save(folder / "generator.png")
+    return folder
+
+
+@pytest.fixture
+def runs(tmp_path):
+    return {name: make_run(tmp_path / name, f"policy={name}") for name in ("conv", "capsule")}
+
+
+@contextmanager
+def serving(runs):
+    with make_server(runs, 0) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            yield server.server_address[1]
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def get(port, path, **headers):
+    connection = HTTPConnection("127.0.0.1", port, timeout=10)
+    connection.putrequest("GET", path, skip_host="Host" in headers)
+    for name, value in headers.items():
+        connection.putheader(name, value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    body = answer.read()
+    connection.close()
+    return answer.status, body
+
+
+def test_a_run_has_its_metrics_where_they_were_logged(runs):
+    conv, capsule = read_runs(runs)["runs"]
+    assert conv["metrics"]["win_rate/random"] == ([1000.0, 2000.0], [0.5, 0.75])
+    assert conv["metrics"]["td_error/real"] == ([2000.0], [0.1])
+    assert (conv["steps"], conv["total_steps"]) == (2000.0, 4000)
+    assert capsule["about"] == "deep_line_wars 10x15, capsule, seed 0"
+    assert list(conv["pictures"]) == ["generator.png"]
+
+
+def test_the_server_answers_with_page_numbers_and_pictures(runs):
+    with serving(runs) as port:
+        assert b"<!DOCTYPE html>" in get(port, "/")[1]
+        data = json.loads(get(port, "/data.json")[1])
+        assert [run["label"] for run in data["runs"]] == ["conv", "capsule"]
+        status, picture = get(port, "/pictures/conv/generator.png?1")
+    assert (status, picture) == (200, (runs["conv"] / "generator.png").read_bytes())
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/config.yaml",
+        "/pictures/conv/config.yaml",
+        "/pictures/conv/../capsule/generator.png",
+        "/pictures/conv/..%2Fcapsule%2Fgenerator.png",
+        "/pictures/../conv/generator.png",
+        "/pictures/nowhere/generator.png",
+        "/pictures/conv/link.png",
+        "//etc/passwd",
+    ],
+)
+def test_nothing_else_is_served(runs, path):
+    (runs["conv"] / "link.png").symlink_to("/etc/passwd")
+    with serving(runs) as port:
+        assert get(port, path)[0] == 404
+
+
+def test_other_host_names_are_refused(runs):
+    with serving(runs) as port:
+        assert get(port, "/data.json", Host="example.org")[0] == 403
+        assert get(port, "/data.json", Host=f"localhost:{port}")[0] == 200
+
+
+def test_a_damaged_log_is_reported_and_the_server_goes_on(runs):
+    with serving(runs) as port:
+        (runs["conv"] / "log.csv").write_text("frames\nmany\n")
+        status, text = get(port, "/data.json")
+        assert status == 503
+        assert b"log.csv, line 2" in text
+        (runs["conv"] / "log.csv").write_text(format_rows(ROWS))
+        assert get(port, "/data.json")[0] == 200
+
+
+@need_browser
+@pytest.mark.parametrize(("width", "scheme"), [(360, "dark"), (1280, "light")])
+def test_the_page_follows_the_runs(runs, width, scheme):
+    with serving(runs) as port, launch_chromium(width, scheme) as page:
+        page.goto(f"http://127.0.0.1:{port}/")
+        page.wait_for_selector(".js-plotly-plot .scatterlayer .trace")
+        drawn = "document.querySelector('.js-plotly-plot').data.map(t => [t.name, t.y?.length])"
+        assert ["conv: random", 2] in page.evaluate(drawn)
+        rows = [*ROWS, {"frames": 3000.0, "win_rate/random": 1.0}]
+        (runs["conv"] / "log.csv").write_text(format_rows(rows))
+        for _ in range(100):  # the policy of the page forbids `wait_for_function`
+            if ["conv: random", 3] in page.evaluate(drawn):
+                break
+            page.wait_for_timeout(100)
+        assert ["conv: random", 3] in page.evaluate(drawn)
+        page.get_by_label("conv").uncheck()
+        assert not [name for name, _ in page.evaluate(drawn) if name and name.startswith("conv")]
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert page.locator("img").evaluate("image => image.naturalWidth") == 8
+
+
+@need_browser
+def test_an_exported_page_needs_no_server(runs, tmp_path):
+    write_dashboard({"</script><b>": runs["conv"]}, tmp_path / "page.html")
+    with launch_chromium(1280, "light") as page:
+        page.goto((tmp_path / "page.html").as_uri())
+        page.wait_for_selector(".js-plotly-plot .scatterlayer .trace")
+        assert page.locator("#runs").inner_text().startswith("</script><b>")
+        assert page.locator("img").evaluate("image => image.naturalWidth") == 8
+
+
+def test_the_command_writes_the_page(runs, tmp_path, capsys):
+    out = tmp_path / "page.html"
+    assert main(["dashboard", *map(str, runs.values()), "--out", str(out)]) == 0
+    assert capsys.readouterr().out == f"{out}: conv, capsule\n"
+    assert out.stat().st_size > 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["nowhere"], "'nowhere' has no config.yaml: give the folder of a run"),
+        (["nowhere", "--port", "70000"], "'70000' is no port: give a number from 0 to 65535"),
+    ],
+)
+def test_bad_input_is_refused(words, error, capsys):
+    try:
+        code = main(["dashboard", *words])
+    except SystemExit as stop:
+        code = stop.code
+    assert code == 2
+    assert error in capsys.readouterr().err

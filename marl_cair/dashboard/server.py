@@ -30,7 +30,7 @@ def make_server(runs: Mapping[str, Path], port: int) -> ThreadingHTTPServer:
     """A server of the page on 127.0.0.1; call `serve_forever`. Port 0: any free one.
 
     It answers with the page, the numbers of `runs` (label -> folder) and their pictures, and with
-    nothing else. Raises OSError for a port in use, ModuleNotFoundError without Plotly.
+    nothing else. Raises OSError for a port in use, ValueError without Plotly.
     """
     script = read_plotly().encode()
     page = _make_page(None, "/plotly.js").encode()
@@ -51,7 +51,10 @@ def make_server(runs: Mapping[str, Path], port: int) -> ThreadingHTTPServer:
                 return _TYPES[picture.suffix], picture.read_bytes()
         return None
 
-    return ThreadingHTTPServer((HOST, port), _make_handler(find))
+    try:
+        return ThreadingHTTPServer((HOST, port), _make_handler(find))
+    except OSError as error:
+        raise OSError(f"port {port}: {error.strerror}; give another, or 0 for any free") from error
 
 
 def write_dashboard(runs: Mapping[str, Path], path: Path) -> None:
@@ -65,11 +68,11 @@ def write_dashboard(runs: Mapping[str, Path], path: Path) -> None:
 
 
 def read_plotly() -> str:
-    """The JavaScript of Plotly. Raises ModuleNotFoundError without the extra `dashboard`."""
+    """Return the JavaScript of Plotly. Raises ValueError without the extra `dashboard`."""
     try:
         from plotly.offline import get_plotlyjs
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
+        raise ValueError(
             'the dashboard draws with Plotly: pip install "marl_cair[dashboard]"'
         ) from error
     script: str = get_plotlyjs()

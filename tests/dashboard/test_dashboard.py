@@ -1,6 +1,7 @@
 """The dashboard: its numbers, what its server answers, and the page in a real browser."""
 
 import json
+import sys
 import threading
 from contextlib import contextmanager
 from http.client import HTTPConnection
@@ -166,3 +167,15 @@ def test_bad_input_is_refused(words, error, capsys):
         code = stop.code
     assert code == 2
     assert error in capsys.readouterr().err
+
+
+def test_a_missing_extra_is_named(runs, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)  # as if it were not installed
+    assert main(["dashboard", str(runs["conv"])]) == 2
+    assert 'pip install "marl_cair[dashboard]"' in capsys.readouterr().err
+
+
+def test_a_port_in_use_is_refused(runs, capsys):
+    with serving(runs) as port:
+        assert main(["dashboard", str(runs["conv"]), "--port", str(port)]) == 2
+    assert str(port) in capsys.readouterr().err

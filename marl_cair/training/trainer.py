@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import torch
 from tensordict import TensorDict, TensorDictBase
 from tqdm import tqdm
 
@@ -17,10 +18,12 @@ from marl_cair.interrupts import interrupts_noted
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.arena import Load
 from marl_cair.policies.actor import PolicyActor, masked_argmax
+from marl_cair.replay.transition import NEXT_OBSERVATION
 from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.collecting.rollout import make_rollout
 from marl_cair.training.evaluation import evaluate
+from marl_cair.training.generator_picture import NUM_DRAWN, PICTURE_FILE, draw_predictions
 from marl_cair.training.learner import DivergedError
 from marl_cair.training.newest_steps import DoubleValues, iterate_batches, make_rows
 from marl_cair.training.run import TrainingRun
@@ -229,6 +232,12 @@ def _measure_generator(run: TrainingRun, generator: Generator) -> None:
     reasons = "; ".join(report.reasons)
     text = "open" if report.passed else f"shut, batches are all real: {reasons}"
     _announce(run, "gate", f"the generator's gate is {text}")
+    if len(run.seen.shape) == 3:
+        real = run.replay.real
+        rows = real.read_steps(torch.linspace(0, len(real) - 1, NUM_DRAWN).long())
+        predicted, _ = generator.predict(rows)
+        boards = rows["observation"], rows[NEXT_OBSERVATION], predicted[NEXT_OBSERVATION]
+        draw_predictions(run.folder / PICTURE_FILE, run.seen, run.spec.static_planes, *boards)
 
 
 def _refill(run: TrainingRun, generator: Generator, num_refills: int) -> None:

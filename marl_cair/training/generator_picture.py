@@ -1,0 +1,68 @@
+"""Draws real transitions beside what the generator predicts from the same states and actions."""
+
+from __future__ import annotations
+
+import colorsys
+import os
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from marl_cair.files import atomic_path
+from marl_cair.games.game import Representation
+
+PICTURE_FILE = "generator.png"  # in a run's folder
+NUM_DRAWN = 6  # transitions, one in each column
+_LEAST_SIDE = 126  # pixels of a board
+_GAP = 6
+
+
+def draw_predictions(
+    path: str | os.PathLike[str],
+    seen: Representation,
+    static_planes: Sequence[int],
+    *observations: Tensor,
+) -> None:
+    """Write a PNG of four rows: before, after, predicted, and where the last two differ.
+
+    static_planes: those of `seen` that never change; they are drawn dark.
+    observations: before, after and predicted, uint8 [N, C, H, W] each, as `seen` describes them.
+    """
+    from PIL import Image
+
+    shown = seen.shape[0] - seen.num_uniform
+    planes = [observation[:, :shown].numpy() for observation in observations]
+    boards = [_paint(seen, static_planes, values) for values in planes]
+    differs = np.abs(planes[1].astype(np.int16) - planes[2]).max(1)
+    boards.append(_colour(differs[:, None] / 255.0, np.ones((1, 3))))
+    scale = -(-_LEAST_SIDE // max(boards[0].shape[1:3]))
+    rows = [np.concatenate([_frame(board, scale) for board in row], 1) for row in boards]
+    with atomic_path(path) as unfinished:
+        Image.fromarray(np.concatenate(rows)).save(unfinished)
+
+
+def _paint(
+    seen: Representation, static_planes: Sequence[int], planes: NDArray[np.uint8]
+) -> NDArray[np.uint8]:
+    """Observations [N, C, H, W] as RGB [N, H, W, 3]: the newest of several frames; of a board the
+    sum of its planes, each in a colour of its own.
+    """
+    values = planes / 255.0
+    if seen.num_frames > 1:
+        return _colour(values[:, -1:], np.ones((1, 3)))
+    hues = np.arange(planes.shape[1]) * 0.618 % 1.0  # the golden ratio: neighbours differ most
+    colours = np.array([colorsys.hsv_to_rgb(hue, 0.75, 1.0) for hue in hues])
+    colours[[plane for plane in static_planes if plane < len(colours)]] = 0.15
+    return _colour(values, colours)
+
+
+def _colour(values: NDArray[np.float64], colours: NDArray[np.float64]) -> NDArray[np.uint8]:
+    mixed = np.einsum("nchw,cx->nhwx", values, colours)
+    return (255.0 * np.clip(mixed, 0.0, 1.0)).astype(np.uint8)
+
+
+def _frame(board: NDArray[np.uint8], scale: int) -> NDArray[np.uint8]:
+    large = board.repeat(scale, 0).repeat(scale, 1)
+    return np.pad(large, ((_GAP, 0), (_GAP, 0), (0, 0)), constant_values=64)

@@ -60,7 +60,8 @@ def _paint(
 
 def _colour(values: NDArray[np.float64], colours: NDArray[np.float64]) -> NDArray[np.uint8]:
     mixed = np.einsum("nchw,cx->nhwx", values, colours)
-    return (255.0 * np.clip(mixed, 0.0, 1.0)).astype(np.uint8)
+    image: NDArray[np.uint8] = (255.0 * np.clip(mixed, 0.0, 1.0)).astype(np.uint8)
+    return image
 
 
 def _frame(board: NDArray[np.uint8], scale: int) -> NDArray[np.uint8]:

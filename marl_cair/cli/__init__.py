@@ -13,10 +13,14 @@ from marl_cair.text import clean_text
 
 # Modules of this package with `run(arguments) -> exit code`.
 COMMANDS = (
-    *("train", "curves", "evaluate", "match", "league"),
+    *("train", "curves", "evaluate", "match", "league", "play"),
     *("export", "explain", "flash", "games", "verify", "compile", "benchmark"),
 )
-_IN_FOLDERS = {"export": "agent.export", "explain": "agent.explain"}  # modules of commands
+_IN_FOLDERS = {
+    "export": "agent.export",
+    "explain": "agent.explain",
+    "play": "browser_play",
+}  # modules of commands
 # The tasks in the order of a user's work: the words of the command, and a description.
 TASKS = {
     "games": "list games, scenarios, representations, actions and bots",
@@ -24,6 +28,7 @@ TASKS = {
     "train --multirun": "train one agent for each combination of values: seeds, networks",
     "train resume=RUN": "continue an interrupted run",
     "curves": "plot learning curves of training runs",
+    "play": "play by hand against an agent, in a browser",
     "evaluate": "win rates of one agent against others, with 95 % intervals",
     "match": "compare two agents in any scenario",
     "league": "rate agents by a round-robin, with 95 % intervals",

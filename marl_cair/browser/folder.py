@@ -106,11 +106,7 @@ def describe_game(
         "summary": game.summary,
         "version": game.version,
         "scenario": scenario_name,
-        "options": {
-            field.name: getattr(scenario, field.name)
-            for field in dataclasses.fields(scenario)
-            if field.init
-        },
+        "options": dataclasses.asdict(scenario),
         "pays": spec.pays,
         "team_of_seat": spec.team_of_seat.tolist(),
         "seconds_per_step": spec.ticks_per_step / spec.ticks_per_second,

@@ -26,7 +26,9 @@ class Network {
   static async load(rules, about) {
     const runtime = await import("./ort.wasm.bundle.min.mjs");
     runtime.env.wasm.numThreads = 1; // more need headers that static hosts do not send
-    runtime.env.wasm.wasmPaths = new URL("./", import.meta.url).href;
+    runtime.env.wasm.wasmPaths = {
+      wasm: new URL("ort-wasm-simd-threaded.wasm", import.meta.url).href,
+    };
     const session = await runtime.InferenceSession.create("agent.onnx");
     return new Network(rules, about, runtime, session);
   }

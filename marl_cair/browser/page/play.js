@@ -2,6 +2,7 @@
 
 import { Controls } from "./controls.js";
 import { loadOpponent } from "./opponents.js";
+import { makeReplay } from "./replay_file.js";
 import { Rules } from "./rules.js";
 
 const find = (id) => document.getElementById(id);
@@ -79,15 +80,14 @@ class Play {
     this.isPaused = true;
     this.hasBegun = false;
     this.hash = await this.rules.hash();
-    const record = {
-      format: "marl_cair browser game", game: this.game.name, version: this.game.version,
-      scenario: this.game.scenario, options: this.game.options, seed: this.seed,
-      actions: this.played, state_sha256: this.hash,
-    };
-    find("save").href = URL.createObjectURL(new Blob([JSON.stringify(record)], { type: "application/json" }));
-    find("save").download = `${this.game.name}-${this.seed}.json`;
+    const names = Array(this.rules.numPlayers).fill(this.game.opponent.name);
+    names[this.seat] = "person";
+    const { winner } = this.rules;
+    const file = makeReplay(this.game, this.seed, names, this.played, this.hash, winner);
+    find("save").href = URL.createObjectURL(file);
+    find("save").download = `${this.game.name}-${this.seed}.replay`;
     find("result").textContent = this.describeResult();
-    find("about").textContent = `${this.played.length} steps, seed ${this.seed}. SHA-256 of the final state: ${this.hash.slice(0, 16)}…`;
+    find("about").textContent = `${this.played.length} steps, seed ${this.seed}. State: ${this.hash.slice(0, 16)}`;
     find("start").textContent = "Play again";
     find("save").hidden = false;
     find("cover").hidden = false;
@@ -265,6 +265,6 @@ try {
 } catch (error) {
   find("result").textContent = "This game cannot be played here";
   find("about").textContent = `${error.message}. The page needs a browser with WebAssembly, and to be served: marl-cair play --browser does both.`;
-  find("cover").hidden = false;
+  find("start").hidden = true;
   throw error;
 }

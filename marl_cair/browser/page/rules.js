@@ -32,7 +32,8 @@ export class Rules {
       this.arrays[name] = new NUMBERS[dtype](memory.buffer, address, length);
       this.shapes[name] = shape;
     }
-    this.state = Object.keys(this.arrays).filter((name) => name.startsWith("world."));
+    const world = Object.keys(this.arrays).filter((name) => name.startsWith("world."));
+    this.state = [...world, "rewards", "terminated", "truncated", "winner", "eliminated"];
     [, this.numPlayers, this.numActions] = this.shapes.mask;
   }
 
@@ -79,15 +80,15 @@ export class Rules {
 
   // A seat's picture after `ticks` ticks of a step with these actions; the state stays as it is.
   glimpse(actions, ticks, seat) {
-    const kept = Object.values(this.arrays).map((array) => array.slice());
+    const kept = this.state.map((name) => this.arrays[name].slice());
     this.arrays.actions.set(actions);
     this.run("look", BigInt(ticks));
-    const picture = this.observe("picture", seat).slice();
-    Object.values(this.arrays).forEach((array, index) => array.set(kept[index]));
+    const picture = this.observe("picture", seat);
+    this.state.forEach((name, index) => this.arrays[name].set(kept[index]));
     return picture;
   }
 
-  // SHA-256 of the state, in hexadecimal: `browser.state_hash` in Python.
+  // SHA-256 of state and outcome, in hexadecimal; Python's `games.replays.hash_state` is its start.
   async hash() {
     const parts = this.state.map((name) => this.arrays[name]);
     const bytes = new Uint8Array(parts.reduce((sum, part) => sum + part.byteLength, 0));

@@ -25,13 +25,14 @@ OTHER_SOURCES = sorted(
 MAX_FILE_LINES = 400
 MAX_SCRIPT_LINES = 40
 
-LEAVES = {"lookup", "outside", "files", "stored", "ranges", "memory", "interrupts", "text"}
+LEAVES = {"lookup", "outside", "files", "stored", "ranges", "memory", "interrupts", "text", "npm"}
 _SELF_PLAY = {"league.agents", "league.play", "league.ratings", "self_play"}
 _LEARNING = {"policies", "replay", "generative", "checkpoint", "games"}
 # What each room of the package may import of it, beside the leaves and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     **{leaf: set() for leaf in LEAVES},
     "games": set(),
+    "browser": {"games"},
     "policies": set(),
     "replay": set(),
     "generative": {"replay", "policies"},
@@ -54,7 +55,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "cli": {
         *("", "games", "policies", "generative", "checkpoint", "self_play"),
         *("league", "league.agents", "league.play", "league.ratings", "league.store"),
-        *("league.report", "training", "training.settings", "training.population"),
+        *("league.report", "training", "training.settings", "training.population", "browser"),
     },
     "conf": set(),
     "__main__": {"cli"},

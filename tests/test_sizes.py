@@ -15,9 +15,10 @@ MAX_LINES = {
     "self_play": 990,
     "league": 7_820,
     "training": 5_900,
+    "browser": 950,
     "conf": 10,
-    "cli": 3_200,
-    "": 1_560,  # the modules that every part may import
+    "cli": 3_360,
+    "": 1_660,  # the modules that every part may import
 }
 
 

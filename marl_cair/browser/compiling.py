@@ -32,12 +32,12 @@ def load_rules(game: Game, scenario: Any, bot: str, representation: str) -> byte
     bot: of the game, compiled too; "" for an opponent that is not: it is shown `representation`.
 
     Raises:
-        ValueError: the compiler is off (NUMBA_DISABLE_JIT), or the rules call what WebAssembly
-            does not have.
+        ValueError: the compiler is off (NUMBA_DISABLE_JIT) or cannot write WebAssembly, or the
+            rules call functions that WebAssembly does not have.
         OSError: the process that compiles has died.
     """
-    if not is_compiling():
-        raise ValueError("NUMBA_DISABLE_JIT is set, and WebAssembly is compiled code: unset it")
+    require_compiler()
+    representation = "" if bot else representation  # a bot has its own
     kept = cache_root() / "browser" / f"{_digest(game, scenario, bot, representation)}.wasm"
     if kept.is_file():
         return kept.read_bytes()
@@ -53,6 +53,23 @@ def load_rules(game: Game, scenario: Any, bot: str, representation: str) -> byte
             ) from error
     write_atomically(kept, code)
     return code
+
+
+def require_compiler() -> None:
+    """Raise ValueError unless rules are compiled, and this llvmlite can write WebAssembly."""
+    import llvmlite
+    from llvmlite import binding
+
+    if not is_compiling():
+        raise ValueError("NUMBA_DISABLE_JIT is set, and WebAssembly is compiled code: unset it")
+    binding.initialize_all_targets()
+    try:
+        binding.Target.from_triple(lowering.TRIPLE)
+    except RuntimeError as error:
+        raise ValueError(
+            f"llvmlite {llvmlite.__version__} cannot write WebAssembly ({error}): "
+            "pip install --upgrade numba llvmlite"
+        ) from error
 
 
 def _compile(name: str, scenario: Any, bot: str, representation: str) -> bytes:

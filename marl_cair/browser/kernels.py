@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.browser.lowering import Kernel, Parameter, compile_object
+from marl_cair.browser.lowering import MATH, Kernel, Parameter, compile_object
 from marl_cair.browser.wasm_file import Segment, make_module
 from marl_cair.games.engine import Outcome
 from marl_cair.games.game import NO_WINNER, Agent, Game, Representation
@@ -21,6 +21,7 @@ PAGE_BYTES = 1 << 16  # of WebAssembly memory
 STACK_TOP = 4 << 20  # constants of rules lie below the stack, arrays above it
 _STACK_BYTES = 1 << 20
 _ALIGNMENT = 16
+EXACT = ("reset", "step", "look", "legal_actions")  # kernels that decide what happens
 # The fields of scenarios that set the size of `image`, which people see in a browser.
 PICTURE = "image"
 PICTURE_OPTIONS: Mapping[str, Mapping[str, Any]] = {"deep_rts": {"tile_pixels": 32}}
@@ -32,8 +33,7 @@ class Memory:
     def __init__(self) -> None:
         self.end = STACK_TOP
         self._placed: list[tuple[NDArray[Any], int]] = []
-        self.named: dict[str, dict[str, Any]] = {}
-        self._by_name: dict[str, NDArray[Any]] = {}
+        self.named: dict[str, NDArray[Any]] = {}  # that the page reads or writes
 
     def find(self, array: NDArray[Any]) -> int:
         """The address of an array or of a view of one; a new one is placed."""
@@ -49,18 +49,16 @@ class Memory:
 
     def name(self, name: str, array: NDArray[Any]) -> NDArray[Any]:
         """Place an array that the page reads or writes by its name."""
-        address = self.find(array)
-        self.named[name] = {
-            "address": address,
-            "dtype": array.dtype.name,
-            "shape": list(array.shape),
-        }
-        self._by_name[name] = array
+        self.find(array)
+        self.named[name] = array
         return array
 
-    def array(self, name: str) -> NDArray[Any]:
-        """The array of that name."""
-        return self._by_name[name]
+    def describe(self) -> dict[str, dict[str, Any]]:
+        """Address, dtype and shape of the arrays that have names."""
+        return {
+            name: {"address": self.find(one), "dtype": one.dtype.name, "shape": one.shape}
+            for name, one in self.named.items()
+        }
 
     def list_segments(self) -> list[Segment]:
         """The arrays that do not begin as zeros."""
@@ -79,18 +77,20 @@ def compile_rules(game: Game, scenario: Any, opponent: Agent) -> bytes:
     It exports the kernels of `list_kernels`; its note lists the arrays that the page uses, by name:
     address, dtype and shape; "world.NAME" are the state.
 
-    Raises ValueError where the rules call functions that WebAssembly does not have.
+    Raises ValueError where the rules call functions that WebAssembly does not have, or an
+    observation others than MATH.
     """
     memory = Memory()
     kernels = list_kernels(game, scenario, opponent, memory)
-    code = compile_object(kernels, memory.find)
-    about = {"arrays": memory.named, "pages": -(-memory.end // PAGE_BYTES), "stack": STACK_TOP}
+    code = compile_object(kernels, memory.find, exact=EXACT)
+    about = {"arrays": memory.describe(), "pages": -(-memory.end // PAGE_BYTES), "stack": STACK_TOP}
     return make_module(
         code,
         [kernel.name for kernel in kernels],
         memory.list_segments(),
         STACK_TOP - _STACK_BYTES,
         json.dumps(about),
+        MATH,
     )
 
 
@@ -127,7 +127,7 @@ def list_kernels(game: Game, scenario: Any, opponent: Agent, memory: Memory) -> 
     picture = game.make_spec(painted).representations[PICTURE]
     kernels.append(_see(picture, worlds, game.make_rules(painted), seats, memory, "picture"))
     if isinstance(opponent, ScriptedPlayer):
-        kernels.append(_decide(opponent, memory.array(opponent.representation), mask, memory))
+        kernels.append(_decide(opponent, memory.named[opponent.representation], mask, memory))
     return kernels
 
 

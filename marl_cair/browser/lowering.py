@@ -8,7 +8,7 @@ with 32-bit addresses as it is, and integers keep their 64 bits: the results are
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,6 +45,10 @@ no:
   ret i32 0
 }
 """
+# Functions of the page, whose last bit may be another than Python's: observations and bots that
+# round their results may call them, rules may not.
+MATH = ("exp2", "log2")
+_CALLED = re.compile(r'@"?([^"\s(),]+)"?\(')
 _COMMON = re.compile(r" = common (?:local_unnamed_addr )?global")
 
 
@@ -87,11 +91,16 @@ def keep_plain_code() -> None:
     rule.__call__ = lambda self, *arguments: self.py_func(*arguments)
 
 
-def compile_object(kernels: Sequence[Kernel], find_address: Callable[[NDArray[Any]], int]) -> bytes:
+def compile_object(
+    kernels: Sequence[Kernel],
+    find_address: Callable[[NDArray[Any]], int],
+    exact: Collection[str] = (),
+) -> bytes:
     """One relocatable WebAssembly object with a function for each kernel; in a process of its own,
     after `keep_plain_code`.
 
     find_address: the place of an array in the WebAssembly memory.
+    exact: names of kernels that may not call MATH; ValueError where one does.
     """
     import llvmlite.binding as llvm
 
@@ -111,8 +120,24 @@ def compile_object(kernels: Sequence[Kernel], find_address: Callable[[NDArray[An
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(whole, builder)
+    if inexact := set(MATH) & _list_called(whole, exact):
+        raise ValueError(
+            f"the rules call {', '.join(sorted(inexact))}, whose last bit differs from one browser "
+            "to another: write them without, or with a table"
+        )
     code: bytes = machine.emit_object(whole)
     return code
+
+
+def _list_called(module: Any, names: Collection[str]) -> set[str]:
+    """All functions that the functions `names` can reach, without the prefixes of LLVM's own."""
+    calls = {one.name: set(_CALLED.findall(str(one))) for one in module.functions}
+    reached, waiting = set(names), list(names)
+    while waiting:
+        new = calls.get(waiting.pop(), set()) - reached
+        reached |= new
+        waiting += new
+    return {re.sub(r"^llvm\.(\w+)\.f64$", r"\1", name) for name in reached}
 
 
 def _head(machine: Any) -> str:

@@ -7,7 +7,7 @@ what it exports. See "Linking.md" of github.com/WebAssembly/tool-conventions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 _MAGIC = b"\0asm\1\0\0\0"
@@ -28,20 +28,26 @@ class Segment(NamedTuple):
 
 
 def make_module(
-    code: bytes, names: Sequence[str], segments: Sequence[Segment], data_limit: int, note: str
+    code: bytes,
+    names: Sequence[str],
+    segments: Sequence[Segment],
+    data_limit: int,
+    note: str,
+    given: Collection[str] = (),
 ) -> bytes:
     """The object as a module that exports the functions `names` and holds further `segments`. The
     `note` is its custom section NOTE.
 
-    It imports memory and, where it needs them, stack pointer and table from "env" by the names
-    above.
+    It imports memory and, where it needs them, stack pointer, table and the functions `given` from
+    "env".
 
     Raises:
         ValueError: the object needs a function that is not in it, or more than `data_limit` bytes
             of memory for its constants.
     """
     sections = {kind: body for kind, body in _read_sections(code) if kind != _CUSTOM}
-    if foreign := [name for name in _read_imports(sections) if name not in (MEMORY, STACK, TABLE)]:
+    known = (MEMORY, STACK, TABLE, *given)
+    if foreign := [name for name in _read_imports(sections) if name not in known]:
         raise ValueError(
             f"the rules call {', '.join(foreign)}, which WebAssembly does not have: write them "
             "without"

@@ -19,7 +19,7 @@ COMMANDS = (
 _IN_FOLDERS = {
     "export": "agent.export",
     "explain": "agent.explain",
-    "play": "browser_play",
+    "play": "viewing.browser_play",
 }  # modules of commands
 # The tasks in the order of a user's work: the words of the command, and a description.
 TASKS = {

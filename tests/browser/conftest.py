@@ -44,6 +44,14 @@ def serve(folder):
 
 
 @contextmanager
+def open_blank(chromium):
+    """A page without content, to run scripts."""
+    context = chromium.new_context()
+    yield context.new_page()
+    context.close()
+
+
+@contextmanager
 def open_page(chromium, address, width=1280, scheme="light", search=""):
     """A page whose game is ready to start; an error on its console fails the test."""
     options = {"viewport": {"width": width, "height": 900}, "color_scheme": scheme}

@@ -23,6 +23,7 @@ export class Rules {
     const table = new WebAssembly.Table({ initial: 1024, element: "anyfunc" });
     const env = {
       __linear_memory: memory, __stack_pointer: stack, __indirect_function_table: table,
+      log2: Math.log2, exp2: (number) => 2 ** number, // of observations and bots, never of rules
     };
     this.functions = new WebAssembly.Instance(module, { env }).exports;
     this.arrays = {};

@@ -17,7 +17,7 @@ from marl_cair.lookup import find_by_name
 
 INSTALL = "install"
 # Trained agents of a source checkout, as `agents/README.md` lists them.
-SHIPPED = Path(__file__).parents[2] / "agents"
+SHIPPED = Path(__file__).parents[3] / "agents"
 DEFAULT_AGENTS = {
     "deep_line_wars": SHIPPED / "deep_line_wars_10x15",
     "deep_rts": SHIPPED / "deep_rts_1v1_15x15",

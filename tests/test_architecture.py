@@ -25,18 +25,15 @@ OTHER_SOURCES = sorted(
 MAX_FILE_LINES = 400
 MAX_SCRIPT_LINES = 40
 
-LEAVES = {"lookup", "outside", "files", "stored", "ranges", "memory", "interrupts", "text"}
+LEAVES = {"lookup", "outside", "files", "stored", "ranges", "memory", "interrupts", "text", "npm"}
 _SELF_PLAY = {"league.agents", "league.play", "league.ratings", "self_play"}
 _LEARNING = {"policies", "replay", "generative", "checkpoint", "games"}
 # What each room of the package may import of it, beside the leaves and itself.
 MAY_IMPORT: dict[str, set[str]] = {
-    **{leaf: set() for leaf in LEAVES},
-    "games": set(),
-    "policies": set(),
-    "replay": set(),
+    **{room: set() for room in (*LEAVES, "games", "policies", "replay", "league.ratings", "conf")},
+    "browser": {"games"},
     "generative": {"replay", "policies"},
     "checkpoint": {"policies"},
-    "league.ratings": set(),
     "league.store": {"games"},
     "league.agents": {"games", "policies", "checkpoint", "league.store"},
     "league.play": {"games", "league.agents", "league.ratings", "league.store"},
@@ -51,13 +48,14 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training": {*_LEARNING, *_SELF_PLAY, "league", "training.settings", "training.collecting"},
     "training.population": {*_LEARNING, *_SELF_PLAY, "league", "training", "training.settings"},
     "window": {"games", "league.agents", "league.play"},
+    "dashboard": {"training", "training.settings"},
     # "" is what `import marl_cair` gives every user; the registries tell --help the choices.
     "cli": {
         *("", "games", "policies", "generative", "checkpoint", "self_play"),
         *("league", "league.agents", "league.play", "league.ratings", "league.store"),
         *("league.report", "training", "training.settings", "training.population", "window"),
+        *("browser", "dashboard"),
     },
-    "conf": set(),
     "__main__": {"cli"},
 }
 TORCH = {"torch", "torchrl", "tensordict"}
@@ -67,7 +65,7 @@ GAMES_DOORS: dict[str, set[str]] = {
     "pettingzoo": {"parallel_env.py"},
     "gymnasium": {"gymnasium_env.py", "parallel_env.py"},
 }
-OPTIONAL = {"av", "cryptography", "pyarrow", "open_spiel", "onnx", "onnxruntime"}
+OPTIONAL = {"av", "cryptography", "plotly", "pyarrow", "open_spiel", "onnx", "onnxruntime"}
 # Imported when used: each alone takes longer than `import marl_cair` may (0.3 s).
 NOT_AT_IMPORT = [*sorted(TORCH), "numba", "matplotlib.pyplot", "scipy.stats", "pygame", "hydra"]
 

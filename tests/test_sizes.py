@@ -8,17 +8,19 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 21_320,
+    "games": 21_370,
     "policies": 2_420,
     "replay": 2_060,
     "generative": 3_460,
     "self_play": 990,
-    "league": 8_160,
-    "training": 6_100,
+    "league": 8_170,
+    "training": 6_200,
     "window": 2_500,
+    "browser": 950,
+    "dashboard": 260,
     "conf": 10,
-    "cli": 3_800,
-    "": 1_560,  # the modules that every part may import
+    "cli": 4_100,
+    "": 1_660,  # the modules that every part may import
 }
 
 

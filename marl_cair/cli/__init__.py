@@ -17,6 +17,7 @@ COMMANDS = (
     *("export", "explain", "flash", "games", "verify", "compile", "benchmark"),
 )
 _IN_FOLDERS = {  # modules of commands
+    "dashboard": "viewing.dashboard",
     "export": "agent.export",
     "explain": "agent.explain",
     "play": "viewing.play",

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
 from marl_cair.cli.parser import Parser
+from marl_cair.cli.viewing import browser_play
 from marl_cair.games import GAMES
 from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.game import Agent
@@ -29,6 +30,8 @@ LEAST_SIZE, MOST_SIZE = 160, 8_192  # pixels along a side
 
 def run(arguments: Sequence[str]) -> int:
     """Open the window and play until it is closed; returns the exit code."""
+    if "--browser" in arguments or list(arguments) == [browser_play.INSTALL]:
+        return browser_play.run(arguments)
     options = make_parser().parse_args(arguments)
     game = find_by_name("game", options.game_name, GAMES)
     if not game.has_snapshots:
@@ -180,6 +183,11 @@ def make_parser() -> Parser:
         *("--seed", "--scenario", "--set", *shared.ANSWER_LIMITS),
         trained="opponent",
         bots_alone="bots alone",
+    )
+    parser.add_argument(
+        "--browser",
+        action="store_true",
+        help="play on a page instead, as static files: see `marl-cair play --browser --help`",
     )
     add_window_options(parser)
     return parser

@@ -2,40 +2,29 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import io
 import os
 import shutil
-import subprocess
-import tarfile
-import urllib.error
-import urllib.request
 from pathlib import Path
 from typing import NamedTuple
 
-from marl_cair.files import write_atomically
+from marl_cair.npm import InstallError, Package, install_package
 
 RUFFLE_VERSION = "0.6.0"
 FOLDER_VARIABLE = "MARL_CAIR_RUFFLE"  # a folder with an unpacked npm package
-_PACKAGE = "@ruffle-rs/ruffle"
-# What the registry gives as `dist.integrity` of this version.
-_SHA512 = "P2X1zDENBoiLt2ZjPcsUzaDxoR7fVF2e1U/bi7hbIAQEjkykxljSoG8AgbywHvlVVzL9Y5tIZMRqDwIm31jgPA=="
-_REGISTRY = "https://registry.npmjs.org"
-_TIMEOUT_S = 60.0
-# The player, its part for browsers with WebAssembly extensions, and that part's machine code.
-_KEPT = (
-    "LICENSE_MIT",
-    "LICENSE_APACHE",
-    "826bb0938097485a2c9d.wasm",
-    "core.ruffle.c80159b526e567babaf5.js",
-    "ruffle.js",  # last: where it is, all are
+_RUFFLE = Package(
+    name="@ruffle-rs/ruffle",
+    version=RUFFLE_VERSION,
+    sha512="P2X1zDENBoiLt2ZjPcsUzaDxoR7fVF2e1U/bi7hbIAQEjkykxljSoG8AgbywHvlVVzL9Y5tIZMRqDwIm31jgPA==",
+    # The player, its part for browsers with WebAssembly extensions, and that part's machine code.
+    files=(
+        "LICENSE_MIT",
+        "LICENSE_APACHE",
+        "826bb0938097485a2c9d.wasm",
+        "core.ruffle.c80159b526e567babaf5.js",
+        "ruffle.js",
+    ),
 )
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-
-
-class InstallError(OSError):
-    """Ruffle could not be fetched, or is not what was expected."""
 
 
 class Missing(NamedTuple):
@@ -71,51 +60,7 @@ def install_ruffle() -> Path:
 
     Raises InstallError (no connection, another content than expected) and OSError (a full disk).
     """
-    folder = default_folder()
-    if (folder / _KEPT[-1]).is_file():
-        return folder
-    data = _download(f"{find_registry()}/{_PACKAGE}/-/ruffle-{RUFFLE_VERSION}.tgz")
-    digest = base64.b64encode(hashlib.sha512(data).digest()).decode()
-    if digest != _SHA512:
-        raise InstallError(
-            f"the download of {_PACKAGE} {RUFFLE_VERSION} has the SHA-512 {digest}, it must be "
-            f"{_SHA512}. Nothing was installed; check the npm registry {find_registry()}"
-        )
-    with tarfile.open(fileobj=io.BytesIO(data), mode="r:gz") as archive:
-        for name in _KEPT:
-            part = archive.extractfile(f"package/{name}")
-            if part is not None:
-                write_atomically(folder / name, part.read())
-    return folder
-
-
-def find_registry() -> str:
-    """Address of the user's npm registry, as npm finds it, without a slash at the end."""
-    for name in ("npm_config_registry", "NPM_CONFIG_REGISTRY"):
-        if chosen := os.environ.get(name):
-            return chosen.rstrip("/")
-    if npm := shutil.which("npm"):
-        asked = subprocess.run(
-            [npm, "config", "get", "registry"],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=_TIMEOUT_S,
-        )
-        if asked.returncode == 0 and asked.stdout.startswith("http"):
-            return asked.stdout.strip().rstrip("/")
-    return _REGISTRY
-
-
-def _download(address: str) -> bytes:
-    if not address.startswith(("https://", "http://")):
-        raise InstallError(f"the npm registry's address {address!r} must begin with https://")
-    try:
-        with urllib.request.urlopen(address, timeout=_TIMEOUT_S) as reply:  # noqa: S310
-            data: bytes = reply.read()
-            return data
-    except (OSError, urllib.error.URLError) as error:
-        raise InstallError(f"could not fetch {address}: {error}") from error
+    return install_package(_RUFFLE, default_folder())
 
 
 def find_browser() -> str | None:

@@ -14,10 +14,10 @@ from marl_cair.games.flash.browser import installing
 from marl_cair.games.flash.browser.installing import (
     InstallError,
     diagnose,
-    find_registry,
     find_ruffle,
     install_ruffle,
 )
+from marl_cair.npm import find_registry
 
 TARBALL = "/@ruffle-rs/ruffle/-/ruffle-0.6.0.tgz"
 
@@ -58,7 +58,7 @@ def registry(monkeypatch):
 def pack_package():
     packed = io.BytesIO()
     with tarfile.open(fileobj=packed, mode="w:gz") as archive:
-        for name in (*installing._KEPT, "../../evil.js", "ruffle.js.map"):
+        for name in (*installing._RUFFLE.files, "../../evil.js", "ruffle.js.map"):
             info = tarfile.TarInfo(f"package/{name}")
             info.size = len(name)
             archive.addfile(info, io.BytesIO(name.encode()))
@@ -67,7 +67,7 @@ def pack_package():
 
 def accept(monkeypatch, data):
     digest = base64.b64encode(hashlib.sha512(data).digest()).decode()
-    monkeypatch.setattr(installing, "_SHA512", digest)
+    monkeypatch.setattr(installing, "_RUFFLE", installing._RUFFLE._replace(sha512=digest))
 
 
 def test_only_what_the_page_needs_is_kept(cache, registry, monkeypatch):
@@ -75,7 +75,7 @@ def test_only_what_the_page_needs_is_kept(cache, registry, monkeypatch):
     with pytest.raises(InstallError, match="marl-cair flash install"):
         find_ruffle()
     assert install_ruffle() == cache == find_ruffle()
-    assert {path.name for path in cache.iterdir()} == set(installing._KEPT)
+    assert {path.name for path in cache.iterdir()} == set(installing._RUFFLE.files)
     assert (cache / "ruffle.js").read_text("utf-8") == "ruffle.js"
     registry.files.clear()
     assert install_ruffle() == cache  # it is not fetched twice

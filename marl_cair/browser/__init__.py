@@ -1,0 +1,1 @@
+"""Games in a browser: rules compiled to WebAssembly, a page to play on, a server on loopback."""

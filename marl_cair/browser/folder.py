@@ -1,0 +1,164 @@
+"""Writes the folder of static files with which a game is played in a browser."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from marl_cair.browser.compiling import load_rules
+from marl_cair.browser.kernels import PICTURE, change_picture
+from marl_cair.browser.runtime import find_runtime
+from marl_cair.files import write_atomically
+from marl_cair.games.game import NO_CELL, Game, GameSpec
+
+ABOUT_FILE, NETWORK_FILE, RULES_FILE = "game.json", "agent.onnx", "rules.wasm"
+_PAGE = Path(__file__).parent / "page"
+# Kinds of action that the left and the right mouse button order where no tool is chosen.
+_POINTERS: Mapping[str, Mapping[str, str]] = {"deep_rts": {"left": "select", "right": "go"}}
+
+
+@dataclasses.dataclass(frozen=True)
+class Opponent:
+    """Who plays the other seats.
+
+    Attributes:
+        name: that the page shows.
+        bot: a bot of the game, which is compiled with the rules; "" for a network.
+        representation, dtype, state_size, plays: of a network, as its ONNX metadata say.
+    """
+
+    name: str
+    bot: str = ""
+    representation: str = ""
+    dtype: str = ""
+    state_size: int = 0
+    plays: str = ""
+
+
+def write_folder(
+    folder: Path,
+    game: Game,
+    scenario_name: str,
+    scenario: Any,
+    opponent: Opponent,
+    write_network: Callable[[Path], object] | None = None,
+) -> None:
+    """Write the page, the rules and the opponent into `folder`, which is new, empty, or of an
+    earlier call.
+
+    write_network: writes the ONNX file of an opponent that is a network.
+
+    Raises:
+        ValueError: the folder holds other files, a person cannot play the scenario, or the rules
+            cannot be compiled.
+        InstallError: onnxruntime-web is missing, which plays networks.
+    """
+    check_playable(game, scenario)
+    _check_folder(folder)
+    runtime = [] if opponent.bot else find_runtime()
+    representation = opponent.representation
+    if opponent.bot:
+        representation = game.bot(opponent.bot, scenario).representation
+    rules = load_rules(game, scenario, opponent.bot, representation)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / RULES_FILE, rules)
+    for file in (*sorted(_PAGE.iterdir()), *runtime):
+        shutil.copyfile(file, folder / file.name)
+    if write_network is not None:
+        write_network(folder / NETWORK_FILE)
+    about = describe_game(game, scenario_name, scenario, opponent, representation)
+    write_atomically(folder / ABOUT_FILE, json.dumps(about))
+
+
+def check_playable(game: Game, scenario: Any) -> None:
+    """Raise ValueError unless a person can play the scenario in a browser."""
+    if not game.has_snapshots:
+        raise ValueError(
+            f"{game.name} runs outside of its rules and cannot be compiled for a browser: "
+            "see 'marl-cair flash play'"
+        )
+    spec = game.make_spec(scenario)
+    if spec.action_shape:
+        raise ValueError(
+            f"{game.name}: actions of shape {spec.action_shape} cannot be given by hand: choose "
+            "another action space, for example --set actions=unit"
+        )
+
+
+def _check_folder(folder: Path) -> None:
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / ABOUT_FILE).is_file():
+        raise ValueError(f"{folder} holds other files and no {ABOUT_FILE}: give a new folder")
+
+
+def describe_game(
+    game: Game, scenario_name: str, scenario: Any, opponent: Opponent, representation: str
+) -> dict[str, Any]:
+    """What the page needs to know, as plain values."""
+    spec = game.make_spec(scenario)
+    painted = change_picture(game, scenario)
+    return {
+        "name": game.name,
+        "title": game.title,
+        "summary": game.summary,
+        "version": game.version,
+        "scenario": scenario_name,
+        "options": dataclasses.asdict(scenario),
+        "pays": spec.pays,
+        "team_of_seat": spec.team_of_seat.tolist(),
+        "seconds_per_step": spec.ticks_per_step / spec.ticks_per_second,
+        "ticks": spec.ticks_per_step,
+        "has_look": spec.ticks_per_step > 1,
+        "max_steps": -(-spec.max_ticks // spec.ticks_per_step),
+        "actions": {
+            "noop": spec.noop_action,
+            "groups": spec.action_groups.tolist(),
+            "group_names": list(spec.action_group_names),
+            "cells": spec.action_cells.tolist(),
+        },
+        "board": _find_board(game, painted) if (spec.action_cells != NO_CELL).any() else None,
+        "pointer": dict(_POINTERS.get(game.name, {})),
+        "numbers": _list_numbers(spec),
+        "opponent": {
+            "kind": "bot" if opponent.bot else "network",
+            "name": opponent.name,
+            "representation": representation,
+            "dtype": opponent.dtype,
+            "stateSize": opponent.state_size,
+            "plays": opponent.plays,
+        },
+    }
+
+
+def _list_numbers(spec: GameSpec) -> list[dict[str, Any]]:
+    """The resources, and where `vector` shows them: of the seat, and of its enemy or None."""
+    if "vector" not in spec.representations:
+        return []
+    entries = {name: at for at, name in enumerate(spec.representations["vector"].plane_names)}
+    return [
+        {"label": name, "own": entries[f"own {name}"], "enemy": entries.get(f"enemy {name}")}
+        for name in spec.resources
+        if f"own {name}" in entries
+    ]
+
+
+def _find_board(game: Game, scenario: Any) -> dict[str, float]:
+    """Where the board lies in the picture, in pixels: left and top edge, side of a tile."""
+    left = top = 0.0
+    width = game.make_spec(scenario).representations[PICTURE].shape[-1]
+    tile = width / scenario.columns
+    if game.name == "deep_line_wars":
+        from marl_cair.games.deep_line_wars.rendering import board_box
+
+        plain = getattr(board_box, "py_func", board_box)  # compiling it would take longer
+        tile, top, left = plain(game.make_rules(scenario))
+    return {
+        "left": left,
+        "top": top,
+        "tile": tile,
+        "rows": scenario.rows,
+        "columns": scenario.columns,
+    }

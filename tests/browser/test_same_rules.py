@@ -1,0 +1,147 @@
+"""A game in the browser and the same actions in Python: the same states, pictures and bots."""
+
+import hashlib
+
+import numpy as np
+import pytest
+
+from marl_cair.games import GAMES
+from marl_cair.games.engine import BatchedEngine
+from tests.browser.conftest import open_page, serve
+
+# Games of random legal actions, kinds first, so that a kind with many cells does not crowd out all
+# others; every second game is the bot's in all seats.
+PLAY = """async ([first, count]) => {
+  const { Rules } = await import("./rules.js");
+  const { actions, opponent } = await (await fetch("game.json")).json();
+  const rules = await Rules.load("rules.wasm");
+  let word = first + 1;
+  const draw = (limit) => {
+    word = (Math.imul(word, 1664525) + 1013904223) >>> 0;
+    return Math.floor(word / 4294967296 * limit);
+  };
+  const choose = (mask) => {
+    const legal = [...mask.keys()].filter((action) => mask[action]);
+    const kinds = [...new Set(legal.map((action) => actions.groups[action]))];
+    const kind = kinds[draw(kinds.length)];
+    const members = legal.filter((action) => actions.groups[action] === kind);
+    return members[draw(members.length)];
+  };
+  const games = [], seats = [...Array(rules.numPlayers).keys()];
+  let steps = 0, spent = 0;
+  for (let seed = first; seed < first + count; seed++) {
+    rules.reset(seed);
+    rules.arrays.random[0] = BigInt(seed);
+    const played = [];
+    while (!rules.isOver) {
+      let chosen;
+      if (seed % 2) {
+        rules.legalActions(0);
+        rules.observe(opponent.representation, 0);
+        rules.run("decide");
+        chosen = Array.from(rules.arrays.decisions, Number);
+      } else chosen = seats.map((seat) => choose(rules.legalActions(seat)));
+      const before = performance.now();
+      rules.step(chosen);
+      spent += performance.now() - before;
+      played.push(...chosen);
+    }
+    steps += played.length / seats.length;
+    games.push({ seed, played, hash: await rules.hash() });
+  }
+  return { games, steps, spent };
+}"""
+PICTURE = """async ([seed, actions, seat, name]) => {
+  const { Rules } = await import("./rules.js");
+  const rules = await Rules.load("rules.wasm");
+  rules.reset(seed);
+  for (const chosen of actions) rules.step(chosen);
+  return Array.from(rules.observe(name, seat));
+}"""
+QUICK, SLOW = 20, 1_000
+GAME_NAMES = ("deep_line_wars", "deep_maze", "deep_rts", "flappy_bird")
+
+
+def hash_state(engine):
+    """As `games.replays.hash_state`, whole."""
+    state = engine.snapshot()
+    arrays = (*state.world, *state.outcome)
+    return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
+
+
+def check_game(game, engine, bot):
+    """The game has the browser's state at its end, and the bot decides as it did there."""
+    actions = np.array(game["played"], np.int32).reshape(-1, engine.num_players)
+    is_bots = game["seed"] % 2 == 1
+    engine.reset(game["seed"])
+    bot.seed(game["seed"])
+    for row in actions:
+        if is_bots:
+            shown = engine.observe(bot.representation)[0]
+            np.testing.assert_array_equal(bot.act(shown, engine.action_mask()[0]), row)
+        engine.step(row[None])
+    assert engine.terminated[0] or engine.truncated[0]
+    assert hash_state(engine) == game["hash"], f"seed {game['seed']}"
+
+
+def check_games(chromium, folder, name, num_games):
+    game = GAMES[name]
+    scenario = game.scenario()
+    engine, bot = BatchedEngine(game, scenario), game.bot([*game.bots][-1], scenario)
+    with serve(folder) as address, open_page(chromium, address) as page:
+        for first in range(0, num_games, QUICK):
+            found = page.evaluate(PLAY, [first, QUICK])
+            assert len(found["games"]) == QUICK
+            for played in found["games"]:
+                check_game(played, engine, bot)
+    return found
+
+
+@pytest.mark.parametrize("name", ["deep_line_wars", "flappy_bird"])
+def test_games_end_in_the_state_of_python(chromium, folders, name):
+    found = check_games(chromium, folders(name), name, QUICK)
+    spec = GAMES[name].make_spec(GAMES[name].scenario())
+    seconds_played = found["steps"] * spec.ticks_per_step / spec.ticks_per_second
+    assert seconds_played > 10 * found["spent"] / 1000  # ten times as fast as real time
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", GAME_NAMES)
+def test_a_thousand_games_end_in_the_state_of_python(chromium, folders, name):
+    check_games(chromium, folders(name), name, SLOW)
+
+
+@pytest.mark.parametrize("seat", [0, 1])
+def test_the_picture_is_that_of_python(chromium, folders, seat):
+    game = GAMES["deep_line_wars"]
+    engine = BatchedEngine(game, game.scenario())
+    engine.reset(3)
+    actions = []
+    bot = game.bot("counter", engine.scenario)
+    for _ in range(30):
+        chosen = bot.act(engine.observe("planes")[0], engine.action_mask()[0])
+        actions.append(chosen.tolist())
+        engine.step(chosen[None])
+    with serve(folders(game.name)) as address, open_page(chromium, address) as page:
+        for name, shown in (("picture", "image"), ("vector", "vector")):
+            seen = page.evaluate(PICTURE, [3, actions, seat, name])
+            np.testing.assert_array_equal(seen, engine.observe(shown)[0, seat].ravel())
+
+
+def test_the_state_between_two_steps_is_shown_and_forgotten(chromium, folders):
+    look = """async () => {
+      const { Rules } = await import("./rules.js");
+      const rules = await Rules.load("rules.wasm");
+      rules.reset(1);
+      rules.step([1, 1]);
+      const hash = await rules.hash();
+      const pictures = [0, 5, 10].map((ticks) => rules.glimpse([0, 0], ticks, 0).join());
+      const isKept = hash === await rules.hash();
+      rules.step([0, 0]);
+      return [isKept, pictures, rules.observe("picture", 0).join()];
+    }"""
+    with serve(folders("deep_line_wars")) as address, open_page(chromium, address) as page:
+        is_kept, (first, middle, last), after = page.evaluate(look)
+    assert is_kept
+    assert len({first, middle, last}) == 3
+    assert last == after

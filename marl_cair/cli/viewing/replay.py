@@ -76,7 +76,7 @@ def describe_replay(replay: Replay) -> str:
     lines += [f"{name}: {value}" for name, value in replay.extra.items()]
     for _ in replay_steps(replay):
         pass
-    lines.append(f"played again: the same in all {len(replay.hashes)} recorded states")
+    lines.append(f"played again: it is the same (recorded states: {len(replay.hashes)})")
     return "".join(f"{clean_text(line)}\n" for line in lines)
 
 

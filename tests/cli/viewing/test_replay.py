@@ -32,7 +32,7 @@ def test_a_replay_is_printed(file, capsys):
     version = GAMES["deep_line_wars"].version
     assert lines[0].startswith(f"deep_line_wars 11x11 max_ticks=100, rules {version}, map seed ")
     assert lines[1] == "random (seat 0) v turtle (seat 1): 10 steps, 10 s of the game; no winner"
-    assert lines[2:] == ["block: 0", "game: 0", "played again: the same in all 2 recorded states"]
+    assert lines[2:] == ["block: 0", "game: 0", "played again: it is the same (recorded states: 1)"]
 
 
 def test_values_and_a_cut_are_printed(tmp_path, capsys):
@@ -175,7 +175,7 @@ def test_stored_games_of_a_league_are_replayed(tmp_path, capsys):
         replay = read_replay(path)
         other = held[replay.map_seed, replay.players]
         np.testing.assert_array_equal(replay.actions, other.actions)
-        assert replay.hashes == other.hashes
+        assert other.hashes.items() <= replay.hashes.items()
     assert_refused(
         capsys,
         "unknown agent of this league 'turtel'",

@@ -168,4 +168,4 @@ def test_a_window_without_a_display_is_refused(driver, monkeypatch, capsys):
 def test_a_window_without_pygame_is_refused(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "pygame", None)
     assert main(["flash", "play", "multitask"]) == EXIT_REFUSED
-    assert "pip install pygame-ce" in capsys.readouterr().err
+    assert 'pip install "marl_cair[play]"' in capsys.readouterr().err

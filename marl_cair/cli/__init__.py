@@ -13,13 +13,15 @@ from marl_cair.text import clean_text
 
 # Modules of this package with `run(arguments) -> exit code`.
 COMMANDS = (
-    *("train", "curves", "evaluate", "match", "league"),
-    *("replay", "export", "explain", "flash", "games", "verify", "compile", "benchmark"),
+    *("train", "curves", "evaluate", "match", "league", "play", "watch", "replay"),
+    *("export", "explain", "flash", "games", "verify", "compile", "benchmark"),
 )
 _IN_FOLDERS = {  # modules of commands
     "export": "agent.export",
     "explain": "agent.explain",
+    "play": "viewing.play",
     "replay": "viewing.replay",
+    "watch": "viewing.watch",
 }
 # The tasks in the order of a user's work: the words of the command, and a description.
 TASKS = {
@@ -30,6 +32,8 @@ TASKS = {
     "curves": "plot learning curves of training runs",
     "evaluate": "win rates of one agent against others, with 95 % intervals",
     "match": "compare two agents in any scenario",
+    "play": "play a game by hand against bots, trained agents or people",
+    "watch": "watch agents play, in a window or as a film",
     "league": "rate agents by a round-robin, with 95 % intervals",
     "league train": "train a population of agents (league psro: best responses in turn)",
     "league exploit": "train against one agent: how far can it be exploited?",

@@ -8,6 +8,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from marl_cair.policies.capsule_layers import PartCapsules
 from marl_cair.policies.q_network import QNetwork
 
 DRAWS_PER_ROW = 3  # whether to explore, the group, the action
@@ -256,6 +257,23 @@ class PolicyActor:
             state = np.zeros((len(observation), self.state_size), np.float32)
         found, _ = self.step(_view_tensor(observation), _view_tensor(state))
         return np.where(action_mask, found.cpu().numpy(), np.float32(-np.inf))
+
+    def find_presences(self, observation: npt.NDArray[Any]) -> npt.NDArray[np.float32] | None:
+        """Presences float32 [N, T, h, w] of the network's first part capsules in [N, *shape]; None
+        without such capsules.
+        """
+        layers = [part for part in self.network.modules() if isinstance(part, PartCapsules)]
+        if not layers:
+            return None
+        found: list[npt.NDArray[np.float32]] = []
+        hook = layers[0].register_forward_hook(
+            lambda layer, given, output: found.append(output[1].float().cpu().numpy())
+        )
+        try:
+            self.values(observation, np.ones((len(observation), self.network.num_actions), np.bool_))
+        finally:
+            hook.remove()
+        return np.concatenate(found)
 
     def state_dict(self) -> dict[str, Tensor]:
         """Return the state of the exploration's generator, without the weights."""

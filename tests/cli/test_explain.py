@@ -7,7 +7,7 @@ from PIL import Image
 from benchmarks import _networks
 from marl_cair.cli import main
 from marl_cair.cli.agent.explain import read_discount
-from marl_cair.cli.agent.pictures import FILM, find_presences
+from marl_cair.cli.agent.pictures import FILM
 from marl_cair.league.agents.load import load_agent
 from marl_cair.policies.config import QNetworkConfig
 from tests.refusals import assert_refused
@@ -72,7 +72,7 @@ def test_values_of_a_recurrent_agent_are_those_that_it_played_by(tmp_path):
 def test_presences_are_those_of_the_part_capsules(agent):
     loaded = load_agent(agent)
     rows = np.zeros((3, *loaded.network.observation_shape), np.uint8)
-    presences = find_presences(loaded, rows)
+    presences = loaded.find_presences(rows)
     assert presences.shape[:2] == (3, loaded.network.config.capsule.num_part_types)
     assert ((presences > 0) & (presences < 1)).all()
     assert not any(part._forward_hooks for part in loaded.network.modules())

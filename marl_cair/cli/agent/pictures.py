@@ -44,7 +44,7 @@ def draw_all(
         "actions.png": draw_actions(explained),
         "overestimation.png": draw_overestimation(explained, returns, gamma),
     }
-    presences = find_presences(agent, explained.observation[chosen])
+    presences = agent.find_presences(explained.observation[chosen])
     if presences is not None:
         figures["presence.png"] = draw_presence(explained, presences, chosen)
     for name, figure in figures.items():
@@ -155,24 +155,6 @@ def draw_overestimation(
     axis.legend(frameon=False, fontsize=9)
     _clean(axis)
     return figure
-
-
-def find_presences(agent: PolicyActor, observation: NDArray[Any]) -> NDArray[np.float32] | None:
-    """Presences [N, T, h, w] of the first part capsules of the network; None without capsules."""
-    from marl_cair.policies.capsule_layers import PartCapsules
-
-    layers = [part for part in agent.network.modules() if isinstance(part, PartCapsules)]
-    if not layers:
-        return None
-    found: list[NDArray[np.float32]] = []
-    hook = layers[0].register_forward_hook(
-        lambda layer, given, output: found.append(output[1].float().cpu().numpy())
-    )
-    try:
-        agent.values(observation, np.ones((len(observation), agent.network.num_actions), np.bool_))
-    finally:
-        hook.remove()
-    return np.concatenate(found)
 
 
 def draw_presence(

@@ -1,0 +1,190 @@
+"""`marl-cair play`: play a game by hand, against bots, trained agents or other people."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from marl_cair.cli import EXIT_DONE
+from marl_cair.cli import match_options as shared
+from marl_cair.cli.parser import Parser
+from marl_cair.games import GAMES
+from marl_cair.games.checks.scenario import change_scenario
+from marl_cair.games.game import Agent
+from marl_cair.games.players.random_player import RANDOM
+from marl_cair.league.agents.load import find_scenario
+from marl_cair.lookup import find_by_name
+
+if TYPE_CHECKING:
+    from marl_cair.window.session import Session
+
+DEFAULT_SIZE = "1280x800"
+LEAST_SIZE, MOST_SIZE = 160, 8_192  # pixels along a side
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Open the window and play until it is closed; returns the exit code."""
+    options = make_parser().parse_args(arguments)
+    game = find_by_name("game", options.game_name, GAMES)
+    if not game.has_snapshots:
+        raise ValueError(
+            f"{game.name} runs in a browser and has a window of its own: marl-cair flash play NAME"
+        )
+    options.game = game.name
+    return show_games(options, options.opponent, options.humans)
+
+
+def show_games(options: argparse.Namespace, agents: Sequence[str], num_persons: int) -> int:
+    """Open a window in which persons and agents play; returns the exit code."""
+    import_pygame()
+    from marl_cair.window.display import open_display
+    from marl_cair.window.window import Settings, Window
+
+    size = read_window_size(options.size)
+    if not 0.01 <= options.speed <= 1_000.0:
+        raise ValueError(f"--speed is {options.speed}, it must be in 0.01..1000")
+    session = make_session(options, agents, num_persons)
+    surface = open_display(size, f"{session.game.title}: marl_cair")
+    Window(session, surface, Settings(folder=Path(options.folder), speed=options.speed)).run()
+    return EXIT_DONE
+
+
+def import_pygame() -> None:
+    """Import pygame. Raises ValueError, which names the extra, if it is not installed."""
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+    try:
+        import pygame  # noqa: F401
+    except ModuleNotFoundError:
+        raise ValueError(
+            'a window needs pygame-ce: pip install "marl_cair[play]" (no display is needed for '
+            "matches, leagues and training)"
+        ) from None
+
+
+def make_session(options: argparse.Namespace, agents: Sequence[str], num_persons: int) -> Session:
+    """The games that the options describe. Raises ValueError as `seat_players`, and for agents and
+    scenarios.
+    """
+    from marl_cair.window.session import Session
+
+    game, name, fields = find_scenario(agents, options.game, options.scenario)
+    scenario = game.scenario(name, **fields)
+    scenario = change_scenario(
+        game.name, scenario, shared.read_fields(game, scenario, options.fields)
+    )
+    num_seats = game.make_spec(scenario).num_players
+    first = getattr(options, "seat", 0)
+    seats = seat_players(agents, num_seats, num_persons, first, f"{game.name} {name}")
+    load = shared.choose_load(options)
+    players: list[Agent | None] = [
+        None if source is None else load(source, game.name, scenario) for source in seats
+    ]
+    record = Path(options.record) if options.record else None
+    return Session(game, scenario, players, options.seed, record, name_statistics(options, record))
+
+
+def seat_players(
+    agents: Sequence[str], num_seats: int, num_persons: int, first: int, game: str
+) -> list[str | None]:
+    """Who sits in each seat: None for a person. Persons sit from seat `first` on; a last agent
+    takes all seats that are left.
+
+    Raises ValueError for a seat that does not exist, or more players than seats.
+    """
+    if not 0 <= first < num_seats:
+        raise ValueError(f"--seat is {first}, {game} has the seats 0..{num_seats - 1}")
+    if not 0 <= num_persons <= num_seats:
+        raise ValueError(f"--humans is {num_persons}, {game} has {num_seats} seats")
+    num_agents = num_seats - num_persons
+    if len(agents) > num_agents and not (num_agents == 0 and list(agents) == [RANDOM]):
+        raise ValueError(
+            f"{len(agents)} agents for {num_agents} seats of {game}: name at most {num_agents}"
+        )
+    persons = {(first + number) % num_seats for number in range(num_persons)}
+    filled = [*agents, *[agents[-1]] * num_agents][:num_agents]
+    sources = iter(filled)
+    return [None if seat in persons else next(sources) for seat in range(num_seats)]
+
+
+def name_statistics(options: argparse.Namespace, record: Path | None) -> Path | None:
+    """Where statistics go: to the folder of --statistics, else beside the recording."""
+    if options.statistics:
+        now = time.strftime("%Y%m%d-%H%M%S")
+        return Path(options.statistics) / f"{options.game or 'game'}-{now}"
+    return record.with_suffix("") if record is not None else None
+
+
+def read_window_size(text: str) -> tuple[int, int]:
+    """Width and height of "1280x800". Raises ValueError for other words and sizes."""
+    found = re.fullmatch(r"(\d{1,6})x(\d{1,6})", text)
+    size = (int(found[1]), int(found[2])) if found else (0, 0)
+    if not all(LEAST_SIZE <= side <= MOST_SIZE for side in size):
+        raise ValueError(
+            f"--size is {text!r}, it must be width x height in pixels, {LEAST_SIZE}..{MOST_SIZE} "
+            f"each, for example {DEFAULT_SIZE}"
+        )
+    return size
+
+
+def add_window_options(parser: argparse.ArgumentParser) -> None:
+    """Options that `play` and `watch` share."""
+    parser.add_argument("--record", metavar="FILE", help="record the game as a replay")
+    parser.add_argument(
+        "--statistics",
+        metavar="FOLDER",
+        help="folder of each game's statistics, CSV and JSON (default: beside --record, else none)",
+    )
+    parser.add_argument(
+        "--folder",
+        default="runs/play",
+        help="of screenshots and of replays saved by F5 (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--speed", type=float, default=1.0, help="1 is the game's own (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--size", default=DEFAULT_SIZE, help="of the window in pixels (default: %(default)s)"
+    )
+
+
+def make_parser() -> Parser:
+    """The options of the command."""
+    parser = Parser(
+        "marl-cair play",
+        description=__doc__,
+        epilog="example: marl-cair play deep_line_wars --opponent agents/deep_line_wars_10x15. "
+        "The key G lists all keys.",
+    )
+    parser.add_argument("game_name", metavar="GAME", help="a game, as `marl-cair games` lists them")
+    parser.add_argument(
+        "--opponent",
+        nargs="+",
+        default=[RANDOM],
+        metavar="AGENT",
+        help=f"one for each other seat, the last takes all that are left: {shared.AGENT_HELP} "
+        "(default: random)",
+    )
+    parser.add_argument(
+        "--seat", type=int, default=0, help="of the first person (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--humans", type=int, default=1, help="people at this machine (default: %(default)s)"
+    )
+    shared.add_options(
+        parser,
+        *("--seed", "--scenario", "--set", *shared.ANSWER_LIMITS),
+        trained="opponent",
+        bots_alone="bots alone",
+    )
+    add_window_options(parser)
+    return parser
+
+
+def describe_seats(session: Any) -> str:
+    """The players by seat, for a line of text."""
+    return ", ".join(f"{seat} {name}" for seat, name in enumerate(session.names))

@@ -1,0 +1,86 @@
+"""`marl-cair watch`: agents play in a window, or in a film that needs no display."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from marl_cair.cli import EXIT_DONE
+from marl_cair.cli import match_options as shared
+from marl_cair.cli.parser import Parser
+from marl_cair.cli.viewing.play import (
+    add_window_options,
+    describe_seats,
+    import_pygame,
+    make_session,
+    read_window_size,
+    show_games,
+)
+from marl_cair.league.play.film import WRITERS
+from marl_cair.lookup import find_by_name
+
+LEAST_FPS = 10
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Show or film the games; returns the exit code."""
+    options = make_parser().parse_args(arguments)
+    if options.to is None:
+        return show_games(options, options.agents, 0)
+    path, size = Path(options.to), read_window_size(options.size)
+    write = find_by_name("kind of film", path.suffix, WRITERS)
+    import_pygame()
+    from marl_cair.window.film import film_game
+
+    session = make_session(options, options.agents, 0)
+    every = options.every or (session.steps_per_decision if path.suffix == ".gif" else 1)
+    if every < 1:
+        raise ValueError(f"--every is {every}, it must be 1 or more")
+    fps = options.fps or max(LEAST_FPS, round(session.steps_per_second / every))
+    if fps < 1:
+        raise ValueError(f"--fps is {fps}, it must be 1 or more")
+    num_frames = write(path, film_game(session, size, every), fps)
+    sys.stdout.write(
+        f"{describe_seats(session)}: {session.describe_end()} after {len(session.history.actions)} "
+        f"steps; {path} has {num_frames} frames, {fps} in a second\n"
+    )
+    return EXIT_DONE
+
+
+def make_parser() -> Parser:
+    """The options of the command."""
+    parser = Parser(
+        "marl-cair watch",
+        description=__doc__,
+        epilog="example: marl-cair watch deep_rts/mixed deep_rts/rusher --to runs/game.gif",
+    )
+    parser.add_argument(
+        "agents",
+        nargs="+",
+        metavar="AGENT",
+        help=f"one for each seat, the last takes all that are left: {shared.AGENT_HELP}",
+    )
+    shared.add_options(
+        parser,
+        *("--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS),
+        trained="agents",
+        bots_alone="bots alone",
+    )
+    parser.add_argument(
+        "--to",
+        metavar="FILE",
+        help="write a film (.mp4, .gif, or a folder of pictures) and open no window",
+    )
+    parser.add_argument(
+        "--every",
+        type=int,
+        help="of a film: show each so many steps (default: 1; in a .gif, the decisions of agents)",
+    )
+    parser.add_argument(
+        "--fps",
+        type=int,
+        help="of a film: frames in a second (default: the game's own pace, at least 10)",
+    )
+    add_window_options(parser)
+    return parser

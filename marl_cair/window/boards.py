@@ -1,0 +1,60 @@
+"""`Board`: where the cells of a game's board lie in its picture, as its `rendering` draws them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+Cell = tuple[int, int]  # row and column of the own view
+
+
+@dataclass(frozen=True)
+class Board:
+    """Cells of `tile` pixels of the picture, the first at (`left`, `top`)."""
+
+    rows: int
+    columns: int
+    tile: float
+    top: float
+    left: float
+
+    def find_cell(self, x: float, y: float) -> Cell | None:
+        """The cell at a pixel of the picture; None beside the board."""
+        row, column = int((y - self.top) // self.tile), int((x - self.left) // self.tile)
+        return (row, column) if self.contains(row, column) else None
+
+    def contains(self, row: int, column: int) -> bool:
+        """Whether there is such a cell."""
+        return 0 <= row < self.rows and 0 <= column < self.columns
+
+    def find_box(self, row: float, column: float) -> tuple[float, float]:
+        """Left and top of a cell in the picture."""
+        return self.left + column * self.tile, self.top + row * self.tile
+
+
+def find_board(game: str, scenario: Any, rules: Any, height: int, width: int) -> Board | None:
+    """The board in a picture of a game, [height, width]; None for games without one."""
+    if game == "deep_line_wars":
+        from marl_cair.games.deep_line_wars.rendering import board_box
+
+        tile, top, left = getattr(board_box, "py_func", board_box)(rules)
+        return Board(scenario.rows, scenario.columns, tile, top, left)
+    if game == "deep_rts":
+        from marl_cair.games.deep_rts.art import rendering as rts
+
+        side = rts.tile_side(scenario.rows, scenario.columns)
+        top = height - rts.MARGIN - scenario.rows * side
+        return Board(
+            scenario.rows, scenario.columns, side, top, (width - scenario.columns * side) // 2
+        )
+    if game == "deep_maze":
+        from marl_cair.games.deep_maze import rendering as maze
+
+        longest = max(scenario.rows, scenario.columns)
+        tile, first = maze.BOARD_SIDE / longest, maze.MARGIN + maze.FRAME
+        top, left = (
+            first + (longest - count) * maze.BOARD_SIDE // (2 * longest)
+            for count in (scenario.rows, scenario.columns)
+        )
+        return Board(scenario.rows, scenario.columns, tile, top, left)
+    return None

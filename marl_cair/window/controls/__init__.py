@@ -1,0 +1,1 @@
+"""Turns the keys and clicks of a person into the actions of a game."""

@@ -1,0 +1,19 @@
+"""Opens the window on a display."""
+
+from __future__ import annotations
+
+import pygame
+
+
+def open_display(size: tuple[int, int], title: str) -> pygame.Surface:
+    """The surface of a new window. Raises ValueError where there is no display."""
+    try:
+        pygame.display.init()
+        surface = pygame.display.set_mode(size, pygame.RESIZABLE)
+    except pygame.error as error:
+        raise ValueError(
+            f"no window can be opened ({error}): play on a machine with a display, connect with "
+            "`ssh -X`, or let `marl-cair watch` write a film with --to game.mp4 or game.gif"
+        ) from error
+    pygame.display.set_caption(title)
+    return surface

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pygame
 
+from marl_cair.games.replays import REPLAY_SUFFIX
 from marl_cair.window.representations import list_shown
 from marl_cair.window.session import View
 from marl_cair.window.statistics import name_game
@@ -101,25 +102,27 @@ def zoom(window: Window, step: int) -> None:
 
 def save_screenshot(window: Window) -> None:
     """Write the window as a PNG."""
-    path = _free_name(window, "screenshot.png")
-    pygame.image.save(window.surface, str(path))
-    window.message = f"saved {path}"
+    _save(window, "screenshot.png", lambda path: pygame.image.save(window.surface, path))
 
 
 def save_replay(window: Window) -> None:
     """Write the replay of the game so far."""
     window.finish_job()
-    path = _free_name(window, f"{window.session.game.name}.replay")
-    window.session.save_replay(path)
-    window.message = f"saved {path}"
+    _save(window, f"{window.session.game.name}{REPLAY_SUFFIX}", window.session.save_replay)
 
 
-def _free_name(window: Window, name: str) -> Path:
-    window.settings.folder.mkdir(parents=True, exist_ok=True)
+def _save(window: Window, name: str, write: Callable[[Path], None]) -> None:
+    """Write a file under the next free name in the window's folder; an error is a message."""
     first, number = window.settings.folder / name, 0
-    while name_game(first, number).exists():
-        number += 1
-    return name_game(first, number)
+    try:
+        first.parent.mkdir(parents=True, exist_ok=True)
+        while name_game(first, number).exists():
+            number += 1
+        path = name_game(first, number)
+        write(path)
+        window.message = f"saved {path}"
+    except OSError as error:
+        window.message = f"not saved: {error}"
 
 
 HOTKEYS = (

@@ -1,0 +1,205 @@
+"""A scripted person plays whole games with keys and mouse, and wins."""
+
+import numpy as np
+import pygame
+import pytest
+
+from marl_cair.games.deep_maze import state as maze
+from marl_cair.games.deep_maze.tables import COLUMN_STEP, ROW_STEP
+from marl_cair.games.deep_rts import state as rts
+from marl_cair.games.deep_rts import tables as t
+from marl_cair.window.session import View
+from tests.window.persons import Person, make_window
+
+MAZE_KEYS = (pygame.K_DOWN, pygame.K_UP, pygame.K_LEFT, pygame.K_RIGHT)
+
+
+def test_line_wars_is_won_by_mouse_and_keys():
+    window = make_window("deep_line_wars", None, (None, "random"))
+    person = Person(window)
+    person.wait(20)
+    assert window.moment.step == 0  # the game begins with the person's first order
+    for row in (1, 4, 6, 8):
+        person.press(pygame.K_5)
+        person.click_cell(row, 3)
+        person.wait()
+        person.click_cell(row, 3, button=3)  # no tower is chosen any more
+    assert window.moment.world.num_towers[0, 0] == 4
+    while not window.moment.is_over:
+        if window.moment.numbers.resources["gold"][0] >= 100:
+            person.press(pygame.K_4)
+        person.wait(10)
+    assert window.moment.winner == 0
+    assert window.message == "you have won. N: next game, Esc: quit"
+
+
+@pytest.mark.parametrize("actions", ["spatial", "classic"])
+def test_line_wars_is_played_by_keyboard_alone(actions):
+    window = make_window("deep_line_wars", None, (None, "random"), actions=actions)
+    person = Person(window)
+    person.press(pygame.K_6, pygame.K_UP)  # the frame appears in the middle
+    for _ in range(4):
+        person.press(pygame.K_LEFT)
+    person.press(pygame.K_RETURN)
+    person.wait(12)  # `classic` moves its cursor there first
+    world = window.moment.world
+    row, column = window.controls[0].frame
+    assert (world.tower_row[0, 0, 0], world.tower_column[0, 0, 0]) == (row, column)
+    assert world.tower_kind[0, 0, 0] == 1
+
+
+def test_line_wars_says_why_an_order_is_not_possible():
+    window = make_window("deep_line_wars", None, (None, "random"))
+    person = Person(window)
+    person.click_cell(2, 3)
+    assert window.message == "choose a tower first: 5, 6 or 7"
+    person.press(pygame.K_5)
+    person.click_cell(2, 10)
+    assert window.message == "towers stand in your own half, not in its first column"
+    person.click_cell(2, 3)
+    person.wait()
+    person.click_cell(2, 3)
+    assert window.message == "a tower stands there"
+    person.press(pygame.K_4)
+    person.wait()
+    person.press(pygame.K_4)
+    assert window.message == "not enough gold: it costs 100, you have 85"
+    assert window.session.engine.illegal_actions.sum() == 0
+
+
+def test_a_maze_waits_for_the_person_who_solves_it():
+    window = make_window("deep_maze")
+    person = Person(window)
+    person.wait(50)
+    assert window.moment.step == 0
+    while not window.moment.is_over:
+        world = window.moment.world
+        row, column = divmod(int(world.cell[0, 0]), window.session.scenario.columns)
+        distances = world.distance[0].reshape(window.session.scenario.rows, -1)
+        padded = np.pad(distances, 1, constant_values=maze.NO_WAY)
+        beside = [
+            padded[row + 1 + down, column + 1 + right]
+            for down, right in zip(ROW_STEP, COLUMN_STEP, strict=True)
+        ]
+        move = beside.index(distances[row, column] - 1)
+        person.press(MAZE_KEYS[move])
+        person.wait()
+    assert window.moment.winner == 0
+    optimal = window.moment.world.optimal[0, 0]
+    assert window.moment.world.clock[0, maze.TICK] == optimal
+
+
+def test_several_persons_fly_at_once_with_keys_of_their_own():
+    window = make_window("flappy_bird", "race-4", (None, "random", None, "random"))
+    person = Person(window)
+    assert window.view == View(None)
+    person.press(pygame.K_SPACE)  # the game begins: in its first step no bird may flap
+    person.wait(5)
+    person.press(pygame.K_UP)  # the second person's key
+    person.wait()
+    flap = window.session.spec.action_names.index("flap")
+    assert window.session.history.actions[5][[0, 2]].tolist() == [0, flap]
+
+
+def test_rts_gold_is_gathered_by_a_box_and_a_right_click():
+    window = make_window("deep_rts", "GoldCollect-15x15")
+    person = Person(window)
+    units = window.controls[0].list_units(window.moment)
+    peasants = [unit for unit in units if unit.is_mobile]
+    low = np.min([(u.row, u.column) for u in peasants], 0)
+    high = np.max([(u.row, u.column) for u in peasants], 0)
+    person.click(person.find_pixel(*low), until=person.find_pixel(*high))
+    assert window.message == f"{len(peasants)} selected"
+    person.click_cell(*find_tile(window, t.GOLD_TILE), button=3)
+    person.wait(7)
+    orders = window.moment.world.units[0, :, rts.UNIT_ORDER]
+    assert (orders == rts.HARVEST).sum() == len(peasants)
+    while not window.moment.is_over:
+        person.wait()
+    assert window.moment.winner == 0
+    assert window.moment.numbers.scoreboard["gathered"][0] >= 200
+    assert window.session.engine.illegal_actions.sum() == 0
+
+
+def find_tile(window, kind):
+    """Row and column, in the person's view, of the nearest tile to its base of a kind."""
+    control, world = window.controls[0], window.moment.world
+    frame = control.rules.seats[world.clock[0, rts.MAP_INDEX], control.seat, 1]
+    cells = np.flatnonzero(world.board[0, rts.TILE] == kind)
+    places = control.rules.own_place[frame, cells]
+    base = control.find_start(window.moment)
+    return places[np.abs(places - base).sum(1).argmin()].tolist()
+
+
+@pytest.mark.parametrize("actions", ["unit", "grid"])
+def test_rts_trains_builds_and_sends_units_far_away(actions):
+    window = make_window("deep_rts", "1v1-15x15", (None, "random"), actions=actions)
+    person, control = Person(window), window.controls[0]
+    hall, *_ = (u for u in control.list_units(window.moment) if u.kind == t.TOWN_HALL)
+    person.click_cell(hall.row, hall.column)
+    assert [button.label for button in control.list_buttons(window.moment)] == ["peasant", "cancel"]
+    person.press(pygame.K_1)
+    person.wait(3)
+    assert window.moment.world.units[0, hall.slot, rts.UNIT_QUEUE_LENGTH] == 1
+    person.press(pygame.K_c)
+    person.wait(3)
+    assert window.moment.world.units[0, hall.slot, rts.UNIT_QUEUE_LENGTH] == 0
+    person.press(pygame.K_u)
+    assert window.message == ""
+    (peasant,) = control.list_selected(window.moment)
+    goal = (2, 7)
+    person.click_cell(*goal, button=3)
+    person.wait(180)
+    (there,) = control.list_selected(window.moment)
+    assert (there.slot, there.row, there.column) == (peasant.slot, *goal)
+    person.press(pygame.K_2)  # a farm, where it stands
+    person.wait(5)
+    assert window.moment.world.players[0, 0, rts.NUM_OWNED + t.FARM] == 1
+    assert window.session.engine.illegal_actions[0, 0] == 0
+
+
+def test_rts_soldiers_advance_after_a():
+    window = make_window("deep_rts", "Skirmish-15x15", (None, "random"))
+    person, control = Person(window), window.controls[0]
+    person.press(pygame.K_a)
+    assert window.message == "select soldiers first"
+    everything = window.find_board()
+    last = (everything.rows - 1, everything.columns - 1)
+    person.click(person.find_pixel(0, 0), until=person.find_pixel(*last))
+    goal = find_tile(window, t.GRASS)
+    num_soldiers = len(control.list_selected(window.moment))
+    assert num_soldiers == 8
+    person.press(pygame.K_a)
+    person.click_cell(*goal)
+    person.wait(2 * num_soldiers + 2)
+    names = [window.session.spec.action_names[one[0]] for one in window.session.history.actions]
+    assert names.count(f"advance_r{goal[0]}_c{goal[1]}") >= num_soldiers - 1  # one may be there
+
+
+def test_the_classic_orders_of_rts_have_keys():
+    window = make_window("deep_rts", "1v1-15x15", (None, "random"), actions="classic")
+    person = Person(window)
+    person.press(pygame.K_RIGHTBRACKET)
+    person.wait()
+    assert window.session.spec.action_names[window.session.history.actions[0][0]] == "next_unit"
+
+
+def test_persons_pass_the_mouse_on_by_tab():
+    window = make_window("deep_line_wars", None, (None, None))
+    person = Person(window)
+    assert window.view == View(0)
+    person.press(pygame.K_TAB)
+    assert window.view == View(1)
+    person.wait()
+    person.press(pygame.K_1)
+    person.wait()
+    assert [chosen != 0 for chosen in window.session.history.actions[0]] == [False, True]
+
+
+def test_an_own_game_is_played_by_digits(monkeypatch):
+    from marl_cair.window.controls import registry
+
+    monkeypatch.setattr(registry, "_MAKERS", {})
+    window = make_window("deep_maze")
+    labels = [text for _, text in window.controls[0].lines]
+    assert labels == ["down", "up", "left", "right"]

@@ -1,0 +1,127 @@
+"""Screenshots of each game with its panels, beside approved ones, in windows of every size.
+
+`python -m tests.window.test_screens` writes the approved pictures again: look at them.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pygame
+import pytest
+from PIL import Image
+
+from tests.window.persons import Person, make_window
+
+APPROVED = Path(__file__).parent / "approved"
+SIZE = (960, 620)
+# Text is drawn by the FreeType of the machine: edges of letters may differ, colours and places not.
+MOST_DIFFERENT, TOLERANCE = 0.01, 48  # share of pixels by more than that in a channel
+
+
+def line_wars_by_hand():
+    window = make_window("deep_line_wars", None, (None, "counter"), SIZE)
+    person = Person(window)
+    person.press(pygame.K_2, pygame.K_5)
+    person.click_cell(3, 4)
+    person.wait(150)
+    person.move(person.find_pixel(5, 5))
+    return window
+
+
+def line_wars_values():
+    """An agent's action values and the presence of its capsules, here made up."""
+    window = make_window("deep_line_wars", None, ("counter", "rusher"), SIZE)
+    agent = window.session.agents[0]
+    agent.values = lambda seen, mask, state: np.where(mask, np.linspace(-0.4, 0.8, mask.shape[1]), -np.inf)
+    agent.find_presences = lambda seen: np.linspace(0, 1, 40, dtype=np.float32).reshape(1, 1, 5, 8)
+    Person(window).press(pygame.K_o)
+    Person(window).wait(600)
+    return window
+
+
+def rts_by_hand():
+    window = make_window("deep_rts", "1v1-15x15-fog", (None, "mixed"), SIZE)
+    person, board = Person(window), window.find_board()
+    person.click(
+        person.find_pixel(0, 0), until=person.find_pixel(board.rows - 1, board.columns - 1)
+    )
+    person.press(pygame.K_h)
+    person.wait(120)
+    return window
+
+
+def rts_of_six():
+    window = make_window("deep_rts", "FFA-6-31x31", ["mixed"] * 6, SIZE)
+    Person(window).wait(400)
+    return window
+
+
+def rts_planes():
+    window = make_window("deep_rts", "1v1-15x15", ("mixed", "mixed"), SIZE)
+    Person(window).press(pygame.K_v)
+    Person(window).wait(50)
+    return window
+
+
+def maze_menu():
+    window = make_window("deep_maze", size=SIZE)
+    Person(window).press(pygame.K_g)
+    return window
+
+
+def flappy_race():
+    window = make_window("flappy_bird", "race-4", (None, "oracle", "reflex", None), SIZE)
+    Person(window).press(pygame.K_SPACE)
+    Person(window).wait(40)
+    return window
+
+
+SCREENS = (
+    *(line_wars_by_hand, line_wars_values, rts_by_hand, rts_of_six, rts_planes),
+    *(maze_menu, flappy_race),
+)
+
+
+def take(make):
+    """The screen uint8 [h, w, 3], with rates as on a quick machine."""
+    window = make()
+    window.frame_rates, window.tick_rates = [60.0, 59.0, 60.0], [10.0, 10.0, 10.0]
+    window.scene._drawn.pop("panels", None)
+    window.draw()
+    return pygame.surfarray.array3d(window.surface).swapaxes(0, 1)
+
+
+@pytest.mark.parametrize("make", SCREENS, ids=lambda make: make.__name__)
+def test_screens_look_as_approved(make):
+    with Image.open(APPROVED / f"{make.__name__}.png") as image:
+        approved = np.asarray(image.convert("RGB")).astype(int)
+    different = np.abs(take(make).astype(int) - approved).max(2) > TOLERANCE
+    assert different.mean() < MOST_DIFFERENT, np.argwhere(different)[:5]
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 200), (200, 3), (160, 120), (640, 90), (2_000, 1_500)])
+def test_windows_of_every_size_are_drawn(size):
+    window = make_window("deep_rts", "1v1-15x15", (None, "random"), size)
+    Person(window).press(pygame.K_u, pygame.K_g, pygame.K_DOWN)
+    Person(window).wait(3)
+    window.draw()
+    Person(window).click((size[0] // 2, size[1] // 2))
+    Person(window).press(pygame.K_PAGEUP, pygame.K_PAGEDOWN)
+    window.draw()
+
+
+def test_the_picture_is_scaled_sharply():
+    window = make_window("flappy_bird", size=(1_400, 1_200))
+    assert window.camera.scale == 2
+    left, top = window.camera.corner()
+    picture = window.moment.picture
+    shown = pygame.surfarray.array3d(window.surface).swapaxes(0, 1)
+    shown = shown[top : top + 2 * picture.shape[0], left : left + 2 * picture.shape[1]]
+    assert (shown == picture.repeat(2, 0).repeat(2, 1)).all()
+
+
+if __name__ == "__main__":
+    APPROVED.mkdir(exist_ok=True)
+    for make_screen in SCREENS:
+        image = Image.fromarray(take(make_screen)).quantize(128, dither=Image.Dither.NONE)
+        image.save(APPROVED / f"{make_screen.__name__}.png", optimize=True)

@@ -25,7 +25,7 @@ LAYERS = (
     ("training.population",),
     ("training",),
     ("training.collecting", "league"),
-    ("training.settings", "league.report"),
+    ("training.settings", "league.report", "window"),
     ("self_play", "league.play"),
     ("league.agents", "league.ratings"),
     ("league.store", "generative"),

@@ -50,11 +50,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training.collecting": {*_LEARNING, *_SELF_PLAY, "training.settings"},
     "training": {*_LEARNING, *_SELF_PLAY, "league", "training.settings", "training.collecting"},
     "training.population": {*_LEARNING, *_SELF_PLAY, "league", "training", "training.settings"},
+    "window": {"games", "league.agents", "league.play"},
     # "" is what `import marl_cair` gives every user; the registries tell --help the choices.
     "cli": {
         *("", "games", "policies", "generative", "checkpoint", "self_play"),
         *("league", "league.agents", "league.play", "league.ratings", "league.store"),
-        *("league.report", "training", "training.settings", "training.population"),
+        *("league.report", "training", "training.settings", "training.population", "window"),
     },
     "conf": set(),
     "__main__": {"cli"},

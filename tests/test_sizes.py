@@ -9,14 +9,15 @@ MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
     "games": 21_320,
-    "policies": 2_400,
+    "policies": 2_420,
     "replay": 2_060,
     "generative": 3_460,
     "self_play": 990,
     "league": 8_160,
     "training": 6_100,
+    "window": 2_500,
     "conf": 10,
-    "cli": 3_470,
+    "cli": 3_760,
     "": 1_560,  # the modules that every part may import
 }
 

@@ -270,7 +270,8 @@ class PolicyActor:
             lambda layer, given, output: found.append(output[1].float().cpu().numpy())
         )
         try:
-            self.values(observation, np.ones((len(observation), self.network.num_actions), np.bool_))
+            all_legal = np.ones((len(observation), self.network.num_actions), np.bool_)
+            self.values(observation, all_legal)
         finally:
             hook.remove()
         return np.concatenate(found)

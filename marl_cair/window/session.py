@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import NO_WINNER, Agent, Game
 from marl_cair.games.players.recurrent import call_agent, find_state_size
-from marl_cair.games.replays import ReplayWriter
+from marl_cair.games.replays import Replay, ReplayWriter, write_replay
 from marl_cair.league.agents.foreign import require_answers
 from marl_cair.league.play.playing import map_seeds
 from marl_cair.window.numbers import Numbers, count_kills, read_numbers, read_world
@@ -134,20 +134,30 @@ class Session:
         self._began = time.monotonic()
         self._note()
         if self.record is not None:
-            self._writer = self.open_writer(name_game(self.record, self.number), self.engine)
-
-    def open_writer(self, path: Path, engine: BatchedEngine) -> ReplayWriter:
-        """A recorder of this game, whose engine stands at its start."""
-        return ReplayWriter(path, engine, map_seed=self.map_seed, players=self.names)
+            path = name_game(self.record, self.number)
+            self._writer = ReplayWriter(
+                path, self.engine, map_seed=self.map_seed, players=self.names
+            )
 
     def save_replay(self, path: Path) -> None:
-        """Write the game so far, by playing it again. Raises OSError."""
-        engine = BatchedEngine(self.game, self.scenario)
-        engine.reset(np.array([self.map_seed], np.uint64))
-        with self.open_writer(path, engine) as writer:
-            for actions in self.history.actions:
-                engine.step(actions[None])
-                writer.add(actions)
+        """Write the game so far as a replay. Raises OSError."""
+        shape = (0, self.spec.num_players, *self.spec.action_shape)
+        played = self.history.actions
+        winner = int(self.engine.winner[0])
+        replay = Replay(
+            game=self.game.name,
+            scenario=self.scenario,
+            rules_version=self.game.version,
+            map_seed=self.map_seed,
+            players=self.names,
+            actions=np.array(played) if played else np.zeros(shape, np.int32),
+            winner=None if winner == NO_WINNER else winner,
+            is_complete=True,
+            values=None,
+            hashes={},
+            extra={},
+        )
+        write_replay(path, replay)
 
     def close(self) -> None:
         """End the recording, and save the statistics of a game that has begun."""

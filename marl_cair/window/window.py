@@ -139,6 +139,9 @@ class Window:
         if count:
             chosen = {control.seat: control.choose(self.moment) for control in persons}
             orders = {seat: order for seat, order in chosen.items() if order is not None}
+            for control in persons:
+                if control.message:
+                    self._say(control)
             self.due = 0.0 if self.shown["turns"] else max(0.0, self.due - count)
             self.steps_wanted = 0
         self.needs_look = False

@@ -1,4 +1,4 @@
-"""Players can be told apart by people who are colour-blind."""
+"""People who are colour-blind can separate the players' colours."""
 
 from itertools import combinations
 

@@ -122,10 +122,11 @@ def test_rts_gold_is_gathered_by_a_box_and_a_right_click():
 
 
 def find_tile(window, kind):
-    """Row and column, in the person's view, of the nearest tile to its base of a kind."""
+    """Row and column, in the person's view, of the nearest free tile of a kind to its base."""
     control, world = window.controls[0], window.moment.world
     frame = control.rules.seats[world.clock[0, rts.MAP_INDEX], control.seat, 1]
-    cells = np.flatnonzero(world.board[0, rts.TILE] == kind)
+    is_free = world.board[0, rts.OCCUPANT] == rts.NO_UNIT
+    cells = np.flatnonzero((world.board[0, rts.TILE] == kind) & is_free)
     places = control.rules.own_place[frame, cells]
     base = control.find_start(window.moment)
     return places[np.abs(places - base).sum(1).argmin()].tolist()
@@ -152,6 +153,9 @@ def test_rts_trains_builds_and_sends_units_far_away(actions):
     person.wait(180)
     (there,) = control.list_selected(window.moment)
     assert (there.slot, there.row, there.column) == (peasant.slot, *goal)
+    person.click_cell(hall.row, hall.column, button=3)
+    person.wait(3)
+    assert window.message == f"go r{hall.row} c{hall.column}: not possible now" or actions == "grid"
     person.press(pygame.K_2)  # a farm, where it stands
     person.wait(5)
     assert window.moment.world.players[0, 0, rts.NUM_OWNED + t.FARM] == 1

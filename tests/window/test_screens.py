@@ -32,10 +32,12 @@ def line_wars_values():
     """An agent's action values and the presence of its capsules, here made up."""
     window = make_window("deep_line_wars", None, ("counter", "rusher"), SIZE)
     agent = window.session.agents[0]
-    agent.values = lambda seen, mask, state: np.where(mask, np.linspace(-0.4, 0.8, mask.shape[1]), -np.inf)
+    agent.values = lambda seen, mask, state: np.where(
+        mask, np.linspace(-0.4, 0.8, mask.shape[1]), -np.inf
+    )
     agent.find_presences = lambda seen: np.linspace(0, 1, 40, dtype=np.float32).reshape(1, 1, 5, 8)
     Person(window).press(pygame.K_o)
-    Person(window).wait(600)
+    Person(window).wait(610)
     return window
 
 
@@ -99,7 +101,9 @@ def test_screens_look_as_approved(make):
     assert different.mean() < MOST_DIFFERENT, np.argwhere(different)[:5]
 
 
-@pytest.mark.parametrize("size", [(1, 1), (3, 200), (200, 3), (160, 120), (640, 90), (2_000, 1_500)])
+@pytest.mark.parametrize(
+    "size", [(1, 1), (3, 200), (200, 3), (160, 120), (640, 90), (2_000, 1_500)]
+)
 def test_windows_of_every_size_are_drawn(size):
     window = make_window("deep_rts", "1v1-15x15", (None, "random"), size)
     Person(window).press(pygame.K_u, pygame.K_g, pygame.K_DOWN)

@@ -38,7 +38,8 @@ def _show(game: Game) -> None:
         import pygame
     except ModuleNotFoundError:
         raise ValueError(
-            "a window needs pygame-ce: pip install pygame-ce; or give --vnc and use a VNC viewer"
+            'a window needs pygame-ce: pip install "marl_cair[play]"; or give --vnc and use a VNC '
+            "viewer"
         ) from None
     pygame.display.init()
     window = pygame.display.set_mode(game.description.size)

@@ -30,8 +30,11 @@ def declared_modules() -> set[str]:
     requirements = project["dependencies"] + [need for name in for_users for need in extras[name]]
     names = {re.match(r"[\w.-]+", requirement).group() for requirement in requirements}
     renamed = {
-        **{"hydra-core": "hydra", "pillow": "PIL", "pyyaml": "yaml", "open-spiel": "open_spiel"},
+        "hydra-core": "hydra",
+        "open-spiel": "open_spiel",
+        "pillow": "PIL",
         "pygame-ce": "pygame",
+        "pyyaml": "yaml",
     }
     return {renamed.get(name, name) for name in names}
 

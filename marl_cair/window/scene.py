@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from marl_cair.window.window import Window
 
 PANEL_WIDTH = 344
-BAR_HEIGHT, BUTTON_WIDTH = 58, 124
+BAR_HEIGHT, BUTTON_WIDTH = 58, 148
 MINIMAP_PIXELS = 150
 LEAST_WIDTH = 2 * PANEL_WIDTH  # narrower windows show no panels
 PANEL_SECONDS = 0.5  # panels are drawn again after a step, and so often without one

@@ -224,24 +224,10 @@ def test_escape_quits(window):
 
 
 def test_the_window_has_a_test_for_each_hotkey():
-    tested = [
-        "G",
-        "P",
-        ".",
-        "+",
-        "-",
-        "T",
-        "N",
-        "Tab",
-        "F",
-        "V",
-        "O",
-        "H",
-        "B",
-        "F5",
-        "F12",
-        "Esc",
-    ] + ["Page up", "Page down"]
+    tested = (
+        *("G", "P", ".", "+", "-", "T", "N", "Tab", "F", "V", "O", "H", "B", "F5", "F12", "Esc"),
+        *("Page up", "Page down"),
+    )
     assert sorted(tested) == sorted(hotkey.label for hotkey in HOTKEYS)
 
 

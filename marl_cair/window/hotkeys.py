@@ -39,6 +39,7 @@ def toggle(window: Window, name: str) -> None:
 
 def toggle_presence(window: Window) -> None:
     """Show where an agent's capsules find their parts, in that agent's own view."""
+    window.finish_job()  # the agents are asked here
     with_capsules = [seat for seat in window.list_seats() if window.session.has_capsules(seat)]
     if not with_capsules:
         window.message = "no player that you may look at has capsules"

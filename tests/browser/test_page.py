@@ -127,6 +127,19 @@ def test_a_bird_flaps_by_space(chromium, folders):
         page.keyboard.press(" ")
         step(page, 2)
         assert 1 in played(page)
+        assert not page.locator("#opponent").is_visible()
+
+
+def test_a_tap_on_the_picture_flaps(chromium, folders):
+    with (
+        serve(folders("flappy_bird")) as address,
+        open_page(chromium, address, search="?seed=1") as page,
+    ):
+        page.click("#start")
+        page.keyboard.press("p")
+        page.click("#board")
+        step(page, 2)
+        assert 1 in played(page)
 
 
 def test_a_folder_without_its_rules_says_so(chromium, folders, tmp_path):

@@ -1,7 +1,6 @@
 """Games in a real Chromium: a served folder of each game, and what the page's console says."""
 
 import os
-import shutil
 import threading
 from contextlib import contextmanager
 
@@ -10,9 +9,9 @@ import pytest
 from marl_cair.browser.folder import Opponent, write_folder
 from marl_cair.browser.serving import make_server
 from marl_cair.games import GAMES
+from tests.chromium import BROWSER
 
 NEEDED = "MARL_CAIR_NEEDS_BROWSER"  # set by .ci/run: there one that is missing is a failure
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ from marl_cair.dashboard.runs import read_runs
 from marl_cair.dashboard.server import make_server, write_dashboard
 from marl_cair.training.run_log import format_rows
 from marl_cair.training.settings.config_file import save_config
-from tests.browser import launch_chromium, need_browser
+from tests.chromium import launch_chromium, need_browser
 
 pytest.importorskip("plotly", reason="plotly is of the extra `dashboard`")
 ROWS = [

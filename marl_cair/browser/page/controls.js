@@ -163,7 +163,8 @@ export class Controls {
 
   // button: 0 left, 2 right.
   click(x, y, button) {
-    const cell = this.findCell(x, y);
+    const cell = this.findCell(x, y), [only, ...more] = this.kinds.filter((_, at) => this.buttons[at]);
+    if (!this.board && more.length === 0) this.choose(only); // a tap anywhere flaps
     if (cell === null) return;
     const named = button === 2 ? this.pointer.right : this.pointer.left;
     const kind = button === 0 && this.tool ? this.tool : this.kinds.find(({ name }) => name === named);

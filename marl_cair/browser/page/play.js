@@ -249,6 +249,9 @@ function describeGame(game) {
   find("title").textContent = game.title;
   find("summary").textContent = game.summary;
   find("opponent").textContent = game.opponent.name;
+  if (game.team_of_seat.length < 2) {
+    for (const part of [find("opponent"), find("opponent").previousElementSibling]) part.hidden = true;
+  }
   find("scenario").textContent = game.scenario;
   find("pays").textContent = game.pays;
   find("sides").hidden = !game.numbers.some(({ enemy }) => enemy !== null);

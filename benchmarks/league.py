@@ -168,21 +168,22 @@ def measure_play(title: str, sources: list[str], num_games: int, workers: int, o
 
 
 def measure_recording(title: str, sources: list[str], num_chunks: int, out: Path) -> None:
-    """Print the processor time of games with and without --record, the least of three each."""
+    """Print the processor time of games with and without --record, the least of five each."""
     game = GAMES[GAME]
     scenario = game.scenario(SCENARIO, reward=game.rated_reward)
     rules = Rules(game, scenario, 0, "all")
     agents = [load_agent(source, GAME, scenario) for source in sources]
     line_up = [Entrant(one.name, find_fingerprint(one, game), one) for one in agents]
     rules.play(line_up, range(1))  # compiles rules
-    used: dict[Path | None, list[float]] = {None: [], out / title: []}
-    for _ in range(3):
-        for record, seconds in used.items():
+    used: dict[bool, list[float]] = {False: [], True: []}
+    for number in range(5):
+        for is_recorded, seconds in used.items():
+            record = out / title / f"{number}" if is_recorded else None
             start = time.process_time()
             played = len(rules.play(line_up, range(num_chunks), record))
             seconds.append(time.process_time() - start)
     plain, recorded = map(min, used.values())
-    sizes = [path.stat().st_size for path in (out / title).iterdir()]
+    sizes = [path.stat().st_size for path in (out / title).rglob("*.replay")]
     print(
         f"{title}: {played} games take {plain:.2f} s of CPU, {recorded:.2f} s with --record "
         f"({recorded / plain - 1.0:+.1%}, {1e6 * (recorded - plain) / played:.0f} us a game); "
@@ -220,7 +221,7 @@ def main() -> None:
         ]
         measure_play("conv", networks, options.network_games, options.workers, out)
         measure_recording("recorded bots", list(BOTS[:2]), 64, out)
-        measure_recording("recorded conv", networks, 16, out)
+        measure_recording("recorded conv", networks, 4, out)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,5 @@
 """The page in a real browser: on a phone and a desk, light and dark, without a network."""
 
-import os
-import shutil
-
 import numpy as np
 import pytest
 
@@ -13,70 +10,15 @@ from marl_cair.league.report.render import render_html
 from marl_cair.league.report.replays import ShownGame
 from marl_cair.league.report.sections import make_report
 from marl_cair.league.store.records import AgentRecord
+from tests.browsers import FIND_CONTRAST, FIND_WIDE, READABLE, browser, needs_browser, open_page
 from tests.league.leagues import EDGES, make, make_games
 from tests.league.report.test_render import unrated
 
-NEEDED = "MARL_CAIR_NEEDS_BROWSER"  # set by .ci/run: there one that is missing is a failure
-if NEEDED in os.environ:
-    from playwright import sync_api as playwright
-else:
-    playwright = pytest.importorskip(
-        "playwright.sync_api", reason="playwright is of the extra `dev`"
-    )
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
-pytestmark = pytest.mark.skipif(
-    BROWSER is None and NEEDED not in os.environ,
-    reason="no chromium is installed (Debian: apt-get install chromium)",
-)
+__all__ = ["browser"]  # a fixture
+pytestmark = needs_browser
 LONG = "runs/a_run_with_a_rather_long_name/snapshots/frames_"
 NAMES = [f"{LONG}0000051200", f"{LONG}0000102400", "<script>alert(1)</script>", "random"]
 SCREENS = [(width, scheme) for width in (360, 1280) for scheme in ("light", "dark")]
-READABLE = 4.5  # contrast of text that WCAG 2 asks for (AA)
-
-# The smallest contrast of any text on the page with what is painted behind it, and whose it is.
-FIND_CONTRAST = """() => {
-  const parse = text => (text.match(/[0-9.]+/g) || []).map(Number);
-  const light = colour => {
-    const parts = colour.slice(0, 3).map(c => c / 255)
-      .map(c => c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
-    return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2];
-  };
-  const ground = element => {
-    const own = element.getBoundingClientRect(), x = own.x + own.width / 2;
-    const y = own.y + own.height / 2;
-    for (let at = element; at; at = at.parentElement) {
-      const box = at.getBoundingClientRect();
-      if (x < box.left || x > box.right || y < box.top || y > box.bottom) continue;
-      const colour = parse(getComputedStyle(at).backgroundColor);
-      if (colour.length === 3 || colour[3] === 1) return colour;
-    }
-    return parse(getComputedStyle(document.body).backgroundColor);
-  };
-  let worst = [99, ""];
-  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  while (walker.nextNode()) {
-    const text = walker.currentNode.textContent.trim(), element = walker.currentNode.parentElement;
-    if (!text || !element.checkVisibility()) continue;
-    const lights = [light(parse(getComputedStyle(element).color)), light(ground(element))];
-    const found = (Math.max(...lights) + 0.05) / (Math.min(...lights) + 0.05);
-    if (found < worst[0]) worst = [found, text];
-  }
-  return worst;
-}"""
-# Elements that reach beyond the screen and are not in a frame that scrolls by itself.
-FIND_WIDE = """() => [...document.querySelectorAll("main *")]
-  .filter(e => !e.closest(".scroll, .ladder thead, details:not([open])"))
-  .filter(e => e.getBoundingClientRect().right > innerWidth + 0.5)
-  .map(e => e.outerHTML.slice(0, 80))"""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as started:
-        # Debian's sandbox needs rights that a container does not give; the page is our own.
-        opened = started.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="module")
@@ -111,25 +53,6 @@ def bare_file(tmp_path_factory):
     table = unrated(["a", "b", "c", "d"], make_games({(0, 1): 25, (2, 3): 25}))
     path.write_text(render_html(make_report(table)), "utf-8")
     return path
-
-
-def open_page(browser, path, width=1280, scheme="light"):
-    """The page, and what it has asked for or complained about."""
-    page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
-    messages = []
-    page.on("console", lambda message: messages.append(message.text))
-    page.on("pageerror", lambda error: messages.append(str(error)))
-    page.on("dialog", lambda dialog: messages.append(f"dialog {dialog.message}"))
-    page.on(
-        "request",
-        lambda request: (
-            None
-            if request.url == path.as_uri() or request.url.startswith("data:")
-            else messages.append(request.url)
-        ),
-    )
-    page.goto(path.as_uri(), wait_until="load")
-    return page, messages
 
 
 @pytest.mark.parametrize(("width", "scheme"), SCREENS)

@@ -15,6 +15,7 @@ MAX_LINES = {
     "self_play": 990,
     "league": 8_170,
     "training": 6_200,
+    "viewer": 720,
     "window": 2_500,
     "browser": 950,
     "dashboard": 260,

@@ -15,8 +15,8 @@ _OTHER_COLOURS = read_colours("0072b2 d55e00 009e73 cc79a7 e69f00 56b4e9 f0e442 
 
 def list_seat_colours(
     game: str, scenario: Any, team_of_seat: NDArray[np.int64], viewer: int | None
-) -> list[str]:
-    """The colour "#rrggbb" of each seat [P] in the picture of a viewer, None for the spectator."""
+) -> list[tuple[int, int, int]]:
+    """The colour of each seat [P], RGB, in the picture of a viewer, None for the spectator."""
     seats, seen = range(len(team_of_seat)), SPECTATOR if viewer is None else viewer
     if game == "deep_rts":
         from marl_cair.games.deep_rts.art import scene, sprites
@@ -42,7 +42,7 @@ def list_seat_colours(
         chosen = [BIRD_COLOURS[find(seat, seen) % len(BIRD_COLOURS)] for seat in seats]
     else:
         chosen = [_OTHER_COLOURS[seat % len(_OTHER_COLOURS)] for seat in seats]
-    return [f"#{bytes(colour).hex()}" for colour in chosen]
+    return [(int(c[0]), int(c[1]), int(c[2])) for c in chosen]
 
 
 def _plain(function: Any) -> Any:

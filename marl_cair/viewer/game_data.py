@@ -21,6 +21,7 @@ from marl_cair.viewer.colours import list_seat_colours
 from marl_cair.viewer.measures import Measurements, find_events
 from marl_cair.viewer.tiles import MOST_TILES, PackedView, TilePacker
 
+FORMAT_VERSION = 1  # other data need another script
 MAX_BYTES = 2_000_000  # of the text of one game
 MOST_CHOICES = 5  # best actions that are shown, of an agent's values
 _MOST_ORDERS = 3  # kinds of orders that are named, where a seat gives many in a step
@@ -32,6 +33,7 @@ def pack_game(
     max_bytes: int = MAX_BYTES,
     views: Sequence[int | None] | None = None,
     every: int = 1,
+    fps: float | None = None,
 ) -> str:
     """The game as JSON text for `page.make_element`; it is played again once for each view.
 
@@ -39,6 +41,7 @@ def pack_game(
         second, fourth, ... picture is kept until it fits.
     views: seats, or None for the spectator; the default is the spectator, then all seats.
     every: pictures are of each so many steps, and of the end.
+    fps: steps per second; the default is the pace of the game.
 
     Raises ReplayError as `replay_steps`, ValueError for a seat that does not exist.
     """
@@ -47,7 +50,7 @@ def pack_game(
         raise ValueError(
             f"there is no seat {wrong[0]}: the game has the seats 0 to {len(replay.players) - 1}"
         )
-    measured, data = Measurements(), _describe(replay)
+    measured, data = Measurements(), _describe(replay, fps)
     first = _pack_view(replay, wanted[0], every, measured)
     data |= _list_numbers(replay, measured, data["players"])
     left: float = max_bytes - len(json.dumps(data))
@@ -91,7 +94,7 @@ def _pack_view(
     return packer.pack()
 
 
-def _describe(replay: Replay) -> dict[str, Any]:
+def _describe(replay: Replay, fps: float | None) -> dict[str, Any]:
     """What the replay itself says."""
     game, spec = GAMES[replay.game], replay.spec
     names = Counter(replay.players)
@@ -105,7 +108,7 @@ def _describe(replay: Replay) -> dict[str, Any]:
         "players": players,
         "teams": spec.team_of_seat.tolist(),
         "steps": len(replay.actions),
-        "fps": spec.render_fps,
+        "fps": fps or spec.render_fps,
         "secondsPerStep": spec.ticks_per_step / spec.ticks_per_second,
         "actions": _pack_actions(replay),
         "values": _pack_values(replay),
@@ -126,7 +129,7 @@ def _list_numbers(replay: Replay, measured: Measurements, players: Sequence[str]
 def _describe_view(replay: Replay, seat: int | None) -> dict[str, Any]:
     teams = replay.spec.team_of_seat
     colours = list_seat_colours(replay.game, replay.scenario, teams, seat)
-    return {"seat": seat, "colours": colours}
+    return {"seat": seat, "colours": [f"#{bytes(colour).hex()}" for colour in colours]}
 
 
 def _format_pictures(packed: PackedView) -> dict[str, Any]:

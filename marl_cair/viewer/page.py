@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
+import json
 import os
 from collections.abc import Sequence
 from functools import cache
@@ -12,10 +13,12 @@ from pathlib import Path
 
 from marl_cair.files import write_atomically
 from marl_cair.games.replays import Replay
+from marl_cair.stored import VIEWER, DamagedFileError, read_text
 from marl_cair.text import clean_text
 from marl_cair.viewer.game_data import MAX_BYTES, pack_game
 
 SCRIPT_FILE = Path(__file__).with_name("viewer.js")  # built from viewer/
+_BEFORE, _AFTER = '<div class="mc-replay"><script type="application/json">', "</script></div>"
 _PAGE = """<!doctype html>
 <html lang="en">
 <head>
@@ -56,7 +59,22 @@ def make_policy() -> str:
 def make_element(game: str) -> str:
     """The HTML element of a game that `pack_game` has packed."""
     safe = game.replace("<", "\\u003c")  # no tag ends the script
-    return f'<div class="mc-replay"><script type="application/json">{safe}</script></div>'
+    return f"{_BEFORE}{safe}{_AFTER}"
+
+
+def read_game(path: str | os.PathLike[str]) -> str:
+    """The packed game in a page that `write_viewer` has written; nothing in it is run.
+
+    Raises DamagedFileError for another page, OSError if it cannot be opened.
+    """
+    _, _, rest = read_text(path, VIEWER).partition(_BEFORE)
+    try:
+        game = json.loads(rest.partition(_AFTER)[0])
+    except (ValueError, RecursionError) as error:
+        raise DamagedFileError(
+            f"{path} is no page of a game ({error}): write it again with `marl-cair replay`"
+        ) from error
+    return json.dumps(game, separators=(",", ":"))
 
 
 def write_viewer(
@@ -66,12 +84,13 @@ def write_viewer(
     max_bytes: int = MAX_BYTES,
     views: Sequence[int | None] | None = None,
     every: int = 1,
+    fps: float | None = None,
 ) -> int:
     """Write a page that plays one game, without a server or network; returns its size in bytes.
 
     Arguments and errors as `pack_game`. Raises OSError if the file cannot be written.
     """
-    game = pack_game(replay, max_bytes=max_bytes, views=views, every=every)
+    game = pack_game(replay, max_bytes=max_bytes, views=views, every=every, fps=fps)
     page = _PAGE.format(
         policy=make_policy(),
         title=html.escape(clean_text(" v ".join(replay.players))),

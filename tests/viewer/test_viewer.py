@@ -8,20 +8,18 @@ import numpy as np
 import pytest
 
 from marl_cair.viewer.page import SCRIPT_FILE, write_viewer
-from tests.browsers import (
+from tests.chromium import (
     FIND_CONTRAST,
     FIND_WIDE,
     READABLE,
     browser,
-    needs_browser,
+    need_browser,
     open_page,
-    playwright,
 )
 from tests.viewer.recorded import pictures, record
 
 __all__ = ["browser"]  # a fixture
-expect = playwright.expect
-pytestmark = needs_browser
+pytestmark = need_browser
 FASTEST = 6  # of the speeds
 EVIL = "</script><img src=x onerror=alert(1)>"
 MAX_SCRIPT_BYTES = 40_000
@@ -32,6 +30,12 @@ READ_PIXELS = """() => {
   for (const value of data) text += String.fromCharCode(value);
   return [canvas.width, canvas.height, btoa(text)];
 }"""
+
+
+def expect(locator):
+    from playwright.sync_api import expect as expect_locator
+
+    return expect_locator(locator)
 
 
 @pytest.fixture(scope="module")

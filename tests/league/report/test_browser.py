@@ -1,21 +1,21 @@
 """The page in a real browser: on a phone and a desk, light and dark, without a network."""
 
-import numpy as np
 import pytest
 
-from marl_cair.league.play.film import SMALL, shrink, write_film
 from marl_cair.league.ratings.payoffs import Share
 from marl_cair.league.report.background import Background
 from marl_cair.league.report.render import render_html
 from marl_cair.league.report.replays import ShownGame
 from marl_cair.league.report.sections import make_report
 from marl_cair.league.store.records import AgentRecord
-from tests.browsers import FIND_CONTRAST, FIND_WIDE, READABLE, browser, needs_browser, open_page
+from marl_cair.viewer.page import write_viewer
+from tests.chromium import FIND_CONTRAST, FIND_WIDE, READABLE, browser, need_browser, open_page
 from tests.league.leagues import EDGES, make, make_games
 from tests.league.report.test_render import unrated
+from tests.viewer.recorded import record
 
 __all__ = ["browser"]  # a fixture
-pytestmark = needs_browser
+pytestmark = need_browser
 LONG = "runs/a_run_with_a_rather_long_name/snapshots/frames_"
 NAMES = [f"{LONG}0000051200", f"{LONG}0000102400", "<script>alert(1)</script>", "random"]
 SCREENS = [(width, scheme) for width in (360, 1280) for scheme in ("light", "dark")]
@@ -24,8 +24,10 @@ SCREENS = [(width, scheme) for width in (360, 1280) for scheme in ("light", "dar
 @pytest.fixture(scope="module")
 def page_file(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
-    frames = np.random.default_rng(0).integers(0, 255, (4, 30, 40, 3), np.uint8)
-    write_film(folder / "a.gif", [shrink(frame, SMALL.width) for frame in frames], SMALL)
+    bots = "rusher", "turtle"
+    for place in range(2):
+        replay = record(folder / "a.replay", "deep_line_wars", bots, steps=20, scenario="11x11")
+        write_viewer(folder / f"{place}.html", replay)
     training = '{"training": {"run": "/runs/a", "name": "a", "seed": 0, "frames": %d}}'
     background = Background(
         title="Deep RTS",
@@ -36,7 +38,8 @@ def page_file(tmp_path_factory):
         },
         map_shares={(name, f"map {n}"): Share(0.5, 0, 1, 8) for name in NAMES for n in range(9)},
         replays=(
-            ShownGame("The best two", "a v b", folder / "a.gif"),
+            ShownGame("The best two", "a v b", folder / "0.html"),
+            ShownGame("The greatest upset", "a v b", folder / "1.html"),
             ShownGame("The longest game", "a v b", None, "The replay differs."),
         ),
         replay_words="",
@@ -90,11 +93,15 @@ def test_dark_is_dark(browser, page_file):
     assert grounds == ["rgb(251, 251, 249)", "rgb(18, 20, 23)"]
 
 
-def test_pictures_are_decoded(browser, page_file):
-    page, _ = open_page(browser, page_file)
+def test_games_are_played_one_by_one(browser, page_file):
+    page, messages = open_page(browser, page_file)
     try:
-        widths = page.evaluate("[...document.images].map(e => e.complete && e.naturalWidth)")
-        assert widths == [SMALL.width]
+        sliders = page.get_by_label("Step", exact=True)
+        page.locator(".mc-clock:not(:empty)").nth(1).wait_for()
+        page.locator(".mc-viewer").nth(1).focus()
+        page.keyboard.press("End")
+        assert [slider.input_value() for slider in sliders.all()] == ["0", "20"]
+        assert messages == []
     finally:
         page.close()
 

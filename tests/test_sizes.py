@@ -13,7 +13,7 @@ MAX_LINES = {
     "replay": 2_060,
     "generative": 3_460,
     "self_play": 990,
-    "league": 8_170,
+    "league": 8_180,
     "training": 6_200,
     "viewer": 720,
     "window": 2_500,

@@ -61,12 +61,13 @@
 .mc-swatch { display: inline-block; width: 11px; height: 11px; margin-right: 5px; border-radius: 3px; border: 1px solid var(--mc-rim); vertical-align: -1px; }
 .mc-events { display: grid; gap: 1px; max-height: 15rem; overflow-y: auto; border-top: 1px solid var(--mc-line); padding-top: 8px !important; }
 .mc-events button {
-  display: block; width: 100%; padding: 4px; border: 0; border-radius: 5px; background: none; color: var(--mc-quiet);
+  display: flex; width: 100%; padding: 4px; border: 0; border-radius: 5px; background: none; color: var(--mc-quiet);
   font: inherit; font-size: 13px; text-align: left; cursor: pointer; overflow-wrap: anywhere;
 }
 .mc-events button:hover { background: var(--mc-soft); }
 .mc-events .mc-past { color: var(--mc-text); }
-.mc-events button > span:first-child { display: inline-block; min-width: 2.8rem; font-variant-numeric: tabular-nums; }
+.mc-events .mc-swatch { flex: none; margin-top: 4px; }
+.mc-events button > span:first-child { flex: none; min-width: 2.8rem; font-variant-numeric: tabular-nums; }
 .mc-charts { display: grid; gap: 10px; grid-template-columns: repeat(auto-fill, minmax(min(15rem, 100%), 1fr)); }
 .mc-chart { margin: 0; padding: 8px 10px 10px; }
 .mc-chart figcaption { display: flex; flex-wrap: wrap; justify-content: space-between; gap: 0 10px; margin: 0; font-size: 13px; color: var(--mc-text); }

@@ -12,7 +12,6 @@ from marl_cair.viewer.page import SCRIPT_FILE
 SOURCE = Path(__file__).resolve().parents[2] / "viewer"
 
 
-@pytest.mark.slow
 def test_source_builds_the_same_bytes(tmp_path):
     if shutil.which("npm") is None and "MARL_CAIR_NEEDS_BROWSER" not in os.environ:
         pytest.skip("npm is missing: apt install npm")

@@ -108,7 +108,7 @@ def test_states_are_those_of_the_game(file, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--to", "a.avi"), "--to is 'a.avi': give a file that ends in .gif, .mp4 or .npz, or"),
+        (("--to", "a.avi"), "--to is 'a.avi': give a file that ends in .html, .gif, .mp4 or .npz"),
         (("--every", "0"), "--every is 0, it must be 1 or more"),
         (("--fps", "-1"), "--fps is -1, it must be 1 or more"),
         (("--player", "2"), "--player is 2, it must be in 0..1"),
@@ -216,7 +216,7 @@ def test_a_page_shows_the_values_of_agents(file, tmp_path):
 def test_agents_are_given_for_each_seat(file, tmp_path, capsys):
     words = ["replay", file, "--to", str(tmp_path / "a.html"), "--agents", "turtle"]
     message = "--agents names 1, the game has 2 seats: give one agent for each seat"
-    assert_refused(capsys, words, message)
+    assert_refused(capsys, message, *words)
 
 
 def test_a_page_of_something_else_is_refused(tmp_path):

@@ -28,7 +28,7 @@ LAYERS = (
     ("training.settings", "league.report", "window"),
     ("self_play", "league.play"),
     ("league.agents", "league.ratings"),
-    ("league.store", "generative"),
+    ("league.store", "generative", "viewer"),
     ("games", "policies", "replay"),
 )
 ROOMS = tuple(room for layer in LAYERS for room in layer)

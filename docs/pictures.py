@@ -14,11 +14,15 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games import make_engine
+from marl_cair.games import GAMES, make_engine
 from marl_cair.games.engine import BatchedEngine
+from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.film import Size, shrink, write_film
+from marl_cair.league.play.match import record_game
 from marl_cair.lookup import find_by_name
 from marl_cair.training.demo import film_win
+from marl_cair.viewer.page import write_viewer
+from marl_cair.viewer.values import add_values
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # without a screen
@@ -181,6 +185,15 @@ def draw_film(film: Film, game: str) -> None:
     write_film(IMAGES / f"{film.scene.scenario}.gif", images, FILM)
 
 
+def write_game(agent: str, opponent: str, game: str, scenario: str, seed: int, path: Path) -> None:
+    """Write a page that plays a game, with the action values of the agent in seat 0."""
+    rules = GAMES[game]
+    played = rules.scenario(scenario)
+    first, second = load_agent(agent, game, played), load_agent(opponent, game, played)
+    replay = record_game(first, second, rules, played, seed)
+    write_viewer(path, add_values(replay, {0: first}))
+
+
 def main() -> None:
     """Draw the pictures of the named games, or of all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -192,6 +205,7 @@ def main() -> None:
         if game == "deep_line_wars":
             agent = str(IMAGES.parents[1] / "agents/deep_line_wars_10x15")
             film_win(agent, "counter", game, "10x15", 0, IMAGES / f"{game}.gif")
+            write_game(agent, "counter", game, "10x15", 0, IMAGES / f"{game}.html")
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ _LEVELS_UP = 3  # folders between a file and its manifest: <mixture>/members/00,
 
 _KIB, _MIB, _GIB = 1 << 10, 1 << 20, 1 << 30
 SETTINGS, RECORD, INDEX, LOG, MAP = "settings", "record", "index", "log", "map"
-FILM, REPLAY, TENSORS, ARRAY = "film", "replay", "tensors", "array"
+FILM, VIEWER, REPLAY, TENSORS, ARRAY = "film", "viewer", "replay", "tensors", "array"
 # Most bytes of a file by its kind: larger ones are refused before they are read.
 MAX_BYTES = {
     SETTINGS: 128 * _KIB,  # a configuration has 5 KiB; YAML is read at some 100 KiB in a second
@@ -33,7 +33,8 @@ MAX_BYTES = {
     INDEX: 32 * _MIB,  # of a pool: 1,000 snapshots, each with its games against all before
     LOG: 256 * _MIB,  # log.csv has 1 KiB for each 10,000 frames
     MAP: 2 * _MIB,  # 128 x 128 cells, the most there are, have 17 KiB as text, 0.1 MiB as JSON
-    FILM: 16 * _MIB,  # a film for a report has 1 MiB at most
+    FILM: 16 * _MIB,  # a film has some MiB at most
+    VIEWER: 16 * _MIB,  # a game to watch has 2 MB at most, if not asked for more
     REPLAY: 128 * _MIB,  # a game has some KiB; with the values of an agent some MiB
     TENSORS: 64 * _GIB,  # readers check the memory
     ARRAY: 4096 * _GIB,  # arrays are mapped, not read

@@ -32,3 +32,72 @@ def launch_chromium(width, scheme):
         yield page
         opened.close()
     assert errors == [], errors
+
+
+READABLE = 4.5  # contrast of text that WCAG 2 asks for (AA)
+
+# The smallest contrast of any text on the page with what is painted behind it, and whose it is.
+FIND_CONTRAST = """() => {
+  const parse = text => (text.match(/[0-9.]+/g) || []).map(Number);
+  const light = colour => {
+    const parts = colour.slice(0, 3).map(c => c / 255)
+      .map(c => c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2];
+  };
+  const ground = element => {
+    const own = element.getBoundingClientRect(), x = own.x + own.width / 2;
+    const y = own.y + own.height / 2;
+    for (let at = element; at; at = at.parentElement) {
+      const box = at.getBoundingClientRect();
+      if (x < box.left || x > box.right || y < box.top || y > box.bottom) continue;
+      const colour = parse(getComputedStyle(at).backgroundColor);
+      if (colour.length === 3 || colour[3] === 1) return colour;
+    }
+    return parse(getComputedStyle(document.body).backgroundColor);
+  };
+  let worst = [99, ""];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const text = walker.currentNode.textContent.trim(), element = walker.currentNode.parentElement;
+    if (!text || !element.checkVisibility()) continue;
+    const lights = [light(parse(getComputedStyle(element).color)), light(ground(element))];
+    const found = (Math.max(...lights) + 0.05) / (Math.min(...lights) + 0.05);
+    if (found < worst[0]) worst = [found, text];
+  }
+  return worst;
+}"""
+# Elements that reach beyond the screen and are not in a frame that scrolls by itself.
+FIND_WIDE = """() => [...document.querySelectorAll("main *")]
+  .filter(e => !e.closest(".scroll, .ladder thead, details:not([open])"))
+  .filter(e => e.getBoundingClientRect().right > innerWidth + 0.5)
+  .map(e => e.outerHTML.slice(0, 80))"""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as started:
+        # Debian's sandbox needs rights that a container does not give; the page is our own.
+        opened = started.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        yield opened
+        opened.close()
+
+
+def open_page(browser, path, width=1280, scheme="light"):
+    """The page, and what it has asked for or complained about."""
+    page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    messages = []
+    page.on("console", lambda message: messages.append(message.text))
+    page.on("pageerror", lambda error: messages.append(str(error)))
+    page.on("dialog", lambda dialog: messages.append(f"dialog {dialog.message}"))
+    page.on(
+        "request",
+        lambda request: (
+            None
+            if request.url == path.as_uri() or request.url.startswith("data:")
+            else messages.append(request.url)
+        ),
+    )
+    page.goto(path.as_uri(), wait_until="load")
+    return page, messages

@@ -37,7 +37,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "league.store": {"games"},
     "league.agents": {"games", "policies", "checkpoint", "league.store"},
     "league.play": {"games", "league.agents", "league.ratings", "league.store"},
-    "league.report": {"games", "league.agents", "league.play", "league.ratings", "league.store"},
+    "league.report": {
+        *("games", "viewer", "league.agents", "league.play", "league.ratings", "league.store"),
+    },
     "league": {
         *("games", "checkpoint", "league.agents", "league.play", "league.ratings"),
         *("league.store", "league.report"),
@@ -47,14 +49,15 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training.collecting": {*_LEARNING, *_SELF_PLAY, "training.settings"},
     "training": {*_LEARNING, *_SELF_PLAY, "league", "training.settings", "training.collecting"},
     "training.population": {*_LEARNING, *_SELF_PLAY, "league", "training", "training.settings"},
-    "window": {"games", "league.agents", "league.play"},
+    "viewer": {"games"},
+    "window": {"games", "viewer", "league.agents", "league.play"},
     "dashboard": {"training", "training.settings"},
     # "" is what `import marl_cair` gives every user; the registries tell --help the choices.
     "cli": {
         *("", "games", "policies", "generative", "checkpoint", "self_play"),
         *("league", "league.agents", "league.play", "league.ratings", "league.store"),
         *("league.report", "training", "training.settings", "training.population", "window"),
-        *("browser", "dashboard"),
+        *("browser", "dashboard", "viewer"),
     },
     "__main__": {"cli"},
 }

@@ -1,4 +1,4 @@
-"""`marl-cair replay`: print a recorded game, or export it as film, pictures or states.
+"""`marl-cair replay`: print a recorded game, or export it as page, film, pictures or states.
 
 The game is played again from its seed and actions, and compared with the recorded states on the
 way.
@@ -6,6 +6,7 @@ way.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import sys
 from collections.abc import Sequence
@@ -19,11 +20,14 @@ from marl_cair.cli.parser import Parser
 from marl_cair.files import atomic_path
 from marl_cair.games import GAMES
 from marl_cair.games.replays import Replay, read_replay, replay_steps
+from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.film import WRITERS, render_frames
 from marl_cair.memory import require_memory
 from marl_cair.text import clean_text
+from marl_cair.viewer.page import write_viewer
+from marl_cair.viewer.values import add_values
 
-STATES = ".npz"
+STATES, VIEWER = ".npz", ".html"
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -33,13 +37,18 @@ def run(arguments: Sequence[str]) -> int:
         if value is not None and value < 1:
             raise ValueError(f"--{name} is {value}, it must be 1 or more")
     suffix = Path(options.to or "").suffix
-    if suffix not in (*WRITERS, STATES):
+    if suffix not in (*WRITERS, STATES, VIEWER):
         raise ValueError(
-            f"--to is {options.to!r}: give a file that ends in .gif, .mp4 or {STATES}, or a new "
-            "folder for pictures"
+            f"--to is {options.to!r}: give a file that ends in {VIEWER}, .gif, .mp4 or {STATES}, "
+            "or a new folder for pictures"
         )
     replay = read_replay(options.file)
     num_players = len(replay.players)
+    if len(options.agents) not in (0, num_players):
+        raise ValueError(
+            f"--agents names {len(options.agents)}, the game has {num_players} seats: give one "
+            "agent for each seat"
+        )
     if options.player is not None and options.player not in range(num_players):
         raise ValueError(f"--player is {options.player}, it must be in 0..{num_players - 1}")
     if not options.to:
@@ -47,12 +56,28 @@ def run(arguments: Sequence[str]) -> int:
     elif suffix == STATES:
         count = save_states(options.to, replay, options.every)
         sys.stdout.write(f"{options.to}: {count} states\n")
+    elif suffix == VIEWER:
+        sys.stdout.write(f"{options.to}: {save_viewer(replay, options):,} bytes\n")
     else:
         frames = render_frames(replay, options.every, options.player)
         fps = options.fps or max(1, replay.spec.render_fps // options.every)
         count = WRITERS[suffix](options.to, frames, fps)
         sys.stdout.write(f"{options.to}: {count} frames\n")
     return EXIT_DONE
+
+
+def save_viewer(replay: Replay, options: argparse.Namespace) -> int:
+    """Write the page that plays the game; returns its bytes."""
+    given = [
+        load_agent(source, game=replay.game, scenario=replay.scenario) for source in options.agents
+    ]
+    return write_viewer(
+        options.to,
+        add_values(replay, dict(enumerate(given))),
+        views=None if options.player is None else [options.player],
+        every=options.every,
+        fps=options.fps,
+    )
 
 
 def describe_replay(replay: Replay) -> str:
@@ -136,8 +161,9 @@ def make_parser() -> Parser:
     parser.add_argument("file", help="a replay, as --record and `marl-cair league replay` write it")
     parser.add_argument(
         "--to",
-        help="what to write: .gif, .mp4 (needs pip install 'marl_cair[video]'), .npz (states), or "
-        "a new folder for PNG files (default: the game is printed)",
+        help="what to write: .html (a page that plays the game in any browser), .gif, .mp4 (needs "
+        "pip install 'marl_cair[video]'), .npz (states), or a new folder for PNG files (default: "
+        "the game is printed)",
     )
     parser.add_argument(
         "--player", type=int, metavar="SEAT", help="the view of a seat, from 0 (default: the whole)"
@@ -147,5 +173,13 @@ def make_parser() -> Parser:
     )
     parser.add_argument(
         "--fps", type=int, help="frames per second of a film (default: the pace of the game)"
+    )
+    parser.add_argument(
+        "--agents",
+        nargs="+",
+        default=[],
+        metavar="AGENT",
+        help="of the seats, whose action values an .html shows; agents without values, as bots, "
+        "are passed over",
     )
     return parser

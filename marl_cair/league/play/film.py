@@ -32,7 +32,6 @@ class Size(NamedTuple):
 
 
 FULL = Size(300, 480, 160, 80)
-SMALL = Size(120, 320, 96, 100)  # some hundred KiB: a report holds several
 
 
 def render_frames(replay: Replay, every: int = 1, player: int | None = None) -> Iterator[Frame]:

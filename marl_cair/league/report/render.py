@@ -11,6 +11,7 @@ from markupsafe import Markup, escape
 
 from marl_cair.league.report.sections import Report, Table
 from marl_cair.text import clean_lines, clean_text
+from marl_cair.viewer.page import make_policy, read_script
 
 LINE_WIDTH = 100
 MAX_MARKDOWN_COLUMNS = 32
@@ -19,7 +20,9 @@ CHART_LABEL = "Chart; its numbers are in the table below"
 
 
 def render_html(report: Report) -> str:
-    """One page without scripts, network access or other files; all text is escaped."""
+    """One page without network access or other files; all text is escaped. Its only script is the
+    viewer of games, where it shows games.
+    """
     from marl_cair.league.report.charts import make_svg  # matplotlib takes long to import
 
     environment = _make_environment(autoescape=True)
@@ -29,6 +32,8 @@ def render_html(report: Report) -> str:
         report=report,
         draw=lambda chart: Markup(make_svg(report, chart, CHART_LABEL)),  # noqa: S704
         max_open_items=MAX_OPEN_ITEMS,
+        policy=make_policy(),
+        viewer=Markup(read_script()),  # noqa: S704  (our own, and its hash is in the policy)
     )
 
 

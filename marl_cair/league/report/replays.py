@@ -1,8 +1,7 @@
-"""Renders a few games of a league as GIFs, replayed from their seeds and verified."""
+"""Packs a few games of a league for the viewer, replayed from their seeds and verified."""
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import json
 import math
@@ -23,16 +22,19 @@ from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
 from marl_cair.league.agents.load import find_fingerprint, read_source
 from marl_cair.league.play.arena import Load, Rules, one_torch_thread
 from marl_cair.league.play.blocks import Entrant, make_chunk, seat_line_up
-from marl_cair.league.play.film import SMALL, film_game, write_film
 from marl_cair.league.play.playing import Step, line_up_seed, map_seeds, play_out, start_engine
 from marl_cair.league.ratings.groups import ELO_PER_LOGIT
 from marl_cair.league.ratings.rate import Rating
 from marl_cair.league.store.records import AgentRecord
 from marl_cair.league.store.store import LeagueStore, StoredGames
 from marl_cair.outside import CodeNotAllowedError
+from marl_cair.stored import DamagedFileError
+from marl_cair.viewer.game_data import FORMAT_VERSION
+from marl_cair.viewer.page import make_element, read_game, write_viewer
 
 FOLDER = "replays"
-MAX_BYTES = 1_100_000  # of one film: three of them, as text, are below 5 MB
+MAX_BYTES = 1_500_000  # of one game: a report with three has less than 5 MB
+MOST_SEATS = 2  # that are shown with the view of each
 MAX_ACTION_BYTES = 256 << 20  # of the actions of one game, held while it is replayed
 
 
@@ -45,11 +47,9 @@ class ShownGame(NamedTuple):
     note: str = ""
 
     @property
-    def source(self) -> str:
-        """The film as a data URL; "" without one."""
-        if self.path is None:
-            return ""
-        return f"data:image/gif;base64,{base64.b64encode(self.path.read_bytes()).decode()}"
+    def element(self) -> str:
+        """HTML of the viewer with the game; "" without one."""
+        return "" if self.path is None else make_element(read_game(self.path))
 
 
 class Choice(NamedTuple):
@@ -151,7 +151,7 @@ class ReplayRenderer:
     Attributes:
         store, stored: the league file, and its games.
         names: of the agents by id.
-        folder: for the films; existing films are not made again.
+        folder: for their pages; existing pages are not made again.
         load: loads an agent: `load(source, game=..., scenario=...)`.
         allow_code: which code of the league file may run; see `allowed_code`.
     """
@@ -172,10 +172,10 @@ class ReplayRenderer:
         return self.store.read_agents()
 
     def render(self, choice: Choice) -> ShownGame:
-        """The chosen game, replayed unless there is a film of it."""
+        """The chosen game, replayed unless there is a page of it."""
         caption = f"{choice.why} {self.describe(choice.place)}"
         try:
-            return ShownGame(choice.title, caption, self._film(choice.place))
+            return ShownGame(choice.title, caption, self._write_page(choice.place))
         except NotShownError as error:
             return ShownGame(choice.title, caption, None, str(error))
 
@@ -193,13 +193,13 @@ class ReplayRenderer:
             f"(block {stored.numbers[place]}, game {stored.turns[place]})."
         )
 
-    def _film(self, place: int) -> Path:
+    def _write_page(self, place: int) -> Path:
         rules, block, turn = self._rules, *self._find_block(place)
         prints = [self._records[agent].fingerprint for agent in self._find_line_up(place)]
-        about = [prints, rules.seed, block, turn, self.stored.trajectories[place], *SMALL]
+        about = [prints, rules.seed, block, turn, self.stored.trajectories[place], FORMAT_VERSION]
         digest = hashlib.blake2b(json.dumps(about).encode(), digest_size=12).hexdigest()
-        path = self.folder / f"{digest}.gif"
-        if path.is_file():
+        path = self.folder / f"{digest}.html"
+        if _is_page(path):
             return path
         differs = path.with_suffix(".differs")  # so that it is not replayed at each report
         if not differs.is_file():
@@ -297,10 +297,15 @@ def _check_size(rules: Rules, num_decisions: int) -> None:
         )
 
 
+def _is_page(path: Path) -> bool:
+    try:
+        read_game(path)
+    except (DamagedFileError, FileNotFoundError):
+        return False
+    return True
+
+
 def _write_small(path: Path, replay: Replay) -> None:
-    """A film of at most MAX_BYTES: a larger one is written again with half the frames."""
-    images = film_game(replay, SMALL)
-    write_film(path, images, SMALL)
-    while path.stat().st_size > MAX_BYTES and len(images) > 1:
-        images = [*images[:-1:2], images[-1]] if len(images) > 2 else images[-1:]
-        write_film(path, images, SMALL)
+    """A page of at most MAX_BYTES; of games with many seats only the spectator's view."""
+    views = None if len(replay.players) <= MOST_SEATS else [None]
+    write_viewer(path, replay, max_bytes=MAX_BYTES, views=views)

@@ -1,5 +1,7 @@
 """`marl-cair replay`, `--record` and `league replay`: what they print, write and refuse."""
 
+import json
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -7,6 +9,9 @@ from PIL import Image
 from marl_cair.cli import main
 from marl_cair.games import GAMES, make_engine
 from marl_cair.games.replays import ReplayWriter, read_replay, replay_steps
+from marl_cair.stored import DamagedFileError
+from marl_cair.viewer.page import read_game
+from tests.league.players import save_network
 from tests.refusals import assert_refused
 
 SHORT = ("--scenario", "11x11", "--set", "max_ticks=100")  # 10 steps
@@ -103,7 +108,7 @@ def test_states_are_those_of_the_game(file, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--to", "a.avi"), "--to is 'a.avi': give a file that ends in .gif, .mp4 or .npz, or"),
+        (("--to", "a.avi"), "--to is 'a.avi': give a file that ends in .html, .gif, .mp4 or .npz"),
         (("--every", "0"), "--every is 0, it must be 1 or more"),
         (("--fps", "-1"), "--fps is -1, it must be 1 or more"),
         (("--player", "2"), "--player is 2, it must be in 0..1"),
@@ -188,3 +193,34 @@ def test_stored_games_of_a_league_are_replayed(tmp_path, capsys):
     assert_refused(
         capsys, "--games is 0, it must be 1 or more", "league", "replay", out, "--games", "0"
     )
+
+
+def test_a_page_plays_the_game(file, tmp_path, capsys):
+    path = tmp_path / "a.html"
+    assert main(["replay", file, "--to", str(path), "--every", "4", "--player", "1"]) == 0
+    assert capsys.readouterr().out == f"{path}: {path.stat().st_size:,} bytes\n"
+    game = json.loads(read_game(path))
+    assert (game["steps"], game["every"]) == (10, 4)
+    assert [view["seat"] for view in game["views"]] == [1]
+
+
+def test_a_page_shows_the_values_of_agents(file, tmp_path):
+    path, agent = tmp_path / "a.html", str(save_network(tmp_path / "run" / "latest"))
+    words = ["replay", file, "--to", str(path), "--fps", "5", "--agents", agent, "turtle"]
+    assert main(words) == 0
+    game = json.loads(read_game(path))
+    assert game["fps"] == 5
+    assert [kind["name"] for kind in game["values"]] == ["action values"]
+
+
+def test_agents_are_given_for_each_seat(file, tmp_path, capsys):
+    words = ["replay", file, "--to", str(tmp_path / "a.html"), "--agents", "turtle"]
+    message = "--agents names 1, the game has 2 seats: give one agent for each seat"
+    assert_refused(capsys, message, *words)
+
+
+def test_a_page_of_something_else_is_refused(tmp_path):
+    path = tmp_path / "a.html"
+    path.write_text("<p>")
+    with pytest.raises(DamagedFileError, match="is no page of a game"):
+        read_game(path)

@@ -1,12 +1,24 @@
 """Films have one frame for each step, of the board's size and colours."""
 
+import dataclasses
 import sys
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from marl_cair.league.play.film import write_gif, write_mp4, write_pngs
+from marl_cair.games import GAMES
+from marl_cair.games.engine import BatchedEngine
+from marl_cair.league.play.film import (
+    FULL,
+    film_game,
+    shrink,
+    write_film,
+    write_gif,
+    write_mp4,
+    write_pngs,
+)
+from marl_cair.league.play.match import record_game
 
 
 def make_frames(count=7, height=31, width=40, num_colours=9):
@@ -81,3 +93,33 @@ def test_pictures_are_numbered_in_a_new_folder(tmp_path):
     np.testing.assert_array_equal(np.array(Image.open(paths[6])), frames[6])
     with pytest.raises(ValueError, match="is not empty: give a new folder"):
         write_pngs(tmp_path / "a", frames, 30)
+
+
+def test_a_film_keeps_few_frames_and_the_last(tmp_path):
+    game = GAMES["deep_line_wars"]
+    scenario = game.scenario("11x11")
+    players = [game.bot(name, scenario) for name in ("random", "turtle")]
+    whole = record_game(*players, game, scenario, 0)
+    replay = dataclasses.replace(whole, map_seed=3, actions=whole.actions[:100])
+    images = film_game(replay, FULL._replace(max_frames=10))
+    engine = BatchedEngine(game, scenario)
+    engine.reset(np.array([3], np.uint64))
+    states = [engine.render(0)]
+    for chosen in replay.actions:
+        engine.step(chosen[None])
+        states.append(engine.render(0))
+    kept = [*range(0, 100, 11), 100]  # ten of 101, and the last
+    assert [image.tobytes() for image in images] == [
+        shrink(states[number], FULL.width).tobytes() for number in kept
+    ]
+    write_film(tmp_path / "a.gif", images, FULL)
+    with Image.open(tmp_path / "a.gif") as film:
+        assert film.n_frames == len(kept)
+        film.seek(len(kept) - 1)
+        shown = np.array(film.convert("RGB")).astype(int)
+    assert np.abs(shown - np.array(images[-1])).mean() < 3  # of 255: few colours
+
+
+def test_a_film_of_a_high_board_is_no_larger():
+    assert shrink(np.zeros((4_000, 100, 3), np.uint8), 320).size == (16, 640)
+    assert shrink(np.zeros((100, 200, 3), np.uint8), 320).size == (320, 160)

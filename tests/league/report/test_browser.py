@@ -1,89 +1,33 @@
 """The page in a real browser: on a phone and a desk, light and dark, without a network."""
 
-import os
-import shutil
-
-import numpy as np
 import pytest
 
-from marl_cair.league.play.film import SMALL, shrink, write_film
 from marl_cair.league.ratings.payoffs import Share
 from marl_cair.league.report.background import Background
 from marl_cair.league.report.render import render_html
 from marl_cair.league.report.replays import ShownGame
 from marl_cair.league.report.sections import make_report
 from marl_cair.league.store.records import AgentRecord
+from marl_cair.viewer.page import write_viewer
+from tests.chromium import FIND_CONTRAST, FIND_WIDE, READABLE, browser, need_browser, open_page
 from tests.league.leagues import EDGES, make, make_games
 from tests.league.report.test_render import unrated
+from tests.viewer.recorded import record
 
-NEEDED = "MARL_CAIR_NEEDS_BROWSER"  # set by .ci/run: there one that is missing is a failure
-if NEEDED in os.environ:
-    from playwright import sync_api as playwright
-else:
-    playwright = pytest.importorskip(
-        "playwright.sync_api", reason="playwright is of the extra `dev`"
-    )
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
-pytestmark = pytest.mark.skipif(
-    BROWSER is None and NEEDED not in os.environ,
-    reason="no chromium is installed (Debian: apt-get install chromium)",
-)
+__all__ = ["browser"]  # a fixture
+pytestmark = need_browser
 LONG = "runs/a_run_with_a_rather_long_name/snapshots/frames_"
 NAMES = [f"{LONG}0000051200", f"{LONG}0000102400", "<script>alert(1)</script>", "random"]
 SCREENS = [(width, scheme) for width in (360, 1280) for scheme in ("light", "dark")]
-READABLE = 4.5  # contrast of text that WCAG 2 asks for (AA)
-
-# The smallest contrast of any text on the page with what is painted behind it, and whose it is.
-FIND_CONTRAST = """() => {
-  const parse = text => (text.match(/[0-9.]+/g) || []).map(Number);
-  const light = colour => {
-    const parts = colour.slice(0, 3).map(c => c / 255)
-      .map(c => c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
-    return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2];
-  };
-  const ground = element => {
-    const own = element.getBoundingClientRect(), x = own.x + own.width / 2;
-    const y = own.y + own.height / 2;
-    for (let at = element; at; at = at.parentElement) {
-      const box = at.getBoundingClientRect();
-      if (x < box.left || x > box.right || y < box.top || y > box.bottom) continue;
-      const colour = parse(getComputedStyle(at).backgroundColor);
-      if (colour.length === 3 || colour[3] === 1) return colour;
-    }
-    return parse(getComputedStyle(document.body).backgroundColor);
-  };
-  let worst = [99, ""];
-  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  while (walker.nextNode()) {
-    const text = walker.currentNode.textContent.trim(), element = walker.currentNode.parentElement;
-    if (!text || !element.checkVisibility()) continue;
-    const lights = [light(parse(getComputedStyle(element).color)), light(ground(element))];
-    const found = (Math.max(...lights) + 0.05) / (Math.min(...lights) + 0.05);
-    if (found < worst[0]) worst = [found, text];
-  }
-  return worst;
-}"""
-# Elements that reach beyond the screen and are not in a frame that scrolls by itself.
-FIND_WIDE = """() => [...document.querySelectorAll("main *")]
-  .filter(e => !e.closest(".scroll, .ladder thead, details:not([open])"))
-  .filter(e => e.getBoundingClientRect().right > innerWidth + 0.5)
-  .map(e => e.outerHTML.slice(0, 80))"""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as started:
-        # Debian's sandbox needs rights that a container does not give; the page is our own.
-        opened = started.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="module")
 def page_file(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
-    frames = np.random.default_rng(0).integers(0, 255, (4, 30, 40, 3), np.uint8)
-    write_film(folder / "a.gif", [shrink(frame, SMALL.width) for frame in frames], SMALL)
+    bots = "rusher", "turtle"
+    for place in range(2):
+        replay = record(folder / "a.replay", "deep_line_wars", bots, steps=20, scenario="11x11")
+        write_viewer(folder / f"{place}.html", replay)
     training = '{"training": {"run": "/runs/a", "name": "a", "seed": 0, "frames": %d}}'
     background = Background(
         title="Deep RTS",
@@ -94,7 +38,8 @@ def page_file(tmp_path_factory):
         },
         map_shares={(name, f"map {n}"): Share(0.5, 0, 1, 8) for name in NAMES for n in range(9)},
         replays=(
-            ShownGame("The best two", "a v b", folder / "a.gif"),
+            ShownGame("The best two", "a v b", folder / "0.html"),
+            ShownGame("The greatest upset", "a v b", folder / "1.html"),
             ShownGame("The longest game", "a v b", None, "The replay differs."),
         ),
         replay_words="",
@@ -111,25 +56,6 @@ def bare_file(tmp_path_factory):
     table = unrated(["a", "b", "c", "d"], make_games({(0, 1): 25, (2, 3): 25}))
     path.write_text(render_html(make_report(table)), "utf-8")
     return path
-
-
-def open_page(browser, path, width=1280, scheme="light"):
-    """The page, and what it has asked for or complained about."""
-    page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
-    messages = []
-    page.on("console", lambda message: messages.append(message.text))
-    page.on("pageerror", lambda error: messages.append(str(error)))
-    page.on("dialog", lambda dialog: messages.append(f"dialog {dialog.message}"))
-    page.on(
-        "request",
-        lambda request: (
-            None
-            if request.url == path.as_uri() or request.url.startswith("data:")
-            else messages.append(request.url)
-        ),
-    )
-    page.goto(path.as_uri(), wait_until="load")
-    return page, messages
 
 
 @pytest.mark.parametrize(("width", "scheme"), SCREENS)
@@ -167,11 +93,15 @@ def test_dark_is_dark(browser, page_file):
     assert grounds == ["rgb(251, 251, 249)", "rgb(18, 20, 23)"]
 
 
-def test_pictures_are_decoded(browser, page_file):
-    page, _ = open_page(browser, page_file)
+def test_games_are_played_one_by_one(browser, page_file):
+    page, messages = open_page(browser, page_file)
     try:
-        widths = page.evaluate("[...document.images].map(e => e.complete && e.naturalWidth)")
-        assert widths == [SMALL.width]
+        sliders = page.get_by_label("Step", exact=True)
+        page.locator(".mc-clock:not(:empty)").nth(1).wait_for()
+        page.locator(".mc-viewer").nth(1).focus()
+        page.keyboard.press("End")
+        assert [slider.input_value() for slider in sliders.all()] == ["0", "20"]
+        assert messages == []
     finally:
         page.close()
 

@@ -25,6 +25,7 @@ from marl_cair.league.report.sections import Table, make_report
 from marl_cair.league.report.table import make_table
 from marl_cair.league.report.wording import format_rating
 from marl_cair.league.store.records import AgentRecord
+from marl_cair.viewer.page import make_element, make_policy, read_script
 from tests.league.leagues import EDGES, NAMES, make, make_games, no_games
 
 EVIL = '<script>alert("x")</script>'
@@ -283,17 +284,18 @@ def test_a_table_that_is_too_wide_for_a_terminal_is_named():
     assert format_table(wide) == "Too wide for a terminal: see report.md."
 
 
-def test_films_are_within_the_page_and_named_in_the_markdown(tmp_path):
-    film = tmp_path / "replays" / "a.gif"
-    film.parent.mkdir()
-    film.write_bytes(b"GIF89a")
-    replays = (ShownGame("Best", "a v b", film), ShownGame("Upset", "c v d", None, "It differs."))
+def test_games_are_within_the_page_and_named_in_the_markdown(tmp_path):
+    path = tmp_path / "replays" / "a.html"
+    path.parent.mkdir()
+    path.write_text(make_element('{"title":"<b>"}'), "utf-8")
+    replays = (ShownGame("Best", "a v b", path), ShownGame("Upset", "c v d", None, "It differs."))
     report = make_report(make(), Background(replays=replays, replay_words=""))
-    page = Page(render_html(report))
-    images = [about["src"] for tag, about in page.elements if tag == "img"]
-    assert images == ["data:image/gif;base64,R0lGODlh"]
-    assert "It differs." in page.text["replays"]
-    assert "![Best](replays/a.gif)" in render_markdown(report)
+    html = render_html(report)
+    assert html.count(make_element('{"title":"<b>"}')) == 1
+    assert read_script() in html
+    assert make_policy() in html.replace("&#39;", "'")
+    assert "It differs." in Page(html).text["replays"]
+    assert "[Play Best](replays/a.html)" in render_markdown(report)
 
 
 def unrated(names, games):

@@ -3,20 +3,19 @@
 import contextlib
 import dataclasses
 import itertools
+import json
+import re
 import shutil
 import sqlite3
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from marl_cair.cli import main
 from marl_cair.games import GAMES
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.league.agents.load import describe_training, shorten_paths
 from marl_cair.league.league import LeagueConfig, run_league
-from marl_cair.league.play.film import SMALL, film_game, shrink, write_film
-from marl_cair.league.play.match import record_game
 from marl_cair.league.play.playing import map_seeds
 from marl_cair.league.ratings.games import Games
 from marl_cair.league.ratings.rate import Rating
@@ -26,6 +25,7 @@ from marl_cair.league.report.replays import FOLDER, choose_games
 from marl_cair.league.report.report import report_stored
 from marl_cair.league.store.records import AgentRecord
 from marl_cair.league.store.store import LeagueStore, StoredGames
+from marl_cair.viewer.page import read_game
 from tests.league.players import save_network
 
 OPTIONS = {"max_ticks": 300}  # 30 decisions
@@ -47,8 +47,8 @@ def read_page(folder):
     return (folder / "report.html").read_text("utf-8")
 
 
-def films(folder):
-    return sorted((folder / FOLDER).glob("*.gif"))
+def shown(folder):
+    return sorted((folder / FOLDER).glob("*.html"))
 
 
 @pytest.fixture(scope="module")
@@ -129,29 +129,40 @@ def change_database(folder, *statements):
             database.execute(statement)
 
 
-def film_again(folder):
-    """The page of a new report, for which no film is there."""
-    for path in films(folder):
+def report_again(folder):
+    """The page of a new report, for which no game is there."""
+    for path in shown(folder):
         path.unlink()
     report_stored(folder)
     return read_page(folder)
 
 
 @pytest.mark.slow
-def test_the_report_of_a_league_has_films_which_are_not_made_again(league):
-    paths = films(league)
+def test_the_report_of_a_league_plays_games_which_are_not_packed_again(league):
+    paths = shown(league)
     assert 2 <= len(paths) <= 3
     page = read_page(league)
-    assert page.count("data:image/gif;base64,") == len(paths)
-    with Image.open(paths[0]) as film:
-        assert film.width == SMALL.width
-        assert film.n_frames > 5
+    games = re.findall(r'<script type="application/json">(.*?)</script>', page)
+    assert sorted(games) == sorted(read_game(path) for path in paths)
+    for game in map(json.loads, games):
+        assert game["steps"] > 5
+        assert [view["seat"] for view in game["views"]] == [None, 0, 1]
     markdown = (league / "report.md").read_text("utf-8")
     assert all(f"({FOLDER}/{path.name})" in markdown for path in paths)
     before = [path.stat().st_mtime_ns for path in paths]
     report_stored(league)
-    assert [path.stat().st_mtime_ns for path in films(league)] == before
+    assert [path.stat().st_mtime_ns for path in shown(league)] == before
     assert read_page(league) == page
+
+
+@pytest.mark.slow
+def test_a_damaged_page_of_a_game_is_packed_again(league, tmp_path):
+    shutil.copytree(league, tmp_path / "league")
+    page, path = read_page(league), shown(tmp_path / "league")[0]
+    path.write_text("<script>alert(1)</script>", "utf-8")
+    report_stored(tmp_path / "league")
+    assert read_page(tmp_path / "league") == page
+    assert path.read_bytes() == shown(league)[0].read_bytes()
 
 
 @pytest.mark.slow
@@ -160,30 +171,30 @@ def test_a_replay_that_differs_from_the_game_is_noted_and_not_shown(tmp_path):
     assert "were left out (--no-replays)" in read_page(tmp_path)
     change_database(tmp_path, "UPDATE game SET trajectory = 'other ' || id")
     for _ in range(2):  # the second time it is not played
-        assert DIFFERS in film_again(tmp_path)
-        assert films(tmp_path) == []
+        assert DIFFERS in report_again(tmp_path)
+        assert shown(tmp_path) == []
     assert list((tmp_path / FOLDER).glob("*.differs"))
 
 
 @pytest.mark.slow
-def test_a_network_is_filmed_while_it_is_the_same(tmp_path):
+def test_a_network_is_shown_while_it_is_the_same(tmp_path):
     net, out = save_network(tmp_path / "run" / "latest"), tmp_path / "league"
     play(out, net, "turtle")
-    assert films(out)
+    assert shown(out)
     assert DIFFERS not in read_page(out)
     save_network(tmp_path / "run" / "latest", seed=1)
-    assert "run is no longer the agent that has played." in film_again(out)
+    assert "run is no longer the agent that has played." in report_again(out)
     (tmp_path / "run" / "latest" / "weights.pt").unlink()
-    assert "run cannot be loaded any more" in film_again(out)
-    assert films(out) == []
+    assert "run cannot be loaded any more" in report_again(out)
+    assert shown(out) == []
 
 
 @pytest.mark.slow
 def test_foreign_code_runs_where_games_are_played_and_not_in_a_report(tmp_path):
     play(tmp_path, "tests.league.players:make_first_legal", "turtle")
-    assert films(tmp_path)
-    assert "is foreign code" in film_again(tmp_path)
-    assert films(tmp_path) == []
+    assert shown(tmp_path)
+    assert "is foreign code" in report_again(tmp_path)
+    assert shown(tmp_path) == []
 
 
 @pytest.mark.slow
@@ -209,51 +220,22 @@ def test_a_league_without_games_has_a_report(tmp_path):
     assert "There is no finished game to show" in read_page(tmp_path)
 
 
-def test_a_film_keeps_few_frames_and_the_last(tmp_path):
-    game = GAMES["deep_line_wars"]
-    scenario = game.scenario("11x11")
-    players = [game.bot(name, scenario) for name in ("random", "turtle")]
-    whole = record_game(*players, game, scenario, 0)
-    replay = dataclasses.replace(whole, map_seed=3, actions=whole.actions[:100])
-    images = film_game(replay, SMALL._replace(max_frames=10))
-    engine = BatchedEngine(game, scenario)
-    engine.reset(np.array([3], np.uint64))
-    states = [engine.render(0)]
-    for chosen in replay.actions:
-        engine.step(chosen[None])
-        states.append(engine.render(0))
-    kept = [*range(0, 100, 11), 100]  # ten of 101, and the last
-    assert [image.tobytes() for image in images] == [
-        shrink(states[number], SMALL.width).tobytes() for number in kept
-    ]
-    write_film(tmp_path / "a.gif", images, SMALL)
-    with Image.open(tmp_path / "a.gif") as film:
-        assert film.n_frames == len(kept)
-        film.seek(len(kept) - 1)
-        shown = np.array(film.convert("RGB")).astype(int)
-    assert np.abs(shown - np.array(images[-1])).mean() < 3  # of 255: few colours
-
-
-def test_a_film_of_a_high_board_is_no_larger():
-    assert shrink(np.zeros((4_000, 100, 3), np.uint8), 320).size == (16, 640)
-    assert shrink(np.zeros((100, 200, 3), np.uint8), 320).size == (320, 160)
-
-
 @pytest.mark.slow
-def test_a_film_is_written_again_until_it_is_small(league, tmp_path, monkeypatch):
-    monkeypatch.setattr(replays, "MAX_BYTES", 20_000)
+def test_games_that_are_too_large_have_fewer_pictures(league, tmp_path, monkeypatch):
+    monkeypatch.setattr(replays, "MAX_BYTES", 40_000)
     shutil.copytree(league, tmp_path / "league")
-    film_again(tmp_path / "league")
-    assert films(tmp_path / "league")
-    assert all(path.stat().st_size <= 20_000 for path in films(tmp_path / "league"))
+    report_again(tmp_path / "league")
+    assert shown(tmp_path / "league")
+    sizes = [len(read_game(path)) for path in shown(tmp_path / "league")]
+    assert max(sizes) <= 40_000 < max(len(read_game(path)) for path in shown(league))
 
 
 @pytest.mark.slow
 def test_a_game_too_long_for_the_memory_is_not_shown(league, tmp_path, monkeypatch):
     monkeypatch.setattr(replays, "MAX_ACTION_BYTES", 64)
     shutil.copytree(league, tmp_path / "league")
-    assert "too long to be shown" in film_again(tmp_path / "league")
-    assert films(tmp_path / "league") == []
+    assert "too long to be shown" in report_again(tmp_path / "league")
+    assert shown(tmp_path / "league") == []
 
 
 def test_snapshots_know_their_run_and_their_age(tmp_path):

@@ -1,0 +1,1 @@
+"""Shows recorded games in a browser: one HTML file with everything in it."""

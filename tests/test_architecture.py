@@ -51,7 +51,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training.population": {*_LEARNING, *_SELF_PLAY, "league", "training", "training.settings"},
     "viewer": {"games"},
     "window": {"games", "viewer", "league.agents", "league.play"},
-    "dashboard": {"training", "training.settings"},
+    "dashboard": {"games", "training", "training.settings", "viewer"},
     # "" is what `import marl_cair` gives every user; the registries tell --help the choices.
     "cli": {
         *("", "games", "policies", "generative", "checkpoint", "self_play"),

@@ -18,7 +18,7 @@ MAX_LINES = {
     "viewer": 720,
     "window": 2_500,
     "browser": 950,
-    "dashboard": 260,
+    "dashboard": 300,
     "conf": 10,
     "cli": 4_100,
     "": 1_660,  # the modules that every part may import

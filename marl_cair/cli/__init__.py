@@ -35,7 +35,6 @@ TASKS = {
     "evaluate": "win rates of one agent against others, with 95 % intervals",
     "match": "compare two agents in any scenario",
     "play": "play a game by hand against bots, trained agents or people",
-    "watch": "watch agents play, in a window or as a film",
     "league": "rate agents by a round-robin, with 95 % intervals",
     "league train": "train a population of agents (league psro: best responses in turn)",
     "league exploit": "train against one agent: how far can it be exploited?",

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from marl_cair.games.replays import REPLAY_SUFFIX
 from marl_cair.training.run_log import RunLog, read_log
+from marl_cair.training.settings.config import GAMES_FOLDER
 from marl_cair.training.settings.config_file import CONFIG_FILE, read_yaml
 
 PICTURES = ".png", ".gif"
@@ -57,7 +59,7 @@ CHARTS = (
 
 
 def read_runs(runs: Mapping[str, Path]) -> dict[str, Any]:
-    """What the page shows: charts, and of each run its metrics and pictures.
+    """What the page shows: charts, and of each run its metrics, pictures and games.
 
     Metrics are {name: [environment steps, values]}; `low` and `high` of a metric are the ends of
     its 95 % interval. Raises DamagedFileError for a file that cannot be read.
@@ -69,7 +71,7 @@ def read_runs(runs: Mapping[str, Path]) -> dict[str, Any]:
 
 
 def read_run(label: str, folder: Path) -> dict[str, Any]:
-    """One run: label, steps so far and in all, metrics and pictures."""
+    """One run: label, steps so far and in all, metrics, pictures and games."""
     metrics: dict[str, tuple[list[float], list[float]]] = {}
     rows = read_log(folder / RunLog.FILE)
     for row in rows:
@@ -85,6 +87,7 @@ def read_run(label: str, folder: Path) -> dict[str, Any]:
         "about": describe(settings),
         "metrics": metrics,
         "pictures": list_pictures(folder),
+        "games": list_games(folder),
     }
 
 
@@ -99,4 +102,10 @@ def list_pictures(folder: Path) -> dict[str, float]:
     again for one that was replaced.
     """
     paths = [path for path in sorted(folder.iterdir()) if path.suffix in PICTURES]
+    return {path.name: path.stat().st_mtime for path in paths if not path.is_symlink()}
+
+
+def list_games(folder: Path) -> dict[str, float]:
+    """Recorded games of the last evaluation, with their times of change."""
+    paths = sorted((folder / GAMES_FOLDER).glob(f"*{REPLAY_SUFFIX}"))
     return {path.name: path.stat().st_mtime for path in paths if not path.is_symlink()}

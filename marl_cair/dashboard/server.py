@@ -8,12 +8,15 @@ from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from marl_cair.dashboard.runs import list_pictures, read_runs
+from marl_cair.dashboard.runs import list_games, list_pictures, read_runs
 from marl_cair.files import write_atomically
-from marl_cair.stored import DamagedFileError
+from marl_cair.games.replays import read_replay
+from marl_cair.training.settings.config import GAMES_FOLDER
+from marl_cair.viewer.page import write_viewer
 
 HOST = "127.0.0.1"
 DEFAULT_PORT = 8420
@@ -22,15 +25,23 @@ _TYPES = {".png": "image/png", ".gif": "image/gif"}
 # Scripts and styles of the page itself; Plotly makes styles and pictures as it draws.
 _POLICY = (
     "default-src 'none'; script-src 'self' 'unsafe-inline'; style-src 'unsafe-inline'; "
-    "img-src 'self' data: blob:; connect-src 'self'"
+    "img-src 'self' data: blob:; connect-src 'self'; frame-src 'self'"
 )
+# A game's page comes from a file of the run: it may not reach this server.
+_GAME_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; "
+    "style-src 'unsafe-inline'; img-src data: blob:"
+)
+_HTML, _GAME = "text/html; charset=utf-8", "text/html"
 
 
 def make_server(runs: Mapping[str, Path], port: int) -> ThreadingHTTPServer:
     """A server of the page on 127.0.0.1; call `serve_forever`. Port 0: any free one.
 
-    It answers with the page, the numbers of `runs` (label -> folder) and their pictures, and with
-    nothing else. Raises OSError for a port in use, ValueError without Plotly.
+    It answers with the page, the numbers of `runs` (label -> folder), their pictures, and viewers
+    of their recorded games, and with nothing else.
+
+    Raises OSError for a port in use, ValueError without Plotly.
     """
     script = read_plotly().encode()
     page = _make_page(None, "/plotly.js").encode()
@@ -38,17 +49,19 @@ def make_server(runs: Mapping[str, Path], port: int) -> ThreadingHTTPServer:
     def find(path: str) -> tuple[str, bytes] | None:
         """Type and content of what `path` names."""
         if path == "/":
-            return "text/html; charset=utf-8", page
+            return _HTML, page
         if path == "/plotly.js":
             return "text/javascript", script
         if path == "/data.json":
             return "application/json", json.dumps(read_runs(runs)).encode()
         parts = path.split("/")
-        if len(parts) == 4 and parts[1] == "pictures" and parts[2] in runs:
-            folder = runs[parts[2]]
-            if parts[3] in list_pictures(folder):
-                picture = folder / parts[3]
-                return _TYPES[picture.suffix], picture.read_bytes()
+        if len(parts) != 4 or parts[2] not in runs:
+            return None
+        kind, folder, name = parts[1], runs[parts[2]], parts[3]
+        if kind == "pictures" and name in list_pictures(folder):
+            return _TYPES[Path(name).suffix], (folder / name).read_bytes()
+        if kind == "games" and name in list_games(folder):
+            return _GAME, make_viewer(folder / GAMES_FOLDER / name)
         return None
 
     try:
@@ -59,10 +72,11 @@ def make_server(runs: Mapping[str, Path], port: int) -> ThreadingHTTPServer:
 
 def write_dashboard(runs: Mapping[str, Path], path: Path) -> None:
     """Write the page with all numbers and pictures of now as one HTML file of about 5 MB, which
-    needs neither a network nor a server.
+    needs neither a network nor a server. Recorded games are not in it.
     """
     data = read_runs(runs)
     for run, folder in zip(data["runs"], runs.values(), strict=True):
+        run["games"] = {}
         run["pictures"] = {name: _encode(folder / name) for name in run["pictures"]}
     write_atomically(path, _make_page(data, None))
 
@@ -77,6 +91,14 @@ def read_plotly() -> str:
         ) from error
     script: str = get_plotlyjs()
     return script
+
+
+def make_viewer(path: Path) -> bytes:
+    """The page that plays a recorded game: the game is played again, which takes some seconds."""
+    with TemporaryDirectory() as folder:
+        page = Path(folder) / "game.html"
+        write_viewer(page, read_replay(path))
+        return page.read_bytes()
 
 
 def _make_page(data: Mapping[str, Any] | None, script: str | None) -> str:
@@ -108,7 +130,7 @@ def _make_handler(
                 return
             try:
                 found = find(unquote(urlsplit(self.path).path))
-            except (DamagedFileError, OSError) as error:
+            except (ValueError, OSError) as error:
                 self._send(HTTPStatus.SERVICE_UNAVAILABLE, "text/plain", str(error).encode())
                 return
             if found is None:
@@ -121,7 +143,7 @@ def _make_handler(
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(content)))
             self.send_header("Cache-Control", "no-store" if kind.endswith("json") else "no-cache")
-            self.send_header("Content-Security-Policy", _POLICY)
+            self.send_header("Content-Security-Policy", _GAME_POLICY if kind == _GAME else _POLICY)
             self.send_header("X-Content-Type-Options", "nosniff")
             self.end_headers()
             self.wfile.write(content)

@@ -27,10 +27,9 @@ from marl_cair.training.generator_picture import NUM_DRAWN, PICTURE_FILE, draw_p
 from marl_cair.training.learner import DivergedError
 from marl_cair.training.newest_steps import DoubleValues, iterate_batches, make_rows
 from marl_cair.training.run import TrainingRun
-from marl_cair.training.settings.config import ENDLESS_FRAMES, TrainConfig
+from marl_cair.training.settings.config import ENDLESS_FRAMES, GAMES_FOLDER, TrainConfig
 
 DIVERGED_FILE = "diverged_batch.pt"
-GAMES_FOLDER = "games"  # replays of the last evaluation
 LOG_EVERY_FRAMES = 10_000
 
 

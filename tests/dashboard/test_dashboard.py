@@ -6,6 +6,7 @@ import threading
 from contextlib import contextmanager
 from http.client import HTTPConnection
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -13,6 +14,8 @@ from marl_cair.cli import main
 from marl_cair.cli.compose import compose_config
 from marl_cair.dashboard.runs import read_runs
 from marl_cair.dashboard.server import make_server, write_dashboard
+from marl_cair.games import make_engine
+from marl_cair.games.replays import ReplayWriter
 from marl_cair.training.run_log import format_rows
 from marl_cair.training.settings.config_file import save_config
 from tests.chromium import launch_chromium, need_browser
@@ -134,6 +137,22 @@ def test_the_page_follows_the_runs(runs, width, scheme):
         assert not [name for name, _ in page.evaluate(drawn) if name and name.startswith("conv")]
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert page.locator("img").evaluate("image => image.naturalWidth") == 8
+
+
+@need_browser
+def test_the_last_evaluation_plays_in_the_viewer(runs):
+    engine = make_engine("deep_maze", num_worlds=1)
+    engine.reset(np.zeros(1, np.uint64))
+    path = runs["conv"] / "games" / "conv-0000.replay"
+    with ReplayWriter(path, engine, map_seed=0, players=["conv"]) as writer:
+        for action in (1, 2, 3):
+            engine.step(np.array([[action]], np.int32))
+            writer.add(np.array([action]))
+    with serving(runs) as port, launch_chromium(1280, "light") as page:
+        page.goto(f"http://127.0.0.1:{port}/")
+        page.get_by_role("button", name="conv: conv-0000").click()
+        page.frame_locator("#viewer").get_by_text("step 0 / 3").wait_for()  # raises if not
+        assert get(port, "/games/conv/other.replay")[0] == 404
 
 
 @need_browser

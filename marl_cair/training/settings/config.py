@@ -49,6 +49,7 @@ SELF_PLAY = {"latest": 0.5, "pfsp": 0.35, "uniform": 0.1, "bots": 0.05}
 RENAMED_OPPONENTS = {"pool": "uniform", "scripted": "bots"}
 RENAMED_OPTIONS = {"opponent.pool_recency": "opponent.recency"}
 NO_GENERATOR = "none"
+GAMES_FOLDER = "games"  # in a run's folder: replays of the last evaluation
 ENDLESS_FRAMES = 10**9  # as total_frames: the clock ends the run
 _Margin = Annotated[float, Allowed(lambda x: 0 <= x < 0.5, "0 or more, below 0.5, or null")]
 _Fraction = Annotated[float, Allowed(lambda x: 0 <= x <= MAX_FRACTION, f"0..{MAX_FRACTION}")]

@@ -22,12 +22,12 @@ PICTURE = ROOT / "docs" / "images" / "architecture.svg"
 # Rooms from the top layer to the bottom one; files beside the rooms are left out.
 LAYERS = (
     ("cli",),
-    ("training.population",),
+    ("training.population", "dashboard"),
     ("training",),
     ("training.collecting", "league"),
     ("training.settings", "league.report", "window"),
     ("self_play", "league.play"),
-    ("league.agents", "league.ratings"),
+    ("league.agents", "league.ratings", "browser"),
     ("league.store", "generative", "viewer"),
     ("games", "policies", "replay"),
 )

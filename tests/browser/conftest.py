@@ -14,7 +14,8 @@ from tests.chromium import BROWSER
 NEEDED = "MARL_CAIR_NEEDS_BROWSER"  # set by .ci/run: there one that is missing is a failure
 
 
-@pytest.fixture(scope="session")
+# Not of the session: while it lives, no other module of this process can start it, or asyncio.
+@pytest.fixture(scope="module")
 def chromium():
     if NEEDED in os.environ:
         from playwright import sync_api as playwright

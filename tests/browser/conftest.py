@@ -38,9 +38,11 @@ def serve(folder):
     with make_server(folder) as server:
         thread = threading.Thread(target=server.serve_forever, args=(0.01,))
         thread.start()
-        yield f"http://127.0.0.1:{server.server_port}/"
-        server.shutdown()
-        thread.join()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}/"
+        finally:
+            server.shutdown()
+            thread.join()
 
 
 @contextmanager
@@ -61,7 +63,8 @@ def open_page(chromium, address, width=1280, scheme="light", search=""):
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
     page.goto(address + search)
-    page.locator("#start:enabled").wait_for(timeout=60_000)
+    page.locator("#start:enabled, #start[hidden]").wait_for(state="attached", timeout=60_000)
+    assert errors == []
     yield page
     context.close()
     assert errors == []

@@ -97,7 +97,7 @@ def check_games(chromium, folder, name, num_games):
     return found
 
 
-@pytest.mark.parametrize("name", ["deep_line_wars", "flappy_bird"])
+@pytest.mark.parametrize("name", ["deep_line_wars", "deep_maze", "flappy_bird"])
 def test_games_end_in_the_state_of_python(chromium, folders, name):
     found = check_games(chromium, folders(name), name, QUICK)
     spec = GAMES[name].make_spec(GAMES[name].scenario())

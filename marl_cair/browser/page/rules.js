@@ -1,8 +1,9 @@
 // One world of a game: its arrays, and the rules that were compiled from Python to WebAssembly.
 
 const NUMBERS = {
-  bool: Uint8Array, uint8: Uint8Array, int8: Int8Array, int16: Int16Array, int32: Int32Array,
-  int64: BigInt64Array, uint64: BigUint64Array, float32: Float32Array,
+  bool: Uint8Array, int8: Int8Array, int16: Int16Array, int32: Int32Array, int64: BigInt64Array,
+  uint8: Uint8Array, uint16: Uint16Array, uint32: Uint32Array, uint64: BigUint64Array,
+  float32: Float32Array, float64: Float64Array,
 };
 const NOTE = "marl_cair"; // the module's section that lists its arrays
 const NO_WINNER = -1;

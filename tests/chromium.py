@@ -2,38 +2,18 @@
 
 import os
 import shutil
+import threading
 from contextlib import contextmanager
 from importlib.util import find_spec
 
 import pytest
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
-need_browser = pytest.mark.skipif(
-    "MARL_CAIR_NEEDS_BROWSER" not in os.environ  # set by .ci/run
-    and (BROWSER is None or find_spec("playwright") is None),
-    reason="needs chromium (Debian: apt-get install chromium) and playwright (extra `dev`)",
+IS_MISSING = "MARL_CAIR_NEEDS_BROWSER" not in os.environ and (  # set by .ci/run
+    BROWSER is None or find_spec("playwright") is None
 )
-
-
-@contextmanager
-def launch_chromium(width, scheme):
-    """A page of this width and colour scheme ("light" or "dark"). Fails at the end if the page has
-    logged errors.
-    """
-    from playwright.sync_api import sync_playwright
-
-    errors = []
-    with sync_playwright() as started:
-        # Debian's sandbox needs rights that a container does not give; the page is our own.
-        opened = started.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        page = opened.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
-        page.on("console", lambda text: text.type == "error" and errors.append(text.text))
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        yield page
-        opened.close()
-    assert errors == [], errors
-
-
+WHY = "needs chromium (Debian: apt-get install chromium) and playwright (extra `dev`)"
+need_browser = pytest.mark.skipif(IS_MISSING, reason=WHY)
 READABLE = 4.5  # contrast of text that WCAG 2 asks for (AA)
 
 # The smallest contrast of any text on the page with what is painted behind it, and whose it is.
@@ -73,8 +53,11 @@ FIND_WIDE = """() => [...document.querySelectorAll("main *")]
   .map(e => e.outerHTML.slice(0, 80))"""
 
 
+# Not of the session: while it lives, no other module of this process can start it, or asyncio.
 @pytest.fixture(scope="module")
 def browser():
+    if IS_MISSING:
+        pytest.skip(WHY)
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as started:
@@ -82,6 +65,35 @@ def browser():
         opened = started.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
         yield opened
         opened.close()
+
+
+@contextmanager
+def watched_page(browser, width=1280, scheme="light", height=800):
+    """An empty page of its own context. Fails at the end if it has logged errors."""
+    errors = []
+    viewport = {"width": width, "height": height}
+    context = browser.new_context(viewport=viewport, color_scheme=scheme)
+    page = context.new_page()
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda line: line.type == "error" and errors.append(line.text))
+    try:
+        yield page
+    finally:
+        context.close()
+    assert errors == [], errors
+
+
+@contextmanager
+def serving(server):
+    """The address of a server from `make_server`, which answers until the end."""
+    with server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}/"
+        finally:
+            server.shutdown()
+            thread.join()
 
 
 def open_page(browser, path, width=1280, scheme="light"):

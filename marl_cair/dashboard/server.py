@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
@@ -16,10 +15,10 @@ from marl_cair.dashboard.runs import list_games, list_pictures, read_runs
 from marl_cair.files import write_atomically
 from marl_cair.games.replays import read_replay
 from marl_cair.training.settings.config import GAMES_FOLDER
-from marl_cair.viewer.page import write_viewer
+from marl_cair.viewer.game_data import pack_game
+from marl_cair.viewer.page import make_page
 
 HOST = "127.0.0.1"
-DEFAULT_PORT = 8420
 _PAGE = Path(__file__).with_name("page.html")
 _TYPES = {".png": "image/png", ".gif": "image/gif"}
 # Scripts and styles of the page itself; Plotly makes styles and pictures as it draws.
@@ -95,10 +94,8 @@ def read_plotly() -> str:
 
 def make_viewer(path: Path) -> bytes:
     """The page that plays a recorded game: the game is played again, which takes some seconds."""
-    with TemporaryDirectory() as folder:
-        page = Path(folder) / "game.html"
-        write_viewer(page, read_replay(path))
-        return page.read_bytes()
+    replay = read_replay(path)
+    return make_page(replay, pack_game(replay)).encode()
 
 
 def _make_page(data: Mapping[str, Any] | None, script: str | None) -> str:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from marl_cair.games.drawing import SPECTATOR, read_colours
 
-# After Okabe and Ito (2008): people who are colour-blind can tell them apart.
+# After Okabe and Ito (2008): colour-blind people can distinguish them.
 _OTHER_COLOURS = read_colours("0072b2 d55e00 009e73 cc79a7 e69f00 56b4e9 f0e442 6e6e76")
 
 

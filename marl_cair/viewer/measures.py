@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from marl_cair.games.replays import Replay
 
 Numbers = NDArray[np.float32]  # [P], or over time [T + 1, P]
 RETURN = "return"
+T = TypeVar("T")
 _Measure = Callable[[BatchedEngine, Mapping[str, Numbers]], Numbers]
 
 
@@ -43,7 +44,7 @@ def _count_units(engine: BatchedEngine, columns: Mapping[str, Numbers]) -> Numbe
 
 
 # What is measured beside resources, `infos` and returns; by game.
-_MEASURES: Mapping[str, Mapping[str, _Measure]] = {
+MEASURES: Mapping[str, Mapping[str, _Measure]] = {
     "deep_rts": {
         "army": _sum_own("footman", "archer", "cavalry"),
         "peasants": _sum_own("peasant"),
@@ -88,6 +89,20 @@ _CAUSES: Mapping[str, Sequence[tuple[str, Callable[[Numbers], NDArray[np.bool_]]
 }
 
 
+def read_columns(engine: BatchedEngine) -> dict[str, Numbers]:
+    """The entries of `vector` of world 0 by name; none in a game without it."""
+    if "vector" not in engine.spec.representations:
+        return {}
+    names = engine.representation("vector").plane_names
+    return dict(zip(names, engine.observe("vector")[0].T.astype(np.float32), strict=True))
+
+
+def find_resources(engine: BatchedEngine, columns: Mapping[str, T]) -> dict[str, T]:
+    """What players own, by the names of `spec.resources`, among the entries of `vector`."""
+    owned = {name: f"own {name}" for name in engine.spec.resources}
+    return {name: columns[own] for name, own in owned.items() if own in columns}
+
+
 class Measurements:
     """Gathers the numbers of all players, step by step.
 
@@ -102,15 +117,9 @@ class Measurements:
 
     def add(self, engine: BatchedEngine) -> None:
         """Measure world 0 at its start, or after a step."""
-        columns: dict[str, Numbers] = {}
-        if "vector" in engine.spec.representations:
-            names = engine.representation("vector").plane_names
-            columns = dict(
-                zip(names, engine.observe("vector")[0].T.astype(np.float32), strict=True)
-            )
-        owned = {name: f"own {name}" for name in engine.spec.resources}
-        row = {name: columns[own] for name, own in owned.items() if own in columns}
-        for name, measure in _MEASURES.get(engine.game.name, {}).items():
+        columns = read_columns(engine)
+        row = find_resources(engine, columns)
+        for name, measure in MEASURES.get(engine.game.name, {}).items():
             row[name] = measure(engine, columns)
         for name, values in engine.info(np.float32).items():
             row[name.replace("_", " ")] = values[0]

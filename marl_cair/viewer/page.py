@@ -91,12 +91,16 @@ def write_viewer(
     Arguments and errors as `pack_game`. Raises OSError if the file cannot be written.
     """
     game = pack_game(replay, max_bytes=max_bytes, views=views, every=every, fps=fps)
-    page = _PAGE.format(
+    content = make_page(replay, game).encode()
+    write_atomically(path, content)
+    return len(content)
+
+
+def make_page(replay: Replay, game: str) -> str:
+    """The page of a replay that `pack_game` has packed as `game`."""
+    return _PAGE.format(
         policy=make_policy(),
         title=html.escape(clean_text(" v ".join(replay.players))),
         element=make_element(game),
         script=read_script(),
     )
-    content = page.encode()
-    write_atomically(path, content)
-    return len(content)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from marl_cair.games.deep_rts import state as rts
 from marl_cair.games.deep_rts.tables import NUM_KINDS, NUM_MOBILE_KINDS
 from marl_cair.games.engine import BatchedEngine
+from marl_cair.viewer.measures import MEASURES, find_resources, read_columns
 
 Counts = dict[str, NDArray[np.float64]]
 
@@ -27,35 +28,20 @@ def read_numbers(
     engine: BatchedEngine, returns: NDArray[np.float64], kills: NDArray[np.int64]
 ) -> Numbers:
     """The numbers of world 0; `returns` float64 [P] are the rewards so far, `kills` int64 [P]."""
-    vector = engine.observe("vector")[0] if "vector" in engine.spec.representations else None
-    owned = _name_columns(engine, vector)
-    resources = {
-        name: owned[f"own {name}"] for name in engine.spec.resources if f"own {name}" in owned
-    }
+    owned = {name: values.astype(np.float64) for name, values in read_columns(engine).items()}
+    resources = find_resources(engine, owned)
     if engine.game.name == "deep_rts":
         return _read_deep_rts(engine, resources, owned, kills)
     scoreboard = {
         name.replace("_", " "): value[0] for name, value in engine.info(np.float64).items()
     }
     if engine.game.name == "deep_line_wars":
-        scoreboard |= _count_line_wars(engine)
+        measures = MEASURES["deep_line_wars"].items()
+        scoreboard |= {name: count(engine, {}).astype(np.float64) for name, count in measures}
         return Numbers(resources, scoreboard, resources["health"], "health")
     scoreboard["return"] = returns.copy()
     name = next(iter(scoreboard)) if engine.game.name == "flappy_bird" else "return"
     return Numbers(resources, scoreboard, scoreboard[name], name)
-
-
-def _name_columns(engine: BatchedEngine, vector: NDArray[Any] | None) -> Counts:
-    if vector is None:
-        return {}
-    names = engine.representation("vector").plane_names
-    return dict(zip(names, vector.T.astype(np.float64), strict=True))
-
-
-def _count_line_wars(engine: BatchedEngine) -> Counts:
-    world = read_world(engine)
-    living = (world.unit_health[0] > 0).sum(1).astype(np.float64)
-    return {"towers": world.num_towers[0].astype(np.float64), "units": living}
 
 
 def _read_deep_rts(

@@ -11,7 +11,7 @@ from marl_cair.browser import compiling
 from marl_cair.browser.compiling import load_rules
 from marl_cair.games import GAMES
 from tests.browser import small_rules
-from tests.browser.conftest import open_blank
+from tests.chromium import watched_page
 
 RUN = """async ([code, arrays]) => {
   const bytes = Uint8Array.from(atob(code), (letter) => letter.charCodeAt(0));
@@ -33,14 +33,14 @@ def compile_small(name):
 
 
 @pytest.mark.parametrize("name", ["count", "divide", "fill", "flatten", "wrap"])
-def test_a_rule_writes_what_it_writes_in_python(chromium, name):
+def test_a_rule_writes_what_it_writes_in_python(browser, name):
     rule, arrays = small_rules.RULES[name]
     code, *places = compile_small(name)
     places = [[int(number) for number in place.split()] for place in places]
     expected = [array.copy() for array in arrays()]
     with np.errstate(over="ignore"):
         rule.py_func(*expected, 3)
-    with open_blank(chromium) as page:
+    with watched_page(browser) as page:
         status, found = page.evaluate(RUN, [code, places])
     assert status == 0
     assert [bytes(content) for content in found] == [array.tobytes() for array in expected]
@@ -87,7 +87,7 @@ def test_what_is_compiled_is_kept(monkeypatch, tmp_path):
     assert len({name, *others}) == 3
 
 
-def test_rounded_logarithms_of_javascript_are_those_of_python(chromium):
+def test_rounded_logarithms_of_javascript_are_those_of_python(browser):
     """Deep RTS shows amounts on a scale of logarithms: each whole amount has the same level."""
     find = """(step) => {
       let sum = 0;
@@ -101,5 +101,5 @@ def test_rounded_logarithms_of_javascript_are_those_of_python(chromium):
     expected = 0
     for level in map(math.log2, range(1, (1 << 20) + 1)):
         expected = (expected * 31 + int(LOG_STEP * level + 0.5)) % 1_000_003
-    with open_blank(chromium) as page:
+    with watched_page(browser) as page:
         assert page.evaluate(find, LOG_STEP) == expected

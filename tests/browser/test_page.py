@@ -25,10 +25,10 @@ def step(page, times=1):
 
 
 @pytest.fixture
-def line_wars(chromium, folders):
+def line_wars(browser, folders):
     with (
         serve(folders("deep_line_wars")) as address,
-        open_page(chromium, address, search="?seed=5") as page,
+        open_page(browser, address, search="?seed=5") as page,
     ):
         page.click("#start")
         page.keyboard.press("p")
@@ -102,10 +102,10 @@ def test_a_game_ends_with_a_replay_file(line_wars, tmp_path):
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", WIDTHS)
-def test_the_page_fits_the_screen(chromium, folders, width, scheme):
+def test_the_page_fits_the_screen(browser, folders, width, scheme):
     with (
         serve(folders("deep_line_wars")) as address,
-        open_page(chromium, address, width, scheme) as page,
+        open_page(browser, address, width, scheme) as page,
     ):
         page.click("#start")
         assert page.evaluate("document.documentElement.scrollWidth") <= width
@@ -116,10 +116,10 @@ def test_the_page_fits_the_screen(chromium, folders, width, scheme):
         assert page.locator("#board").bounding_box()["width"] > 0.6 * min(width, 1000)
 
 
-def test_a_bird_flaps_by_space(chromium, folders):
+def test_a_bird_flaps_by_space(browser, folders):
     with (
         serve(folders("flappy_bird")) as address,
-        open_page(chromium, address, search="?seed=1&speed=0.25") as page,
+        open_page(browser, address, search="?seed=1&speed=0.25") as page,
     ):
         page.click("#start")
         page.keyboard.press("p")
@@ -130,10 +130,10 @@ def test_a_bird_flaps_by_space(chromium, folders):
         assert not page.locator("#opponent").is_visible()
 
 
-def test_a_tap_on_the_picture_flaps(chromium, folders):
+def test_a_tap_on_the_picture_flaps(browser, folders):
     with (
         serve(folders("flappy_bird")) as address,
-        open_page(chromium, address, search="?seed=1") as page,
+        open_page(browser, address, search="?seed=1") as page,
     ):
         page.click("#start")
         page.keyboard.press("p")
@@ -142,13 +142,13 @@ def test_a_tap_on_the_picture_flaps(chromium, folders):
         assert 1 in played(page)
 
 
-def test_a_folder_without_its_rules_says_so(chromium, folders, tmp_path):
+def test_a_folder_without_its_rules_says_so(browser, folders, tmp_path):
     source = folders("flappy_bird")
     for file in source.iterdir():
         if file.suffix != ".wasm":
             (tmp_path / file.name).write_bytes(file.read_bytes())
     with serve(tmp_path) as address:
-        page = chromium.new_page()
+        page = browser.new_page()
         page.goto(address)
         page.get_by_text("rules.wasm: 404").wait_for()
         assert page.inner_text("#result") == "This game cannot be played here"

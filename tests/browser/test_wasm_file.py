@@ -37,11 +37,11 @@ RUN = """async (bytes) => {
 }"""
 
 
-def test_a_browser_takes_the_module(chromium):
-    from tests.browser.conftest import open_blank
+def test_a_browser_takes_the_module(browser):
+    from tests.chromium import watched_page
 
     module = make_module(make_object(), ["run"], [Segment(1000, b"abc")], 64, json.dumps({"a": 1}))
-    with open_blank(chromium) as page:
+    with watched_page(browser) as page:
         assert page.evaluate(RUN, list(module)) == [0, list(b"abc"), '{"a": 1}']
 
 

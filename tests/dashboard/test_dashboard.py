@@ -2,9 +2,8 @@
 
 import json
 import sys
-import threading
-from contextlib import contextmanager
 from http.client import HTTPConnection
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -18,8 +17,9 @@ from marl_cair.games import make_engine
 from marl_cair.games.replays import ReplayWriter
 from marl_cair.training.run_log import format_rows
 from marl_cair.training.settings.config_file import save_config
-from tests.chromium import launch_chromium, need_browser
+from tests.chromium import browser, need_browser, serving, watched_page
 
+__all__ = ["browser"]  # a fixture
 pytest.importorskip("plotly", reason="plotly is of the extra `dashboard`")
 ROWS = [
     {"frames": 1000.0, "win_rate/random": 0.5, "win_rate/random/low": 0.4, "epsilon": 0.9},
@@ -41,20 +41,8 @@ def runs(tmp_path):
     return {name: make_run(tmp_path / name, f"policy={name}") for name in ("conv", "capsule")}
 
 
-@contextmanager
-def serving(runs):
-    with make_server(runs, 0) as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
-        try:
-            yield server.server_address[1]
-        finally:
-            server.shutdown()
-            thread.join()
-
-
-def get(port, path, **headers):
-    connection = HTTPConnection("127.0.0.1", port, timeout=10)
+def get(address, path, **headers):
+    connection = HTTPConnection(urlsplit(address).netloc, timeout=10)
     connection.putrequest("GET", path, skip_host="Host" in headers)
     for name, value in headers.items():
         connection.putheader(name, value)
@@ -75,11 +63,11 @@ def test_a_run_has_its_metrics_where_they_were_logged(runs):
 
 
 def test_the_server_answers_with_page_numbers_and_pictures(runs):
-    with serving(runs) as port:
-        assert b"<!DOCTYPE html>" in get(port, "/")[1]
-        data = json.loads(get(port, "/data.json")[1])
+    with serving(make_server(runs, 0)) as address:
+        assert b"<!DOCTYPE html>" in get(address, "/")[1]
+        data = json.loads(get(address, "/data.json")[1])
         assert [run["label"] for run in data["runs"]] == ["conv", "capsule"]
-        status, picture = get(port, "/pictures/conv/generator.png?1")
+        status, picture = get(address, "/pictures/conv/generator.png?1")
     assert (status, picture) == (200, (runs["conv"] / "generator.png").read_bytes())
 
 
@@ -98,31 +86,31 @@ def test_the_server_answers_with_page_numbers_and_pictures(runs):
 )
 def test_nothing_else_is_served(runs, path):
     (runs["conv"] / "link.png").symlink_to("/etc/passwd")
-    with serving(runs) as port:
-        assert get(port, path)[0] == 404
+    with serving(make_server(runs, 0)) as address:
+        assert get(address, path)[0] == 404
 
 
 def test_other_host_names_are_refused(runs):
-    with serving(runs) as port:
-        assert get(port, "/data.json", Host="example.org")[0] == 403
-        assert get(port, "/data.json", Host=f"localhost:{port}")[0] == 200
+    with serving(make_server(runs, 0)) as address:
+        assert get(address, "/data.json", Host="example.org")[0] == 403
+        assert get(address, "/data.json", Host=f"localhost:{urlsplit(address).port}")[0] == 200
 
 
 def test_a_damaged_log_is_reported_and_the_server_goes_on(runs):
-    with serving(runs) as port:
+    with serving(make_server(runs, 0)) as address:
         (runs["conv"] / "log.csv").write_text("frames\nmany\n")
-        status, text = get(port, "/data.json")
+        status, text = get(address, "/data.json")
         assert status == 503
         assert b"log.csv, line 2" in text
         (runs["conv"] / "log.csv").write_text(format_rows(ROWS))
-        assert get(port, "/data.json")[0] == 200
+        assert get(address, "/data.json")[0] == 200
 
 
 @need_browser
 @pytest.mark.parametrize(("width", "scheme"), [(360, "dark"), (1280, "light")])
-def test_the_page_follows_the_runs(runs, width, scheme):
-    with serving(runs) as port, launch_chromium(width, scheme) as page:
-        page.goto(f"http://127.0.0.1:{port}/")
+def test_the_page_follows_the_runs(browser, runs, width, scheme):
+    with serving(make_server(runs, 0)) as address, watched_page(browser, width, scheme) as page:
+        page.goto(address)
         page.wait_for_selector(".js-plotly-plot .scatterlayer .trace")
         drawn = "document.querySelector('.js-plotly-plot').data.map(t => [t.name, t.y?.length])"
         assert ["conv: random", 2] in page.evaluate(drawn)
@@ -140,7 +128,7 @@ def test_the_page_follows_the_runs(runs, width, scheme):
 
 
 @need_browser
-def test_the_last_evaluation_plays_in_the_viewer(runs):
+def test_the_last_evaluation_plays_in_the_viewer(browser, runs):
     engine = make_engine("deep_maze", num_worlds=1)
     engine.reset(np.zeros(1, np.uint64))
     path = runs["conv"] / "games" / "conv-0000.replay"
@@ -148,17 +136,17 @@ def test_the_last_evaluation_plays_in_the_viewer(runs):
         for action in (1, 2, 3):
             engine.step(np.array([[action]], np.int32))
             writer.add(np.array([action]))
-    with serving(runs) as port, launch_chromium(1280, "light") as page:
-        page.goto(f"http://127.0.0.1:{port}/")
+    with serving(make_server(runs, 0)) as address, watched_page(browser) as page:
+        page.goto(address)
         page.get_by_role("button", name="conv: conv-0000").click()
         page.frame_locator("#viewer").get_by_text("step 0 / 3").wait_for()  # raises if not
-        assert get(port, "/games/conv/other.replay")[0] == 404
+        assert get(address, "/games/conv/other.replay")[0] == 404
 
 
 @need_browser
-def test_an_exported_page_needs_no_server(runs, tmp_path):
+def test_an_exported_page_needs_no_server(browser, runs, tmp_path):
     write_dashboard({"</script><b>": runs["conv"]}, tmp_path / "page.html")
-    with launch_chromium(1280, "light") as page:
+    with watched_page(browser) as page:
         page.goto((tmp_path / "page.html").as_uri())
         page.wait_for_selector(".js-plotly-plot .scatterlayer .trace")
         assert page.locator("#runs").inner_text().startswith("</script><b>")
@@ -195,6 +183,7 @@ def test_a_missing_extra_is_named(runs, capsys, monkeypatch):
 
 
 def test_a_port_in_use_is_refused(runs, capsys):
-    with serving(runs) as port:
-        assert main(["dashboard", str(runs["conv"]), "--port", str(port)]) == 2
-    assert str(port) in capsys.readouterr().err
+    with serving(make_server(runs, 0)) as address:
+        port = str(urlsplit(address).port)
+        assert main(["dashboard", str(runs["conv"]), "--port", port]) == 2
+    assert port in capsys.readouterr().err

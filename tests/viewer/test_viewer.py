@@ -234,22 +234,6 @@ def test_it_fits_and_is_readable(browser, file, width, scheme):
         assert contrast >= READABLE, text
 
 
-@pytest.mark.slow
-def test_fifty_steps_are_drawn_in_a_second(fog_page):
-    """All work of a step, the pictures of 31 x 31 tiles among it; this machine may be busy."""
-    rate = fog_page.evaluate("""() => {
-      const slider = document.querySelector(".mc-line input"), begun = performance.now();
-      for (let step = 0; step < 100; step++) {
-        slider.value = step % 26;
-        slider.dispatchEvent(new Event("input"));
-        document.body.offsetHeight;
-      }
-      return 100e3 / (performance.now() - begun);
-    }""")
-    print(f"{rate:.0f} steps/s")  # noqa: T201
-    assert rate >= 50
-
-
 def test_a_game_without_an_end_says_so(browser, folder, line_wars):
     cut = dataclasses.replace(line_wars, is_complete=False, actions=line_wars.actions[:2])
     write_viewer(folder / "cut.html", dataclasses.replace(cut, hashes={}))

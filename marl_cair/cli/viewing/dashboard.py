@@ -12,6 +12,8 @@ from marl_cair.cli.curves import name_runs
 from marl_cair.cli.parser import Parser
 from marl_cair.training.settings.config_file import CONFIG_FILE
 
+DEFAULT_PORT = 8420
+
 
 def run(arguments: Sequence[str]) -> int:
     """Serve the page until it is interrupted, or write it; returns the exit code."""
@@ -41,7 +43,7 @@ def make_parser() -> Parser:
     parser.add_argument(
         "--port",
         type=read_port,
-        default=8420,
+        default=DEFAULT_PORT,
         help="port of the page, which only this machine can open; 0: any free one "
         "(default: %(default)s)",
     )

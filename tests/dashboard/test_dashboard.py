@@ -150,6 +150,7 @@ def test_an_exported_page_needs_no_server(browser, runs, tmp_path):
         page.goto((tmp_path / "page.html").as_uri())
         page.wait_for_selector(".js-plotly-plot .scatterlayer .trace")
         assert page.locator("#runs").inner_text().startswith("</script><b>")
+        assert not page.get_by_text("Games of the last evaluation").is_visible()
         assert page.locator("img").evaluate("image => image.naturalWidth") == 8
 
 

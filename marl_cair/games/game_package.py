@@ -77,8 +77,8 @@ def fill_record(record: type[Record], *sources: Any, **given: Any) -> Record:
 
 def _dtype_of(hint: Any) -> Any:
     """The dtype of an NDArray's annotation; None of any other."""
-    types = get_args(hint)
-    return get_args(types[1])[0] if types else None
+    types = get_args(hint)  # (shape, dtype[scalar]); from NumPy 2.5 on the scalar's type alone
+    return (get_args(types[-1]) or types)[0] if types else None
 
 
 # --- specs ---------------------------------------------------------------------------------------

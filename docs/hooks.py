@@ -1,4 +1,6 @@
-"""MkDocs hooks: pages that are kept beside the code (READMEs), and links between all pages."""
+"""MkDocs hooks: pages that are kept beside the code (READMEs), links between all pages, and a game
+that is played on the first page.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from mkdocs.structure.files import File
+
+from marl_cair.browser.folder import Opponent, write_folder
+from marl_cair.games import GAMES as PLAYABLE
 
 ROOT = Path(__file__).resolve().parents[1]
 GAMES = sorted(path.parent.name for path in ROOT.glob("marl_cair/games/*/README.md"))
@@ -21,6 +26,13 @@ PAGES = {
     "examples/README.md": "examples.md",
     **{f"marl_cair/games/{game}/README.md": f"games/{game}.md" for game in GAMES},
 }
+PLAYED, FRAME_AFTER = "deep_line_wars", "images/deep_line_wars.gif)\n"
+FRAME = """
+Play it here, against the bot `{bot}` ([how this works](browser.md)):
+
+<iframe src="game/index.html" title="{title}" loading="lazy"
+  style="width: 100%; height: 46rem; border: 0"></iframe>
+"""
 # A picture's or link's target; code in backticks is left alone.
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
 
@@ -49,4 +61,24 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
         kind = "tree" if (ROOT / path).is_dir() else "blob"
         return f"{config.repo_url.rstrip('/')}/{kind}/main/{path}{anchor}"
 
-    return LINK.sub(relink, markdown)
+    linked = LINK.sub(relink, markdown)
+    if here != "index.md":
+        return linked
+    before, found, after = linked.partition(FRAME_AFTER)
+    if not found:
+        raise ValueError(f"README.md holds no {FRAME_AFTER!r}, below which the game is shown")
+    frame = FRAME.format(bot=find_bot(), title=PLAYABLE[PLAYED].title)
+    return before + found + frame + after
+
+
+def on_post_build(config: Any) -> None:
+    """Write the game of the first page; compiling its rules takes a minute, once."""
+    game, bot = PLAYABLE[PLAYED], find_bot()
+    name = game.default_scenario
+    folder = Path(config.site_dir) / "game"
+    write_folder(folder, game, name, game.scenario(name), Opponent(bot, bot=bot))
+
+
+def find_bot() -> str:
+    """The last bot, which `marl-cair play --browser` takes too."""
+    return [*PLAYABLE[PLAYED].bots][-1]

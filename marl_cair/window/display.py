@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import os
+
 import pygame
+
+_WINDOWLESS = ("offscreen", "dummy", "evdev")  # what SDL takes where it finds no display
 
 
 def open_display(size: tuple[int, int], title: str) -> pygame.Surface:
     """The surface of a new window. Raises ValueError where there is no display."""
     try:
         pygame.display.init()
+        driver = pygame.display.get_driver()
+        if driver in _WINDOWLESS and driver != os.environ.get("SDL_VIDEODRIVER"):
+            raise pygame.error(f"SDL found no display and took its driver {driver!r}")
         surface = pygame.display.set_mode(size, pygame.RESIZABLE)
     except pygame.error as error:
         raise ValueError(

@@ -85,6 +85,14 @@ def test_without_a_display_the_message_says_how_to_watch(capsys, monkeypatch):
     assert "--to game.mp4" in message
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have a display")
+def test_a_driver_without_windows_is_refused_unless_it_was_asked_for(capsys, monkeypatch):
+    pygame.display.quit()
+    for name in ("SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    assert "no window can be opened" in refused(capsys, "play", "deep_maze")
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

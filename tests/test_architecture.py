@@ -49,6 +49,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training.collecting": {*_LEARNING, *_SELF_PLAY, "training.settings"},
     "training": {*_LEARNING, *_SELF_PLAY, "league", "training.settings", "training.collecting"},
     "training.population": {*_LEARNING, *_SELF_PLAY, "league", "training", "training.settings"},
+    "experiments": {
+        *("", "games", "league", "league.agents", "league.play", "training", "training.settings"),
+    },
     "viewer": {"games"},
     "window": {"games", "viewer", "league.agents", "league.play"},
     "dashboard": {"games", "training", "training.settings", "viewer"},
@@ -57,7 +60,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         *("", "games", "policies", "generative", "checkpoint", "self_play"),
         *("league", "league.agents", "league.play", "league.ratings", "league.store"),
         *("league.report", "training", "training.settings", "training.population", "window"),
-        *("browser", "dashboard", "viewer"),
+        *("browser", "dashboard", "viewer", "experiments"),
     },
     "__main__": {"cli"},
 }

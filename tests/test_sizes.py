@@ -15,6 +15,7 @@ MAX_LINES = {
     "self_play": 990,
     "league": 8_180,
     "training": 6_200,
+    "experiments": 900,
     "viewer": 720,
     "window": 2_500,
     "browser": 950,

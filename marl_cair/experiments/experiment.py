@@ -1,0 +1,206 @@
+"""Runs a plan in a folder: composes all cells, runs what is missing, writes tables and figures."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from marl_cair import __version__
+from marl_cair.experiments import scheduler
+from marl_cair.experiments.cells import (
+    CELLS,
+    RUN,
+    Cell,
+    Compose,
+    Draft,
+    find_shortage,
+    list_drafts,
+    make_cells,
+    make_scenario,
+)
+from marl_cair.experiments.figures import draw_panels, draw_results
+from marl_cair.experiments.looks import LOOKS_FILE
+from marl_cair.experiments.plan import Plan, scale_plan
+from marl_cair.experiments.summary import Run, find_levels, summarise
+from marl_cair.experiments.tables import LOOKS, write_looks, write_tables
+from marl_cair.files import claim_output_folder, write_json
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.league import LeagueConfig, run_league
+from marl_cair.lookup import check_name
+from marl_cair.stored import read_json
+from marl_cair.training.run_log import RunLog, read_log
+
+_SCALE_FILE = "scale.json"
+_LOOKS_SHARE = 0.2  # of the time of an experiment, a guess
+FIGURE, LEAGUES = "figure.png", "leagues"
+Kind = TypeVar("Kind", Cell, Draft)
+
+
+@dataclass(frozen=True)
+class ExperimentConfig:
+    """How a plan is run."""
+
+    out: Path
+    workers: int | None = None  # processes side by side; None: as the cores allow
+    budget: str = ""  # as it was typed
+    budget_seconds: float | None = None  # for the whole plan, or for what is left of it
+    only: tuple[str, ...] = ()  # tasks and choices; cells with one of each kind run
+    panels: bool = False  # draw the thesis's panels of each task
+
+
+@dataclass(frozen=True)
+class ExperimentResult:
+    """What has been run.
+
+    Attributes:
+        text: the tables as Markdown.
+        failed: why cells failed, by name.
+        skipped: why this machine cannot run cells, by name.
+    """
+
+    text: str
+    failed: dict[str, str]
+    skipped: dict[str, str]
+
+
+def run_experiment(plan: Plan, config: ExperimentConfig, compose: Compose) -> ExperimentResult:
+    """Run all cells of a plan that are not finished.
+
+    Raises:
+        OutputFolderError: the folder holds another plan, version or budget.
+        ValueError: a cell that cannot be composed or rated; before any work.
+    """
+    workers = config.workers or os.cpu_count() or 1
+    scale = _find_scale(plan, config, workers)
+    scaled = scale_plan(plan, scale) if scale < 1.0 else plan
+    cells = make_cells(scaled, compose, scale, config.out)
+    chosen = _choose(cells, plan, config.only)
+    skipped = {cell.name: why for cell in chosen if (why := find_shortage(cell))}
+    settings = {"version": __version__, "budget": config.budget, "plan": plan.fixed}
+    with claim_output_folder(config.out, "experiment", settings, resume=True):
+        write_json(config.out / _SCALE_FILE, {"factor": scale})
+        todo = [cell for cell in chosen if cell.name not in skipped]
+
+        def write() -> str:
+            return _write(scaled, cells, config, _describe(scaled, scale, config, skipped))
+
+        failed = scheduler.run_cells(todo, config.out, workers, write)
+        if plan.games_per_pair and not failed:
+            _play_leagues(scaled, cells, config)
+        return ExperimentResult(write(), failed, skipped)
+
+
+def _find_scale(plan: Plan, config: ExperimentConfig, workers: int) -> float:
+    """The part of each budget that fits into `--budget`; once for a folder."""
+    file = config.out / _SCALE_FILE
+    if file.is_file():
+        return float(read_json(file)["factor"])
+    if config.budget_seconds is None:
+        return 1.0
+    if plan.budget.seconds is None:
+        raise ValueError("--budget needs budget.seconds in the plan, the time of a whole cell")
+    trained = [one for one in list_drafts(plan) if one.agent is None]
+    count = len(_choose(trained, plan, config.only)) * len(plan.seeds)
+    whole = max(1, count) * plan.budget.seconds / (1.0 - _LOOKS_SHARE)
+    return min(1.0, config.budget_seconds * workers / whole)
+
+
+def _choose(cells: Sequence[Kind], plan: Plan, only: Sequence[str]) -> list[Kind]:
+    """Cells that have one of `only` of each kind (task, factor) of which there is one in it."""
+    for name in only:
+        known = {name for one in cells for name in (one.task, *one.choices.values()) if name}
+        check_name("task or choice", name, sorted(known))
+
+    def has_one(value: str, values: Iterable[str]) -> bool:
+        asked = set(values) & set(only)
+        return not asked or not value or value in asked
+
+    def is_chosen(cell: Kind) -> bool:
+        values = [(cell.task, {one.task for one in cells})]
+        values += [(own, {one.choices[f] for one in cells}) for f, own in cell.choices.items()]
+        return all(has_one(*pair) for pair in values)
+
+    return [cell for cell in cells if is_chosen(cell)]
+
+
+def _describe(plan: Plan, scale: float, config: ExperimentConfig, skipped: dict[str, str]) -> str:
+    """What a reader must know of the tables: their statistic, the budget, what is missing."""
+    limits = []
+    if plan.budget.frames:
+        limits.append(f"{plan.budget.frames:,} environment steps")
+    if plan.budget.seconds:
+        limits.append(f"{plan.budget.seconds:,.0f} s of processor time")
+    notes = [
+        "Interquartile means over runs (of less than four: means), 95 % stratified bootstrap.",
+        f"A run trains for at most {' or '.join(limits)}.",
+        f"marl_cair {__version__}.",
+    ]
+    if scale < 1.0:
+        notes.append(
+            f"Scaled down by --budget {config.budget}: each run has {100 * scale:.3g} % of the "
+            "plan's budget, schedules and games of a look, so its numbers are not those of the "
+            "whole plan."
+        )
+    notes += [f"Not run on this machine: {name} ({why})." for name, why in skipped.items()]
+    return " ".join(notes)
+
+
+def read_runs(cells: Sequence[Cell], out: Path) -> list[Run]:
+    """The looks of all finished cells."""
+    return [
+        Run(cell.task, tuple(cell.choices.values()), cell.seed, rows)
+        for cell in cells
+        if scheduler.is_finished(cell, out)
+        and (rows := read_log(out / CELLS / cell.name / LOOKS_FILE))
+    ]
+
+
+def _write(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig, notes: str) -> str:
+    """Tables and figures of all finished cells; returns the tables."""
+    out, runs = config.out, read_runs(cells, config.out)
+    if not runs:
+        return "no cell is finished\n"
+    if len(runs) < len(cells):
+        notes += f" {len(cells) - len(runs)} of {len(cells)} cells are not finished."
+    entries = summarise(plan, runs)
+    write_looks(plan, runs, out / LOOKS)
+    text = write_tables(plan, entries, find_levels(plan, runs), notes, out)
+    draw_results(plan, runs, entries, out / FIGURE)
+    for task in plan.tasks if config.panels else ():
+        logs: dict[str, list[Path]] = {}
+        for cell in (cell for cell in cells if cell.task == task and cell.agent is None):
+            name = ", ".join(cell.choices.values())
+            logs.setdefault(name, []).append(out / CELLS / cell.name / RUN / RunLog.FILE)
+        draw_panels(task.replace("_", " "), logs, out / f"panels_{task}.png")
+    return text
+
+
+def _play_leagues(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig) -> list[str]:
+    """A league of all agents and bots of each task; returns the folders."""
+    folders = []
+    for task in plan.tasks:
+        own = [cell for cell in cells if cell.task == task and cell.agent is None]
+        agents = [config.out / CELLS / cell.name / RUN / cell.rating.agent for cell in own]
+        if not agents or not all(agent.is_dir() for agent in agents):
+            continue
+        game, scenario = own[0].config.game, make_scenario(own[0].config, own[0].rating)
+        fields = dataclasses.asdict(scenario)
+        folders.append(str(config.out / LEAGUES / task))
+        run_league(
+            LeagueConfig(
+                agents=(*map(str, agents), *plan.tasks[task].rating.bots),
+                game=game.name,
+                scenario=game.scenario,
+                scenario_options=fields,
+                games_per_pair=plan.games_per_pair,
+                out=folders[-1],
+                workers=config.workers or 1,
+            ),
+            partial(load_agent, game=game.name),
+        )
+    return folders

@@ -49,6 +49,11 @@ class Cell:
     trainer: str | None = None  # module:function that trains in place of `marl_cair`
 
     @property
+    def key(self) -> tuple[str, ...]:
+        """Task and choices, which seeds share."""
+        return self.task, *self.choices.values()
+
+    @property
     def threads(self) -> int:
         """Processor cores that it keeps busy."""
         return max(self.config.torch_threads or 1, self.config.collector.num_threads)
@@ -66,7 +71,7 @@ def load_cell(folder: Path) -> Cell:
 
 def make_cells(plan: Plan, compose: Compose, scale: float, out: Path) -> list[Cell]:
     """All cells in the order in which they run: of each seed all, so that a part of a plan says
-    something of every cell.
+    something of every cell. Those that have been begun are read from `out`.
 
     compose: settings from lists of words, of which later ones override. scale: as of `scale_plan`.
 
@@ -74,22 +79,32 @@ def make_cells(plan: Plan, compose: Compose, scale: float, out: Path) -> list[Ce
     """
     cells = []
     for draft in list_drafts(plan):
-        about = plan.tasks[draft.task]
-        name = "-".join([draft.task, *(Path(one).name for one in draft.choices.values() if one)])
-        layers = [DEFAULTS, plan.words, about.words, *draft.words]
-        try:
-            _refuse_own(layers)
-            config = _set_length(compose(layers), plan.budget, scale)
-            _check_rating(about, config)
-        except ValueError as error:
-            raise ValueError(f"the cell {name} cannot be run: {error}") from error
+        config: TrainConfig | None = None
         for seed in plan.seeds:
-            folder = out / CELLS / f"{name}-{seed}"
+            folder = out / CELLS / f"{draft.name}-{seed}"
+            if (folder / CELL_FILE).is_file():
+                cells.append(load_cell(folder))
+                continue
+            config = config or _compose(plan, draft, compose, scale)
             own = dataclasses.replace(config, seed=seed, out=str(folder / RUN))
-            how = plan.budget, plan.looks, draft.agent, draft.trainer
+            rating, how = plan.tasks[draft.task].rating, (draft.agent, draft.trainer)
             keys = folder.name, draft.task, draft.choices, seed
-            cells.append(Cell(*keys, own, about.rating, *how))
+            cells.append(Cell(*keys, own, rating, plan.budget, plan.looks, *how))
     return sorted(cells, key=lambda cell: plan.seeds.index(cell.seed))
+
+
+def _compose(plan: Plan, draft: Draft, compose: Compose, scale: float) -> TrainConfig:
+    task = plan.tasks[draft.task]
+    layers = [DEFAULTS, plan.words, task.words, *draft.words]
+    try:
+        for word in (word for words in layers for word in words):
+            name = word.partition("=")[0]
+            require(name not in _SET_HERE, "a word", word, f"left out: a plan sets {name} itself")
+        config = _set_length(compose(layers), plan.budget, scale)
+        _check_rating(task, config)
+    except ValueError as error:
+        raise ValueError(f"the cell {draft.name} cannot be run: {error}") from error
+    return config
 
 
 class Draft(NamedTuple):
@@ -100,6 +115,16 @@ class Draft(NamedTuple):
     words: Sequence[Sequence[str]]
     agent: str | None = None
     trainer: str | None = None
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """Task and choices."""
+        return self.task, *self.choices.values()
+
+    @property
+    def name(self) -> str:
+        """The cell's name but for its seed."""
+        return "-".join(part for part in self.key if part)
 
 
 def list_drafts(plan: Plan) -> Iterator[Draft]:
@@ -122,18 +147,17 @@ def list_drafts(plan: Plan) -> Iterator[Draft]:
             yield Draft(task, none | {first: Path(name).name}, [], agent=name)
 
 
-def _refuse_own(layers: Sequence[Sequence[str]]) -> None:
-    for word in (word for words in layers for word in words):
-        name = word.partition("=")[0]
-        require(name not in _SET_HERE, "a word", word, f"left out: a plan sets {name} itself")
-
-
 def _set_length(config: TrainConfig, budget: Budget, scale: float) -> TrainConfig:
-    """The settings with the budget as `total_frames`, and schedules that are scaled with it."""
-    default = TrainConfig.total_frames
-    frames = budget.frames or (ENDLESS_FRAMES if config.total_frames == default else None)
-    if frames is not None:
-        config = dataclasses.replace(config, total_frames=frames)
+    """The settings with the budget as `total_frames`, and schedules that are scaled with it. The
+    frames of a recipe stay where the plan has none.
+    """
+    if budget.frames is not None:
+        frames = budget.frames  # scaled already
+    elif config.total_frames == TrainConfig.total_frames:
+        frames = ENDLESS_FRAMES
+    else:
+        frames = max(1, int(config.total_frames * scale))
+    config = dataclasses.replace(config, total_frames=frames)
     if scale < 1.0:
         for path in _SCHEDULES:
             group, name = path.split(".")

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 from marl_cair import __version__
 from marl_cair.experiments import scheduler
@@ -32,13 +31,14 @@ from marl_cair.files import claim_output_folder, write_json
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.lookup import check_name
+from marl_cair.outside import import_outside
 from marl_cair.stored import read_json
 from marl_cair.training.run_log import RunLog, read_log
 
 _SCALE_FILE = "scale.json"
 _LOOKS_SHARE = 0.2  # of the time of an experiment, a guess
+_START_SECONDS = 5.0  # of a cell's process
 FIGURE, LEAGUES = "figure.png", "leagues"
-Kind = TypeVar("Kind", Cell, Draft)
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,11 @@ def run_experiment(plan: Plan, config: ExperimentConfig, compose: Compose) -> Ex
     scale = _find_scale(plan, config, workers)
     scaled = scale_plan(plan, scale) if scale < 1.0 else plan
     cells = make_cells(scaled, compose, scale, config.out)
-    chosen = _choose(cells, plan, config.only)
+    keys = {draft.key for draft in _choose(plan, config.only)}
+    chosen = [cell for cell in cells if cell.key in keys]
+    for cell in chosen:
+        if cell.trainer is not None:
+            import_outside(cell.trainer)  # raises now where it is missing
     skipped = {cell.name: why for cell in chosen if (why := find_shortage(cell))}
     settings = {"version": __version__, "budget": config.budget, "plan": plan.fixed}
     with claim_output_folder(config.out, "experiment", settings, resume=True):
@@ -104,28 +108,29 @@ def _find_scale(plan: Plan, config: ExperimentConfig, workers: int) -> float:
         return 1.0
     if plan.budget.seconds is None:
         raise ValueError("--budget needs budget.seconds in the plan, the time of a whole cell")
-    trained = [one for one in list_drafts(plan) if one.agent is None]
-    count = len(_choose(trained, plan, config.only)) * len(plan.seeds)
-    whole = max(1, count) * plan.budget.seconds / (1.0 - _LOOKS_SHARE)
-    return min(1.0, config.budget_seconds * workers / whole)
+    count = sum(one.agent is None for one in _choose(plan, config.only)) * len(plan.seeds)
+    left = config.budget_seconds * workers * (1.0 - _LOOKS_SHARE) - count * _START_SECONDS
+    if left <= 0.0:
+        least = count * _START_SECONDS / workers / (1.0 - _LOOKS_SHARE)
+        raise ValueError(
+            f"--budget {config.budget} is too short to start {count} cells: give more than "
+            f"{least:.0f}s, or choose cells by --only"
+        )
+    return min(1.0, left / (max(1, count) * plan.budget.seconds))
 
 
-def _choose(cells: Sequence[Kind], plan: Plan, only: Sequence[str]) -> list[Kind]:
-    """Cells that have one of `only` of each kind (task, factor) of which there is one in it."""
+def _choose(plan: Plan, only: Sequence[str]) -> list[Draft]:
+    """Cells with one of `only` as task, and as choice of each factor, wherever one is named."""
+    drafts = list(list_drafts(plan))
+    columns = [set(column) for column in zip(*(one.key for one in drafts), strict=True)]
     for name in only:
-        known = {name for one in cells for name in (one.task, *one.choices.values()) if name}
-        check_name("task or choice", name, sorted(known))
-
-    def has_one(value: str, values: Iterable[str]) -> bool:
-        asked = set(values) & set(only)
-        return not asked or not value or value in asked
-
-    def is_chosen(cell: Kind) -> bool:
-        values = [(cell.task, {one.task for one in cells})]
-        values += [(own, {one.choices[f] for one in cells}) for f, own in cell.choices.items()]
-        return all(has_one(*pair) for pair in values)
-
-    return [cell for cell in cells if is_chosen(cell)]
+        check_name("task or choice", name, sorted(set.union(*columns) - {""}))
+    asked = [column & set(only) for column in columns]
+    return [
+        one
+        for one in drafts
+        if all(not some or name in ("", *some) for name, some in zip(one.key, asked, strict=True))
+    ]
 
 
 def _describe(plan: Plan, scale: float, config: ExperimentConfig, skipped: dict[str, str]) -> str:
@@ -184,7 +189,7 @@ def _play_leagues(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig) -
     """A league of all agents and bots of each task; returns the folders."""
     folders = []
     for task in plan.tasks:
-        own = [cell for cell in cells if cell.task == task and cell.agent is None]
+        own = [cell for cell in cells if cell.task == task and not (cell.agent or cell.trainer)]
         agents = [config.out / CELLS / cell.name / RUN / cell.rating.agent for cell in own]
         if not agents or not all(agent.is_dir() for agent in agents):
             continue

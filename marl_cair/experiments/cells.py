@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marl_cair.experiments.plan import Budget, LookSettings, Plan, RatingSettings, TaskSettings
+from marl_cair.experiments.plan import Length, Plan, RatingSettings, TaskSettings
 from marl_cair.files import write_json
 from marl_cair.games import GAMES
 from marl_cair.lookup import check_name
@@ -43,8 +43,8 @@ class Cell:
     seed: int
     config: TrainConfig
     rating: RatingSettings
-    budget: Budget
-    looks: LookSettings = field(default_factory=LookSettings)
+    budget: Length
+    looks: Length
     agent: str | None = None  # a bot or checkpoint that is rated without training
     trainer: str | None = None  # module:function that trains in place of `marl_cair`
 
@@ -57,6 +57,10 @@ class Cell:
     def threads(self) -> int:
         """Processor cores that it keeps busy."""
         return max(self.config.torch_threads or 1, self.config.collector.num_threads)
+
+    def find_share(self, frames: int, seconds: float) -> float:
+        """The share of the budget that is spent; 1 or more at its end."""
+        return max(self.budget.count(frames, seconds), frames / self.config.total_frames)
 
     def save(self, folder: Path) -> None:
         """Write the cell to `<folder>/cell.json`, for `load_cell` in another process."""
@@ -140,14 +144,13 @@ def list_drafts(plan: Plan) -> Iterator[Draft]:
             words += [about.when[choice] for choice in chosen if choice in about.when]
             yield Draft(task, choices, words)
         for name, place in plan.others.items():
-            if about.when.get(name, ()) is not None:
-                own = about.when.get(name, ())
+            if (own := about.when.get(name, ())) is not None:
                 yield Draft(task, none | {first: name}, [own], trainer=place)
         for name in about.agents:
             yield Draft(task, none | {first: Path(name).name}, [], agent=name)
 
 
-def _set_length(config: TrainConfig, budget: Budget, scale: float) -> TrainConfig:
+def _set_length(config: TrainConfig, budget: Length, scale: float) -> TrainConfig:
     """The settings with the budget as `total_frames`, and schedules that are scaled with it. The
     frames of a recipe stay where the plan has none.
     """

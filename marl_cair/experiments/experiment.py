@@ -23,7 +23,7 @@ from marl_cair.experiments.cells import (
     make_scenario,
 )
 from marl_cair.experiments.figures import draw_panels, draw_results
-from marl_cair.experiments.looks import LOOKS_FILE
+from marl_cair.experiments.looks import LOOKS_FILE, read_looks
 from marl_cair.experiments.plan import Plan, scale_plan
 from marl_cair.experiments.summary import Run, find_levels, summarise
 from marl_cair.experiments.tables import LOOKS, write_looks, write_tables
@@ -33,7 +33,7 @@ from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.lookup import check_name
 from marl_cair.outside import import_outside
 from marl_cair.stored import read_json
-from marl_cair.training.run_log import RunLog, read_log
+from marl_cair.training.run_log import RunLog
 
 _SCALE_FILE = "scale.json"
 _LOOKS_SHARE = 0.2  # of the time of an experiment, a guess
@@ -161,7 +161,7 @@ def read_runs(cells: Sequence[Cell], out: Path) -> list[Run]:
         Run(cell.task, tuple(cell.choices.values()), cell.seed, rows)
         for cell in cells
         if scheduler.is_finished(cell, out)
-        and (rows := read_log(out / CELLS / cell.name / LOOKS_FILE))
+        and (rows := read_looks(out / CELLS / cell.name / LOOKS_FILE))
     ]
 
 

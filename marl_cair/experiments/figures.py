@@ -27,7 +27,7 @@ def draw_results(plan: Plan, runs: Sequence[Run], entries: Sequence[Entry], path
     """
     tasks = [task for task in plan.tasks if any(run.task == task for run in runs)]
     kinds = list(dict.fromkeys(run.kind for run in runs))
-    has_curves = plan.looks.every is not None
+    has_curves = plan.looks.is_given
     num_rows = 2 if has_curves else 1
     figure = _make_figure(len(tasks), num_rows)
     panels = figure.subplots(num_rows, len(tasks), squeeze=False)

@@ -21,8 +21,6 @@ Row = dict[str, float]
 LOOKS_FILE = "looks.csv"
 FRESH_SEED = 2_000_000  # no training or evaluation has these games
 OVERESTIMATION = "q/overestimation"
-# Columns of a look that are no measured numbers.
-TIMES = ("look", "seconds", "frames")
 
 
 def measure(agent: Any, cell: Cell, look: int) -> Row:
@@ -62,6 +60,14 @@ def _find(values: Mapping[str, float], number: str) -> float:
     return find_by_name("number of the game (rating.number)", number, values)
 
 
+def read_looks(path: Path) -> list[Row]:
+    """The rows of a `looks.csv`; none without a file."""
+    return [
+        {name: int(v) if name in ("look", "frames") else v for name, v in row.items()}
+        for row in read_log(path)
+    ]
+
+
 class Looks:
     """The looks of one cell, kept in `looks.csv` of its folder.
 
@@ -72,20 +78,16 @@ class Looks:
 
     def __init__(self, cell: Cell, folder: Path) -> None:
         self.cell, self._path = cell, folder / LOOKS_FILE
-        self.rows: list[Row] = read_log(self._path)
+        self.rows = read_looks(self._path)
 
     def drop_after(self, frames: int) -> None:
         """Forget looks that a resumed run has not reached yet."""
         self.rows = [row for row in self.rows if row["frames"] <= frames]
 
-    def is_due(self, seconds: float, frames: int) -> bool:
-        """Whether an interval is over since the last look."""
-        every = self.cell.looks.every
-        return every is not None and self._count(seconds, frames) > self._last
-
-    def _count(self, seconds: float, frames: int) -> int:
-        looks = self.cell.looks
-        return int((frames if looks.frames else seconds) // (looks.every or math.inf))
+    def is_due(self, frames: int, seconds: float) -> bool:
+        """Whether an interval is over since the last look, or none was made yet."""
+        every = self.cell.looks
+        return every.is_given and every.count(frames, seconds) >= self._last + 1
 
     @property
     def last_frames(self) -> float:
@@ -96,21 +98,25 @@ class Looks:
     def _last(self) -> int:
         return int(self.rows[-1]["look"]) if self.rows else -1
 
-    def add(self, agent: Any, seconds: float, frames: int, overestimation: float) -> Row:
+    def add(
+        self, agent: Any, frames: int, seconds: float, overestimation: float = math.nan
+    ) -> None:
         """Rate the agent and write the row. Looks are numbered by the interval that has ended."""
-        number = max(self._last + 1, self._count(seconds, frames))
-        row = {"look": number, "seconds": round(seconds, 2), "frames": frames}
+        number = max(self._last + 1, int(self.cell.looks.count(frames, seconds)))
+        row: Row = {"look": number, "seconds": round(seconds, 2), "frames": frames}
         row |= measure(agent, self.cell, number)
         if math.isfinite(overestimation):
             row["overestimation"] = overestimation
         self.rows.append(row)
         write_atomically(self._path, format_rows(self.rows))
-        return row
 
 
 def read_overestimation(log: Path, since: float) -> float:
-    """Mean of a run's overestimation over the rows of its log after frame `since`; NaN of none."""
+    """Mean of a run's overestimation over the rows of its log after frame `since`, of the last
+    third at the most; NaN of none.
+    """
     rows: Sequence[Row] = read_log(log)
+    since = max(since, rows[-1]["frames"] * 2 / 3) if rows else since
     values = [row[OVERESTIMATION] for row in rows
               if OVERESTIMATION in row and row["frames"] > since]  # fmt: skip
     return float(np.mean(values)) if values else math.nan

@@ -70,35 +70,29 @@ class TaskSettings:
 
 
 @dataclass(frozen=True)
-class Budget:
-    """Length of a cell's training; it ends at the first limit."""
+class Length:
+    """A length of training; of two limits the one that is reached first counts."""
 
     frames: Count | None = None  # environment steps; null: no limit
     seconds: Positive | None = None  # of processor time, looks not counted; null: no limit
 
     def __post_init__(self) -> None:
-        check_fields(self, "budget.")
-
-
-@dataclass(frozen=True)
-class LookSettings:
-    """When a run is rated while it trains: before the first step, then at each interval. Without
-    intervals once, at its end.
-    """
-
-    frames: Count | None = None  # environment steps between two looks
-    seconds: Positive | None = None  # seconds of processor time between two looks
-
-    def __post_init__(self) -> None:
-        check_fields(self, "looks.")
-        given = {"frames": self.frames, "seconds": self.seconds}
-        is_one = None in given.values()
-        require(is_one, "looks", given, "frames or seconds, one of them")
+        check_fields(self)
 
     @property
-    def every(self) -> float | None:
-        """The interval; None: a single look at the end."""
-        return self.frames or self.seconds
+    def is_given(self) -> bool:
+        """Whether there is a limit."""
+        return self != Length()
+
+    def scale(self, factor: float) -> Length:
+        """The same, shorter."""
+        frames = None if self.frames is None else max(1, int(self.frames * factor))
+        return Length(frames, None if self.seconds is None else self.seconds * factor)
+
+    def count(self, frames: float, seconds: float) -> float:
+        """How many times it is over."""
+        by_frames = frames / self.frames if self.frames else 0.0
+        return max(by_frames, seconds / self.seconds if self.seconds else 0.0)
 
 
 @dataclass(frozen=True)
@@ -111,8 +105,8 @@ class Plan:
     factors: dict[str, dict[str, tuple[str, ...]]] = field(default_factory=dict)  # words by choice
     others: dict[str, str] = field(default_factory=dict)  # module:function that trains, by name
     seeds: tuple[int, ...] = (0, 1, 2)  # of training and of the games in looks
-    budget: Budget = field(default_factory=Budget)
-    looks: LookSettings = field(default_factory=LookSettings)
+    budget: Length = field(default_factory=Length)  # of each cell's training
+    looks: Length = field(default_factory=Length)  # between two; null: a single one, at the end
     games_per_pair: Natural = 0  # of a league of all agents in each task; 0: no league
     source: str = "published"  # of the tasks' published scores, in the table
 
@@ -123,8 +117,8 @@ class Plan:
         require_once("seeds", self.seeds)
         for seed in self.seeds:
             require(0 <= seed < 2**63, "seeds", seed, "0 or more")
-        limits = (self.budget.frames, self.budget.seconds)
-        require(limits != (None, None), "budget", limits, "frames, seconds, or both")
+        require(self.budget.is_given, "budget", None, "frames, seconds, or both")
+        require(len(self.factors) > 0, "factors", {}, "one or more by name")
         choices = [*self.others]
         for factor, own in self.factors.items():
             require(len(own) > 0, f"factors.{factor}", own, "one or more choices by name")
@@ -168,22 +162,14 @@ def read_plan(path: str | Path) -> Plan:
 
 
 def scale_plan(plan: Plan, factor: float) -> Plan:
-    """The plan with `factor` of its budget, of the interval between looks in frames, and of the
-    games of a look (20 at the least); schedules follow in `cells.make_cells`.
+    """The plan with `factor` of its budget, of the interval between looks, and of the games of a
+    look (20 at the least); schedules follow in `cells.make_cells`.
     """
-
-    def part(value: int | None) -> int | None:
-        return None if value is None else max(1, int(value * factor))
 
     def rate(task: TaskSettings) -> TaskSettings:
         games = min(task.rating.games, max(20, 2 * int(task.rating.games * factor / 2)))
         return dataclasses.replace(task, rating=dataclasses.replace(task.rating, games=games))
 
-    seconds = plan.budget.seconds
-    every = plan.looks.seconds
-    return dataclasses.replace(
-        plan,
-        tasks={name: rate(task) for name, task in plan.tasks.items()},
-        budget=Budget(part(plan.budget.frames), None if seconds is None else seconds * factor),
-        looks=LookSettings(part(plan.looks.frames), None if every is None else every * factor),
-    )
+    tasks = {name: rate(task) for name, task in plan.tasks.items()}
+    lengths = plan.budget.scale(factor), plan.looks.scale(factor)
+    return dataclasses.replace(plan, tasks=tasks, budget=lengths[0], looks=lengths[1])

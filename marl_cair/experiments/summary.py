@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -76,19 +76,18 @@ def find_iqm(strata: Sequence[Values]) -> Estimate:
 def summarise(plan: Plan, runs: Sequence[Run]) -> list[Entry]:
     """An entry for each task and kind, then for each kind over all tasks that have a scale."""
     entries: list[Entry] = []
-    of_all: dict[tuple[str, ...], list[dict[str, Values]]] = {}
+    of_all: dict[tuple[str, ...], list[Values]] = {}
     for task, about in plan.tasks.items():
         of_task = [run for run in runs if run.task == task]
         for kind in dict.fromkeys(run.kind for run in of_task):
             own = [run for run in of_task if run.kind == kind]
             columns = dict(_list_columns(plan, about, own, of_task))
             if NORMALISED in columns:
-                of_all.setdefault(kind, []).append({NORMALISED: columns[NORMALISED]})
+                of_all.setdefault(kind, []).append(columns[NORMALISED])
             values = {name: find_iqm([column]) for name, column in columns.items()}
             entries.append(Entry(task, kind, len(own), values))
     if len(plan.tasks) > 1:
-        for kind, parts in of_all.items():
-            strata = [part[NORMALISED] for part in parts]
+        for kind, strata in of_all.items():
             values = {NORMALISED: find_iqm(strata)}
             entries.append(Entry("all", kind, sum(map(len, strata)), values))
     return entries
@@ -103,7 +102,7 @@ def _list_columns(
     yield "steps", np.array([row["frames"] for row in last])
     yield "seconds", np.array([row["seconds"] for row in last])
     yield SCORE, score
-    if plan.looks.every is not None and all(len(run.rows) > 1 for run in runs):
+    if plan.looks.is_given and all(len(run.rows) > 1 for run in runs):
         for column, axis in ((EQUAL_TIME, "seconds"), (EQUAL_STEPS, "frames")):
             trained = [run for run in of_task if len(run.rows) > 1]
             end = min(run.rows[-1][axis] for run in trained)
@@ -113,9 +112,15 @@ def _list_columns(
         yield NORMALISED, (strength - scale[0]) / (scale[1] - scale[0])
     for name in task.rating.show:
         yield name, np.array([row.get(name, np.nan) for row in last])
-    excess = np.array([row.get("overestimation", np.nan) for row in last])
-    if np.isfinite(excess).any():
-        yield "overestimation", excess[np.isfinite(excess)]
+    excess = [_read_last(run, "overestimation") for run in runs]
+    if known := [np.mean(values) for values in excess if values]:
+        yield "overestimation", np.array(known)
+
+
+def _read_last(run: Run, name: str) -> list[float]:
+    """The numbers of a run's looks in the last third of its time."""
+    begin = end_of(run) - end_of(run) * _LAST_PART
+    return [row[name] for row in run.rows if name in row and row["seconds"] >= begin]
 
 
 def end_of(run: Run) -> float:
@@ -154,8 +159,8 @@ def find_levels(plan: Plan, runs: Sequence[Run]) -> list[Reached]:
 
 
 def _find_level(run: Run, level: float) -> Reached:
-    reached: Callable[[Row, Row], bool] = lambda a, b: min(a["score"], b["score"]) >= level  # noqa: E731
-    first = next((one for one, then in pairwise(run.rows) if reached(one, then)), None)
+    pairs = pairwise(run.rows)
+    first = next((a for a, b in pairs if min(a["score"], b["score"]) >= level), None)
     if first is None:
         return Reached(run, level, None, max(row["score"] for row in run.rows))
     later = [row["score"] for row in run.rows if row["seconds"] >= first["seconds"]]

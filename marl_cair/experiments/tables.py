@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,7 +20,7 @@ def write_looks(plan: Plan, runs: Sequence[Run], path: Path) -> None:
     """One CSV row for each run and look."""
     rows: list[dict[str, object]] = [
         {"task": run.task, **dict(zip(_factors(plan), run.kind, strict=True)), "seed": run.seed}
-        | {name: int(v) if name in ("look", "frames") else v for name, v in row.items()}
+        | dict(row)
         for run in runs
         for row in run.rows
     ]
@@ -32,22 +30,23 @@ def write_looks(plan: Plan, runs: Sequence[Run], path: Path) -> None:
 def write_tables(
     plan: Plan, entries: Sequence[Entry], reached: Sequence[Reached], notes: str, out: Path
 ) -> str:
-    """Write `table.csv` (a row for each value), and `table` and `levels` as Markdown and LaTeX;
+    """Write `table` and, where the plan has levels, `levels`, each as CSV, Markdown and LaTeX;
     returns the Markdown. notes: what a reader must know of all numbers.
     """
-    write_atomically(out / f"{TABLE}.csv", _format_values(plan, entries))
-    lines = [_format_entry(plan, entry) for entry in entries]
-    texts = [_format_markdown(lines)]
-    write_atomically(out / f"{TABLE}.tex", _format_latex(lines, plan.about, notes))
+    about = f"{plan.about or ''} {notes}".strip()
+    tables = {TABLE: [_format_entry(plan, entry) for entry in entries]}
     if reached:
-        levels = [_format_reached(plan, one) for one in reached]
-        write_atomically(out / f"{LEVELS}.csv", _format_csv(levels))
-        write_atomically(out / f"{LEVELS}.tex", _format_latex(levels, plan.about, notes))
-        texts.append(_format_markdown(levels))
-    head = f"{plan.about}\n\n" if plan.about else ""
-    text = f"{head}{notes}\n\n" + "\n".join(texts)
-    write_atomically(out / f"{TABLE}.md", text)
-    return text
+        tables[LEVELS] = [_format_reached(plan, one) for one in reached]
+    texts = []
+    for name, lines in tables.items():
+        texts.append(f"{about}\n\n{_format_markdown(lines)}")
+        for ending, text in (
+            (".csv", format_rows(lines)),
+            (".tex", _format_latex(lines, about)),
+            (".md", texts[-1]),
+        ):
+            write_atomically(out / f"{name}{ending}", text)
+    return "\n".join([texts[0], *(text.partition("\n\n")[2] for text in texts[1:])])
 
 
 def _factors(plan: Plan) -> list[str]:
@@ -56,20 +55,6 @@ def _factors(plan: Plan) -> list[str]:
 
 def _name(plan: Plan, task: str, kind: Sequence[str]) -> Line:
     return {"task": task, **dict(zip(_factors(plan), kind, strict=True))}
-
-
-def _format_values(plan: Plan, entries: Sequence[Entry]) -> str:
-    rows: list[dict[str, object]] = [
-        {**_name(plan, e.task, e.kind), "runs": e.num_runs, "measure": name, **value._asdict()}
-        for e in entries
-        for name, value in e.values.items()
-    ]
-    for task, about in plan.tasks.items():
-        for choice, score in about.published.items():
-            kind = [choice, *[""] * (len(_factors(plan)) - 1)]
-            name = _name(plan, task, kind)
-            rows.append({**name, "measure": plan.source, **Estimate(score)._asdict()})
-    return format_rows(rows)
 
 
 def _format_entry(plan: Plan, entry: Entry) -> Line:
@@ -123,20 +108,12 @@ def _format_markdown(lines: Sequence[Line]) -> str:
     return "\n".join([text[0], f"|{'---|' * len(names)}", *text[1:]]) + "\n"
 
 
-def _format_csv(lines: Sequence[Line]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, _columns(lines), lineterminator="\n", extrasaction="ignore")
-    writer.writeheader()
-    writer.writerows(lines)
-    return text.getvalue()
-
-
-def _format_latex(lines: Sequence[Line], about: str | None, notes: str) -> str:
+def _format_latex(lines: Sequence[Line], about: str) -> str:
     names = _columns(lines)
     rows = [[line.get(name, "").translate(_LATEX) for name in names] for line in lines]
     head = " & ".join(name.translate(_LATEX) for name in names)
     body = "\n".join(f"{' & '.join(row)} \\\\" for row in rows)
-    caption = f"{about or ''} {notes}".strip().translate(_LATEX)
+    caption = about.translate(_LATEX)
     return (
         f"% needs \\usepackage{{booktabs}}\n\\begin{{table}}\n\\caption{{{caption}}}\n"
         f"\\begin{{tabular}}{{{'l' * len(names)}}}\n\\toprule\n{head} \\\\\n\\midrule\n{body}\n"

@@ -46,7 +46,7 @@ def run_cell(folder: Path, report: Report) -> bool:
             looks = Looks(cell, folder)
             if cell.agent is not None:
                 looks.rows = []
-                looks.add(_load(cell.agent, cell), 0.0, 0, math.nan)
+                looks.add(_load(cell.agent, cell), 0, 0.0)
             elif cell.trainer is not None:
                 looks.rows = []
                 import_outside(cell.trainer)(cell, _make_look(looks, report))
@@ -69,19 +69,13 @@ def _make_look(looks: Looks, report: Report) -> Callable[[Any, float, int], bool
     """
 
     def look(agent: Any, seconds: float, frames: int) -> bool:
-        share = _find_share(looks.cell, seconds, frames)
-        if looks.is_due(seconds, frames) or share >= 1.0:
-            looks.add(agent, seconds, frames, math.nan)
+        share = looks.cell.find_share(frames, seconds)
+        if looks.is_due(frames, seconds) or share >= 1.0:
+            looks.add(agent, frames, seconds)
         report(share, looks.rows)
         return share < 1.0
 
     return look
-
-
-def _find_share(cell: Cell, seconds: float, frames: int) -> float:
-    """The share of the budget that is spent, of the limit that comes first."""
-    by_seconds = seconds / cell.budget.seconds if cell.budget.seconds else 0.0
-    return max(by_seconds, frames / cell.config.total_frames)
 
 
 def _train(looks: Looks, out: Path, report: Report) -> bool:
@@ -93,11 +87,11 @@ def _train(looks: Looks, out: Path, report: Report) -> bool:
         if is_first:
             looks.drop_after(run.frames)
             is_first = False
-        seconds, frames = run.processor_seconds, run.frames
-        share, last = _find_share(cell, seconds, frames), looks.last_frames
-        is_final = share >= 1.0 and cell.rating.agent != BEST and frames > last
-        if is_final or looks.is_due(seconds, frames):
-            looks.add(run.rated, seconds, frames, read_overestimation(log, last))
+        spent = run.frames, run.processor_seconds
+        share, last = cell.find_share(*spent), looks.last_frames
+        is_final = share >= 1.0 and cell.rating.agent != BEST and run.frames > last
+        if is_final or looks.is_due(*spent):
+            looks.add(run.rated, *spent, read_overestimation(log, last))
         report(share, looks.rows)
         return share < 1.0
 
@@ -108,7 +102,7 @@ def _train(looks: Looks, out: Path, report: Report) -> bool:
     if cell.rating.agent == BEST:  # saved by its evaluations
         agent = _load(str(out / BEST_FOLDER), cell)
         looks.drop_after(result.frames - 1)
-        looks.add(agent, result.processor_seconds, result.frames, math.nan)
+        looks.add(agent, result.frames, result.processor_seconds)
     return True
 
 

@@ -49,9 +49,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training.collecting": {*_LEARNING, *_SELF_PLAY, "training.settings"},
     "training": {*_LEARNING, *_SELF_PLAY, "league", "training.settings", "training.collecting"},
     "training.population": {*_LEARNING, *_SELF_PLAY, "league", "training", "training.settings"},
-    "experiments": {
-        *("", "games", "league", "league.agents", "league.play", "training", "training.settings"),
-    },
+    "experiments": {*("", "games", "league"), *_SELF_PLAY, *("training", "training.settings")},
     "viewer": {"games"},
     "window": {"games", "viewer", "league.agents", "league.play"},
     "dashboard": {"games", "training", "training.settings", "viewer"},

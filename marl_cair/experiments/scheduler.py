@@ -74,14 +74,14 @@ class LocalProcesses:
                     start_new_session=True,  # Ctrl-C reaches it through `stop`, once
                 )
                 self._running.add(process)
-            assert process.stdout  # noqa: S101
-            for line in process.stdout:
-                if line.startswith("{"):
-                    found = json.loads(line)
-                    note(cell.name, found["share"], found["score"])
-            code = process.wait()
+            with process:  # closes its pipes
+                for line in process.stdout or ():
+                    if line.startswith("{"):
+                        found = json.loads(line)
+                        note(cell.name, found["share"], found["score"])
         with self._lock:
             self._running.discard(process)
+        code = process.returncode
         if code == 0 or self._is_stopped:
             return ""
         lines = (folder / OUTPUT_FILE).read_text("utf-8", "replace").strip().splitlines()

@@ -191,6 +191,7 @@ def test_unknown_choices_and_trainers_are_refused_before_work(tmp_path):
     assert not (tmp_path / "a").exists()
 
 
+@pytest.mark.slow
 def test_a_failed_cell_is_named_and_a_large_one_skipped(tmp_path):
     words = [*TINY["words"], f"replay.capacity_transitions={10**12}"]
     plan = make_plan(

@@ -53,9 +53,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "viewer": {"games"},
     "window": {"games", "viewer", "league.agents", "league.play"},
     "dashboard": {"games", "training", "training.settings", "viewer"},
-    # "" is what `import marl_cair` gives every user; the registries tell --help the choices.
     "cli": {
-        *("", "games", "policies", "generative", "checkpoint", "self_play"),
+        *("", "games", "policies", "generative", "checkpoint", "self_play"),  # "": public names
         *("league", "league.agents", "league.play", "league.ratings", "league.store"),
         *("league.report", "training", "training.settings", "training.population", "window"),
         *("browser", "dashboard", "viewer", "experiments"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,7 @@ def draw_results(plan: Plan, runs: Sequence[Run], entries: Sequence[Entry], path
     panels = figure.subplots(num_rows, len(tasks), squeeze=False)
     for column, task in zip(panels.T, tasks, strict=True):
         about, own = plan.tasks[task], [run for run in runs if run.task == task]
-        label = about.rating.unit or _name_score(plan, task)
+        label = textwrap.fill(about.rating.unit or _name_score(plan, task), 40)
         if has_curves:
             for panel, axis in zip(column, ("seconds", "frames"), strict=True):
                 _draw_curves(panel, own, kinds, axis)
@@ -43,23 +44,16 @@ def draw_results(plan: Plan, runs: Sequence[Run], entries: Sequence[Entry], path
             column[0].set_xlabel("processor seconds of training")
             column[1].set_xlabel("environment steps (thousands)")
         else:
-            _draw_ends(column[0], [one for one in entries if one.task == task], kinds)
+            _draw_ends(column[0], [one for one in entries if one.task == task], kinds, plan)
             column[0].set_xlabel(label)
-            for choice, score in about.published.items():
-                column[0].axvline(score, color="0.5", linewidth=0.9, linestyle="--")
-                column[0].annotate(
-                    f"{plan.source}: {choice}", (score, 1.0), xycoords=("data", "axes fraction"),
-                    rotation=90, va="top", ha="right", fontsize=6, color="0.4",
-                )  # fmt: skip
         column[0].set_title(task.replace("_", " "), fontsize=10)
     for panel in panels.flat:
         _tidy(panel)
     handles, labels = panels[0, 0].get_legend_handles_labels()
-    if handles:
-        figure.legend(
-            handles, labels, loc="outside lower center", ncols=min(6, len(labels)), fontsize=8,
-            frameon=False,
-        )  # fmt: skip
+    legend = dict(zip(labels, handles, strict=True))
+    if legend:
+        place = {"loc": "outside lower center", "ncols": min(6, len(legend))}
+        figure.legend(legend.values(), legend, fontsize=8, frameon=False, **place)
     _save(figure, path)
 
 
@@ -103,12 +97,15 @@ def _draw_curves(panel: Any, runs: Sequence[Run], kinds: Sequence[Kind], axis: s
         panel.plot(grid, middle, **_style(kinds, kind), linewidth=2, label=_label(kind))
 
 
-def _draw_ends(panel: Any, entries: Sequence[Entry], kinds: Sequence[Kind]) -> None:
+def _draw_ends(panel: Any, entries: Sequence[Entry], kinds: Sequence[Kind], plan: Plan) -> None:
     for place, entry in enumerate(reversed(entries)):
         one, style = entry.values[SCORE], _style(kinds, entry.kind)
         if np.isfinite(one.low):
             panel.plot([one.low, one.high], [place, place], color=style["color"], linewidth=2)
         panel.plot(one.value, place, "o", color=style["color"])
+        known = plan.tasks[entry.task].published
+        for score in (known[choice] for choice in entry.kind if choice in known):
+            panel.plot(score, place, "D", color="0.35", markerfacecolor="none", label=plan.source)
     panel.set_yticks(range(len(entries)), [_label(entry.kind) for entry in reversed(entries)])
 
 
@@ -126,7 +123,7 @@ def draw_panels(title: str, logs: Mapping[str, Sequence[Path]], path: Path) -> N
     panels = figure.subplots(len(rows), 3, squeeze=False)
     for line, (name, of_runs) in zip(panels, rows.items(), strict=True):
         for number, log in enumerate(of_runs):
-            colour = {"color": COLOURS[number % len(COLOURS)], "linewidth": 1.2}
+            colour = {"color": COLOURS[number % len(COLOURS)], "linewidth": 1.2, "marker": "."}
             line[0].plot(*_series(log, "loss/all"), **colour)
             line[1].plot(*_series(log, _find_success(log)), **colour)
         success = _find_success(of_runs[0])
@@ -145,6 +142,7 @@ def draw_panels(title: str, logs: Mapping[str, Sequence[Path]], path: Path) -> N
         for panel in line:
             _tidy(panel)
             panel.set_xlabel("environment steps (thousands)")
+            panel.set_xlim(left=0)
             panel.title.set_fontsize(9)
     figure.suptitle(title)
     _save(figure, path)

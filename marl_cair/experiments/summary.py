@@ -74,7 +74,9 @@ def find_iqm(strata: Sequence[Values]) -> Estimate:
 
 
 def summarise(plan: Plan, runs: Sequence[Run]) -> list[Entry]:
-    """An entry for each task and kind, then for each kind over all tasks that have a scale."""
+    """An entry for each task and kind, then one over all tasks that have a scale for each kind that
+    is in all of them.
+    """
     entries: list[Entry] = []
     of_all: dict[tuple[str, ...], list[Values]] = {}
     for task, about in plan.tasks.items():
@@ -86,8 +88,9 @@ def summarise(plan: Plan, runs: Sequence[Run]) -> list[Entry]:
                 of_all.setdefault(kind, []).append(columns[NORMALISED])
             values = {name: find_iqm([column]) for name, column in columns.items()}
             entries.append(Entry(task, kind, len(own), values))
-    if len(plan.tasks) > 1:
-        for kind, strata in of_all.items():
+    num_tasks = max(map(len, of_all.values()), default=0)
+    for kind, strata in of_all.items():
+        if len(strata) == num_tasks > 1:
             values = {NORMALISED: find_iqm(strata)}
             entries.append(Entry("all", kind, sum(map(len, strata)), values))
     return entries

@@ -65,6 +65,14 @@ def test_help_lists_the_plans(capsys):
     )
 
 
+def test_the_plan_of_the_guide_can_be_run(tmp_path):
+    text = (CONF.parent.parent / "docs" / "experiment.md").read_text("utf-8")
+    file = tmp_path / "plan.yaml"
+    file.write_text(text.partition("```yaml\n")[2].partition("```")[0], "utf-8")
+    cells = make_cells(read_plan(file), compose, 1.0, tmp_path)
+    assert len(cells) == 3 * (4 + 2 + 2)  # of the maze only those with generated transitions
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list_plans())
 def test_each_cell_of_a_ready_made_plan_can_be_composed(name, tmp_path):

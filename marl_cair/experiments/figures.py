@@ -52,8 +52,8 @@ def draw_results(plan: Plan, runs: Sequence[Run], entries: Sequence[Entry], path
     handles, labels = panels[0, 0].get_legend_handles_labels()
     legend = dict(zip(labels, handles, strict=True))
     if legend:
-        place = {"loc": "outside lower center", "ncols": min(6, len(legend))}
-        figure.legend(legend.values(), legend, fontsize=8, frameon=False, **place)
+        style: dict[str, Any] = {"fontsize": 8, "frameon": False, "ncols": min(6, len(legend))}
+        figure.legend(legend.values(), legend, loc="outside lower center", **style)
     _save(figure, path)
 
 

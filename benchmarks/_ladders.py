@@ -28,6 +28,7 @@ from marl_cair.cli import main as marl_cair
 from marl_cair.files import atomic_path, write_atomically
 from marl_cair.training.curves import COLOURS
 from marl_cair.training.population.exploit import RESULT_FILE
+from marl_cair.training.run_log import RunLog, read_log
 
 MAIN, ALONE, LADDER, EXPLOIT = "main_0", "alone", "ladder", "exploit"
 _PAST = re.compile(rf"{MAIN}-\d+-(\d+)$")  # the name of a frozen player ends in its decisions
@@ -50,6 +51,13 @@ def run(words: list[str]) -> None:
     """One command of marl-cair; exits where that fails or is interrupted."""
     if code := marl_cair(words):
         sys.exit(code)
+
+
+def trained_minutes(run: Path) -> float:
+    """Minutes that a run has trained so far, over all its sittings."""
+    rows = read_log(run / RunLog.FILE)
+    seconds = [value for row in rows for name, value in row.items() if name.startswith("seconds/")]
+    return sum(seconds) / 60.0
 
 
 def exploit(agent: Path, options: argparse.Namespace, out: Path) -> None:

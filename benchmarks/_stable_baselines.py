@@ -1,8 +1,9 @@
-"""Stable-Baselines3's agents on our Gymnasium environments, for benchmarks/time_to_strength.py."""
+"""Stable-Baselines3's agents on our Gymnasium environments, as cells of experiment plans."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -15,8 +16,11 @@ from stable_baselines3 import DQN
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from benchmarks._timing import Clock
+from marl_cair.experiments.cells import Cell
+from marl_cair.games import GAMES
+from marl_cair.games.registry import gymnasium_id
 
+Look = Callable[[Any, float, int], bool]
 NUM_ENVS = 16
 PPO = "sb3_ppo"
 
@@ -51,46 +55,45 @@ def are_frames(representation: str) -> bool:
     return representation == "gray_stack"
 
 
-def train_others(
-    method: str,
-    environment: str,
-    shown: str,
-    settings: Sequence[dict[str, Any]],
-    seed: int,
-    look: Callable[[Any, float, int], bool],
-    every: float,
-) -> None:
-    """Train at the library's own settings until `look` (agent, seconds, frames) is False; it is
-    called when `every` seconds of processor time are over.
+def train_ppo(cell: Cell, look: Look) -> None:
+    """Train sb3-contrib's MaskablePPO, a trainer of a plan's `others`."""
+    _train(PPO, cell, look)
 
-    environment: Gymnasium id. shown: representation. settings: of environments, which take them
-    in turn.
+
+def train_dqn(cell: Cell, look: Look) -> None:
+    """Train Stable-Baselines3's DQN, a trainer of a plan's `others`."""
+    _train("sb3_dqn", cell, look)
+
+
+def _train(method: str, cell: Cell, look: Look) -> None:
+    """Train at the library's own settings until `look` (agent, processor seconds without looks,
+    steps) is False. Environments take the rated bots in turn.
     """
     torch.set_num_threads(1)
+    game, bots = cell.config.game, cell.rating.bots
+    shown, changes = game.representation, cell.rating.options
+    name = gymnasium_id(GAMES[game.name].gymnasium_prefix, game.scenario)
 
     class Looks(BaseCallback):
         def _on_training_start(self) -> None:
-            look(Player(self.model, method, shown), 0.0, 0)
-            self.clock = Clock(every)
-            self.clock.start()
+            self.seconds = 0.0
+            self._on_step()
 
         def _on_step(self) -> bool:
-            self.clock.stop()
-            goes_on = True
-            if self.clock.is_due():
-                player = Player(self.model, method, shown)
-                goes_on = look(player, self.clock.seconds, self.num_timesteps)
-            self.clock.start()
+            now = time.process_time()
+            self.seconds += now - getattr(self, "begun", now)
+            goes_on = look(Player(self.model, method, shown), self.seconds, self.num_timesteps)
+            self.begun = time.process_time()
             return goes_on
 
     def make_env(number: int) -> Any:
-        chosen = settings[number % len(settings)]
-        env = gymnasium.make(environment, representation=shown, **chosen)
+        options = {**changes, "opponent": bots[number % len(bots)]} if bots else changes
+        env = gymnasium.make(name, representation=shown, **options)
         return env if are_frames(shown) else FlattenObservation(env)
 
     env = DummyVecEnv([partial(make_env, number) for number in range(NUM_ENVS)])
-    env.seed(seed)
-    common: dict[str, Any] = {"seed": seed, "device": "cpu"}
+    env.seed(cell.seed)
+    common: dict[str, Any] = {"seed": cell.seed, "device": "cpu"}
     if not are_frames(shown):
         common["policy_kwargs"] = {"net_arch": [256, 256]}
     policy = "CnnPolicy" if are_frames(shown) else "MlpPolicy"

@@ -33,8 +33,8 @@ from benchmarks._ladders import (
     run,
     show,
     trace_learner,
+    trained_minutes,
 )
-from benchmarks.learning import train, trained_minutes
 from marl_cair.checkpoint import LATEST_FOLDER, LIVE_FOLDER, PLAYERS, SHARED, read_description
 from marl_cair.cli.league_train import format_options
 from marl_cair.files import write_atomically
@@ -70,7 +70,9 @@ def train_all(options: argparse.Namespace, out: Path) -> tuple[Path, Path]:
     words += [f"representation={game.representation}", *list_options(game.options)]
     limits = ["opponent.mixture={random: 1}", f"total_frames={options.alone_frames}"]
     alone = out / ALONE
-    train(alone, None, [*words, *limits, "checkpoint.include_replay=false"])
+    begins = not (alone / CONFIG_FILE).exists()
+    limits += ["checkpoint.include_replay=false"]
+    run(["train", *([f"out={alone}", *words, *limits] if begins else [f"resume={alone}"])])
     return folder, alone
 
 

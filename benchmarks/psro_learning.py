@@ -30,8 +30,8 @@ from benchmarks._ladders import (
     read_scores,
     run,
     show,
+    trained_minutes,
 )
-from benchmarks.learning import trained_minutes
 from marl_cair.checkpoint import read_description
 from marl_cair.cli.league_train import format_options
 from marl_cair.files import write_atomically

@@ -22,7 +22,7 @@ PICTURE = ROOT / "docs" / "images" / "architecture.svg"
 # Rooms from the top layer to the bottom one; files beside the rooms are left out.
 LAYERS = (
     ("cli",),
-    ("training.population", "dashboard"),
+    ("training.population", "experiments", "dashboard"),
     ("training",),
     ("training.collecting", "league"),
     ("training.settings", "league.report", "window"),

@@ -49,15 +49,15 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training.collecting": {*_LEARNING, *_SELF_PLAY, "training.settings"},
     "training": {*_LEARNING, *_SELF_PLAY, "league", "training.settings", "training.collecting"},
     "training.population": {*_LEARNING, *_SELF_PLAY, "league", "training", "training.settings"},
+    "experiments": {*("", "games", "league"), *_SELF_PLAY, *("training", "training.settings")},
     "viewer": {"games"},
     "window": {"games", "viewer", "league.agents", "league.play"},
     "dashboard": {"games", "training", "training.settings", "viewer"},
-    # "" is what `import marl_cair` gives every user; the registries tell --help the choices.
     "cli": {
-        *("", "games", "policies", "generative", "checkpoint", "self_play"),
+        *("", "games", "policies", "generative", "checkpoint", "self_play"),  # "": public names
         *("league", "league.agents", "league.play", "league.ratings", "league.store"),
         *("league.report", "training", "training.settings", "training.population", "window"),
-        *("browser", "dashboard", "viewer"),
+        *("browser", "dashboard", "viewer", "experiments"),
     },
     "__main__": {"cli"},
 }

@@ -12,7 +12,6 @@ from tqdm import tqdm
 from benchmarks import flash
 from benchmarks._ladders import _space_out
 from benchmarks.coverage import Case, find_truth, measure
-from benchmarks.time_to_strength import Look, compare, find_reached
 from marl_cair.cli import main
 from marl_cair.games.flash.browser.swf_header import read_header
 from marl_cair.league.ratings import rate as ratings_module
@@ -24,10 +23,6 @@ SHORT = (
     *("learner.batch_size=16", "torch_threads=1"),
 )
 LADDER = (*SHORT, "collector.steps_per_batch=8")
-LEARNING = (
-    *(*SHORT, "generator=none", "total_frames=2048"),
-    *("evaluation.every_frames=512", "evaluation.games=2"),
-)
 
 
 def read_rows(path):
@@ -35,106 +30,7 @@ def read_rows(path):
         return list(csv.DictReader(file))
 
 
-# --- learning ----------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_the_table_is_made_once_and_shown_again(tmp_path):
-    words = ["--networks", "conv", "--seeds", "3", "--games", "8", "--out", str(tmp_path)]
-    words += [*LEARNING, "scenario=11x11", "max_ticks=300"]
-    table = read_table("learning", "| network", words)
-    log = (tmp_path / "conv-3" / "log.csv").read_bytes()
-    assert read_table("learning", "| network", words) == table
-    assert (tmp_path / "conv-3" / "log.csv").read_bytes() == log
-    rows = read_rows(tmp_path / "results.csv")
-    assert [(row["network"], row["seed"], row["opponent"]) for row in rows] == [
-        ("conv", "3", "random"),
-        ("conv", "3", "counter"),
-    ]
-    for row in rows:
-        assert 0 <= float(row["low"]) <= float(row["won"]) <= float(row["high"]) <= 100
-        won = f"{row['won']} % [{row['low']}, {row['high']}]"
-        assert f"| `{row['opponent']}` | 8 | {won} |" in table
-
-
-@pytest.mark.slow
-def test_recipes_of_one_player_are_trained_rated_and_drawn(tmp_path):
-    words = ["--game", "deep_maze", "--recipes", "deep_maze_9x9", "--networks", "conv"]
-    words += ["--seeds", "3", "--games", "8", "--out", str(tmp_path), *LEARNING, "max_ticks=40"]
-    tables = [read_table("solo_learning", "| recipe", words) for _ in range(2)]
-    assert tables[0] == tables[1]
-    assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
-    ended, extra = read_rows(tmp_path / "results.csv")
-    assert (ended["number"], extra["number"]) == ("ended", "extra_steps")
-    for row in (ended, extra):
-        assert (row["recipe"], row["seed"], row["games"]) == ("deep_maze_9x9", "3", "8")
-        assert float(row["low"]) <= float(row["value"]) <= float(row["high"])
-
-
-@pytest.mark.slow
-def test_the_time_to_strength_is_measured_once_and_drawn(tmp_path):
-    picture = tmp_path / "looks.png"
-    words = ["--tasks", "deep_line_wars", "--methods", "pqn", "--networks", "conv", "--seeds", "3"]
-    words += ["--seconds", "0.2", "--every", "0.1", "--games", "4", "--out", str(tmp_path)]
-    words += ["--picture", str(picture), "collector.num_worlds=16", "max_ticks=100"]
-    tables = [read_table("time_to_strength", "| task", words) for _ in range(2)]
-    assert tables[0] == tables[1]
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    rows = read_rows(tmp_path / "looks.csv")
-    # No bound of speed: the look that comes after --seconds is the last.
-    *before, last = [float(row["seconds"]) for row in rows]
-    assert before[0] == 0.0
-    assert max(before) < 0.2 <= last
-    lines = tables[0].splitlines()
-    assert sum(line.startswith("| deep_line_wars") for line in lines) == 2  # a row for each level
-
-
-def test_a_level_counts_when_two_looks_in_a_row_reach_it():
-    scores = [0.96, 0.5, 0.97, 0.95, 0.2]
-    looks = [
-        Look("deep_line_wars", "pqn", "conv", 0, 10.0 * n, 100 * n, score, score)
-        for n, score in enumerate(scores, start=1)
-    ]
-    assert find_reached(looks, 0.95) == looks[2]
-    assert find_reached(looks, 0.96) is None
-
-
-def test_runs_are_compared_at_equal_time_and_equal_frames(capsys):
-    def make_runs(method, frames, scores):
-        times = [10.0 * n for n in range(len(scores))]
-        about = ("deep_line_wars", method, "conv")
-        return [
-            [
-                Look(*about, seed, t, int(t * frames), score, score, 0.5)
-                for t, score in zip(times, scores, strict=True)
-            ]
-            for seed in range(4)
-        ]
-
-    quick = make_runs("pqn", 300, [0.0, 0.99, 0.99, 0.99])
-    compare(quick + make_runs("dqn", 100, [0.0, 0.33, 0.66, 0.99]))
-    lines = capsys.readouterr().out.splitlines()
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
-    assert [row[:3] for row in rows] == [
-        [method, "conv", task] for method in ("pqn", "dqn") for task in ("deep_line_wars", "all")
-    ]
-    whole, part = "1.000 [1.000, 1.000]", "0.833 [0.833, 0.833]"
-    assert rows[0][3:] == ["4", whole, part, "0.500 [0.500, 0.500]"]
-    assert rows[2][4:6] == [whole, part]
-
-
-@pytest.mark.slow
-def test_mixtures_of_opponents_are_compared_once_and_shown_again(tmp_path):
-    words = ["--mixtures", "default", "latest", "--seeds", "0", "--games", "2"]
-    words += ["--frames", "1024", "--out", str(tmp_path), *SHORT, "scenario=11x11", "max_ticks=100"]
-    words += ["evaluation.bots=[]", "opponent.snapshot_every_frames=512"]
-    table = read_table("opponents", "| mixture", words)
-    matches = (tmp_path / "matches.csv").read_text("utf-8")
-    assert "default-0,latest-0,2," in matches
-    assert read_table("opponents", "| mixture", words) == table
-    assert (tmp_path / "matches.csv").read_text("utf-8") == matches
-    lines = table.strip().splitlines()
-    assert {line.split("|")[1].strip() for line in lines[2:]} == {"default", "latest"}
+# --- generator --------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

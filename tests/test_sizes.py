@@ -14,13 +14,14 @@ MAX_LINES = {
     "generative": 3_460,
     "self_play": 990,
     "league": 8_180,
-    "training": 6_200,
+    "training": 6_220,
+    "experiments": 1_470,
     "viewer": 720,
     "window": 2_500,
     "browser": 950,
     "dashboard": 300,
     "conf": 10,
-    "cli": 4_100,
+    "cli": 4_130,
     "": 1_660,  # the modules that every part may import
 }
 

@@ -14,14 +14,17 @@ from marl_cair.text import clean_text
 # Modules of this package with `run(arguments) -> exit code`.
 COMMANDS = (
     *("train", "curves", "dashboard", "evaluate", "match", "league", "play", "watch", "replay"),
-    *("export", "explain", "flash", "games", "verify", "compile", "benchmark"),
+    *("experiment", "reproduce", "export", "explain", "flash", "games", "verify", "compile"),
+    "benchmark",
 )
 _IN_FOLDERS = {  # modules of commands
     "dashboard": "viewing.dashboard",
+    "experiment": "experiments.experiment",
     "export": "agent.export",
     "explain": "agent.explain",
     "play": "viewing.play",
     "replay": "viewing.replay",
+    "reproduce": "experiments.reproduce",
     "watch": "viewing.watch",
 }
 # The tasks in the order of a user's work: the words of the command, and a description.
@@ -32,6 +35,7 @@ TASKS = {
     "train resume=RUN": "continue an interrupted run",
     "curves": "plot learning curves of training runs",
     "dashboard": "show training runs on a local page while they train",
+    "experiment PLAN": "train and rate the product of networks, learners, games and seeds",
     "evaluate": "win rates of one agent against others, with 95 % intervals",
     "match": "compare two agents in any scenario",
     "play": "play a game by hand against bots, trained agents or people",

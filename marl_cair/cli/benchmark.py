@@ -13,9 +13,8 @@ from marl_cair.lookup import find_by_name
 
 # Benchmarks that run for hours, or need arguments: they run only when they are named.
 HOURS = (
-    *("doctrine_search", "learning", "league_learning", "opponents"),
-    *("psro_learning", "self_play_learning", "solo_learning"),
-    *("capsule_scaling", "memory_matters", "time_to_strength"),
+    *("capsule_scaling", "doctrine_search", "league_learning"),
+    *("psro_learning", "self_play_learning"),
 )
 
 

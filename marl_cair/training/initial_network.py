@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
+import torch
+
 from marl_cair.checkpoint import load_network, read_description, read_network_config
 from marl_cair.files import shorten_value
 from marl_cair.games.game import GameSpec, Representation
@@ -11,6 +14,7 @@ from marl_cair.league.agents.load import is_checkpoint
 from marl_cair.policies import GREEDY
 from marl_cair.policies.config import NAF, QUANTILE
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
+from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.exploration import EPSILON_GREEDY, NOISY
 from marl_cair.training.settings.learner import DQN
@@ -40,6 +44,15 @@ def fit_policy(policy: QNetworkConfig, seen: Representation, spec: GameSpec) -> 
         )
     cells, kinds = spec.action_cells.tolist(), spec.action_groups.tolist()
     return policy.with_actions(cells, kinds, spec.action_shape)
+
+
+def describe_rows(
+    config: TrainConfig, policy: QNetworkConfig, seen: Representation, num_actions: int
+) -> TransitionSpec:
+    """Shapes and types of the transitions that a run stores."""
+    dtype = torch.uint8 if seen.dtype is np.uint8 else torch.float32
+    state_size = policy.resolve_state_size() if config.learner.learns_from_replay else 0
+    return TransitionSpec(seen.shape, num_actions, seen.num_uniform, dtype, state_size)
 
 
 def can_begin_as(agent: str) -> bool:

@@ -15,11 +15,13 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from marl_cair.checkpoint import count_weight_bytes
+from marl_cair.games import GAMES
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.game import Game, Representation
 from marl_cair.memory import require_memory
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig
 from marl_cair.replay.transition import TransitionSpec
+from marl_cair.training.initial_network import describe_rows, fit_policy
 from marl_cair.training.settings.config import TrainConfig
 
 _ENTRY_BYTES = 40  # of a step in replay, beside its observation and mask
@@ -37,6 +39,19 @@ def keep_freed_memory() -> None:
         trim_threshold, mmap_threshold = -1, -3
         libc.mallopt(mmap_threshold, 32 << 20)
         libc.mallopt(trim_threshold, 1 << 30)
+
+
+def require_memory_of_run(config: TrainConfig) -> None:
+    """Raise NotEnoughMemoryError where a run needs more than this machine has; nothing is begun.
+    Raises ValueError for a network that cannot read the observation.
+    """
+    game, scenario = GAMES[config.game.name], config.game.played_scenario
+    spec = game.make_spec(scenario)
+    seen = spec.representations[config.game.representation]
+    policy = fit_policy(config.policy, seen, spec)
+    require_memory_of_games(config, game, scenario)
+    rows = describe_rows(config, policy, seen, spec.num_actions)
+    require_memory_of_learning(config, policy, seen, rows)
 
 
 def require_memory_of_games(config: TrainConfig, game: Game, scenario: Any) -> None:

@@ -21,11 +21,10 @@ from marl_cair.league.play.arena import Load
 from marl_cair.policies import GREEDY, SAMPLED
 from marl_cair.policies.actor import MaskedEpsilonGreedy, MaskedSampling, PolicyActor
 from marl_cair.policies.q_network import QNetwork, make_q_network
-from marl_cair.ranges import COUNT, FLAG, Range, read_number, read_numbers
+from marl_cair.ranges import COUNT, FLAG, WEIGHT, Range, read_number, read_numbers
 from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
 from marl_cair.replay.mixed import GeneratedReplay, MixedReplay
 from marl_cair.replay.reservoir import Reservoir
-from marl_cair.replay.transition import TransitionSpec
 from marl_cair.self_play.pool import Pool
 from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.stored import DamagedFileError, read_json
@@ -38,7 +37,12 @@ from marl_cair.training.collecting.opponents import OpponentBook
 from marl_cair.training.collecting.recorded import fill_from_replays
 from marl_cair.training.collecting.seats import SeatRouter
 from marl_cair.training.collecting.stagger import stagger_starts
-from marl_cair.training.initial_network import count_training, fit_policy, make_initial_network
+from marl_cair.training.initial_network import (
+    count_training,
+    describe_rows,
+    fit_policy,
+    make_initial_network,
+)
 from marl_cair.training.learner import Learner
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.settings.config import TrainConfig
@@ -96,6 +100,7 @@ class TrainingRun:
         self._claim.enter_context(self._claim_folder(resume))
         save_config(config)
         self.frames = 0
+        self.processor_seconds = 0.0  # of collecting and learning, over all sittings
         self.shows_progress = False
         self.best_score = -math.inf  # of all evaluations
         self.has_reached_score = False  # `config.stop_score`, in two evaluations
@@ -147,11 +152,7 @@ class TrainingRun:
     def _make_replay(self) -> None:
         config, seen = self.config, self.seen
         replay, learner = config.replay, config.learner
-        dtype = torch.uint8 if seen.dtype is np.uint8 else torch.float32
-        state_size = self.policy.resolve_state_size() if learner.learns_from_replay else 0
-        spec = TransitionSpec(
-            seen.shape, self.spec.num_actions, seen.num_uniform, dtype, state_size
-        )
+        spec = describe_rows(config, self.policy, seen, self.spec.num_actions)
         self.transition_spec = spec
         memory.require_memory_of_learning(config, self.policy, seen, spec)
         settings = ReplayConfig(
@@ -163,8 +164,8 @@ class TrainingRun:
             priority_alpha=replay.priority_alpha,
             priority_beta=replay.priority_beta,
             seed=self._seeds[1],
-            sequence_steps=replay.sequence_steps if state_size else 1,
-            burn_in_steps=replay.burn_in_steps if state_size else 0,
+            sequence_steps=replay.sequence_steps if spec.state_size else 1,
+            burn_in_steps=replay.burn_in_steps if spec.state_size else 0,
         )
         real = make_replay_buffer(settings, spec)
         if config.demonstration.replays is not None:
@@ -286,6 +287,7 @@ class TrainingRun:
         """
         state = {
             "frames": self.frames,
+            "processor_seconds": self.processor_seconds,
             "trained_before": self._trained_before,
             "best_score": self.best_score,
             "gate_is_open": self.gate_is_open,
@@ -331,6 +333,8 @@ class TrainingRun:
 
     def _import_state(self, state: Any, folder: Path) -> None:
         self.frames = read_number(state, "frames", COUNT)
+        if "processor_seconds" in state:  # missing in states of version 0.1
+            self.processor_seconds = read_number(state, "processor_seconds", WEIGHT)
         self.best_score = read_number(state, "best_score", _SCORES)
         before = state.get("trained_before", (0, 0))  # missing in states of older versions
         frames, updates = read_numbers(before, "trained_before", COUNT)

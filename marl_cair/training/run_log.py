@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from marl_cair.files import write_atomically
@@ -48,7 +48,7 @@ class RunLog:
         self._writer.close()
 
 
-def format_rows(rows: list[dict[str, float]]) -> str:
+def format_rows(rows: Sequence[Mapping[str, object]]) -> str:
     """Rows as CSV text: the union of their columns, empty where a row has no value."""
     columns = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()

@@ -44,6 +44,7 @@ class TrainResult:
     last_row: dict[str, float]
     is_over: bool = False  # in a league: the learner has frozen a player and is reset
     reached_score: bool = False  # `stop_score` has ended it
+    processor_seconds: float = 0.0  # of collecting and learning, over all sittings
 
 
 def train(
@@ -54,6 +55,7 @@ def train(
     seat: LeagueSeat | None = None,
     until_frames: int | None = None,
     load: Load = load_agent,
+    watch: Callable[[TrainingRun], bool] = lambda run: True,
 ) -> TrainResult:
     """Train until `config.total_frames` steps, `config.max_minutes`, `config.stop_score`, or an
     interrupt; in a league, at `seat`, also until the learner is to be reset.
@@ -62,9 +64,10 @@ def train(
     spread over `config.total_frames`.
 
     An interrupt (`interrupts.SIGNALS`) ends the current iteration, saves everything and returns; a
-    second one stops at once. `listen` gets each logged row. The configuration is written to the
-    run's folder, from which a later call can resume. `load` gets the agents of `config.opponent`:
-    by default, code among them runs in this process, without a time limit.
+    second one stops at once. `listen` gets each logged row. `watch` gets the run before the first
+    iteration and after each; training ends where it returns False. The configuration is written to
+    the run's folder, from which a later call can resume. `load` gets the agents of
+    `config.opponent`: by default, code among them runs in this process, without a time limit.
 
     Raises: as `TrainingRun`.
     """
@@ -87,10 +90,12 @@ def train(
     last_row: dict[str, float] = {}
     with interrupts_noted(tqdm.write) as interrupted:
         steps = iterate(run, timers)
-        while run.frames < goal and not (run.book.is_over or run.has_reached_score):
+        goes_on = watch(run)
+        while goes_on and run.frames < goal and not (run.book.is_over or run.has_reached_score):
             if interrupted.is_set() or (deadline is not None and time.monotonic() > deadline):
                 break
             before = next(steps)
+            goes_on = watch(run)
             if row := _report(run, before, timers):
                 last_row = row
                 bar.set_postfix_str(_summarise(row))
@@ -111,7 +116,7 @@ def train(
     is_over = run.book.is_over
     if is_over or run.frames >= goal:  # not within a slice
         run.book.publish(run.rated_network, run.describe_agent())
-    ends = interrupted.is_set(), last_row, is_over, run.has_reached_score
+    ends = interrupted.is_set(), last_row, is_over, run.has_reached_score, run.processor_seconds
     return TrainResult(run.folder, run.frames, run.learner.updates, *ends)
 
 
@@ -121,7 +126,7 @@ def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
     """
     batches, snapshot_every = iter(run.collector), run.config.opponent.snapshot_every_frames
     while True:
-        before = run.frames
+        before, start = run.frames, time.process_time()
         with timers.measure("collect"):
             data = next(batches)
         _store(run, data, timers)
@@ -131,6 +136,7 @@ def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
             _generate(run, before)
         if _is_due(before, run.frames, snapshot_every) or run.book.beats_the_best(run.frames):
             run.add_snapshot()
+        run.processor_seconds += time.process_time() - start
         yield before
 
 
@@ -285,6 +291,7 @@ def _write_row(run: TrainingRun, row: dict[str, float], timers: Timers) -> dict[
     row |= run.book.report(run.frames)
     row |= run.means.report() | timers.report(run.frames - run.log.frames)
     row |= {"epsilon": run.router.epsilon, "updates": float(run.learner.updates)}
+    row["processor_seconds"] = run.processor_seconds
     row["replay/transitions"] = float(len(run.replay.real))
     row["replay/generated"] = float(len(run.replay.generated))
     run.log.write(run.frames, row)

@@ -43,7 +43,7 @@ from marl_cair.training.settings.exploration import (
 from marl_cair.training.settings.learner import LOSSES, LearnerSettings, NfspSettings
 
 # Half the newest policy, half older ones, after AlphaStar and OpenAI Five. It is not shown to be
-# the best mixture: `python -m benchmarks.opponents` compares.
+# the best mixture: `marl-cair experiment opponents` compares.
 SELF_PLAY = {"latest": 0.5, "pfsp": 0.35, "uniform": 0.1, "bots": 0.05}
 # Names in runs of older versions.
 RENAMED_OPPONENTS = {"pool": "uniform", "scripted": "bots"}

@@ -1,0 +1,1 @@
+"""Commands that run plans of many training runs."""

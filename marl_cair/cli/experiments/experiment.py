@@ -1,0 +1,103 @@
+"""`marl-cair experiment`: train and rate all cells of a plan, for one table and one figure."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from functools import reduce
+from pathlib import Path
+
+from marl_cair.cli import EXIT_DAMAGED, EXIT_DONE
+from marl_cair.cli import match_options as shared
+from marl_cair.cli.compose import CONF, compose_config, override
+from marl_cair.cli.parser import Parser
+from marl_cair.lookup import check_name
+from marl_cair.training.settings.config import TrainConfig
+
+_PLANS = CONF / "plan"
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run all cells that are missing and print the tables; returns the exit code."""
+    return run_plan("experiment", arguments)
+
+
+def list_plans() -> list[str]:
+    """Names of the ready-made plans."""
+    return sorted(file.name.removesuffix(".yaml") for file in _PLANS.iterdir())
+
+
+def run_plan(command: str, arguments: Sequence[str], panels: bool = False) -> int:
+    """Run the plan of a command line; returns the exit code. panels: as `ExperimentConfig`."""
+    options = make_parser(command).parse_args(arguments)
+    from marl_cair.experiments.experiment import ExperimentConfig, run_experiment
+    from marl_cair.experiments.plan import read_plan
+
+    path = _find_plan(options.plan)
+    seconds = shared.read_seconds(options.budget) if options.budget else None
+    if options.budget and seconds is None:
+        raise ValueError(
+            f"--budget is {options.budget!r}, it must be a number above 0 with s, m or h, for "
+            "example 20m"
+        )
+    if options.workers is not None and options.workers < 1:
+        raise ValueError(f"--workers is {options.workers}, it must be 1 or more")
+    out = Path(options.out or f"runs/{path.stem}")
+    config = ExperimentConfig(
+        out=out,
+        workers=options.workers,
+        budget=options.budget,
+        budget_seconds=seconds,
+        only=tuple(options.only),
+        panels=panels,
+    )
+    result = run_experiment(read_plan(path), config, compose)
+    sys.stdout.write(f"{result.text}\nTables, looks.csv and figure.png are in {out}\n")
+    for name, why in result.failed.items():
+        sys.stderr.write(f"{name} failed: {why}\n")
+    if result.failed:
+        sys.stderr.write("the same command again runs cells that failed\n")
+    return EXIT_DAMAGED if result.failed else EXIT_DONE
+
+
+def compose(layers: Sequence[Sequence[str]]) -> TrainConfig:
+    """Settings from lists of words of `marl-cair train`; later lists override earlier ones."""
+    words: list[str] = reduce(override, layers, [])
+    return compose_config(words)
+
+
+def _find_plan(name: str) -> Path:
+    """A file, or a ready-made plan by its name."""
+    if Path(name).is_file():
+        return Path(name)
+    check_name("plan (a YAML file, or a ready-made one)", name, list_plans())
+    return Path(str(_PLANS / f"{name}.yaml"))
+
+
+def make_parser(command: str) -> Parser:
+    """The options of the command."""
+    parser = Parser(
+        f"marl-cair {command}",
+        description=f"{__doc__} The same command again resumes it, also after a crash; finished "
+        "cells are not repeated.",
+        epilog="example: marl-cair experiment plan.yaml --budget 20m",
+    )
+    parser.add_argument(
+        "plan", help=f"a YAML file, or a ready-made plan: {', '.join(list_plans())}"
+    )
+    parser.add_argument(
+        "--budget",
+        default="",
+        help="time for all of it on this machine, for example 20m: every cell is scaled down alike "
+        "(default: the plan's own budgets)",
+    )
+    parser.add_argument("--workers", type=int, help="cells side by side (default: one a core)")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="tasks and choices of factors; cells of others wait (default: all cells)",
+    )
+    parser.add_argument("--out", help="folder of results (default: runs/<plan>)")
+    return parser

@@ -1,0 +1,211 @@
+"""Runs a plan in a folder: composes all cells, runs what is missing, writes tables and figures."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from marl_cair import __version__
+from marl_cair.experiments import scheduler
+from marl_cair.experiments.cells import (
+    CELLS,
+    RUN,
+    Cell,
+    Compose,
+    Draft,
+    find_shortage,
+    list_drafts,
+    make_cells,
+    make_scenario,
+)
+from marl_cair.experiments.figures import draw_panels, draw_results
+from marl_cair.experiments.looks import LOOKS_FILE, read_looks
+from marl_cair.experiments.plan import Plan, scale_plan
+from marl_cair.experiments.summary import Run, find_levels, summarise
+from marl_cair.experiments.tables import LOOKS, write_looks, write_tables
+from marl_cair.files import claim_output_folder, write_json
+from marl_cair.league.agents.load import load_agent
+from marl_cair.league.league import LeagueConfig, run_league
+from marl_cair.lookup import check_name
+from marl_cair.outside import import_outside
+from marl_cair.stored import read_json
+from marl_cair.training.run_log import RunLog
+
+_SCALE_FILE = "scale.json"
+_LOOKS_SHARE = 0.2  # of the time of an experiment, a guess
+_START_SECONDS = 5.0  # of a cell's process
+FIGURE, LEAGUES = "figure.png", "leagues"
+
+
+@dataclass(frozen=True)
+class ExperimentConfig:
+    """How a plan is run."""
+
+    out: Path
+    workers: int | None = None  # processes side by side; None: as the cores allow
+    budget: str = ""  # as it was typed
+    budget_seconds: float | None = None  # for the whole plan, or for what is left of it
+    only: tuple[str, ...] = ()  # tasks and choices; cells with one of each kind run
+    panels: bool = False  # draw the thesis's panels of each task
+
+
+@dataclass(frozen=True)
+class ExperimentResult:
+    """What has been run.
+
+    Attributes:
+        text: the tables as Markdown.
+        failed: why cells failed, by name.
+        skipped: why this machine cannot run cells, by name.
+    """
+
+    text: str
+    failed: dict[str, str]
+    skipped: dict[str, str]
+
+
+def run_experiment(plan: Plan, config: ExperimentConfig, compose: Compose) -> ExperimentResult:
+    """Run all cells of a plan that are not finished.
+
+    Raises:
+        OutputFolderError: the folder holds another plan, version or budget.
+        ValueError: a cell that cannot be composed or rated; before any work.
+    """
+    workers = config.workers or os.cpu_count() or 1
+    scale = _find_scale(plan, config, workers)
+    scaled = scale_plan(plan, scale) if scale < 1.0 else plan
+    cells = make_cells(scaled, compose, scale, config.out)
+    keys = {draft.key for draft in _choose(plan, config.only)}
+    chosen = [cell for cell in cells if cell.key in keys]
+    for cell in chosen:
+        if cell.trainer is not None:
+            import_outside(cell.trainer)  # raises now where it is missing
+    skipped = {cell.name: why for cell in chosen if (why := find_shortage(cell))}
+    settings = {"version": __version__, "budget": config.budget, "plan": plan.fixed}
+    with claim_output_folder(config.out, "experiment", settings, resume=True):
+        write_json(config.out / _SCALE_FILE, {"factor": scale})
+        todo = [cell for cell in chosen if cell.name not in skipped]
+
+        def write() -> str:
+            return _write(scaled, cells, config, _describe(scaled, scale, config, skipped))
+
+        failed = scheduler.run_cells(todo, config.out, workers, write)
+        if plan.games_per_pair and not failed:
+            _play_leagues(scaled, cells, config)
+        return ExperimentResult(write(), failed, skipped)
+
+
+def _find_scale(plan: Plan, config: ExperimentConfig, workers: int) -> float:
+    """The part of each budget that fits into `--budget`; once for a folder."""
+    file = config.out / _SCALE_FILE
+    if file.is_file():
+        return float(read_json(file)["factor"])
+    if config.budget_seconds is None:
+        return 1.0
+    if plan.budget.seconds is None:
+        raise ValueError("--budget needs budget.seconds in the plan, the time of a whole cell")
+    count = sum(one.agent is None for one in _choose(plan, config.only)) * len(plan.seeds)
+    left = config.budget_seconds * workers * (1.0 - _LOOKS_SHARE) - count * _START_SECONDS
+    if left <= 0.0:
+        least = count * _START_SECONDS / workers / (1.0 - _LOOKS_SHARE)
+        raise ValueError(
+            f"--budget {config.budget} is too short to start {count} cells: give more than "
+            f"{least:.0f}s, or choose cells by --only"
+        )
+    return min(1.0, left / (max(1, count) * plan.budget.seconds))
+
+
+def _choose(plan: Plan, only: Sequence[str]) -> list[Draft]:
+    """Cells with one of `only` as task, and as choice of each factor, wherever one is named."""
+    drafts = list(list_drafts(plan))
+    columns = [set(column) for column in zip(*(one.key for one in drafts), strict=True)]
+    for name in only:
+        check_name("task or choice", name, sorted(set.union(*columns) - {""}))
+    asked = [column & set(only) for column in columns]
+    return [
+        one
+        for one in drafts
+        if all(not some or name in ("", *some) for name, some in zip(one.key, asked, strict=True))
+    ]
+
+
+def _describe(plan: Plan, scale: float, config: ExperimentConfig, skipped: dict[str, str]) -> str:
+    """What a reader must know of the tables: their statistic, the budget, what is missing."""
+    limits = []
+    if plan.budget.frames:
+        limits.append(f"{plan.budget.frames:,} environment steps")
+    if plan.budget.seconds:
+        limits.append(f"{plan.budget.seconds:,.0f} s of processor time")
+    notes = [
+        "Interquartile means over runs (of less than four: means), 95 % stratified bootstrap.",
+        f"A run trains for at most {' or '.join(limits)}.",
+        f"marl_cair {__version__}.",
+    ]
+    if scale < 1.0:
+        notes.append(
+            f"Scaled down by --budget {config.budget}: each run has {100 * scale:.3g} % of the "
+            "plan's budget, schedules and games of a look, so its numbers are not those of the "
+            "whole plan."
+        )
+    notes += [f"Not run on this machine: {name} ({why})." for name, why in skipped.items()]
+    return " ".join(notes)
+
+
+def read_runs(cells: Sequence[Cell], out: Path) -> list[Run]:
+    """The looks of all finished cells."""
+    return [
+        Run(cell.task, tuple(cell.choices.values()), cell.seed, rows)
+        for cell in cells
+        if scheduler.is_finished(cell, out)
+        and (rows := read_looks(out / CELLS / cell.name / LOOKS_FILE))
+    ]
+
+
+def _write(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig, notes: str) -> str:
+    """Tables and figures of all finished cells; returns the tables."""
+    out, runs = config.out, read_runs(cells, config.out)
+    if not runs:
+        return "no cell is finished\n"
+    if len(runs) < len(cells):
+        notes += f" {len(cells) - len(runs)} of {len(cells)} cells are not finished."
+    entries = summarise(plan, runs)
+    write_looks(plan, runs, out / LOOKS)
+    text = write_tables(plan, entries, find_levels(plan, runs), notes, out)
+    draw_results(plan, runs, entries, out / FIGURE)
+    for task in plan.tasks if config.panels else ():
+        logs: dict[str, list[Path]] = {}
+        for cell in (cell for cell in cells if cell.task == task and cell.agent is None):
+            name = ", ".join(cell.choices.values())
+            logs.setdefault(name, []).append(out / CELLS / cell.name / RUN / RunLog.FILE)
+        draw_panels(task.replace("_", " "), logs, out / f"panels_{task}.png")
+    return text
+
+
+def _play_leagues(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig) -> list[str]:
+    """A league of all agents and bots of each task; returns the folders."""
+    folders = []
+    for task in plan.tasks:
+        own = [cell for cell in cells if cell.task == task and not (cell.agent or cell.trainer)]
+        agents = [config.out / CELLS / cell.name / RUN / cell.rating.agent for cell in own]
+        if not agents or not all(agent.is_dir() for agent in agents):
+            continue
+        game, scenario = own[0].config.game, make_scenario(own[0].config, own[0].rating)
+        fields = dataclasses.asdict(scenario)
+        folders.append(str(config.out / LEAGUES / task))
+        run_league(
+            LeagueConfig(
+                agents=(*map(str, agents), *plan.tasks[task].rating.bots),
+                game=game.name,
+                scenario=game.scenario,
+                scenario_options=fields,
+                games_per_pair=plan.games_per_pair,
+                out=folders[-1],
+                workers=config.workers or 1,
+            ),
+            partial(load_agent, game=game.name),
+        )
+    return folders

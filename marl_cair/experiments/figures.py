@@ -1,0 +1,180 @@
+"""Draws scores over time and steps, or at the end; and the thesis's panels of training logs."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from marl_cair.experiments.plan import Plan
+from marl_cair.experiments.summary import SCORE, Entry, Run, find_iqm
+from marl_cair.files import atomic_path
+from marl_cair.training.curves import COLOURS, STYLES
+from marl_cair.training.run_log import read_log
+
+_PANEL = (4.6, 3.3)  # inches
+_PLACES = 60  # of a mean curve
+Kind = tuple[str, ...]
+
+
+def draw_results(plan: Plan, runs: Sequence[Run], entries: Sequence[Entry], path: Path) -> None:
+    """A column for each task. With looks while training: scores over processor seconds and over
+    steps, each run thin, the interquartile mean thick. Else scores at the end, with intervals.
+    """
+    tasks = [task for task in plan.tasks if any(run.task == task for run in runs)]
+    kinds = list(dict.fromkeys(run.kind for run in runs))
+    has_curves = plan.looks.is_given
+    num_rows = 2 if has_curves else 1
+    figure = _make_figure(len(tasks), num_rows)
+    panels = figure.subplots(num_rows, len(tasks), squeeze=False)
+    for column, task in zip(panels.T, tasks, strict=True):
+        about, own = plan.tasks[task], [run for run in runs if run.task == task]
+        label = textwrap.fill(about.rating.unit or _name_score(plan, task), 40)
+        if has_curves:
+            for panel, axis in zip(column, ("seconds", "frames"), strict=True):
+                _draw_curves(panel, own, kinds, axis)
+                panel.set_ylabel(label)
+                for level in about.levels:
+                    panel.axhline(level, color="0.6", linewidth=0.8, linestyle=":")
+            column[0].set_xlabel("processor seconds of training")
+            column[1].set_xlabel("environment steps (thousands)")
+        else:
+            _draw_ends(column[0], [one for one in entries if one.task == task], kinds, plan)
+            column[0].set_xlabel(label)
+        column[0].set_title(task.replace("_", " "), fontsize=10)
+    for panel in panels.flat:
+        _tidy(panel)
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    legend = dict(zip(labels, handles, strict=True))
+    if legend:
+        style: dict[str, Any] = {"fontsize": 8, "frameon": False, "ncols": min(6, len(legend))}
+        figure.legend(legend.values(), legend, loc="outside lower center", **style)
+    _save(figure, path)
+
+
+def _name_score(plan: Plan, task: str) -> str:
+    rating = plan.tasks[task].rating
+    if not rating.bots:
+        return f"{rating.number}, {rating.statistic}".replace("_", " ")
+    bot = rating.bots[0] if len(rating.bots) == 1 else "the hardest bot"
+    return f"score against {bot}"
+
+
+def _style(kinds: Sequence[Kind], kind: Kind) -> dict[str, Any]:
+    place = kinds.index(kind)
+    style = STYLES[place // len(COLOURS) % len(STYLES)]
+    return {"color": COLOURS[place % len(COLOURS)], "linestyle": style}
+
+
+def _label(kind: Kind) -> str:
+    return ", ".join(part for part in kind if part)
+
+
+def _draw_curves(panel: Any, runs: Sequence[Run], kinds: Sequence[Kind], axis: str) -> None:
+    for kind in kinds:
+        own = [run for run in runs if run.kind == kind]
+        if not own:
+            panel.plot([], [], **_style(kinds, kind), label=_label(kind))  # for the legend
+            continue
+        unit = 1_000 if axis == "frames" else 1
+        trained = [run for run in own if len(run.rows) > 1]
+        if not trained:  # rated without training
+            score = find_iqm([np.array([run.rows[-1]["score"] for run in own])]).value
+            panel.axhline(score, **_style(kinds, kind), linewidth=1.2, label=_label(kind))
+            continue
+        curves = [([row[axis] / unit for row in run.rows], [row["score"] for row in run.rows])
+                  for run in trained]  # fmt: skip
+        for places, scores in curves:
+            panel.plot(places, scores, **_style(kinds, kind), linewidth=0.6, alpha=0.35)
+        grid = np.linspace(0, min(places[-1] for places, _ in curves), _PLACES)
+        known = np.array([np.interp(grid, *curve) for curve in curves])
+        middle = [find_iqm([column]).value for column in known.T[:, :, None].squeeze(2)]
+        panel.plot(grid, middle, **_style(kinds, kind), linewidth=2, label=_label(kind))
+
+
+def _draw_ends(panel: Any, entries: Sequence[Entry], kinds: Sequence[Kind], plan: Plan) -> None:
+    for place, entry in enumerate(reversed(entries)):
+        one, style = entry.values[SCORE], _style(kinds, entry.kind)
+        if np.isfinite(one.low):
+            panel.plot([one.low, one.high], [place, place], color=style["color"], linewidth=2)
+        panel.plot(one.value, place, "o", color=style["color"])
+        known = plan.tasks[entry.task].published
+        for score in (known[choice] for choice in entry.kind if choice in known):
+            panel.plot(score, place, "D", color="0.35", markerfacecolor="none", label=plan.source)
+    panel.set_yticks(range(len(entries)), [_label(entry.kind) for entry in reversed(entries)])
+
+
+def draw_panels(title: str, logs: Mapping[str, Sequence[Path]], path: Path) -> None:
+    """The thesis's three panels for each network: loss, win rate or return of training games, and
+    shares of actions (of the first run).
+
+    logs: log.csv of each run by network. Networks whose runs have logged nothing are left out.
+    """
+    rows = {name: [read_log(log) for log in files] for name, files in logs.items()}
+    rows = {name: read for name, of_runs in rows.items() if (read := [r for r in of_runs if r])}
+    if not rows:
+        return
+    figure = _make_figure(3, len(rows))
+    panels = figure.subplots(len(rows), 3, squeeze=False)
+    for line, (name, of_runs) in zip(panels, rows.items(), strict=True):
+        for number, log in enumerate(of_runs):
+            colour = {"color": COLOURS[number % len(COLOURS)], "linewidth": 1.2, "marker": "."}
+            line[0].plot(*_series(log, "loss/all"), **colour)
+            line[1].plot(*_series(log, _find_success(log)), **colour)
+        success = _find_success(of_runs[0])
+        line[0].set(ylabel=f"{name}\nloss", title="Loss", yscale="log")
+        line[1].set(ylabel=_SUCCESS[success.partition("/")[0]], title="Win rate or return")
+        shares = [key for key in of_runs[0][-1] if key.startswith("actions/")]
+        steps = [row["frames"] / 1_000 for row in of_runs[0]]
+        names = [key.removeprefix("actions/").replace("_", " ") for key in shares]
+        stacked = [[100 * row.get(key, 0.0) for row in of_runs[0]] for key in shares]
+        if len(steps) == 1:  # the mean since the run began
+            steps, stacked = [0.0, *steps], [values * 2 for values in stacked]
+        colours = [COLOURS[place % len(COLOURS)] for place in range(len(names))]
+        line[2].stackplot(steps, stacked, labels=names, colors=colours, alpha=0.85, linewidth=0)
+        line[2].set(ylabel="% of decisions", title="Action frequency", ylim=(0, 100))
+        line[2].legend(fontsize=6, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
+        for panel in line:
+            _tidy(panel)
+            panel.set_xlabel("environment steps (thousands)")
+            panel.set_xlim(left=0)
+            panel.title.set_fontsize(9)
+    figure.suptitle(title)
+    _save(figure, path)
+
+
+_SUCCESS = {"collect_win_rate": "win rate in training", "episodes": "return of a game in training"}
+
+
+def _find_success(log: Sequence[Mapping[str, float]]) -> str:
+    names = [name for row in log for name in row if name.startswith("collect_win_rate/")]
+    return names[0] if names else "episodes/return"
+
+
+def _series(log: Sequence[Mapping[str, float]], name: str) -> tuple[list[float], list[float]]:
+    rows = [row for row in log if name in row]
+    return [row["frames"] / 1_000 for row in rows], [row[name] for row in rows]
+
+
+def _make_figure(num_columns: int, num_rows: int) -> Figure:
+    width, height = _PANEL
+    figure = Figure(figsize=(width * num_columns, height * num_rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _tidy(panel: Any) -> None:
+    panel.spines[["top", "right"]].set_visible(False)
+    panel.grid(alpha=0.25)
+    panel.set_axisbelow(True)
+    panel.tick_params(labelsize=8)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    with atomic_path(path) as unfinished:
+        figure.savefig(unfinished, dpi=130)

@@ -1,0 +1,138 @@
+"""Runs one cell in a process of its own: `python -m marl_cair.experiments.worker FOLDER`.
+
+It prints a line of JSON for its progress now and then, and ends when its standard input does: then
+the process that started it has ended, however that was.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import shutil
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock
+
+from marl_cair.experiments.cells import DONE_FILE, RUN, Cell, load_cell, make_scenario
+from marl_cair.experiments.looks import Looks, Row, read_overestimation
+from marl_cair.experiments.plan import BEST
+from marl_cair.files import write_atomically
+from marl_cair.league.agents.load import load_agent
+from marl_cair.outside import import_outside
+from marl_cair.training.run import BEST_FOLDER, RESUME_FOLDER, TrainingRun
+from marl_cair.training.run_log import RunLog
+from marl_cair.training.trainer import train
+
+_LOCK_FILE = ".cell.lock"
+_EXIT_INTERRUPTED = 130
+_LOCK_SECONDS = 120.0  # a process of an experiment that was killed saves its run before it ends
+_REPORT_SECONDS = 2.0
+Report = Callable[[float, Sequence[Row]], None]  # the share of the budget that is spent, all looks
+
+
+def run_cell(folder: Path, report: Report) -> bool:
+    """Train and rate the cell in `folder`, or resume it; False if it was interrupted."""
+    cell, finished = load_cell(folder), folder / DONE_FILE
+    with FileLock(folder / _LOCK_FILE, timeout=_LOCK_SECONDS):
+        if not finished.exists():
+            looks = Looks(cell, folder)
+            if cell.agent is not None:
+                looks.rows = []
+                looks.add(_load(cell.agent, cell), 0, 0.0)
+            elif cell.trainer is not None:
+                looks.rows = []
+                import_outside(cell.trainer)(cell, _make_look(looks, report))
+            elif not _train(looks, folder / RUN, report):
+                return False
+            if not looks.rows:
+                raise ValueError(f"{cell.trainer} has made no look: call its second argument")
+            write_atomically(finished, f"{cell.name}\n")
+        shutil.rmtree(folder / RUN / RESUME_FOLDER, ignore_errors=True)  # gigabytes of all cells
+    return True
+
+
+def _load(agent: str, cell: Cell) -> Any:
+    return load_agent(agent, cell.config.game.name, make_scenario(cell.config, cell.rating))
+
+
+def _make_look(looks: Looks, report: Report) -> Callable[[Any, float, int], bool]:
+    """The function that another trainer calls with agent, seconds and frames, as often as it can.
+    It rates the agent if a look is due, and returns False when the budget is spent.
+    """
+
+    def look(agent: Any, seconds: float, frames: int) -> bool:
+        share = looks.cell.find_share(frames, seconds)
+        if looks.is_due(frames, seconds) or share >= 1.0:
+            looks.add(agent, frames, seconds)
+        report(share, looks.rows)
+        return share < 1.0
+
+    return look
+
+
+def _train(looks: Looks, out: Path, report: Report) -> bool:
+    """A training run with looks; False if it was interrupted."""
+    cell, log, is_first = looks.cell, out / RunLog.FILE, True
+
+    def watch(run: TrainingRun) -> bool:
+        nonlocal is_first
+        if is_first:
+            looks.drop_after(run.frames)
+            is_first = False
+        spent = run.frames, run.processor_seconds
+        share, last = cell.find_share(*spent), looks.last_frames
+        is_final = share >= 1.0 and cell.rating.agent != BEST and run.frames > last
+        if is_final or looks.is_due(*spent):
+            looks.add(run.rated, *spent, read_overestimation(log, last))
+        report(share, looks.rows)
+        return share < 1.0
+
+    config = dataclasses.replace(cell.config, out=str(out))
+    result = train(config, resume=True, show_progress=False, watch=watch)
+    if result.was_interrupted:
+        return False
+    if cell.rating.agent == BEST:  # saved by its evaluations
+        agent = _load(str(out / BEST_FOLDER), cell)
+        looks.drop_after(result.frames - 1)
+        looks.add(agent, result.frames, result.processor_seconds)
+    return True
+
+
+def end_with_input() -> None:
+    """Interrupt this process as Ctrl-C does when standard input ends."""
+
+    def wait() -> None:
+        while os.read(0, 1024):
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+def main() -> int:
+    """Run the cell in the folder of the first argument; returns the exit code."""
+    end_with_input()
+
+    last = -math.inf
+
+    def report(share: float, rows: Sequence[Row]) -> None:
+        nonlocal last
+        if time.monotonic() > last + _REPORT_SECONDS:
+            last = time.monotonic()
+            score = rows[-1]["score"] if rows else None
+            sys.stdout.write(json.dumps({"share": min(1.0, share), "score": score}) + "\n")
+            sys.stdout.flush()
+
+    return 0 if run_cell(Path(sys.argv[1]), report) else _EXIT_INTERRUPTED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,255 @@
+"""Experiments end to end: killed and resumed, failing cells, folders of other plans."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import torch
+import yaml
+
+from marl_cair.checkpoint import LATEST_FOLDER
+from marl_cair.experiments import looks, worker
+from marl_cair.experiments.cells import DONE_FILE
+from marl_cair.experiments.experiment import ExperimentConfig, run_experiment
+from marl_cair.experiments.looks import LOOKS_FILE
+from marl_cair.files import OutputFolderError
+from marl_cair.training.trainer import train
+from tests.experiments.plans import TINY, change_task, compose_layers, list_cells, make_plan
+from tests.processes import ROOT
+
+NAME = "maze-dqn-0"
+
+
+def read_looks(path):
+    """Rows without the processor time, which no two runs share."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return [{k: v for k, v in row.items() if k != "seconds"} for row in csv.DictReader(file)]
+
+
+def prepare(folder, number=0, **changes):
+    """The folder of a cell, ready to run."""
+    cell = list_cells(make_plan(**changes), folder)[number]
+    place = folder / "cells" / cell.name
+    place.mkdir(parents=True)
+    cell.save(place)
+    return place
+
+
+def run_here(folder):
+    return worker.run_cell(folder, lambda share, rows: None)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of a cell that ran without interruption."""
+    folder = prepare(tmp_path_factory.mktemp("whole"))
+    assert run_here(folder)
+    return folder
+
+
+def test_a_cell_is_an_ordinary_run_with_looks(whole):
+    rows = read_looks(whole / LOOKS_FILE)
+    assert [row["frames"] for row in rows] == ["0", "128", "256", "384", "512"]
+    assert {"score", "mean", "ended", "extra_steps", "return"} <= rows[0].keys()
+    assert (whole / "run" / LATEST_FOLDER).is_dir()
+    assert (whole / "run" / "log.csv").is_file()
+    assert not (whole / "run" / "resume").exists()
+
+
+def test_a_finished_cell_is_not_repeated(whole):
+    before = (whole / LOOKS_FILE).stat().st_mtime_ns
+    assert run_here(whole)
+    assert (whole / LOOKS_FILE).stat().st_mtime_ns == before
+
+
+def test_an_interrupted_cell_is_resumed_with_the_same_looks(whole, tmp_path, monkeypatch):
+    """The first call dies in its fourth look, after the state of frame 256."""
+    folder, calls = prepare(tmp_path), []
+
+    def die(*arguments):
+        calls.append(arguments)
+        if len(calls) == 4:
+            raise RuntimeError("killed")
+        return measure(*arguments)
+
+    measure = worker.Looks.add.__globals__["measure"]
+    monkeypatch.setitem(worker.Looks.add.__globals__, "measure", die)
+    with pytest.raises(RuntimeError, match="killed"):
+        run_here(folder)
+    assert not (folder / DONE_FILE).exists()
+    assert len(read_looks(folder / LOOKS_FILE)) == 3
+    assert run_here(folder)
+    assert read_looks(folder / LOOKS_FILE) == read_looks(whole / LOOKS_FILE)
+    assert_equal_agents(folder, whole)
+
+
+def assert_equal_agents(*folders):
+    one, other = (torch.load(f / "run" / LATEST_FOLDER / "weights.pt") for f in folders)
+    assert one.keys() == other.keys()
+    assert all(torch.equal(one[name], other[name]) for name in one)
+
+
+def test_an_agent_is_rated_once(tmp_path):
+    folder = prepare(tmp_path, number=2)
+    assert run_here(folder)
+    (row,) = read_looks(folder / LOOKS_FILE)
+    assert (row["frames"], row["ended"]) == ("0", "1.0")
+
+
+def test_a_cell_without_looks_is_rated_at_its_end_by_its_best_agent(tmp_path):
+    words = [*TINY["words"], "evaluation.every_frames=128", "evaluation.games=2"]
+    rating = {"games": 4, "agent": "best"}
+    folder = prepare(tmp_path, words=words, tasks=change_task(rating=rating), looks={})
+    assert run_here(folder)
+    (row,) = read_looks(folder / LOOKS_FILE)
+    assert row["frames"] == "512"
+
+
+def test_a_budget_in_seconds_ends_a_cell(tmp_path):
+    folder = prepare(tmp_path, budget={"seconds": 0.5}, looks={"seconds": 0.2})
+    assert run_here(folder)
+    seconds = [row["seconds"] for row in looks.read_looks(folder / LOOKS_FILE)]
+    assert seconds == sorted(seconds)
+    assert seconds[0] == 0
+    assert seconds[-2] < 0.5 <= seconds[-1]
+
+
+def train_elsewhere(cell, look):
+    """A trainer of another library, of 10 ms and 100 steps an iteration."""
+    from marl_cair.games import GAMES
+
+    agent, frames = GAMES["deep_maze"].bot("oracle", cell.config.game.rated_scenario), 0
+    while look(agent, frames / 10_000, frames):
+        frames += 100
+
+
+def test_a_trainer_of_another_library_is_a_cell(tmp_path):
+    place = "tests.experiments.test_experiment:train_elsewhere"
+    folder = prepare(tmp_path, number=2, others={"mine": place})
+    assert run_here(folder)
+    rows = read_looks(folder / LOOKS_FILE)
+    assert [row["frames"] for row in rows] == ["0", "200", "300", "400", "600"]
+    assert {row["ended"] for row in rows} == {"1.0"}
+
+
+# --- whole plans -------------------------------------------------------------------------------
+
+
+def run(plan, out, **options):
+    return run_experiment(plan, ExperimentConfig(out=out, workers=2, **options), compose_layers)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """The folder of a plan of agents alone, and its result."""
+    out = tmp_path_factory.mktemp("finished") / "out"
+    plan = make_plan(tasks=change_task(when={"dqn": None, "pqn": None}))
+    return out, plan, run(plan, out)
+
+
+def test_a_plan_is_run_in_processes_and_shown_again(finished):
+    out, plan, result = finished
+    assert (result.failed, result.skipped) == ({}, {})
+    assert "| maze | oracle | 2 |" in result.text
+    assert [row["seed"] for row in read_looks(out / "looks.csv")] == ["0", "1"]
+    assert {path.name for path in out.iterdir()} >= {
+        *("looks.csv", "table.md", "table.csv", "table.tex", "figure.png"),
+    }
+    assert (out / "figure.png").read_bytes().startswith(b"\x89PNG")
+    assert run(plan, out).text == result.text
+
+
+def test_the_folder_of_another_plan_version_or_budget_is_refused(finished, monkeypatch):
+    out, plan, _ = finished
+    with pytest.raises(OutputFolderError, match="plan.games_per_pair is 0 there, 2 here"):
+        run(make_plan(tasks=change_task(when={"dqn": None, "pqn": None}), games_per_pair=2), out)
+    with pytest.raises(OutputFolderError, match="budget is '' there, '20m' here"):
+        run(plan, out, budget="20m", budget_seconds=1200.0)
+    monkeypatch.setattr("marl_cair.experiments.experiment.__version__", "9.9")
+    with pytest.raises(OutputFolderError, match="version is '.*' there, '9.9' here"):
+        run(plan, out)
+
+
+def test_a_budget_must_be_able_to_start_all_cells(tmp_path):
+    options = {"budget": "1s", "budget_seconds": 1.0}
+    with pytest.raises(ValueError, match="--budget needs budget.seconds in the plan"):
+        run(make_plan(), tmp_path / "a", **options)
+    with pytest.raises(ValueError, match="--budget 1s is too short to start 4 cells: give more"):
+        run(make_plan(budget={"seconds": 60}), tmp_path / "a", **options)
+    assert not (tmp_path / "a").exists()
+
+
+def test_unknown_choices_and_trainers_are_refused_before_work(tmp_path):
+    with pytest.raises(ValueError, match="unknown task or choice 'dqm': nearest are 'dqn'"):
+        run(make_plan(), tmp_path / "a", only=("dqm",))
+    with pytest.raises(ValueError, match="no_such_module:train cannot be imported"):
+        run(make_plan(others={"mine": "no_such_module:train"}), tmp_path / "a")
+    assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.slow
+def test_a_failed_cell_is_named_and_a_large_one_skipped(tmp_path):
+    words = [*TINY["words"], f"replay.capacity_transitions={10**12}"]
+    plan = make_plan(
+        words=words,
+        others={"mine": f"{__name__}:fail"},
+        tasks=change_task(rating={"games": 4}, when={"pqn": None}),
+        seeds=[0],
+    )
+    result = run(plan, tmp_path / "out")
+    assert "ValueError: no luck (exit code 1" in result.failed["maze-mine-0"]
+    assert "capacity_transitions" in result.skipped[NAME]
+    assert f"Not run on this machine: {NAME}" in result.text
+    assert "2 of 3 cells are not finished" in result.text
+
+
+def fail(cell, look):
+    raise ValueError("no luck")
+
+
+@pytest.mark.slow
+def test_a_killed_plan_is_resumed_and_equals_an_uninterrupted_one(tmp_path):
+    (tmp_path / "plan.yaml").write_text(yaml.safe_dump(TINY), "utf-8")
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+
+    def start(out):
+        command = [sys.executable, "-m", "marl_cair", "experiment", tmp_path / "plan.yaml"]
+        return subprocess.Popen(
+            [*command, "--out", out, "--workers", "2"],
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            start_new_session=True,
+        )
+
+    assert start(whole).wait() == 0
+    process, file = start(killed), killed / "cells" / NAME / LOOKS_FILE
+    while not (file.exists() and len(read_looks(file)) >= 3):
+        assert process.poll() is None
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert start(killed).wait() == 0
+    for name in ("looks.csv", f"cells/{NAME}/{LOOKS_FILE}"):
+        assert read_looks(killed / name) == read_looks(whole / name)
+    for name in (NAME, "maze-pqn-1"):
+        assert_equal_agents(killed / "cells" / name, whole / "cells" / name)
+
+
+def test_training_ends_where_a_watcher_says_so(tmp_path):
+    cell, *_ = list_cells(make_plan(), tmp_path)
+    seen = []
+
+    def watch(run):
+        seen.append((run.frames, run.processor_seconds))
+        return run.frames < 192
+
+    result = train(cell.config, show_progress=False, watch=watch)
+    assert [frames for frames, _ in seen] == [0, 64, 128, 192]
+    assert result.frames == 192
+    assert 0 < result.processor_seconds == seen[-1][1]
+    again = train(cell.config, resume=True, show_progress=False, watch=watch)
+    assert again.frames == 192
+    assert again.processor_seconds == result.processor_seconds

@@ -48,6 +48,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training.settings": {*_LEARNING, "league.agents", "self_play"},
     "training.collecting": {*_LEARNING, *_SELF_PLAY, "training.settings"},
     "training": {*_LEARNING, *_SELF_PLAY, "league", "training.settings", "training.collecting"},
+    "training.offline": {*_LEARNING, "training", "training.settings"},
     "training.population": {*_LEARNING, *_SELF_PLAY, "league", "training", "training.settings"},
     "viewer": {"games"},
     "window": {"games", "viewer", "league.agents", "league.play"},
@@ -57,7 +58,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         *("", "games", "policies", "generative", "checkpoint", "self_play"),
         *("league", "league.agents", "league.play", "league.ratings", "league.store"),
         *("league.report", "training", "training.settings", "training.population", "window"),
-        *("browser", "dashboard", "viewer"),
+        *("browser", "dashboard", "viewer", "replay", "training.collecting", "training.offline"),
     },
     "__main__": {"cli"},
 }

@@ -10,17 +10,17 @@ MAX_FILES_IN_A_FOLDER = 16
 MAX_LINES = {
     "games": 21_370,
     "policies": 2_420,
-    "replay": 2_060,
-    "generative": 3_460,
+    "replay": 2_260,
+    "generative": 2_640,
     "self_play": 990,
     "league": 8_180,
-    "training": 6_200,
+    "training": 6_690,
     "viewer": 720,
     "window": 2_500,
     "browser": 950,
     "dashboard": 300,
     "conf": 10,
-    "cli": 4_100,
+    "cli": 4_220,
     "": 1_660,  # the modules that every part may import
 }
 

@@ -150,7 +150,12 @@ class TrainingRun:
         dtype = torch.uint8 if seen.dtype is np.uint8 else torch.float32
         state_size = self.policy.resolve_state_size() if learner.learns_from_replay else 0
         spec = TransitionSpec(
-            seen.shape, self.spec.num_actions, seen.num_uniform, dtype, state_size
+            seen.shape,
+            self.spec.num_actions,
+            seen.num_uniform,
+            dtype,
+            state_size,
+            generators.count_others(config, self.spec),
         )
         self.transition_spec = spec
         memory.require_memory_of_learning(config, self.policy, seen, spec)

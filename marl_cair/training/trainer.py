@@ -148,7 +148,8 @@ def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
     run.frames += data.numel()
     with timers.measure("store"):
         if run.generator or run.learner.loss.LEARNS_FROM_REPLAY:
-            rollout = make_rollout(data, run.config.learner.reward_scale)
+            num_others = run.transition_spec.num_others
+            rollout = make_rollout(data, run.config.learner.reward_scale, num_others)
             slots = run.replay.real.extend_rollout(rollout)
         if run.average_policy:
             run.average_policy.remember(data)

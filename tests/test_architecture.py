@@ -48,17 +48,16 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training.settings": {*_LEARNING, "league.agents", "self_play"},
     "training.collecting": {*_LEARNING, *_SELF_PLAY, "training.settings"},
     "training": {*_LEARNING, *_SELF_PLAY, "league", "training.settings", "training.collecting"},
-    "training.offline": {*_LEARNING, "training", "training.settings"},
     "training.population": {*_LEARNING, *_SELF_PLAY, "league", "training", "training.settings"},
+    "training.offline": {*_LEARNING, "training", "training.settings"},
     "viewer": {"games"},
     "window": {"games", "viewer", "league.agents", "league.play"},
     "dashboard": {"games", "training", "training.settings", "viewer"},
     # "" is what `import marl_cair` gives every user; the registries tell --help the choices.
     "cli": {
-        *("", "games", "policies", "generative", "checkpoint", "self_play"),
-        *("league", "league.agents", "league.play", "league.ratings", "league.store"),
-        *("league.report", "training", "training.settings", "training.population", "window"),
-        *("browser", "dashboard", "viewer", "replay", "training.collecting", "training.offline"),
+        *("", "games", "policies", "generative", "checkpoint", "replay", *_SELF_PLAY, "league"),
+        *("league.store", "league.report", "training", "window", "browser", "dashboard", "viewer"),
+        *(f"training.{room}" for room in ("settings", "population", "collecting", "offline")),
     },
     "__main__": {"cli"},
 }

@@ -255,7 +255,11 @@ def _refill(run: TrainingRun, generator: Generator, num_refills: int) -> None:
         gamma=learned.gamma,
         max_rounds=settings.model.max_rounds,
     )
-    made = rollouts.generate(run.replay.real, num_refills * settings.rows_per_refill)
+    num_rows = num_refills * settings.rows_per_refill
+    if settings.branch_steps:
+        made = rollouts.branch(run.replay.real, num_rows, settings.branch_steps)
+    else:
+        made = rollouts.generate(run.replay.real, num_rows)
     if len(made):
         run.replay.generated.extend(made)
         run.means.add({"generator/steps": made["steps_to_next_obs"].float().mean()})

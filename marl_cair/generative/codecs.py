@@ -111,7 +111,7 @@ class _CodedGenerator:
 
     def imagine(self, rows: TensorDict, generator: torch.Generator | None = None) -> Imagined:
         coded = self._encode_starts(rows)
-        made = cast(Any, self.generator).imagine(coded, generator)
+        made: Imagined = cast(Any, self.generator).imagine(coded, generator)
         _, following = self.codec.decode(coded[OBSERVATION], made.observation)
         return made._replace(observation=following)
 

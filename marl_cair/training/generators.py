@@ -132,7 +132,8 @@ def make_for_game(
     Raises ValueError for a representation that the generator cannot work on, OutsideCodeError for
     a generator from outside that lacks a method.
     """
-    shape, frames = seen.shape, {}
+    shape = seen.shape
+    frames: dict[str, Any] = {}
     if len(shape) == 1:
         codec = VectorCodec(*(bounds.tolist() for bounds in seen.bounds()))
         shape, num_uniform = codec.shape, codec.num_uniform

@@ -200,7 +200,9 @@ class CCDN(nn.Module):
     def _split_choices(self, choices: Choices) -> tuple[Tensor, Tensor]:
         """Logits of the sources [N, L, K, H, W] and of the edits [N, P, H, W]."""
         logits = choices.of_cells + choices.of_boards[..., None, None]
-        sources = logits[:, : self.num_choices].unflatten(1, (len(self.layers), -1))
+        num, _, rows, columns = logits.shape
+        shape = num, len(self.layers), -1, rows, columns
+        sources = logits[:, : self.num_choices].reshape(shape)
         return sources, logits[:, self.num_choices :]
 
     def find_differences(self, encoding: Encoding, edited: Tensor, base: Tensor) -> Tensor:

@@ -82,7 +82,7 @@ class OutcomeHeads(nn.Module):
         with torch.no_grad():
             self.reward.weight.mul_(0.1)
             self.reward.bias[bins // 2] += 8.0  # of 63 bins
-            self.end.bias -= RARE_BIAS
+            self.end.bias.sub_(RARE_BIAS)
 
     def forward(self, seen: OutcomeInput) -> Outcome:
         largest, total = pool(seen.after)

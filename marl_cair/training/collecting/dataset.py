@@ -185,7 +185,7 @@ def _find_new(columns: Mapping[Key, NDArray[Any]], known: set[bytes]) -> NDArray
     for place in range(len(columns[EPISODE])):
         digest = hashlib.blake2b(digest_size=16)
         for values in seen:
-            digest.update(np.ascontiguousarray(values[place]))
+            digest.update(values[place].tobytes())
         if (mark := digest.digest()) not in known:
             known.add(mark)
             fresh.append(place)

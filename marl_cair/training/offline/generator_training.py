@@ -103,11 +103,10 @@ def train_generator(
     """
     data = load_dataset(source)
     spec, seen = describe_game(data.about)
-    config = cast(GeneratorConfig, settings.config)
     bound = max(1e-6, float(data.train["next", "reward"].abs().max()))
     bound = max(bound, float(data.heldout["next", "reward"].abs().max()))
     others = data.about.num_players - 1
-    generator = make_for_game(settings.model, config, seen, spec, bound, others)
+    generator = make_for_game(settings.model, settings.config, seen, spec, bound, others)
     folder = Path(out)
     if not hasattr(generator, "imagine"):
         raise ValueError(

@@ -3,8 +3,8 @@
     python -m benchmarks.generator [--rows 1000] [--repeats 5]
 
 On Deep Line Wars 10x15 with one torch thread: an update of the learner (conv, 128 rows), an update
-of the generator (64 rows), and what a generated row takes: its next state decoded by one of three
-networks, then judged by all three. Processor time, the best of `--repeats`, as a Markdown table.
+of the generator (64 rows), and predicting rows: next state, mask, reward, end and surety. Processor
+time, the best of `--repeats`, as a Markdown table.
 """
 
 from __future__ import annotations
@@ -16,13 +16,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import torch
-from tensordict import TensorDict
 
 from benchmarks._timing import best_seconds
-from marl_cair.generative.ensemble import CHUNK_ROWS
 from marl_cair.generative.generator import CCDNGenerator
-from marl_cair.generative.networks.board_cells import BoardCells
-from marl_cair.generative.networks.ccdn import CCDN
 from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import EvaluationSettings, GameSettings, TrainConfig
@@ -50,47 +46,22 @@ def collect(folder: Path) -> TrainingRun:
     return run
 
 
-@torch.no_grad()
-def open_all(network: CCDN, rows: TensorDict) -> list[BoardCells]:
-    """The cells of `rows` in chunks, as when they are judged."""
-    opened = []
-    for part in rows.split(CHUNK_ROWS):
-        encoding = network.encode(part["observation"], part["action"])
-        changes = torch.zeros(encoding.scalars.shape, dtype=torch.int64)
-        board = network.condition_on_changes(encoding, changes)
-        opened.append(network.find_board_cells(encoding, changes, board))
-    return opened
-
-
 def measure(run: TrainingRun, num_rows: int, repeats: int) -> list[tuple[str, float]]:
     """Names and seconds."""
     generator = run.generator
     if not isinstance(generator, CCDNGenerator):
         raise TypeError(f"the run's generator is {generator!r}, expected a CCDNGenerator")
-    ensemble, rows = generator.ensemble, run.replay.real.sample_steps(num_rows)
-    drawn = torch.Generator().manual_seed(0)
+    rows = run.replay.real.sample_steps(num_rows)
+    random = torch.Generator().manual_seed(0)
     batch, one_step = run.replay.sample(), run.replay.real.sample_steps(GENERATOR_ROWS)
-    network = ensemble.averages[0]
-    if not isinstance(network, CCDN):
-        raise TypeError(f"the generator's network is {type(network)}, expected CCDN")
-    opened = open_all(network, rows)
 
     def learn() -> None:
         run.learner.update(batch.clone(), 0.5)
 
-    def decode() -> None:
-        ensemble.propose(rows["observation"], rows["action"], drawn)
-
-    def judge_cells() -> None:
-        for cells in opened:
-            cells.find_masses(cells.planes)
-
     works: dict[str, Callable[[], object]] = {
         f"the learner's update, {LEARNER_ROWS} rows": learn,
         f"the generator's update, {GENERATOR_ROWS} rows": lambda: generator.update(one_step),
-        f"decoding {num_rows:,} rows": decode,
-        f"judging {num_rows:,} rows by three networks": lambda: ensemble.predict(rows),
-        f"of that, the cells of {num_rows:,} rows by one network": judge_cells,
+        f"predicting {num_rows:,} rows": lambda: generator.imagine(rows, random),
     }
     for work in works.values():  # once to warm up
         work()

@@ -22,11 +22,11 @@ OTHER_SOURCES = sorted(
     path for folder in ("tests", "scripts", "benchmarks") for path in (ROOT / folder).rglob("*.py")
 )
 
-MAX_FILE_LINES = 400
-MAX_SCRIPT_LINES = 40
+MAX_FILE_LINES, MAX_SCRIPT_LINES = 400, 40
 
 LEAVES = {"lookup", "outside", "files", "stored", "ranges", "memory", "interrupts", "text", "npm"}
 _SELF_PLAY = {"league.agents", "league.play", "league.ratings", "self_play"}
+_ROOMS = "settings", "population", "collecting", "offline"  # of training, that commands use
 _LEARNING = {"policies", "replay", "generative", "checkpoint", "games"}
 # What each room of the package may import of it, beside the leaves and itself.
 MAY_IMPORT: dict[str, set[str]] = {
@@ -49,15 +49,15 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training.collecting": {*_LEARNING, *_SELF_PLAY, "training.settings"},
     "training": {*_LEARNING, *_SELF_PLAY, "league", "training.settings", "training.collecting"},
     "training.population": {*_LEARNING, *_SELF_PLAY, "league", "training", "training.settings"},
-    "experiments": {*("", "games", "league"), *_SELF_PLAY, *("training", "training.settings")},
+    "training.offline": {*_LEARNING, "training", "training.settings"},
+    "experiments": {*("", "games", "league"), *_SELF_PLAY, "training", "training.settings"},
     "viewer": {"games"},
     "window": {"games", "viewer", "league.agents", "league.play"},
     "dashboard": {"games", "training", "training.settings", "viewer"},
     "cli": {
-        *("", "games", "policies", "generative", "checkpoint", "self_play"),  # "": public names
-        *("league", "league.agents", "league.play", "league.ratings", "league.store"),
-        *("league.report", "training", "training.settings", "training.population", "window"),
-        *("browser", "dashboard", "viewer", "experiments"),
+        *("", "games", "policies", "generative", "checkpoint", "replay", *_SELF_PLAY, "league"),
+        *("league.store", "league.report", "training", "window", "browser", "dashboard", "viewer"),
+        *("experiments", *(f"training.{room}" for room in _ROOMS)),
     },
     "__main__": {"cli"},
 }

@@ -14,12 +14,14 @@ from marl_cair.text import clean_text
 # Modules of this package with `run(arguments) -> exit code`.
 COMMANDS = (
     *("train", "curves", "dashboard", "evaluate", "match", "league", "play", "watch", "replay"),
-    *("experiment", "reproduce", "export", "explain", "flash", "games", "verify", "compile"),
-    "benchmark",
+    *("experiment", "reproduce", "dataset", "generator", "export", "explain", "flash", "games"),
+    *("verify", "compile", "benchmark"),
 )
 _IN_FOLDERS = {  # modules of commands
     "dashboard": "viewing.dashboard",
+    "dataset": "generating.dataset",
     "experiment": "experiments.experiment",
+    "generator": "generating.generator",
     "export": "agent.export",
     "explain": "agent.explain",
     "play": "viewing.play",
@@ -33,6 +35,8 @@ TASKS = {
     "train": "train an agent against bots, itself and its past selves",
     "train --multirun": "train one agent for each combination of values: seeds, networks",
     "train resume=RUN": "continue an interrupted run",
+    "dataset collect": "write transitions of random play or of agents to a data set",
+    "generator train": "train a generator of transitions on a data set, and measure it",
     "curves": "plot learning curves of training runs",
     "dashboard": "show training runs on a local page while they train",
     "experiment PLAN": "train and rate the product of networks, learners, games and seeds",

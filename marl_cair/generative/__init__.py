@@ -14,7 +14,11 @@ if TYPE_CHECKING:
 __all__ = ["GENERATORS", "GateConfig", "GeneratorConfig", "GeneratorSpec", "NetworkSize"]
 
 GENERATORS: LazyTable[Callable[[GeneratorConfig, GeneratorSpec], Generator]] = LazyTable(
-    {"ccdn": "marl_cair.generative.generator:CCDNGenerator"}, group="marl_cair.generators"
+    {
+        "ccdn": "marl_cair.generative.generator:CCDNGenerator",
+        "ccdn_thesis": "marl_cair.generative.thesis:ThesisGenerator",
+    },
+    group="marl_cair.generators",
 )
 __getattr__ = import_when_used(
     __name__,

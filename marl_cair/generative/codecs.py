@@ -11,6 +11,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.generative.generator import Generator
+from marl_cair.generative.quality import Imagined
 from marl_cair.replay.transition import NEXT_OBSERVATION, OBSERVATION
 
 COARSE, FINE = 256, 16  # levels of a vector's entry, and steps of each level
@@ -45,7 +46,6 @@ class VectorCodec:
     zeros (generators need a spatial plane), then for each entry its level, 0..255, and its step
     within the level, 0..15.
 
-    CCDN's economy predicts each entry given the action, all entries before it, and its own value.
     low, high: bounds of the V entries; values outside are moved to the nearest bound. The
     resolution is 1/4095 of the range.
     Raises ValueError for different numbers of bounds, one that is not finite, or low not below
@@ -109,6 +109,12 @@ class _CodedGenerator:
     def observe(self, batch: TensorDict) -> None:
         self.generator.observe(_convert(batch, self.codec.encode))
 
+    def imagine(self, rows: TensorDict, generator: torch.Generator | None = None) -> Imagined:
+        coded = self._encode_starts(rows)
+        made: Imagined = cast(Any, self.generator).imagine(coded, generator)
+        _, following = self.codec.decode(coded[OBSERVATION], made.observation)
+        return made._replace(observation=following)
+
     def update(self, batch: TensorDict) -> dict[str, float]:
         return self.generator.update(_convert(batch, self.codec.encode))
 
@@ -117,10 +123,13 @@ class _CodedGenerator:
         return _convert(made, self.codec.decode)
 
     def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
+        rows, accepted = self.generator.predict(self._encode_starts(starts))
+        return _convert(rows, self.codec.decode), accepted
+
+    def _encode_starts(self, starts: TensorDict) -> TensorDict:
         coded = starts.copy()
         coded[OBSERVATION], _ = self.codec.encode(starts[OBSERVATION], starts[OBSERVATION])
-        rows, accepted = self.generator.predict(coded)
-        return _convert(rows, self.codec.decode), accepted
+        return coded
 
 
 def make_coded_generator(generator: Generator, codec: Codec) -> Generator:

@@ -2,30 +2,47 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from dataclasses import asdict
 from typing import Any, Protocol, cast
 
 import torch
 from tensordict import TensorDict
-from torch import Tensor
+from torch import Tensor, nn
 
-from marl_cair.generative.ensemble import Ensemble, Predictions
+from marl_cair.generative import quality
 from marl_cair.generative.gate import (
-    Acceptance,
     GateReport,
-    check_metrics,
-    find_rejections,
+    check_quality,
+    find_broken_structure,
+    measure_rare,
     tune_acceptance,
 )
-from marl_cair.generative.heldout import TransitionRing, is_heldout, make_empty_transitions
-from marl_cair.generative.metrics import compute_metrics, decide_mask, predict_heldout
-from marl_cair.generative.networks.outcome import RewardBins
-from marl_cair.generative.rare import RareCounts, Stratum
+from marl_cair.generative.heldout import (
+    TransitionRing,
+    check_real_rows,
+    is_heldout,
+    make_empty_transitions,
+)
+from marl_cair.generative.networks.ccdn import CCDN
+from marl_cair.generative.quality import Imagined
+from marl_cair.generative.rare import Correction, RareCounts
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
+from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
+from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.sampler import restore_generator
-from marl_cair.replay.transition import NO_ACTION, NO_INDEX, NO_OPPONENT, check_transitions
+from marl_cair.replay.transition import (
+    NO_ACTION,
+    NO_INDEX,
+    NO_OPPONENT,
+    OTHER_ACTIONS,
+    UNKNOWN_ACTION,
+)
 
+CHUNK_ROWS = 64  # without gradients: the arrays of all cells then fit the cache
+WARMUP_UPDATES = 50  # full steps from the start leave a trunk of dead channels
+MIN_AVERAGE_SHARE = 0.005  # of the newest weights in the average
 _TRAINING, _GENERATING, _EVALUATING = range(3)
 
 
@@ -75,21 +92,25 @@ class Generator(Protocol):
 
 
 class CCDNGenerator:
-    """An ensemble of CCDN v2 networks behind a quality gate."""
+    """A CCDN behind a quality gate."""
 
     def __init__(self, config: GeneratorConfig, spec: GeneratorSpec) -> None:
-        self.config = config
-        self.spec = spec
-        self.ensemble = Ensemble(spec, config)
+        self.config, self.spec = config, spec
+        # torch's layers draw their initial weights from the global generator.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(config.seed)
+            self.network = CCDN(spec, config.size)
+        # Predictions come from a moving average of the weights.
+        self.average = copy.deepcopy(self.network)
+        self.optimizer = torch.optim.Adam(
+            self.network.parameters(), lr=config.learning_rate, fused=True
+        )
+        self.num_updates = 0
         self.last_report: GateReport | None = None
-        bins = RewardBins(spec.reward_range, config.size.reward_bins)
-        self._counts = RareCounts(bins, config.rare_reward_share)
+        self._counts = RareCounts()
         self._heldout = TransitionRing(spec, config.heldout_capacity)
         self._rare_heldout = TransitionRing(spec, config.heldout_capacity // 8)
-        self._rare = {
-            stratum: TransitionRing(spec, config.rare_capacity // 2)
-            for stratum in (Stratum.RARE_REWARD, Stratum.END)
-        }
+        self._rare = TransitionRing(spec, config.rare_capacity)
         self._generators = [
             torch.Generator().manual_seed(config.seed * 7919 + use) for use in range(3)
         ]
@@ -101,47 +122,82 @@ class CCDNGenerator:
         Raises ValueError for generated rows, rows of more than one step, rows without a replay
         index, and rewards outside the spec's range.
         """
-        heldout = self._split(batch)
+        heldout, rare = self._split(batch), self._counts.count(batch)
         self._heldout.add(batch[heldout])
-        strata = self._counts.count(batch)
-        self._rare_heldout.add(batch[heldout & (strata != Stratum.COMMON)])
-        for stratum, ring in self._rare.items():
-            ring.add(batch[~heldout & (strata == stratum)])
-        self.ensemble.count_steps(batch[~heldout])
+        self._rare_heldout.add(batch[heldout & rare])
+        self._rare.add(batch[~heldout & rare])
 
     def update(self, batch: TensorDict) -> dict[str, float]:
-        """One optimiser step of one member, in turn, on `batch` less its held-out rows.
+        """One optimiser step on `batch` less its held-out rows, of which a share `rare_share` is
+        replaced by rare rows that `observe` stored.
 
-        A share `rare_share` of the rows is replaced by rows that `observe` stored, one half with
-        rare rewards and one half ends; if there are too few of one kind, more of the other.
         Returns mean losses in nats per row. Raises ValueError as `observe` does.
         """
-        learnable = batch[~self._split(batch)]
-        generator = self._generators[_TRAINING]
-        rare = self._draw_rare(round(self.config.rare_share * batch.shape[0]), generator)
-        num_rare = sum(rows.shape[0] for rows in rare.values())
-        common = learnable[: max(0, batch.shape[0] - num_rare)]
-        if not common.shape[0] + num_rare:
+        learnable, random = batch[~self._split(batch)], self._generators[_TRAINING]
+        rare = self._rare.sample(round(self.config.rare_share * len(batch)), random)
+        common = learnable[: max(0, len(batch) - len(rare))]
+        if not len(common) + len(rare):
             return {}
-        parts = {Stratum.COMMON: common, **rare}
-        keys = rare[Stratum.END].keys()
-        rows = cast(TensorDict, torch.cat([part.select(*keys) for part in parts.values()]))
-        drawn_from = torch.cat(
-            [torch.full((part.shape[0],), int(stratum)) for stratum, part in parts.items()]
-        )
-        rewards, ends = rows["next", "reward"].squeeze(-1), rows["next", "terminated"].squeeze(-1)
-        strata = self._counts.find_strata(rewards, ends)
-        # A reward that was rare when it was stored may be common now; it counts as it was drawn.
-        strata = torch.where(drawn_from == Stratum.COMMON, strata, drawn_from)
-        return self.ensemble.train(rows, self._counts.correct(drawn_from, strata), generator)
+        keys = rare.keys()
+        rows = cast(TensorDict, torch.cat([common.select(*keys), rare]))
+        rewards, ends = rows["next", "reward"][:, 0], rows["next", "terminated"][:, 0]
+        is_rare = self._counts.find_rare(rewards, ends)
+        is_rare[len(common) :] = True  # a reward that was rare when it was stored may be common now
+        return self._learn(rows, self._counts.correct(is_rare, ends, len(rare)))
 
-    def _draw_rare(self, num: int, generator: torch.Generator) -> dict[Stratum, TensorDict]:
-        rare, ends = self._rare[Stratum.RARE_REWARD], self._rare[Stratum.END]
-        num_ends = min(ends.num_rows, num - min(rare.num_rows, num // 2))
-        return {
-            Stratum.RARE_REWARD: rare.sample(num - num_ends, generator),
-            Stratum.END: ends.sample(num_ends, generator),
-        }
+    def _learn(self, rows: TensorDict, correction: Correction) -> dict[str, float]:
+        network, optimizer = self.network, self.optimizer
+        others = _read_others(rows)
+        hidden = torch.rand(len(rows), generator=self._generators[_TRAINING])
+        others[hidden < self.config.unknown_share] = UNKNOWN_ACTION
+        network.outcome.reward_unit.fill_(self._counts.reward_unit)
+        losses = network.compute_losses(rows, others, *correction)
+        total = torch.stack(list(losses.values())).sum()
+        optimizer.zero_grad(set_to_none=True)
+        torch.autograd.backward(total)
+        norm = nn.utils.clip_grad_norm_(network.parameters(), self.config.max_grad_norm)
+        for group in optimizer.param_groups:
+            warm = min(1.0, (self.num_updates + 1) / WARMUP_UPDATES)
+            group["lr"] = warm * self.config.learning_rate
+        # One bad batch must not turn all weights into NaN.
+        if bool(torch.isfinite(norm)):
+            optimizer.step()
+        self._average_weights()
+        self.num_updates += 1
+        found = {name: float(loss.detach()) for name, loss in losses.items()}
+        return {**found, "total": float(total.detach()), "grad_norm": float(norm)}
+
+    @torch.no_grad()
+    def _average_weights(self) -> None:
+        """Move the average towards the network; it spans about a ninth of all updates."""
+        share = max(MIN_AVERAGE_SHARE, 9.0 / (self.num_updates + 9.0))
+        ours, newest = self.average.parameters(), self.network.parameters()
+        torch._foreach_lerp_(list(ours), list(newest), share)
+        self.average.outcome.reward_unit.copy_(self.network.outcome.reward_unit)
+
+    @torch.no_grad()
+    def imagine(self, rows: TensorDict, generator: torch.Generator | None = None) -> Imagined:
+        """Predict what follows on `rows` [N], whatever the gate says: the likeliest next state, or
+        a sampled one with a `generator`.
+
+        rows: "observation", "action_mask", "action" and, if recorded, "other_actions".
+        """
+        parts = [self._imagine(part, generator) for part in rows.split(CHUNK_ROWS)]
+        if not parts:
+            return self._imagine(rows, generator)
+        return Imagined(*(torch.cat(part) for part in zip(*parts, strict=True)))
+
+    def _imagine(self, rows: TensorDict, generator: torch.Generator | None) -> Imagined:
+        network, observation = self.average, rows["observation"]
+        following, surety, encoding = network.decode(
+            observation, rows["action"], _read_others(rows), generator
+        )
+        outcome = network.predict_outcome(encoding, observation, following, rows["action_mask"])
+        low, high = self.spec.reward_range
+        mask = outcome.mask > 0.0
+        mask[:, self.spec.noop_action] = True  # legal in every state
+        reward = network.outcome.expect_reward(outcome.reward).clamp(low, high)
+        return Imagined(following, mask, reward, outcome.end.sigmoid(), surety)
 
     def evaluate(self) -> GateReport:
         """Compute metrics on held-out rows: one half tunes the acceptance, the other tests it."""
@@ -152,176 +208,183 @@ class CCDNGenerator:
             )
             self.last_report = GateReport(False, (reason,))
             return self.last_report
-        generator = self._generators[_EVALUATING]
-        rows = self._heldout.sample(gate.evaluation_rows, generator)
-        rare = self._rare_heldout.select(torch.arange(self._rare_heldout.num_rows))
-        held = predict_heldout(self.ensemble, rows, rare, generator)
-        half = rows.shape[0] // 2
-        acceptance = tune_acceptance(held.select(slice(None, half)), gate)
-        metrics = compute_metrics(held, self.spec, self._counts, acceptance.certainty)
-        tested = held.select(slice(half, None))
-        accepted = self._find_accepted(tested.rows, tested.predictions, acceptance)
-        metrics["acceptance/real_rows"] = float(accepted.float().mean())
+        rows = self._heldout.sample(gate.evaluation_rows, self._generators[_EVALUATING])
+        made = self.imagine(rows)
+        metrics = quality.measure_rows(rows, made, self.spec)
+        metrics["reward/std"] = float(rows["next", "reward"].std(correction=0))
+        metrics |= self._measure_rare()
+        half = len(rows) // 2
+        acceptance = tune_acceptance(made.select(slice(half)), metrics, gate)
+        tested, rest = rows[half:], made.select(slice(half, None))
+        accepted = acceptance.accept(rest, self._find_rare(rest.reward))
+        metrics |= quality.measure_acceptance(tested, rest, self.spec, accepted)
         is_open = self.last_report is not None and self.last_report.passed
-        reasons = check_metrics(metrics, gate.loosen() if is_open else gate)
+        reasons = check_quality(metrics, gate.loosen() if is_open else gate)
         self.last_report = GateReport(not reasons, reasons, metrics, acceptance)
         return self.last_report
+
+    def _measure_rare(self) -> dict[str, float]:
+        rows = self._rare_heldout.select(torch.arange(self._rare_heldout.num_rows))
+        rare = self._find_rare(rows["next", "reward"][:, 0])
+        return measure_rare(rows, self.imagine(rows), rare, self.config.gate.certain_terminal)
+
+    def _find_rare(self, rewards: Tensor) -> Tensor:
+        return self._counts.find_rare(rewards, torch.zeros_like(rewards, dtype=torch.bool))
 
     def generate(self, starts: TensorDict, num_rows: int) -> TensorDict:
         """Return up to `num_rows` accepted transitions; fewer after `max_rounds` of proposals.
 
         Empty while the gate is shut. starts: real transitions, sampled with replacement;
-        "observation", "action_mask" and "action" are read. Raises ValueError for no starts.
+        "observation", "action_mask", "action" and, if there, "other_actions" are read. Raises
+        ValueError for no starts.
         """
         if starts.shape[0] == 0:
             raise ValueError("starts is empty: give one or more real transitions to start from")
-        report = self.last_report
-        if report is None or not report.passed:
-            return make_empty_transitions(self.spec, 0)
         made, num_made = [make_empty_transitions(self.spec, 0)], 0
-        for _ in range(self.config.max_rounds):
+        random = self._generators[_GENERATING]
+        for _ in range(self.config.max_rounds if self._is_open else 0):
             missing = num_rows - num_made
             if missing <= 0:
                 break
-            rows, predicted = self._propose(starts, missing)
-            made.append(rows[self._find_accepted(rows, predicted, report.acceptance)])
+            begun = starts[torch.randint(len(starts), (missing,), generator=random)]
+            begun["action"] = self._choose_actions(begun["action"], begun["action_mask"])
+            rows, accepted = self.predict(begun)
+            made.append(rows[accepted])
             num_made += len(made[-1])
-        return torch.cat(made)
+        return cast(TensorDict, torch.cat(made))
+
+    @property
+    def _is_open(self) -> bool:
+        return self.last_report is not None and self.last_report.passed
 
     def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
-        """Return one transition for each of `starts`, and whether it passes all tests, bool [N]."""
+        """Return one transition for each of `starts`, and whether it passes all tests, bool [N].
+
+        Other players' actions that `starts` do not have are those of other rows, or of held-out
+        rows: an estimate of how they play.
+        """
+        rows = make_empty_transitions(self.spec, starts.shape[0])
         report = self.last_report
         if report is None or not report.passed:
-            rows = make_empty_transitions(self.spec, starts.shape[0])
             return rows, torch.zeros(starts.shape[0], dtype=torch.bool)
-        rows, predicted = self._generate_rows(
-            starts["observation"], starts["action_mask"], starts["action"]
-        )
-        return rows, self._find_accepted(rows, predicted, report.acceptance)
+        random = self._generators[_GENERATING]
+        for key in ("observation", "action_mask", "action"):
+            rows[key] = starts[key]
+        if self.spec.num_others:
+            rows[OTHER_ACTIONS] = self._draw_others(starts, random)
+        made = self.imagine(rows, random)
+        rows["next", "observation"], rows["next", "action_mask"] = made[:2]
+        rows["next", "reward"] = made.reward[:, None]
+        rows["next", "terminated"] = rows["next", "done"] = (made.end > 0.5)[:, None]
+        rows["is_generated"].fill_(True)
+        rows["expert_action"].fill_(NO_ACTION)
+        rows["index"].fill_(NO_INDEX)
+        rows["opponent"].fill_(NO_OPPONENT)
+        accepted = report.acceptance.accept(made, self._find_rare(made.reward))
+        return rows, accepted & ~find_broken_structure(rows, self.spec)
+
+    def _draw_others(self, starts: TensorDict, random: torch.Generator) -> Tensor:
+        """The other seats' actions [N, O]: those of `starts`, else those of held-out rows."""
+        known = starts.get(OTHER_ACTIONS, None)
+        if known is not None and bool((known >= 0).all()):
+            return cast(Tensor, known)
+        held = self._heldout.select(torch.arange(self._heldout.num_rows))[OTHER_ACTIONS]
+        drawn = held[torch.randint(len(held), (len(starts),), generator=random)]
+        return drawn if known is None else torch.where(known >= 0, known, drawn)
+
+    def _choose_actions(self, behaviour: Tensor, mask: Tensor) -> Tensor:
+        """Return the actions `behaviour` [N], replaced by random legal ones in some rows.
+
+        These are uniform over legal kinds first: a tower has many cells, a unit one action.
+        """
+        random = self._generators[_GENERATING]
+        sizes = torch.zeros(mask.shape[0], self.spec.num_kinds)
+        sizes.index_add_(1, self._kinds, mask.float())
+        weights = mask.float() / sizes[:, self._kinds].clamp_min(1.0)
+        weights[:, self.spec.noop_action] = weights[:, self.spec.noop_action].clamp_min(1e-6)
+        other = torch.multinomial(weights, 1, generator=random).squeeze(-1)
+        chance = torch.rand(mask.shape[0], generator=random)
+        return torch.where(chance < self.config.counterfactual_share, other, behaviour)
 
     def state_dict(self) -> dict[str, Any]:
-        """Return networks, optimisers, counts, rings, random states and report: data only."""
+        """Return network, optimiser, counts, rings, random states and report: data only."""
         report = None if self.last_report is None else self.last_report.to_dict()
         return {
-            "ensemble": self.ensemble.state_dict(),
+            "network": self._export_network(),
             "counts": self._counts.state_dict(),
             "heldout": self._heldout.state_dict(),
             "rare_heldout": self._rare_heldout.state_dict(),
-            "rare": {stratum.name: ring.state_dict() for stratum, ring in self._rare.items()},
+            "rare": self._rare.state_dict(),
             "generators": [generator.get_state() for generator in self._generators],
             "report": report,
         }
 
+    def _export_network(self) -> dict[str, Any]:
+        return {
+            "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "num_updates": self.num_updates,
+        }
+
+    def _import_network(self, state: dict[str, Any]) -> None:
+        restore_weights(self.network, state["network"], "generator.network")
+        restore_weights(self.average, state["average"], "generator.average")
+        restore_optimizer(self.optimizer, state["optimizer"], "generator.optimizer")
+        self.num_updates = read_number(state, "num_updates", COUNT)
+
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continue from `state_dict` with the same bits.
 
-        Raises ValueError if the state was saved with other members or larger rings.
+        Raises ValueError if the state was saved with larger rings, or by an older version.
         """
-        self.ensemble.load_state_dict(state["ensemble"])
+        _refuse_old(state)
+        self._import_network(state["network"])
         self._counts.load_state_dict(state["counts"])
-        self._heldout.load_state_dict(state["heldout"])
-        self._rare_heldout.load_state_dict(state["rare_heldout"])
-        for stratum, ring in self._rare.items():
-            ring.load_state_dict(state["rare"][stratum.name])
+        for name in ("heldout", "rare_heldout", "rare"):
+            getattr(self, f"_{name}").load_state_dict(state[name])
         for generator, saved in zip(self._generators, state["generators"], strict=True):
             restore_generator(generator, {"generator": saved})
         saved = state["report"]
         self.last_report = None if saved is None else GateReport.from_dict(saved)
 
     def export_knowledge(self) -> dict[str, Any]:
-        """Return networks, optimisers and step counts, with the spec and sizes they belong to."""
-        return {**_describe(self.spec, self.config), "ensemble": self.ensemble.state_dict()}
+        """Return network and optimiser, with the spec and sizes they belong to."""
+        return {**_describe(self.spec, self.config), "network": self._export_network()}
 
     def import_knowledge(self, knowledge: dict[str, Any]) -> None:
-        """Start from the networks of `export_knowledge`; the gate stays shut until `evaluate`.
+        """Start from the network of `export_knowledge`; the gate stays shut until `evaluate`.
 
-        Raises ValueError if they are for other transitions or of another size.
+        Raises ValueError if it is for other transitions, of another size, or of an older version.
         """
+        _refuse_old(knowledge)
         for name, own in _describe(self.spec, self.config).items():
             if knowledge.get(name) != own:
                 raise ValueError(f"its {name} is {knowledge.get(name)}, but this run's is {own}")
-        self.ensemble.load_state_dict(knowledge["ensemble"])
-
-    def _propose(self, starts: TensorDict, num_rows: int) -> tuple[TensorDict, Predictions]:
-        generator = self._generators[_GENERATING]
-        places = torch.randint(starts.shape[0], (num_rows,), generator=generator)
-        observation, mask = starts["observation"][places], starts["action_mask"][places]
-        action = self._choose_actions(starts["action"][places], mask, generator)
-        return self._generate_rows(observation, mask, action)
-
-    def _generate_rows(
-        self, observation: Tensor, mask: Tensor, action: Tensor
-    ) -> tuple[TensorDict, Predictions]:
-        following = self.ensemble.propose(observation, action, self._generators[_GENERATING])
-        rows = make_empty_transitions(self.spec, observation.shape[0])
-        rows["observation"], rows["action_mask"], rows["action"] = observation, mask, action
-        rows["next", "observation"] = following
-        predicted = self.ensemble.predict(rows)
-        terminated = (predicted.terminal.mean(0) > 0.5)[:, None]
-        low, high = self.spec.reward_range
-        rows["next", "action_mask"] = decide_mask(predicted.mask, self.spec.noop_action)
-        rows["next", "reward"] = predicted.reward.mean(0).clamp(low, high)[:, None]
-        rows["next", "terminated"], rows["next", "done"] = terminated, terminated.clone()
-        rows["is_generated"].fill_(True)
-        rows["expert_action"].fill_(NO_ACTION)
-        rows["index"].fill_(NO_INDEX)
-        rows["opponent"].fill_(NO_OPPONENT)
-        return rows, predicted
-
-    def _choose_actions(
-        self, behaviour: Tensor, mask: Tensor, generator: torch.Generator
-    ) -> Tensor:
-        """Return the actions `behaviour` [N], replaced by random legal ones in some rows.
-
-        These are uniform over legal kinds first: a tower has many cells, a unit one action.
-        """
-        sizes = torch.zeros(mask.shape[0], self.spec.num_kinds)
-        sizes.index_add_(1, self._kinds, mask.float())
-        weights = mask.float() / sizes[:, self._kinds].clamp_min(1.0)
-        weights[:, self.spec.noop_action] = weights[:, self.spec.noop_action].clamp_min(1e-6)
-        other = torch.multinomial(weights, 1, generator=generator).squeeze(-1)
-        chance = torch.rand(mask.shape[0], generator=generator)
-        counterfactual = chance < self.config.counterfactual_share
-        return torch.where(counterfactual, other, behaviour)
-
-    def _find_accepted(
-        self, rows: TensorDict, predicted: Predictions, acceptance: Acceptance
-    ) -> Tensor:
-        """Which rows pass all tests, bool [N]."""
-        is_rare = self._counts.is_rare_reward
-        rejections = find_rejections(rows, predicted, acceptance, self.spec, is_rare)
-        return ~torch.stack(list(rejections.values())).any(0)
+        self._import_network(knowledge["network"])
 
     def _split(self, batch: TensorDict) -> Tensor:
         """Check real rows; return which of them are held out, bool [N]."""
-        check_transitions(batch, self.spec.transition)
-        if bool(batch["is_generated"].any()):
-            raise ValueError(
-                f"{int(batch['is_generated'].sum())} of the rows are generated: a generator learns "
-                "from real transitions only"
-            )
-        steps = batch["steps_to_next_obs"]
-        if bool((steps != 1).any()):
-            raise ValueError(
-                f"steps_to_next_obs reaches {int(steps.max())}, expected 1 everywhere: sample "
-                "one-step transitions for the generator"
-            )
-        if bool((batch["index"] < 0).any()):
-            raise ValueError(
-                f"index {int(batch['index'].min())} is no slot of replay: it must be 0 or more, "
-                "as it determines which rows are held out"
-            )
-        rewards, (low, high) = batch["next", "reward"], self.spec.reward_range
-        if not bool(((rewards >= low) & (rewards <= high)).all()):
-            raise ValueError(
-                f"rewards reach from {float(rewards.min())} to {float(rewards.max())}, outside of "
-                f"reward_range {self.spec.reward_range}: widen it in the GeneratorSpec"
-            )
+        check_real_rows(batch, self.spec)
         return is_heldout(batch["index"], self.config.heldout_share, self.config.seed)
+
+
+def _read_others(rows: TensorDict) -> Tensor:
+    """A copy of the other seats' actions, int64 [N, O]; [N, 0] where there is no such column."""
+    others = rows.get(OTHER_ACTIONS, None)
+    return torch.zeros(len(rows), 0, dtype=torch.int64) if others is None else others.clone()
+
+
+def _refuse_old(state: dict[str, Any]) -> None:
+    if "ensemble" in state:
+        raise ValueError(
+            "it was saved by an older version of marl_cair, with an ensemble of other networks: "
+            "train a new generator (initial_generator=null)"
+        )
 
 
 def _describe(spec: GeneratorSpec, config: GeneratorConfig) -> dict[str, Any]:
     """Return the settings that networks must be used with."""
-    described = {**asdict(spec), "num_members": config.num_members, "size": asdict(config.size)}
+    described = {**asdict(spec), "size": asdict(config.size)}
     # Tuples become lists, as in saved settings.
     return cast(dict[str, Any], json.loads(json.dumps(described)))

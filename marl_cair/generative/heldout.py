@@ -106,3 +106,30 @@ def make_empty_transitions(spec: GeneratorSpec, num: int) -> TensorDict:
         rows[key] = torch.zeros(num, *shape, dtype=dtype)
     rows["steps_to_next_obs"].fill_(1)
     return rows
+
+
+def check_real_rows(batch: TensorDict, spec: GeneratorSpec) -> None:
+    """Raise ValueError unless `batch` [N] holds real one-step transitions of replay."""
+    check_transitions(batch, spec.transition)
+    if bool(batch["is_generated"].any()):
+        raise ValueError(
+            f"{int(batch['is_generated'].sum())} of the rows are generated: a generator learns "
+            "from real transitions only"
+        )
+    steps = batch["steps_to_next_obs"]
+    if bool((steps != 1).any()):
+        raise ValueError(
+            f"steps_to_next_obs reaches {int(steps.max())}, expected 1 everywhere: sample "
+            "one-step transitions for the generator"
+        )
+    if bool((batch["index"] < 0).any()):
+        raise ValueError(
+            f"index {int(batch['index'].min())} is no slot of replay: it must be 0 or more, "
+            "as it determines which rows are held out"
+        )
+    rewards, (low, high) = batch["next", "reward"], spec.reward_range
+    if not bool(((rewards >= low) & (rewards <= high)).all()):
+        raise ValueError(
+            f"rewards reach from {float(rewards.min())} to {float(rewards.max())}, outside of "
+            f"reward_range {spec.reward_range}: widen it in the GeneratorSpec"
+        )

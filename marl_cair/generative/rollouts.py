@@ -16,6 +16,7 @@ from marl_cair.replay.buffer import EpisodeReplayBuffer
 from marl_cair.replay.transition import NEXT_DONE, NEXT_REWARD, STEPS_TO_NEXT_OBS
 
 _KEYS = (*transition.EXPERIENCE_KEYS, STEPS_TO_NEXT_OBS)
+_STATE_KEYS = ("observation", "action_mask", "other_actions")
 _FOLLOWING = (
     *(transition.NEXT_OBSERVATION, transition.NEXT_ACTION_MASK),
     *(transition.NEXT_TERMINATED, NEXT_DONE),
@@ -62,6 +63,28 @@ class Rollouts:
             made.append(self._continue_real(real, missing))
             missing -= len(made[-1])
         return cast(TensorDict, torch.cat(made))
+
+    @torch.no_grad()
+    def branch(self, real: EpisodeReplayBuffer, num_rows: int, length: int) -> TensorDict:
+        """Roll-outs of up to `length` one-step transitions from real states, with the learner's
+        actions: up to `num_rows` transitions [N] in all.
+
+        A roll-out stops at the end of its episode, and before a prediction that is rejected (MBPO,
+        Janner et al. 2019).
+        """
+        starts = real.sample_steps(-(-num_rows // length))
+        keys = [key for key in _STATE_KEYS if key in starts]
+        starts, made = starts.select(*keys), []
+        for _ in range(length):
+            starts["action"] = self.choose(starts["observation"], starts["action_mask"])
+            rows, accepted = self.generator.predict(starts)
+            rows = rows[accepted]
+            made.append(rows.select(*_KEYS))
+            going_on = ~rows[transition.NEXT_TERMINATED].squeeze(1)
+            starts = rows[going_on]["next"].select("observation", "action_mask")
+            if not len(starts):
+                break
+        return cast(TensorDict, torch.cat(made)[:num_rows])
 
     def _continue_real(self, real: EpisodeReplayBuffer, num_rows: int) -> TensorDict:
         """Continue `num_rows` real starts; return those whose first generated step is accepted."""

@@ -72,7 +72,8 @@ class GeneratedReplay:
         if len(self) == 0:
             raise RuntimeError("no generated transition to sample yet: extend the ring first")
         slots = draw_integers(len(self), batch_size, self._generator)
-        return _add_labels({key: field.index_select(0, slots) for key, field in self._ring.items()})
+        rows = {key: field.index_select(0, slots) for key, field in self._ring.items()}
+        return _add_labels(rows, self.spec.num_others)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the ring to folder `path` and replace an older one; no pickle."""
@@ -112,9 +113,10 @@ class GeneratedReplay:
         }
 
 
-def _add_labels(rows: Mapping[Key, torch.Tensor]) -> TensorDict:
+def _add_labels(rows: Mapping[Key, torch.Tensor], num_others: int = 0) -> TensorDict:
     """TensorDict [N] of generated rows with all labels. rows: fields [N, ...] of _STORED_KEYS."""
     num_rows = len(rows[transition.ACTION])
+    unknown = torch.full((num_rows, num_others), transition.UNKNOWN_ACTION)
     return transition.make_tensordict(
         {
             **rows,
@@ -122,6 +124,7 @@ def _add_labels(rows: Mapping[Key, torch.Tensor]) -> TensorDict:
             transition.EXPERT_ACTION: torch.full((num_rows,), transition.NO_ACTION),
             transition.OPPONENT: torch.full((num_rows,), transition.NO_OPPONENT, dtype=torch.int16),
             transition.INDEX: torch.full((num_rows,), transition.NO_INDEX),
+            **({transition.OTHER_ACTIONS: unknown} if num_others else {}),
         }
     )
 

@@ -46,6 +46,7 @@ class Ring(NamedTuple):
     done: NDArray[np.bool_]
     expert_action: NDArray[np.int32]  # the demonstrator's, or NO_ENTRY
     opponent: NDArray[np.int16]
+    other_actions: NDArray[np.int32]  # [capacity, O]
     successor: NDArray[np.int64]  # slot of the stream's next entry, or NO_ENTRY
     state_row: NDArray[np.int32]  # row in `states` of a start, or NO_START, ZERO_STATE, FIRST
     sampleable: NDArray[np.bool_]  # is the start of a window that can be sampled
@@ -74,6 +75,7 @@ class Steps(NamedTuple):
     learned: NDArray[np.bool_]  # [T * S]
     expert_action: NDArray[np.int64]  # [T * S]
     opponent: NDArray[np.int16]  # [T * S]
+    other_actions: NDArray[np.int64]  # [T * S, O]
     state: NDArray[np.float32]  # [T * S, state size]
     final_row: NDArray[np.int64]  # [T * S] row in the two fields below, or NO_ENTRY
     final_observation: NDArray[np.uint8]  # [K, C * H * W * itemsize]
@@ -94,6 +96,7 @@ class Rows(NamedTuple):
     steps_to_next_obs: NDArray[np.int64]  # [N, 1]
     expert_action: NDArray[np.int64]  # [N]
     opponent: NDArray[np.int16]  # [N]
+    other_actions: NDArray[np.int64]  # [N, O]
 
 
 @njit(cache=True, nogil=True)
@@ -169,6 +172,7 @@ def append_steps(
         ring.reward[slot] = steps.reward[k]
         ring.expert_action[slot] = steps.expert_action[k]
         ring.opponent[slot] = steps.opponent[k]
+        ring.other_actions[slot] = steps.other_actions[k]
         ring.terminated[slot] = steps.terminated[k]
         ring.done[slot] = done
         if done:
@@ -193,6 +197,7 @@ def write_entry(
     ring.reward[slot] = 0.0
     ring.expert_action[slot] = NO_ENTRY
     ring.opponent[slot] = NO_ENTRY
+    ring.other_actions[slot] = NO_ENTRY
     ring.terminated[slot] = False
     ring.done[slot] = False
     ring.state_row[slot] = NO_START
@@ -325,6 +330,7 @@ def gather_transitions(
         rows.steps_to_next_obs[n, 0] = num_steps
         rows.expert_action[n] = ring.expert_action[first]
         rows.opponent[n] = ring.opponent[first]
+        rows.other_actions[n] = ring.other_actions[first]
         read_entry(ring, first, rows.observation[n], rows.action_mask[n], board_bytes, num_cells)
         observation, mask = rows.next_observation[n], rows.next_action_mask[n]
         read_entry(ring, ring.successor[last], observation, mask, board_bytes, num_cells)

@@ -24,8 +24,9 @@ class Rollout:
     [T, S], of the step; terminated, truncated bool [T, S] (both: terminated counts); learned bool
     [T, S]: steps to store, a stream that pauses without an end is not linked over the gap;
     expert_action int64 [T, S], the demonstrator's action or NO_ACTION; opponent int16 [T, S],
-    number of the opponent or NO_OPPONENT. state float32 [T, S, size], the recurrent state before
-    the step, 0 when an episode begins; size 0: None.
+    number of the opponent or NO_OPPONENT. other_actions int64 [T, S, O]: actions of the other seats
+    from the next one on, or UNKNOWN_ACTION; O = 0: None. state float32 [T, S, size], the recurrent
+    state before the step, 0 when an episode begins; size 0: None.
     final_step int64 [K]: t * S + s of K terminated or truncated steps, each once;
     final_observation [K, *shape]; final_action_mask bool [K, A], which may be all false after a
     terminated step. Rows of steps that are not learned are skipped.
@@ -44,6 +45,7 @@ class Rollout:
     final_observation: torch.Tensor
     final_action_mask: torch.Tensor
     state: torch.Tensor | None = None
+    other_actions: torch.Tensor | None = None
 
     @property
     def num_streams(self) -> int:
@@ -72,6 +74,8 @@ def check_rollout(rollout: Rollout, spec: TransitionSpec) -> ring.Steps:
             shape = (num_rows, spec.num_actions)
         elif name == "state":
             shape = (num_rows, spec.state_size)
+        elif name == "other_actions":
+            shape = (num_rows, spec.num_others)
         # Contiguous: numba would compile again for every other memory layout.
         array = np.ascontiguousarray(value.detach().reshape(shape).numpy())
         arrays[name] = array.view(np.uint8) if name.endswith("observation") else array
@@ -100,12 +104,17 @@ def _check_fields(rollout: Rollout, spec: TransitionSpec) -> None:
             dtype, shape = torch.bool, (*shape, spec.num_actions)
         elif name == "state":
             shape = (*shape, spec.state_size)
+        elif name == "other_actions":
+            shape = (*shape, spec.num_others)
         check_tensor(f"rollout.{name}", _get_field(rollout, name), dtype, shape)
 
 
 def _get_field(rollout: Rollout, name: str) -> torch.Tensor:
     value: torch.Tensor | None = getattr(rollout, name)
-    return torch.zeros(*rollout.action.shape, 0) if value is None else value
+    if value is not None:
+        return value
+    dtype = torch.int64 if name == "other_actions" else torch.float32
+    return torch.zeros(*rollout.action.shape, 0, dtype=dtype)
 
 
 def _place_final_rows(rollout: Rollout) -> NDArray[np.int64]:

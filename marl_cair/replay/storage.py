@@ -44,6 +44,7 @@ _STATE_FIELDS = ("states", "state_owner")
 _ROW_KEYS: tuple[Key, ...] = (
     *transition.EXPERIENCE_KEYS,
     *(transition.STEPS_TO_NEXT_OBS, transition.EXPERT_ACTION, transition.OPPONENT),
+    transition.OTHER_ACTIONS,
 )
 
 
@@ -91,7 +92,7 @@ class EpisodeStorage:
         # No more windows can start in the ring.
         num_states = capacity // (sequence_steps - burn_in_steps) + 1 if spec.state_size else 1
         self.scratch_folder: Path | None = None
-        self._fields = spec.fields()
+        self._fields = {transition.OTHER_ACTIONS: (torch.int64, (0,)), **spec.fields()}
         self._discounts = np.array([gamma**k for k in range(n_steps)], np.float64)
         # NumPy: torch.empty would write every page under deterministic algorithms.
         self._ring = Ring(
@@ -103,6 +104,7 @@ class EpisodeStorage:
             done=np.empty(capacity, np.bool_),
             expert_action=np.empty(capacity, np.int32),
             opponent=np.empty(capacity, np.int16),
+            other_actions=np.empty((capacity, spec.num_others), np.int32),
             successor=np.empty(capacity, np.int64),
             state_row=np.empty(capacity, np.int32),
             sampleable=np.zeros(capacity, np.bool_),
@@ -217,6 +219,8 @@ class EpisodeStorage:
                 "from sampleable_slots()"
             )
         fields = {key: torch.from_numpy(array) for key, array in arrays.items()}
+        if not self.spec.num_others:
+            del fields[transition.OTHER_ACTIONS]
         fields[transition.IS_GENERATED] = torch.zeros(len(slots), 1, dtype=torch.bool)
         return transition.make_tensordict(fields)
 
@@ -290,6 +294,7 @@ class EpisodeStorage:
             "expert_action": actions,
             "reward": NUMBER,
             "opponent": Range(NO_ENTRY, 2**15 - 1),
+            "other_actions": actions,
             "successor": Range(NO_ENTRY, size - 1),
             "state_row": Range(NO_START, num_states - 1),
             "states": NUMBER,

@@ -26,6 +26,7 @@ IS_GENERATED: Key = "is_generated"
 EXPERT_ACTION: Key = "expert_action"
 OPPONENT: Key = "opponent"
 INDEX: Key = "index"
+OTHER_ACTIONS: Key = "other_actions"  # of the other seats, from the next one on; optional
 
 EXPERIENCE_KEYS: tuple[Key, ...] = (
     *(OBSERVATION, ACTION_MASK, ACTION, NEXT_OBSERVATION, NEXT_ACTION_MASK),
@@ -36,6 +37,7 @@ TRANSITION_KEYS: tuple[Key, ...] = EXPERIENCE_KEYS + LABEL_KEYS
 
 NO_ACTION = -1  # of EXPERT_ACTION: no demonstration
 NO_OPPONENT = -1  # the opponent has no number, or there are several
+UNKNOWN_ACTION = -1  # of OTHER_ACTIONS
 NO_INDEX = -1  # the row is in no ring of real transitions
 
 
@@ -48,6 +50,7 @@ class TransitionSpec:
     num_uniform: how many of the last planes are constant over the board (uint8 only).
     observation_dtype: dtype of the observation as the game gives it.
     state_size: numbers of the recurrent state before a step.
+    num_others: other seats whose actions are stored too; 0: the transitions have no such column.
     Raises ValueError for sizes out of range.
     """
 
@@ -56,6 +59,7 @@ class TransitionSpec:
     num_uniform: int = 0
     observation_dtype: torch.dtype = torch.uint8
     state_size: int = 0
+    num_others: int = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "observation_shape", tuple(int(n) for n in self.observation_shape))
@@ -98,6 +102,7 @@ class TransitionSpec:
         """Return dtype and shape of one row for each transition key."""
         observation = (self.observation_dtype, self.observation_shape)
         mask = (torch.bool, (self.num_actions,))
+        others = {OTHER_ACTIONS: (torch.int64, (self.num_others,))} if self.num_others else {}
         return {
             OBSERVATION: observation,
             ACTION_MASK: mask,
@@ -112,6 +117,7 @@ class TransitionSpec:
             EXPERT_ACTION: (torch.int64, ()),
             OPPONENT: (torch.int16, ()),
             INDEX: (torch.int64, ()),
+            **others,
         }
 
 

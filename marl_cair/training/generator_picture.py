@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import colorsys
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,13 +30,56 @@ def draw_predictions(
     static_planes: those of `seen` that never change; they are drawn dark.
     observations: before, after and predicted, uint8 [N, C, H, W] each, as `seen` describes them.
     """
-    from PIL import Image
-
     shown = seen.shape[0] - seen.num_uniform
     planes = [observation[:, :shown].numpy() for observation in observations]
     boards = [_paint(seen, static_planes, values) for values in planes]
     differs = np.abs(planes[1].astype(np.int16) - planes[2]).max(1)
     boards.append(_colour(differs[:, None] / 255.0, np.ones((1, 3))))
+    _save_rows(path, boards)
+
+
+def draw_progress(
+    path: str | os.PathLike[str],
+    seen: Representation,
+    static_planes: Sequence[int],
+    before: Tensor,
+    after: Tensor,
+    guesses: Sequence[Tensor],
+) -> None:
+    """Write a PNG of the thesis's figure: rows of states, true next states, and predicted ones in
+    the order of training. A column is a transition; arrays as in `draw_predictions`.
+    """
+    shown = seen.shape[0] - seen.num_uniform
+    rows = [one[:, :shown].numpy() for one in (before, after, *guesses)]
+    _save_rows(path, [_paint(seen, static_planes, values) for values in rows])
+
+
+def draw_losses(path: str | os.PathLike[str], rows: Sequence[Mapping[str, float]]) -> None:
+    """Write a PNG of losses by update, each smoothed over a hundredth of the updates.
+
+    rows: "update", and losses by name.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    FigureCanvasAgg(figure)
+    panel = figure.subplots()
+    width = max(1, len(rows) // 100)
+    for name in (name for name in rows[0] if name not in ("update", "grad_norm", "total")):
+        points = [(row["update"], row[name]) for row in rows if name in row]
+        updates, values = np.array(points).T
+        smooth = np.convolve(values, np.full(width, 1.0 / width), "valid")
+        panel.plot(updates[width - 1 :], smooth, label=name)
+    panel.set(xlabel="updates", ylabel="loss", yscale="log")
+    panel.legend(fontsize=8)
+    with atomic_path(path) as unfinished:
+        figure.savefig(unfinished, dpi=130)
+
+
+def _save_rows(path: str | os.PathLike[str], boards: Sequence[NDArray[np.uint8]]) -> None:
+    from PIL import Image
+
     scale = -(-_LEAST_SIDE // max(boards[0].shape[1:3]))
     rows = [np.concatenate([_frame(board, scale) for board in row], 1) for row in boards]
     with atomic_path(path) as unfinished:
@@ -47,10 +90,10 @@ def _paint(
     seen: Representation, static_planes: Sequence[int], planes: NDArray[np.uint8]
 ) -> NDArray[np.uint8]:
     """Observations [N, C, H, W] as RGB [N, H, W, 3]: the newest of several frames; of a board the
-    sum of its planes, each in a colour of its own.
+    sum of its planes, each in a colour of its own. One plane is a grey picture.
     """
     values = planes / 255.0
-    if seen.num_frames > 1:
+    if seen.num_frames > 1 or len(planes[0]) == 1:
         return _colour(values[:, -1:], np.ones((1, 3)))
     hues = np.arange(planes.shape[1]) * 0.618 % 1.0  # the golden ratio: neighbours differ most
     colours = np.array([colorsys.hsv_to_rgb(hue, 0.75, 1.0) for hue in hues])

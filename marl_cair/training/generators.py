@@ -8,8 +8,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from marl_cair.checkpoint import CheckpointError, load_tensors, save_tensors
 from marl_cair.files import atomic_path
 from marl_cair.games.game import GameSpec, Representation
@@ -21,6 +19,7 @@ from marl_cair.outside import OutsideCodeError
 from marl_cair.training.settings.config import NO_GENERATOR, TrainConfig
 
 GENERATOR_FILE = "generator.pt"  # in a run's folder
+GRAY = "gray"  # one grey picture, 84 x 84
 SHADES_TAKEN_FOR_EQUAL = 8  # of 255, in pictures
 
 
@@ -47,6 +46,12 @@ def make_generator(
     if source is not None:
         _load_knowledge(generator, source)
     return generator
+
+
+def count_others(config: TrainConfig, spec: GameSpec) -> int:
+    """Number of other seats whose actions are recorded for the generator."""
+    wanted = config.generator.name != NO_GENERATOR and config.synthetic_fraction > 0
+    return spec.num_players - 1 if wanted else 0
 
 
 def check_generator(config: TrainConfig) -> None:
@@ -110,47 +115,63 @@ def _make(config: TrainConfig, seen: Representation, spec: GameSpec, seed: int) 
     settings = config.generator
     model = dataclasses.replace(settings.model, seed=seed)
     bound = spec.reward_bound * config.learner.reward_scale
+    return make_for_game(settings.name, model, seen, spec, bound, count_others(config, spec))
 
-    def make(settings: GeneratorConfig, about: GeneratorSpec) -> Generator:
-        name = config.generator.name
-        made: Generator = GENERATORS.make(name, settings, about)
-        wanted = [member for member in vars(Generator) if not member.startswith("_")]
-        if missing := [member for member in wanted if not hasattr(made, member)]:
-            raise OutsideCodeError(
-                f"generator {name} gave {type(made).__name__} without {', '.join(missing)}: it "
-                "must have all methods of `marl_cair.generative.generator.Generator`"
-            )
-        return made
 
-    def specify(shape: tuple[int, ...], num_uniform: int, **others: Any) -> GeneratorSpec:
-        planes, rows, columns = shape
-        return GeneratorSpec(
-            observation_shape=(planes, rows, columns),
-            num_actions=spec.num_actions,
-            num_uniform=num_uniform,
-            noop_action=spec.noop_action,
-            action_kinds=spec.action_groups.tolist(),
-            reward_range=(-bound, bound),
-            **others,
-        )
+def make_for_game(
+    name: str,
+    model: GeneratorConfig,
+    seen: Representation,
+    spec: GameSpec,
+    reward_bound: float,
+    num_others: int,
+) -> Generator:
+    """The generator `name` for observations `seen` of the game.
 
-    if len(seen.shape) == 1:
+    num_others: other seats whose actions are recorded.
+    Raises ValueError for a representation that the generator cannot work on, OutsideCodeError for
+    a generator from outside that lacks a method.
+    """
+    shape = seen.shape
+    frames: dict[str, Any] = {}
+    if len(shape) == 1:
         codec = VectorCodec(*(bounds.tolist() for bounds in seen.bounds()))
-        return make_coded_generator(make(model, specify(codec.shape, codec.num_uniform)), codec)
+        shape, num_uniform = codec.shape, codec.num_uniform
+    else:
+        num_uniform = seen.num_uniform
     if seen.num_frames > 1:
         frames = {"num_frames": seen.num_frames, "tolerance": SHADES_TAKEN_FOR_EQUAL}
-        return make_coded_generator(make(model, specify(seen.shape, 0, **frames)), FrameCodec())
-    if seen.dtype is not np.uint8 or seen.num_uniform == 0:
+    is_board = len(seen.shape) == 3 and seen.num_uniform > 0
+    if is_board:
+        frames = {
+            "action_cells": spec.action_cells.tolist(),
+            "static_planes": spec.static_planes,
+            "exclusive_plane_groups": spec.exclusive_planes,
+            "event_plane_groups": spec.event_planes,
+        }
+    if not (frames or len(seen.shape) == 1 or seen.name == GRAY):
         raise ValueError(
-            f"the generator {settings.name!r} works on `planes`, stacks of frames and vectors, "
-            f"not on {seen.name!r}: set generator.name={NO_GENERATOR} or synthetic_fraction=0"
+            f"the generator {name!r} works on `planes`, `gray`, stacks of frames and vectors, not "
+            f"on {seen.name!r}: set generator.name={NO_GENERATOR} or synthetic_fraction=0"
         )
-    of_planes = specify(
-        seen.shape,
-        seen.num_uniform,
-        action_cells=spec.action_cells.tolist(),
-        static_planes=spec.static_planes,
-        exclusive_plane_groups=spec.exclusive_planes,
-        event_plane_groups=spec.event_planes,
+    planes, rows, columns = shape
+    about = GeneratorSpec(
+        observation_shape=(planes, rows, columns),
+        num_actions=spec.num_actions,
+        num_uniform=num_uniform,
+        noop_action=spec.noop_action,
+        action_kinds=spec.action_groups.tolist(),
+        reward_range=(-reward_bound, reward_bound),
+        num_others=num_others,
+        **frames,
     )
-    return make(model, of_planes)
+    made: Generator = GENERATORS.make(name, model, about)
+    wanted = [member for member in vars(Generator) if not member.startswith("_")]
+    if missing := [member for member in wanted if not hasattr(made, member)]:
+        raise OutsideCodeError(
+            f"generator {name} gave {type(made).__name__} without {', '.join(missing)}: it "
+            "must have all methods of `marl_cair.generative.generator.Generator`"
+        )
+    if len(seen.shape) == 1:
+        return make_coded_generator(made, codec)
+    return make_coded_generator(made, FrameCodec()) if seen.num_frames > 1 else made

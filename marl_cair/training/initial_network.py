@@ -15,6 +15,7 @@ from marl_cair.policies import GREEDY
 from marl_cair.policies.config import NAF, QUANTILE
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
 from marl_cair.replay.transition import TransitionSpec
+from marl_cair.training.generators import count_others
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.exploration import EPSILON_GREEDY, NOISY
 from marl_cair.training.settings.learner import DQN
@@ -47,12 +48,13 @@ def fit_policy(policy: QNetworkConfig, seen: Representation, spec: GameSpec) -> 
 
 
 def describe_rows(
-    config: TrainConfig, policy: QNetworkConfig, seen: Representation, num_actions: int
+    config: TrainConfig, policy: QNetworkConfig, seen: Representation, spec: GameSpec
 ) -> TransitionSpec:
     """Shapes and types of the transitions that a run stores."""
     dtype = torch.uint8 if seen.dtype is np.uint8 else torch.float32
     state_size = policy.resolve_state_size() if config.learner.learns_from_replay else 0
-    return TransitionSpec(seen.shape, num_actions, seen.num_uniform, dtype, state_size)
+    others = count_others(config, spec)
+    return TransitionSpec(seen.shape, spec.num_actions, seen.num_uniform, dtype, state_size, others)
 
 
 def can_begin_as(agent: str) -> bool:

@@ -50,7 +50,7 @@ def require_memory_of_run(config: TrainConfig) -> None:
     seen = spec.representations[config.game.representation]
     policy = fit_policy(config.policy, seen, spec)
     require_memory_of_games(config, game, scenario)
-    rows = describe_rows(config, policy, seen, spec.num_actions)
+    rows = describe_rows(config, policy, seen, spec)
     require_memory_of_learning(config, policy, seen, rows)
 
 

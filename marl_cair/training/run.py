@@ -152,7 +152,7 @@ class TrainingRun:
     def _make_replay(self) -> None:
         config, seen = self.config, self.seen
         replay, learner = config.replay, config.learner
-        spec = describe_rows(config, self.policy, seen, self.spec.num_actions)
+        spec = describe_rows(config, self.policy, seen, self.spec)
         self.transition_spec = spec
         memory.require_memory_of_learning(config, self.policy, seen, spec)
         settings = ReplayConfig(

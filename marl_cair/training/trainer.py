@@ -154,7 +154,8 @@ def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
     run.frames += data.numel()
     with timers.measure("store"):
         if run.generator or run.learner.loss.LEARNS_FROM_REPLAY:
-            rollout = make_rollout(data, run.config.learner.reward_scale)
+            num_others = run.transition_spec.num_others
+            rollout = make_rollout(data, run.config.learner.reward_scale, num_others)
             slots = run.replay.real.extend_rollout(rollout)
         if run.average_policy:
             run.average_policy.remember(data)
@@ -260,7 +261,11 @@ def _refill(run: TrainingRun, generator: Generator, num_refills: int) -> None:
         gamma=learned.gamma,
         max_rounds=settings.model.max_rounds,
     )
-    made = rollouts.generate(run.replay.real, num_refills * settings.rows_per_refill)
+    num_rows = num_refills * settings.rows_per_refill
+    if settings.branch_steps:
+        made = rollouts.branch(run.replay.real, num_rows, settings.branch_steps)
+    else:
+        made = rollouts.generate(run.replay.real, num_rows)
     if len(made):
         run.replay.generated.extend(made)
         run.means.add({"generator/steps": made["steps_to_next_obs"].float().mean()})

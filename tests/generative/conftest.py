@@ -7,10 +7,8 @@ from marl_cair.generative import CCDNGenerator, GateConfig, GeneratorConfig, Net
 from tests.generative.plane_game import SPEC, play_randomly
 
 SMALL = GeneratorConfig(
-    num_members=2,
     heldout_capacity=800,
-    quiet_stride=8,  # the board is small
-    size=NetworkSize(channels=12, hidden=48, economy_hidden=24),
+    size=NetworkSize(channels=12, depth=2, hidden=48),
     gate=GateConfig(evaluation_rows=400),
 )
 NUM_UPDATES = 700

@@ -52,8 +52,8 @@ def make_frame_rows(num, generator):
 
 
 def make_frame_generator():
-    size = NetworkSize(frame_channels=16, hidden=32)
-    config = GeneratorConfig(num_members=1, size=size, heldout_capacity=800)
+    size = NetworkSize(channels=16, depth=2, hidden=32)
+    config = GeneratorConfig(size=size, heldout_capacity=800)
     return make_coded_generator(CCDNGenerator(config, FRAME_SPEC), FrameCodec())
 
 
@@ -71,7 +71,7 @@ def make_vector_rows(num, generator):
 def make_vector_generator():
     codec = VectorCodec(LOW, HIGH)
     spec = GeneratorSpec(codec.shape, 2, num_uniform=codec.num_uniform, noop_action=0)
-    config = GeneratorConfig(num_members=1, size=NetworkSize(channels=4, hidden=32))
+    config = GeneratorConfig(size=NetworkSize(channels=4, depth=1, hidden=32))
     return make_coded_generator(CCDNGenerator(config, spec), codec)
 
 
@@ -196,6 +196,6 @@ def test_a_restored_generator_continues_with_the_same_bits(make_generator, make_
 
 
 def test_frames_of_other_sides_than_patches_are_refused():
-    spec = GeneratorSpec((2, 18, 16), 2, num_uniform=0, noop_action=0, num_frames=2)
-    with pytest.raises(ValueError, match="frames are 18 x 16, but both sides must be multiples"):
+    spec = GeneratorSpec((2, 66, 64), 2, num_uniform=0, noop_action=0, num_frames=2)
+    with pytest.raises(ValueError, match="frames are 66 x 64, but both sides must be multiples"):
         CCDNGenerator(GeneratorConfig(), spec)

@@ -144,6 +144,22 @@ def test_real_steps_are_continued_and_earlier_ends_are_generated(trained, num_re
         assert torch.equal(made["next", "terminated"].flatten(), starts >= 9 - 4)
 
 
+def test_branches_are_one_step_rows_up_to_an_end_or_a_rejection(trained):
+    generator = CountingGenerator(trained.config, SPEC)
+    generator.unsure = (6,)
+    made = Rollouts(generator, add_one, 0, 1, GAMMA, ROUNDS).branch(climb(20), 900, 3)
+    assert (made["steps_to_next_obs"] == 1).all()
+    now, later = (made[key].flatten(1).amax(1) for key in ("observation", ("next", "observation")))
+    assert torch.equal(later, now + 1)
+    assert torch.equal(made["next", "reward"].flatten(), later.float())
+    assert torch.equal(made["next", "terminated"].flatten(), later == 9)
+    counts = torch.bincount(now.long(), minlength=9)
+    # Of nine equally frequent starts, steps from n are those of roll-outs from n - 2 to n.
+    assert counts[6] == 0
+    assert counts[7] < 0.6 * counts[5]  # nothing reaches 7 through 6
+    assert len(made) < 900
+
+
 @pytest.mark.slow
 def test_a_trained_generator_continues_like_the_game(trained, real_rows):
     generator = copy.deepcopy(trained)

@@ -23,9 +23,7 @@ from tests.replay.streams import make_transitions
 train = functools.partial(trainer.train, show_progress=False)
 GAME = GAMES["deep_line_wars"]
 NEVER = 10**9
-SMALL_GENERATOR = GeneratorConfig(
-    num_members=2, size=NetworkSize(channels=8, hidden=16, readout=8, factors=4, near_factors=4)
-)
+SMALL_GENERATOR = GeneratorConfig(size=NetworkSize(channels=8, depth=2, hidden=16))
 
 
 def tiny(folder, frames=1_280, **changes):

@@ -106,17 +106,17 @@ def test_a_state_that_another_process_saved_while_this_one_began_is_taken_up(tmp
 def test_a_run_begins_with_the_generator_of_another_and_trains_it_on(finished, tmp_path):
     """A resumed run does not read it again."""
     source = Path(shutil.copytree(finished, tmp_path / "first"))
-    saved = load_tensors(source / GENERATOR_FILE)["ensemble"]
+    saved = load_tensors(source / GENERATOR_FILE)["network"]
 
     def make(folder):
         return tiny(folder, 768, initial_generator=str(source), seed=5)
 
     run = TrainingRun(make(tmp_path / "next"))
     own = run.generator.state_dict()
-    assert own["ensemble"]["num_updates"] == saved["num_updates"] >= 2
-    for name in ("members", "averages"):
-        for ours, theirs in zip(own["ensemble"][name], saved[name], strict=True):
-            assert all(torch.equal(ours[key], theirs[key]) for key in theirs)
+    assert own["network"]["num_updates"] == saved["num_updates"] >= 2
+    for name in ("network", "average"):
+        ours, theirs = own["network"][name], saved[name]
+        assert all(torch.equal(ours[key], theirs[key]) for key in theirs)
     # Rows of this run alone judge it.
     assert own["report"] is None
     assert own["heldout"]["num_rows"] == 0
@@ -129,7 +129,7 @@ def test_a_run_begins_with_the_generator_of_another_and_trains_it_on(finished, t
     assert digest(tmp_path / "whole") == digest(tmp_path / "parts")
     learned = [load_tensors(tmp_path / run / GENERATOR_FILE) for run in ("whole", "parts")]
     assert repr(learned[0]) == repr(learned[1])
-    assert learned[0]["ensemble"]["num_updates"] > saved["num_updates"]
+    assert learned[0]["network"]["num_updates"] > saved["num_updates"]
 
 
 @pytest.mark.slow
@@ -149,7 +149,7 @@ def test_the_generators_file_is_on_disk_once_and_stays_when_the_state_is_deleted
     assert published.read_bytes() == (kept / GENERATOR_FILE).read_bytes()
     shutil.rmtree(kept)
     run = TrainingRun(tiny(tmp_path / "next", initial_generator=str(finished_copy)))
-    assert run.generator.state_dict()["ensemble"]["num_updates"] > 0
+    assert run.generator.state_dict()["network"]["num_updates"] > 0
     run.close()
 
 
@@ -158,9 +158,9 @@ def test_the_generators_file_is_on_disk_once_and_stays_when_the_state_is_deleted
     [
         ({"game": GameSettings(scenario="10x15")}, ValueError, r"shape is \[28, 11, 11"),
         (
-            {"generator": GeneratorSettings(model=GeneratorConfig(num_members=3))},
+            {"generator": GeneratorSettings(model=GeneratorConfig())},
             ValueError,
-            "its num_members is 2, but this run's is 3",
+            r"its size is \{'channels': 8, .*, but this run's is \{'channels': 16",
         ),
         (NO_GENERATOR, ValueError, "this run has no generator: leave it out, or"),
         ({"initial_generator": "nowhere"}, CheckpointError, "nowhere, which has no generator.pt"),
@@ -190,7 +190,7 @@ def test_a_damaged_generator_is_named(finished_copy, tmp_path):
     path = finished_copy / GENERATOR_FILE
     config = tiny(tmp_path / "next", initial_generator=str(finished_copy))
     knowledge = dict(load_tensors(path))
-    del knowledge["ensemble"]["steps"]
+    del knowledge["network"]["average"]
     save_tensors(knowledge, path)
     with pytest.raises(CheckpointError, match=r"first/generator.pt is damaged \(KeyError"):
         TrainingRun(config)

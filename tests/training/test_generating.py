@@ -8,21 +8,13 @@ import torch
 
 from marl_cair.generative import CCDNGenerator
 from marl_cair.generative.gate import Acceptance, GateReport
-from marl_cair.generative.metrics import Certainty
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
 from marl_cair.training.settings.config import GeneratorSettings, ReplaySettings
 from marl_cair.training.trainer import Timers, iterate
 from tests.training.runs import SMALL_GENERATOR, tiny, train_whole_and_in_parts
 
-LENIENT = Acceptance(
-    min_log_prob=-math.inf,
-    min_worst_log_prob=-math.inf,
-    max_reward_spread=math.inf,
-    certainty=Certainty(end=0.0, going_on=1.0),
-    may_end=True,
-    may_be_rare=True,
-)
+LENIENT = Acceptance(min_surety=-math.inf, certain=0.0, may_end=True, may_be_rare=True)
 
 
 def generating(out, n_steps=1, **settings):
@@ -137,7 +129,7 @@ def test_a_resumed_run_generates_the_same_rows(tmp_path, monkeypatch, rollout_st
         return torch.zeros(len(rows), dtype=torch.bool)
 
     monkeypatch.setattr(CCDNGenerator, "evaluate", look)
-    monkeypatch.setattr("marl_cair.generative.gate.find_broken_structure", find_nothing_broken)
+    monkeypatch.setattr("marl_cair.generative.generator.find_broken_structure", find_nothing_broken)
     settings = {"frames_per_update": 64, "evaluate_every_frames": 256, "refill_every_frames": 128}
     settings |= {"rows_per_refill": 50, "rollout_steps": rollout_steps, "model": SMALL_GENERATOR}
     folders = train_whole_and_in_parts(

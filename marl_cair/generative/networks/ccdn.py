@@ -1,330 +1,355 @@
-"""CCDN v2: the conditional convolution deconvolution network, as a distribution over transitions.
+"""CCDN: the conditional convolution-deconvolution network, with a copy gate at every cell.
 
-    s, a ── board trunk with FiLM from the action ── places ── economy chain: p(scalars' | s, a)
-                 └── FiLM from scalars' ── cells: p(planes' | s, a, scalars')
-                          └── pooled, both boards, scalars' ── reward, end, next action mask
+    s, own and others' actions ── board trunk, FiLM ┬─ sources: copy, neighbour, empty ── base
+                                                    ├─ edits: where the base is wrong
+                                                    └─ differences of edited values ── s'
+                                        s and s' ── reward, end, next action mask
 
 The thesis multiplies a state stream and an action stream, reduced to one vector. Here the product
-is taken at every cell, without a bottleneck, and cells that do not change are copied. The economy
-reads sums over neighbouring planes (`readout.NearReadout`), not the pooled trunk.
+is taken at every cell, without a bottleneck, and the next state is predicted directly: planes of
+one event (`boards.find_layers`) take over the values of one cell, and few values are edited. Frames
+are read in patches of pixels.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.nn import functional
 
-from marl_cair.generative.networks import cells as mixture
-from marl_cair.generative.networks import economy, outcome, readout
-from marl_cair.generative.networks.board_cells import BoardCells
-from marl_cair.generative.networks.steps import StepTable
-from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec, NetworkSize
+from marl_cair.generative.networks.boards import choose_patch, find_layers, stack_sources
+from marl_cair.generative.networks.decoding import apply_curves, decode_board
+from marl_cair.generative.networks.outcome import Outcome, OutcomeHeads, OutcomeInput, pool
+from marl_cair.generative.networks.values import NUM_VALUES, ValueHead
+from marl_cair.generative.settings import GeneratorSpec, NetworkSize
 from marl_cair.policies.config import NO_CELL
 
-READOUT_CHANNELS = 8
-COPY_BIAS = 3.0  # logit of "keeps its value" before training: almost every cell does
-COUNTED_STRIDE = 8  # steps on the board are counted in one of so many rows
+COPY_BIAS = 3.0  # logit of "keeps its value" before training: almost every value does
+NARROW = 8  # channels of the read-out that keeps positions
+_VIEWS = ((), (2,), (3,), (2, 3))  # in which another player's view may be mirrored
 
 
 class Encoding(NamedTuple):
-    """Features of a state and an action."""
+    """Features of a state and the actions of all players."""
 
-    board: Tensor  # [N, H, W, F]
+    seen: Tensor  # [N, F, H, W], of the state alone
+    board: Tensor  # [N, F, H, W]
     context: Tensor  # [N, D]
-    economy_context: Tensor  # [N, E], without the pooled trunk's large sums
-    spatial: Tensor  # float32 [N, H * W, S], the spatial planes now, 0..1
     planes: Tensor  # uint8 [N, P, H, W], the moving planes now
     scalars: Tensor  # uint8 [N, U] now
 
 
-class NextState(NamedTuple):
-    """A next state, as input of the outcome heads."""
+class Choices(NamedTuple):
+    """Logits of the next state: L layers with K sources each, then P planes that may be edited."""
 
-    observation: Tensor  # uint8 [N, C, H, W]
-    changes: Tensor  # int64 [N, U]
-    board: Tensor  # [N, H, W, F], the trunk given the next economy
+    of_cells: Tensor  # [N, L * K + P, H, W]
+    of_boards: Tensor  # [N, L * K + P], added on the whole board
+    scalars: Tensor  # [N, U], whether the scalar changes
 
 
 class CCDN(nn.Module):
-    """One ensemble member for boards: a distribution over (next state, reward, end, mask)."""
+    """A distribution over (next state, reward, end, mask) for planes uint8 [N, C, H, W].
 
+    Actions are int64 [N], those of the other seats [N, O], -1 where unknown.
+    """
+
+    moving: Tensor
     kinds: Tensor
     cells: Tensor
-    moving: Tensor
-    event_of_plane: Tensor
-    step_results: Tensor  # uint8 [P, K + 1, 256]
+    layer_of: Tensor
 
     def __init__(self, spec: GeneratorSpec, size: NetworkSize) -> None:
         super().__init__()
-        self.spec = spec
-        self.size = size
-        channels, hidden, uniform = size.channels, size.hidden, spec.num_uniform
-        self.register_buffer("kinds", torch.tensor(spec.kinds), persistent=False)
-        self.register_buffer("cells", torch.tensor(spec.cells), persistent=False)
-        self.register_buffer("moving", torch.tensor(spec.moving_planes), persistent=False)
-        self.register_buffer("event_of_plane", _number_events(spec), persistent=False)
-        self.names_cells = any(cell != NO_CELL for cell in spec.cells)
-        # Action stream: the action and the economy.
-        self.action_embedding = nn.Embedding(spec.num_kinds, size.action_embedding)
-        self.tables = economy.ScalarTables(uniform, size.table_width)
-        self.enter = nn.Linear(size.action_embedding + uniform * (1 + size.table_width), hidden)
-        self.film_action = nn.Linear(hidden, 4 * channels)
-        # State stream. The position bias encodes the board's edges and spawn columns.
-        self.conv1 = nn.Conv2d(spec.num_spatial + self.names_cells, channels, 3, padding=1)
-        self.position = nn.Parameter(torch.zeros(spec.num_rows, spec.num_columns, channels))
-        self.conv2 = nn.Conv2d(channels, channels, 3, padding=1)
-        self.conv3 = nn.Conv2d(channels, channels, 3, padding=1)
-        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        # Pooling loses positions; this read-out keeps them (units in front of the base).
-        self.narrow = nn.Linear(channels, READOUT_CHANNELS)
-        self.readout = nn.Linear(READOUT_CHANNELS * spec.num_rows * spec.num_columns, hidden)
-        # Heads.
-        num_context = 2 * channels + 2 * hidden
-        self.near = readout.NearReadout(spec.num_spatial, size.near_factors)
-        num_outlook = 2 * hidden + self.near.num_sums
-        self.economy = economy.EconomyChain(num_outlook, uniform, size.economy_hidden)
-        self.film_economy = nn.Linear(size.economy_hidden, 2 * channels)
-        steps = torch.arange(256, dtype=torch.uint8).repeat(
-            len(spec.moving_planes), size.steps + 1, 1
-        )
-        self.register_buffer("step_results", steps)  # of the ensemble's `StepTable`
-        self.outputs_per_cell = mixture.count_outputs(len(size.shifts), size.steps)
-        self.cell_head = nn.Linear(channels, len(spec.moving_planes) * self.outputs_per_cell)
+        self.spec, self.size = spec, size
+        self.layers = find_layers(spec)
+        self.patch = choose_patch(spec.num_rows, spec.num_columns)
+        num_moving, layers = len(spec.moving_planes), enumerate(self.layers)
+        layer_of = {plane: number for number, layer in layers for plane in layer}
+        for name, numbers in (
+            ("moving", spec.moving_planes),
+            ("kinds", spec.kinds),
+            ("cells", (*spec.cells, NO_CELL)),  # the last one is of unknown actions
+            ("layer_of", [layer_of[plane] for plane in range(num_moving)]),
+        ):
+            self.register_buffer(name, torch.tensor(numbers), persistent=False)
+        self.num_choices = len(self.layers) * (len(size.shifts) + 2)
+        self._make_trunk()
+        outputs, hidden = self.num_choices + num_moving, size.hidden
+        self.choose = nn.Conv2d(size.channels, outputs * self.patch**2, 1)
         # The kind of a purchase is known for the whole board, its place for each cell: the sum of
         # both logits means "this kind, here" without a channel for each pair.
-        self.plane_head = nn.Linear(
-            num_context + size.economy_hidden, len(spec.moving_planes) * self.outputs_per_cell
+        self.choose_all = nn.Linear(hidden, outputs)
+        self.edit_scalars = nn.Linear(hidden, spec.num_uniform) if spec.num_uniform else None
+        self.of_cell = nn.Linear(size.channels, hidden)
+        self.of_pixel = nn.Embedding(self.patch**2, hidden)
+        self.value = ValueHead(num_moving + spec.num_uniform, hidden)
+        self.outcome = OutcomeHeads(spec, size, spec.num_uniform * (3 + size.table_width))
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self._begin_with_copies()
+
+    def _make_trunk(self) -> None:
+        spec, size = self.spec, self.size
+        channels, hidden, uniform = size.channels, size.hidden, spec.num_uniform
+        embedded = size.action_embedding
+        self.act = nn.Embedding(spec.num_kinds, embedded)
+        self.others = nn.Embedding(spec.num_actions + 1, embedded)
+        self.tables = nn.Embedding(max(1, uniform) * NUM_VALUES, size.table_width)
+        self.enter = nn.Linear(2 * embedded + uniform * (1 + size.table_width), hidden)
+        self.film = nn.Linear(hidden, 4 * channels)
+        # What a value means is learned for each plane: health, progress, count.
+        values = (torch.arange(NUM_VALUES) / 255.0).sqrt()  # a wounded unit stays visible
+        self.curve = nn.Parameter(values.repeat(spec.num_spatial)[:, None])
+        rows, columns = spec.num_rows // self.patch, spec.num_columns // self.patch
+        self.see = nn.Conv2d(spec.num_spatial * self.patch**2, channels, 3, padding=1)
+        names_cells = self.patch == 1 and any(cell != NO_CELL for cell in spec.cells)
+        marks = names_cells * (1 + len(_VIEWS) * (spec.num_others > 0))
+        self.mark = nn.Conv2d(marks, channels, 3, padding=1, bias=False) if marks else None
+        # Encodes the board's edges and spawn columns.
+        self.position = nn.Parameter(torch.zeros(channels, rows, columns))
+        self.convs = nn.ModuleList(
+            nn.Conv2d(channels, channels, 3, padding=1) for _ in range(size.depth)
         )
-        self.outcome = outcome.OutcomeHeads(spec, size, num_context + 2 * channels)
-        self.bins = outcome.RewardBins(spec.reward_range, size.reward_bins)
-        with torch.no_grad():  # initially every cell is copied
-            self.cell_head.weight.mul_(0.3)
-            self.plane_head.weight.mul_(0.1)
-            self.plane_head.bias.zero_()
-            bias = self.cell_head.bias.view(self.outputs_per_cell, -1)
-            bias.zero_()
-            bias[0] = COPY_BIAS
-            bias[-1] = COPY_BIAS  # log scale: wide
-
-    def encode(self, observation: Tensor, action: Tensor) -> Encoding:
-        """Encode observations uint8 [N, C, H, W] and actions int64 [N]."""
-        spatial, scalars = self.split(observation)
-        kind = self.action_embedding(self.kinds[action])
-        numbers = scalars.float() / 255.0
-        entered = self.enter(torch.cat([kind, numbers, self.tables(scalars.long())], -1))
-        means = functional.relu(entered)
-        film = self.film_action(means)[:, None, None].chunk(4, -1)
-        flat = readout.flatten_board(spatial)
-        seen = flat.sqrt()  # a wounded unit stays visible
-        seen = seen.view(-1, self.spec.num_rows, self.spec.num_columns, seen.shape[-1])
-        if self.names_cells:
-            seen = torch.cat([seen, self._mark_target(action)], -1)
-        first = functional.relu(_convolve(self.conv1, seen) + self.position)
-        mixed = first * (1.0 + film[0]) + film[1]
-        second = functional.relu(mixed + _convolve(self.conv2, mixed))
-        board = second * (1.0 + film[2]) + film[3]
-        places = functional.relu(self.readout(functional.relu(self.narrow(board)).flatten(1)))
-        context = torch.cat([_pool(board), places, means], -1)
-        economy_context = torch.cat([places, means, self.near(spatial)], -1)
-        return Encoding(board, context, economy_context, flat, spatial[:, self.moving], scalars)
-
-    def split(self, observation: Tensor) -> tuple[Tensor, Tensor]:
-        """Spatial planes [N, S, H, W] and scalars [N, U] of an observation."""
-        count = self.spec.num_spatial
-        return observation[:, :count], observation[:, count:, 0, 0]
-
-    def _mark_target(self, action: Tensor) -> Tensor:
-        cells = self.cells[action]
-        target = torch.zeros(action.shape[0], self.spec.num_rows * self.spec.num_columns)
-        target.scatter_(1, cells.clamp_min(0)[:, None], (cells != NO_CELL).float()[:, None])
-        return target.view(-1, self.spec.num_rows, self.spec.num_columns, 1)
-
-    def condition_on_changes(self, encoding: Encoding, changes: Tensor) -> Tensor:
-        """The trunk's last layer [N, H, W, F], given the changes of the uniform planes [N, U]."""
-        known = self.economy.embed_changes(changes).sum(1)
-        scale, shift = self.film_economy(known)[:, None, None].chunk(2, -1)
-        mixed = encoding.board * (1.0 + scale) + shift
-        return functional.relu(mixed + _convolve(self.conv3, mixed))
-
-    def find_cells(
-        self, encoding: Encoding, changes: Tensor, board: Tensor, places: Tensor
-    ) -> mixture.CellDistribution:
-        """Distributions of all moving planes at `places`, over [M, P] flattened.
-
-        places: int64 [M], into the N * H * W places of the boards.
-        """
-        planes, rows, columns = encoding.planes.shape[1:]
-        area = rows * columns
-        image, place = places // area, places % area
-        outputs = self.cell_head(board.flatten(0, 2).index_select(0, places))
-        outputs = outputs + self._compute_plane_logits(encoding, changes).index_select(0, image)
-        outputs = outputs.view(places.numel(), self.outputs_per_cell, planes).transpose(0, 1)
-        flat = (image[:, None] * planes + torch.arange(planes)) * area + place[:, None]
-        candidates = mixture.gather_candidates(
-            encoding.planes, self.size.shifts, self.step_results, flat.flatten()
-        )
-        return mixture.build_distribution(outputs.reshape(self.outputs_per_cell, -1), candidates)
+        # Pooling loses positions; this read-out keeps them (units in front of the base).
+        self.narrow = nn.Conv2d(channels, NARROW, 1)
+        self.places = nn.Linear(NARROW * rows * columns, hidden)
+        self.gather = nn.Linear(2 * channels + 2 * hidden, hidden)
 
     @torch.no_grad()
-    def find_board_cells(self, encoding: Encoding, changes: Tensor, board: Tensor) -> BoardCells:
-        """Distributions of all cells of all moving planes, for inference."""
-        head = self.cell_head
-        return BoardCells(
-            torch.addmm(head.bias[:, None], head.weight, board.flatten(0, 2).T),
-            self._compute_plane_logits(encoding, changes),
-            encoding.planes.contiguous(),
-            self.size.shifts,
-            self.step_results,
-        )
+    def _begin_with_copies(self) -> None:
+        bias = torch.zeros(len(self.choose_all.bias))
+        bias[: self.num_choices : len(self.size.shifts) + 2] = COPY_BIAS
+        bias[self.num_choices :] = -COPY_BIAS
+        self.choose.weight.mul_(0.3)
+        self.choose_all.weight.mul_(0.1)
+        self.choose_all.bias.copy_(bias)
+        if self.edit_scalars is not None:
+            self.edit_scalars.bias.fill_(-COPY_BIAS)
 
-    def _compute_plane_logits(self, encoding: Encoding, changes: Tensor) -> Tensor:
-        known = self.economy.embed_changes(changes).sum(1)
-        logits: Tensor = self.plane_head(torch.cat([encoding.context, known], -1))
+    def look(self, observation: Tensor) -> Tensor:
+        """Features [N, F, H, W] of an observation alone."""
+        planes = observation[:, : self.spec.num_spatial]
+        if torch.is_grad_enabled():
+            first = torch.arange(self.spec.num_spatial, dtype=torch.int32, device=planes.device)
+            places = planes.permute(0, 2, 3, 1).to(torch.int32) + first * NUM_VALUES
+            board = functional.embedding(places, self.curve).squeeze(-1).permute(0, 3, 1, 2)
+        else:
+            board = apply_curves(planes, self.curve[:, 0])
+        if self.patch > 1:
+            board = functional.pixel_unshuffle(board, self.patch)
+        seen: Tensor = self.see(board.contiguous(memory_format=torch.channels_last))
+        return seen
+
+    def encode(self, observation: Tensor, action: Tensor, others: Tensor) -> Encoding:
+        """Encode states and actions."""
+        scalars = observation[:, self.spec.num_spatial :, 0, 0]
+        others = torch.where(others < 0, self.spec.num_actions, others)
+        words = [self.act(self.kinds[action]), self.others(others).sum(1), *self._read(scalars)]
+        means = functional.relu(self.enter(torch.cat(words, 1)))
+        film = self.film(means)[..., None, None].chunk(4, 1)
+        seen = self.look(observation)
+        board = seen + self.position
+        if self.mark is not None:
+            board = board + self.mark(self._mark_targets(action, others))
+        board = functional.relu(board) * (1.0 + film[0]) + film[1]
+        for conv in self.convs[:-1]:
+            board = functional.relu(board + conv(board))
+        board = board * (1.0 + film[2]) + film[3]
+        board = functional.relu(board + self.convs[-1](board))
+        places = functional.relu(self.places(functional.relu(self.narrow(board)).flatten(1)))
+        context = functional.relu(self.gather(torch.cat([*pool(board), places, means], 1)))
+        return Encoding(functional.relu(seen), board, context, observation[:, self.moving], scalars)
+
+    def _read(self, scalars: Tensor) -> list[Tensor]:
+        """Numbers and table entries of scalars uint8 [N, U]: exact prices, clocks, health 0."""
+        if not self.spec.num_uniform:
+            return []
+        first = torch.arange(scalars.shape[1], device=scalars.device) * NUM_VALUES
+        return [scalars.float() / 255.0, self.tables(scalars.long() + first).flatten(1)]
+
+    def _mark_targets(self, action: Tensor, others: Tensor) -> Tensor:
+        """Planes [N, marks, H, W] of the cells that actions name. Other players name cells of
+        their own view, which may be mirrored: these are marked in all four ways.
+        """
+        rows, columns = self.spec.num_rows, self.spec.num_columns
+
+        def mark(actions: Tensor) -> Tensor:
+            named = self.cells[actions]
+            plane = torch.zeros(len(actions), rows * columns, device=actions.device)
+            plane.scatter_add_(1, named.clamp_min(0), (named != NO_CELL).float())
+            return plane.view(-1, 1, rows, columns)
+
+        marks = [mark(action[:, None])]
+        if self.spec.num_others:
+            theirs = mark(others)
+            marks += [theirs.flip(axes) for axes in _VIEWS]
+        return torch.cat(marks, 1).contiguous(memory_format=torch.channels_last)
+
+    def find_choices(self, encoding: Encoding) -> Choices:
+        """Logits of sources, edits and changed scalars."""
+        of_cells = self.choose(encoding.board)
+        if self.patch > 1:
+            of_cells = functional.pixel_shuffle(of_cells, self.patch)
+        scalars = encoding.context.new_zeros(len(of_cells), 0)
+        if self.edit_scalars is not None:
+            scalars = self.edit_scalars(encoding.context)
+        return Choices(of_cells, self.choose_all(encoding.context), scalars)
+
+    def _split_choices(self, choices: Choices) -> tuple[Tensor, Tensor]:
+        """Logits of the sources [N, L, K, H, W] and of the edits [N, P, H, W]."""
+        logits = choices.of_cells + choices.of_boards[..., None, None]
+        num, _, rows, columns = logits.shape
+        shape = num, len(self.layers), -1, rows, columns
+        sources = logits[:, : self.num_choices].reshape(shape)
+        return sources, logits[:, self.num_choices :]
+
+    def find_differences(self, encoding: Encoding, edited: Tensor, base: Tensor) -> Tensor:
+        """Logits [M, 256] of the differences to `base` of the M cells `edited`, bool [N, P, H, W].
+
+        Scalars, bool [N, U], have no cell.
+        """
+        image, plane, *cell = edited.nonzero().T
+        features = encoding.context[image]
+        if cell:
+            row, column = cell
+            board = encoding.board[image, :, row // self.patch, column // self.patch]
+            pixel = row % self.patch * self.patch + column % self.patch
+            features = features + self.of_cell(board) + self.of_pixel(pixel)
+        else:
+            plane = plane + len(self.moving)
+        logits: Tensor = self.value(features, plane, base[edited].long())
         return logits
 
     def predict_outcome(
-        self, encoding: Encoding, state: NextState, action_mask: Tensor
-    ) -> outcome.Outcome:
-        """Reward, end and next mask of the transition to `state`."""
-        planes, scalars = self.split(state.observation)
-        features = torch.cat([encoding.context, _pool(state.board)], -1)
-        seen = outcome.OutcomeInput(
-            features, scalars, state.changes, state.board, encoding.spatial, planes, action_mask
+        self, encoding: Encoding, observation: Tensor, following: Tensor, action_mask: Tensor
+    ) -> Outcome:
+        """Reward, end and next mask of the transition to `following`."""
+        num_spatial = self.spec.num_spatial
+        later = following[:, num_spatial:, 0, 0]
+        change = (later.float() - encoding.scalars.float()) * (8.0 / 255.0)
+        scalars = [*self._read(later), change, change.sign()]
+        seen = OutcomeInput(
+            encoding.seen,
+            functional.relu(self.look(following)),
+            encoding.context,
+            torch.cat(scalars, 1),
+            (observation[:, :num_spatial], following[:, :num_spatial]),
+            action_mask,
         )
-        predicted: outcome.Outcome = self.outcome(seen)
-        return predicted
-
-    @torch.no_grad()
-    def decode(
-        self, observation: Tensor, action: Tensor, generator: torch.Generator | None
-    ) -> Tensor:
-        """Next observations uint8 [N, C, H, W]: sampled, or the likeliest without a generator."""
-        encoding = self.encode(observation, action)
-        changes = self.economy.decode(encoding.economy_context, encoding.scalars, generator)
-        board = self.condition_on_changes(encoding, changes)
-        cells = self.find_board_cells(encoding, changes, board)
-        following = observation.clone()
-        following[:, self.moving] = self._decode_planes(cells, generator)
-        scalars = economy.apply_changes(encoding.scalars, changes)
-        following[:, self.spec.num_spatial :] = scalars[:, :, None, None]
-        return following
-
-    def _decode_planes(self, cells: BoardCells, generator: torch.Generator | None) -> Tensor:
-        own = cells.planes
-        masses, is_empty = cells.find_masses(own)
-        offsets = None
-        if generator is not None:
-            offsets = torch.rand(own.shape[:2], generator=generator)[:, self.event_of_plane]
-        decoded = mixture.decode_cells(
-            own.flatten().float(), masses.flatten(), cells.select, is_empty, offsets, generator
-        )
-        return decoded.view_as(own)
+        outcome: Outcome = self.outcome(seen)
+        return outcome
 
     def compute_losses(
-        self, rows: TensorDict, correction: outcome.RareCorrection, stride: int, offset: int
+        self, rows: TensorDict, others: Tensor, weights: Tensor, end_log_odds: float
     ) -> dict[str, Tensor]:
         """Mean negative log likelihoods of `rows` by head, in nats per row.
 
-        stride, offset: of the cells where no plane changed, every `stride`-th from `offset` on is
-        used, with weight `stride`: an unbiased estimate at a fraction of the cost.
+        weights: [N], true density of the rows over that in the batch; end_log_odds: see
+        `OutcomeHeads.compute_losses`.
         """
-        encoding, state, scalar_log_prob = self._encode_transitions(rows)
-        cells = self._estimate_cell_nll(encoding, state, stride, offset)
-        predicted = self.predict_outcome(encoding, state, rows["action_mask"])
-        return {
-            "economy": (-scalar_log_prob.sum(-1) * correction.row_weights).mean(),
-            "cells": (cells * correction.row_weights).mean(),
-            **predicted.compute_losses(self.bins, rows, correction),
-        }
+        observation, following = rows["observation"], rows["next", "observation"]
+        encoding = self.encode(observation, rows["action"], others)
+        choices = self.find_choices(encoding)
+        sources, edits = self._split_choices(choices)
+        later = following[:, self.moving]
+        nll, base = self._explain(sources, encoding.planes, later)
+        cells = nll + self._find_edit_nll(encoding, edits, base, later)
+        losses = {"cells": (cells * weights).mean()}
+        if self.spec.num_uniform:
+            then = following[:, self.spec.num_spatial :, 0, 0]
+            nll = self._find_edit_nll(encoding, choices.scalars, encoding.scalars, then)
+            losses["scalars"] = (nll * weights).mean()
+        outcome = self.predict_outcome(encoding, observation, following, rows["action_mask"])
+        return losses | self.outcome.compute_losses(outcome, rows, end_log_odds)
 
-    def predict(self, rows: TensorDict) -> tuple[Tensor, ...]:
-        """Predictions for `rows` [N] with given next states, in the order of `Predictions`."""
-        encoding, state, scalar_log_prob = self._encode_transitions(rows)
-        cells = self.find_board_cells(encoding, state.changes, state.board)
-        masses, _ = cells.find_masses(state.observation[:, self.moving])
-        log_probs = torch.cat([scalar_log_prob, mixture.floor_and_log(masses).flatten(1)], -1)
-        predicted = self.predict_outcome(encoding, state, rows["action_mask"])
-        of_state = log_probs.sum(-1), log_probs.amin(-1), scalar_log_prob.sum(-1)
-        return (*of_state, *predicted.predict(self.bins))
+    def _explain(self, logits: Tensor, planes: Tensor, later: Tensor) -> tuple[Tensor, Tensor]:
+        """Negative log likelihood [N] of the sources that explain the most planes of each layer,
+        and the base [N, P, H, W] from the likeliest of these.
+        """
+        sources = stack_sources(planes, self.size.shifts)
+        match = sources == later[:, None]
+        explained = torch.stack(
+            [match[:, :, layer].sum(2, dtype=torch.uint8) for layer in self.layers], 1
+        )
+        best = explained == explained.amax(2, keepdim=True)
+        kept = logits.masked_fill(~best, -torch.inf)
+        nll = _sum_rows(logits.logsumexp(2) - kept.logsumexp(2))
+        return nll, self._take(sources, kept.detach().argmax(2))
 
-    def _encode_transitions(self, rows: TensorDict) -> tuple[Encoding, NextState, Tensor]:
-        """State and action, next state, and log probabilities [N, U] of the scalars."""
-        following = rows["next", "observation"]
-        encoding = self.encode(rows["observation"], rows["action"])
-        changes = economy.find_changes(encoding.scalars, self.split(following)[1])
-        log_prob = self.economy.find_log_prob(encoding.economy_context, encoding.scalars, changes)
-        board = self.condition_on_changes(encoding, changes)
-        return encoding, NextState(following, changes, board), log_prob
+    def _take(self, sources: Tensor, chosen: Tensor) -> Tensor:
+        """Values [N, P, H, W] of the sources [N, L, H, W] that were chosen for the layers."""
+        return sources.gather(1, chosen[:, self.layer_of][:, None]).squeeze(1)
 
-    def _estimate_cell_nll(
-        self, encoding: Encoding, state: NextState, stride: int, offset: int
+    def _find_edit_nll(
+        self, encoding: Encoding, logits: Tensor, base: Tensor, later: Tensor
     ) -> Tensor:
-        """Negative log likelihood [N] of the moving planes of `state`, estimated."""
-        later = state.observation[:, self.moving]
-        changed = (later != encoding.planes).any(1).flatten()
-        quiet = torch.arange(min(offset, changed.numel()), changed.numel(), stride)
-        quiet = quiet[~changed[quiet]]
-        busy = changed.nonzero().squeeze(-1)
-        places = torch.cat([busy, quiet])
-        num, planes = later.shape[:2]
-        area = changed.numel() // num
-        image, place = places // area, places % area
-        values = later.flatten(2)[image, :, place].flatten().float()
-        cells = self.find_cells(encoding, state.changes, state.board, places)
-        log_prob = mixture.find_log_prob(cells, values)
-        weights = torch.ones(places.numel())
-        weights[busy.numel() :] = float(stride)
-        nll = -log_prob.view(-1, planes).sum(-1) * weights
-        return torch.zeros(num).index_add(0, image, nll)
+        """Negative log likelihood [N] of where `later` differs from `base`, and by how much."""
+        edited = base != later
+        nll = _sum_rows(
+            functional.binary_cross_entropy_with_logits(logits, edited.float(), reduction="none")
+        )
+        if not bool(edited.any()):
+            return nll
+        found = self.find_differences(encoding, edited, base)
+        wanted = (later[edited].long() - base[edited].long()) % NUM_VALUES
+        each = functional.cross_entropy(found, wanted, reduction="none")
+        return nll.index_add(0, edited.nonzero()[:, 0], each)
 
-    def group_parameters(self, config: GeneratorConfig) -> list[dict[str, Any]]:
-        """Parameter groups for Adam, with "peak" learning rates."""
-        # The cells' heads read the embedded changes as well.
-        of_economy = [
-            parameter
-            for parameter in (*self.near.parameters(), *self.economy.parameters())
-            if parameter is not self.economy.change_weight
-        ]
-        chosen = {id(parameter) for parameter in of_economy}
-        others = [parameter for parameter in self.parameters() if id(parameter) not in chosen]
-        rates = (others, config.learning_rate), (of_economy, config.economy_learning_rate)
-        return [{"params": group, "lr": rate, "peak": rate} for group, rate in rates]
+    @torch.no_grad()
+    def decode(
+        self, observation: Tensor, action: Tensor, others: Tensor, generator: torch.Generator | None
+    ) -> tuple[Tensor, Tensor, Encoding]:
+        """Next observations, sampled, or the likeliest if `generator` is None; the log
+        probabilities [N] of the likeliest; and the encoding. On a CPU.
+        """
+        encoding = self.encode(observation, action, others)
+        choices = self.find_choices(encoding)
+        offsets = None
+        if generator is not None:
+            offsets = torch.rand(len(observation), len(self.layers), generator=generator)
+        base, edited, surety = decode_board(
+            choices.of_cells,
+            choices.of_boards,
+            encoding.planes,
+            self.layer_of,
+            self.size.shifts,
+            offsets,
+        )
+        following = observation.clone()
+        following[:, self.moving] = self._edit(encoding, edited, base, surety, generator)
+        if self.spec.num_uniform:
+            logits = choices.scalars
+            edited = logits > 0.0
+            if generator is not None:
+                edited = torch.rand(logits.shape, generator=generator) < logits.sigmoid()
+            surety += functional.logsigmoid(logits.abs()).sum(1)
+            scalars = self._edit(encoding, edited, encoding.scalars, surety, generator)
+            following[:, self.spec.num_spatial :] = scalars[:, :, None, None]
+        return following, surety, encoding
 
-    @staticmethod
-    def record_transitions(members: Sequence[CCDN], steps: StepTable, rows: TensorDict) -> None:
-        """Count the steps and differences of values in new real transitions, for all members."""
-        now, later = rows["observation"], rows["next", "observation"]
-        first = members[0]
-        moving, counted = first.moving, slice(None, None, COUNTED_STRIDE)
-        steps.count(now[counted][:, moving], later[counted][:, moving], first.size.shifts)
-        first.economy.record_differences(*(first.split(planes)[1] for planes in (now, later)))
-        for network in members:
-            network.step_results.copy_(steps.results)
-            network.economy.is_seen.copy_(first.economy.is_seen)
+    def _edit(
+        self,
+        encoding: Encoding,
+        edited: Tensor,
+        base: Tensor,
+        surety: Tensor,
+        generator: torch.Generator | None,
+    ) -> Tensor:
+        """`base` with edited values; adds the likeliest ones' log probabilities to `surety` [N]."""
+        if not bool(edited.any()):
+            return base
+        log_prob = self.find_differences(encoding, edited, base).log_softmax(1)
+        top, difference = log_prob.max(1)
+        surety.index_add_(0, edited.nonzero()[:, 0], top)
+        if generator is not None:
+            difference = torch.multinomial(log_prob.exp(), 1, generator=generator)[:, 0]
+        values = base.clone()
+        values[edited] = ((base[edited].long() + difference) % NUM_VALUES).to(torch.uint8)
+        return values
 
 
-def _pool(board: Tensor) -> Tensor:
-    # A mean would hide one unit among hundreds of cells: sums count it.
-    return torch.cat([board.amax((1, 2)), board.sum((1, 2)) * readout.SUM_UNIT], -1)
-
-
-def _convolve(layer: nn.Conv2d, board: Tensor) -> Tensor:
-    """Convolve [N, H, W, F] in the channels-last memory format, which is fastest on CPUs."""
-    convolved: Tensor = layer(board.permute(0, 3, 1, 2))
-    return convolved.permute(0, 2, 3, 1)
-
-
-def _number_events(spec: GeneratorSpec) -> Tensor:
-    """For each moving plane the index of the plane whose random offset it shares, by group."""
-    place = {plane: index for index, plane in enumerate(spec.moving_planes)}
-    events = list(range(len(place)))
-    for group in spec.event_plane_groups:
-        members = [place[plane] for plane in group if plane in place]
-        for member in members:
-            events[member] = members[0]
-    return torch.tensor(events)
+def _sum_rows(values: Tensor) -> Tensor:
+    """Sums [N] of [N, ...]."""
+    return values.flatten(1).sum(1)

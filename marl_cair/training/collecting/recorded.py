@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from marl_cair.games.replays import REPLAY_SUFFIX, Replay, read_replay, replay_steps
 from marl_cair.replay.rollout import Rollout
 from marl_cair.replay.storage import EpisodeStorage
-from marl_cair.replay.transition import NO_OPPONENT
+from marl_cair.replay.transition import NO_OPPONENT, UNKNOWN_ACTION, TransitionSpec
 from marl_cair.training.settings.demonstration import DemonstrationSettings
 
 if TYPE_CHECKING:
@@ -45,8 +45,8 @@ def fill_from_replays(
         seats = _find_seats(replay, players)
         seen |= set(replay.players)
         if seats:
-            size = storage.spec.state_size
-            storage.append(_play_again(fitted, seats, representation, reward_scale, size))
+            spec = storage.spec
+            storage.append(_play_again(fitted, seats, representation, reward_scale, spec))
             storage.forget_streams()  # other games have other players
     if missing := sorted(set(players) - seen):
         raise ValueError(
@@ -101,9 +101,10 @@ def _find_seats(replay: Replay, players: tuple[str, ...]) -> list[int]:
 
 
 def _play_again(
-    replay: Replay, seats: list[int], representation: str, reward_scale: float, state_size: int
+    replay: Replay, seats: list[int], representation: str, reward_scale: float, spec: TransitionSpec
 ) -> Rollout:
     """The steps of the seats, each a stream, and a step that is not learned, which ends them."""
+    state_size, num_others = spec.state_size, spec.num_others
     taken: dict[str, list[NDArray[Any]]] = {name: [] for name in _STEP_FIELDS}
     finals: list[tuple[int, NDArray[Any], NDArray[np.bool_]]] = []
     was_over = np.zeros(len(seats), np.bool_)
@@ -142,7 +143,17 @@ def _play_again(
         final_observation=_stack(observations, steps["observation"]),
         final_action_mask=_stack(masks, steps["action_mask"]),
         state=torch.zeros(*shape, state_size) if state_size else None,
+        other_actions=_find_others(replay, seats, len(steps["action"])) if num_others else None,
     )
+
+
+def _find_others(replay: Replay, seats: list[int], num_steps: int) -> torch.Tensor:
+    """Actions of the seats after each of `seats`, int64 [T, S, P - 1]; unknown at the end."""
+    played = np.asarray(replay.actions, np.int64)
+    others = np.full((num_steps, len(seats), played.shape[1] - 1), UNKNOWN_ACTION)
+    for stream, seat in enumerate(seats):
+        others[: len(played), stream] = np.roll(played, -seat, 1)[:, 1:]
+    return torch.from_numpy(others)
 
 
 _OF_ENDS = ("terminated", "truncated", "learned")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
@@ -9,8 +10,10 @@ from marl_cair.games.torchrl_env import GROUP
 from marl_cair.replay.rollout import Rollout
 
 
-def make_rollout(data: TensorDictBase, reward_scale: float) -> Rollout:
+def make_rollout(data: TensorDictBase, reward_scale: float, num_others: int = 0) -> Rollout:
     """Streams are seats of worlds, s = b * P + p; only ends carry a next observation.
+
+    num_others: P - 1, to note the other seats' actions too.
 
     The step at which a seat goes out is terminated for that seat, and no later one is learned.
     """
@@ -34,7 +37,14 @@ def make_rollout(data: TensorDictBase, reward_scale: float) -> Rollout:
         final_observation=following["observation"][final],
         final_action_mask=following["action_mask"][final],
         state=None if state is None else by_time(state),
+        other_actions=by_time(_find_others(group["action"])) if num_others else None,
     )
+
+
+def _find_others(action: Tensor) -> Tensor:
+    """Actions [B, T, P] -> those of the seats after each one, [B, T, P, P - 1]."""
+    players = action.shape[-1]
+    return torch.stack([action.roll(-seat, -1)[..., 1:] for seat in range(players)], -2)
 
 
 def by_time(value: Tensor) -> Tensor:

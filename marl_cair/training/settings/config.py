@@ -53,6 +53,7 @@ GAMES_FOLDER = "games"  # in a run's folder: replays of the last evaluation
 ENDLESS_FRAMES = 10**9  # as total_frames: the clock ends the run
 _Margin = Annotated[float, Allowed(lambda x: 0 <= x < 0.5, "0 or more, below 0.5, or null")]
 _Fraction = Annotated[float, Allowed(lambda x: 0 <= x <= MAX_FRACTION, f"0..{MAX_FRACTION}")]
+_Branch = Annotated[int, Allowed(lambda n: 0 <= n <= 20, "0..20")]
 _SequenceSteps = Annotated[int, Allowed(lambda n: n >= 2, "2 or more")]
 _Score = Annotated[float, Allowed(math.isfinite, "a number or null")]
 
@@ -202,6 +203,7 @@ class GeneratorSettings:
     refill_every_frames: Count = 4_000  # frames between two refills while the gate is open
     rows_per_refill: Count = 1_000  # transitions
     rollout_steps: Count = 1  # generated steps at the end of a generated row, n_steps at most
+    branch_steps: _Branch = 0  # above 0: one-step rows, roll-outs of so many steps, instead of that
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:

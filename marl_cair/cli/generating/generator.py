@@ -1,0 +1,110 @@
+"""`marl-cair generator train`: train a generator on a data set, and measure its quality."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from marl_cair.cli import EXIT_DONE
+from marl_cair.cli.compose import read_value
+from marl_cair.cli.parser import Parser, refuse_repeats
+from marl_cair.generative import GENERATORS
+from marl_cair.generative.settings import GeneratorConfig
+from marl_cair.lookup import check_name
+from marl_cair.training.settings.config_file import build_value
+
+_SHOWN = (
+    *("cells/changed_f1", "cells/moved", "cells/exact", "open_loop/4_changed_f1"),
+    *("open_loop/8_moved", "reward/explained", "end/auc", "mask/accuracy"),
+)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Train, and print the numbers of each measurement; returns the exit code."""
+    words = list(arguments)
+    if not words or words[0] in ("-h", "--help"):
+        make_parser().parse_args(["--help"])
+    check_name("generator command", words[0], ("train",))
+    options = make_parser().parse_args(words[1:])
+    check_name("generator", options.model, GENERATORS)
+    config = read_model(options.fields)
+    from marl_cair.training.offline.generator_training import (
+        QUALITY_FILE,
+        GeneratorTraining,
+        train_generator,
+    )
+
+    settings = GeneratorTraining(
+        options.model,
+        options.updates,
+        options.batch_size,
+        options.measurements,
+        seed=options.seed,
+        config=config,
+    )
+    for numbers in train_generator(options.dataset, options.out, settings, options.device):
+        shown = (f"{name} {numbers[name]:.4f}" for name in _SHOWN if name in numbers)
+        sys.stdout.write(
+            f"update {numbers['update']:,.0f}, {numbers['processor_seconds']:.0f} s: "
+            f"{', '.join(shown)}\n"
+        )
+        sys.stdout.flush()
+    sys.stdout.write(f"all numbers are in {options.out}/{QUALITY_FILE}\n")
+    return EXIT_DONE
+
+
+def read_model(words: Sequence[str]) -> GeneratorConfig:
+    """The settings that `--set NAME=VALUE` changes; `size.depth=2` is a setting of the network."""
+    refuse_repeats(words)
+    changes: dict[str, Any] = {}
+    for word in words:
+        name, equals, _ = word.partition("=")
+        if not equals:
+            raise ValueError(f"--set {word}: write --set name=value, for example size.depth=2")
+        place = changes
+        *parents, last = name.split(".")
+        for parent in parents:
+            place = place.setdefault(parent, {})
+        place[last] = read_value(word)
+    config: GeneratorConfig = build_value(GeneratorConfig, changes, "generator.model")
+    return config
+
+
+def make_parser() -> Parser:
+    """The options of the command."""
+    parser = Parser(
+        "marl-cair generator train",
+        description="Train a generator on a data set of `marl-cair dataset collect`. The held-out "
+        "episodes measure it while it trains. The folder gets the weights (generator.pt, for "
+        "initial_generator), tables (quality.csv, losses.csv) and pictures.",
+        epilog="example: marl-cair generator train data/maze --out runs/maze_generator",
+    )
+    parser.add_argument("dataset", help="folder of a data set")
+    parser.add_argument("--out", required=True, metavar="FOLDER", help="folder of the results")
+    parser.add_argument(
+        "--model",
+        default="ccdn",
+        help=f"{', '.join(GENERATORS)} or module:Class (default: %(default)s); ccdn_thesis needs "
+        "a data set of --representation gray",
+    )
+    for name, default, meaning in (
+        ("updates", 5_000, "of the network"),
+        ("batch-size", 64, "transitions of an update"),
+        ("measurements", 5, "spread over the updates"),
+        ("seed", 0, "of weights and batches"),
+    ):
+        text = f"{meaning} (default: %(default)s)"
+        parser.add_argument(f"--{name}", type=int, default=default, help=text)
+    parser.add_argument(
+        "--device", default="cpu", help="of ccdn_thesis: cpu or cuda (default: cpu)"
+    )
+    parser.add_argument(
+        "--set",
+        dest="fields",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="change a setting of generator.model, for example size.depth=2; repeatable",
+    )
+    return parser

@@ -1,0 +1,56 @@
+"""Layers of planes that move together, and the values that a cell may take over from neighbours."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from marl_cair.generative.settings import GeneratorSpec
+
+FRAME_PATCH, LEAST_FRAME = 4, 64  # pixels along a side
+
+
+def find_layers(spec: GeneratorSpec) -> list[list[int]]:
+    """Groups of positions among the moving planes: planes of one event move together, each other
+    plane by itself.
+    """
+    place = {plane: index for index, plane in enumerate(spec.moving_planes)}
+    layers = [
+        [place[plane] for plane in group if plane in place] for group in spec.event_plane_groups
+    ]
+    grouped = {index for layer in layers for index in layer}
+    return [layer for layer in layers if layer] + [
+        [index] for index in place.values() if index not in grouped
+    ]
+
+
+def stack_sources(planes: Tensor, shifts: tuple[tuple[int, int], ...]) -> Tensor:
+    """Values that cells of uint8 [N, P, H, W] may have next: [N, K, P, H, W], K = shifts + 2.
+
+    The first is the own value, then for each shift (dr, dc) that at (row - dr, column - dc), 0
+    beyond the board, and the last is 0 (the cell is left).
+    """
+    reach = max((max(abs(dr), abs(dc)) for dr, dc in shifts), default=0)
+    padded = functional.pad(planes, (reach,) * 4)
+    rows, columns = planes.shape[2:]
+    near = [
+        padded[:, :, reach - dr : reach - dr + rows, reach - dc : reach - dc + columns]
+        for dr, dc in shifts
+    ]
+    return torch.stack([planes, *near, torch.zeros_like(planes)], 1)
+
+
+def choose_patch(rows: int, columns: int) -> int:
+    """Side of the square patches in which boards are read: 1, but several pixels of frames.
+
+    Raises ValueError for frames that patches do not cover.
+    """
+    if min(rows, columns) < LEAST_FRAME:
+        return 1
+    if rows % FRAME_PATCH or columns % FRAME_PATCH:
+        raise ValueError(
+            f"frames are {rows} x {columns}, but both sides must be multiples of {FRAME_PATCH}: "
+            "use another size, or set generator.name=none"
+        )
+    return FRAME_PATCH

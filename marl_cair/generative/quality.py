@@ -1,0 +1,248 @@
+"""Quality of predicted transitions against real ones: cells, moves, rewards, ends, open loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+from torch.nn import functional
+
+from marl_cair.generative.settings import GeneratorSpec
+
+NUM_CALIBRATION_BINS = 10
+HORIZONS = (1, 2, 4, 8, 16)  # steps of open-loop prediction
+
+
+class Imagined(NamedTuple):
+    """Predictions of N transitions."""
+
+    observation: Tensor  # [N, ...], the likeliest next one
+    action_mask: Tensor  # bool [N, A], the next one
+    reward: Tensor  # [N]
+    end: Tensor  # [N], probability that the episode ends
+    surety: Tensor  # [N], log probability of the predicted next observation
+
+    def select(self, which: slice) -> Imagined:
+        """Some of the predictions."""
+        return Imagined(*(part[which] for part in self))
+
+
+Imagine = Callable[[TensorDict], Imagined]  # rows with observation, action_mask, action
+
+
+def measure_rows(rows: TensorDict, made: Imagined, spec: GeneratorSpec) -> dict[str, float]:
+    """Numbers of one-step predictions for real `rows` [N] by name; those that cannot be determined
+    are left out.
+
+    cells/...: of boards and frames, with the copy baseline beside them. moved: share of the cells
+    to which a unit has moved where a value is predicted; moved_exactly: the right value. exact:
+    whole observations.
+    """
+    numbers = _measure_cells(rows, made.observation, spec)
+    numbers |= _measure_reward(rows["next", "reward"].squeeze(-1), made.reward)
+    ends = rows["next", "terminated"].squeeze(-1)
+    numbers |= measure_ends(ends, made.end)
+    if (goes_on := ~ends).any():
+        real, guess = rows["next", "action_mask"][goes_on], made.action_mask[goes_on]
+        numbers["mask/accuracy"] = _share(real == guess)
+        numbers["mask/copy_accuracy"] = _share(real == rows["action_mask"][goes_on])
+    return numbers
+
+
+def _measure_cells(rows: TensorDict, guess: Tensor, spec: GeneratorSpec) -> dict[str, float]:
+    now, real = rows["observation"], rows["next", "observation"]
+    same = differ(guess, real, spec).logical_not()
+    numbers = {"cells/exact": _share(same.flatten(1).all(1))}
+    if now.ndim == 2:
+        error = (guess - real).abs().mean()
+        copied = (now - real).abs().mean()
+        return numbers | {"vector/error_of_copy": float(error / copied.clamp_min(1e-9))}
+    moving = list(spec.moving_planes)
+    changed = differ(now, real, spec)[:, moving]
+    predicted = differ(guess, now, spec)[:, moving]
+    hits = (changed & predicted & same[:, moving]).sum()
+    if changed.any():
+        total = (changed.sum() + predicted.sum()).clamp_min(1)
+        numbers["cells/changed_f1"] = float(2.0 * hits / total)
+    moved = find_moves(now[:, moving], real[:, moving])
+    if moved.any():
+        numbers["cells/moved"] = _share((guess[:, moving] > 0)[moved])
+        numbers["cells/moved_exactly"] = _share(same[:, moving][moved])
+    accuracy, copies = (_find_plane_accuracy(one, real, spec) for one in (guess, now))
+    scalars = range(spec.num_spatial, spec.num_planes)
+    if scalars:
+        gains = (accuracy[plane] - copies[plane] for plane in scalars)
+        numbers["scalars/least_gain"] = min(gains)
+    for plane in (*moving, *scalars):
+        numbers[f"plane_{plane}/accuracy"] = accuracy[plane]
+        numbers[f"plane_{plane}/copy_accuracy"] = copies[plane]
+    return numbers
+
+
+def differ(values: Tensor, others: Tensor, spec: GeneratorSpec) -> Tensor:
+    """Where observations differ visibly, bool like them."""
+    if values.is_floating_point():
+        return (values - others).abs() > 1e-3
+    if not spec.tolerance:
+        return values != others
+    return (values.int() - others.int()).abs() > spec.tolerance
+
+
+def find_moves(now: Tensor, later: Tensor) -> Tensor:
+    """Cells of uint8 [N, P, H, W] that were empty and hold a value now, beside one that held a
+    value of the same plane before: bool.
+    """
+    held = (now > 0).float()
+    near = functional.max_pool2d(held, 3, stride=1, padding=1) > 0
+    return (now == 0) & (later > 0) & near
+
+
+def _find_plane_accuracy(guess: Tensor, real: Tensor, spec: GeneratorSpec) -> list[float]:
+    same = differ(guess, real, spec).logical_not()
+    shares: list[float] = same.transpose(0, 1).flatten(1).float().mean(1).tolist()
+    return shares
+
+
+def _measure_reward(real: Tensor, guess: Tensor) -> dict[str, float]:
+    variance = float(real.var(correction=0))
+    numbers = {"reward/mae": float((guess - real).abs().mean())}
+    if variance > 1e-9:
+        numbers["reward/explained"] = 1.0 - float((guess - real).square().mean()) / variance
+    auc = find_auc((guess - real.median()).abs(), (rare := find_rare(real)))
+    if auc is not None:
+        far = 0.5 * (real - real.median()).abs()[rare]
+        numbers["reward/rare_auc"] = auc
+        numbers["reward/rare_recall"] = _share((guess - real).abs()[rare] <= far)
+    return numbers
+
+
+def find_rare(rewards: Tensor) -> Tensor:
+    """Rewards [N] more than two standard deviations from their median: bool [N]."""
+    return (rewards - rewards.median()).abs() > 2.0 * rewards.std(correction=0).clamp_min(1e-6)
+
+
+def measure_ends(real: Tensor, guess: Tensor) -> dict[str, float]:
+    """AUC, recall and calibration of P(end) `guess` [N] against `real`, bool [N]."""
+    numbers = {
+        "end/calibration_error": find_calibration_error(guess, real),
+        "end/false_alarms": _share((guess > 0.5) & ~real),
+    }
+    auc = find_auc(guess, real)
+    if auc is not None:
+        numbers |= {"end/auc": auc, "end/recall": _share(guess[real] > 0.5)}
+    return numbers
+
+
+def measure_acceptance(
+    rows: TensorDict, made: Imagined, spec: GeneratorSpec, accepted: Tensor
+) -> dict[str, float]:
+    """Share of predictions that are `accepted`, bool [N], and how many of these are exact."""
+    exact = ~differ(made.observation, rows["next", "observation"], spec).flatten(1).any(1)
+    numbers = {"accepted/share": _share(accepted)}
+    if accepted.any():
+        numbers["accepted/exact"] = _share(exact[accepted])
+    return numbers
+
+
+def find_chains(rows: TensorDict, length: int, most: int) -> Tensor:
+    """Places int64 [K, length] of up to `most` chains of consecutive rows, spread over `rows`.
+
+    rows: with "episode", "seat" and "step", as data sets have.
+    """
+    keys = zip(*(rows[name].tolist() for name in ("episode", "seat", "step")), strict=True)
+    place_of = {key: place for place, key in enumerate(keys)}
+    chains = []
+    for (episode, seat, step), _ in sorted(place_of.items()):
+        chain = [place_of.get((episode, seat, step + n)) for n in range(length)]
+        if None not in chains and all(place is not None for place in chain):
+            chains.append(chain)
+    stride = max(1, len(chains) // most)
+    return torch.tensor(chains[::stride][:most], dtype=torch.int64).view(-1, length)
+
+
+def measure_open_loop(
+    rows: TensorDict, chains: Tensor, imagine: Imagine, spec: GeneratorSpec
+) -> dict[str, float]:
+    """Exact match, changed-cell F1 (against the start) and moved values after k steps of prediction
+    from its own predictions, with the real actions of all players. Moves are of values that were
+    there at the start (`trace_values`).
+
+    chains: int64 [K, T] places of consecutive real rows.
+    """
+    numbers: dict[str, float] = {}
+    start = rows[chains[:, 0]]
+    seen, known = start["observation"], start["observation"]
+    for step in range(chains.shape[1]):
+        real = rows[chains[:, step]]
+        current = real.clone()
+        current["observation"] = seen
+        seen = imagine(current).observation
+        if seen.ndim == 4:
+            known = trace_values(known, real["next", "observation"])
+        if step + 1 in HORIZONS:
+            found = _compare_open(start, real, seen, known, spec)
+            numbers |= {f"open_loop/{step + 1}_{name}": value for name, value in found.items()}
+    return numbers
+
+
+def trace_values(known: Tensor, later: Tensor) -> Tensor:
+    """The values of uint8 [N, C, H, W] that may have come from `known` ones, at most a cell away;
+    0 elsewhere. New units, which appear at random cells, are left out.
+    """
+    near = functional.max_pool2d((known > 0).float(), 3, stride=1, padding=1) > 0
+    return later * near
+
+
+def _compare_open(
+    start: TensorDict, real: TensorDict, guess: Tensor, known: Tensor, spec: GeneratorSpec
+) -> dict[str, float]:
+    true, first = real["next", "observation"], start["observation"]
+    same = differ(guess, true, spec).logical_not()
+    numbers = {"exact": _share(same.flatten(1).all(1))}
+    if true.ndim == 2:
+        return numbers
+    moving = list(spec.moving_planes)
+    same = same[:, moving]
+    changed, predicted = (differ(one, first, spec)[:, moving] for one in (true, guess))
+    total = (changed.sum() + predicted.sum()).clamp_min(1)
+    numbers["changed_f1"] = float(2.0 * (changed & predicted & same).sum() / total)
+    moved = find_moves(real["observation"][:, moving], known[:, moving])
+    if moved.any():
+        numbers["moved"] = _share((guess[:, moving] > 0)[moved])
+    return numbers
+
+
+def find_auc(scores: Tensor, labels: Tensor) -> float | None:
+    """Area under the ROC curve, ties count half; None if one of the two labels is missing."""
+    positive, negative = scores[labels], scores[~labels]
+    if not positive.numel() or not negative.numel():
+        return None
+    order = negative.sort().values
+    below = torch.searchsorted(order, positive.contiguous())
+    up_to = torch.searchsorted(order, positive.contiguous(), right=True)
+    return float((below + up_to).double().mean() / (2.0 * negative.numel()))
+
+
+def find_calibration_error(probabilities: Tensor, labels: Tensor) -> float:
+    """Expected calibration error: mean gap between probability and frequency over ten bins."""
+    bins = (probabilities * NUM_CALIBRATION_BINS).long().clamp(0, NUM_CALIBRATION_BINS - 1)
+    gap = (probabilities - labels.float()).double()
+    sums = torch.zeros(NUM_CALIBRATION_BINS, dtype=torch.float64).index_add_(0, bins, gap)
+    return float(sums.abs().sum() / max(1, labels.numel()))
+
+
+def format_quality(numbers: Sequence[tuple[str, dict[str, float]]]) -> str:
+    """A Markdown table: a row for each number, a column for each (name, numbers)."""
+    names = sorted({name for _, column in numbers for name in column})
+    lines = [f"| | {' | '.join(name for name, _ in numbers)} |", "|---" * (len(numbers) + 1) + "|"]
+    for name in names:
+        cells = (f"{column[name]:.4f}" if name in column else "" for _, column in numbers)
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _share(holds: Tensor) -> float:
+    return float(holds.float().mean())

@@ -1,0 +1,1 @@
+"""Training on data sets, without an environment."""

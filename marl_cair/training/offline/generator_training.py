@@ -1,0 +1,234 @@
+"""Trains a generator on a data set, and measures it on the held-out episodes while it trains."""
+
+from __future__ import annotations
+
+import csv
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import torch
+from tensordict import TensorDict
+
+from marl_cair import files
+from marl_cair.checkpoint import save_tensors
+from marl_cair.games import GAMES
+from marl_cair.games.checks.scenario import restore_fields
+from marl_cair.games.game import GameSpec, Representation
+from marl_cair.generative import quality
+from marl_cair.generative.generator import Generator
+from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
+from marl_cair.replay.dataset import DatasetDescription, TransitionDataset, load_dataset
+from marl_cair.replay.transition import (
+    EXPERT_ACTION,
+    INDEX,
+    NEXT_OBSERVATION,
+    NO_ACTION,
+    NO_OPPONENT,
+    OPPONENT,
+)
+from marl_cair.training.generator_picture import draw_losses, draw_progress
+from marl_cair.training.generators import GENERATOR_FILE, make_for_game
+
+KIND = "generator training"
+LOSS_FILE, QUALITY_FILE, PICTURE_FILE = "losses.csv", "quality.csv", "predictions.png"
+CURVE_FILE = "losses.png"
+NUM_DRAWN = 5  # transitions
+OPEN_LOOP_ROWS = 128
+OBSERVED_ROWS = 1024  # at a time
+
+
+@dataclass(frozen=True)
+class GeneratorTraining:
+    """What to train, for how long, and what to measure.
+
+    Raises ValueError for a number out of range.
+    """
+
+    model: str = "ccdn"  # a name of `generative.GENERATORS`
+    updates: int = 5_000  # of the network
+    batch_size: int = 64  # transitions
+    measurements: int = 5  # spread evenly over the updates
+    measured_rows: int = 2_000  # held-out transitions
+    seed: int = 0
+    config: GeneratorConfig = field(default_factory=GeneratorConfig)
+
+    def __post_init__(self) -> None:
+        for name in ("updates", "batch_size", "measurements", "measured_rows"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}, it must be 1 or more")
+
+
+def describe_game(about: DatasetDescription) -> tuple[GameSpec, Representation]:
+    """The spec of a data set's game, and the representation that it shows.
+
+    Raises UnknownNameError for an unknown game or scenario, ValueError where the data set is of
+    another version of the game, or its shapes are not those of the game.
+    """
+    game = GAMES.get(about.game)
+    if game is None:
+        raise ValueError(
+            f"the data set is of {about.game}, which is not installed: there are {', '.join(GAMES)}"
+        )
+    if about.game_version not in (game.version, *game.agents_of):
+        raise ValueError(
+            f"the data set is of {about.game} {about.game_version}, here is {game.version}: "
+            "collect it again"
+        )
+    scenario = game.scenario(about.scenario, **restore_fields(about.scenario_options))
+    spec = game.make_spec(scenario)
+    seen = spec.representations[about.representation]
+    held = about.observation_shape, about.num_actions, about.num_players
+    if held != (tuple(seen.shape), spec.num_actions, spec.num_players):
+        raise ValueError(
+            f"the data set holds observations {list(held[0])}, {held[1]} actions and {held[2]} "
+            f"players, {about.game} {about.scenario} has {list(seen.shape)}, {spec.num_actions} "
+            f"and {spec.num_players}: collect it again"
+        )
+    return spec, seen
+
+
+def train_generator(
+    source: str | Path, out: str | Path, settings: GeneratorTraining, device: str = "cpu"
+) -> Iterator[dict[str, float]]:
+    """Train on the data set in `source`; yields the held-out numbers of each measurement.
+
+    Writes to `out`: the weights (`generator.pt`, for `initial_generator`), losses and numbers as
+    CSV, and pictures of predictions and losses.
+    Raises as `load_dataset` and `describe_game`; ValueError for a generator that does not work on
+    the data, FloatingPointError for a loss that is not finite.
+    """
+    data = load_dataset(source)
+    spec, seen = describe_game(data.about)
+    bound = max(1e-6, float(data.train["next", "reward"].abs().max()))
+    bound = max(bound, float(data.heldout["next", "reward"].abs().max()))
+    others = data.about.num_players - 1
+    generator = make_for_game(settings.model, settings.config, seen, spec, bound, others)
+    folder = Path(out)
+    if not hasattr(generator, "imagine"):
+        raise ValueError(
+            f"{settings.model} has no method `imagine(rows) -> Imagined`, which predicts without a "
+            "gate: it cannot be measured (see marl_cair.generative.quality)"
+        )
+    marked = {"dataset": str(source), "model": settings.model, "seed": settings.seed}
+    with files.claim_output_folder(folder, KIND, marked, resume=True):
+        yield from _Training(data, generator, seen, spec, settings, folder, device).run()
+
+
+class _Training:
+    def __init__(
+        self,
+        data: TransitionDataset,
+        generator: Generator,
+        seen: Representation,
+        spec: GameSpec,
+        settings: GeneratorTraining,
+        folder: Path,
+        device: str,
+    ) -> None:
+        self.data, self.generator, self.seen, self.spec = data, generator, seen, spec
+        self.settings, self.folder = settings, folder
+        self.about: GeneratorSpec = cast(Any, generator).spec
+        self.imagine: quality.Imagine = cast(Any, generator).imagine
+        if device != "cpu":
+            cast(Any, generator).network.to(device)
+        self.random = torch.Generator().manual_seed(settings.seed)
+        chosen = torch.randperm(len(data.heldout), generator=self.random)
+        self.heldout = data.heldout[chosen[: settings.measured_rows]]
+        self.chains = torch.zeros(0, 1, dtype=torch.int64)
+        for length in reversed(quality.HORIZONS):  # unique rows have gaps
+            if not len(self.chains):
+                self.chains = quality.find_chains(data.heldout, length, OPEN_LOOP_ROWS)
+        changed = (self.heldout["observation"] != self.heldout[NEXT_OBSERVATION]).flatten(1).any(1)
+        self.drawn = self.heldout[changed.nonzero()[:NUM_DRAWN, 0]]
+        self.guesses: list[tuple[str, torch.Tensor]] = []
+
+    def run(self) -> Iterator[dict[str, float]]:
+        settings, data = self.settings, self.data
+        for first in range(0, len(data.train), OBSERVED_ROWS):
+            places = torch.arange(first, min(first + OBSERVED_ROWS, len(data.train)))
+            self.generator.observe(complete_rows(data.train, places))
+        due = {
+            math.ceil(settings.updates * (n + 1) / settings.measurements)
+            for n in range(settings.measurements)
+        }
+        losses: list[dict[str, float]] = []
+        numbers: list[dict[str, float]] = []
+        start = time.process_time()
+        for update in range(1, settings.updates + 1):
+            places = torch.randint(len(data.train), (settings.batch_size,), generator=self.random)
+            found = self.generator.update(complete_rows(data.train, places))
+            if broken := [name for name, value in found.items() if not math.isfinite(value)]:
+                raise FloatingPointError(
+                    f"the loss {broken[0]} is {found[broken[0]]} at update {update}: take a "
+                    "smaller learning rate (--set learning_rate=...)"
+                )
+            losses.append({"update": update, **found})
+            if update in due:
+                spent = time.process_time() - start
+                numbers.append({"update": update, "processor_seconds": spent, **self.measure()})
+                self.write(losses, numbers)
+                start += time.process_time() - start - spent  # measuring does not count
+                yield numbers[-1]
+
+    def measure(self) -> dict[str, float]:
+        """Numbers on held-out rows."""
+        begin = time.process_time()
+        made = self.imagine(self.heldout)
+        spent = time.process_time() - begin
+        numbers = quality.measure_rows(self.heldout, made, self.about)
+        half = len(self.heldout) // 2
+        least = made.surety[:half].quantile(self.generator_tail)
+        rest = made.select(slice(half, None))
+        numbers |= quality.measure_acceptance(
+            self.heldout[half:], rest, self.about, rest.surety >= least
+        )
+        if len(self.chains):
+            held, imagine = self.data.heldout, self.imagine
+            numbers |= quality.measure_open_loop(held, self.chains, imagine, self.about)
+        guess = self.imagine(self.drawn).observation
+        self.guesses.append((f"{len(self.guesses) + 1}", guess))
+        return {**numbers, "speed/rows_per_processor_second": len(self.heldout) / max(spent, 1e-9)}
+
+    @property
+    def generator_tail(self) -> float:
+        return self.settings.config.gate.tail
+
+    def write(self, losses: list[dict[str, float]], numbers: list[dict[str, float]]) -> None:
+        """Write weights, tables and pictures."""
+        save_tensors(self.generator.export_knowledge(), self.folder / GENERATOR_FILE)
+        _write_table(self.folder / LOSS_FILE, losses)
+        _write_table(self.folder / QUALITY_FILE, numbers)
+        draw_losses(self.folder / CURVE_FILE, losses)
+        if len(self.seen.shape) == 3:
+            draw_progress(
+                self.folder / PICTURE_FILE,
+                self.seen,
+                self.spec.static_planes,
+                self.drawn["observation"],
+                self.drawn[NEXT_OBSERVATION],
+                [guess for _, guess in self.guesses],
+            )
+
+
+def complete_rows(rows: TensorDict, places: torch.Tensor) -> TensorDict:
+    """The transitions at `places` of a data set, with the labels of real ones in replay."""
+    chosen = rows[places].exclude("episode", "seat", "step")
+    num = len(chosen)
+    chosen["steps_to_next_obs"] = torch.ones(num, 1, dtype=torch.int64)
+    chosen["is_generated"] = torch.zeros(num, 1, dtype=torch.bool)
+    chosen[EXPERT_ACTION] = torch.full((num,), NO_ACTION)
+    chosen[OPPONENT] = torch.full((num,), NO_OPPONENT, dtype=torch.int16)
+    chosen[INDEX] = places
+    return chosen
+
+
+def _write_table(path: Path, rows: list[dict[str, float]]) -> None:
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    with files.atomic_path(path) as unfinished, unfinished.open("w", newline="") as file:
+        writer = csv.DictWriter(file, names, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)

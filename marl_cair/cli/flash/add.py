@@ -61,7 +61,7 @@ def describe_swf(chosen: Namespace) -> str:
     return (
         f"{path} describes {width} x {height} pixels at {fps:g} frames per second. Next:\n"
         f"  marl-cair flash play {path}\n"
-        f"  marl-cair train recipe=multitask game.options.description={path}\n"
+        f"  marl-cair train recipe=flash game.options.description={path}\n"
     )
 
 

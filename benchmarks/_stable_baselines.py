@@ -71,7 +71,7 @@ def _train(method: str, cell: Cell, look: Look) -> None:
     """
     torch.set_num_threads(1)
     game, bots = cell.config.game, cell.rating.bots
-    shown, changes = game.representation, cell.rating.options
+    shown, changes = game.representation, {**game.options, **cell.rating.options}
     name = gymnasium_id(GAMES[game.name].gymnasium_prefix, game.scenario)
 
     class Looks(BaseCallback):

@@ -40,14 +40,11 @@ def test_the_table_compares_generating_with_learning():
     assert [name.partition(",")[0] for name, *_ in rows] == [
         "the learner's update",
         "the generator's update",
-        "decoding 32 rows",
-        "judging 32 rows by three networks",
-        "of that",
+        "predicting 32 rows",
     ]
     assert rows[0][2] == "1.00"
     times = [float(milliseconds) for _, milliseconds, _ in rows]
     assert all(time > 0 for time in times)
-    assert times[4] < times[3]
 
 
 # --- self-play ---------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from marl_cair.games import GAMES
 from marl_cair.lookup import check_name
 from marl_cair.memory import NotEnoughMemoryError
 from marl_cair.stored import read_json
-from marl_cair.training.settings.checks import require
+from marl_cair.training.settings.checks import require, require_once
 from marl_cair.training.settings.config import ENDLESS_FRAMES, TrainConfig
 from marl_cair.training.settings.config_file import build_value, to_plain
 
@@ -74,15 +74,16 @@ def load_cell(folder: Path) -> Cell:
 
 
 def make_cells(plan: Plan, compose: Compose, scale: float, out: Path) -> list[Cell]:
-    """All cells in the order in which they run: of each seed all, so that a part of a plan says
-    something of every cell. Those that have been begun are read from `out`.
+    """Cells in running order: all of the first seed, then of the next. Those that have been begun
+    are read from `out`.
 
     compose: settings from lists of words, of which later ones override. scale: as of `scale_plan`.
 
     Raises ValueError for a cell that cannot be composed or rated, with its name.
     """
-    cells = []
-    for draft in list_drafts(plan):
+    cells, drafts = [], list(list_drafts(plan))
+    require_once("names of cells (choices, others, agents)", [draft.name for draft in drafts])
+    for draft in drafts:
         config: TrainConfig | None = None
         for seed in plan.seeds:
             folder = out / CELLS / f"{draft.name}-{seed}"
@@ -147,7 +148,13 @@ def list_drafts(plan: Plan) -> Iterator[Draft]:
             if (own := about.when.get(name, ())) is not None:
                 yield Draft(task, none | {first: name}, [own], trainer=place)
         for name in about.agents:
-            yield Draft(task, none | {first: Path(name).name}, [], agent=name)
+            yield Draft(task, none | {first: name_agent(name)}, [], agent=name)
+
+
+def name_agent(agent: str) -> str:
+    """The name of a bot, or of a checkpoint by the folders that tell it from others."""
+    parts = [part for part in Path(agent).parts if part not in ("/", "latest", "best")]
+    return parts[-1] if parts else Path(agent).name
 
 
 def _set_length(config: TrainConfig, budget: Length, scale: float) -> TrainConfig:

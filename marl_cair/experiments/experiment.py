@@ -48,7 +48,7 @@ class ExperimentConfig:
     out: Path
     workers: int | None = None  # processes side by side; None: as the cores allow
     budget: str = ""  # as it was typed
-    budget_seconds: float | None = None  # for the whole plan, or for what is left of it
+    budget_seconds: float | None = None  # for the cells of the first call in a folder
     only: tuple[str, ...] = ()  # tasks and choices; cells with one of each kind run
     panels: bool = False  # draw the thesis's panels of each task
 
@@ -84,7 +84,8 @@ def run_experiment(plan: Plan, config: ExperimentConfig, compose: Compose) -> Ex
     for cell in chosen:
         if cell.trainer is not None:
             import_outside(cell.trainer)  # raises now where it is missing
-    skipped = {cell.name: why for cell in chosen if (why := find_shortage(cell))}
+    waiting = [cell for cell in chosen if not scheduler.is_finished(cell, config.out)]
+    skipped = {cell.name: why for cell in waiting if (why := find_shortage(cell))}
     settings = {"version": __version__, "budget": config.budget, "plan": plan.fixed}
     with claim_output_folder(config.out, "experiment", settings, resume=True):
         write_json(config.out / _SCALE_FILE, {"factor": scale})
@@ -185,17 +186,16 @@ def _write(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig, notes: s
     return text
 
 
-def _play_leagues(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig) -> list[str]:
-    """A league of all agents and bots of each task; returns the folders."""
-    folders = []
+def _play_leagues(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig) -> None:
+    """A league of all trained agents and bots of each task."""
     for task in plan.tasks:
         own = [cell for cell in cells if cell.task == task and not (cell.agent or cell.trainer)]
         agents = [config.out / CELLS / cell.name / RUN / cell.rating.agent for cell in own]
-        if not agents or not all(agent.is_dir() for agent in agents):
+        agents = [agent for agent in agents if agent.is_dir()]
+        if not agents:
             continue
         game, scenario = own[0].config.game, make_scenario(own[0].config, own[0].rating)
         fields = dataclasses.asdict(scenario)
-        folders.append(str(config.out / LEAGUES / task))
         run_league(
             LeagueConfig(
                 agents=(*map(str, agents), *plan.tasks[task].rating.bots),
@@ -203,9 +203,8 @@ def _play_leagues(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig) -
                 scenario=game.scenario,
                 scenario_options=fields,
                 games_per_pair=plan.games_per_pair,
-                out=folders[-1],
-                workers=config.workers or 1,
+                out=str(config.out / LEAGUES / task),
+                workers=config.workers or os.cpu_count() or 1,
             ),
             partial(load_agent, game=game.name),
         )
-    return folders

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from marl_cair.experiments.plan import Plan
-from marl_cair.experiments.summary import SCORE, Entry, Run, find_iqm
+from marl_cair.experiments.summary import SCORE, Entry, Run, trim
 from marl_cair.files import atomic_path
 from marl_cair.training.curves import COLOURS, STYLES
 from marl_cair.training.run_log import read_log
@@ -84,7 +84,7 @@ def _draw_curves(panel: Any, runs: Sequence[Run], kinds: Sequence[Kind], axis: s
         unit = 1_000 if axis == "frames" else 1
         trained = [run for run in own if len(run.rows) > 1]
         if not trained:  # rated without training
-            score = find_iqm([np.array([run.rows[-1]["score"] for run in own])]).value
+            score = trim(np.array([run.rows[-1]["score"] for run in own]))
             panel.axhline(score, **_style(kinds, kind), linewidth=1.2, label=_label(kind))
             continue
         curves = [([row[axis] / unit for row in run.rows], [row["score"] for row in run.rows])
@@ -93,8 +93,7 @@ def _draw_curves(panel: Any, runs: Sequence[Run], kinds: Sequence[Kind], axis: s
             panel.plot(places, scores, **_style(kinds, kind), linewidth=0.6, alpha=0.35)
         grid = np.linspace(0, min(places[-1] for places, _ in curves), _PLACES)
         known = np.array([np.interp(grid, *curve) for curve in curves])
-        middle = [find_iqm([column]).value for column in known.T[:, :, None].squeeze(2)]
-        panel.plot(grid, middle, **_style(kinds, kind), linewidth=2, label=_label(kind))
+        panel.plot(grid, trim(known, 0), **_style(kinds, kind), linewidth=2, label=_label(kind))
 
 
 def _draw_ends(panel: Any, entries: Sequence[Entry], kinds: Sequence[Kind], plan: Plan) -> None:

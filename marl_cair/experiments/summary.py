@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import bootstrap, trim_mean
 
+from marl_cair.experiments.cells import name_agent
 from marl_cair.experiments.looks import Row
 from marl_cair.experiments.plan import Plan, TaskSettings
 
@@ -55,6 +56,11 @@ class Reached(NamedTuple):
     lowest: float  # score from then on; the best, where the level is never reached
 
 
+def trim(values: Values, axis: int = -1) -> Any:
+    """Interquartile mean along `axis`; of less than four values: mean."""
+    return trim_mean(values, 0.25, axis)
+
+
 def find_iqm(strata: Sequence[Values]) -> Estimate:
     """Interquartile mean of all values (of less than four: mean), and its interval by the
     stratified bootstrap: each stratum is drawn from apart (Agarwal et al. 2021, "Deep reinforcement
@@ -62,7 +68,7 @@ def find_iqm(strata: Sequence[Values]) -> Estimate:
     """
 
     def iqm(*parts: Any, axis: int = -1) -> Any:
-        return trim_mean(np.concatenate(parts, axis), 0.25, axis)
+        return trim(np.concatenate(parts, axis), axis)
 
     value = float(iqm(*strata))
     if min(map(len, strata)) < 2 or not np.isfinite(value):
@@ -101,7 +107,8 @@ def _list_columns(
 ) -> Iterator[tuple[str, Values]]:
     """Values of the runs of one kind, float64 [runs], by column."""
     last = [run.rows[-1] for run in runs]
-    strength = score = np.array([row["score"] for row in last])
+    score = np.array([row["score"] for row in last])
+    strength = np.array([row["mean"] for row in last])
     yield "steps", np.array([row["frames"] for row in last])
     yield "seconds", np.array([row["seconds"] for row in last])
     yield SCORE, score
@@ -112,7 +119,7 @@ def _list_columns(
             yield column, np.array([_find_strength(run.rows, axis, end) for run in runs])
         strength = np.array([_find_strength(run.rows, "seconds", end_of(run)) for run in runs])
     if scale := _find_scale(task, of_task):
-        yield NORMALISED, (strength - scale[0]) / (scale[1] - scale[0])
+        yield NORMALISED, np.minimum((strength - scale[0]) / (scale[1] - scale[0]), 1.0)
     for name in task.rating.show:
         yield name, np.array([row.get(name, np.nan) for row in last])
     excess = [_read_last(run, "overestimation") for run in runs]
@@ -143,7 +150,8 @@ def _find_scale(task: TaskSettings, of_task: Sequence[Run]) -> tuple[float, floa
     ends = []
     for end in task.scale:
         if isinstance(end, str):
-            scores = [r.rows[-1]["score"] for r in of_task if end in r.kind and not end_of(r)]
+            name = name_agent(end)
+            scores = [r.rows[-1]["mean"] for r in of_task if name in r.kind and not end_of(r)]
             ends.append(float(np.mean(scores)) if scores else np.nan)
         else:
             ends.append(float(end))

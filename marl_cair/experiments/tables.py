@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from marl_cair.experiments.cells import name_agent
 from marl_cair.experiments.plan import Plan
 from marl_cair.experiments.summary import Entry, Estimate, Reached, Run
 from marl_cair.files import write_atomically
@@ -65,7 +66,7 @@ def _format_entry(plan: Plan, entry: Entry) -> Line:
         line["unit"] = (about and about.rating.unit) or ""
     if any(task.published for task in plan.tasks.values()):
         known = about.published if about else {}
-        scores = [known[one] for one in entry.kind if one in known]
+        scores = [score for one, score in known.items() if name_agent(one) in entry.kind]
         line[plan.source] = f"{scores[0]:g}" if scores else ""
     line["runs"] = str(entry.num_runs)
     for name, value in values.items():

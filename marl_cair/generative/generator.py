@@ -288,8 +288,8 @@ class CCDNGenerator:
         known = starts.get(OTHER_ACTIONS, None)
         if known is not None and bool((known >= 0).all()):
             return cast(Tensor, known)
-        held = self._heldout.select(torch.arange(self._heldout.num_rows))[OTHER_ACTIONS]
-        drawn = held[torch.randint(len(held), (len(starts),), generator=random)]
+        places = torch.randint(self._heldout.num_rows, (len(starts),), generator=random)
+        drawn = self._heldout.select(places)[OTHER_ACTIONS]
         return drawn if known is None else torch.where(known >= 0, known, drawn)
 
     def _choose_actions(self, behaviour: Tensor, mask: Tensor) -> Tensor:
@@ -386,5 +386,6 @@ def _refuse_old(state: dict[str, Any]) -> None:
 def _describe(spec: GeneratorSpec, config: GeneratorConfig) -> dict[str, Any]:
     """Return the settings that networks must be used with."""
     described = {**asdict(spec), "size": asdict(config.size)}
+    del described["reward_range"]  # clamps predictions, no weights depend on it
     # Tuples become lists, as in saved settings.
     return cast(dict[str, Any], json.loads(json.dumps(described)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -157,7 +157,7 @@ def find_chains(rows: TensorDict, length: int, most: int) -> Tensor:
     chains = []
     for (episode, seat, step), _ in sorted(place_of.items()):
         chain = [place_of.get((episode, seat, step + n)) for n in range(length)]
-        if None not in chains and all(place is not None for place in chain):
+        if None not in chain:
             chains.append(chain)
     stride = max(1, len(chains) // most)
     return torch.tensor(chains[::stride][:most], dtype=torch.int64).view(-1, length)
@@ -232,16 +232,6 @@ def find_calibration_error(probabilities: Tensor, labels: Tensor) -> float:
     gap = (probabilities - labels.float()).double()
     sums = torch.zeros(NUM_CALIBRATION_BINS, dtype=torch.float64).index_add_(0, bins, gap)
     return float(sums.abs().sum() / max(1, labels.numel()))
-
-
-def format_quality(numbers: Sequence[tuple[str, dict[str, float]]]) -> str:
-    """A Markdown table: a row for each number, a column for each (name, numbers)."""
-    names = sorted({name for _, column in numbers for name in column})
-    lines = [f"| | {' | '.join(name for name, _ in numbers)} |", "|---" * (len(numbers) + 1) + "|"]
-    for name in names:
-        cells = (f"{column[name]:.4f}" if name in column else "" for _, column in numbers)
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
 
 
 def _share(holds: Tensor) -> float:

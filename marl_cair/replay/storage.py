@@ -265,7 +265,10 @@ class EpisodeStorage:
 
     @property
     def _saved_fields(self) -> tuple[str, ...]:
-        return _SAVED_FIELDS + (_SEQUENCE_FIELDS if self.sequence_steps > 1 else ())
+        saved = _SAVED_FIELDS + (_SEQUENCE_FIELDS if self.sequence_steps > 1 else ())
+        if self.spec.num_others:
+            return saved
+        return tuple(name for name in saved if name != transition.OTHER_ACTIONS)
 
     def _layout(self) -> dict[str, Any]:
         layout = {
@@ -278,6 +281,8 @@ class EpisodeStorage:
         }
         if self.sequence_steps > 1:
             layout |= {"window": list(self._window), "state_size": self.spec.state_size}
+        if self.spec.num_others:
+            layout["num_others"] = self.spec.num_others
         return layout
 
     def _read_fields(

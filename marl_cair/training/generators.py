@@ -15,11 +15,14 @@ from marl_cair.generative import GENERATORS
 from marl_cair.generative.codecs import FrameCodec, VectorCodec, make_coded_generator
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
+from marl_cair.generative.thesis import ThesisGenerator
 from marl_cair.outside import OutsideCodeError
+from marl_cair.training.settings.checks import require
 from marl_cair.training.settings.config import NO_GENERATOR, TrainConfig
 
 GENERATOR_FILE = "generator.pt"  # in a run's folder
 GRAY = "gray"  # one grey picture, 84 x 84
+_ONE_STEP, _NONE = "1 with generator.name=ccdn_thesis", "0 with generator.name=ccdn_thesis"
 SHADES_TAKEN_FOR_EQUAL = 8  # of 255, in pictures
 
 
@@ -115,7 +118,11 @@ def _make(config: TrainConfig, seen: Representation, spec: GameSpec, seed: int) 
     settings = config.generator
     model = dataclasses.replace(settings.model, seed=seed)
     bound = spec.reward_bound * config.learner.reward_scale
-    return make_for_game(settings.name, model, seen, spec, bound, count_others(config, spec))
+    made = make_for_game(settings.name, model, seen, spec, bound, count_others(config, spec))
+    if isinstance(made, ThesisGenerator):  # it knows no rewards but that of the real first step
+        require(config.learner.n_steps == 1, "learner.n_steps", config.learner.n_steps, _ONE_STEP)
+        require(settings.branch_steps == 0, "generator.branch_steps", settings.branch_steps, _NONE)
+    return made
 
 
 def make_for_game(

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from marl_cair.experiments.cells import find_shortage, load_cell
+from marl_cair.experiments.cells import find_shortage, load_cell, name_agent
 from marl_cair.training.settings.config import ENDLESS_FRAMES
 from tests.experiments.plans import TINY, WORDS, change_task, list_cells, make_plan
 
@@ -96,3 +96,15 @@ def test_a_cell_that_this_machine_cannot_hold_says_why():
     assert "replay.capacity_transitions = 1000000000000 needs" in find_shortage(cell)
     assert find_shortage(agent) == ""
     assert find_shortage(list_cells(make_plan())[0]) == ""
+
+
+def test_two_agents_of_one_name_are_refused():
+    agents = ["runs/a/latest", "other/a/best"]
+    with pytest.raises(ValueError, match="names of cells .* 'a'"):
+        list_cells(make_plan(tasks=change_task(agents=agents, scale=[0, 1])))
+
+
+def test_agents_are_named_by_the_run_that_they_are_of():
+    assert [name_agent(one) for one in ("counter", "runs/a/latest", "/x/b/best", "agents/c")] == [
+        *("counter", "a", "b", "c")
+    ]

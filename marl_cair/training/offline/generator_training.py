@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
@@ -21,6 +20,7 @@ from marl_cair.games.game import GameSpec, Representation
 from marl_cair.generative import quality
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
+from marl_cair.generative.thesis import ThesisGenerator
 from marl_cair.replay.dataset import DatasetDescription, TransitionDataset, load_dataset
 from marl_cair.replay.transition import (
     EXPERT_ACTION,
@@ -32,6 +32,7 @@ from marl_cair.replay.transition import (
 )
 from marl_cair.training.generator_picture import draw_losses, draw_progress
 from marl_cair.training.generators import GENERATOR_FILE, make_for_game
+from marl_cair.training.run_log import format_rows
 
 KIND = "generator training"
 LOSS_FILE, QUALITY_FILE, PICTURE_FILE = "losses.csv", "quality.csv", "predictions.png"
@@ -57,9 +58,10 @@ class GeneratorTraining:
     config: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:
-        for name in ("updates", "batch_size", "measurements", "measured_rows"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} is {getattr(self, name)}, it must be 1 or more")
+        least = {"updates": 1, "batch_size": 1, "measurements": 1, "measured_rows": 2}
+        for name, lowest in least.items():
+            if getattr(self, name) < lowest:
+                raise ValueError(f"{name} is {getattr(self, name)}, it must be {lowest} or more")
 
 
 def describe_game(about: DatasetDescription) -> tuple[GameSpec, Representation]:
@@ -103,18 +105,23 @@ def train_generator(
     """
     data = load_dataset(source)
     spec, seen = describe_game(data.about)
-    bound = max(1e-6, float(data.train["next", "reward"].abs().max()))
-    bound = max(bound, float(data.heldout["next", "reward"].abs().max()))
     others = data.about.num_players - 1
-    generator = make_for_game(settings.model, settings.config, seen, spec, bound, others)
+    generator = make_for_game(
+        settings.model, settings.config, seen, spec, spec.reward_bound, others
+    )
     folder = Path(out)
     if not hasattr(generator, "imagine"):
         raise ValueError(
             f"{settings.model} has no method `imagine(rows) -> Imagined`, which predicts without a "
             "gate: it cannot be measured (see marl_cair.generative.quality)"
         )
-    marked = {"dataset": str(source), "model": settings.model, "seed": settings.seed}
-    with files.claim_output_folder(folder, KIND, marked, resume=True):
+    if device != "cpu" and not isinstance(generator, ThesisGenerator):
+        raise ValueError(
+            f"device is {device!r}, but {settings.model} trains on the CPU: leave it out, or take "
+            "ccdn_thesis"
+        )
+    marked = {"dataset": str(source), **asdict(settings)}
+    with files.claim_output_folder(folder, KIND, marked, resume=True):  # the same begins again
         yield from _Training(data, generator, seen, spec, settings, folder, device).run()
 
 
@@ -199,9 +206,10 @@ class _Training:
 
     def write(self, losses: list[dict[str, float]], numbers: list[dict[str, float]]) -> None:
         """Write weights, tables and pictures."""
-        save_tensors(self.generator.export_knowledge(), self.folder / GENERATOR_FILE)
-        _write_table(self.folder / LOSS_FILE, losses)
-        _write_table(self.folder / QUALITY_FILE, numbers)
+        with files.atomic_path(self.folder / GENERATOR_FILE) as unfinished:
+            save_tensors(self.generator.export_knowledge(), unfinished)
+        files.write_atomically(self.folder / LOSS_FILE, format_rows(losses))
+        files.write_atomically(self.folder / QUALITY_FILE, format_rows(numbers))
         draw_losses(self.folder / CURVE_FILE, losses)
         if len(self.seen.shape) == 3:
             draw_progress(
@@ -224,11 +232,3 @@ def complete_rows(rows: TensorDict, places: torch.Tensor) -> TensorDict:
     chosen[OPPONENT] = torch.full((num,), NO_OPPONENT, dtype=torch.int16)
     chosen[INDEX] = places
     return chosen
-
-
-def _write_table(path: Path, rows: list[dict[str, float]]) -> None:
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    with files.atomic_path(path) as unfinished, unfinished.open("w", newline="") as file:
-        writer = csv.DictWriter(file, names, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)

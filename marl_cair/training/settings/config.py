@@ -203,7 +203,9 @@ class GeneratorSettings:
     refill_every_frames: Count = 4_000  # frames between two refills while the gate is open
     rows_per_refill: Count = 1_000  # transitions
     rollout_steps: Count = 1  # generated steps at the end of a generated row, n_steps at most
-    branch_steps: _Branch = 0  # above 0: one-step rows, roll-outs of so many steps, instead of that
+    branch_steps: _Branch = (
+        0  # above 0: one-step rows of roll-outs so long; rollout_steps is unused
+    )
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:

@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 import torch
 
+from marl_cair import files
+from marl_cair.checkpoint import load_tensors
 from marl_cair.cli import main
+from marl_cair.cli.compose import compose_config
 from marl_cair.games import GAMES
 from marl_cair.games.players.random_player import RandomPlayer
 from marl_cair.generative.settings import GeneratorConfig, NetworkSize
 from marl_cair.replay import load_dataset
 from marl_cair.training.collecting.dataset import collect_dataset
+from marl_cair.training.generators import check_generator, make_generator
 from marl_cair.training.offline.generator_training import GeneratorTraining, train_generator
 
 LINE_WARS = GAMES["deep_line_wars"]
@@ -106,6 +110,36 @@ def test_a_generator_learns_from_a_data_set(folder, tmp_path):
     files = {path.name for path in (tmp_path / "run").iterdir()}
     assert {"generator.pt", "quality.csv", "losses.csv", "predictions.png", "losses.png"} <= files
     assert (tmp_path / "run" / "losses.csv").read_text("utf-8").count("\n") == 1 + 12
+
+
+def test_a_trained_generator_begins_a_run(folder, tmp_path):
+    settings = GeneratorTraining(updates=2, batch_size=16, measurements=1, config=SMALL)
+    list(train_generator(folder, tmp_path / "run", settings))
+    words = ("game.scenario=11x11", "game.options={max_ticks: 100}", "generator.model.size.depth=1")
+    words += ("generator.model.size.channels=4", "generator.model.size.hidden=8")
+    config = compose_config(words)
+    seen = config.game.spec.representations["planes"]
+    made = make_generator(config, seen, config.game.spec, 1, str(tmp_path / "run"))
+    saved = load_tensors(tmp_path / "run" / "generator.pt")["network"]["network"]
+    assert torch.equal(made.network.choose.weight, saved["choose.weight"])
+
+
+def test_other_settings_do_not_replace_results(folder, tmp_path):
+    settings = GeneratorTraining(updates=1, batch_size=4, measurements=1, config=SMALL)
+    list(train_generator(folder, tmp_path / "run", settings))
+    with pytest.raises(files.OutputFolderError, match="updates"):
+        next(train_generator(folder, tmp_path / "run", dataclasses.replace(settings, updates=2)))
+
+
+def test_ccdn_trains_on_the_processor_only(folder, tmp_path):
+    with pytest.raises(ValueError, match="device is 'cuda', but ccdn trains on the CPU"):
+        next(train_generator(folder, tmp_path / "run", GeneratorTraining(config=SMALL), "cuda"))
+
+
+def test_the_thesis_generator_has_returns_of_one_step_only():
+    words = ["representation=gray", "generator.name=ccdn_thesis", "learner.n_steps=3"]
+    with pytest.raises(ValueError, match=r"learner.n_steps is 3.* 1 with .*ccdn_thesis"):
+        check_generator(compose_config(words))
 
 
 def test_the_commands_collect_describe_and_train(tmp_path, capsys):

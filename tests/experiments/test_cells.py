@@ -100,7 +100,7 @@ def test_a_cell_that_this_machine_cannot_hold_says_why():
 
 def test_two_agents_of_one_name_are_refused():
     agents = ["runs/a/latest", "other/a/best"]
-    with pytest.raises(ValueError, match="names of cells .* 'a'"):
+    with pytest.raises(ValueError, match="names of cells .* 'maze-a' twice"):
         list_cells(make_plan(tasks=change_task(agents=agents, scale=[0, 1])))
 
 

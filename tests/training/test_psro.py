@@ -210,9 +210,9 @@ def test_agents_that_no_response_can_begin_as_are_refused_before_anything_is_wri
     (other / "agent.json").write_text(json.dumps({**about, "representation": "planes"}), "utf-8")
     with pytest.raises(ValueError, match=r"representation"):
         run(out, begin_with=[player, str(other)])
-    game = GameSettings(scenario="11x11", representation="gray")
+    game = GameSettings(scenario="11x11", representation="heatmap")
     picture = make_agent(tiny(tmp_path / "picture", game=game, synthetic_fraction=0.0))
-    with pytest.raises(ValueError, match=r"generator 'ccdn' works on `planes`.*not on 'gray'"):
+    with pytest.raises(ValueError, match=r"generator 'ccdn' works on `planes`.*not on 'heatmap'"):
         run(
             out,
             begin_with=[picture],

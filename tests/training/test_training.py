@@ -113,7 +113,7 @@ def test_gradients_reach_every_parameter_of_both_networks(tmp_path):
         run = TrainingRun(tiny(tmp_path / body, policy=QNetworkConfig(body=body)))
         batches = iter(run.collector)
         for _ in range(3):
-            run.replay.real.extend_rollout(make_rollout(next(batches), 1.0))
+            run.replay.real.extend_rollout(make_rollout(next(batches), 1.0, num_others=1))
         learner = Learner(run.learner.network, LearnerSettings())
         learner.update(run.replay.sample(64))
         for name, parameter in run.learner.network.named_parameters():
@@ -285,9 +285,9 @@ def opposed(**changes):
 
 
 def test_the_generator_needs_planes_frames_or_a_vector(tmp_path):
-    settings = GameSettings(scenario="11x11", representation="gray")
+    settings = GameSettings(scenario="11x11", representation="heatmap")
     with pytest.raises(
-        ValueError, match=r"works on `planes`, stacks of frames and vectors, not on .gray."
+        ValueError, match=r"works on `planes`, `gray`, stacks of frames .* not on .heatmap."
     ):
         TrainingRun(tiny(tmp_path / "a", game=settings))
 

@@ -162,6 +162,7 @@ def test_a_browser_within_a_step_is_not_kept():
 
 
 def test_many_games_are_played_in_four_browsers():
+    rules.close_spare_browsers()
     game = marl_cair.GAMES["flash"]
     short = dataclasses.replace(game.scenario("multitask"), max_ticks=8)
     assert play_alone(game.bot("random", short), game, short, 9, 0).games == 9

@@ -11,7 +11,7 @@ from typing import Any
 
 from mkdocs.structure.files import File
 
-from marl_cair.browser.folder import Opponent, write_folder
+from marl_cair.cli.viewing.browser_play import write_game
 from marl_cair.games import GAMES as PLAYABLE
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -73,10 +73,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
 
 def on_post_build(config: Any) -> None:
     """Write the game of the first page; compiling its rules takes a minute, once."""
-    game, bot = PLAYABLE[PLAYED], find_bot()
-    name = game.default_scenario
-    folder = Path(config.site_dir) / "game"
-    write_folder(folder, game, name, game.scenario(name), Opponent(bot, bot=bot))
+    write_game(Path(config.site_dir) / "game", PLAYABLE[PLAYED], None, (), find_bot())
 
 
 def find_bot() -> str:

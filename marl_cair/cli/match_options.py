@@ -117,21 +117,28 @@ def add_options(parser: argparse.ArgumentParser, *names: str, **texts: object) -
         parser.add_argument(name, **{**settings, "help": settings["help"].format_map(words)})
 
 
+def read_changes(words: Sequence[str], form: str) -> dict[str, Any]:
+    """Values of `--set NAME=VALUE` by name. form: of a word, for the error.
+
+    Raises ValueError for a word without `=`, and for a name that is set twice.
+    """
+    refuse_repeats(words)
+    for word in words:
+        if "=" not in word:
+            raise ValueError(f"--set {word}: write --set {form}")
+    return {word.partition("=")[0]: read_value(word) for word in words}
+
+
 def read_fields(game: Game, scenario: Any, words: Sequence[str]) -> dict[str, Any]:
     """Values of `--set FIELD=VALUE` by field of `scenario`.
 
     Raises:
         UnknownNameError: no such field. ValueError: a value of another kind, or a field set twice.
     """
-    refuse_repeats(words)
-    changes: dict[str, Any] = {}
     for word in words:
-        name, equals, _ = word.partition("=")
-        if not equals:
-            raise ValueError(f"--set {word}: write --set field=value, for example max_ticks=500")
-        if name == "reward":
+        if word.startswith("reward="):
             raise ValueError(f"--set {word}: leave it out, the rated reward is used")
-        changes[name] = read_value(word)
+    changes = read_changes(words, "field=value, for example max_ticks=500")
     return read_options(game.name, scenario, changes, "scenario")
 
 

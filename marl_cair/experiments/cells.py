@@ -152,7 +152,7 @@ def list_drafts(plan: Plan) -> Iterator[Draft]:
 
 
 def name_agent(agent: str) -> str:
-    """The name of a bot, or of a checkpoint by the folders that tell it from others."""
+    """The name of a bot, or of a checkpoint by the folder that no other has."""
     parts = [part for part in Path(agent).parts if part not in ("/", "latest", "best")]
     return parts[-1] if parts else Path(agent).name
 

@@ -33,11 +33,9 @@ from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.sampler import restore_generator
 from marl_cair.replay.transition import (
-    NO_ACTION,
-    NO_INDEX,
-    NO_OPPONENT,
     OTHER_ACTIONS,
     UNKNOWN_ACTION,
+    mark_generated,
 )
 
 CHUNK_ROWS = 64  # without gradients: the arrays of all cells then fit the cache
@@ -276,10 +274,7 @@ class CCDNGenerator:
         rows["next", "observation"], rows["next", "action_mask"] = made[:2]
         rows["next", "reward"] = made.reward[:, None]
         rows["next", "terminated"] = rows["next", "done"] = (made.end > 0.5)[:, None]
-        rows["is_generated"].fill_(True)
-        rows["expert_action"].fill_(NO_ACTION)
-        rows["index"].fill_(NO_INDEX)
-        rows["opponent"].fill_(NO_OPPONENT)
+        mark_generated(rows)
         accepted = report.acceptance.accept(made, self._find_rare(made.reward))
         return rows, accepted & ~find_broken_structure(rows, self.spec)
 

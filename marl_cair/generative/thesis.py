@@ -19,7 +19,7 @@ from marl_cair.generative.quality import Imagined
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.replay.sampler import restore_generator
-from marl_cair.replay.transition import NEXT_OBSERVATION, NO_ACTION, NO_INDEX, NO_OPPONENT
+from marl_cair.replay.transition import NEXT_OBSERVATION, mark_generated
 
 CHUNK_ROWS = 32
 FRAME = (1, SIDE, SIDE)
@@ -83,10 +83,7 @@ class ThesisGenerator:
         places = torch.randint(len(starts), (num_rows,), generator=self._random)
         rows = cast(TensorDict, starts[places])
         rows[NEXT_OBSERVATION] = self.imagine(rows).observation
-        rows["is_generated"].fill_(True)
-        rows["expert_action"].fill_(NO_ACTION)
-        rows["index"].fill_(NO_INDEX)
-        rows["opponent"].fill_(NO_OPPONENT)
+        mark_generated(rows)
         return rows
 
     def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:

@@ -204,3 +204,11 @@ def _check_actions(action: torch.Tensor, action_mask: torch.Tensor) -> None:
 
 def _describe(dtype: torch.dtype, shape: Iterable[int]) -> str:
     return f"{str(dtype).removeprefix('torch.')} {list(shape)}"
+
+
+def mark_generated(rows: TensorDict) -> None:
+    """Change the labels of real `rows` to those of generated ones."""
+    rows[IS_GENERATED].fill_(True)
+    rows[EXPERT_ACTION].fill_(NO_ACTION)
+    rows[INDEX].fill_(NO_INDEX)
+    rows[OPPONENT].fill_(NO_OPPONENT)

@@ -6,7 +6,7 @@ import os
 
 import pygame
 
-_WINDOWLESS = ("offscreen", "dummy", "evdev")  # what SDL takes where it finds no display
+WINDOWLESS = ("offscreen", "dummy", "evdev")  # what SDL takes where it finds no display
 
 
 def open_display(size: tuple[int, int], title: str) -> pygame.Surface:
@@ -14,7 +14,7 @@ def open_display(size: tuple[int, int], title: str) -> pygame.Surface:
     try:
         pygame.display.init()
         driver = pygame.display.get_driver()
-        if driver in _WINDOWLESS and driver != os.environ.get("SDL_VIDEODRIVER"):
+        if driver in WINDOWLESS and driver != os.environ.get("SDL_VIDEODRIVER"):
             raise pygame.error(f"SDL found no display and took its driver {driver!r}")
         surface = pygame.display.set_mode(size, pygame.RESIZABLE)
     except pygame.error as error:

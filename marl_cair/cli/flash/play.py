@@ -17,7 +17,6 @@ from marl_cair.lookup import UnknownNameError
 _NAMES = {"return": "enter", "left shift": "shift", "right shift": "shift", "left ctrl": "control",
           "right ctrl": "control", "left alt": "alt", "right alt": "alt"}  # fmt: skip
 _SAVE_KEY = "f12"
-_WINDOWLESS = ("offscreen", "dummy", "evdev")  # what SDL takes where it finds no display
 _BUTTONS = {1: "left", 2: "middle", 3: "right"}
 
 
@@ -51,9 +50,11 @@ def _open_display() -> Any:
             'a window needs pygame-ce: pip install "marl_cair[play]"; or give --vnc and use a VNC '
             "viewer"
         ) from None
+    from marl_cair.window.display import WINDOWLESS
+
     try:
         pygame.display.init()
-        has_windows = pygame.display.get_driver() not in _WINDOWLESS
+        has_windows = pygame.display.get_driver() not in WINDOWLESS
     except pygame.error:  # SDL_VIDEODRIVER has one that is not available
         has_windows = False
     if not has_windows:

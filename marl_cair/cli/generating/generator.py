@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from marl_cair.cli import EXIT_DONE
-from marl_cair.cli.compose import read_value
-from marl_cair.cli.parser import Parser, refuse_repeats
+from marl_cair.cli.match_options import read_changes
+from marl_cair.cli.parser import Parser
 from marl_cair.generative import GENERATORS
 from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.lookup import check_name
@@ -56,17 +56,13 @@ def run(arguments: Sequence[str]) -> int:
 
 def read_model(words: Sequence[str]) -> GeneratorConfig:
     """The settings that `--set NAME=VALUE` changes; `size.depth=2` is a setting of the network."""
-    refuse_repeats(words)
     changes: dict[str, Any] = {}
-    for word in words:
-        name, equals, _ = word.partition("=")
-        if not equals:
-            raise ValueError(f"--set {word}: write --set name=value, for example size.depth=2")
+    for name, value in read_changes(words, "name=value, for example size.depth=2").items():
         place = changes
         *parents, last = name.split(".")
         for parent in parents:
             place = place.setdefault(parent, {})
-        place[last] = read_value(word)
+        place[last] = value
     config: GeneratorConfig = build_value(GeneratorConfig, changes, "generator.model")
     return config
 

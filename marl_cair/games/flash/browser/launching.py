@@ -82,7 +82,8 @@ def start_display(folder: PrivateFolder, window: Window) -> dict[str, str]:
     if not display:
         folder.wait_for_end("Xtigervnc")
     x_socket = Path(f"/tmp/.X11-unix/X{display}")  # noqa: S108 (X servers put it there)
-    folder.inform_watcher(f"FILE {x_socket.stat().st_ino} {x_socket}")
+    status = x_socket.stat()
+    folder.inform_watcher(f"FILE {status.st_ino}.{int(status.st_mtime)} {x_socket}")
     return {"DISPLAY": f":{display}", "XAUTHORITY": str(authority)}
 
 

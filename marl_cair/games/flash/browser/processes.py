@@ -24,8 +24,9 @@ _FOLDERS = (
 )
 
 # Reads lines until "end", or until Python is gone: "KILL 12" and "TERM 13" are signals and process
-# groups, "FILE 14 /path" is a file and its inode, which a program leaves if it is killed. Only what
-# is sent TERM is waited for: what is killed changes no files, and may be a zombie for seconds.
+# groups, "FILE 14.99 /path" is a file that a program leaves if it is killed, with its inode and
+# time (inodes are used again at once). Only what is sent TERM is waited for: what is killed changes
+# no files, and may be a zombie for seconds.
 _WATCHER = r"""
 trap '' HUP INT QUIT TERM
 groups= ending= files=
@@ -48,7 +49,7 @@ for pid in $ending; do
 done
 for pair in $files; do
     file=${pair#*:}
-    [ "$(stat -c %i -- "$file")" = "${pair%%:*}" ] && rm -f -- "$file"
+    [ "$(stat -c %i.%Y -- "$file")" = "${pair%%:*}" ] && rm -f -- "$file"
 done
 tries=0
 until rm -rf -- "$1" || [ $tries -ge 60 ]; do

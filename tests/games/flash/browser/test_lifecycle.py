@@ -264,11 +264,17 @@ def test_a_watcher_that_is_killed_is_named_and_replaced_at_the_end():
 
 
 def test_files_that_a_program_leaves_go_too_but_not_anothers(tmp_path):
-    for name in ("left", "anothers"):
+    for name in ("left", "anothers", "later"):
         (tmp_path / name).touch()
+    status = (tmp_path / "left").stat()
+    os.utime(tmp_path / "later", (0, 0))  # its inode was used again
+    keys = {
+        "left": f"{status.st_ino}.{int(status.st_mtime)}",
+        "later": f"{(tmp_path / 'later').stat().st_ino}.{int(status.st_mtime)}",
+    }
     with PrivateFolder() as folder:
-        inode = (tmp_path / "left").stat().st_ino
-        folder.inform_watcher(f"FILE {inode} {tmp_path / 'left'}")
-        folder.inform_watcher(f"FILE {inode} {tmp_path / 'anothers'}")
-        folder.inform_watcher(f"FILE {inode} {tmp_path / 'missing'}")
-    assert [path.name for path in tmp_path.iterdir()] == ["anothers"]
+        folder.inform_watcher(f"FILE {keys['left']} {tmp_path / 'left'}")
+        folder.inform_watcher(f"FILE {keys['left']} {tmp_path / 'anothers'}")
+        folder.inform_watcher(f"FILE {keys['left']} {tmp_path / 'missing'}")
+        folder.inform_watcher(f"FILE {keys['later']} {tmp_path / 'later'}")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["anothers", "later"]

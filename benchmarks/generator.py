@@ -26,7 +26,7 @@ from marl_cair.training.settings.learner import LearnerSettings
 from marl_cair.training.trainer import iterate
 
 COLLECTED = 4_096  # decisions
-LEARNER_ROWS, GENERATOR_ROWS = 128, 64
+LEARNER_ROWS, GENERATOR_ROWS = 128, 32
 
 
 def collect(folder: Path) -> TrainingRun:

@@ -11,7 +11,7 @@ MAX_LINES = {
     "games": 21_370,
     "policies": 2_420,
     "replay": 2_270,
-    "generative": 2_660,
+    "generative": 2_800,
     "self_play": 990,
     "league": 8_180,
     "training": 6_900,

@@ -102,7 +102,7 @@ def check_quality(numbers: Mapping[str, float], config: GateConfig) -> tuple[str
     broken = [name for name, value in numbers.items() if not math.isfinite(value)]
     if broken:
         return (f"{', '.join(broken)} not finite: the network or the data hold NaN",)
-    is_constant = numbers["reward/std"] < config.max_reward_mae_if_constant
+    is_constant = numbers.get("reward/std", 0.0) < config.max_reward_mae_if_constant
     skipped = {"reward/explained" if is_constant else "reward/mae"}
     if numbers["rare/num_rewards"] < config.min_rare_rows:
         skipped |= {"rare/reward_missed"}

@@ -148,7 +148,8 @@ class CCDNGenerator:
         others = _read_others(rows)
         hidden = torch.rand(len(rows), generator=self._generators[_TRAINING])
         others[hidden < self.config.unknown_share] = UNKNOWN_ACTION
-        network.outcome.reward_unit.fill_(self._counts.reward_unit)
+        units = [self._counts.reward_unit, self._counts.end_unit]
+        network.outcome.reward_units.copy_(torch.tensor(units))
         losses = network.compute_losses(rows, others, *correction)
         total = torch.stack(list(losses.values())).sum()
         optimizer.zero_grad(set_to_none=True)
@@ -171,7 +172,7 @@ class CCDNGenerator:
         share = max(MIN_AVERAGE_SHARE, 9.0 / (self.num_updates + 9.0))
         ours, newest = self.average.parameters(), self.network.parameters()
         torch._foreach_lerp_(list(ours), list(newest), share)
-        self.average.outcome.reward_unit.copy_(self.network.outcome.reward_unit)
+        self.average.outcome.reward_units.copy_(self.network.outcome.reward_units)
 
     @torch.no_grad()
     def imagine(self, rows: TensorDict, generator: torch.Generator | None = None) -> Imagined:
@@ -186,15 +187,12 @@ class CCDNGenerator:
         return Imagined(*(torch.cat(part) for part in zip(*parts, strict=True)))
 
     def _imagine(self, rows: TensorDict, generator: torch.Generator | None) -> Imagined:
-        network, observation = self.average, rows["observation"]
-        following, surety, encoding = network.decode(
-            observation, rows["action"], _read_others(rows), generator
-        )
-        outcome = network.predict_outcome(encoding, observation, following, rows["action_mask"])
+        network = self.average
+        following, surety, outcome = network.decode(rows, _read_others(rows), generator)
         low, high = self.spec.reward_range
         mask = outcome.mask > 0.0
         mask[:, self.spec.noop_action] = True  # legal in every state
-        reward = network.outcome.expect_reward(outcome.reward).clamp(low, high)
+        reward = network.outcome.expect_reward(outcome).clamp(low, high)
         return Imagined(following, mask, reward, outcome.end.sigmoid(), surety)
 
     def evaluate(self) -> GateReport:
@@ -209,7 +207,6 @@ class CCDNGenerator:
         rows = self._heldout.sample(gate.evaluation_rows, self._generators[_EVALUATING])
         made = self.imagine(rows)
         metrics = quality.measure_rows(rows, made, self.spec)
-        metrics["reward/std"] = float(rows["next", "reward"].std(correction=0))
         metrics |= self._measure_rare()
         half = len(rows) // 2
         acceptance = tune_acceptance(made.select(slice(half)), metrics, gate)

@@ -42,8 +42,10 @@ def measure_rows(rows: TensorDict, made: Imagined, spec: GeneratorSpec) -> dict[
     whole observations.
     """
     numbers = _measure_cells(rows, made.observation, spec)
-    numbers |= _measure_reward(rows["next", "reward"].squeeze(-1), made.reward)
     ends = rows["next", "terminated"].squeeze(-1)
+    common = ~ends & (made.end < 0.5)  # what is wrong about ends is measured apart
+    if common.any():
+        numbers |= _measure_reward(rows["next", "reward"][common, 0], made.reward[common])
     numbers |= measure_ends(ends, made.end)
     if (goes_on := ~ends).any():
         real, guess = rows["next", "action_mask"][goes_on], made.action_mask[goes_on]
@@ -108,7 +110,10 @@ def _find_plane_accuracy(guess: Tensor, real: Tensor, spec: GeneratorSpec) -> li
 
 def _measure_reward(real: Tensor, guess: Tensor) -> dict[str, float]:
     variance = float(real.var(correction=0))
-    numbers = {"reward/mae": float((guess - real).abs().mean())}
+    numbers = {
+        "reward/mae": float((guess - real).abs().mean()),
+        "reward/std": float(real.std(correction=0)),
+    }
     if variance > 1e-9:
         numbers["reward/explained"] = 1.0 - float((guess - real).square().mean()) / variance
     auc = find_auc((guess - real.median()).abs(), (rare := find_rare(real)))

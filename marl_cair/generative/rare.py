@@ -13,6 +13,7 @@ from marl_cair.ranges import MOST, Range, read_numbers
 RARE_UNITS = 4.0  # rewards beyond so many units are rare: at most 1 of 16 (Chebyshev)
 MIN_UNIT = 1e-3  # of rewards: smaller differences are not learned
 _AMOUNT = Range(0.0, MOST, float)
+_COUNTS = ("num_rows", "num_rare", "num_ends", "sum_square", "ends_square")
 
 
 class Correction(NamedTuple):
@@ -30,7 +31,7 @@ class RareCounts:
     """
 
     def __init__(self) -> None:
-        self.num_rows = self.num_rare = self.num_ends = self.sum_square = 0.0
+        self.num_rows = self.num_rare = self.num_ends = self.sum_square = self.ends_square = 0.0
 
     @property
     def reward_unit(self) -> float:
@@ -38,12 +39,18 @@ class RareCounts:
         going_on = max(1.0, self.num_rows - self.num_ends)
         return float(max(MIN_UNIT, (self.sum_square / going_on) ** 0.5))
 
+    @property
+    def end_unit(self) -> float:
+        """The root mean square of rewards in rows that end the episode."""
+        return float(max(self.reward_unit, (self.ends_square / max(1.0, self.num_ends)) ** 0.5))
+
     def count(self, rows: TensorDict) -> Tensor:
         """Count real rows; returns which of them are rare, bool [N]."""
         rewards, ends = rows["next", "reward"][:, 0], rows["next", "terminated"][:, 0]
         self.num_rows += len(rows)
         self.num_ends += float(ends.sum())
         self.sum_square += float(rewards[~ends].double().square().sum())
+        self.ends_square += float(rewards[ends].double().square().sum())
         rare = self.find_rare(rewards, ends)
         self.num_rare += float(rare.sum())
         return rare
@@ -68,9 +75,10 @@ class RareCounts:
         return Correction(weights, float(odds[0] - odds[1]))
 
     def state_dict(self) -> dict[str, Any]:
-        return {"counts": [self.num_rows, self.num_rare, self.num_ends, self.sum_square]}
+        return {"counts": [getattr(self, name) for name in _COUNTS]}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continue from `state_dict`. Raises ValueError for numbers out of range."""
         counts = read_numbers(state["counts"], "counts", _AMOUNT)
-        self.num_rows, self.num_rare, self.num_ends, self.sum_square = counts
+        for name, count in zip(_COUNTS, counts, strict=True):
+            setattr(self, name, count)

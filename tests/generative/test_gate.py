@@ -40,7 +40,7 @@ def make_imagined(surety=(0.0,), end=(0.0,), reward=(0.0,)):
     ("changes", "reason"),
     [
         ({"cells/changed_f1": 0.41}, "changed-cell F1 0.410 is below 0.600"),
-        ({"reward/explained": 0.2}, "explained share of reward variance 0.200 is below 0.700"),
+        ({"reward/explained": 0.2}, "explained share of reward variance 0.200 is below 0.600"),
         ({"reward/std": 0.0, "reward/mae": 0.1}, "reward error 0.100 is above 0.001"),
         ({"rare/reward_missed": 0.5}, "share of rare rewards made wrong 0.500 is above 0.400"),
         ({"end/calibration_error": 0.1}, "end calibration error 0.100 is above 0.020"),

@@ -32,7 +32,6 @@ FRAMES = {"observation_shape": (3, 16, 16), "num_uniform": 1, "num_frames": 2}
         (NetworkSize(), {"depth": 0}, "size.depth is 0, expected 1 or more"),
         (ThesisSize(), {"hidden": 0}, "thesis.hidden is 0, expected 1 or more"),
         (ThesisSize(), {"learning_rate": 0.0}, "thesis.learning_rate is 0.0, expected above 0"),
-        (NetworkSize(), {"reward_bins": 64}, "reward_bins is 64, expected an odd number"),
         (GateConfig(), {"tail": 0.5}, "tail is 0.5, expected a share above 0 and below 0.5"),
         (GateConfig(), {"certain_terminal": 0.4}, "0.4, expected 0.5 up to below 1"),
         (GateConfig(), {"min_terminals": 0}, "min_terminals is 0, expected 1 or more"),

@@ -1,10 +1,6 @@
-"""Layers of planes that move together, and the values that a cell may take over from neighbours."""
+"""How a board is split: layers of planes that move together, and patches of pixels."""
 
 from __future__ import annotations
-
-import torch
-from torch import Tensor
-from torch.nn import functional
 
 from marl_cair.generative.settings import GeneratorSpec
 
@@ -23,22 +19,6 @@ def find_layers(spec: GeneratorSpec) -> list[list[int]]:
     return [layer for layer in layers if layer] + [
         [index] for index in place.values() if index not in grouped
     ]
-
-
-def stack_sources(planes: Tensor, shifts: tuple[tuple[int, int], ...]) -> Tensor:
-    """Values that cells of uint8 [N, P, H, W] may have next: [N, K, P, H, W], K = shifts + 2.
-
-    The first is the own value, then for each shift (dr, dc) that at (row - dr, column - dc), 0
-    beyond the board, and the last is 0 (the cell is left).
-    """
-    reach = max((max(abs(dr), abs(dc)) for dr, dc in shifts), default=0)
-    padded = functional.pad(planes, (reach,) * 4)
-    rows, columns = planes.shape[2:]
-    near = [
-        padded[:, :, reach - dr : reach - dr + rows, reach - dc : reach - dc + columns]
-        for dr, dc in shifts
-    ]
-    return torch.stack([planes, *near, torch.zeros_like(planes)], 1)
 
 
 def choose_patch(rows: int, columns: int) -> int:

@@ -2,7 +2,8 @@
 
     s, own and others' actions ── board trunk, FiLM ┬─ sources: copy, neighbour, empty ── base
                                                     ├─ edits: where the base is wrong
-                                                    └─ differences of edited values ── s'
+                                                    └─ differences of edited values ── next board
+                                  s and next board ── next scalars
                                         s and s' ── reward, end, next action mask
 
 The thesis multiplies a state stream and an action stream, reduced to one vector. Here the product
@@ -20,14 +21,16 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.nn import functional
 
-from marl_cair.generative.networks.boards import choose_patch, find_layers, stack_sources
-from marl_cair.generative.networks.decoding import apply_curves, decode_board
+from marl_cair.generative.networks.boards import choose_patch, find_layers
+from marl_cair.generative.networks.decoding import decode_board
+from marl_cair.generative.networks.gradients import apply_curves, score_board
 from marl_cair.generative.networks.outcome import Outcome, OutcomeHeads, OutcomeInput, pool
 from marl_cair.generative.networks.values import NUM_VALUES, ValueHead
 from marl_cair.generative.settings import GeneratorSpec, NetworkSize
 from marl_cair.policies.config import NO_CELL
 
 COPY_BIAS = 3.0  # logit of "keeps its value" before training: almost every value does
+CHANGE_GAIN = 5.0  # a change is one unit, a sum a dozen
 NARROW = 8  # channels of the read-out that keeps positions
 _VIEWS = ((), (2,), (3,), (2, 3))  # in which another player's view may be mirrored
 
@@ -35,7 +38,7 @@ _VIEWS = ((), (2,), (3,), (2, 3))  # in which another player's view may be mirro
 class Encoding(NamedTuple):
     """Features of a state and the actions of all players."""
 
-    seen: Tensor  # [N, F, H, W], of the state alone
+    seen: Tensor  # [N, F, H, W], of the state alone, above 0
     board: Tensor  # [N, F, H, W]
     context: Tensor  # [N, D]
     planes: Tensor  # uint8 [N, P, H, W], the moving planes now
@@ -43,11 +46,18 @@ class Encoding(NamedTuple):
 
 
 class Choices(NamedTuple):
-    """Logits of the next state: L layers with K sources each, then P planes that may be edited."""
+    """Logits of the next board: L layers with K sources each, then P planes that may be edited."""
 
     of_cells: Tensor  # [N, L * K + P, H, W]
     of_boards: Tensor  # [N, L * K + P], added on the whole board
-    scalars: Tensor  # [N, U], whether the scalar changes
+
+
+class Sequel(NamedTuple):
+    """Features of the next board, and of what happened on it."""
+
+    seen: Tensor  # [N, F, H, W], of the next board alone, above 0
+    pooled: Tensor  # [N, 3 F], of both boards
+    context: Tensor  # [N, D]
 
 
 class CCDN(nn.Module):
@@ -70,8 +80,9 @@ class CCDN(nn.Module):
         layer_of = {plane: number for number, layer in layers for plane in layer}
         for name, numbers in (
             ("moving", spec.moving_planes),
-            ("kinds", spec.kinds),
-            ("cells", (*spec.cells, NO_CELL)),  # the last one is of unknown actions
+            # The last ones are of unknown actions.
+            ("kinds", (*spec.kinds, spec.num_kinds)),
+            ("cells", (*spec.cells, NO_CELL)),
             ("layer_of", [layer_of[plane] for plane in range(num_moving)]),
         ):
             self.register_buffer(name, torch.tensor(numbers), persistent=False)
@@ -82,11 +93,15 @@ class CCDN(nn.Module):
         # The kind of a purchase is known for the whole board, its place for each cell: the sum of
         # both logits means "this kind, here" without a channel for each pair.
         self.choose_all = nn.Linear(hidden, outputs)
+        # Units that are gone have scored, or fell: what happened is known best from both boards.
+        self.compare = nn.Linear(3 * size.channels + hidden, hidden)
         self.edit_scalars = nn.Linear(hidden, spec.num_uniform) if spec.num_uniform else None
         self.of_cell = nn.Linear(size.channels, hidden)
         self.of_pixel = nn.Embedding(self.patch**2, hidden)
         self.value = ValueHead(num_moving + spec.num_uniform, hidden)
-        self.outcome = OutcomeHeads(spec, size, spec.num_uniform * (3 + size.table_width))
+        self.outcome = OutcomeHeads(
+            spec, size, 3 * size.channels + hidden + spec.num_uniform * (3 + size.table_width)
+        )
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._begin_with_copies()
 
@@ -95,7 +110,7 @@ class CCDN(nn.Module):
         channels, hidden, uniform = size.channels, size.hidden, spec.num_uniform
         embedded = size.action_embedding
         self.act = nn.Embedding(spec.num_kinds, embedded)
-        self.others = nn.Embedding(spec.num_actions + 1, embedded)
+        self.others = nn.Embedding(spec.num_kinds + 1, embedded)
         self.tables = nn.Embedding(max(1, uniform) * NUM_VALUES, size.table_width)
         self.enter = nn.Linear(2 * embedded + uniform * (1 + size.table_width), hidden)
         self.film = nn.Linear(hidden, 4 * channels)
@@ -129,28 +144,23 @@ class CCDN(nn.Module):
             self.edit_scalars.bias.fill_(-COPY_BIAS)
 
     def look(self, observation: Tensor) -> Tensor:
-        """Features [N, F, H, W] of an observation alone."""
+        """Features [N, F, H, W] of a board alone, before the rectifier."""
         planes = observation[:, : self.spec.num_spatial]
-        if torch.is_grad_enabled():
-            first = torch.arange(self.spec.num_spatial, dtype=torch.int32, device=planes.device)
-            places = planes.permute(0, 2, 3, 1).to(torch.int32) + first * NUM_VALUES
-            board = functional.embedding(places, self.curve).squeeze(-1).permute(0, 3, 1, 2)
-        else:
-            board = apply_curves(planes, self.curve[:, 0])
+        board = apply_curves(planes, self.curve[:, 0])
         if self.patch > 1:
             board = functional.pixel_unshuffle(board, self.patch)
         seen: Tensor = self.see(board.contiguous(memory_format=torch.channels_last))
-        return seen
+        return seen + self.position
 
     def encode(self, observation: Tensor, action: Tensor, others: Tensor) -> Encoding:
         """Encode states and actions."""
         scalars = observation[:, self.spec.num_spatial :, 0, 0]
         others = torch.where(others < 0, self.spec.num_actions, others)
-        words = [self.act(self.kinds[action]), self.others(others).sum(1), *self._read(scalars)]
-        means = functional.relu(self.enter(torch.cat(words, 1)))
+        words = [self.act(self.kinds[action]), self.others(self.kinds[others]).sum(1)]
+        means = functional.relu(self.enter(torch.cat(words + self._read(scalars), 1)))
         film = self.film(means)[..., None, None].chunk(4, 1)
         seen = self.look(observation)
-        board = seen + self.position
+        board = seen
         if self.mark is not None:
             board = board + self.mark(self._mark_targets(action, others))
         board = functional.relu(board) * (1.0 + film[0]) + film[1]
@@ -188,55 +198,53 @@ class CCDN(nn.Module):
         return torch.cat(marks, 1).contiguous(memory_format=torch.channels_last)
 
     def find_choices(self, encoding: Encoding) -> Choices:
-        """Logits of sources, edits and changed scalars."""
+        """Logits of sources and edits."""
         of_cells = self.choose(encoding.board)
         if self.patch > 1:
             of_cells = functional.pixel_shuffle(of_cells, self.patch)
-        scalars = encoding.context.new_zeros(len(of_cells), 0)
-        if self.edit_scalars is not None:
-            scalars = self.edit_scalars(encoding.context)
-        return Choices(of_cells, self.choose_all(encoding.context), scalars)
+        return Choices(of_cells, self.choose_all(encoding.context))
 
-    def _split_choices(self, choices: Choices) -> tuple[Tensor, Tensor]:
-        """Logits of the sources [N, L, K, H, W] and of the edits [N, P, H, W]."""
-        logits = choices.of_cells + choices.of_boards[..., None, None]
-        num, _, rows, columns = logits.shape
-        shape = num, len(self.layers), -1, rows, columns
-        sources = logits[:, : self.num_choices].reshape(shape)
-        return sources, logits[:, self.num_choices :]
+    def follow(self, encoding: Encoding, following: Tensor) -> Sequel:
+        """Features of the board of the observations `following`."""
+        seen = functional.relu(self.look(following))
+        largest, total = pool(seen)
+        change = (total - pool(encoding.seen)[1]) * CHANGE_GAIN
+        pooled = torch.cat([largest, total, change], 1)
+        context = functional.relu(self.compare(torch.cat([pooled, encoding.context], 1)))
+        context = context + encoding.context
+        return Sequel(seen, pooled, context)
 
-    def find_differences(self, encoding: Encoding, edited: Tensor, base: Tensor) -> Tensor:
-        """Logits [M, 256] of the differences to `base` of the M cells `edited`, bool [N, P, H, W].
-
-        Scalars, bool [N, U], have no cell.
+    def find_differences(
+        self, context: Tensor, edited: Tensor, base: Tensor, board: Tensor | None = None
+    ) -> Tensor:
+        """Logits [M, 256] of the differences to `base` of the M values `edited`: bool [N, P, H, W]
+        with the features `board` of the cells, or [N, U] of scalars.
         """
         image, plane, *cell = edited.nonzero().T
-        features = encoding.context[image]
-        if cell:
-            row, column = cell
-            board = encoding.board[image, :, row // self.patch, column // self.patch]
-            pixel = row % self.patch * self.patch + column % self.patch
-            features = features + self.of_cell(board) + self.of_pixel(pixel)
-        else:
+        features = context[image]
+        if board is None:
             plane = plane + len(self.moving)
+        else:
+            row, column = cell
+            of_cell = board[image, :, row // self.patch, column // self.patch]
+            pixel = row % self.patch * self.patch + column % self.patch
+            features = features + self.of_cell(of_cell) + self.of_pixel(pixel)
         logits: Tensor = self.value(features, plane, base[edited].long())
         return logits
 
     def predict_outcome(
-        self, encoding: Encoding, observation: Tensor, following: Tensor, action_mask: Tensor
+        self, encoding: Encoding, sequel: Sequel, rows: TensorDict, following: Tensor
     ) -> Outcome:
-        """Reward, end and next mask of the transition to `following`."""
+        """Reward, end and next mask of the transitions from `rows` to `following`."""
         num_spatial = self.spec.num_spatial
         later = following[:, num_spatial:, 0, 0]
         change = (later.float() - encoding.scalars.float()) * (8.0 / 255.0)
         scalars = [*self._read(later), change, change.sign()]
         seen = OutcomeInput(
-            encoding.seen,
-            functional.relu(self.look(following)),
-            encoding.context,
-            torch.cat(scalars, 1),
-            (observation[:, :num_spatial], following[:, :num_spatial]),
-            action_mask,
+            sequel.seen,
+            torch.cat([sequel.pooled, sequel.context, *scalars], 1),
+            (rows["observation"][:, :num_spatial], following[:, :num_spatial]),
+            rows["action_mask"],
         )
         outcome: Outcome = self.outcome(seen)
         return outcome
@@ -252,95 +260,103 @@ class CCDN(nn.Module):
         observation, following = rows["observation"], rows["next", "observation"]
         encoding = self.encode(observation, rows["action"], others)
         choices = self.find_choices(encoding)
-        sources, edits = self._split_choices(choices)
+        logits = choices.of_cells + choices.of_boards[..., None, None]
         later = following[:, self.moving]
-        nll, base = self._explain(sources, encoding.planes, later)
-        cells = nll + self._find_edit_nll(encoding, edits, base, later)
+        nll, base, edited = score_board(
+            logits, encoding.planes, later, self.layer_of, self.size.shifts
+        )
+        context = encoding.context
+        cells = nll + self._find_difference_nll(context, edited, base, later, encoding.board)
         losses = {"cells": (cells * weights).mean()}
-        if self.spec.num_uniform:
+        # Half of the rows show the board as it is predicted: its errors must not mislead the rest.
+        following = following.clone()
+        following[::2, self.moving] = self._draw_board(encoding, choices, None)[0][::2]
+        sequel = self.follow(encoding, following)
+        if self.edit_scalars is not None:
+            changes, now = self.edit_scalars(sequel.context), encoding.scalars
             then = following[:, self.spec.num_spatial :, 0, 0]
-            nll = self._find_edit_nll(encoding, choices.scalars, encoding.scalars, then)
+            changed = now != then
+            nll = self._find_difference_nll(sequel.context, changed, now, then)
+            nll = nll + functional.binary_cross_entropy_with_logits(
+                changes, changed.float(), reduction="none"
+            ).sum(1)
             losses["scalars"] = (nll * weights).mean()
-        outcome = self.predict_outcome(encoding, observation, following, rows["action_mask"])
+        outcome = self.predict_outcome(encoding, sequel, rows, following)
         return losses | self.outcome.compute_losses(outcome, rows, end_log_odds)
 
-    def _explain(self, logits: Tensor, planes: Tensor, later: Tensor) -> tuple[Tensor, Tensor]:
-        """Negative log likelihood [N] of the sources that explain the most planes of each layer,
-        and the base [N, P, H, W] from the likeliest of these.
-        """
-        sources = stack_sources(planes, self.size.shifts)
-        match = sources == later[:, None]
-        explained = torch.stack(
-            [match[:, :, layer].sum(2, dtype=torch.uint8) for layer in self.layers], 1
-        )
-        best = explained == explained.amax(2, keepdim=True)
-        kept = logits.masked_fill(~best, -torch.inf)
-        nll = _sum_rows(logits.logsumexp(2) - kept.logsumexp(2))
-        return nll, self._take(sources, kept.detach().argmax(2))
-
-    def _take(self, sources: Tensor, chosen: Tensor) -> Tensor:
-        """Values [N, P, H, W] of the sources [N, L, H, W] that were chosen for the layers."""
-        return sources.gather(1, chosen[:, self.layer_of][:, None]).squeeze(1)
-
-    def _find_edit_nll(
-        self, encoding: Encoding, logits: Tensor, base: Tensor, later: Tensor
+    def _find_difference_nll(
+        self,
+        context: Tensor,
+        edited: Tensor,
+        base: Tensor,
+        later: Tensor,
+        board: Tensor | None = None,
     ) -> Tensor:
-        """Negative log likelihood [N] of where `later` differs from `base`, and by how much."""
-        edited = base != later
-        nll = _sum_rows(
-            functional.binary_cross_entropy_with_logits(logits, edited.float(), reduction="none")
-        )
+        """Negative log likelihood [N] of by how much `later` differs from `base`."""
+        nll = base.new_zeros(len(base), dtype=torch.float32)
         if not bool(edited.any()):
             return nll
-        found = self.find_differences(encoding, edited, base)
+        found = self.find_differences(context, edited, base, board)
         wanted = (later[edited].long() - base[edited].long()) % NUM_VALUES
         each = functional.cross_entropy(found, wanted, reduction="none")
         return nll.index_add(0, edited.nonzero()[:, 0], each)
 
     @torch.no_grad()
     def decode(
-        self, observation: Tensor, action: Tensor, others: Tensor, generator: torch.Generator | None
-    ) -> tuple[Tensor, Tensor, Encoding]:
-        """Next observations, sampled, or the likeliest if `generator` is None; the log
-        probabilities [N] of the likeliest; and the encoding. On a CPU.
+        self, rows: TensorDict, others: Tensor, generator: torch.Generator | None
+    ) -> tuple[Tensor, Tensor, Outcome]:
+        """Next observations of `rows`, sampled, or the likeliest if `generator` is None; the log
+        probabilities [N] of the likeliest; and the outcome. On a CPU.
         """
-        encoding = self.encode(observation, action, others)
+        observation = rows["observation"]
+        encoding = self.encode(observation, rows["action"], others)
         choices = self.find_choices(encoding)
+        following = observation.clone()
+        following[:, self.moving], surety = self._draw_board(encoding, choices, generator)
+        sequel = self.follow(encoding, following)
+        if self.edit_scalars is not None:
+            logits = self.edit_scalars(sequel.context)
+            edited = logits > 0.0
+            if generator is not None:
+                edited = torch.rand(logits.shape, generator=generator) < logits.sigmoid()
+            surety += functional.logsigmoid(logits.abs()).sum(1)
+            scalars = self._edit(sequel.context, edited, encoding.scalars, surety, generator)
+            following[:, self.spec.num_spatial :] = scalars[:, :, None, None]
+        return following, surety, self.predict_outcome(encoding, sequel, rows, following)
+
+    @torch.no_grad()
+    def _draw_board(
+        self, encoding: Encoding, choices: Choices, generator: torch.Generator | None
+    ) -> tuple[Tensor, Tensor]:
+        """The next board, uint8 [N, P, H, W], and the log probability [N] of the likeliest one."""
         offsets = None
         if generator is not None:
-            offsets = torch.rand(len(observation), len(self.layers), generator=generator)
+            shape = len(encoding.planes), len(self.layers)
+            offsets = torch.rand(shape, generator=generator)
         base, edited, surety = decode_board(
-            choices.of_cells,
-            choices.of_boards,
+            choices.of_cells.detach(),
+            choices.of_boards.detach(),
             encoding.planes,
             self.layer_of,
             self.size.shifts,
             offsets,
         )
-        following = observation.clone()
-        following[:, self.moving] = self._edit(encoding, edited, base, surety, generator)
-        if self.spec.num_uniform:
-            logits = choices.scalars
-            edited = logits > 0.0
-            if generator is not None:
-                edited = torch.rand(logits.shape, generator=generator) < logits.sigmoid()
-            surety += functional.logsigmoid(logits.abs()).sum(1)
-            scalars = self._edit(encoding, edited, encoding.scalars, surety, generator)
-            following[:, self.spec.num_spatial :] = scalars[:, :, None, None]
-        return following, surety, encoding
+        board = self._edit(encoding.context, edited, base, surety, generator, encoding.board)
+        return board, surety
 
     def _edit(
         self,
-        encoding: Encoding,
+        context: Tensor,
         edited: Tensor,
         base: Tensor,
         surety: Tensor,
         generator: torch.Generator | None,
+        board: Tensor | None = None,
     ) -> Tensor:
         """`base` with edited values; adds the likeliest ones' log probabilities to `surety` [N]."""
         if not bool(edited.any()):
             return base
-        log_prob = self.find_differences(encoding, edited, base).log_softmax(1)
+        log_prob = self.find_differences(context, edited, base, board).log_softmax(1)
         top, difference = log_prob.max(1)
         surety.index_add_(0, edited.nonzero()[:, 0], top)
         if generator is not None:
@@ -348,8 +364,3 @@ class CCDN(nn.Module):
         values = base.clone()
         values[edited] = ((base[edited].long() + difference) % NUM_VALUES).to(torch.uint8)
         return values
-
-
-def _sum_rows(values: Tensor) -> Tensor:
-    """Sums [N] of [N, ...]."""
-    return values.flatten(1).sum(1)

@@ -1,4 +1,4 @@
-"""Compiled loops over cells for inference on CPUs: curves of values, and the likeliest next board.
+"""Compiled loops over cells for inference on CPUs: the likeliest next board, or a sampled one.
 
 PyTorch needs a dozen passes over all candidates of all cells and takes ten times as long, although
 most cells and their neighbours are empty.
@@ -14,29 +14,6 @@ from numba import njit
 from torch import Tensor
 
 _SURE = np.float32(12.0)  # logits beyond are certain: no exp is taken
-
-
-def apply_curves(planes: Tensor, curve: Tensor) -> Tensor:
-    """Values of curves at planes uint8 [N, S, H, W]: float32 like them, channels last in memory.
-
-    curve: float32 [S * 256], the values of plane 0, then those of plane 1, ...
-    """
-    planes = planes.contiguous()
-    num, channels, rows, columns = planes.shape
-    values = torch.empty(num, rows, columns, channels)
-    _apply_curves(planes.numpy(), curve.numpy(), values.numpy())
-    return values.permute(0, 3, 1, 2)
-
-
-@njit(cache=True, nogil=True)
-def _apply_curves(planes: Any, curve: Any, values: Any) -> None:
-    num, channels, rows, columns = planes.shape
-    for image in range(num):
-        for plane in range(channels):
-            for row in range(rows):
-                for column in range(columns):
-                    place = plane * 256 + planes[image, plane, row, column]
-                    values[image, row, column, plane] = curve[place]
 
 
 def decode_board(
@@ -93,7 +70,7 @@ def _decode(
         drawn = offsets[image].astype(np.float64)
         for row in range(rows):
             for column in range(columns):
-                _read_sources(planes[image], row, column, shifts, values)
+                read_sources(planes[image], row, column, shifts, values)
                 outputs = logits[image, row, column] + of_boards[image]
                 total += _find_odds(outputs[num_layers * num_sources :], odds)
                 for layer in range(num_layers):
@@ -134,7 +111,7 @@ def _find_odds(logits: Any, odds: Any) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _read_sources(planes: Any, row: int, column: int, shifts: Any, values: Any) -> None:
+def read_sources(planes: Any, row: int, column: int, shifts: Any, values: Any) -> None:
     """Write the values [K, P] that a cell may take over; the last ones stay 0."""
     num_planes, rows, columns = planes.shape
     for source in range(shifts.shape[0] + 1):

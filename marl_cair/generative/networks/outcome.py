@@ -19,42 +19,40 @@ from marl_cair.generative.settings import GeneratorSpec, NetworkSize
 from marl_cair.policies.config import NO_CELL
 
 SUM_UNIT = 0.1  # weight of one cell in a sum: a dozen units are about 1
-MOST_LOG = 6.0  # rewards up to exp(6) units are distinguished
+ROBUST_UNITS = 4.0  # larger errors of a reward count linearly
+REWARD_WEIGHT = 4.0  # against the sums over all cells
 MASK_WEIGHT = 20.0  # the mask's loss is a mean over actions: scaled to the size of the others
-RARE_BIAS = 5.0  # log odds against an end, and against a reward other than 0, before training
+RARE_BIAS = 5.0  # log odds against an end before training
 
 
 class OutcomeInput(NamedTuple):
     """Inputs of the outcome heads."""
 
-    before: Tensor  # [N, F, H, W], features of the state, above 0
-    after: Tensor  # [N, F, H, W], of the next state
-    context: Tensor  # [N, D]
-    scalars: Tensor  # [N, E], features of the next scalars and of their changes
+    after: Tensor  # [N, F, H, W], features of the next state's board
+    features: Tensor  # [N, E], of both boards, of the actions, of the next scalars and of changes
     boards: tuple[Tensor, Tensor]  # uint8 [N, S, H, W], spatial planes before and after
     action_mask: Tensor  # bool [N, A], of the state
 
 
 class Outcome(NamedTuple):
-    """Logits for N transitions."""
+    """Rewards and logits for N transitions."""
 
-    reward: Tensor  # [N, bins]
+    reward: Tensor  # [N, 2], in units, if the episode goes on and if it ends
     end: Tensor  # [N]
     mask: Tensor  # [N, A]
 
 
 class OutcomeHeads(nn.Module):
-    """OutcomeInput -> Outcome. num_scalars: E."""
+    """OutcomeInput -> Outcome. num_features: E."""
 
     kinds: Tensor
     place: Tensor
     has_cell: Tensor
-    centres: Tensor  # of the bins, in reward units
-    reward_unit: Tensor  # root mean square of real rewards
+    reward_units: Tensor  # [2], root mean squares of real rewards: of steps that go on, of ends
 
-    def __init__(self, spec: GeneratorSpec, size: NetworkSize, num_scalars: int) -> None:
+    def __init__(self, spec: GeneratorSpec, size: NetworkSize, num_features: int) -> None:
         super().__init__()
-        channels, hidden, bins = size.channels, size.hidden, size.reward_bins
+        channels, hidden = size.channels, size.hidden
         kinds, cells = torch.tensor(spec.kinds), torch.tensor(spec.cells)
         # Only kinds with an action that names a cell have logits of cells.
         named, place = torch.unique(
@@ -66,28 +64,22 @@ class OutcomeHeads(nn.Module):
         self.register_buffer("kinds", kinds, persistent=False)
         self.register_buffer("place", place, persistent=False)
         self.register_buffer("has_cell", (cells != NO_CELL).float(), persistent=False)
-        steps = torch.linspace(-MOST_LOG, MOST_LOG, bins)
-        self.register_buffer("centres", steps.sign() * steps.abs().expm1(), persistent=False)
-        self.register_buffer("reward_unit", torch.ones(()))
+        self.register_buffer("reward_units", torch.ones(2))
         self.paths = PathReadout(spec, size) if size.distances else None
         num_paths = self.paths.num_numbers if self.paths else 0
-        self.enter = nn.Linear(3 * channels + hidden + num_scalars + num_paths, 2 * hidden)
+        self.enter = nn.Linear(num_features + num_paths, 2 * hidden)
         # Separate layers: the mask's loss is far larger than those of reward and end.
         self.middle = nn.ModuleList(nn.Linear(hidden, hidden) for _ in range(2))
-        self.reward, self.end = nn.Linear(hidden, bins), nn.Linear(hidden, 1)
+        self.reward, self.end = nn.Linear(hidden, 2), nn.Linear(hidden, 1)
         self.kind = nn.Linear(hidden, spec.num_kinds)
         # The copy gate: legal actions stay legal.
         self.keep = nn.Parameter(torch.full((spec.num_kinds,), 2.0))
         self.of_cells = nn.Conv2d(channels, num_named, 1) if num_named else None
         with torch.no_grad():
-            self.reward.weight.mul_(0.1)
-            self.reward.bias[bins // 2] += 8.0  # of 63 bins
             self.end.bias.sub_(RARE_BIAS)
 
     def forward(self, seen: OutcomeInput) -> Outcome:
-        largest, total = pool(seen.after)
-        before = seen.before.permute(0, 2, 3, 1).flatten(1, 2).sum(1) * SUM_UNIT
-        features = [largest, total, total - before, seen.context, seen.scalars]
+        features = [seen.features]
         if self.paths is not None:
             features.append(self.paths(*seen.boards))
         halves = functional.relu(self.enter(torch.cat(features, 1))).chunk(2, 1)
@@ -100,19 +92,10 @@ class OutcomeHeads(nn.Module):
             mask = mask + of_cells[:, self.place] * self.has_cell
         return Outcome(self.reward(of_value), self.end(of_value)[:, 0], mask)
 
-    def expect_reward(self, logits: Tensor) -> Tensor:
-        """Rewards [N]: the mean of the bins under their probabilities."""
-        return logits.softmax(1) @ self.centres * self.reward_unit
-
-    def spread(self, rewards: Tensor) -> Tensor:
-        """Two-hot targets [N, bins] of rewards [N] (as in MuZero and Dreamer v3)."""
-        scaled, last = rewards / self.reward_unit, len(self.centres) - 1
-        right = torch.searchsorted(self.centres, scaled.contiguous()).clamp(1, last)
-        low, high = self.centres[right - 1], self.centres[right]
-        share = ((scaled - low) / (high - low)).clamp(0.0, 1.0)
-        targets = rewards.new_zeros(len(rewards), last + 1)
-        targets.scatter_(1, (right - 1)[:, None], (1.0 - share)[:, None])
-        return targets.scatter_(1, right[:, None], share[:, None])
+    def expect_reward(self, outcome: Outcome) -> Tensor:
+        """Rewards [N]: those of an end where it is likelier than none."""
+        rewards = outcome.reward * self.reward_units
+        return torch.where(outcome.end > 0.0, rewards[:, 1], rewards[:, 0])
 
     def compute_losses(
         self, outcome: Outcome, rows: TensorDict, end_log_odds: float
@@ -122,13 +105,17 @@ class OutcomeHeads(nn.Module):
         end_log_odds: log odds of ends in the batch minus true ones; it keeps P(end) calibrated
         (logit adjustment, Menon et al. 2021).
         """
-        rewards, ends = rows["next", "reward"][:, 0], rows["next", "terminated"][:, 0].float()
+        rewards, ends = rows["next", "reward"], rows["next", "terminated"]
+        which = ends.long()
+        missed = outcome.reward.gather(1, which) - rewards / self.reward_units[which]
+        loss = functional.huber_loss(missed, torch.zeros_like(missed), delta=ROBUST_UNITS)
+        ends = ends[:, 0].float()
         # The mask after an end has no meaning: these rows have no mask loss.
         mask = functional.binary_cross_entropy_with_logits(
             outcome.mask, rows["next", "action_mask"].float(), reduction="none"
         ).mean(1)
         return {
-            "reward": functional.cross_entropy(outcome.reward, self.spread(rewards)),
+            "reward": loss * REWARD_WEIGHT,
             "end": functional.binary_cross_entropy_with_logits(outcome.end + end_log_odds, ends),
             "mask": (mask * (1.0 - ends)).mean() * MASK_WEIGHT,
         }

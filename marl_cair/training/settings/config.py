@@ -194,9 +194,9 @@ class GeneratorSettings:
     """When the generator of artificial transitions learns, is measured and generates."""
 
     name: str = "ccdn"  # "none": all transitions are real
-    batch_size: Count = 64  # real transitions of its own update
-    frames_per_update: Count = 64  # frames collected for each of its updates while the gate is shut
-    open_frames_per_update: Count = 256  # the same while it is open: fewer updates suffice then
+    batch_size: Count = 32  # real transitions of its own update
+    frames_per_update: Count = 32  # frames collected for each of its updates while the gate is shut
+    open_frames_per_update: Count = 128  # the same while it is open: fewer updates suffice then
     evaluate_every_frames: Count = 25_000  # frames between two evaluations of the gate
     # At these numbers a generated row is learned from as often as a real one: a fifth of each
     # batch, out of a fifth of all rows that come in.

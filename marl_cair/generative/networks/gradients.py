@@ -1,0 +1,183 @@
+"""Compiled passes over cells with gradients: curves of values, and how likely the next board is.
+
+On a CPU PyTorch takes several times as long: it passes a dozen times over all sources of all cells,
+although most cells and their neighbours are empty.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from numba import njit
+from torch import Tensor
+from torch.autograd import Function
+from torch.autograd.function import once_differentiable
+
+from marl_cair.generative.networks.decoding import read_sources
+
+
+def apply_curves(planes: Tensor, curve: Tensor) -> Tensor:
+    """Values of curves at planes uint8 [N, S, H, W]: float32 like them, channels last in memory.
+
+    curve: float32 [S * 256], the values of plane 0, then those of plane 1, ...
+    """
+    values: Tensor = _Curves.apply(planes.contiguous(), curve)  # type: ignore[no-untyped-call]
+    return values
+
+
+class _Curves(Function):
+    @staticmethod
+    def forward(ctx: Any, planes: Tensor, curve: Tensor) -> Tensor:
+        ctx.save_for_backward(planes)
+        num, channels, rows, columns = planes.shape
+        values = torch.empty(num, rows, columns, channels)
+        _look_up(planes.numpy(), curve.numpy(), values.numpy())
+        return values.permute(0, 3, 1, 2)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad: Tensor) -> tuple[None, Tensor]:
+        (planes,) = ctx.saved_tensors
+        of_curve = torch.zeros(planes.shape[1] * 256)
+        _sum_up(planes.numpy(), grad.permute(0, 2, 3, 1).contiguous().numpy(), of_curve.numpy())
+        return None, of_curve
+
+
+@njit(cache=True, nogil=True)
+def _look_up(planes: Any, curve: Any, values: Any) -> None:
+    num, channels, rows, columns = planes.shape
+    for image in range(num):
+        for plane in range(channels):
+            for row in range(rows):
+                for column in range(columns):
+                    place = plane * 256 + planes[image, plane, row, column]
+                    values[image, row, column, plane] = curve[place]
+
+
+@njit(cache=True, nogil=True)
+def _sum_up(planes: Any, grad: Any, of_curve: Any) -> None:
+    num, channels, rows, columns = planes.shape
+    for image in range(num):
+        for plane in range(channels):
+            for row in range(rows):
+                for column in range(columns):
+                    place = plane * 256 + planes[image, plane, row, column]
+                    of_curve[place] += grad[image, row, column, plane]
+
+
+def score_board(
+    logits: Tensor,
+    planes: Tensor,
+    later: Tensor,
+    layer_of: Tensor,
+    shifts: tuple[tuple[int, int], ...],
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Negative log likelihood [N] of the board `later`, but for by how much edited values differ;
+    the base uint8 [N, P, H, W]; and which cells are edited, bool like it.
+
+    The sources that explain the most planes of a layer count together, and the likeliest of them
+    gives the base. Arguments are as in `decoding.decode_board`; later: uint8 like `planes`.
+    """
+    scored: tuple[Tensor, Tensor, Tensor] = _Score.apply(  # type: ignore[no-untyped-call]
+        logits, planes.contiguous(), later.contiguous(), layer_of, shifts
+    )
+    return scored
+
+
+class _Score(Function):
+    @staticmethod
+    def forward(
+        ctx: Any, logits: Tensor, planes: Tensor, later: Tensor, layer_of: Tensor, shifts: Any
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        nll, base = torch.zeros(len(planes)), torch.empty_like(planes)
+        scores = logits.permute(0, 2, 3, 1).contiguous()
+        gradients = torch.zeros_like(scores)
+        _score(
+            scores.numpy(),
+            planes.numpy(),
+            later.numpy(),
+            layer_of.numpy(),
+            np.array(shifts, np.int64).reshape(-1, 2),
+            (base.numpy(), nll.numpy(), gradients.numpy()),
+        )
+        edited = base != later
+        ctx.save_for_backward(gradients)
+        ctx.mark_non_differentiable(base, edited)
+        return nll, base, edited
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad: Tensor, *_: Tensor) -> tuple[Tensor, None, None, None, None]:
+        (gradients,) = ctx.saved_tensors
+        weighted = gradients * grad[:, None, None, None]
+        return weighted.permute(0, 3, 1, 2), None, None, None, None
+
+
+@njit(cache=True, nogil=True)
+def _score(logits: Any, planes: Any, later: Any, layer_of: Any, shifts: Any, out: Any) -> None:
+    base, nll, gradients = out
+    num, num_planes, rows, columns = planes.shape
+    num_layers, num_sources = layer_of.max() + 1, shifts.shape[0] + 2
+    first_edit = num_layers * num_sources
+    values = np.zeros((num_sources, num_planes), np.uint8)
+    explained = np.zeros((num_layers, num_sources), np.int64)
+    chosen = np.zeros(num_layers, np.int64)
+    for image in range(num):
+        total = 0.0
+        for row in range(rows):
+            for column in range(columns):
+                read_sources(planes[image], row, column, shifts, values)
+                outputs, slopes = logits[image, row, column], gradients[image, row, column]
+                explained[:] = 0
+                for source in range(num_sources):
+                    for plane in range(num_planes):
+                        if values[source, plane] == later[image, plane, row, column]:
+                            explained[layer_of[plane], source] += 1
+                for layer in range(num_layers):
+                    first, last = layer * num_sources, (layer + 1) * num_sources
+                    loss, chosen[layer] = _score_sources(
+                        outputs[first:last], explained[layer], slopes[first:last]
+                    )
+                    total += loss
+                for plane in range(num_planes):
+                    value = values[chosen[layer_of[plane]], plane]
+                    base[image, plane, row, column] = value
+                    is_edited = value != later[image, plane, row, column]
+                    logit = outputs[first_edit + plane]
+                    weight = np.exp(-abs(logit))
+                    total += np.log1p(weight) + max(logit, 0.0) - is_edited * logit
+                    odds = (1.0 if logit > 0.0 else weight) / (1.0 + weight)
+                    slopes[first_edit + plane] = odds - is_edited
+        nll[image] = total
+
+
+@njit(cache=True, nogil=True)
+def _score_sources(logits: Any, explained: Any, slopes: Any) -> tuple[float, int]:
+    """Negative log likelihood of the sources [K] that explain the most, and the likeliest of them;
+    writes the gradient by the logits.
+    """
+    most, best = explained[0], 0
+    is_even = True
+    largest = logits[0]
+    for source in range(1, logits.shape[0]):
+        is_even = is_even and explained[source] == explained[0]
+        largest = max(largest, logits[source])
+        is_likelier = explained[source] == most and logits[source] > logits[best]
+        if explained[source] > most or is_likelier:
+            most, best = explained[source], source
+    if is_even:
+        return 0.0, best
+    whole = kept = 0.0
+    for source in range(logits.shape[0]):
+        weight = np.exp(logits[source] - largest)
+        slopes[source] = weight
+        whole += weight
+        if explained[source] == most:
+            kept += weight
+    kept = max(kept, 1e-30)
+    for source in range(logits.shape[0]):
+        is_kept = explained[source] == most
+        slopes[source] *= 1.0 / whole - (1.0 / kept if is_kept else 0.0)
+    return np.log(whole / kept), best

@@ -181,9 +181,9 @@ class CCDNGenerator:
 
         rows: "observation", "action_mask", "action" and, if recorded, "other_actions".
         """
-        parts = [self._imagine(part, generator) for part in rows.split(CHUNK_ROWS)]
-        if not parts:
+        if not len(rows):
             return self._imagine(rows, generator)
+        parts = [self._imagine(part, generator) for part in rows.split(CHUNK_ROWS)]
         return Imagined(*(torch.cat(part) for part in zip(*parts, strict=True)))
 
     def _imagine(self, rows: TensorDict, generator: torch.Generator | None) -> Imagined:

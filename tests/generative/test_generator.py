@@ -39,6 +39,10 @@ def same_bits(one, other):
     return all(torch.equal(first, second) for first, second in pairs)
 
 
+def test_no_rows_are_predicted_from_no_rows(trained, real_rows):
+    assert len(trained.imagine(real_rows[:0]).reward) == 0
+
+
 # --- learning and the gate --------------------------------------------------------------------
 
 

@@ -17,7 +17,7 @@ from marl_cair.policies.body import Body
 from marl_cair.policies.config import QNetworkConfig
 from marl_cair.policies.q_network import make_q_network
 from marl_cair.self_play import samplers
-from marl_cair.training.generators import check_generator
+from marl_cair.training.generating.generators import check_generator
 from marl_cair.training.settings.config_file import build_config
 from tests.damage import forget_checksums
 from tests.processes import run_python

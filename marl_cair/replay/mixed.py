@@ -64,6 +64,10 @@ class GeneratedReplay:
             self._ring[key][slots] = transitions[key].detach()
         self._num_written += len(transitions)
 
+    def clear(self) -> None:
+        """Remove all transitions."""
+        self._num_written = 0
+
     def sample(self, batch_size: int) -> TensorDict:
         """Return TensorDict [batch_size] with all transition keys, "is_generated" true.
 

@@ -15,7 +15,7 @@ from marl_cair.policies import GREEDY
 from marl_cair.policies.config import NAF, QUANTILE
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
 from marl_cair.replay.transition import TransitionSpec
-from marl_cair.training.generators import count_others
+from marl_cair.training.generating.generators import count_others
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.exploration import EPSILON_GREEDY, NOISY
 from marl_cair.training.settings.learner import DQN

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 from torchrl.collectors import Collector
+from tqdm import tqdm
 
 from marl_cair import checkpoint, files
 from marl_cair.checkpoint import AgentDescription, CheckpointError
@@ -28,7 +29,7 @@ from marl_cair.replay.reservoir import Reservoir
 from marl_cair.self_play.pool import Pool
 from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.stored import DamagedFileError, read_json
-from marl_cair.training import generators, memory, state_file
+from marl_cair.training import memory, state_file
 from marl_cair.training.collecting.average_policy import AveragePolicy, OwnPolicies
 from marl_cair.training.collecting.demonstrations import Demonstrators
 from marl_cair.training.collecting.exploration import make_exploration
@@ -37,6 +38,7 @@ from marl_cair.training.collecting.opponents import OpponentBook
 from marl_cair.training.collecting.recorded import fill_from_replays
 from marl_cair.training.collecting.seats import SeatRouter
 from marl_cair.training.collecting.stagger import stagger_starts
+from marl_cair.training.generating import generators
 from marl_cair.training.initial_network import (
     count_training,
     describe_rows,
@@ -105,6 +107,7 @@ class TrainingRun:
         self.best_score = -math.inf  # of all evaluations
         self.has_reached_score = False  # `config.stop_score`, in two evaluations
         self.gate_is_open = False
+        self.generator_is_on, self.generator_failures = True, 0
         files.recover_folder(self.folder / RESUME_FOLDER)
         # Checked again: another process may have saved its first state here since.
         if resume and (self.folder / RESUME_FOLDER).is_dir():
@@ -174,9 +177,12 @@ class TrainingRun:
         generated = GeneratedReplay(spec, replay.generated_capacity_transitions, self._seeds[2])
         share = config.synthetic_fraction
         self.replay = MixedReplay(real, generated, share, generated_open=False)
-        source = None if self._resumes else config.initial_generator
+        self.make_generator(None if self._resumes else config.initial_generator)
+
+    def make_generator(self, source: str | None = None) -> None:
+        """Make the generator, if there is one; it begins with the weights of the run `source`."""
         make = generators.make_generator
-        self.generator = make(config, seen, self.spec, self._seeds[3], source)
+        self.generator = make(self.config, self.seen, self.spec, self._seeds[3], source)
 
     def _claim_folder(self, resume: bool) -> AbstractContextManager[bool]:
         advice = f"resume it with `marl-cair train resume={self.folder}`"
@@ -238,6 +244,12 @@ class TrainingRun:
             stagger_starts(self.env, config.collector.stagger_steps, self._seeds[15])
             self.collector._carrier.update(self.env.current())
 
+    def announce(self, tag: str, text: str) -> None:
+        """Write a line to TensorBoard, and to the terminal if progress is shown."""
+        self.log.note(self.frames, tag, text)
+        if self.shows_progress:
+            tqdm.write(f"frame {self.frames}: {text}")
+
     def describe_agent(self) -> AgentDescription:
         """The learner as it is now, for a checkpoint."""
         game = self.config.game
@@ -291,6 +303,8 @@ class TrainingRun:
             "trained_before": self._trained_before,
             "best_score": self.best_score,
             "gate_is_open": self.gate_is_open,
+            "generator_is_on": self.generator_is_on,
+            "generator_failures": self.generator_failures,
             "learner": self.learner.state_dict(),
             "book": self.book.state_dict(),
             "router": self.router.export_state(),
@@ -346,6 +360,9 @@ class TrainingRun:
             best = best if isinstance(best, dict) else {"score": best}
             self.best_score = max(self.best_score, float(read_number(best, "score", _SCORES)))
         self.gate_is_open = read_number(state, "gate_is_open", FLAG)
+        if "generator_is_on" in state:  # missing in states of version 0.1
+            self.generator_is_on = read_number(state, "generator_is_on", FLAG)
+            self.generator_failures = read_number(state, "generator_failures", COUNT)
         self.learner.load_state_dict(state["learner"])
         self.book.load_state_dict(state["book"])
         # Snapshots from after this state was saved do not count.

@@ -7,23 +7,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import torch
 from tensordict import TensorDict, TensorDictBase
 from tqdm import tqdm
 
 from marl_cair.checkpoint import save_tensors
-from marl_cair.generative.generator import Generator
-from marl_cair.generative.rollouts import Rollouts
 from marl_cair.interrupts import interrupts_noted
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.arena import Load
-from marl_cair.policies.actor import PolicyActor, masked_argmax
-from marl_cair.replay.transition import NEXT_OBSERVATION
 from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.collecting.rollout import make_rollout
+from marl_cair.training.due import count_due, is_due
 from marl_cair.training.evaluation import evaluate
-from marl_cair.training.generator_picture import NUM_DRAWN, PICTURE_FILE, draw_predictions
+from marl_cair.training.generating.use import observe_steps, use_generator
 from marl_cair.training.learner import DivergedError
 from marl_cair.training.newest_steps import DoubleValues, iterate_batches, make_rows
 from marl_cair.training.run import TrainingRun
@@ -75,7 +71,7 @@ def train(
     run.shows_progress = show_progress
     if run.spec.num_teams == 1:
         text = f"{config.game.scenario} has no rivals, so opponent.* is not used"
-        _announce(run, "opponents", text)
+        run.announce("opponents", text)
     timers, whole = Timers(), config.total_frames
     goal = whole if until_frames is None else min(whole, until_frames)
     deadline = None if config.max_minutes is None else time.monotonic() + 60 * config.max_minutes
@@ -102,7 +98,7 @@ def train(
                 if listen is not None:
                     listen(row)
             bar.update(run.frames - before)
-            if _is_due(before, run.frames, config.checkpoint.every_frames):
+            if is_due(before, run.frames, config.checkpoint.every_frames):
                 with timers.measure("save"):
                     run.save_agent()
                     run.save_state()
@@ -132,21 +128,13 @@ def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
         _store(run, data, timers)
         with timers.measure("learn"):
             _learn(run, before, data)
-        with timers.measure("generate"):
-            _generate(run, before)
-        if _is_due(before, run.frames, snapshot_every) or run.book.beats_the_best(run.frames):
+        if _has_enough(run):
+            with timers.measure("generate"):
+                use_generator(run, before)
+        if is_due(before, run.frames, snapshot_every) or run.book.beats_the_best(run.frames):
             run.add_snapshot()
         run.processor_seconds += time.process_time() - start
         yield before
-
-
-def _count_due(before: int, after: int, every: int) -> int:
-    """How many multiples of `every` lie in (before, after]."""
-    return after // every - before // every
-
-
-def _is_due(before: int, after: int, every: int) -> bool:
-    return _count_due(before, after, every) > 0
 
 
 def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
@@ -161,12 +149,12 @@ def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
             run.average_policy.remember(data)
     if run.generator:
         with timers.measure("generate"):
-            run.generator.observe(run.replay.real.read_steps(slots))
+            observe_steps(run, slots)
 
 
 def _learn(run: TrainingRun, before: int, data: TensorDictBase) -> None:
     if run.average_policy:
-        num_updates = _count_due(before, run.frames, run.config.nfsp.frames_per_update)
+        num_updates = count_due(before, run.frames, run.config.nfsp.frames_per_update)
         for values in run.average_policy.learn(num_updates):
             run.means.add(values)
     settings, done = run.config.learner, run.frames / run.config.total_frames
@@ -180,7 +168,7 @@ def _learn(run: TrainingRun, before: int, data: TensorDictBase) -> None:
         return
     if not _has_enough(run):
         return
-    for _ in range(_count_due(before, run.frames, settings.frames_per_update)):
+    for _ in range(count_due(before, run.frames, settings.frames_per_update)):
         batch = run.replay.sample()
         _update(run, batch, done)
         run.replay.note_errors(batch, done)
@@ -200,26 +188,6 @@ def _update(run: TrainingRun, batch: TensorDict, done: float) -> None:
         ) from error
 
 
-def _generate(run: TrainingRun, before: int) -> None:
-    """Train the generator; at intervals evaluate it on held-out rows, and refill if it passes."""
-    settings, generator = run.config.generator, run.generator
-    if generator is None or not _has_enough(run):
-        return
-    every = settings.frames_per_update
-    if run.gate_is_open:
-        every = max(every, settings.open_frames_per_update)
-    for _ in range(_count_due(before, run.frames, every)):
-        rows = run.replay.real.sample_steps(settings.batch_size)
-        losses = generator.update(rows)
-        run.means.add({f"generator/{name}": value for name, value in losses.items()})
-    num_refills = _count_due(before, run.frames, settings.refill_every_frames)
-    if _is_due(before, run.frames, settings.evaluate_every_frames):
-        _measure_generator(run, generator)
-        num_refills = max(1, num_refills)
-    if num_refills:
-        _refill(run, generator, num_refills)
-
-
 def _has_enough(run: TrainingRun) -> bool:
     """Whether learning can start; a full replay suffices, though its newest steps start no
     transition yet.
@@ -229,63 +197,13 @@ def _has_enough(run: TrainingRun) -> bool:
     return is_full or real.num_sampleable >= settings.min_transitions
 
 
-def _measure_generator(run: TrainingRun, generator: Generator) -> None:
-    report = generator.evaluate()
-    run.gate_is_open = report.passed
-    run.replay.generated_open = report.passed
-    values = {f"gate/{name}": value for name, value in report.metrics.items()}
-    run.means.add({"gate/passed": float(report.passed), **values})
-    reasons = "; ".join(report.reasons)
-    text = "open" if report.passed else f"shut, batches are all real: {reasons}"
-    _announce(run, "gate", f"the generator's gate is {text}")
-    if len(run.seen.shape) == 3:
-        real = run.replay.real
-        rows = real.read_steps(torch.linspace(0, len(real) - 1, NUM_DRAWN).long())
-        predicted, _ = generator.predict(rows)
-        boards = rows["observation"], rows[NEXT_OBSERVATION], predicted[NEXT_OBSERVATION]
-        draw_predictions(run.folder / PICTURE_FILE, run.seen, run.spec.static_planes, *boards)
-
-
-def _refill(run: TrainingRun, generator: Generator, num_refills: int) -> None:
-    """Generate transitions for `num_refills` intervals if the gate is open."""
-    if not run.gate_is_open:
-        return
-    settings, learned = run.config.generator, run.config.learner
-    actor = PolicyActor(run.learner.average, "learner", run.config.game.representation)
-    num_generated = min(settings.rollout_steps, learned.n_steps)
-    rollouts = Rollouts(
-        generator,
-        lambda observation, mask: masked_argmax(actor.compute_values(observation), mask),
-        num_real=learned.n_steps - num_generated,
-        num_generated=num_generated,
-        gamma=learned.gamma,
-        max_rounds=settings.model.max_rounds,
-    )
-    num_rows = num_refills * settings.rows_per_refill
-    if settings.branch_steps:
-        made = rollouts.branch(run.replay.real, num_rows, settings.branch_steps)
-    else:
-        made = rollouts.generate(run.replay.real, num_rows)
-    if len(made):
-        run.replay.generated.extend(made)
-        run.means.add({"generator/steps": made["steps_to_next_obs"].float().mean()})
-    run.means.add({"generator/generated_rows": float(len(made))})
-
-
-def _announce(run: TrainingRun, tag: str, text: str) -> None:
-    """Write a line to TensorBoard, and to the terminal if progress is shown."""
-    run.log.note(run.frames, tag, text)
-    if run.shows_progress:
-        tqdm.write(f"frame {run.frames}: {text}")
-
-
 def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
     """Evaluate when due, and write a row of the log; empty between rows."""
     row: dict[str, float] = {}
-    if _is_due(before, run.frames, run.config.evaluation.every_frames):
+    if is_due(before, run.frames, run.config.evaluation.every_frames):
         with timers.measure("evaluate"):
             row |= _evaluate(run)
-    if not row and not _is_due(before, run.frames, LOG_EVERY_FRAMES):
+    if not row and not is_due(before, run.frames, LOG_EVERY_FRAMES):
         return {}
     return _write_row(run, row, timers)
 
@@ -298,6 +216,8 @@ def _write_row(run: TrainingRun, row: dict[str, float], timers: Timers) -> dict[
     row |= {"epsilon": run.router.epsilon, "updates": float(run.learner.updates)}
     row["processor_seconds"] = run.processor_seconds
     row["replay/transitions"] = float(len(run.replay.real))
+    if run.generator is not None:
+        row["generator/failures"] = float(run.generator_failures)
     row["replay/generated"] = float(len(run.replay.generated))
     run.log.write(run.frames, row)
     return row

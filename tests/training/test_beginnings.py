@@ -17,7 +17,7 @@ from marl_cair.checkpoint import (
 )
 from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.policies.q_network import QNetworkConfig
-from marl_cair.training.generators import GENERATOR_FILE
+from marl_cair.training.generating.generators import GENERATOR_FILE
 from marl_cair.training.initial_network import can_begin_as
 from marl_cair.training.population.league_slice import MemberRecord, _begin, make_member
 from marl_cair.training.run import RESUME_FOLDER, TrainingRun

@@ -30,8 +30,8 @@ from marl_cair.replay.transition import (
     NO_OPPONENT,
     OPPONENT,
 )
-from marl_cair.training.generator_picture import draw_losses, draw_progress
-from marl_cair.training.generators import GENERATOR_FILE, make_for_game
+from marl_cair.training.generating.generators import GENERATOR_FILE, make_for_game
+from marl_cair.training.generating.picture import draw_losses, draw_progress
 from marl_cair.training.run_log import format_rows
 
 KIND = "generator training"

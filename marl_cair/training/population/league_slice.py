@@ -16,7 +16,7 @@ from marl_cair.files import write_json
 from marl_cair.league.agents.allowed_code import AllowCode
 from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.stored import read_json
-from marl_cair.training.generators import take_over_generator
+from marl_cair.training.generating.generators import take_over_generator
 from marl_cair.training.initial_network import begin_as, can_begin_as
 from marl_cair.training.population.league_settings import derive_seed
 from marl_cair.training.run import RESUME_FOLDER

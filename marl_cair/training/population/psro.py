@@ -22,7 +22,7 @@ from marl_cair.league.league import LeagueConfig, play_league, run_league
 from marl_cair.league.mixing import describe_mixture, mix_league, read_scores
 from marl_cair.league.ratings.equilibrium import find_safest_mixture
 from marl_cair.stored import read_json
-from marl_cair.training.generators import check_generator, take_over_generator
+from marl_cair.training.generating.generators import check_generator, take_over_generator
 from marl_cair.training.initial_network import can_begin_as
 from marl_cair.training.population.psro_settings import PsroSettings, fixed_options
 from marl_cair.training.run import RESUME_FOLDER

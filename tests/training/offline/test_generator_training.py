@@ -16,7 +16,7 @@ from marl_cair.games.players.random_player import RandomPlayer
 from marl_cair.generative.settings import GeneratorConfig, NetworkSize
 from marl_cair.replay import load_dataset
 from marl_cair.training.collecting.dataset import collect_dataset
-from marl_cair.training.generators import check_generator, make_generator
+from marl_cair.training.generating.generators import check_generator, make_generator
 from marl_cair.training.offline.generator_training import GeneratorTraining, train_generator
 
 LINE_WARS = GAMES["deep_line_wars"]

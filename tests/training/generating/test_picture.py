@@ -5,7 +5,7 @@ import torch
 from PIL import Image
 
 from marl_cair.games import GAMES
-from marl_cair.training.generator_picture import draw_predictions
+from marl_cair.training.generating.picture import draw_predictions
 
 
 def draw(path, scenario, representation, change):

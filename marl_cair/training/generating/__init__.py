@@ -1,0 +1,1 @@
+"""The generator of a training run: made, trained, evaluated, used, and drawn."""

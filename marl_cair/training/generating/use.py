@@ -1,0 +1,167 @@
+"""Trains, evaluates and uses the generator of a run; its failures never stop the training.
+
+A failure is an exception of the generator, or a number of it that is not finite or far too large.
+The generator is then switched off: all its rows are dropped, batches are all real, and a new one
+with fresh weights takes its place, which is trained from the next evaluation on.
+"""
+
+from __future__ import annotations
+
+import math
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+import torch
+from tensordict import TensorDict
+
+from marl_cair.files import write_atomically
+from marl_cair.generative.generator import Generator
+from marl_cair.generative.rollouts import Rollouts
+from marl_cair.policies.actor import PolicyActor, masked_argmax
+from marl_cair.replay.transition import NEXT_OBSERVATION
+from marl_cair.training.due import count_due, is_due
+from marl_cair.training.generating.picture import NUM_DRAWN, PICTURE_FILE, draw_predictions
+from marl_cair.training.run import TrainingRun
+
+MOST_RETRIES = 3  # then the generator stays off
+MOST_LOSS = 1e6  # nats per row: knowing nothing about a stack of frames costs 160,000
+FAILURE_FILE = "generator_failure.txt"  # in a run's folder: the last failure
+OBSERVED_ROWS = 1_024  # at a time
+_UNCHECKED = "grad_norm"  # generators skip a step of infinite gradient by themselves
+
+
+class GeneratorFailedError(ValueError):
+    """The generator has made a number that is not finite, or far too large."""
+
+
+def observe_steps(run: TrainingRun, slots: torch.Tensor) -> None:
+    """Pass the real steps in `slots` of the replay, if their next state is known, to the generator,
+    if there is one and it is on.
+    """
+    with _attempt(run, "observing real transitions"):
+        if run.generator is not None and run.generator_is_on:
+            run.generator.observe(run.replay.real.read_steps(slots))
+
+
+def use_generator(run: TrainingRun, before: int) -> None:
+    """Train the generator; at intervals evaluate it on held-out rows, and refill if it passes.
+
+    before: the steps of the run before this round.
+    """
+    settings, generator = run.config.generator, run.generator
+    is_evaluated = is_due(before, run.frames, settings.evaluate_every_frames)
+    if generator is None:
+        return
+    if not run.generator_is_on and is_evaluated and run.generator_failures <= MOST_RETRIES:
+        _begin_again(run)
+    if not run.generator_is_on:
+        return
+    every = settings.frames_per_update
+    if run.gate_is_open:
+        every = max(every, settings.open_frames_per_update)
+    with _attempt(run, "its update"):
+        for _ in range(count_due(before, run.frames, every)):
+            _learn(run, generator)
+    num_refills = count_due(before, run.frames, settings.refill_every_frames)
+    if is_evaluated and run.generator_is_on:
+        with _attempt(run, "its evaluation"):
+            _evaluate(run, generator)
+        num_refills = max(1, num_refills)
+    if num_refills and run.gate_is_open:
+        with _attempt(run, "generating"):
+            _refill(run, generator, num_refills * settings.rows_per_refill)
+
+
+@contextmanager
+def _attempt(run: TrainingRun, what: str) -> Iterator[None]:
+    """Switch the generator off where the block fails."""
+    try:
+        yield
+    except Exception as error:  # noqa: BLE001  # it may be from outside
+        _switch_off(run, what, error)
+
+
+def _switch_off(run: TrainingRun, what: str, error: Exception) -> None:
+    run.generator_failures += 1
+    run.generator_is_on = run.gate_is_open = run.replay.generated_open = False
+    run.replay.generated.clear()
+    write_atomically(run.folder / FAILURE_FILE, "".join(traceback.format_exception(error)))
+    run.make_generator()  # the next one: a state with weights that are not finite cannot be loaded
+    then = "it is tried again, with new weights, at the next evaluation"
+    if run.generator_failures > MOST_RETRIES:
+        then = f"it stays off after {run.generator_failures} failures"
+    run.announce(
+        "gate",
+        f"the generator is off, batches are all real: {what} has failed ({error}); {then}. All of "
+        f"the failure: {run.folder / FAILURE_FILE}",
+    )
+    run.means.add({"gate/passed": 0.0})
+
+
+def _begin_again(run: TrainingRun) -> None:
+    """Switch the new generator on, and show it all of replay: it has seen nothing yet."""
+    run.generator_is_on = True
+    for slots in torch.split(run.replay.real.storage.sampleable_slots(), OBSERVED_ROWS):
+        observe_steps(run, slots)
+
+
+def _learn(run: TrainingRun, generator: Generator) -> None:
+    losses = generator.update(run.replay.real.sample_steps(run.config.generator.batch_size))
+    _require_finite("loss", losses, MOST_LOSS)
+    run.means.add({f"generator/{name}": value for name, value in losses.items()})
+
+
+def _require_finite(what: str, numbers: Mapping[str, float], most: float = math.inf) -> None:
+    for name, value in numbers.items():
+        if name != _UNCHECKED and not (math.isfinite(value) and abs(value) <= most):
+            raise GeneratorFailedError(f"the {what} {name!r} is {value}")
+
+
+def _evaluate(run: TrainingRun, generator: Generator) -> None:
+    report = generator.evaluate()
+    _require_finite("metric", report.metrics)
+    run.gate_is_open = run.replay.generated_open = report.passed
+    values = {f"gate/{name}": value for name, value in report.metrics.items()}
+    run.means.add({"gate/passed": float(report.passed), **values})
+    reasons = "; ".join(report.reasons)
+    text = "open" if report.passed else f"shut, batches are all real: {reasons}"
+    run.announce("gate", f"the generator's gate is {text}")
+    if len(run.seen.shape) == 3:
+        real = run.replay.real
+        rows = real.read_steps(torch.linspace(0, len(real) - 1, NUM_DRAWN).long())
+        predicted, _ = generator.predict(rows)
+        boards = rows["observation"], rows[NEXT_OBSERVATION], predicted[NEXT_OBSERVATION]
+        draw_predictions(run.folder / PICTURE_FILE, run.seen, run.spec.static_planes, *boards)
+
+
+def _refill(run: TrainingRun, generator: Generator, num_rows: int) -> None:
+    """Generate up to `num_rows` transitions."""
+    settings, learned = run.config.generator, run.config.learner
+    actor = PolicyActor(run.learner.average, "learner", run.config.game.representation)
+    num_generated = min(settings.rollout_steps, learned.n_steps)
+    rollouts = Rollouts(
+        generator,
+        lambda observation, mask: masked_argmax(actor.compute_values(observation), mask),
+        num_real=learned.n_steps - num_generated,
+        num_generated=num_generated,
+        gamma=learned.gamma,
+        max_rounds=settings.model.max_rounds,
+    )
+    if settings.branch_steps:
+        made = rollouts.branch(run.replay.real, num_rows, settings.branch_steps)
+    else:
+        made = rollouts.generate(run.replay.real, num_rows)
+    if len(made):
+        _require_finite_rows(made)
+        run.replay.generated.extend(made)
+        run.means.add({"generator/steps": made["steps_to_next_obs"].float().mean()})
+    run.means.add({"generator/generated_rows": float(len(made))})
+
+
+def _require_finite_rows(rows: TensorDict) -> None:
+    """A single reward or entry that is not finite would stop the learner."""
+    for key in rows.keys(True, True):
+        values = rows[key]
+        if values.is_floating_point() and not bool(values.isfinite().all()):
+            raise GeneratorFailedError(f"generated transitions hold {key!r} that is not finite")

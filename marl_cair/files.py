@@ -173,7 +173,7 @@ def _mark(
     if not marker.exists():
         write_json(marker, record)
         return False
-    held_kind, held = _read_run_marker(marker)
+    held_kind, held = read_run_marker(marker)
     if held_kind != kind:
         raise OutputFolderError(
             f"output folder {place} holds {_name_run(held_kind)}, this is {_name_run(kind)}: give "
@@ -227,7 +227,8 @@ def _refuse_foreign_files(place: Path) -> None:
         )
 
 
-def _read_run_marker(marker: Path) -> tuple[str, dict[str, Any]]:
+def read_run_marker(marker: Path) -> tuple[str, dict[str, Any]]:
+    """Kind and settings that `claim_output_folder` wrote. Raises OutputFolderError."""
     try:
         record = read_json(marker)
         return str(record["kind"]), dict(record["settings"])
@@ -242,7 +243,7 @@ def read_run_kind(folder: str | os.PathLike[str]) -> str:
     """The `kind` of `claim_output_folder` of the run in `folder`; "" where there is none."""
     marker = Path(folder) / RUN_MARKER
     try:
-        return _read_run_marker(marker)[0] if marker.is_file() else ""
+        return read_run_marker(marker)[0] if marker.is_file() else ""
     except OutputFolderError:
         return ""
 

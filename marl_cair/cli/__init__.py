@@ -37,6 +37,7 @@ TASKS = {
     "train resume=RUN": "continue an interrupted run",
     "dataset collect": "write transitions of random play or of agents to a data set",
     "generator train": "train a generator of transitions on a data set, and measure it",
+    "generator watch": "film a real game beside what a generator imagines",
     "curves": "plot learning curves of training runs",
     "dashboard": "show training runs on a local page while they train",
     "experiment PLAN": "train and rate the product of networks, learners, games and seeds",

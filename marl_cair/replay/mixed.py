@@ -13,7 +13,7 @@ from tensordict import TensorDict
 
 from marl_cair.files import replaced_folder
 from marl_cair.ranges import COUNT, FLAG, NUMBER, Range, read_array, read_number
-from marl_cair.replay import MAX_FRACTION, MOST_STEPS, transition
+from marl_cair.replay import MOST_STEPS, transition
 from marl_cair.replay.array_folder import load_arrays, require_layout, save_arrays
 from marl_cair.replay.buffer import EpisodeReplayBuffer
 from marl_cair.replay.sampler import draw_integers, restore_generator
@@ -142,8 +142,7 @@ class MixedReplay:
 
     A batch of n rows holds round(n * fraction) generated ones (Python's round: half to even). While
     `generated_open` is false (the generator has not passed its gate), or no transition was
-    generated yet, batches are all real.
-    Raises ValueError for a fraction outside 0..0.9.
+    XX
     """
 
     def __init__(
@@ -151,33 +150,46 @@ class MixedReplay:
         real: EpisodeReplayBuffer,
         generated: GeneratedReplay,
         fraction: float = 0.2,
+        weight: float = 1.0,
         *,
         generated_open: bool = True,
     ) -> None:
-        if not 0.0 <= fraction <= MAX_FRACTION:
-            raise ValueError(f"fraction is {fraction}, expected 0..{MAX_FRACTION}")
+        if not 0.0 <= fraction <= 1.0:
+            raise ValueError(f"fraction is {fraction}, expected 0..1")
         self.real = real
         self.generated = generated
-        self.fraction = fraction
+        self.fraction, self.weight = fraction, weight
         self.generated_open = generated_open
 
     def sample(self, batch_size: int | None = None) -> TensorDict:
         """Return TensorDict [batch_size] with the transition keys: real rows, then generated ones.
 
-        With `replay.priority_alpha` also "priority_weight" float32 [batch_size].
-        Raises RuntimeError while no real transition can be sampled.
+        With `replay.priority_alpha` or a weight below 1 also "priority_weight" float32
+        [batch_size].
+        Raises RuntimeError while no transition can be sampled (`can_sample`).
         """
         num_rows = self.real.batch_size if batch_size is None else batch_size
         num_generated = round(num_rows * self.fraction) if self._has_generated else 0
+        if self.fraction == 1.0:
+            return self.generated.sample(num_rows)
         batch: TensorDict = self.real.sample(num_rows - num_generated)
         if not num_generated:
             return batch
         weights = batch.pop("priority_weight", None)
         batch = _join_rows(batch, self.generated.sample(num_generated))
+        if weights is None and self.weight < 1.0:
+            weights = torch.ones(num_rows - num_generated)
         if weights is not None:  # generated rows keep their share of the loss
-            mean = weights.mean().expand(num_generated)
+            mean = (self.weight * weights.mean()).expand(num_generated)
             batch["priority_weight"] = torch.cat([weights, mean])
         return batch
+
+    @property
+    def can_sample(self) -> bool:
+        """Whether batches can be made; it is false only while all rows are to be generated and
+        there are none.
+        """
+        return self.fraction < 1.0 or self._has_generated
 
     def sample_generated(self, num_real: int) -> TensorDict | None:
         """Generated transitions that make their share of a batch with `num_real` real ones; None

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import torch
 from torchrl.collectors import Collector
-from tqdm import tqdm
 
 from marl_cair import checkpoint, files
 from marl_cair.checkpoint import AgentDescription, CheckpointError
@@ -46,6 +45,7 @@ from marl_cair.training.initial_network import (
     make_initial_network,
 )
 from marl_cair.training.learner import Learner
+from marl_cair.training.offline.filling import fill_from_dataset
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import CONFIG_FILE, fixed_settings, save_config
@@ -103,7 +103,6 @@ class TrainingRun:
         save_config(config)
         self.frames = 0
         self.processor_seconds = 0.0  # of collecting and learning, over all sittings
-        self.shows_progress = False
         self.best_score = -math.inf  # of all evaluations
         self.has_reached_score = False  # `config.stop_score`, in two evaluations
         self.gate_is_open = False
@@ -119,6 +118,16 @@ class TrainingRun:
     def evaluation_seed(self) -> int:
         """Seed of the games that rate the learner while it trains."""
         return self._seeds[8]
+
+    @property
+    def is_offline(self) -> bool:
+        """Whether the run learns from a data set, without playing."""
+        return self.config.offline.dataset is not None
+
+    @property
+    def may_use_generated(self) -> bool:
+        """Whether batches may hold generated rows."""
+        return self.gate_is_open and self.frames >= self.config.generator.warmup_frames
 
     def _make_game(self, load: Load) -> None:
         game, opponent = self.config.game, self.config.opponent
@@ -174,9 +183,11 @@ class TrainingRun:
         if config.demonstration.replays is not None:
             played = config.demonstration, self.env.engine
             fill_from_replays(real.storage, *played, seen.name, learner.reward_scale)
+        if self.is_offline:
+            fill_from_dataset(real.storage, config, self.env.engine)
         generated = GeneratedReplay(spec, replay.generated_capacity_transitions, self._seeds[2])
-        share = config.synthetic_fraction
-        self.replay = MixedReplay(real, generated, share, generated_open=False)
+        shares = config.synthetic_fraction, config.generator.loss_weight
+        self.replay = MixedReplay(real, generated, *shares, generated_open=False)
         self.make_generator(None if self._resumes else config.initial_generator)
 
     def make_generator(self, source: str | None = None) -> None:
@@ -240,15 +251,9 @@ class TrainingRun:
         # The collector calls its policy once when it is made: those draws must not count.
         self.router.import_state(untouched[0])
         self.book.load_state_dict(untouched[1])
-        if config.collector.stagger_steps and not self._resumes:
+        if config.collector.stagger_steps and not (self._resumes or self.is_offline):
             stagger_starts(self.env, config.collector.stagger_steps, self._seeds[15])
             self.collector._carrier.update(self.env.current())
-
-    def announce(self, tag: str, text: str) -> None:
-        """Write a line to TensorBoard, and to the terminal if progress is shown."""
-        self.log.note(self.frames, tag, text)
-        if self.shows_progress:
-            tqdm.write(f"frame {self.frames}: {text}")
 
     def describe_agent(self) -> AgentDescription:
         """The learner as it is now, for a checkpoint."""
@@ -378,7 +383,7 @@ class TrainingRun:
             self.replay.load(folder / REPLAY_FOLDER)
             if not self.game.has_snapshots:
                 self.replay.real.storage.forget_streams()
-        self.replay.generated_open = self.gate_is_open
+        self.replay.generated_open = self.may_use_generated
         if self.average_policy:
             self.average_policy.load_state_dict(state["average_policy"])
             self.average_policy.reservoir.load(folder / RESERVOIR_FOLDER)

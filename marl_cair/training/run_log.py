@@ -8,6 +8,8 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from tqdm import tqdm
+
 from marl_cair.files import write_atomically
 from marl_cair.stored import LOG, DamagedFileError, read_text
 
@@ -18,14 +20,16 @@ class RunLog:
     Args:
         folder: of the run.
         frames: the resumed step; rows after it are dropped.
+        prints: whether lines of text are also printed, above a progress bar.
     """
 
     FILE = "log.csv"
 
-    def __init__(self, folder: Path, frames: int = 0) -> None:
+    def __init__(self, folder: Path, frames: int = 0, prints: bool = False) -> None:
         self._path = folder / self.FILE
         self.rows = [row for row in read_log(self._path) if row["frames"] <= frames]
         self.frames = frames  # of the last row
+        self.prints = prints
         from torch.utils.tensorboard import SummaryWriter
 
         self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=frames + 1)
@@ -40,8 +44,10 @@ class RunLog:
         self._writer.flush()
 
     def note(self, frames: int, tag: str, text: str) -> None:
-        """A line of text for TensorBoard."""
+        """A line of text, for TensorBoard and for the terminal."""
         self._writer.add_text(tag, text, frames)
+        if self.prints:
+            tqdm.write(f"frame {frames}: {text}")
 
     def close(self) -> None:
         """Close the TensorBoard file."""

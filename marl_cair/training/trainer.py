@@ -19,7 +19,7 @@ from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.collecting.rollout import make_rollout
 from marl_cair.training.due import count_due, is_due
 from marl_cair.training.evaluation import evaluate
-from marl_cair.training.generating.use import observe_steps, use_generator
+from marl_cair.training.generating.use import begin_offline, observe_steps, use_generator
 from marl_cair.training.learner import DivergedError
 from marl_cair.training.newest_steps import DoubleValues, iterate_batches, make_rows
 from marl_cair.training.run import TrainingRun
@@ -68,10 +68,10 @@ def train(
     Raises: as `TrainingRun`.
     """
     run = TrainingRun(config, resume, seat, load)
-    run.shows_progress = show_progress
+    run.log.prints = show_progress
     if run.spec.num_teams == 1:
         text = f"{config.game.scenario} has no rivals, so opponent.* is not used"
-        run.announce("opponents", text)
+        run.log.note(run.frames, "opponents", text)
     timers, whole = Timers(), config.total_frames
     goal = whole if until_frames is None else min(whole, until_frames)
     deadline = None if config.max_minutes is None else time.monotonic() + 60 * config.max_minutes
@@ -120,6 +120,8 @@ def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
     """Collect, store, learn, generate and keep snapshots once per `next`; yields the frames before
     the round.
     """
+    if run.is_offline:
+        yield from _iterate_offline(run, timers)
     batches, snapshot_every = iter(run.collector), run.config.opponent.snapshot_every_frames
     while True:
         before, start = run.frames, time.process_time()
@@ -133,6 +135,23 @@ def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
                 use_generator(run, before)
         if is_due(before, run.frames, snapshot_every) or run.book.beats_the_best(run.frames):
             run.add_snapshot()
+        run.processor_seconds += time.process_time() - start
+        yield before
+
+
+def _iterate_offline(run: TrainingRun, timers: Timers) -> Iterator[int]:
+    """Learn and generate once per `next`, as `iterate` does; nothing is played."""
+    settings = run.config.collector
+    while True:
+        before, start = run.frames, time.process_time()
+        if before == 0:
+            with timers.measure("generate"):
+                begin_offline(run)
+        run.frames += settings.num_worlds * settings.steps_per_batch
+        with timers.measure("learn"):
+            _learn_from_replay(run, before)
+        with timers.measure("generate"):
+            use_generator(run, before)
         run.processor_seconds += time.process_time() - start
         yield before
 
@@ -166,9 +185,15 @@ def _learn(run: TrainingRun, before: int, data: TensorDictBase) -> None:
         for batch in batches if len(rows) else ():
             _update(run, batch, done)
         return
-    if not _has_enough(run):
+    if _has_enough(run):
+        _learn_from_replay(run, before)
+
+
+def _learn_from_replay(run: TrainingRun, before: int) -> None:
+    done = run.frames / run.config.total_frames
+    if not run.replay.can_sample:
         return
-    for _ in range(count_due(before, run.frames, settings.frames_per_update)):
+    for _ in range(count_due(before, run.frames, run.config.learner.frames_per_update)):
         batch = run.replay.sample()
         _update(run, batch, done)
         run.replay.note_errors(batch, done)

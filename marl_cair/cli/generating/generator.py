@@ -1,4 +1,4 @@
-"""`marl-cair generator train`: train a generator on a data set, and measure its quality."""
+"""`marl-cair generator`: train a generator on a data set and measure it, or watch one."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from marl_cair.cli import EXIT_DONE
+from marl_cair.cli import match_options as shared
 from marl_cair.cli.match_options import read_changes
 from marl_cair.cli.parser import Parser
 from marl_cair.generative import GENERATORS
@@ -20,13 +21,21 @@ _SHOWN = (
 )
 
 
+TRAIN, WATCH = "train", "watch"
+
+
 def run(arguments: Sequence[str]) -> int:
-    """Train, and print the numbers of each measurement; returns the exit code."""
+    """Train or watch a generator; returns the exit code."""
     words = list(arguments)
     if not words or words[0] in ("-h", "--help"):
         make_parser().parse_args(["--help"])
-    check_name("generator command", words[0], ("train",))
-    options = make_parser().parse_args(words[1:])
+    check_name("generator command", words[0], (TRAIN, WATCH))
+    return (_train if words[0] == TRAIN else _watch)(words[1:])
+
+
+def _train(arguments: Sequence[str]) -> int:
+    """Train, and print the numbers of each measurement."""
+    options = make_parser().parse_args(arguments)
     check_name("generator", options.model, GENERATORS)
     config = read_model(options.fields)
     from marl_cair.training.offline.generator_training import (
@@ -51,6 +60,28 @@ def run(arguments: Sequence[str]) -> int:
         )
         sys.stdout.flush()
     sys.stdout.write(f"all numbers are in {options.out}/{QUALITY_FILE}\n")
+    return EXIT_DONE
+
+
+def _watch(arguments: Sequence[str]) -> int:
+    """Write a film, and print how long it is."""
+    options = make_watch_parser().parse_args(arguments)
+    for name in ("steps", "fps"):
+        if getattr(options, name) < 1:
+            raise ValueError(f"--{name} is {getattr(options, name)}, it must be 1 or more")
+    from marl_cair.training.generating.watching import film_generator
+
+    count = film_generator(
+        options.run,
+        options.to,
+        options.steps,
+        options.open,
+        options.players.split(",") if options.players else (),
+        options.seed,
+        options.fps,
+        shared.choose_load(options),
+    )
+    sys.stdout.write(f"{options.to}: {count} steps\n")
     return EXIT_DONE
 
 
@@ -103,4 +134,37 @@ def make_parser() -> Parser:
         metavar="NAME=VALUE",
         help="change a setting of generator.model, for example size.depth=2; repeatable",
     )
+    return parser
+
+
+def make_watch_parser() -> Parser:
+    """The options of `generator watch`."""
+    parser = Parser(
+        "marl-cair generator watch",
+        description="Film a real game beside what the generator imagines: some steps from imagined "
+        "states with the real actions, and then again from the real state.",
+        epilog="example: marl-cair generator watch runs/train --to imagined.gif",
+    )
+    parser.add_argument("run", help="folder of a training run, or of `marl-cair generator train`")
+    parser.add_argument(
+        "--to",
+        required=True,
+        help=".gif, .mp4 (needs pip install 'marl_cair[video]'), a new folder for PNG files, or "
+        ".png: one roll-out, a column for each step",
+    )
+    parser.add_argument(
+        "--player",
+        dest="players",
+        metavar="AGENT[,AGENT...]",
+        help="of the real game, one for all seats or one for each (default: the agent of the run, "
+        "or the players of the data set)",
+    )
+    for name, default, meaning in (
+        ("open", 8, "imagined steps before the real state is taken again"),
+        ("steps", 200, "of the film"),
+        ("fps", 4, "steps per second of a film"),
+    ):
+        text = f"{meaning} (default: %(default)s)"
+        parser.add_argument(f"--{name}", type=int, default=default, help=text)
+    shared.add_options(parser, "--seed", *shared.ANSWER_LIMITS, trained="player")
     return parser

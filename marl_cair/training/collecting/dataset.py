@@ -81,7 +81,7 @@ def collect_dataset(
     )
     with new_dataset(Path(folder), about) as made:
         sides = [_Side(made.train), _Side(made.heldout)]
-        play = _Play(BatchedEngine(game, played, NUM_WORLDS), representation, agents, seed)
+        play = Play(BatchedEngine(game, played, NUM_WORLDS), representation, agents, seed)
         digests: set[bytes] = set()
         num_seen = 0
         while any(side.missing for side in sides):
@@ -113,7 +113,7 @@ class _Side:
         self.missing -= len(chosen)
 
 
-class _Play:
+class Play:
     """Games in progress; `step` plays one step of each and returns its transitions."""
 
     def __init__(

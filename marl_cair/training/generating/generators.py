@@ -47,7 +47,7 @@ def make_generator(
         return None
     generator = _make(config, seen, spec, seed)
     if source is not None:
-        _load_knowledge(generator, source)
+        load_knowledge(generator, source)
     return generator
 
 
@@ -94,7 +94,8 @@ def take_over_generator(config: TrainConfig, before: Path) -> TrainConfig:
     return dataclasses.replace(config, initial_generator=str(before))
 
 
-def _load_knowledge(generator: Generator, source: str) -> None:
+def load_knowledge(generator: Generator, source: str) -> None:
+    """Begin with the weights of the generator in folder `source`. Raises as `make_generator`."""
     path = Path(source) / GENERATOR_FILE
     if not path.is_file():
         raise CheckpointError(

@@ -32,10 +32,8 @@ def draw_predictions(
     """
     shown = seen.shape[0] - seen.num_uniform
     planes = [observation[:, :shown].numpy() for observation in observations]
-    boards = [_paint(seen, static_planes, values) for values in planes]
-    differs = np.abs(planes[1].astype(np.int16) - planes[2]).max(1)
-    boards.append(_colour(differs[:, None] / 255.0, np.ones((1, 3))))
-    _save_rows(path, boards)
+    boards = [paint(seen, static_planes, values) for values in planes]
+    save_rows(path, [*boards, paint_difference(*planes[1:])])
 
 
 def draw_progress(
@@ -51,7 +49,7 @@ def draw_progress(
     """
     shown = seen.shape[0] - seen.num_uniform
     rows = [one[:, :shown].numpy() for one in (before, after, *guesses)]
-    _save_rows(path, [_paint(seen, static_planes, values) for values in rows])
+    save_rows(path, [paint(seen, static_planes, values) for values in rows])
 
 
 def draw_losses(path: str | os.PathLike[str], rows: Sequence[Mapping[str, float]]) -> None:
@@ -77,7 +75,8 @@ def draw_losses(path: str | os.PathLike[str], rows: Sequence[Mapping[str, float]
         figure.savefig(unfinished, dpi=130)
 
 
-def _save_rows(path: str | os.PathLike[str], boards: Sequence[NDArray[np.uint8]]) -> None:
+def save_rows(path: str | os.PathLike[str], boards: Sequence[NDArray[np.uint8]]) -> None:
+    """Write rows of pictures, uint8 [N, H, W, 3] each, as one PNG."""
     from PIL import Image
 
     scale = -(-_LEAST_SIDE // max(boards[0].shape[1:3]))
@@ -86,7 +85,7 @@ def _save_rows(path: str | os.PathLike[str], boards: Sequence[NDArray[np.uint8]]
         Image.fromarray(np.concatenate(rows)).save(unfinished)
 
 
-def _paint(
+def paint(
     seen: Representation, static_planes: Sequence[int], planes: NDArray[np.uint8]
 ) -> NDArray[np.uint8]:
     """Observations [N, C, H, W] as RGB [N, H, W, 3]: the newest of several frames; of a board the
@@ -99,6 +98,12 @@ def _paint(
     colours = np.array([colorsys.hsv_to_rgb(hue, 0.75, 1.0) for hue in hues])
     colours[[plane for plane in static_planes if plane < len(colours)]] = 0.15
     return _colour(values, colours)
+
+
+def paint_difference(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Where planes [N, C, H, W] differ, as grey pictures [N, H, W, 3]."""
+    differs = np.abs(one.astype(np.int16) - other).max(1)
+    return _colour(differs[:, None] / 255.0, np.ones((1, 3)))
 
 
 def _colour(values: NDArray[np.float64], colours: NDArray[np.float64]) -> NDArray[np.uint8]:

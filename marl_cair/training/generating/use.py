@@ -68,9 +68,31 @@ def use_generator(run: TrainingRun, before: int) -> None:
         with _attempt(run, "its evaluation"):
             _evaluate(run, generator)
         num_refills = max(1, num_refills)
-    if num_refills and run.gate_is_open:
+    run.replay.generated_open = run.may_use_generated
+    if num_refills and run.may_use_generated:
         with _attempt(run, "generating"):
             _refill(run, generator, num_refills * settings.rows_per_refill)
+
+
+def begin_offline(run: TrainingRun) -> None:
+    """Train the generator on the data set that fills replay, evaluate it, and generate as many
+    transitions as are kept, before the learner's first update.
+    """
+    generator, settings = run.generator, run.config.generator
+    if generator is None:
+        return
+    _begin_again(run)
+    with _attempt(run, "its update"):
+        for _ in range(run.config.offline.generator_updates):
+            _learn(run, generator)
+    if run.generator_is_on:
+        with _attempt(run, "its evaluation"):
+            _evaluate(run, generator)
+    run.replay.generated_open = run.may_use_generated
+    if run.may_use_generated:
+        with _attempt(run, "generating"):
+            for _ in range(run.replay.generated.capacity // settings.rows_per_refill):
+                _refill(run, generator, settings.rows_per_refill)
 
 
 @contextmanager
@@ -91,7 +113,8 @@ def _switch_off(run: TrainingRun, what: str, error: Exception) -> None:
     then = "it is tried again, with new weights, at the next evaluation"
     if run.generator_failures > MOST_RETRIES:
         then = f"it stays off after {run.generator_failures} failures"
-    run.announce(
+    run.log.note(
+        run.frames,
         "gate",
         f"the generator is off, batches are all real: {what} has failed ({error}); {then}. All of "
         f"the failure: {run.folder / FAILURE_FILE}",
@@ -121,12 +144,13 @@ def _require_finite(what: str, numbers: Mapping[str, float], most: float = math.
 def _evaluate(run: TrainingRun, generator: Generator) -> None:
     report = generator.evaluate()
     _require_finite("metric", report.metrics)
-    run.gate_is_open = run.replay.generated_open = report.passed
+    run.gate_is_open = report.passed
     values = {f"gate/{name}": value for name, value in report.metrics.items()}
     run.means.add({"gate/passed": float(report.passed), **values})
     reasons = "; ".join(report.reasons)
-    text = "open" if report.passed else f"shut, batches are all real: {reasons}"
-    run.announce("gate", f"the generator's gate is {text}")
+    without = "nothing is learned" if run.replay.fraction == 1.0 else "batches are all real"
+    text = "open" if report.passed else f"shut, {without}: {reasons}"
+    run.log.note(run.frames, "gate", f"the generator's gate is {text}")
     if len(run.seen.shape) == 3:
         real = run.replay.real
         rows = real.read_steps(torch.linspace(0, len(real) - 1, NUM_DRAWN).long())

@@ -21,7 +21,12 @@ from marl_cair.generative import quality
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.generative.thesis import ThesisGenerator
-from marl_cair.replay.dataset import DatasetDescription, TransitionDataset, load_dataset
+from marl_cair.replay.dataset import (
+    DatasetDescription,
+    TransitionDataset,
+    load_dataset,
+    read_description,
+)
 from marl_cair.replay.transition import (
     EXPERT_ACTION,
     INDEX,
@@ -33,6 +38,7 @@ from marl_cair.replay.transition import (
 from marl_cair.training.generating.generators import GENERATOR_FILE, make_for_game
 from marl_cair.training.generating.picture import draw_losses, draw_progress
 from marl_cair.training.run_log import format_rows
+from marl_cair.training.settings.config_file import build_value
 
 KIND = "generator training"
 LOSS_FILE, QUALITY_FILE, PICTURE_FILE = "losses.csv", "quality.csv", "predictions.png"
@@ -123,6 +129,17 @@ def train_generator(
     marked = {"dataset": str(source), **asdict(settings)}
     with files.claim_output_folder(folder, KIND, marked, resume=True):  # the same begins again
         yield from _Training(data, generator, seen, spec, settings, folder, device).run()
+
+
+def read_training(folder: Path) -> tuple[DatasetDescription, GeneratorTraining]:
+    """The data set and the settings that the generator in `folder` was trained with.
+
+    Raises as `read_description`, and ValueError for settings that cannot be read.
+    """
+    _, marked = files.read_run_marker(folder / files.RUN_MARKER)
+    about = read_description(marked.pop("dataset", ""))
+    settings: GeneratorTraining = build_value(GeneratorTraining, marked)
+    return about, settings
 
 
 class _Training:

@@ -28,6 +28,7 @@ from marl_cair.training.settings.checks import (
     Positive,
     Seed,
     Share,
+    ShareAboveZero,
     ShareBelowOne,
     Threads,
     check_fields,
@@ -41,6 +42,7 @@ from marl_cair.training.settings.exploration import (
     ExplorationSettings,
 )
 from marl_cair.training.settings.learner import LOSSES, LearnerSettings, NfspSettings
+from marl_cair.training.settings.offline import OfflineSettings
 
 # Half the newest policy, half older ones, after AlphaStar and OpenAI Five. It is not shown to be
 # the best mixture: `marl-cair experiment opponents` compares.
@@ -52,7 +54,6 @@ NO_GENERATOR = "none"
 GAMES_FOLDER = "games"  # in a run's folder: replays of the last evaluation
 ENDLESS_FRAMES = 10**9  # as total_frames: the clock ends the run
 _Margin = Annotated[float, Allowed(lambda x: 0 <= x < 0.5, "0 or more, below 0.5, or null")]
-_Fraction = Annotated[float, Allowed(lambda x: 0 <= x <= MAX_FRACTION, f"0..{MAX_FRACTION}")]
 _Branch = Annotated[int, Allowed(lambda n: 0 <= n <= 20, "0..20")]
 _SequenceSteps = Annotated[int, Allowed(lambda n: n >= 2, "2 or more")]
 _Score = Annotated[float, Allowed(math.isfinite, "a number or null")]
@@ -203,9 +204,9 @@ class GeneratorSettings:
     refill_every_frames: Count = 4_000  # frames between two refills while the gate is open
     rows_per_refill: Count = 1_000  # transitions
     rollout_steps: Count = 1  # generated steps at the end of a generated row, n_steps at most
-    branch_steps: _Branch = (
-        0  # above 0: one-step rows of roll-outs so long; rollout_steps is unused
-    )
+    branch_steps: _Branch = 0  # above 0: one-step rows of roll-outs so long, not rollout_steps
+    warmup_frames: Natural = 0  # frames in which batches are all real, even if the gate is open
+    loss_weight: ShareAboveZero = 1.0  # of a generated row in the loss; of a real row 1 (dqn)
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:
@@ -262,7 +263,7 @@ class TrainConfig:
     total_frames: Count = 500_000  # environment steps; the run ends there
     max_minutes: Positive | None = None  # of this call; None: no limit
     stop_score: _Score | None = None  # ends the run when evaluations reach it; None: never
-    synthetic_fraction: _Fraction = 0.2  # generated share of each batch, 0..0.9
+    synthetic_fraction: Share = 0.2  # generated share of each batch, 0..0.9; offline up to 1
     initial_agent: str | None = None  # folder of one whose network begins; None: a new one
     initial_generator: str | None = None  # folder of a run whose generator begins; None: a new one
     torch_threads: Threads | None = None  # None: as torch chooses; fixed numbers give equal bits
@@ -270,6 +271,7 @@ class TrainConfig:
     policy: QNetworkConfig = field(default_factory=QNetworkConfig)
     opponent: OpponentSettings = field(default_factory=OpponentSettings)
     demonstration: DemonstrationSettings = field(default_factory=DemonstrationSettings)
+    offline: OfflineSettings = field(default_factory=OfflineSettings)
     collector: CollectorSettings = field(default_factory=CollectorSettings)
     exploration: ExplorationSettings = field(default_factory=ExplorationSettings)
     replay: ReplaySettings = field(default_factory=ReplaySettings)
@@ -283,6 +285,7 @@ class TrainConfig:
         check_fields(self)
         self._check_scenarios()
         self._check_network()
+        self._check_generated()
         if not LOSSES.is_outside(self.learner.algorithm):
             self.check_algorithm()
         bots = GAMES[self.game.name].bots
@@ -306,6 +309,20 @@ class TrainConfig:
                 f"policy.noisy=false exploration.kind={EPSILON_GREEDY}"
             )
 
+    def _check_generated(self) -> None:
+        """Raise ValueError for batches without real rows that are not allowed."""
+        fraction, settings = self.synthetic_fraction, self.generator
+        if fraction <= MAX_FRACTION:
+            return
+        allowed = f"0..{MAX_FRACTION} without offline.dataset"
+        require(self.offline.dataset is not None, "synthetic_fraction", fraction, allowed)
+        require(settings.name != NO_GENERATOR, "generator.name", settings.name, "a generator")
+        steps = self.learner.n_steps
+        whole = settings.branch_steps > 0 or settings.rollout_steps >= steps
+        allowed = f"learner.n_steps ({steps}) or more, or generator.branch_steps above 0: with "
+        allowed += f"synthetic_fraction above {MAX_FRACTION} no step of a row may be real"
+        require(whole, "generator.rollout_steps", settings.rollout_steps, allowed)
+
     def evaluated_scenarios(self) -> dict[str, Any]:
         """Scenarios on which the learner is rated, by option, as `EvaluationSettings.changes`."""
         game, make = self.game, GAMES[self.game.name].scenario
@@ -319,6 +336,8 @@ class TrainConfig:
         torch) if there are such parts, so one from outside must be allowed before.
         """
         given = {"demonstration": self.demonstration.is_given, "nfsp": self.nfsp.enabled}
+        given |= {"offline.dataset": self.offline.dataset is not None}
+        given |= {"generator.loss_weight below 1": self.generator.loss_weight < 1.0}
         for name in (name for name, is_given in given.items() if is_given):
             allowed = f"dqn with {name}, which learns from the replay buffer"
             is_fit = self.learner.learns_from_replay
@@ -345,6 +364,7 @@ class TrainConfig:
         reads_steps = not LOSSES[learner.algorithm].READS_SEQUENCES
         for is_refused, reason, instead in (
             (has_generator, "generated transitions have no history", "generator=none"),
+            (self.offline.dataset, "a data set has no history", "offline.dataset=null"),
             (self.nfsp.enabled, "NFSP's reservoir holds single steps", "nfsp.enabled=false"),
             (reads_steps, "this loss reads single transitions", "learner.algorithm=dqn or pqn"),
         ):

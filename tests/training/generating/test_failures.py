@@ -1,4 +1,4 @@
-"""A generator that fails is switched off and tried again; training goes on with real batches."""
+"""A generator that fails is switched off and tried again; meanwhile all batches are real."""
 
 import dataclasses
 import math

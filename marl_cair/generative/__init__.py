@@ -16,6 +16,7 @@ __all__ = ["GENERATORS", "GateConfig", "GeneratorConfig", "GeneratorSpec", "Netw
 GENERATORS: LazyTable[Callable[[GeneratorConfig, GeneratorSpec], Generator]] = LazyTable(
     {
         "ccdn": "marl_cair.generative.generator:CCDNGenerator",
+        "ccgan": "marl_cair.generative.ccgan:CCGANGenerator",
         "ccdn_thesis": "marl_cair.generative.thesis:ThesisGenerator",
     },
     group="marl_cair.generators",

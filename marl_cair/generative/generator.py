@@ -41,7 +41,7 @@ from marl_cair.replay.transition import (
 CHUNK_ROWS = 64  # without gradients: the arrays of all cells then fit the cache
 WARMUP_UPDATES = 50  # full steps from the start leave a trunk of dead channels
 MIN_AVERAGE_SHARE = 0.005  # of the newest weights in the average
-_TRAINING, _GENERATING, _EVALUATING = range(3)
+TRAINING, _GENERATING, _EVALUATING = range(3)
 
 
 class Generator(Protocol):
@@ -131,7 +131,7 @@ class CCDNGenerator:
 
         Returns mean losses in nats per row. Raises ValueError as `observe` does.
         """
-        learnable, random = batch[~self._split(batch)], self._generators[_TRAINING]
+        learnable, random = batch[~self._split(batch)], self._generators[TRAINING]
         rare = self._rare.sample(round(self.config.rare_share * len(batch)), random)
         common = learnable[: max(0, len(batch) - len(rare))]
         if not len(common) + len(rare):
@@ -146,11 +146,11 @@ class CCDNGenerator:
     def _learn(self, rows: TensorDict, correction: Correction) -> dict[str, float]:
         network, optimizer = self.network, self.optimizer
         others = _read_others(rows)
-        hidden = torch.rand(len(rows), generator=self._generators[_TRAINING])
+        hidden = torch.rand(len(rows), generator=self._generators[TRAINING])
         others[hidden < self.config.unknown_share] = UNKNOWN_ACTION
         units = [self._counts.reward_unit, self._counts.end_unit]
         network.outcome.reward_units.copy_(torch.tensor(units))
-        losses = network.compute_losses(rows, others, *correction)
+        losses = self._compute_losses(rows, others, correction)
         total = torch.stack(list(losses.values())).sum()
         optimizer.zero_grad(set_to_none=True)
         torch.autograd.backward(total)
@@ -165,6 +165,11 @@ class CCDNGenerator:
         self.num_updates += 1
         found = {name: float(loss.detach()) for name, loss in losses.items()}
         return {**found, "total": float(total.detach()), "grad_norm": float(norm)}
+
+    def _compute_losses(
+        self, rows: TensorDict, others: Tensor, correction: Correction
+    ) -> dict[str, Tensor]:
+        return self.network.compute_losses(rows, others, *correction)
 
     @torch.no_grad()
     def _average_weights(self) -> None:

@@ -177,6 +177,21 @@ class ThesisSize:
 
 
 @dataclass(frozen=True)
+class AdversarialSettings:
+    """The discriminator of `ccgan`."""
+
+    weight: float = 0.1  # of the adversarial loss, beside log likelihoods
+    channels: int = 32  # of the discriminator
+    learning_rate: float = 1e-3  # of its Adam
+
+    def __post_init__(self) -> None:
+        _require(self.weight >= 0, "adversarial.weight", self.weight, "0 or more")
+        _require(self.channels >= 1, "adversarial.channels", self.channels, "1 or more")
+        rate = self.learning_rate
+        _require(rate > 0, "adversarial.learning_rate", rate, "above 0")
+
+
+@dataclass(frozen=True)
 class GateConfig:
     """Thresholds for the use of generated transitions, each with its reason."""
 
@@ -245,6 +260,7 @@ class GeneratorConfig:
     seed: int = 0  # of weights and sampling; a training run gives its own
     size: NetworkSize = field(default_factory=NetworkSize)
     thesis: ThesisSize = field(default_factory=ThesisSize)
+    adversarial: AdversarialSettings = field(default_factory=AdversarialSettings)
     gate: GateConfig = field(default_factory=GateConfig)
 
     def __post_init__(self) -> None:

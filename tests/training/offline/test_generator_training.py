@@ -12,24 +12,13 @@ from marl_cair.checkpoint import load_tensors
 from marl_cair.cli import main
 from marl_cair.cli.compose import compose_config
 from marl_cair.games import GAMES
-from marl_cair.games.players.random_player import RandomPlayer
 from marl_cair.generative.settings import GeneratorConfig, NetworkSize
 from marl_cair.replay import load_dataset
-from marl_cair.training.collecting.dataset import collect_dataset
 from marl_cair.training.generating.generators import check_generator, make_generator
 from marl_cair.training.offline.generator_training import GeneratorTraining, train_generator
+from tests.training.offline.datasets import LINE_WARS, collect
 
-LINE_WARS = GAMES["deep_line_wars"]
 SMALL = GeneratorConfig(size=NetworkSize(channels=4, depth=1, hidden=8))
-
-
-def collect(folder, num_rows=600, game=LINE_WARS, name="11x11", representation="planes", **options):
-    if game is LINE_WARS:
-        options = {"max_ticks": 100, "reward": "shaped", **options}
-    scenario = game.scenario(name, **options)
-    spec = game.make_spec(scenario)
-    agents = [RandomPlayer(scenario, spec) for _ in range(spec.num_players)]
-    return collect_dataset(folder, game, (name, scenario), representation, agents, num_rows, seed=3)
 
 
 @pytest.fixture(scope="module")
@@ -171,7 +160,7 @@ def test_the_thesis_generator_learns_grey_frames_and_nothing_else(tmp_path):
         (["train", "x", "--out", "y", "--model", "cdcn"], "unknown generator 'cdcn'.*'ccdn'"),
         (["train", "x", "--out", "y", "--set", "size.dept=1"], "dept"),
         (["train", "x", "--out", "y", "--set", "size"], "--set size: write --set name=value"),
-        (["watch"], "unknown generator command 'watch'"),
+        (["wach"], "unknown generator command 'wach'"),
     ],
 )
 def test_wrong_words_are_refused(words, message, capsys):

@@ -1,0 +1,164 @@
+"""Training on a data set: what fills replay, what is learned from, and what is refused."""
+
+import dataclasses
+import math
+
+import pytest
+import torch
+
+from marl_cair.generative import CCDNGenerator
+from marl_cair.generative.gate import Acceptance, GateReport
+from marl_cair.policies.q_network import QNetworkConfig
+from marl_cair.replay import load_dataset
+from marl_cair.training.run import TrainingRun
+from marl_cair.training.run_log import read_log
+from marl_cair.training.settings.config import GameSettings, GeneratorSettings
+from marl_cair.training.settings.offline import OfflineSettings
+from marl_cair.training.trainer import Timers, iterate
+from tests.training.offline.datasets import collect
+from tests.training.runs import SMALL_GENERATOR, tiny, train, train_whole_and_in_parts
+
+LENIENT = Acceptance(min_surety=-math.inf, certain=0.0, may_end=True, may_be_rare=True)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("data") / "wars"
+    collect(place)
+    return place
+
+
+def offline(out, data, fraction=0.0, n_steps=1, options=None, **changes):
+    """A run on the data set: 360 transitions; an update for each 64 steps."""
+    generator = GeneratorSettings(
+        name="ccdn" if fraction else "none",
+        model=SMALL_GENERATOR,
+        batch_size=16,
+        evaluate_every_frames=512,
+        refill_every_frames=128,
+        rows_per_refill=50,
+    )
+    config = tiny(
+        out,
+        512,
+        game=GameSettings(scenario="11x11", options={"max_ticks": 100, **(options or {})}),
+        generator=generator,
+        offline=OfflineSettings(str(data), generator_updates=3),
+        synthetic_fraction=fraction,
+    )
+    learner = dataclasses.replace(config.learner, n_steps=n_steps)
+    return dataclasses.replace(config, learner=learner, **changes)
+
+
+def open_gate(monkeypatch):
+    def look(generator):
+        generator.last_report = GateReport(True, (), {}, LENIENT)
+        return generator.last_report
+
+    monkeypatch.setattr(CCDNGenerator, "evaluate", look)
+    monkeypatch.setattr(
+        "marl_cair.generative.generator.find_broken_structure",
+        lambda rows, spec: torch.zeros(len(rows), dtype=torch.bool),
+    )
+
+
+def find_places(rows):
+    """Numbers of rows by what they hold."""
+    names = ("observation", ("next", "observation"), "action", ("next", "reward"))
+    values = torch.cat([rows[name].double().reshape(len(rows), -1) for name in names], 1)
+    return {tuple(row): place for place, row in enumerate(values.tolist())}
+
+
+def test_replay_holds_the_transitions_to_train_on(folder, tmp_path):
+    run = TrainingRun(offline(tmp_path / "run", folder))
+    real, rows = run.replay.real, load_dataset(folder).train
+    stored = real.read_steps(real.storage.sampleable_slots())
+    assert len(stored) == len(rows) == 360
+    found, wanted = find_places(stored), find_places(rows)
+    assert found.keys() == wanted.keys()
+    assert len(found) == 360
+    for row, place in found.items():
+        for key in (
+            "action_mask",
+            "other_actions",
+            ("next", "action_mask"),
+            ("next", "terminated"),
+        ):
+            one, other = stored[key][place], rows[key][wanted[row]]
+            assert torch.equal(one, other) or key[-1] == "action_mask"
+    run.close()
+
+
+def test_returns_of_several_steps_follow_the_episodes(folder, tmp_path):
+    run = TrainingRun(offline(tmp_path / "run", folder, n_steps=3))
+    real = run.replay.real
+    stored = real.read_steps(real.storage.sampleable_slots(), 3)
+    lengths = stored["steps_to_next_obs"].flatten().bincount().tolist()
+    assert len(lengths) == 4
+    assert lengths[3] > 200  # most steps are followed by others
+    run.close()
+
+
+def test_nothing_is_played_and_the_learner_learns(folder, tmp_path):
+    result = train(offline(tmp_path / "run", folder))
+    assert (result.frames, result.updates) == (512, 8)
+    row = read_log(tmp_path / "run" / "log.csv")[-1]
+    assert row["replay/transitions"] > 360  # with ends
+    assert "seconds/collect" not in row
+    assert row["batch/generated_share"] == 0.0
+
+
+def test_with_a_fraction_of_1_no_real_row_is_in_a_batch(folder, tmp_path, monkeypatch):
+    open_gate(monkeypatch)
+    run = TrainingRun(offline(tmp_path / "run", folder, 1.0))
+    steps = iterate(run, Timers())
+    next(steps)
+    assert run.generator.num_updates == 3 + 2  # before the learner's first, and in the first round
+    assert len(run.replay.generated) == run.replay.generated.capacity
+    assert run.learner.updates == 2
+    assert run.replay.sample()["is_generated"].all()
+    run.close()
+
+
+def test_while_its_gate_is_shut_nothing_is_learned_from_real_rows_instead(folder, tmp_path, capsys):
+    result = train(offline(tmp_path / "run", folder, 1.0), show_progress=True)
+    assert result.updates == 0
+    assert "shut, nothing is learned: only" in "".join(capsys.readouterr())
+
+
+@pytest.mark.slow
+def test_an_offline_run_resumes_bit_for_bit(folder, tmp_path, monkeypatch):
+    open_gate(monkeypatch)
+    train_whole_and_in_parts(tmp_path, lambda out: offline(out, folder, 0.5), until=256)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"options": {"max_ticks": 90}}, "max_ticks is 100 there, 90 in this run.* --set"),
+        ({"n_steps": 2, "fraction": 1.0}, r"rollout_steps is 1, it must be .*n_steps \(2\)"),
+        ({"synthetic_fraction": 1.0}, "generator.name is 'none'"),
+    ],
+)
+def test_a_run_that_does_not_fit_is_refused(folder, tmp_path, changes, message):
+    with pytest.raises(ValueError, match=message):
+        TrainingRun(offline(tmp_path / "run", folder, **changes))
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_needs_play_is_refused(folder, tmp_path):
+    with pytest.raises(ValueError, match=r"synthetic_fraction is 1.0, .* 0..0.9 without offline"):
+        tiny(tmp_path / "run", synthetic_fraction=1.0)
+    config = offline(tmp_path / "run", folder)
+    learner = dataclasses.replace(config.learner, algorithm="pqn")
+    with pytest.raises(ValueError, match="algorithm is 'pqn', it must be dqn with offline.dataset"):
+        dataclasses.replace(config, learner=learner)
+    replay = dataclasses.replace(config.replay, capacity_transitions=301)
+    with pytest.raises(ValueError, match="capacity_transitions is 301: set it to"):
+        TrainingRun(dataclasses.replace(config, replay=replay))
+    with pytest.raises(FileNotFoundError, match="holds no data set"):
+        TrainingRun(offline(tmp_path / "run", tmp_path / "nowhere"))
+    game = dataclasses.replace(config.game, representation="heatmap")
+    off = dataclasses.replace(config, game=game, policy=QNetworkConfig(hidden_width=32))
+    with pytest.raises(ValueError, match="is of deep_line_wars .* planes, this run of .* heatmap"):
+        TrainingRun(off)

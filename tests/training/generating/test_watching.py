@@ -10,6 +10,7 @@ import torch
 from PIL import Image
 
 from marl_cair.cli import main
+from marl_cair.files import read_run_marker, write_json
 from marl_cair.games import GAMES
 from marl_cair.league.agents.load import load_agent
 from marl_cair.training.generating.watching import (
@@ -96,18 +97,17 @@ def test_a_vector_has_no_picture(tmp_path):
     config = tiny(tmp_path / "run", 256)
     game = dataclasses.replace(config.game, name="flappy_bird", scenario="classic", options={})
     game = dataclasses.replace(game, representation="features")
-    train(
-        dataclasses.replace(
-            config, game=game, policy=dataclasses.replace(config.policy, body="mlp")
-        )
-    )
+    policy = dataclasses.replace(config.policy, body="mlp")
+    opponent = OpponentSettings({"random": 1.0})
+    train(dataclasses.replace(config, game=game, policy=policy, opponent=opponent))
     with pytest.raises(ValueError, match="vectors of .* numbers, which have no picture"):
         load_watched(tmp_path / "run")
 
 
 def test_a_generator_whose_data_set_is_gone_says_so(trained, tmp_path):
     copy = shutil.copytree(trained, tmp_path / "copy")
-    marker = (copy / "run.json").read_text("utf-8")
-    (copy / "run.json").write_text(marker.replace(str(trained.parent), "/nowhere"), "utf-8")
+    kind, marked = read_run_marker(copy / "run.json")
+    record = {"kind": kind, "settings": {**marked, "dataset": "/nowhere/data"}}
+    write_json(copy / "run.json", record)
     with pytest.raises(FileNotFoundError, match="/nowhere/data holds no data set"):
         load_watched(copy)

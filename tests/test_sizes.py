@@ -10,18 +10,18 @@ MAX_FILES_IN_A_FOLDER = 16
 MAX_LINES = {
     "games": 21_370,
     "policies": 2_420,
-    "replay": 2_270,
-    "generative": 2_800,
+    "replay": 2_290,
+    "generative": 2_940,
     "self_play": 990,
     "league": 8_180,
-    "training": 6_900,
+    "training": 7_350,
     "experiments": 1_480,
     "viewer": 720,
     "window": 2_500,
     "browser": 950,
     "dashboard": 300,
     "conf": 10,
-    "cli": 4_360,
+    "cli": 4_410,
     "": 1_660,  # the modules that every part may import
 }
 

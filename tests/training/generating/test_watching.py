@@ -20,6 +20,7 @@ from marl_cair.training.generating.watching import (
     watch_steps,
 )
 from marl_cair.training.offline.generator_training import GeneratorTraining, train_generator
+from marl_cair.training.settings.config import OpponentSettings
 from tests.training.offline.datasets import collect
 from tests.training.runs import tiny, train
 

@@ -71,8 +71,8 @@ def test_batches_are_all_real_while_the_gate_is_closed_or_nothing_was_generated(
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"fraction": -0.1}, r"fraction is -0.1, expected 0\.\.0\.9"),
-        ({"fraction": 0.95}, "fraction is 0.95"),
+        ({"fraction": -0.1}, r"fraction is -0.1, expected 0\.\.1"),
+        ({"fraction": 1.05}, "fraction is 1.05"),
         ({"fraction": float("nan")}, "fraction is nan"),
     ],
 )
@@ -141,3 +141,28 @@ def test_a_generated_ring_of_another_layout_or_size_is_refused(tmp_path):
         GeneratedReplay(TransitionSpec((5, 2, 3), 12), capacity=9).load(tmp_path / "ring")
     with pytest.raises(ValueError, match="capacity is 0, expected 1 or more"):
         GeneratedReplay(SMALL, capacity=0)
+
+
+def test_generated_rows_weigh_less_in_the_loss_where_that_is_asked_for():
+    rows = mix(0.25, weight=0.5).sample(16)
+    assert rows["priority_weight"].tolist() == [1.0] * 12 + [0.5] * 4
+    assert "priority_weight" not in mix(0.25).sample(16)
+
+
+def test_with_a_fraction_of_1_all_rows_are_generated_and_without_them_there_is_no_batch():
+    rows = mix(1.0).sample(16)
+    assert len(rows) == 16
+    assert rows["is_generated"].all()
+    assert mix(1.0).can_sample
+    assert not mix(1.0, generated_open=False).can_sample
+    assert not make_mixture(1.0, 0).can_sample
+    assert mix(0.9, generated_open=False).can_sample  # of real rows
+
+
+def test_a_cleared_ring_is_empty_and_fills_again():
+    mixture = make_mixture()
+    mixture.generated.clear()
+    assert len(mixture.generated) == 0
+    assert not mixture.sample(16)["is_generated"].any()
+    mixture.generated.extend(make_transitions(np.random.default_rng(1), 3))
+    assert len(mixture.generated) == 3

@@ -74,6 +74,19 @@ def test_a_long_round_refills_for_all_its_intervals(tmp_path, monkeypatch):
     run.close()
 
 
+def test_in_the_warm_up_no_rows_are_generated(tmp_path, monkeypatch):
+    settings = {"evaluate_every_frames": 256, "refill_every_frames": 128, "warmup_frames": 768}
+    run = TrainingRun(generating(tmp_path / "a", **settings))
+    made = open_gate(monkeypatch, run)
+    run_until(run, 640)
+    assert run.gate_is_open
+    assert not run.replay.generated_open
+    run_until(run, 896)
+    assert run.replay.generated_open
+    assert [frames for frames, _ in made] == [768, 896]
+    run.close()
+
+
 def test_a_replay_without_room_for_more_is_learned_from(tmp_path):
     """Its newest steps start no transition, so it never has as many as required."""
     run = TrainingRun(tiny(tmp_path / "a", replay=ReplaySettings(300, 300, min_transitions=300)))

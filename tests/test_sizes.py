@@ -11,7 +11,7 @@ MAX_LINES = {
     "games": 21_370,
     "policies": 2_420,
     "replay": 2_290,
-    "generative": 2_940,
+    "generative": 2_960,
     "self_play": 990,
     "league": 8_180,
     "training": 7_350,

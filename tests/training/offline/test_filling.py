@@ -35,6 +35,7 @@ def offline(out, data, fraction=0.0, n_steps=1, options=None, **changes):
         name="ccdn" if fraction else "none",
         model=SMALL_GENERATOR,
         batch_size=16,
+        open_frames_per_update=512,
         evaluate_every_frames=512,
         refill_every_frames=128,
         rows_per_refill=50,

@@ -95,11 +95,12 @@ class RayPool(Executor):
             raise ClusterError(
                 f'--cluster {cluster} needs Ray: pip install "marl_cair[ray]"'
             ) from error
-        self._ray, self._is_owner = ray, not ray.is_initialized()
+        self._ray: Any = ray
+        self._is_owner = not ray.is_initialized()
         if self._is_owner:
             _connect(cluster, num_workers)
         self._context = _Context(_read_versions(), str(Path.cwd()), tuple(outside.list_allowed()))
-        self._task = ray.remote(_run)
+        self._task, self._single = ray.remote(_run), ray.remote(max_calls=1)(_run)
         self._refs: dict[Future[Any], Any] = {}
 
     @property
@@ -107,7 +108,7 @@ class RayPool(Executor):
         """All machines that can be reached."""
         return [
             Node(one["NodeID"], one["NodeManagerAddress"], int(one["Resources"].get("CPU", 0)))
-            for one in self._ray.nodes()  # type: ignore[no-untyped-call]  # Ray gives no types
+            for one in self._ray.nodes()
             if one["Alive"]
         ]
 
@@ -122,12 +123,17 @@ class RayPool(Executor):
 
         return NodeAffinitySchedulingStrategy(key, soft=False)
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **options: Any) -> Future[Any]:
-        """Call `fn(*args)` in the current folder of a machine that is free. options: of the Ray
-        task, for example num_cpus. The future raises what the function raises, or ClusterError.
+    def submit(
+        self, fn: Callable[..., Any], /, *args: Any, is_fresh: bool = False, **options: Any
+    ) -> Future[Any]:
+        """Call `fn(*args)` in the current folder, on a machine that is free. is_fresh: in a process
+        of its own. options: of the Ray task, for example num_cpus.
+
+        The future raises what the function raises, or ClusterError.
         """
         options = {"num_cpus": 1, "max_retries": _RETRIES, **options}
-        ref = self._task.options(**options).remote(self._context, fn, args)
+        task = self._single if is_fresh else self._task
+        ref = task.options(**options).remote(self._context, fn, args)
         future: Future[Any] = Future()
         self._refs[future] = ref
         ref.future().add_done_callback(partial(self._finish, future))
@@ -175,7 +181,7 @@ class RayPool(Executor):
         try:
             answers = self.ask_nodes(os.path.exists, probe)
         finally:
-            probe.unlink()
+            probe.unlink(missing_ok=True)
         for node, is_there in answers.items():
             if not is_there:
                 raise ClusterError(

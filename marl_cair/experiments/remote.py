@@ -53,7 +53,7 @@ class RayTasks:
         if self._reader is None:
             self._reader = threading.Thread(target=self._pass_on, args=(note,), daemon=True)
             self._reader.start()
-        options: dict[str, Any] = {"num_cpus": cell.threads, "max_calls": 1}  # a fresh process
+        options: dict[str, Any] = {"num_cpus": cell.threads, "is_fresh": True}
         if small := self._small[cell.name]:
             options["label_selector"] = {"ray.io/node-id": f"!in({','.join(small)})"}
         return self._pool.submit(_run, cell.name, folder.resolve(), self._queue, **options)

@@ -1,5 +1,5 @@
-"""Measure work on a Ray of this machine: empty tasks, league games and cells, and what each costs the
-process that starts them.
+"""Measure work on a Ray of this machine: empty tasks, league games and cells, and what each costs
+the process that starts them.
 
 python -m benchmarks.cluster [--workers 1 2 4] [--tasks 2000] [--games 480] [--cells 4]
 The processor time of the head does not depend on what else the machine does, and bounds how many

@@ -55,7 +55,11 @@ def choose_pool(cluster: str, num_workers: int, shared: Path) -> MakePool | None
 
 def _open_pool(cluster: str, num_workers: int, shared: Path) -> RayPool:
     pool = RayPool(cluster, num_workers)
-    pool.require_shared(shared)
+    try:
+        pool.require_shared(shared)
+    except ClusterError:
+        pool.shutdown()
+        raise
     return pool
 
 
@@ -151,9 +155,9 @@ class RayPool(Executor):
         else:
             first = str(error).strip().partition("\n")[0]
             future.set_exception(ClusterError(
-                f"a task was started {_RETRIES + 1} times, and its worker died each time "
-                f"({type(error).__name__}: {first}): see whether the machines' memory is short; "
-                "the same command resumes it"
+                f"a task has not ended in {_RETRIES + 1} tries ({type(error).__name__}: {first}): "
+                "see whether memory is short on the machines, or whether they have left the "
+                "cluster; the same command resumes it"
             ))  # fmt: skip
 
     def ask_nodes(self, fn: Callable[..., Any], *args: Any) -> dict[Node, Any]:
@@ -173,9 +177,13 @@ class RayPool(Executor):
         return {node: future.result() for future, node in futures.items()}
 
     def require_shared(self, folder: Path) -> None:
-        """Raise ClusterError unless all machines have the versions of this one, and see the current
-        folder and `folder`, which exists, under the same paths.
+        """Raise ClusterError unless there is a core for tasks, and all machines have the versions
+        of this one and see the current folder and `folder`, which exists, under the same paths.
         """
+        if not any(node.num_cpus for node in self.nodes):
+            raise ClusterError(
+                "no machine of the cluster has cores for tasks: join one by `ray start --address`"
+            )
         probe = folder.resolve() / f".{secrets.token_hex(6)}.unfinished"
         probe.touch()
         try:
@@ -220,9 +228,11 @@ def _connect(cluster: str, num_workers: int) -> None:
         # Ray itself tries for minutes.
         command = [sys.executable, "-m", "ray.scripts.scripts", "status", "--address", address]
         subprocess.run(command, check=True, capture_output=True, timeout=_CONNECT_SECONDS)
-    except subprocess.SubprocessError as error:
+    except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
+        last = (error.stderr or b"").decode("utf-8", "replace").strip().rpartition("\n")[2]
         raise ClusterError(
-            f"no Ray answers at {address} within {_CONNECT_SECONDS:.0f} s: {advice}"
+            f"no Ray answers at {address} within {_CONNECT_SECONDS:.0f} s{last and f' ({last})'}: "
+            f"{advice}"
         ) from error
     try:
         ray.init(address, **quiet)

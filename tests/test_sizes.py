@@ -13,16 +13,16 @@ MAX_LINES = {
     "replay": 2_270,
     "generative": 2_800,
     "self_play": 990,
-    "league": 8_180,
+    "league": 8_190,
     "training": 6_900,
-    "experiments": 1_480,
+    "experiments": 1_620,
     "viewer": 720,
     "window": 2_500,
     "browser": 950,
     "dashboard": 300,
     "conf": 10,
-    "cli": 4_360,
-    "": 1_660,  # the modules that every part may import
+    "cli": 4_380,
+    "": 1_920,  # the modules that every part may import
 }
 
 

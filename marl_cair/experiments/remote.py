@@ -67,6 +67,7 @@ class RayTasks:
         if self._reader is not None:
             self._queue.put(None)
             self._reader.join()
+        self._queue.shutdown()
 
 
 def _find_missing_cores(cell: Cell, node: Node) -> str:

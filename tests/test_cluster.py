@@ -106,9 +106,7 @@ def test_errors_of_tasks_are_those_of_the_function(pool, monkeypatch):
     monkeypatch.setattr(cluster, "_RETRIES", 0)
     with pytest.raises(ZeroDivisionError, match="^integer division or modulo by zero$"):
         pool.submit(divmod, 1, 0).result()
-    with pytest.raises(
-        ClusterError, match="a task has not ended in 1 tries .*: see whether"
-    ):
+    with pytest.raises(ClusterError, match="a task has not ended in 1 tries .*: see whether"):
         pool.submit(os._exit, 1).result()
 
 

@@ -22,8 +22,10 @@ from marl_cair.experiments.plan import Length, Plan, RatingSettings, TaskSetting
 from marl_cair.league.league import LeagueConfig, play_league
 
 BOTS = ("rusher", "economist", "turtle", "counter")
-WORDS = ("recipe=quick", "game=deep_maze", "scenario=9x9-stochastic", "generator=none")
-WORDS += ("synthetic_fraction=0", "evaluation.bots=[]")
+WORDS = (
+    *("recipe=quick", "game=deep_maze", "scenario=9x9-stochastic", "generator=none"),
+    *("synthetic_fraction=0", "evaluation.bots=[]"),
+)
 
 
 def measure(title: str, count: int, work: Callable[[], object]) -> None:
@@ -47,8 +49,7 @@ def run_empty_tasks(pool: RayPool, count: int) -> None:
 def make_league(out: Path, num_games: int, workers: int) -> LeagueConfig:
     """All pairs of the scripted bots of Deep Line Wars."""
     per_pair = max(2, num_games // 6 // 2 * 2)
-    limits = {"workers": workers, "cluster": "ray"}
-    return LeagueConfig(BOTS, games_per_pair=per_pair, out=str(out), **limits)
+    return LeagueConfig(BOTS, games_per_pair=per_pair, out=str(out), workers=workers, cluster="ray")
 
 
 def make_plan(num_cells: int) -> Plan:
@@ -75,7 +76,7 @@ def measure_workers(workers: int, options: argparse.Namespace, out: Path) -> Non
         play(make_league(out / "warm", 12 * 16, workers))
         league = make_league(out / "league", options.games, workers)
         measure("games", 6 * league.games_per_pair, functools.partial(play, league))
-        plan, config = make_plan(options.cells), ExperimentConfig(out / "plan", workers)
+        plan, config = make_plan(options.cells), ExperimentConfig(out / "plan", cluster="ray")
         run = functools.partial(run_experiment, plan, config, compose)
         measure("cells", options.cells, run)
         cells = make_cells(plan, compose, 1.0, config.out)

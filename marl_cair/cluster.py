@@ -127,16 +127,14 @@ class RayPool(Executor):
 
         return NodeAffinitySchedulingStrategy(key, soft=False)
 
-    def submit(
-        self, fn: Callable[..., Any], /, *args: Any, is_fresh: bool = False, **options: Any
-    ) -> Future[Any]:
-        """Call `fn(*args)` in the current folder, on a machine that is free. is_fresh: in a process
-        of its own. options: of the Ray task, for example num_cpus.
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **options: Any) -> Future[Any]:
+        """Call `fn(*args)` in the current folder, on a machine that is free. options: of the Ray
+        task, for example num_cpus; is_fresh=True: in a process of its own.
 
         The future raises what the function raises, or ClusterError.
         """
+        task = self._single if options.pop("is_fresh", False) else self._task
         options = {"num_cpus": 1, "max_retries": _RETRIES, **options}
-        task = self._single if is_fresh else self._task
         ref = task.options(**options).remote(self._context, fn, args)
         future: Future[Any] = Future()
         self._refs[future] = ref

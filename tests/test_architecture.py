@@ -24,18 +24,14 @@ OTHER_SOURCES = sorted(
 
 MAX_FILE_LINES, MAX_SCRIPT_LINES = 400, 40
 
-LEAVES = {
-    *("lookup", "outside", "files", "stored", "ranges", "memory", "interrupts", "text", "npm"),
-    "cluster",
-}
+LEAVES = set("cluster files interrupts lookup memory npm outside ranges stored text".split())
 _SELF_PLAY = {"league.agents", "league.play", "league.ratings", "self_play"}
 _ROOMS = "settings", "population", "collecting", "offline"  # of training, that commands use
 _LEARNING = {"policies", "replay", "generative", "checkpoint", "games"}
 # What each room of the package may import of it, beside the leaves and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     **{room: set() for room in (*LEAVES, "games", "policies", "replay", "league.ratings", "conf")},
-    "cluster": {""},  # the version
-    "browser": {"games"},
+    **{"cluster": {""}, "browser": {"games"}},  # "": the version
     "generative": {"replay", "policies"},
     "checkpoint": {"policies"},
     "league.store": {"games"},

@@ -17,10 +17,10 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marl_cair import __version__, outside
+from marl_cair import outside
 
 LOCAL, RAY = "local", "ray"
-_LIBRARIES = ("ray", "numba", "numpy", "torch", "torchrl")  # that change results
+_LIBRARIES = ("marl_cair", "ray", "numba", "numpy", "torch", "torchrl")  # that change results
 _RETRIES = 3  # of a task whose worker or machine died; errors of the task itself are final
 _CONNECT_SECONDS = 20.0
 _ANSWER_SECONDS = 120.0  # of a node: it starts a worker and imports torch
@@ -240,7 +240,7 @@ def _connect(cluster: str, num_workers: int) -> None:
 
 @cache
 def _read_versions() -> dict[str, str]:
-    return {"marl_cair": __version__, **{name: version(name) for name in _LIBRARIES}}
+    return {name: version(name) for name in _LIBRARIES}
 
 
 def _run(context: _Context, function: Callable[..., Any], args: tuple[Any, ...]) -> Any:

@@ -23,15 +23,15 @@ OTHER_SOURCES = sorted(
 )
 
 MAX_FILE_LINES, MAX_SCRIPT_LINES = 400, 40
-
-LEAVES = set("cluster files interrupts lookup memory npm outside ranges stored text".split())
+LEAVES = {"lookup", "outside", "files", "stored", "ranges", "memory", "interrupts", "text", "npm",
+          "cluster"}  # fmt: skip
 _SELF_PLAY = {"league.agents", "league.play", "league.ratings", "self_play"}
 _ROOMS = "settings", "population", "collecting", "offline"  # of training, that commands use
 _LEARNING = {"policies", "replay", "generative", "checkpoint", "games"}
 # What each room of the package may import of it, beside the leaves and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     **{room: set() for room in (*LEAVES, "games", "policies", "replay", "league.ratings", "conf")},
-    **{"cluster": {""}, "browser": {"games"}},  # "": the version
+    "browser": {"games"},
     "generative": {"replay", "policies"},
     "checkpoint": {"policies"},
     "league.store": {"games"},

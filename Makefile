@@ -80,7 +80,7 @@ $(STAMP): pyproject.toml constraints.txt
 	echo "marl_cair needs Python 3.11 or newer, and found neither python3.11 nor a python3 of" \
 	  "that age: install one, or name it: make PYTHON=/path/to/python3.12" >&2; exit 1
 	$(RUN) -m pip install -c constraints.txt $(TORCH)
-	$(RUN) -m pip install -c constraints.txt -e '.[dev,docs,dashboard,export,parquet,openspiel,video]'
+	$(RUN) -m pip install -c constraints.txt -e '.[dev,docs,dashboard,export,parquet,openspiel,ray,video]'
 	@touch $@
 
 # An environment of its own, made by the Python of the first.

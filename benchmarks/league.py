@@ -20,6 +20,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks._networks import save_network
+from marl_cair.cluster import LOCAL, choose_pool
 from marl_cair.games import GAMES
 from marl_cair.league.agents.load import describe_agent, find_fingerprint, load_agent
 from marl_cair.league.play.arena import Arena, Rules
@@ -151,7 +152,8 @@ def measure_play(title: str, sources: list[str], num_games: int, workers: int, o
     with closing(LeagueStore(out / f"{title}.sqlite", settings)) as store:
         ids = [store.add_agent(describe_agent(e.name, e.agent, game)) for e in entrants]
         jobs = schedule_meetings(len(entrants), 2, num_games, rules.games_per_chunk)
-        with closing(Arena(rules, entrants, ids, store, workers, load_agent)) as arena:
+        make_pool = choose_pool(LOCAL, workers, out)
+        with closing(Arena(rules, entrants, ids, store, make_pool, load_agent)) as arena:
             with tqdm(disable=True) as bar:
                 arena.play(jobs[: 4 * workers], bar)  # starts workers, compiles rules
             held = len(store.read_games().agents)

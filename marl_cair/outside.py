@@ -104,14 +104,14 @@ def allow_code(*places: str) -> None:
     """Let files, such as `agent.json` of a checkpoint, name the classes `module:attribute`, in this
     process and in those that it starts. Only for code that you trust.
     """
-    os.environ[ALLOWED] = ",".join(dict.fromkeys([*_list_allowed(), *places]))
+    os.environ[ALLOWED] = ",".join(dict.fromkeys([*list_allowed(), *places]))
 
 
 def require_known(places: Iterable[str], file: str | os.PathLike[str]) -> None:
     """Raise CodeNotAllowedError if one of `places`, which `file` names, is neither allowed nor of a
     module that this process has imported already.
     """
-    known = _list_allowed()
+    known = list_allowed()
     missing = []
     for place in places:
         if place.partition(":")[0] in sys.modules:
@@ -126,5 +126,6 @@ def require_known(places: Iterable[str], file: str | os.PathLike[str]) -> None:
         )
 
 
-def _list_allowed() -> list[str]:
+def list_allowed() -> list[str]:
+    """The names that `allow_code` has allowed."""
     return [place for place in os.environ.get(ALLOWED, "").split(",") if place]

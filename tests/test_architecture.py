@@ -23,8 +23,8 @@ OTHER_SOURCES = sorted(
 )
 
 MAX_FILE_LINES, MAX_SCRIPT_LINES = 400, 40
-
-LEAVES = {"lookup", "outside", "files", "stored", "ranges", "memory", "interrupts", "text", "npm"}
+LEAVES = {"lookup", "outside", "files", "stored", "ranges", "memory", "interrupts", "text", "npm",
+          "cluster"}  # fmt: skip
 _SELF_PLAY = {"league.agents", "league.play", "league.ratings", "self_play"}
 _ROOMS = "settings", "population", "collecting", "offline"  # of training, that commands use
 _LEARNING = {"policies", "replay", "generative", "checkpoint", "games"}
@@ -68,7 +68,7 @@ GAMES_DOORS: dict[str, set[str]] = {
     "pettingzoo": {"parallel_env.py"},
     "gymnasium": {"gymnasium_env.py", "parallel_env.py"},
 }
-OPTIONAL = {"av", "cryptography", "plotly", "pyarrow", "open_spiel", "onnx", "onnxruntime"}
+OPTIONAL = {"av", "cryptography", "plotly", "pyarrow", "open_spiel", "onnx", "onnxruntime", "ray"}
 # Imported when used: each alone takes longer than `import marl_cair` may (0.3 s).
 NOT_AT_IMPORT = [*sorted(TORCH), "numba", "matplotlib.pyplot", "scipy.stats", "pygame", "hydra"]
 

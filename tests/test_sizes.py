@@ -13,16 +13,16 @@ MAX_LINES = {
     "replay": 2_290,
     "generative": 2_960,
     "self_play": 990,
-    "league": 8_180,
+    "league": 8_190,
     "training": 7_350,
-    "experiments": 1_480,
+    "experiments": 1_620,
     "viewer": 720,
     "window": 2_500,
     "browser": 950,
     "dashboard": 300,
     "conf": 10,
-    "cli": 4_410,
-    "": 1_660,  # the modules that every part may import
+    "cli": 4_430,
+    "": 1_920,  # the modules that every part may import
 }
 
 

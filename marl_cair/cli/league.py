@@ -50,6 +50,7 @@ def run(arguments: Sequence[str]) -> int:
             ladder=ladder,
             seating=options.seating,
             workers=options.workers,
+            cluster=options.cluster,
             half_width_elo=options.ci,
             max_seconds=max_seconds,
             replays=not options.no_replays,
@@ -159,7 +160,7 @@ def make_parser() -> Parser:
     shared.add_options(
         parser,
         *shared.MATCH_OPTIONS,
-        *("--workers", "--no-replays", "--record"),
+        *("--workers", "--cluster", "--no-replays", "--record"),
         games_of="of each pair",
         games=GAMES_PER_PAIR,
         trained="first checkpoint",

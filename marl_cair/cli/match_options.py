@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.compose import read_value
 from marl_cair.cli.parser import refuse_repeats
+from marl_cair.cluster import LOCAL
 from marl_cair.games import GAMES
 from marl_cair.games.game import Agent, Game, GameSpec
 from marl_cair.league.agents.allowed_code import ANSWER_SECONDS, FUNCTION_SECONDS, is_foreign
@@ -68,6 +69,13 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "type": int,
         "default": 1,
         "help": "processes that play; results do not depend on it (default: %(default)s)",
+    },
+    "--cluster": {
+        "default": LOCAL,
+        "metavar": "WHERE",
+        "help": "local: processes of this machine; ray: a Ray that is started here, with --workers "
+        "cores; ray:HOST:PORT: the machines of that Ray. Results do not depend on it (default: "
+        "%(default)s)",
     },
     "--no-replays": {
         "action": "store_true",

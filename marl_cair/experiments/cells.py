@@ -206,6 +206,11 @@ def _check_rating(task: TaskSettings, config: TrainConfig) -> None:
             check_name(f"{game.name} bot or checkpoint folder", agent, game.bots)
 
 
+def list_shortages(cells: Sequence[Cell]) -> dict[str, str]:
+    """Why this machine cannot run cells, by name."""
+    return {cell.name: why for cell in cells if (why := find_shortage(cell))}
+
+
 def find_shortage(cell: Cell) -> str:
     """Why this machine cannot run the cell; "" if it can."""
     if cell.agent is None and cell.trainer is None:

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from marl_cair import __version__
+from marl_cair.cluster import LOCAL, RayPool, check_cluster
 from marl_cair.experiments import scheduler
 from marl_cair.experiments.cells import (
     CELLS,
@@ -17,7 +18,6 @@ from marl_cair.experiments.cells import (
     Cell,
     Compose,
     Draft,
-    find_shortage,
     list_drafts,
     make_cells,
     make_scenario,
@@ -25,6 +25,8 @@ from marl_cair.experiments.cells import (
 from marl_cair.experiments.figures import draw_panels, draw_results
 from marl_cair.experiments.looks import LOOKS_FILE, read_looks
 from marl_cair.experiments.plan import Plan, scale_plan
+from marl_cair.experiments.remote import RayTasks
+from marl_cair.experiments.scheduler import LocalProcesses, Runner
 from marl_cair.experiments.summary import Run, find_levels, summarise
 from marl_cair.experiments.tables import LOOKS, write_looks, write_tables
 from marl_cair.files import claim_output_folder, write_json
@@ -47,6 +49,7 @@ class ExperimentConfig:
 
     out: Path
     workers: int | None = None  # processes side by side; None: as the cores allow
+    cluster: str = LOCAL  # where they run, see `cluster.check_cluster`
     budget: str = ""  # as it was typed
     budget_seconds: float | None = None  # for the cells of the first call in a folder
     only: tuple[str, ...] = ()  # tasks and choices; cells with one of each kind run
@@ -73,9 +76,22 @@ def run_experiment(plan: Plan, config: ExperimentConfig, compose: Compose) -> Ex
 
     Raises:
         OutputFolderError: the folder holds another plan, version or budget.
+        ClusterError: the cluster cannot be used.
         ValueError: a cell that cannot be composed or rated; before any work.
     """
     workers = config.workers or os.cpu_count() or 1
+    if check_cluster(config.cluster) == LOCAL:
+        return _run(plan, config, compose, LocalProcesses(workers), workers)
+    with RayPool(config.cluster, workers) as pool:
+        config.out.mkdir(parents=True, exist_ok=True)
+        pool.require_shared(config.out)
+        num_cpus = sum(node.num_cpus for node in pool.nodes)
+        return _run(plan, config, compose, RayTasks(pool), num_cpus)
+
+
+def _run(
+    plan: Plan, config: ExperimentConfig, compose: Compose, runner: Runner, workers: int
+) -> ExperimentResult:
     scale = _find_scale(plan, config, workers)
     scaled = scale_plan(plan, scale) if scale < 1.0 else plan
     cells = make_cells(scaled, compose, scale, config.out)
@@ -85,7 +101,7 @@ def run_experiment(plan: Plan, config: ExperimentConfig, compose: Compose) -> Ex
         if cell.trainer is not None:
             import_outside(cell.trainer)  # raises now where it is missing
     waiting = [cell for cell in chosen if not scheduler.is_finished(cell, config.out)]
-    skipped = {cell.name: why for cell in waiting if (why := find_shortage(cell))}
+    skipped = runner.find_shortages(waiting)
     settings = {"version": __version__, "budget": config.budget, "plan": plan.fixed}
     with claim_output_folder(config.out, "experiment", settings, resume=True):
         write_json(config.out / _SCALE_FILE, {"factor": scale})
@@ -94,7 +110,7 @@ def run_experiment(plan: Plan, config: ExperimentConfig, compose: Compose) -> Ex
         def write() -> str:
             return _write(scaled, cells, config, _describe(scaled, scale, config, skipped))
 
-        failed = scheduler.run_cells(todo, config.out, workers, write)
+        failed = scheduler.run_cells(todo, config.out, runner, write)
         if plan.games_per_pair and not failed:
             _play_leagues(scaled, cells, config)
         return ExperimentResult(write(), failed, skipped)
@@ -205,6 +221,7 @@ def _play_leagues(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig) -
                 games_per_pair=plan.games_per_pair,
                 out=str(config.out / LEAGUES / task),
                 workers=config.workers or os.cpu_count() or 1,
+                cluster=config.cluster,
             ),
             partial(load_agent, game=game.name),
         )

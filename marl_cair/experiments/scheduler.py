@@ -8,16 +8,19 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from pathlib import Path
+from typing import Protocol
 
 from tqdm import tqdm
 
-from marl_cair.experiments.cells import CELLS, DONE_FILE, Cell
+from marl_cair.experiments.cells import CELLS, DONE_FILE, Cell, list_shortages
 
 OUTPUT_FILE = "output.txt"  # of a cell: what its process printed to stderr
 _AGENT_SHARE = 0.01  # of a trained cell, in the time left
 _BAR = "{percentage:3.0f} %|{bar}| {n:.1f} of {total:.1f} cells [{elapsed}<{remaining}{postfix}]"
+
+Note = Callable[[str, float, float | None], None]  # cell, share of its budget, last score
 
 
 def is_finished(cell: Cell, out: Path) -> bool:
@@ -47,17 +50,37 @@ class Progress:
         self._bar.close()
 
 
+class Runner(Protocol):
+    """Where cells run."""
+
+    def find_shortages(self, cells: Sequence[Cell]) -> dict[str, str]:
+        """Why cells cannot be run, by name."""
+
+    def submit(self, cell: Cell, folder: Path, note: Note) -> Future[str]:
+        """Run a cell that is saved in `folder`; gives why it failed, "" if it is finished or was
+        stopped.
+        """
+
+    def stop(self) -> None:
+        """Let all cells save their runs and end; no further one begins."""
+
+
 class LocalProcesses:
     """Runs cells in processes of this machine, each of which ends when this process does."""
 
-    def __init__(self) -> None:
+    def __init__(self, num_workers: int) -> None:
+        self._threads = ThreadPoolExecutor(num_workers)
         self._running: set[subprocess.Popen[str]] = set()
         self._lock = threading.Lock()
         self._is_stopped = False
 
-    def run(self, cell: Cell, out: Path, note: Callable[[str, float, float | None], None]) -> str:
-        """Run one cell; returns why it failed, "" if it is finished or was stopped."""
-        folder = out / CELLS / cell.name
+    def find_shortages(self, cells: Sequence[Cell]) -> dict[str, str]:
+        return list_shortages(cells)
+
+    def submit(self, cell: Cell, folder: Path, note: Note) -> Future[str]:
+        return self._threads.submit(self._run, cell, folder, note)
+
+    def _run(self, cell: Cell, folder: Path, note: Note) -> str:
         threads = {"OMP_NUM_THREADS": str(cell.threads), "MPLBACKEND": "Agg"}
         command = [sys.executable, "-m", "marl_cair.experiments.worker", str(folder)]
         with (folder / OUTPUT_FILE).open("w", encoding="utf-8") as errors:
@@ -89,16 +112,16 @@ class LocalProcesses:
         return f"{why} (exit code {code}; all of it is in {folder / OUTPUT_FILE})"
 
     def stop(self) -> None:
-        """Let all save their runs and end; no further one begins."""
         with self._lock:
             self._is_stopped = True
             for process in self._running:
                 if process.stdin and not process.stdin.closed:
                     process.stdin.close()
+        self._threads.shutdown()
 
 
 def run_cells(
-    cells: Sequence[Cell], out: Path, num_workers: int, after: Callable[[], object]
+    cells: Sequence[Cell], out: Path, runner: Runner, after: Callable[[], object]
 ) -> dict[str, str]:
     """Run all cells that are not finished; returns why cells failed, by name. `after` is called
     when one has ended.
@@ -106,22 +129,22 @@ def run_cells(
     An interrupt lets all running cells save; then KeyboardInterrupt is raised.
     """
     todo = [cell for cell in cells if not is_finished(cell, out)]
-    for cell in todo:
-        (out / CELLS / cell.name).mkdir(parents=True, exist_ok=True)
-        cell.save(out / CELLS / cell.name)
     failed: dict[str, str] = {}
-    processes, progress = LocalProcesses(), Progress(todo)
-    with ThreadPoolExecutor(num_workers) as pool:
-        futures = {pool.submit(processes.run, cell, out, progress.note): cell for cell in todo}
-        try:
-            for future in as_completed(futures):
-                name = futures[future].name
-                if why := future.result():
-                    failed[name] = why
-                    tqdm.write(f"{name} failed: {why}")
-                progress.note(name, 1.0)
-                after()
-        finally:
-            processes.stop()
-            progress.close()
+    progress, futures = Progress(todo), {}
+    try:
+        for cell in todo:
+            folder = out / CELLS / cell.name
+            folder.mkdir(parents=True, exist_ok=True)
+            cell.save(folder)
+            futures[runner.submit(cell, folder, progress.note)] = cell.name
+        for future in as_completed(futures):
+            name, error = futures[future], future.exception()
+            if why := f"{type(error).__name__}: {error}" if error else future.result():
+                failed[name] = why
+                tqdm.write(f"{name} failed: {why}")
+            progress.note(name, 1.0)
+            after()
+    finally:
+        runner.stop()
+        progress.close()
     return failed

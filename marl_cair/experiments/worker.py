@@ -117,21 +117,30 @@ def end_with_input() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def main() -> int:
-    """Run the cell in the folder of the first argument; returns the exit code."""
-    end_with_input()
-
+def make_report(send: Callable[[float, float | None], object]) -> Report:
+    """A report that sends the share and the last score, at most every two seconds."""
     last = -math.inf
 
     def report(share: float, rows: Sequence[Row]) -> None:
         nonlocal last
         if time.monotonic() > last + _REPORT_SECONDS:
             last = time.monotonic()
-            score = rows[-1]["score"] if rows else None
-            sys.stdout.write(json.dumps({"share": min(1.0, share), "score": score}) + "\n")
-            sys.stdout.flush()
+            send(min(1.0, share), rows[-1]["score"] if rows else None)
 
-    return 0 if run_cell(Path(sys.argv[1]), report) else _EXIT_INTERRUPTED
+    return report
+
+
+def print_progress(share: float, score: float | None) -> None:
+    """Print a line of JSON for the process that started this one."""
+    sys.stdout.write(json.dumps({"share": share, "score": score}) + "\n")
+    sys.stdout.flush()
+
+
+def main() -> int:
+    """Run the cell in the folder of the first argument; returns the exit code."""
+    end_with_input()
+    is_done = run_cell(Path(sys.argv[1]), make_report(print_progress))
+    return 0 if is_done else _EXIT_INTERRUPTED
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from torch.nn import functional
 from torch.nn.utils.parametrizations import spectral_norm
 
 from marl_cair.generative.generator import TRAINING, CCDNGenerator
+from marl_cair.generative.networks.boards import stack_sources
 from marl_cair.generative.networks.ccdn import CCDN
 from marl_cair.generative.networks.gradients import score_board
 from marl_cair.generative.rare import Correction
@@ -92,10 +93,11 @@ class CCGANGenerator(CCDNGenerator):
         choices = network.find_choices(encoding)
         logits = choices.of_cells + choices.of_boards[..., None, None]
         num, shifts = network.num_choices, network.size.shifts
-        sources = logits[:, :num].unflatten(1, (len(network.layers), -1))
+        rows_columns = logits.shape[2:]
+        sources = logits[:, :num].reshape(len(rows), len(network.layers), -1, *rows_columns)
         edits = logits[:, num:]
         chosen = self._draw(sources, 2)[:, layers].transpose(1, 2)
-        values = _stack_sources(planes.float() / 255.0, shifts)
+        values = stack_sources(planes.float() / 255.0, shifts)
         on_off = torch.stack([edits, torch.zeros_like(edits)], 1)
         fake = torch.cat([(chosen * values).sum(1), self._draw(on_off, 1)[:, 0]], 1)
         later = rows["next", "observation"][:, network.moving]
@@ -123,17 +125,3 @@ class CCGANGenerator(CCDNGenerator):
         if "discriminator" in state:  # missing in weights of a `ccdn`
             restore_weights(self.discriminator, state["discriminator"], "generator.discriminator")
             restore_optimizer(self._judge, state["judge"], "generator.judge")
-
-
-def _stack_sources(planes: Tensor, shifts: tuple[tuple[int, int], ...]) -> Tensor:
-    """Values [N, K, P, H, W] that cells of [N, P, H, W] may have next, in the order of the network:
-    the own one, that of each neighbour, and 0.
-    """
-    reach = max(max(abs(dr), abs(dc)) for dr, dc in shifts)
-    rows, columns = planes.shape[2:]
-    padded = functional.pad(planes, (reach,) * 4)
-    near = [
-        padded[:, :, reach - dr : reach - dr + rows, reach - dc : reach - dc + columns]
-        for dr, dc in shifts
-    ]
-    return torch.stack([planes, *near, torch.zeros_like(planes)], 1)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from marl_cair.cluster import LOCAL, check_cluster, choose_pool
 from marl_cair.files import claim_output_folder
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game
@@ -53,6 +54,7 @@ class LeagueConfig:
     ladder: tuple[str, ...] = ()  # further agents, which do not play each other again
     seating: str = ""  # "ring" or "all", see `blocks.make_design`; "": all with up to three teams
     workers: int = 1  # processes that play; results do not depend on it
+    cluster: str = LOCAL  # where they run, see `cluster.check_cluster`
     half_width_elo: float = 0.0  # above 0: play until no 95 % interval is wider either way
     max_seconds: float = 0.0  # above 0: choose no further games then
     replays: bool = True  # whether the report shows a few games
@@ -61,6 +63,7 @@ class LeagueConfig:
     record: str = ""  # folder to record the games in that are played now; "": none
 
     def __post_init__(self) -> None:
+        check_cluster(self.cluster)
         sources = list(self.sources)
         if len(sources) < 2:
             raise ValueError(f"agents are {sources}, a league needs two or more")
@@ -106,6 +109,7 @@ def run_league(
             game.
         ValueError: two of the agents are the same, the scenario has only one team, or the number of
             games does not fit.
+        ClusterError: the cluster cannot be used; before any game.
         OutputFolderError, LeagueStoreError: the folder holds something else, or a league with other
             settings; or its file cannot be written.
     """
@@ -226,8 +230,8 @@ class _League:
         config, rules = self.config, self.rules
         ladder = frozenset(n for n, one in enumerate(self.entrants) if one.source in config.ladder)
         record = Path(config.record) if config.record else None
-        workers, load = config.workers, self._load
-        arena = Arena(rules, self.entrants, self.ids, self.store, workers, load, record)
+        make_pool = choose_pool(config.cluster, config.workers, Path(config.out))
+        arena = Arena(rules, self.entrants, self.ids, self.store, make_pool, self._load, record)
         with closing(arena), tqdm(unit=" games", disable=not self._show_progress) as bar:
             if config.is_adaptive:
                 jobs = self._play_adaptively(arena, bar, ladder)

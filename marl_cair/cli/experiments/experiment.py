@@ -46,6 +46,7 @@ def run_plan(command: str, arguments: Sequence[str], panels: bool = False) -> in
     config = ExperimentConfig(
         out=out,
         workers=options.workers,
+        cluster=options.cluster,
         budget=options.budget,
         budget_seconds=seconds,
         only=tuple(options.only),
@@ -92,6 +93,7 @@ def make_parser(command: str) -> Parser:
         "(default: the plan's own budgets)",
     )
     parser.add_argument("--workers", type=int, help="cells side by side (default: one a core)")
+    shared.add_options(parser, "--cluster")
     parser.add_argument(
         "--only",
         nargs="+",

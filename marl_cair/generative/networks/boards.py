@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import torch
+from torch import Tensor
+from torch.nn import functional
+
 from marl_cair.generative.settings import GeneratorSpec
 
 FRAME_PATCH, LEAST_FRAME = 4, 64  # pixels along a side
@@ -19,6 +23,20 @@ def find_layers(spec: GeneratorSpec) -> list[list[int]]:
     return [layer for layer in layers if layer] + [
         [index] for index in place.values() if index not in grouped
     ]
+
+
+def stack_sources(planes: Tensor, shifts: tuple[tuple[int, int], ...]) -> Tensor:
+    """Values [N, K, P, H, W] that cells of [N, P, H, W] may have next, in the order of the network:
+    the own one, that of each neighbour, and 0.
+    """
+    reach = max(max(abs(dr), abs(dc)) for dr, dc in shifts)
+    rows, columns = planes.shape[2:]
+    padded = functional.pad(planes, (reach,) * 4)
+    near = [
+        padded[:, :, reach - dr : reach - dr + rows, reach - dc : reach - dc + columns]
+        for dr, dc in shifts
+    ]
+    return torch.stack([planes, *near, torch.zeros_like(planes)], 1)
 
 
 def choose_patch(rows: int, columns: int) -> int:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
+from marl_cair.cluster import MakePool
 from marl_cair.games import GAMES
 from marl_cair.games.checks.scenario import restore_fields
 from marl_cair.games.game import Agent, Game
@@ -128,7 +129,8 @@ class Arena:
         entrants: sorted by fingerprint; jobs name them by their places.
         ids: of the entrants in the store.
         store: of the league; this process alone writes to it.
-        num_workers: processes that play; with 1 this one plays. Results do not depend on it.
+        make_pool: starts workers, when several batches are to be played; None: this process plays.
+            Results do not depend on it.
         load: loads the entrants in a worker: `load(source, game=..., scenario=...)`.
         record: folder to record all games in, if any.
     """
@@ -139,14 +141,14 @@ class Arena:
         entrants: Sequence[Entrant],
         ids: Sequence[int],
         store: LeagueStore,
-        num_workers: int,
+        make_pool: MakePool | None,
         load: Load,
         record: Path | None = None,
     ) -> None:
         self.rules, self.entrants, self.ids = rules, entrants, ids
-        self._store, self._num_workers, self._load = store, num_workers, load
+        self._store, self._make_pool, self._load = store, make_pool, load
         self._record = record
-        self._pool: ProcessPoolExecutor | None = None
+        self._pool: Executor | None = None
 
     def play(
         self, jobs: Sequence[Job], bar: tqdm[Any], is_time_up: Callable[[], bool] = lambda: False
@@ -156,7 +158,7 @@ class Arena:
         is_time_up: called after each batch; true leaves the other batches out.
 
         Raises OSError: a worker process has died, or has loaded another agent from a source than
-        this process; games that are stored stay.
+        this process (ClusterError: a cluster cannot be used); games that are stored stay.
         """
         batches = list(self._find_missing(jobs))
         left = sum(len(batch.chunks) for batch in batches)
@@ -184,20 +186,18 @@ class Arena:
     def _play_batches(
         self, batches: Sequence[Batch]
     ) -> Generator[tuple[Batch, list[PlayedGame]], None, None]:
-        if self._num_workers == 1 or len(batches) < 2:
+        if self._make_pool is None or len(batches) < 2:
             for batch in batches:
                 line_up = [self.entrants[number] for number in batch.line_up]
                 yield batch, self.rules.play(line_up, batch.chunks, self._record)
             return
-        if self._pool is None:  # kept for later jobs: a worker takes seconds to start
-            about = [(one.name, one.fingerprint, one.source) for one in self.entrants]
-            self._pool = ProcessPoolExecutor(
-                self._num_workers,
-                get_context("spawn"),  # not forked: torch and numba hold threads
-                _start_worker,
-                (self.rules, about, self._load, self._record),
-            )
-        futures = {self._pool.submit(_play_in_worker, batch): batch for batch in batches}
+        self._pool = self._pool or self._make_pool()  # kept: a worker takes seconds to start
+        context = pickle.dumps((self.rules, self._load, self._record))
+        futures = {}
+        for batch in batches:
+            line_up = [self.entrants[number] for number in batch.line_up]
+            about = [(one.name, one.fingerprint, one.source) for one in line_up]
+            futures[self._pool.submit(_play_in_worker, context, about, batch.chunks)] = batch
         try:
             for future in as_completed(futures):
                 yield futures[future], future.result()
@@ -216,31 +216,29 @@ class Arena:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
 
-# Of a worker process: rules; name, fingerprint and source of each entrant; `load`; `record`.
-_context: list[Any] = []
-
-
-def _start_worker(*context: Any) -> None:
-    _context[:] = context
-
-
-def _play_in_worker(batch: Batch) -> list[PlayedGame]:
-    line_up = [_load_entrants()[number] for number in batch.line_up]
-    rules: Rules = _context[0]
-    return rules.play(line_up, batch.chunks, _context[3])
+def _play_in_worker(
+    context: bytes, about: Sequence[tuple[str, str, str]], chunks: Sequence[int]
+) -> list[PlayedGame]:
+    rules, _, record = _read_context(context)
+    line_up = [_load_entrant(context, *one) for one in about]
+    played: list[PlayedGame] = rules.play(line_up, chunks, record)
+    return played
 
 
 @cache
-def _load_entrants() -> list[Entrant]:
-    """Load all agents, at the first batch: an error in `_start_worker` would have no message."""
-    rules, about, load, _ = _context
-    entrants = []
-    for name, fingerprint, source in about:
-        agent = load(source, game=rules.game.name, scenario=rules.scenario)
-        if find_fingerprint(agent, rules.game) != fingerprint:
-            raise OSError(
-                f"{source} changed while the league was starting its workers: name no checkpoint "
-                "that is being trained, or give --workers 1; the same command resumes the league"
-            )
-        entrants.append(Entrant(name, fingerprint, agent, source))
-    return entrants
+def _read_context(context: bytes) -> tuple[Rules, Load, Path | None]:
+    found: tuple[Rules, Load, Path | None] = pickle.loads(context)  # noqa: S301  # of `Arena`
+    return found
+
+
+@cache
+def _load_entrant(context: bytes, name: str, fingerprint: str, source: str) -> Entrant:
+    """Load an agent once in each worker."""
+    rules, load, _ = _read_context(context)
+    agent = load(source, game=rules.game.name, scenario=rules.scenario)
+    if find_fingerprint(agent, rules.game) != fingerprint:
+        raise OSError(
+            f"{source} changed while the league was starting its workers: name no checkpoint "
+            "that is being trained, or give --workers 1; the same command resumes the league"
+        )
+    return Entrant(name, fingerprint, agent, source)

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from marl_cair.generative.networks.boards import find_layers
+from marl_cair.generative.networks.boards import find_layers, stack_sources
 from marl_cair.generative.networks.decoding import decode_board
 from marl_cair.generative.settings import GeneratorSpec
 
@@ -13,22 +13,6 @@ SPEC = GeneratorSpec((4, 5, 6), 2, num_uniform=0, noop_action=0, event_plane_gro
 LAYERS = find_layers(SPEC)
 LAYER_OF = torch.tensor([1, 0, 2, 0])
 NUM_SOURCES = len(SHIFTS) + 2
-
-
-def stack_sources(planes, shifts):
-    """Values that cells of uint8 [N, P, H, W] may have next: [N, K, P, H, W], K = shifts + 2.
-
-    The first is the own value, then for each shift (dr, dc) that at (row - dr, column - dc), 0
-    beyond the board, and the last is 0 (the cell is left).
-    """
-    reach = max((max(abs(dr), abs(dc)) for dr, dc in shifts), default=0)
-    padded = functional.pad(planes, (reach,) * 4)
-    rows, columns = planes.shape[2:]
-    near = [
-        padded[:, :, reach - dr : reach - dr + rows, reach - dc : reach - dc + columns]
-        for dr, dc in shifts
-    ]
-    return torch.stack([planes, *near, torch.zeros_like(planes)], 1)
 
 
 def decode_plainly(logits, planes):

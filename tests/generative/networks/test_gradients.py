@@ -3,6 +3,7 @@
 import torch
 from torch.nn import functional
 
+from marl_cair.generative.networks.boards import stack_sources
 from marl_cair.generative.networks.gradients import apply_curves, score_board
 from tests.generative.networks.test_decoding import (
     LAYER_OF,
@@ -10,7 +11,6 @@ from tests.generative.networks.test_decoding import (
     NUM_SOURCES,
     SHIFTS,
     make_planes,
-    stack_sources,
 )
 
 NUM_CHOICES = len(LAYERS) * NUM_SOURCES

@@ -49,7 +49,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training.collecting": {*_LEARNING, *_SELF_PLAY, "training.settings"},
     "training": {*_LEARNING, *_SELF_PLAY, "league", "training.settings", "training.collecting"},
     "training.population": {*_LEARNING, *_SELF_PLAY, "league", "training", "training.settings"},
-    "training.offline": {*_LEARNING, "training", "training.settings"},
+    "training.offline": {
+        *(*_LEARNING, "training", "training.settings", "training.collecting"),
+        *("league.agents", "league.play"),
+    },
     "experiments": {*("", "games", "league"), *_SELF_PLAY, "training", "training.settings"},
     "viewer": {"games"},
     "window": {"games", "viewer", "league.agents", "league.play"},

@@ -32,6 +32,7 @@ from marl_cair.training import memory, state_file
 from marl_cair.training.collecting.average_policy import AveragePolicy, OwnPolicies
 from marl_cair.training.collecting.demonstrations import Demonstrators
 from marl_cair.training.collecting.exploration import make_exploration
+from marl_cair.training.collecting.filling import fill_from_dataset
 from marl_cair.training.collecting.metrics import EpisodeStatistics, RunningMeans
 from marl_cair.training.collecting.opponents import OpponentBook
 from marl_cair.training.collecting.recorded import fill_from_replays
@@ -45,7 +46,6 @@ from marl_cair.training.initial_network import (
     make_initial_network,
 )
 from marl_cair.training.learner import Learner
-from marl_cair.training.offline.filling import fill_from_dataset
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import CONFIG_FILE, fixed_settings, save_config
@@ -105,8 +105,7 @@ class TrainingRun:
         self.processor_seconds = 0.0  # of collecting and learning, over all sittings
         self.best_score = -math.inf  # of all evaluations
         self.has_reached_score = False  # `config.stop_score`, in two evaluations
-        self.gate_is_open = False
-        self.generator_is_on, self.generator_failures = True, 0
+        self.gate_is_open, self.generator_is_on, self.generator_failures = False, True, 0
         files.recover_folder(self.folder / RESUME_FOLDER)
         # Checked again: another process may have saved its first state here since.
         if resume and (self.folder / RESUME_FOLDER).is_dir():

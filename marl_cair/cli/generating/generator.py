@@ -69,7 +69,7 @@ def _watch(arguments: Sequence[str]) -> int:
     for name in ("steps", "fps"):
         if getattr(options, name) < 1:
             raise ValueError(f"--{name} is {getattr(options, name)}, it must be 1 or more")
-    from marl_cair.training.generating.watching import film_generator
+    from marl_cair.training.offline.watching import film_generator
 
     count = film_generator(
         options.run,

@@ -13,13 +13,13 @@ from marl_cair.cli import main
 from marl_cair.files import read_run_marker, write_json
 from marl_cair.games import GAMES
 from marl_cair.league.agents.load import load_agent
-from marl_cair.training.generating.watching import (
+from marl_cair.training.offline.generator_training import GeneratorTraining, train_generator
+from marl_cair.training.offline.watching import (
     draw_moment,
     film_generator,
     load_watched,
     watch_steps,
 )
-from marl_cair.training.offline.generator_training import GeneratorTraining, train_generator
 from marl_cair.training.settings.config import OpponentSettings
 from tests.training.offline.datasets import collect
 from tests.training.runs import tiny, train
